@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from rovid.effects import effect_named
-from rovid.estimate.filter_data import Readings
-from rovid.estimate.fit_result import climbed
-from rovid.estimate.maximum_likelihood import fit_base, with_effects
-from rovid.estimate.output_error import fit_free_run, free_run_r2
+from rovid.estimate.filter_data import InnovationData
+from rovid.estimate.fit_result import fit
+from rovid.estimate.maximum_likelihood import add_effects, fit_innovations
+from rovid.estimate.output_error import fit_output_error, free_run_r2
 from rovid.model.parameter_names import base_names
 from rovid.store.study import open_study
 from rovid.trial.axis import YAW
@@ -32,17 +32,17 @@ def main() -> None:
     study = open_study(arguments.logs)
     assert study.runs is not None
     runs, effects = study.runs.items, tuple(effect_named(name) for name in arguments.effect)
-    start = fit_free_run(runs)
-    fitted = fit_base(Readings(runs, study.vehicle, start), free_run_r2(runs, start))
+    start = fit_output_error(runs)
+    fitted = fit_innovations(InnovationData(runs, study.vehicle, start), free_run_r2(runs, start))
     if effects:
-        fitted = with_effects(fitted, effects)
+        fitted = add_effects(fitted, effects)
     white = fitted.is_white
     stated = np.sqrt(np.diag(fitted.covariance(sandwich=not white)))
     rng, drawn = np.random.default_rng(arguments.seed), []
     for _ in range(arguments.draws):
         chosen = [runs[k] for k in rng.integers(len(runs), size=len(runs))]
-        again = replace(fitted.misfit, records=Readings(chosen, study.vehicle, start))
-        drawn.append(climbed(again, fitted.x).model.values)
+        again = replace(fitted.objective, data=InnovationData(chosen, study.vehicle, start))
+        drawn.append(fit(again, fitted.x).model.values)
     scatter = np.std(drawn, axis=0, ddof=1)
     source = "curvature (white innovations)" if white else "scatter between stretches"
     print(f"{len(runs)} trials, {arguments.draws} draws, seed {arguments.seed}; stated by {source}")

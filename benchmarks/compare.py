@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from rovid.compare.difference_tests import Changes, Pair, candidates_of, changes_of
+from rovid.compare.difference_tests import DifferenceTest, EstimatePair, change_candidates, test_difference
 from tools.hard import draw, write_campaign
 from tools.hidden import Hidden
 from tools.programme import Hold, Run, Sine, multilevel
@@ -121,7 +121,7 @@ def hard(seed: int, number: int, room: Path) -> tuple[list[tuple[str, Path]], di
 
 def judged(seed: int, number: int, water: str) -> dict[str, Any]:
     """One vehicle: its days diagnosed, each pair compared."""
-    from rovid.compare.campaign_fit import day_of_logs, diagnosed
+    from rovid.compare.campaign_fit import campaign_from_study, with_diagnosis
     from rovid.compare.comparison import compare
     from rovid.core.errors import DataError
     from rovid.store.study import open_study
@@ -133,7 +133,7 @@ def judged(seed: int, number: int, water: str) -> dict[str, Any]:
         days = []
         for kind, folder in folders:
             try:
-                days.append((kind, diagnosed(day_of_logs(open_study([folder]), folder.name))))
+                days.append((kind, with_diagnosis(campaign_from_study(open_study([folder]), folder.name))))
             except DataError:
                 refused += 1
         for kind, day in days[1:]:
@@ -149,8 +149,8 @@ def judged(seed: int, number: int, water: str) -> dict[str, Any]:
                     "changed": said.changed,
                     "causes": said.causes,
                     "found": _found(said.changes),
-                    "seen": dict(said.changes.seen),
-                    "why": said.why,
+                    "seen": dict(said.changes.detectable_changes),
+                    "why": said.open_questions,
                     "pair": {key: _listed(value) for key, value in vars(said.changes.pair).items()},
                     "r2": {f"{one} on {other}": each.rate_r2 for (one, other), each in said.predictions.items()},
                 }
@@ -160,8 +160,8 @@ def judged(seed: int, number: int, water: str) -> dict[str, Any]:
     return {**head, "pairs": pairs, "refused": refused, "seconds": seconds}
 
 
-def _found(changes: Changes) -> list[tuple[str, float, float, float]]:
-    return [(one.candidate.name, one.confidence, one.ratio, one.standard_error) for one in changes.found]
+def _found(changes: DifferenceTest) -> list[tuple[str, float, float, float]]:
+    return [(one.candidate.name, one.confidence, one.ratio, one.standard_error) for one in changes.changes]
 
 
 def _listed(value: Any) -> Any:
@@ -220,7 +220,7 @@ def errors(record: dict[str, Any], pair: dict[str, Any]) -> Iterator[tuple[str, 
 def again(pair: dict[str, Any], *, apart: bool) -> dict[str, Any]:
     """``pair`` with what is said of its estimates now."""
     given = pair["pair"]
-    estimates = Pair(
+    estimates = EstimatePair(
         names=tuple(given["names"]),
         units=tuple(given["units"]),
         a=np.array(given["a"]),
@@ -232,18 +232,18 @@ def again(pair: dict[str, Any], *, apart: bool) -> dict[str, Any]:
     )
     weak = [name.rpartition(".")[0] for name in estimates.names if name.startswith("thruster_imbalance")]
     other = "thruster_imbalance:aft" if weak and apart else ""
-    found = changes_of(estimates, candidates_of(estimates, weak, other))
+    found = test_difference(estimates, change_candidates(estimates, weak, other))
     names: list[str] = []
     for change in found.established:
-        names += [change.candidate.name] if change.candidate.inverse else change.candidate.changes
-    verdict = "changed" if names else "cannot_tell" if found.found or pair["why"] else "same"
-    listed = [(one.candidate.name, one.confidence, one.ratio, one.standard_error) for one in found.found]
+        names += [change.candidate.name] if change.candidate.inverse else change.candidate.parameters
+    verdict = "changed" if names else "cannot_tell" if found.changes or pair["why"] else "same"
+    listed = [(one.candidate.name, one.confidence, one.ratio, one.standard_error) for one in found.changes]
     return {
         **pair,
         "changed": list(dict.fromkeys(names)),
         "verdict": verdict,
         "found": listed,
-        "seen": dict(found.seen),
+        "seen": dict(found.detectable_changes),
     }
 
 

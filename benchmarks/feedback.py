@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rovid.preflight.feedback_detection import LEVEL, find_feedback
+from rovid.preflight.feedback_detection import SIGNIFICANCE_LEVEL, detect_feedback
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
 from tools.hard import Campaign, draw
@@ -34,7 +34,7 @@ def trial_of(run: Steered) -> Trial:
 
 def seen(run: Steered) -> bool:
     """Whether there is feedback in a run, by the check."""
-    return any(one.chance < LEVEL for one in find_feedback([trial_of(run)], _LOGGED))
+    return any(one.chance < SIGNIFICANCE_LEVEL for one in detect_feedback([trial_of(run)], _LOGGED))
 
 
 def seen_in(campaign: Campaign) -> Iterator[tuple[str, bool]]:
@@ -52,8 +52,8 @@ def seen_in(campaign: Campaign) -> Iterator[tuple[str, bool]]:
         heading = np.round(log.heading / (finest := np.radians(campaign.instruments.heading_step))) * finest
         time = log.time - log.time[0]
         trials.append(Trial(name=name, path=Path(name), time=time, position=heading, commands=log.commands[:, listed]))
-    found = find_feedback(trials, Vehicle(name=campaign.vehicle.name, thrusters=tuple(thrusters)))
-    named = {one.name for one in found if one.chance < LEVEL}
+    found = detect_feedback(trials, Vehicle(name=campaign.vehicle.name, thrusters=tuple(thrusters)))
+    named = {one.name for one in found if one.chance < SIGNIFICANCE_LEVEL}
     return ((run.drive.kind, trial.name in named) for run, trial in zip(campaign.runs, trials, strict=True))
 
 

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from rovid.core.threads import SHARE, cores
+from rovid.core.threads import CORES_VARIABLE, core_count
 from tools.cases import Case, all_cases
 from tools.programme import campaign_for
 from tools.trial_day import write_trial_day
@@ -74,7 +74,7 @@ def command(fleet: Sequence[Path], out: Path, *more: str) -> list[str]:
 
 def ran(fleet: Sequence[Path], out: Path, *more: str, share: int | None = None) -> Ran:
     """The fleet of such folders by one command, on so many of the cores."""
-    environment = os.environ if share is None else os.environ | {SHARE: str(share)}
+    environment = os.environ if share is None else os.environ | {CORES_VARIABLE: str(share)}
     begun = time.monotonic()
     with (
         tempfile.TemporaryFile("w+") as said,
@@ -146,7 +146,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--campaigns", type=int, default=200)
     parser.add_argument("--seed", type=int, default=secrets.randbelow(10**6))
     options = parser.parse_args(arguments)
-    print(f"{options.campaigns} campaigns, seed {options.seed}, {cores()} cores", flush=True)
+    print(f"{options.campaigns} campaigns, seed {options.seed}, {core_count()} cores", flush=True)
     with tempfile.TemporaryDirectory() as name:
         room = Path(name)
         write_fleet(room / "fleet", options.campaigns, options.seed)
@@ -160,10 +160,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         one = ran(fleet, room / "one", share=1)
         times, alike = one.seconds / every.seconds, same(room / "all", room / "one")
         print(f"one core: {one.seconds:.0f} s, {times:.2f} times as long; same: {alike}", flush=True)
-        with cluster(cores()) as address:
+        with cluster(core_count()) as address:
             on_cluster = ran(fleet, room / "cluster", "--cluster", address)
         alike = same(room / "all", room / "cluster")
-        print(f"Dask, {cores()} workers: {on_cluster.seconds:.0f} s; same: {alike}", flush=True)
+        print(f"Dask, {core_count()} workers: {on_cluster.seconds:.0f} s; same: {alike}", flush=True)
         killed(fleet, room / "killed", every.seconds)
         rest = ran(fleet, room / "killed")
         alike = same(room / "all", room / "killed")

@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 
 from benchmarks.simulation import compiled
 from rovid.effects import effect_named
-from rovid.estimate.filter_data import Readings
+from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fisher_information import Innovations
-from rovid.estimate.innovation_likelihood import InnovationMisfit
-from rovid.estimate.output_error import fit_free_run
+from rovid.estimate.innovation_likelihood import InnovationLikelihood
+from rovid.estimate.output_error import fit_output_error
 from rovid.estimate.parametrization import COMMON, DISTURBANCE
 from rovid.jit.simd import LANES
 from rovid.store.study import open_study
@@ -43,19 +43,19 @@ Floats = NDArray[np.float64]
 Sets = Sequence[Floats]
 
 
-def readings_of(seconds: float, interval: float = 0.0) -> Readings:
+def readings_of(seconds: float, interval: float = 0.0) -> InnovationData:
     """What rovid makes of a log in both directions, at levels held for some seconds each; as `Readings.interval`."""
     levels = Run(name="log", pieces=multilevel(seconds))
     with tempfile.TemporaryDirectory() as name:
         write_trial_day(Path(name), seed=1, formats="csv", campaign=(levels,))
         study = open_study([Path(name)])
     assert study.runs is not None
-    return Readings(study.runs.items, study.vehicle, fit_free_run(study.runs.items), interval=interval)
+    return InnovationData(study.runs.items, study.vehicle, fit_output_error(study.runs.items), interval=interval)
 
 
-def points_about(misfit: InnovationMisfit, count: int) -> Sets:
+def points_about(misfit: InnovationLikelihood, count: int) -> Sets:
     """``count`` sets of coordinates, the first and others a little aside of it along all of them."""
-    first = misfit.coordinates.first()
+    first = misfit.parametrization.initial()
     return [first + 1e-3 * k for k in range(count)]
 
 
@@ -70,27 +70,27 @@ class Reference:
         self.function.argtypes = [ctypes.c_long, *[array] * 7]
         self.function.restype = None
 
-    def prepared(self, misfit: InnovationMisfit, points: Sets) -> Callable[[], list[Innovations]]:
+    def prepared(self, misfit: InnovationLikelihood, points: Sets) -> Callable[[], list[Innovations]]:
         """One pass over the log of ``misfit`` with as many ``points`` as there are lanes."""
-        (readings,) = misfit.records.of_runs
-        (portion,) = misfit.records.portions
-        drive = portion.drives(misfit.coordinates.model(points[0]))
+        (readings,) = misfit.data.run_data
+        (portion,) = misfit.data.chunks
+        drive = portion.torque_input(misfit.parametrization.model(points[0]))
         sets = np.column_stack([_set(misfit, x) for x in points])
-        log = readings.time, drive.torque, drive.moment, readings.angle
+        log = readings.time, drive.torque, drive.timing_moment, readings.angle
         innovation, variance = (np.empty((len(readings.time), self.lanes)) for _ in range(2))
 
         def run() -> list[Innovations]:
             self.function(len(innovation), *log, sets, innovation, variance)
-            known = readings.known
+            known = readings.known_positions
             return [Innovations(innovation[known, k], variance[known, k]) for k in range(self.lanes)]
 
         return run
 
 
-def _set(misfit: InnovationMisfit, x: Floats) -> Floats:
+def _set(misfit: InnovationLikelihood, x: Floats) -> Floats:
     """A column of what `passes.c` calls a Set."""
-    model, (rate,) = misfit.coordinates.model(x), misfit.records.initial_rates
-    return np.array([*model.values[:3], *np.exp(x[DISTURBANCE:COMMON]), rate, RATE_ERROR * misfit.records.rate])
+    model, (rate,) = misfit.parametrization.model(x), misfit.data.initial_rates
+    return np.array([*model.values[:3], *np.exp(x[DISTURBANCE:COMMON]), rate, RATE_ERROR * misfit.data.rms_rate])
 
 
 def farthest(these: Sequence[Innovations], those: Sequence[Innovations]) -> float:
@@ -115,16 +115,16 @@ def processor_seconds(call: Callable[[], object]) -> float:
     return time.process_time() - begun
 
 
-def beside_c(misfit: InnovationMisfit) -> None:
+def beside_c(misfit: InnovationLikelihood) -> None:
     """Print rovid's time beside that of the filter in C."""
-    points, samples = points_about(misfit, LANES), len(misfit.records.trial)
-    ours = misfit.innovations_of(points)
+    points, samples = points_about(misfit, LANES), len(misfit.data.run_index)
+    ours = misfit.evaluate(points)
     with tempfile.TemporaryDirectory() as one, tempfile.TemporaryDirectory() as four:
         alone = Reference(Path(one), 1).prepared(misfit, points[:1])
         abreast = Reference(Path(four), LANES).prepared(misfit, points)
         off = farthest(ours[:1], alone()), farthest(ours, abreast())
         assert max(off) < SAME, f"the filter in C says something else: {off}"
-        calls = [lambda: misfit.innovations_of(points[:1]), lambda: misfit.innovations_of(points), alone, abreast]
+        calls = [lambda: misfit.evaluate(points[:1]), lambda: misfit.evaluate(points), alone, abreast]
         taken = nanoseconds(calls, [samples, LANES * samples, samples, LANES * samples])
     for who, ns in zip(("rovid, 1 set", f"rovid, {LANES} sets", "C, 1 set", f"C, {LANES} sets"), taken, strict=True):
         print(f"{who:34} {ns:6.1f} ns, {ns / taken[2]:5.2f} times C with one set, {ns / taken[3]:5.2f} with {LANES}")
@@ -133,22 +133,24 @@ def beside_c(misfit: InnovationMisfit) -> None:
     )
 
 
-def by_effect(readings: Readings) -> None:
+def by_effect(readings: InnovationData) -> None:
     """Print rovid's time with an effect in the model, what drives the vehicle worked out anew each time."""
-    misfits = [InnovationMisfit(readings, LIMIT, effects) for effects in ((), *((effect_named(n),) for n in EFFECTS))]
+    misfits = [
+        InnovationLikelihood(readings, LIMIT, effects) for effects in ((), *((effect_named(n),) for n in EFFECTS))
+    ]
     calls = [partial(from_anew, misfit, points_about(misfit, LANES), count()) for misfit in misfits]
     for call in calls:
         call()  # compiled, where that was not done before
-    taken = nanoseconds(calls, [LANES * len(readings.trial)] * len(calls))
+    taken = nanoseconds(calls, [LANES * len(readings.run_index)] * len(calls))
     for name, ns in zip(("no effect", *EFFECTS), taken, strict=True):
         who = f"rovid, {LANES} sets, {name}"
         print(f"{who:34} {ns:6.1f} ns, {ns / taken[0]:5.2f} times that without effect")
 
 
-def from_anew(misfit: InnovationMisfit, points: Sets, times: Iterator[int]) -> None:
+def from_anew(misfit: InnovationLikelihood, points: Sets, times: Iterator[int]) -> None:
     """Each time a little farther aside, so that nothing of what drives the vehicle is known already."""
     aside = 1e-9 * next(times)
-    misfit.innovations_of([x + aside for x in points])
+    misfit.evaluate([x + aside for x in points])
 
 
 def main() -> None:
@@ -157,7 +159,7 @@ def main() -> None:
     if shutil.which("cc") is None:
         print("no C compiler (cc) is here: rovid's times stand alone")
     else:
-        beside_c(InnovationMisfit(readings, LIMIT))
+        beside_c(InnovationLikelihood(readings, LIMIT))
     by_effect(readings)
 
 

@@ -26,7 +26,7 @@ from benchmarks.gallery import SETS
 from benchmarks.gallery.base import RealSet, Step
 from benchmarks.gallery.judge import Answer
 from benchmarks.gallery.page import Record, line_of, page_of
-from rovid.present.plots.canvas import png
+from rovid.present.plots.canvas import render_png
 
 PROJECT = Path(__file__).resolve().parents[1]
 TOOL = [sys.executable, "-c", "from rovid.cli.cli import main; main()"]
@@ -105,7 +105,7 @@ def draw(real: RealSet, record: Record, room: Path, folder: Path) -> list[str]:
         figure = picture.draw(room, record.answers)
         if figure is not None:
             folder.mkdir(parents=True, exist_ok=True)
-            (folder / picture.name).write_bytes(png(figure))
+            (folder / picture.name).write_bytes(render_png(figure))
             drawn.append(picture.name)
     return drawn
 

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-from rovid.core.threads import SHARE
+from rovid.core.threads import CORES_VARIABLE
 from rovid.diagnose.result import Diagnosis
 from rovid.store import study
 from tools.cases import all_cases, truth_of
@@ -213,7 +213,7 @@ def main() -> None:
     seed = parser.parse_args().seed
     profile = Profile()
     # What a copy of this process does on another core is not seen from here.
-    os.environ[SHARE] = "1"
+    os.environ[CORES_VARIABLE] = "1"
     with tempfile.TemporaryDirectory() as name:
         write_day(Path(name), seed)
         diagnosed(Path(name))

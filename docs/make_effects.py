@@ -20,14 +20,14 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from rovid.core.array_types import FloatArray
-from rovid.core.errors import ConfigError, RovidError, nearest
-from rovid.diagnose.next_experiment import _PAIRS
+from rovid.core.errors import ConfigError, RovidError, suggestion
+from rovid.diagnose.next_experiment import DISCRIMINATING_RUNS
 from rovid.effects import CATALOGUE, FORMS, Effect, EffectParameter
-from rovid.effects.base import SPEEDS, OnCommand, OnHeading, OnThrust, OnTorque, Term, Wave
-from rovid.effects.thruster_imbalance import BESIDE, of_thruster
+from rovid.effects.base import SPEEDS, OnCommand, OnHeading, OnThrust, OnTorque, Term, WaveTorque
+from rovid.effects.thruster_imbalance import WITH_OTHERS, for_thruster
 from rovid.model.model import Model
-from rovid.model.torque_input import Drive
-from rovid.present.plots.canvas import BLACK, BLUE, ORANGE, PALE, png, sheet, styled
+from rovid.model.torque_input import TorqueInput
+from rovid.present.plots.canvas import BLACK, BLUE, ORANGE, PALE, panel_grid, render_png, report_style
 from rovid.trial.axis import AXES, YAW, Axis
 from rovid.trial.config import load_config
 from rovid.trial.trial import Trial
@@ -58,7 +58,7 @@ _PLACES = {
     OnTorque: "acts on the torque of all thrusters together",
     Term: "a torque in the equation of motion",
     OnHeading: "acts on the measured heading; the motion is as without it",
-    Wave: "a torque in the equation of motion, of random phase",
+    WaveTorque: "a torque in the equation of motion, of random phase",
 }
 _AXES = {
     "time": "time in the step, s",
@@ -126,7 +126,7 @@ def notes() -> dict[str, Note]:
             raise _refused(f"has no entry [{name}], which is to hold {_listed(_WANTED)}.")
     for name in document:
         if name not in ids:
-            raise _refused(f"[{name}] is the id of no effect. {nearest(name, ids)}")
+            raise _refused(f"[{name}] is the id of no effect. {suggestion(name, ids)}")
     return {name: _note(name, entry) for name, entry in document.items()}
 
 
@@ -136,12 +136,12 @@ def _note(name: str, entry: dict[str, Any]) -> Note:
         raise _refused(f"[{name}] has no {_listed(missing)}.")
     unknown = [key for key in entry if key not in _KEYS]
     if unknown:
-        raise _refused(f"[{name}] has {unknown[0]}. {nearest(unknown[0], _KEYS)}")
+        raise _refused(f"[{name}] has {unknown[0]}. {suggestion(unknown[0], _KEYS)}")
     wanted = [parameter.name for parameter in _plain(name).parameters]
     if list(entry["values"]) != wanted:
         raise _refused(f"[{name}]: values are of {_listed(entry['values'])}; the parameters are {_listed(wanted)}.")
     if entry["against"] not in _AXES:
-        raise _refused(f"[{name}]: against is {entry['against']!r}. {nearest(entry['against'], _AXES)}")
+        raise _refused(f"[{name}]: against is {entry['against']!r}. {suggestion(entry['against'], _AXES)}")
     plain = entry | {"text": " ".join(entry["text"].split()), "sizes": tuple(entry["sizes"])}
     if "speeds" in entry:
         plain["speeds"] = tuple(entry["speeds"])
@@ -162,8 +162,8 @@ def _plain(name: str) -> Effect:
 
 def forms_of(effect: Effect) -> list[Effect]:
     """Every form of a cause, the plain one first."""
-    if effect.each_thruster:
-        return [of_thruster("NAME"), of_thruster("NAME" + BESIDE)]
+    if effect.per_thruster:
+        return [for_thruster("NAME"), for_thruster("NAME" + WITH_OTHERS)]
     return [form for form in FORMS if form.id == effect.id]
 
 
@@ -173,7 +173,7 @@ def forms_of(effect: Effect) -> list[Effect]:
 def runs_with(effect: Effect, note: Note) -> tuple[Course, Course]:
     """The step and the sine with ``effect`` at the size of its picture."""
     vehicle = load_config(_CONFIG).vehicle
-    acting = of_thruster(_THRUSTER) if effect.each_thruster else effect
+    acting = for_thruster(_THRUSTER) if effect.per_thruster else effect
     step, sine = _step_commands(note), _sine_commands(note.period)
     return _course(vehicle, acting, note, step), _course(vehicle, acting, note, sine)
 
@@ -220,13 +220,16 @@ def _course(vehicle: Vehicle, effect: Effect, note: Note, commands: FloatArray) 
         axis=_axis(effect),
         restoring_values=(note.stiffness, 0.0) if note.stiffness else (),
     )
-    drive = base.drive(vehicle, trial)
+    drive = base.torque_input(vehicle, trial)
     torque = drive.torque
-    if effect.wave:
-        model, push = base, Drive.held(torque + note.values["amplitude"] * np.sin(note.values["frequency"] * time))
+    if effect.is_wave:
+        model, push = (
+            base,
+            TorqueInput.held(torque + note.values["amplitude"] * np.sin(note.values["frequency"] * time)),
+        )
     else:
         model = replace(base, effects=(effect,), effect_values=tuple(note.values.values()))
-        push = model.drive(vehicle, trial)
+        push = model.torque_input(vehicle, trial)
     rate, heading = model.simulate(trial, push)
     drag = base.drag(rate) + note.stiffness * np.sin(heading)
     left = torque[:-1] - _INERTIA * np.diff(rate) / _STEP - 0.5 * (drag[1:] + drag[:-1])
@@ -244,11 +247,13 @@ def _course(vehicle: Vehicle, effect: Effect, note: Note, commands: FloatArray) 
 # ---- the pictures
 
 
-@styled
+@report_style
 def picture(effect: Effect, note: Note) -> Figure:
     """What ``effect`` does to a step, to a sine and to the residual torque."""
     step, sine = runs_with(effect, note)
-    figure, ((first, second, third),) = sheet([(1.95, 3)], left=0.72, right=0.15, top=0.6, bottom=0.52, across=0.82)
+    figure, ((first, second, third),) = panel_grid(
+        [(1.95, 3)], left=0.72, right=0.15, top=0.6, bottom=0.52, across=0.82
+    )
     for panel, course, name in ((first, step, "step"), (second, sine, f"sine of {note.period:g} s")):
         panel.plot(course.time, course.rate, color=PALE, linewidth=3.6, label="with the effect")
         panel.plot(course.time, course.plain, color=BLACK, linewidth=1.1, label="base model")
@@ -369,7 +374,7 @@ def _beside(note: Note) -> str:
 
 
 def _of(effect: Effect) -> str:
-    return f" of the {_THRUSTER} thruster" if effect.each_thruster else ""
+    return f" of the {_THRUSTER} thruster" if effect.per_thruster else ""
 
 
 def _forms(effect: Effect) -> Iterator[str]:
@@ -382,7 +387,7 @@ def _forms(effect: Effect) -> Iterator[str]:
         if _rows(form.parameters) != _rows(before):
             yield "\n".join(_rows(form.parameters))
         before = form.parameters
-    if effect.each_thruster:
+    if effect.per_thruster:
         yield "NAME is that of a thruster in `rovid.toml`."
 
 
@@ -397,7 +402,7 @@ def _rows(parameters: Sequence[EffectParameter]) -> list[str]:
 
 
 def _null(parameter: EffectParameter) -> str:
-    return "no limit" if parameter.null >= 1e5 else f"{parameter.null:g}"
+    return "no limit" if parameter.neutral >= 1e5 else f"{parameter.neutral:g}"
 
 
 def _range(parameter: EffectParameter) -> str:
@@ -436,7 +441,7 @@ def _rivals(effect: Effect) -> Iterator[str]:
 def _run(effect: Effect, rival: Effect) -> str:
     """What separates the two best; where nothing is known to, the runs that show either."""
     runs = dict.fromkeys((effect.experiment, rival.experiment))
-    return _PAIRS.get(frozenset({effect.id, rival.id}), "; ".join(runs))
+    return DISCRIMINATING_RUNS.get(frozenset({effect.id, rival.id}), "; ".join(runs))
 
 
 def index() -> str:
@@ -558,14 +563,14 @@ def main() -> None:
     try:
         for name in chosen:
             if name not in ids:
-                raise ConfigError(f"is {name!r}, the id of no effect. {nearest(name, ids)}", where="ID")
+                raise ConfigError(f"is {name!r}, the id of no effect. {suggestion(name, ids)}", where="ID")
         told, texts = notes(), pages()
     except RovidError as error:
         parser.exit(2, f"{error}\n")
     for name, text in texts.items():
         (FOLDER / name).write_text(text, encoding="utf-8")
     for name in chosen:
-        (FOLDER / f"{name}.png").write_bytes(png(picture(_plain(name), told[name])))
+        (FOLDER / f"{name}.png").write_bytes(render_png(picture(_plain(name), told[name])))
 
 
 if __name__ == "__main__":

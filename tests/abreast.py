@@ -9,11 +9,11 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.jit.simd import LANES
-from rovid.model.filter_batch import Abreast, Driven, Logged
+from rovid.model.filter_batch import FilterData, FilterInputs, ParameterBatch
 from rovid.model.model import Model
-from rovid.model.torque_input import Drive
+from rovid.model.torque_input import TorqueInput
 
-Filter = Callable[[Logged, Driven, Abreast], tuple[FloatArray, FloatArray]]
+Filter = Callable[[FilterData, FilterInputs, ParameterBatch], tuple[FloatArray, FloatArray]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,10 +35,10 @@ class Log:
         object.__setattr__(self, "known", np.column_stack((self.angle, rate)))
 
 
-def logged(*logs: Log) -> Logged:
+def logged(*logs: Log) -> FilterData:
     """One after the other; every instant has a place for both innovations."""
     counts = [len(log.time) for log in logs]
-    return Logged(
+    return FilterData(
         begins=np.cumsum([0, *counts]),
         time=np.concatenate([log.time for log in logs]),
         rate=np.concatenate([log.known[:, 1] for log in logs]),
@@ -49,19 +49,23 @@ def logged(*logs: Log) -> Logged:
 
 
 def filtered_abreast(
-    kernel: Filter, logs: Sequence[Log], drives: Sequence[Drive], models: Sequence[Model], noises: Sequence[FloatArray]
+    kernel: Filter,
+    logs: Sequence[Log],
+    drives: Sequence[TorqueInput],
+    models: Sequence[Model],
+    noises: Sequence[FloatArray],
 ) -> tuple[FloatArray, FloatArray]:
     """(LANES, n, 2) innovations of angle and rate, and their variances, of a model in each lane; NaN where none."""
     known = np.concatenate([log.known for log in logs])
-    driven = Driven.of(drives, [known[:, 0].copy()] * LANES)
-    found = kernel(logged(*logs), driven, Abreast.of(models, noises))
+    driven = FilterInputs.stack(drives, [known[:, 0].copy()] * LANES)
+    found = kernel(logged(*logs), driven, ParameterBatch.stack(models, noises))
     tables = (np.where(np.isfinite(known), one.reshape(LANES, -1, 2), np.nan) for one in found)
     innovation, variance = tables
     return innovation, variance
 
 
 def filtered(
-    kernel: Filter, log: Log, drive: Drive, model: Model, noise: Sequence[float]
+    kernel: Filter, log: Log, drive: TorqueInput, model: Model, noise: Sequence[float]
 ) -> tuple[FloatArray, FloatArray]:
     """(n, 2) of one model, which is in all lanes."""
     every = filtered_abreast(kernel, [log], [drive] * LANES, [model] * LANES, [np.array(noise)] * LANES)

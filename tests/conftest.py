@@ -18,7 +18,7 @@ import pytest
 from rovid.cli import cli
 from rovid.diagnose.result import Diagnosis
 from rovid.store.study import Study
-from rovid.trial.assumptions import Guesswork
+from rovid.trial.assumptions import Assumptions
 from tools.programme import CAMPAIGN
 from tools.trial_day import write_trial_day
 
@@ -102,12 +102,12 @@ def blank_plots(*drawn: str) -> Iterator[None]:
     from rovid.present.plots import canvas
 
     figure, whole = Figure(figsize=(0.5, 0.5)), figures._picture  # noqa: SLF001 - what draws one
-    as_png, as_svg = canvas.png(figure), canvas.svg(figure)
+    as_png, as_svg = canvas.render_png(figure), canvas.render_svg(figure)
 
-    def picture(sketch: figures.Sketch, guess: Guesswork) -> figures.Picture:
+    def picture(sketch: figures.FigureDraft, guess: Assumptions) -> figures.ReportFigure:
         if sketch.name in drawn:
             return whole(sketch, guess)
-        return figures.Picture(name=sketch.name, caption=sketch.caption, alt=sketch.alt, png=as_png, svg=as_svg)
+        return figures.ReportFigure(name=sketch.name, caption=sketch.caption, alt=sketch.alt, png=as_png, svg=as_svg)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(figures, "_picture", picture)
@@ -127,7 +127,7 @@ def diagnosed_once(known: dict[str, Diagnosis]) -> Iterator[None]:
     whole = Study.diagnosis
 
     def once(study: Study, report: Callable[[str], None] = lambda _: None, **options: Any) -> Diagnosis:
-        origin = study.origin
+        origin = study.provenance
         logs = [(source.name, source.sha256) for source in origin.sources]
         # Beside logs nothing that is stored is asked for.
         key = repr((logs, study.vehicle, origin.settings, origin.options, options if study.runs is None else {}))

@@ -9,11 +9,11 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.effects import effect_named
-from rovid.estimate.filter_data import Readings
-from rovid.estimate.fit_result import Fitted, climbed
-from rovid.estimate.innovation_likelihood import InnovationMisfit
-from rovid.estimate.multi_step_data import HorizonRecords
-from rovid.estimate.multi_step_likelihood import HorizonMisfit
+from rovid.estimate.filter_data import InnovationData
+from rovid.estimate.fit_result import FitResult, fit
+from rovid.estimate.innovation_likelihood import InnovationLikelihood
+from rovid.estimate.multi_step_data import MultiStepData
+from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
 from rovid.signals.preprocessing import Run
 from tests import synthetic
 
@@ -26,15 +26,15 @@ BIAS = effect_named("bias_torque")
 WITH_BIAS = replace(synthetic.ROSUB, effects=(BIAS,), effect_values=(12.0,))
 
 
-def records(torque: FloatArray = TORQUE, disturbance: FloatArray | None = None, runs: int = 1) -> HorizonRecords:
+def records(torque: FloatArray = TORQUE, disturbance: FloatArray | None = None, runs: int = 1) -> MultiStepData:
     made = [synthetic.run(TIME, torque, disturbance=disturbance, noise=NOISE) for _ in range(runs)]
-    whole = Readings(made, synthetic.LOGGED, synthetic.ROSUB)
-    return HorizonRecords.of(whole, synthetic.ROSUB)
+    whole = InnovationData(made, synthetic.LOGGED, synthetic.ROSUB)
+    return MultiStepData.from_data(whole, synthetic.ROSUB)
 
 
-def biased() -> HorizonRecords:
+def biased() -> MultiStepData:
     """With as many predictions as count once the constant torque is known."""
-    return records(disturbance=np.full(len(TIME), 12.0)).counting(WITH_BIAS)
+    return records(disturbance=np.full(len(TIME), 12.0)).reweighted(WITH_BIAS)
 
 
 def weakened(shares: Sequence[float]) -> list[Run]:
@@ -46,19 +46,21 @@ def weakened(shares: Sequence[float]) -> list[Run]:
     return [replace(run, trial=replace(run.trial, name=f"run_{number}")) for number, run in enumerate(runs)]
 
 
-def near_of(ahead: HorizonRecords) -> Readings:
-    return Readings(ahead.runs, ahead.vehicle, ahead.start)
+def near_of(ahead: MultiStepData) -> InnovationData:
+    return InnovationData(ahead.runs, ahead.vehicle, ahead.initial_model)
 
 
-def fitted(key: str, ahead: HorizonRecords) -> tuple[Fitted, Fitted]:
+def fitted(key: str, ahead: MultiStepData) -> tuple[FitResult, FitResult]:
     """A model with an effect by predictions, and one without any by each next reading."""
     effect = effect_named(key)
-    misfit, near = HorizonMisfit(ahead, effects=(effect,)), InnovationMisfit(near_of(ahead), 1.0)
-    first = near.coordinates.first()
-    begin = np.concatenate((first, effect.starts[0]))
-    return climbed(misfit, begin), climbed(near, first)
+    misfit, near = MultiStepLikelihood(ahead, effects=(effect,)), InnovationLikelihood(near_of(ahead), 1.0)
+    first = near.parametrization.initial()
+    begin = np.concatenate((first, effect.initial_values[0]))
+    return fit(misfit, begin), fit(near, first)
 
 
-def fitted_ahead(runs: list[Run]) -> Fitted:
-    misfit = HorizonMisfit(HorizonRecords.of(Readings(runs, synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB))
-    return climbed(misfit, misfit.coordinates.first())
+def fitted_ahead(runs: list[Run]) -> FitResult:
+    misfit = MultiStepLikelihood(
+        MultiStepData.from_data(InnovationData(runs, synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB)
+    )
+    return fit(misfit, misfit.parametrization.initial())

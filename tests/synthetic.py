@@ -12,7 +12,7 @@ from rovid.core.array_types import FloatArray
 from rovid.model.kernels import simulate
 from rovid.model.model import Model
 from rovid.signals.preprocessing import Run
-from rovid.signals.rates import rates_of
+from rovid.signals.rates import compute_rates
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
 
@@ -61,8 +61,8 @@ def run(
     total = torque if disturbance is None else torque + disturbance
     _, angle = simulate(time, total, model.body, 0.0)
     log = trial(time, torque, angle if noise is None else angle + noise)
-    rates = rates_of(log, cutoff=cutoff)
-    return Run(trial=log, torque=torque, rates=rates, drive=rates.held(log, torque))
+    rates = compute_rates(log, cutoff=cutoff)
+    return Run(trial=log, torque=torque, rates=rates, filtered_torque=rates.filter_held(log, torque))
 
 
 def gauss_markov(count: int, period: float, size: float, memory: float, rng: np.random.Generator) -> FloatArray:

@@ -15,7 +15,17 @@ from scipy.signal import find_peaks
 
 from benchmarks.gallery.judge import Answer
 from rovid.core.array_types import FloatArray
-from rovid.present.plots.canvas import BLACK, BLUE, GREEN, GREY, ORANGE, PALE, extremes, sheet, styled
+from rovid.present.plots.canvas import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PALE,
+    decimate_min_max,
+    panel_grid,
+    report_style,
+)
 
 _SMALLEST_SWING = 0.05  # deg
 
@@ -32,7 +42,7 @@ def recorded(path: Path, topic: str) -> tuple[FloatArray, FloatArray, FloatArray
     return time, measured, simulated
 
 
-@styled
+@report_style
 def free_runs(room: Path, trial: str) -> Figure | None:
     """Measured yaw rate of one log, and the free runs of the plain model and of the extended one."""
     runs = {
@@ -42,10 +52,10 @@ def free_runs(room: Path, trial: str) -> Figure | None:
     }
     if not runs:
         return None
-    figure, panels = sheet([(1.6, 1)] * len(runs), left=0.75, top=0.3, down=0.35, share_x=True)
+    figure, panels = panel_grid([(1.6, 1)] * len(runs), left=0.75, top=0.3, down=0.35, share_x=True)
     for (panel,), (label, (time, measured, simulated)) in zip(panels, runs.items(), strict=True):
-        panel.plot(*extremes(time, measured), color=PALE, linewidth=3.6, label="measured")
-        panel.plot(*extremes(time, simulated), color=BLACK, linewidth=1.1, label="simulated")
+        panel.plot(*decimate_min_max(time, measured), color=PALE, linewidth=3.6, label="measured")
+        panel.plot(*decimate_min_max(time, simulated), color=BLACK, linewidth=1.1, label="simulated")
         known = np.isfinite(measured) & np.isfinite(simulated)
         left = np.sum((measured - simulated)[known] ** 2)
         r2 = 1.0 - left / np.sum((measured[known] - np.mean(measured[known])) ** 2)
@@ -56,14 +66,14 @@ def free_runs(room: Path, trial: str) -> Figure | None:
     return figure
 
 
-@styled
+@report_style
 def by_run(answers: Mapping[str, Answer]) -> Figure | None:
     """R² of each run, by the plain model and by the extended one."""
     plain = answers.get("plain")
     if plain is None or plain.document is None:
         return None
     names = [trial["name"] for trial in plain.document["trials"]]
-    figure, ((panel,),) = sheet([(0.24 * len(names) + 0.3, 1)], left=2.6, top=0.45)
+    figure, ((panel,),) = panel_grid([(0.24 * len(names) + 0.3, 1)], left=2.6, top=0.45)
     marks = (("plain", "plain model", GREY, "o"), ("extended", "with what was found", BLUE, "D"))
     for step, label, colour, marker in marks:
         answer = answers.get(step)
@@ -78,12 +88,12 @@ def by_run(answers: Mapping[str, Answer]) -> Figure | None:
     return figure
 
 
-@styled
+@report_style
 def decays(room: Path, trials: tuple[str, ...]) -> Figure | None:
     """Roll of each decay, with the envelope of each model's free run."""
     if not all((room / "plain" / f"{trial}.mcap").is_file() for trial in trials):
         return None
-    figure, panels = sheet([(1.55, 1)] * len(trials), left=0.75, top=0.5, down=0.6)
+    figure, panels = panel_grid([(1.55, 1)] * len(trials), left=0.75, top=0.5, down=0.6)
     models = (
         ("plain", "plain model", GREY, "--"),
         ("extended", "what the diagnosis found", ORANGE, "-"),
@@ -96,7 +106,7 @@ def decays(room: Path, trials: tuple[str, ...]) -> Figure | None:
                 continue
             time, measured, simulated = recorded(path, "/roll")
             if place == 0:
-                panel.plot(*extremes(time, measured), color=PALE, linewidth=1.0, label="measured")
+                panel.plot(*decimate_min_max(time, measured), color=PALE, linewidth=1.0, label="measured")
             for sign in (1.0, -1.0):
                 at, height = envelope(time, sign * simulated)
                 name = label if sign > 0.0 else None
@@ -114,17 +124,19 @@ def envelope(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArr
     return time[peaks], values[peaks]
 
 
-@styled
+@report_style
 def outputs(path: Path, thrusters: Mapping[str, str], others: Mapping[str, str]) -> Figure | None:
     """Heading, and the pulses to thrusters and others; by label, the column of the table that `convert` wrote."""
     if not path.is_file():
         return None
     table = pd.read_csv(path)
     groups = [group for group in (thrusters, others) if group]
-    figure, panels = sheet([(1.3, 1)] * (1 + len(groups)), left=0.95, right=1.35, top=0.15, down=0.25, share_x=True)
+    figure, panels = panel_grid(
+        [(1.3, 1)] * (1 + len(groups)), left=0.95, right=1.35, top=0.15, down=0.25, share_x=True
+    )
     known = table.dropna(subset="heading_deg")
     heading = np.unwrap(known["heading_deg"].to_numpy(), period=360.0)
-    panels[0][0].plot(*extremes(known["time_s"].to_numpy(), heading), color=BLACK)
+    panels[0][0].plot(*decimate_min_max(known["time_s"].to_numpy(), heading), color=BLACK)
     panels[0][0].ticklabel_format(axis="y", useOffset=False)
     panels[0][0].set_ylabel("heading, deg")
     for (panel,), group in zip(panels[1:], groups, strict=True):
@@ -144,12 +156,12 @@ def _pulses(panel: Axes, table: pd.DataFrame, columns: Mapping[str, str]) -> Non
     panel.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
 
 
-@styled
+@report_style
 def benches(room: Path, folder: str, keys: tuple[str, ...]) -> Figure | None:
     """Bench readings of each thruster and the curve made of them, near zero as well."""
     if not all((room / f"{key}_curve.csv").is_file() for key in keys):
         return None
-    figure, panels = sheet([(2.0, 2)] * len(keys), left=0.75)
+    figure, panels = panel_grid([(2.0, 2)] * len(keys), left=0.75)
     for row, key in zip(panels, keys, strict=True):
         readings = pd.read_csv(room / folder / f"{key}.csv", header=None).to_numpy()
         curve = pd.read_csv(room / f"{key}_curve.csv").to_numpy()

@@ -19,7 +19,7 @@ import numpy as np
 
 from benchmarks.peers import log
 from benchmarks.usage import Usage, measured
-from rovid.model.kernels import compile_now, is_compiled
+from rovid.model.kernels import compile_all, is_compiled
 from rovid.store.study import open_study
 from tools.programme import Run, multilevel
 from tools.trial_day import write_trial_day
@@ -87,7 +87,7 @@ def main() -> None:
         path = write_logs(folder, seed)
         # All of it: what a fit leaves to a second process would count as the fit's time.
         if not is_compiled():
-            compile_now()
+            compile_all()
         by_rovid(folder)
         base, found = by_rovid(folder)
         print(f"Processor time of a fit to {SECONDS:g} s at 20 Hz, and how far from the truth it ends (seed {seed}):")

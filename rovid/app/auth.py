@@ -31,7 +31,7 @@ _REFUSED = b"Forbidden\n"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Guard:
+class TokenGuard:
     """Lets through what names this very address and port, comes of no other site, and knows the token.
 
     The token is the first part of each path, and no cookie: cookies do not tell one port from another, so that a

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.preflight.raw_columns import Seen
+from rovid.preflight.raw_columns import RawColumn
 
 _DIGITS = 6
 
 
 def columns_document(
-    columns: Mapping[str, Seen], needed: Sequence[str], begin: float, end: float, bins: int
+    columns: Mapping[str, RawColumn], needed: Sequence[str], begin: float, end: float, bins: int
 ) -> dict[str, Any]:
     """Every column between ``begin`` and ``end``, in s from the instant that [[leave_out]] counts from.
 
@@ -40,7 +40,7 @@ def columns_document(
     }
 
 
-def _zero(columns: Mapping[str, Seen], needed: Sequence[str]) -> float:
+def _zero(columns: Mapping[str, RawColumn], needed: Sequence[str]) -> float:
     known = [one.time[np.isfinite(one.values)] for source, one in columns.items() if source in needed]
     starts = [float(time.min()) for time in known if time.size]
     if not starts:

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from rovid.core.errors import NAME_LENGTH, ConfigError
-from rovid.preflight.log_survey import Survey, commands_of
-from rovid.preflight.raw_columns import Guess
-from rovid.preflight.user_overrides import Hand
-from rovid.trial.exclusions import Stretch
+from rovid.preflight.log_survey import LogSurvey, all_commands
+from rovid.preflight.raw_columns import SignalGuess
+from rovid.preflight.user_overrides import UserOverrides
+from rovid.trial.exclusions import Exclusion
 
 _SIZES = ("mass", "length", "width")
 # By these lines a file of ours is known again, and what was chosen is read back.
@@ -22,7 +22,7 @@ _SEAL = "# chosen = "
 
 
 @dataclass(frozen=True, kw_only=True)
-class Choice:
+class FormState:
     """What the page sends.
 
     Attributes
@@ -39,24 +39,24 @@ class Choice:
 
     logs: tuple[str, ...]
     vehicle: str
-    signals: Mapping[str, Mapping[str, Guess]] | None
-    hand: Hand
+    signals: Mapping[str, Mapping[str, SignalGuess]] | None
+    hand: UserOverrides
     document: Mapping[str, Any]
 
-    def differs(self, guessed: Survey) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    def differs(self, guessed: LogSurvey) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Headings, and commands, that are not among those ``guessed``; nothing where all are."""
         headings: list[str] = []
         for kind, signals in (self.signals or {}).items():
-            own = guessed.guesses[kind].signals.get("heading") if kind in guessed.guesses else None
+            own = guessed.mappings[kind].signals.get("heading") if kind in guessed.mappings else None
             chosen = signals.get("heading")
             if chosen is not None and (own is None or own.source != chosen.source):
                 headings.append(chosen.source)
         wanted = self.hand.commands or frozenset()
-        known = {command.source for command in commands_of(guessed.guesses)}
+        known = {command.source for command in all_commands(guessed.mappings)}
         return tuple(headings), () if wanted <= known else tuple(sorted(wanted))
 
 
-def choice_of(document: object) -> Choice:
+def parse_form(document: object) -> FormState:
     """What the page sent, checked.
 
     Raises
@@ -70,16 +70,16 @@ def choice_of(document: object) -> Choice:
         commands = document.get("commands")
         signals = document.get("signals")
         every = [one for those in (commands or {}).values() for one in those]
-        hand = Hand(
+        hand = UserOverrides(
             name=_text(document.get("name", "")),
             size={key: _number(document["size"][key], least=1e-6) for key in _SIZES if _given(document, key)},
             signals=None if signals is None else {kind: _signals(those) for kind, those in signals.items()},
             commands=None if commands is None else frozenset(_text(one["source"]) for one in every),
             arms={_text(one["source"]): _number(one["arm"]) for one in every if one.get("arm") is not None},
             names={_text(one["source"]): _text(one["name"]) for one in every if one.get("name")},
-            left_out=tuple(map(_stretch, document.get("leave_out", []))),
+            exclusions=tuple(map(_stretch, document.get("leave_out", []))),
         )
-        return Choice(
+        return FormState(
             logs=tuple(map(str, document["logs"])),
             vehicle=_vehicle(document.get("vehicle", "")),
             signals=hand.signals,
@@ -113,21 +113,21 @@ def _number(value: object, least: float = -math.inf) -> float:
     return float(value)
 
 
-def _signals(those: Mapping[str, Any]) -> dict[str, Guess]:
+def _signals(those: Mapping[str, Any]) -> dict[str, SignalGuess]:
     return {
-        _text(name): Guess(
+        _text(name): SignalGuess(
             source=_text(one["source"]),
             unit=_text(one.get("unit") or ""),
             sign=-1 if one.get("sign", 1) < 0 else 1,
-            why="",
+            reason="",
         )
         for name, one in those.items()
     }
 
 
-def _stretch(one: Mapping[str, Any]) -> Stretch:
+def _stretch(one: Mapping[str, Any]) -> Exclusion:
     end = one.get("to")
-    return Stretch(
+    return Exclusion(
         log=_text(one["log"]),
         begin=_number(one.get("from") or 0.0),
         end=math.inf if end is None else _number(end),
@@ -135,14 +135,14 @@ def _stretch(one: Mapping[str, Any]) -> Stretch:
     )
 
 
-def sealed(text: str, choice: Choice, beside: Mapping[str, bytes]) -> str:
+def with_form_data(text: str, choice: FormState, beside: Mapping[str, bytes]) -> str:
     """The ``text`` of rovid.toml with what was chosen, and by what it and the files ``beside`` it are known again."""
     own = {key: value for key, value in choice.document.items() if key != "logs"}
     kept = {"sha256": {"": _digest(text.encode()), **{n: _digest(data) for n, data in beside.items()}}, "choice": own}
     return f"{text}\n{_HINT}\n{_SEAL}{json.dumps(kept)}\n"
 
 
-def unsealed(text: str) -> tuple[Mapping[str, Any], Mapping[str, str]] | None:
+def read_form_data(text: str) -> tuple[Mapping[str, Any], Mapping[str, str]] | None:
     """What was chosen and the digests beside it, where nobody changed the file since; None of any other file."""
     body, hint, seal = text.partition(f"\n{_HINT}\n{_SEAL}")
     try:
@@ -153,7 +153,7 @@ def unsealed(text: str) -> tuple[Mapping[str, Any], Mapping[str, str]] | None:
         return None
 
 
-def is_same(data: bytes, digest: str | None) -> bool:
+def matches_digest(data: bytes, digest: str | None) -> bool:
     """Whether ``data`` is what was written."""
     return _digest(data) == digest
 

@@ -20,7 +20,7 @@ _PATIENCE = 5.0  # s, until what does not end is killed
 
 
 @dataclass(kw_only=True)
-class Work:
+class Job:
     """One run of ``rovid`` with ``arguments`` in ``folder``.
 
     Attributes
@@ -136,20 +136,20 @@ def _read(stream: IO[str], into: list[str]) -> None:
 
 
 @dataclass(kw_only=True)
-class Works:
+class JobQueue:
     """The runs of one page, one at a time."""
 
-    last: Work | None = None
+    current: Job | None = None
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
-    def begin(self, arguments: Sequence[str], folder: Path) -> Work:
+    def start(self, arguments: Sequence[str], folder: Path) -> Job:
         """Begin one; what still runs is cancelled."""
         with self._lock:
             self.close()
-            self.last = Work(arguments=tuple(arguments), folder=folder)
-            return self.last
+            self.current = Job(arguments=tuple(arguments), folder=folder)
+            return self.current
 
     def close(self) -> None:
         """End what runs."""
-        if self.last is not None and self.last.state == "running":
-            self.last.cancel()
+        if self.current is not None and self.current.state == "running":
+            self.current.cancel()

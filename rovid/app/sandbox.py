@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from rovid.core.errors import ConfigError, OutputError, RovidError, is_visible
-from rovid.core.paths import search
+from rovid.core.paths import list_files
 from rovid.trial.log_formats import FORMATS
 
 # Bytes of one file that is dropped on the page.
@@ -30,13 +30,13 @@ _DEVICES = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)(\..*)?")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Top:
+class RootFolder:
     """The folder below which everything is that the page reads or writes."""
 
     folder: Path
 
     @classmethod
-    def over(cls, logs: Sequence[Path]) -> Top:
+    def for_logs(cls, logs: Sequence[Path]) -> RootFolder:
         """The working folder, if ``logs`` are in it; else what holds them."""
         here = Path.cwd().resolve()
         real = [log.resolve() for log in logs]
@@ -59,11 +59,11 @@ class Top:
             raise self._outside(name)
         # What Path makes of it might be another drive, and a link might lead anywhere.
         path = self.folder.joinpath(*parts)
-        if not path.is_relative_to(self.folder) or not self.holds(path):
+        if not path.is_relative_to(self.folder) or not self.contains(path):
             raise self._outside(name)
         return path
 
-    def holds(self, path: Path) -> bool:
+    def contains(self, path: Path) -> bool:
         """Whether ``path`` is below the folder wherever links lead."""
         try:
             return path.resolve().is_relative_to(self.folder)
@@ -83,8 +83,8 @@ class Top:
             There is such a link.
         """
         for path in paths:
-            for file in search(path, lambda _: None).files:
-                if file.suffix.lower() in FORMATS and not self.holds(file):
+            for file in list_files(path, lambda _: None).files:
+                if file.suffix.lower() in FORMATS and not self.contains(file):
                     raise ConfigError(
                         f"is a link that leads out of {self.folder}, and `rovid open` reads nothing outside.",
                         where=file,
@@ -94,7 +94,7 @@ class Top:
     def folders(self, name: str) -> list[tuple[str, int]]:
         """Names of the folders in one, and how many logs lie in each."""
         here = self.path(name)
-        inside = sorted(item for item in _listed(here) if item.is_dir() and self.holds(item))
+        inside = sorted(item for item in _listed(here) if item.is_dir() and self.contains(item))
         return [(self.name(item), sum(map(_is_log, _listed(item)))) for item in inside]
 
     def new_folder(self) -> Path:
@@ -158,7 +158,7 @@ def _clean(part: str) -> str:
 
 
 @dataclass(kw_only=True)
-class Arrival:
+class Upload:
     """A file on its way: written beside its place, and put there whole; nothing is replaced."""
 
     name: Path
@@ -168,19 +168,19 @@ class Arrival:
     size: int = 0
 
     @classmethod
-    def into(cls, folder: Path, name: Path) -> Arrival:
+    def start(cls, folder: Path, name: Path) -> Upload:
         """Make room for it."""
         home = (folder / name).parent
         home.mkdir(parents=True, exist_ok=True)
         part = home / f"{_PART}{secrets.token_hex(8)}"
         return cls(name=name, home=home, part=part, stream=part.open("xb"))
 
-    def announced(self, size: str) -> None:
+    def check_size(self, size: str) -> None:
         """Refuse at once what says that it is too large."""
         if size.isdigit():
             self._require_room(int(size))
 
-    def add(self, data: bytes) -> None:
+    def write(self, data: bytes) -> None:
         """The next part of it."""
         self.size += len(data)
         self._require_room(self.size)
@@ -196,7 +196,7 @@ class Arrival:
                 mend="Copy it into a folder, and start `rovid open` with that.",
             )
 
-    def keep(self) -> Path:
+    def finish(self) -> Path:
         """Put it in its place, or beside what is there by now."""
         self.stream.close()
         for number in range(1, 10_000):

@@ -19,10 +19,10 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import Route
 
-from rovid.app.api import Desk, places_of, word
-from rovid.app.auth import ADDRESS, Asgi, Guard
-from rovid.app.jobs import Works
-from rovid.app.sandbox import Arrival, Top, clean_name
+from rovid.app.api import Api, output_paths, shell_word
+from rovid.app.auth import ADDRESS, Asgi, TokenGuard
+from rovid.app.jobs import JobQueue
+from rovid.app.sandbox import RootFolder, Upload, clean_name
 from rovid.core.errors import ConfigError, OutputError, RovidError
 from rovid.core.signatures import PAGE
 from rovid.trial.log_formats import FORMATS
@@ -45,13 +45,13 @@ _REPORT_POLICY = (
 )
 
 
-class _Page:
+class _Handlers:
     """What answers the page's requests."""
 
-    def __init__(self, top: Top, logs: Sequence[Path]) -> None:
+    def __init__(self, top: RootFolder, logs: Sequence[Path]) -> None:
         self.top = top
-        self.desk = Desk(top=top)
-        self.works = Works()
+        self.desk = Api(top=top)
+        self.works = JobQueue()
         self.given = [top.name(log.resolve()) for log in logs]
         self.arrived: set[str] = set()
         self.reports: dict[str, Path] = {}
@@ -96,7 +96,7 @@ class _Page:
     def look(self, request: Request) -> Response:
         names = request.query_params.getlist("log")
         document = self.desk.look(names)
-        _, page = places_of(document["folder"])
+        _, page = output_paths(document["folder"])
         return JSONResponse(document | {"report": self.known(self.top.folder / page / "index.html")})
 
     def columns(self, request: Request) -> Response:
@@ -128,12 +128,12 @@ class _Page:
         if not folder:
             folder = self.top.name(await run_in_threadpool(self.top.new_folder))
             self.arrived.add(folder)
-        arrival = await run_in_threadpool(Arrival.into, self.top.path(folder), name)
+        arrival = await run_in_threadpool(Upload.start, self.top.path(folder), name)
         try:
-            arrival.announced(request.headers.get("content-length", ""))
+            arrival.check_size(request.headers.get("content-length", ""))
             async for part in request.stream():
-                await run_in_threadpool(arrival.add, part)
-            kept = await run_in_threadpool(arrival.keep)
+                await run_in_threadpool(arrival.write, part)
+            kept = await run_in_threadpool(arrival.finish)
         except ClientDisconnect:
             return Response(status_code=400)  # nobody reads it
         except OSError as error:
@@ -147,15 +147,15 @@ class _Page:
         if not isinstance(document, dict) or not isinstance(document.get("logs"), list):
             raise ConfigError("the page sent no logs.")
         paths = self.desk.paths([str(name) for name in document["logs"]])
-        if self.desk.configured(paths) is None:
+        if self.desk.config_file(paths) is None:
             raise ConfigError("there is no rovid.toml yet.", mend="Save it first.")
-        kept, page = places_of(self.top.name(self.desk.folder(paths)))
+        kept, page = output_paths(self.top.name(self.desk.config_folder(paths)))
         more = ["--no-diagnosis"] if document.get("diagnosis") is False else []
-        arguments = ["report", *more, "-p", kept, "-o", page, *map(word, map(self.top.name, paths))]
-        return self.works.begin(arguments, self.top.folder).document()
+        arguments = ["report", *more, "-p", kept, "-o", page, *map(shell_word, map(self.top.name, paths))]
+        return self.works.start(arguments, self.top.folder).document()
 
     def progress(self, _: Request) -> Response:
-        work = self.works.last
+        work = self.works.current
         if work is None:
             return JSONResponse({"state": "none"})
         document = work.document()
@@ -169,7 +169,7 @@ class _Page:
 
     def known(self, page: Path) -> str | None:
         """The key of a report, where that is one; None where it is not."""
-        if not page.is_file() or not self.top.holds(page) or not PAGE.marks(page):
+        if not page.is_file() or not self.top.contains(page) or not PAGE.matches(page):
             return None
         key = next((key for key, known in self.reports.items() if known == page), secrets.token_hex(8))
         self.reports[key] = page
@@ -208,7 +208,7 @@ def _defect(_: Request, error: Exception) -> Response:
     return JSONResponse({"error": text}, status_code=500)
 
 
-def listening(port: int) -> socket.socket:
+def listen(port: int) -> socket.socket:
     """A socket of this machine alone.
 
     Raises
@@ -229,7 +229,7 @@ def listening(port: int) -> socket.socket:
     return made
 
 
-def serve(logs: Sequence[Path], sock: socket.socket, said: Callable[[Guard, Top], None]) -> None:
+def serve(logs: Sequence[Path], sock: socket.socket, said: Callable[[TokenGuard, RootFolder], None]) -> None:
     """Answer until somebody ends it; then end what was begun.
 
     Parameters
@@ -237,8 +237,8 @@ def serve(logs: Sequence[Path], sock: socket.socket, said: Callable[[Guard, Top]
     said
         Called with the address once a browser may come.
     """
-    page = _Page(Top.over(logs), logs)
-    guard = Guard(app=page.app(), port=sock.getsockname()[1])
+    page = _Handlers(RootFolder.for_logs(logs), logs)
+    guard = TokenGuard(app=page.app(), port=sock.getsockname()[1])
     logging.getLogger("uvicorn.error").setLevel(logging.ERROR)
     config = uvicorn.Config(
         guard,

@@ -10,7 +10,7 @@ from rovid.cli.options import AxisName, Json, Logs
 from rovid.core.errors import DataError
 
 if TYPE_CHECKING:
-    from rovid.preflight.check import Check
+    from rovid.preflight.check import LogCheck
 
 PAGE = Page(
     text="""
@@ -45,13 +45,13 @@ def check(logs: Logs, *, axis: AxisName = None, json: Json = False) -> None:
     if json:
         print_json(check_document(checked, config.vehicle))
     else:
-        show_caution(console(), config.vehicle.guess)
+        show_caution(console(), config.vehicle.assumptions)
         show_check(console(), checked)
     if checked.problems:
         raise DataError(_first_problem(checked))
 
 
-def _first_problem(checked: Check) -> str:
+def _first_problem(checked: LogCheck) -> str:
     name, problem = next(iter(checked.problems.items()))
     if name not in problem:
         return f"{name}: {problem}"

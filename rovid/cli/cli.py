@@ -17,7 +17,7 @@ from typer.main import get_command
 from rovid import __version__
 from rovid.cli.help_format import FIRST_SESSION, ManualCommand, ManualGroup, Page
 from rovid.core import process_tuning
-from rovid.core.errors import RovidError, shown
+from rovid.core.errors import RovidError, display_text
 
 # The file of each command, called as it is, in the order of the help: it holds the command and its page of the manual.
 COMMANDS = (
@@ -58,7 +58,7 @@ def main() -> None:
     """Entry point: run the command; the user's mistakes end with one message and exit status 2."""
     # Before numpy is imported: products of matrices are small here, and BLAS's own threads get in each other's way.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    process_tuning.settle()
+    process_tuning.tune_process()
     if "_ROVID_COMPLETE" in os.environ:
         # typer folds the help that zsh and fish show beside a value; a shell takes each line for a value.
         os.environ["COLUMNS"] = "1000"
@@ -85,7 +85,7 @@ def _command() -> Callable[..., object]:
 
 
 def _too_long(name: object) -> str:
-    return f"{shown(str(name))}: there is no such file or folder: no file's name is as long. Give a shorter one."
+    return f"{display_text(str(name))}: there is no such file or folder: no file's name is as long. Give a shorter one."
 
 
 def _version(wanted: bool) -> None:

@@ -23,8 +23,8 @@ from rovid.cli.options import AxisName, Cutoff, Force, Json, ParameterFile
 from rovid.core.errors import ConfigError
 
 if TYPE_CHECKING:
-    from rovid.compare.campaign_fit import Day
-    from rovid.trial.assumptions import Guesswork
+    from rovid.compare.campaign_fit import CampaignFit
+    from rovid.trial.assumptions import Assumptions
     from rovid.trial.axis import Axis
 
 PAGE = Page(
@@ -117,17 +117,17 @@ def compare(
 def _read(parameters: Path | None, axis: str | None) -> list[Path]:
     """The parameter file at hand and its history, where there are any: no page goes over them."""
     from rovid.cli.context import stored_at
-    from rovid.store.history import history_of
+    from rovid.store.history import history_output
 
     path = stored_at(parameters, axis).path
-    return [path, history_of(path).path]
+    return [path, history_output(path).path]
 
 
 def _asked_for(
     given: list[Path], parameters: Path | None, axis: str | None, wanted: Axis, cutoff: float | None
-) -> tuple[tuple[Day, Day], list[str]]:
+) -> tuple[tuple[CampaignFit, CampaignFit], list[str]]:
     """A and B, and what has to be said of them."""
-    from rovid.compare.baseline import day_at, last_before
+    from rovid.compare.baseline import campaign_from_file, previous_campaign
 
     if len(given) == 2:
         one, other = (_day(path, name, wanted, cutoff) for path, name in zip(given, _apart(given), strict=True))
@@ -136,10 +136,10 @@ def _asked_for(
     notes = require_holding(stored, None)
     at_hand = str(stored.path)
     if not given:
-        return (last_before(stored), day_at(stored.path, at_hand)), notes
+        return (previous_campaign(stored), campaign_from_file(stored.path, at_hand)), notes
     first = given[0]
     if _is_parameters(first):
-        return (day_at(first, str(first)), day_at(stored.path, at_hand)), notes
+        return (campaign_from_file(first, str(first)), campaign_from_file(stored.path, at_hand)), notes
     logs = remembered(stored)
     named = ", ".join(path.name for path in logs)
     return (_logs([first], first.resolve().name, stored.axis, cutoff), _logs(logs, named, stored.axis, cutoff)), notes
@@ -154,27 +154,27 @@ def _apart(given: list[Path]) -> list[str]:
 def _is_parameters(path: Path) -> bool:
     from rovid.core.signatures import PARAMETERS
 
-    return path.is_file() and (path.suffix == ".toml" or PARAMETERS.marks(path))
+    return path.is_file() and (path.suffix == ".toml" or PARAMETERS.matches(path))
 
 
-def _day(path: Path, name: str, axis: Axis, cutoff: float | None) -> Day:
-    from rovid.compare.baseline import day_at
+def _day(path: Path, name: str, axis: Axis, cutoff: float | None) -> CampaignFit:
+    from rovid.compare.baseline import campaign_from_file
 
-    return day_at(path, name) if _is_parameters(path) else _logs([path], name, axis, cutoff)
-
-
-def _logs(paths: list[Path], name: str, axis: Axis, cutoff: float | None) -> Day:
-    from rovid.compare.campaign_fit import day_of_logs
-
-    return day_of_logs(opened(paths, cutoff, axis), name)
+    return campaign_from_file(path, name) if _is_parameters(path) else _logs([path], name, axis, cutoff)
 
 
-def _guess(a: Day, b: Day) -> Guesswork:
+def _logs(paths: list[Path], name: str, axis: Axis, cutoff: float | None) -> CampaignFit:
+    from rovid.compare.campaign_fit import campaign_from_study
+
+    return campaign_from_study(opened(paths, cutoff, axis), name)
+
+
+def _guess(a: CampaignFit, b: CampaignFit) -> Assumptions:
     """What is guessed of either vehicle."""
-    from rovid.trial.assumptions import Guesswork
+    from rovid.trial.assumptions import Assumptions
 
-    guess = Guesswork()
+    guess = Assumptions()
     for day in (a, b):
         if day.settings is not None:
-            guess = guess | day.settings.guess
+            guess = guess | day.settings.assumptions
     return guess

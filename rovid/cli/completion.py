@@ -31,16 +31,16 @@ def formats() -> list[str]:
 
 def vehicles() -> list[str]:
     """Types for --vehicle."""
-    from rovid.trial.vehicle_presets import profile_names
+    from rovid.trial.vehicle_presets import preset_names
 
-    return profile_names()
+    return preset_names()
 
 
 def topics() -> list[str]:
     """Pages of `rovid help`."""
-    from rovid.present.terminal.topics import names
+    from rovid.present.terminal.topics import topic_names
 
-    return names()
+    return topic_names()
 
 
 def thrust_units() -> list[str]:

@@ -21,41 +21,41 @@ _WIDE = 160
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from rovid.core.atomic_write import Claim, Output
+    from rovid.core.atomic_write import OutputFile, OutputSet
     from rovid.diagnose.result import Diagnosis
     from rovid.estimate.estimate import Estimate
-    from rovid.readers.discover import Reading
-    from rovid.readers.prefetch import ReadingAhead
+    from rovid.readers.discover import TrialReader
+    from rovid.readers.prefetch import PrefetchedReader
     from rovid.store.parameter_file import Parameters
     from rovid.store.study import Study
-    from rovid.trial.assumptions import Guesswork
+    from rovid.trial.assumptions import Assumptions
     from rovid.trial.axis import Axis
 
 
-def claim_of(outputs: Sequence[Output], logs: Sequence[Path], *read: Path, force: bool) -> Claim:
+def claim_of(outputs: Sequence[OutputFile], logs: Sequence[Path], *read: Path, force: bool) -> OutputSet:
     """Leave to write ``outputs``, but never over ``read`` or what is where the logs are."""
-    from rovid.core.atomic_write import Claim
-    from rovid.store.study import files_at_hand
+    from rovid.core.atomic_write import OutputSet
+    from rovid.store.study import input_files
 
-    return Claim(outputs, force=force, protected=[*files_at_hand(logs), *read])
+    return OutputSet(outputs, force=force, protected=[*input_files(logs), *read])
 
 
-def claim_of_model(stored: Parameters, logs: Sequence[Path], *, force: bool) -> Claim:
+def claim_of_model(stored: Parameters, logs: Sequence[Path], *, force: bool) -> OutputSet:
     """Leave to write the parameter file and the history beside it."""
-    from rovid.store.history import history_of
+    from rovid.store.history import history_output
 
-    return claim_of([stored.output, history_of(stored.path)], logs, force=force)
+    return claim_of([stored.output, history_output(stored.path)], logs, force=force)
 
 
 def standing_now(stored: Parameters, study: Study) -> tuple[Parameters, list[str]]:
     """``stored`` for a new fit, without what no longer holds, and the word that has to be said of that."""
-    from rovid.store.staleness import standing
+    from rovid.store.staleness import check_freshness
 
-    found = standing(stored, study.origin)
-    if not found.changed:
+    found = check_freshness(stored, study.provenance)
+    if not found.changes:
         return stored, []
     names = ", ".join(stored.entries)
-    return stored.emptied(), [f"{stored.path.name} no longer held, and was begun anew without {names}: {found.why}."]
+    return stored.cleared(), [f"{stored.path.name} no longer held, and was begun anew without {names}: {found.reason}."]
 
 
 def require_holding(stored: Parameters, study: Study | None) -> list[str]:
@@ -66,26 +66,26 @@ def require_holding(stored: Parameters, study: Study | None) -> list[str]:
     ConfigError
         What it rests on has changed.
     """
-    from rovid.store.staleness import standing
+    from rovid.store.staleness import check_freshness
 
-    found = standing(stored, None if study is None else study.origin)
-    if found.changed:
+    found = check_freshness(stored, None if study is None else study.provenance)
+    if found.changes:
         mend = "Fit again: `rovid report`, `rovid diagnose` or `rovid fit`."
-        raise ConfigError(f"no longer holds: {found.why}.", where=stored.path, mend=mend)
+        raise ConfigError(f"no longer holds: {found.reason}.", where=stored.path, mend=mend)
     return list(found.remarks)
 
 
 def compared(stored: Parameters, study: Study, estimate: Estimate, notes: Sequence[str] = ()) -> Estimate:
     """``estimate``, with ``notes`` and a warning where another method said another thing of the same logs."""
-    from rovid.store.agreement import disagreement
+    from rovid.store.agreement import method_disagreement
 
-    apart = disagreement(stored.entries_of(study.paths), estimate)
+    apart = method_disagreement(stored.entries_for(study.paths), estimate)
     return replace(estimate, warnings=(*estimate.warnings, *notes, *apart))
 
 
 def put(
     stored: Parameters,
-    claim: Claim,
+    claim: OutputSet,
     study: Study,
     estimate: Estimate,
     *options: str,
@@ -97,40 +97,42 @@ def put(
     A model of all at once goes into the history too, if ``for_good``: of a day that goes on not each step does.
     ``seen`` is what of the effects looked for would have been seen.
     """
-    from rovid.store.agreement import WHOLE
-    from rovid.store.update import update
+    from rovid.store.agreement import JOINT_METHODS
+    from rovid.store.update import update_parameters
 
     def change(now: Parameters) -> Parameters:
         held, _ = standing_now(now, study)
-        origin = study.origin
+        origin = study.provenance
         given = " ".join(filter(None, (origin.options, *options)))
         return held.with_estimate(estimate, replace(origin, options=given))
 
-    is_kept = for_good and estimate.method in WHOLE
-    return update(stored, claim, change, seen=(seen or {}) if is_kept else None)
+    is_kept = for_good and estimate.method in JOINT_METHODS
+    return update_parameters(stored, claim, change, seen=(seen or {}) if is_kept else None)
 
 
 def diagnosed(stored: Parameters, study: Study, report: Callable[[str], None]) -> Diagnosis:
     """The diagnosis, with what ``stored`` says of the same logs by other methods."""
-    from rovid.store.agreement import disagreement
+    from rovid.store.agreement import method_disagreement
 
     stored, notes = standing_now(stored, study)
-    diagnosis = study.diagnosis(report, drag=stored.drag())
+    diagnosis = study.diagnosis(report, drag=stored.independent_drag())
     diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, *notes))
     if (side := diagnosis.extended) is not None:
-        apart = disagreement(stored.entries_of(study.paths), side.estimate)
+        apart = method_disagreement(stored.entries_for(study.paths), side.estimate)
         diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, *apart))
     return diagnosis
 
 
-def read_ahead(logs: Sequence[Path] | None, parameters: Path | None, axis: str | None, *, force: bool) -> ReadingAhead:
+def read_ahead(
+    logs: Sequence[Path] | None, parameters: Path | None, axis: str | None, *, force: bool
+) -> PrefetchedReader:
     """Have a copy of this process read the logs, while this one loads what a diagnosis takes: a second's work."""
-    from rovid.readers.prefetch import ReadingAhead
+    from rovid.readers.prefetch import PrefetchedReader
 
     def meanwhile() -> None:
-        from rovid.diagnose.algorithm import make_ready
+        from rovid.diagnose.algorithm import preload
 
-        make_ready()
+        preload()
 
     def asked() -> tuple[Sequence[Path], Axis]:
         if logs and not _parameter_file(parameters, axis).exists():
@@ -138,10 +140,10 @@ def read_ahead(logs: Sequence[Path] | None, parameters: Path | None, axis: str |
         stored = stored_at(parameters, axis, force=force)
         return logs or remembered(stored), stored.axis
 
-    return ReadingAhead(asked, meanwhile)
+    return PrefetchedReader(asked, meanwhile)
 
 
-def opened(paths: Sequence[Path], cutoff: float | None, axis: Axis, reading: Reading | None = None) -> Study:
+def opened(paths: Sequence[Path], cutoff: float | None, axis: Axis, reading: TrialReader | None = None) -> Study:
     """What the logs at ``paths`` hold, made ready; ``reading`` is what reads one, where another than usual does."""
     compile_beside()
     announce_compilation()
@@ -168,18 +170,18 @@ def drafted(paths: Sequence[Path], axis: Axis) -> list[str]:
 
 
 def _draft(paths: Sequence[Path], axis: Axis) -> list[str]:
-    from rovid.preflight.config_writer import write_draft
-    from rovid.preflight.log_survey import Asked, survey
+    from rovid.preflight.config_writer import write_config
+    from rovid.preflight.log_survey import SurveyOptions, survey
 
-    surveyed, (config, *_) = write_draft(survey(paths, Asked(axis=axis)), paths, force=False)
-    if surveyed.open:
+    surveyed, (config, *_) = write_config(survey(paths, SurveyOptions(axis=axis)), paths, force=False)
+    if surveyed.unrecognised:
         raise ConfigError(
-            f"no column was recognised as {' and '.join(surveyed.open)}.",
+            f"no column was recognised as {' and '.join(surveyed.unrecognised)}.",
             where=config,
             mend="It was written from the logs just now: put in what is open.",
         )
     known = "" if surveyed.profile is None else f" The vehicle was taken for a {surveyed.profile.name}."
-    return [f"There was no rovid.toml: {config} was written from the logs. Read it.{known}", *surveyed.lacking]
+    return [f"There was no rovid.toml: {config} was written from the logs. Read it.{known}", *surveyed.warnings]
 
 
 def compile_beside() -> bool:
@@ -187,9 +189,9 @@ def compile_beside() -> bool:
 
     Whether there is one.
     """
-    from rovid.model.kernels import begin
+    from rovid.model.kernels import start_compiling
 
-    return begin()
+    return start_compiling()
 
 
 def announce_compilation() -> None:
@@ -212,9 +214,9 @@ def working(text: str) -> Iterator[Callable[[str], None]]:
     if not sys.stderr.isatty():
         yield lambda _: None
         return
-    from rovid.core.console import Screen
+    from rovid.core.console import SafeConsole
 
-    screen = Screen(stderr=True)
+    screen = SafeConsole(stderr=True)
     with screen.status(text) as status:
         yield lambda words: status.update(screen.render_str(words))
 
@@ -230,9 +232,9 @@ def busy(text: str) -> Iterator[None]:
     if not sys.stderr.isatty():
         yield
         return
-    from rovid.core.console import Screen
+    from rovid.core.console import SafeConsole
 
-    with Screen(stderr=True).status(text):
+    with SafeConsole(stderr=True).status(text):
         yield
 
 
@@ -242,7 +244,7 @@ def stored_at(path: Path | None, axis: str | None, *, force: bool = False) -> Pa
     from rovid.store.parameter_file import Parameters
 
     where = _parameter_file(path, axis)
-    if where.exists() and not (force and where.is_file() and not PARAMETERS.marks(where)):
+    if where.exists() and not (force and where.is_file() and not PARAMETERS.matches(where)):
         return known_at(where, axis)
     return Parameters(path=where, axis=_axis_of(axis))
 
@@ -304,18 +306,18 @@ def print_json(document: Any) -> None:
     typer.echo(to_json(document))
 
 
-def guess_of(stored: Parameters, study: Study | None) -> Guesswork:
+def guess_of(stored: Parameters, study: Study | None) -> Assumptions:
     """What is guessed of the vehicle that the parameters are of, and of that of the logs."""
-    from rovid.trial.assumptions import Guesswork
+    from rovid.trial.assumptions import Assumptions
 
-    own = Guesswork() if stored.settings is None else stored.settings.guess
+    own = Assumptions() if stored.settings is None else stored.settings.assumptions
     if study is None:
         return own
     # Where the logs are those of the parameters, a guess that was confirmed since is none.
-    return study.vehicle.guess if study.origin.logs == stored.logs else own | study.vehicle.guess
+    return study.vehicle.assumptions if study.provenance.logs == stored.logs else own | study.vehicle.assumptions
 
 
-def require_measured(stored: Parameters, guess: Guesswork, *, force: bool) -> None:
+def require_measured(stored: Parameters, guess: Assumptions, *, force: bool) -> None:
     """Refuse to hand on what hangs on a guess, unless that is asked for.
 
     Raises
@@ -329,8 +331,8 @@ def require_measured(stored: Parameters, guess: Guesswork, *, force: bool) -> No
 
 def console() -> Console:
     """What tables are printed on."""
-    from rovid.core.console import Screen
+    from rovid.core.console import SafeConsole
 
     # rich goes by COLUMNS, or by the terminal that any of the three is on; where there is neither, nothing gives way.
     told = "COLUMNS" in os.environ or any(map(os.isatty, range(3)))
-    return Screen(width=None if told else _WIDE)
+    return SafeConsole(width=None if told else _WIDE)

@@ -100,15 +100,15 @@ def control(
 ) -> None:
     """Design a heading controller."""
     from rovid.control.codegen import c_source, python_source
-    from rovid.control.design import control_of
-    from rovid.control.specs import Options, setting_of
-    from rovid.core.atomic_write import Output
+    from rovid.control.design import design_controller
+    from rovid.control.specs import ControllerOptions, loop_conditions
+    from rovid.core.atomic_write import OutputFile
     from rovid.core.signatures import C_SOURCE, PYTHON_SOURCE
     from rovid.present.documents.results import control_document
     from rovid.present.terminal.diagnosis_text import show_control
     from rovid.present.terminal.result_tables import show_caution, show_warnings
 
-    options = Options(
+    options = ControllerOptions(
         kp=kp,
         kd=kd,
         damping=damping,
@@ -122,18 +122,18 @@ def control(
     model = stored.model()
     paths = logs or remembered(stored)
     makers = {
-        Output(path, form): source
+        OutputFile(path, form): source
         for path, form, source in ((c, C_SOURCE, c_source), (python, PYTHON_SOURCE, python_source))
         if path is not None
     }
     claim = claim_of(list(makers), paths, stored.path, force=force)
     study = opened(paths, None, stored.axis)
-    study.require(model.effects)
+    study.require_effects(model.effects)
     remarks, guess = require_holding(stored, study), guess_of(stored, study)
     require_measured(stored, guess, force=force)
-    setting = setting_of(options, model, study.position_noise(), study.torque_in_use())
+    setting = loop_conditions(options, model, study.position_noise(), study.median_torque())
     with busy("Closing the loop …"):
-        result = control_of(stored, study.vehicle, setting, options)
+        result = design_controller(stored, study.vehicle, setting, options)
     if makers:
         claim.write({output: source(result.law, guess) for output, source in makers.items()})
     warnings = [*study.remarks(), *remarks]

@@ -11,7 +11,7 @@ import typer
 from rovid.cli.context import claim_of, print_json
 from rovid.cli.help_format import Page
 from rovid.cli.options import AxisName, Force, Json
-from rovid.core.errors import LINE_LENGTH, shown
+from rovid.core.errors import LINE_LENGTH, display_text
 
 PAGE = Page(
     text="""
@@ -59,4 +59,4 @@ def convert(
         print_json(document | {"warnings": remarks})
     else:
         typer.echo(made.mapping, nl=False)
-        sys.stderr.writelines(f"Note: {shown(text, LINE_LENGTH)}\n" for text in remarks)
+        sys.stderr.writelines(f"Note: {display_text(text, LINE_LENGTH)}\n" for text in remarks)

@@ -59,7 +59,7 @@ def diagnose(
     with working("Diagnosing …") as report:
         diagnosis = diagnosed(stored, study, report)
     if diagnosis.extended is not None:
-        put(stored, claim, study, diagnosis.extended.estimate, seen=diagnosis.seen)
+        put(stored, claim, study, diagnosis.extended.estimate, seen=diagnosis.detectable_sizes)
     if json:
         from rovid.present.documents.diagnosis import diagnosis_document
 
@@ -68,6 +68,6 @@ def diagnose(
         from rovid.present.terminal.diagnosis_text import show_diagnosis
         from rovid.present.terminal.result_tables import show_caution, show_warnings
 
-        show_caution(console(), study.vehicle.guess)
+        show_caution(console(), study.vehicle.assumptions)
         show_diagnosis(console(), diagnosis, study.vehicle)
         show_warnings(console(), [*study.remarks(), *diagnosis.warnings])

@@ -69,13 +69,13 @@ def export(
     json: Json = False,
 ) -> None:
     """Write the model in the format of a simulator."""
-    from rovid.export.export_input import subject_of
-    from rovid.export.run_export import export as make
-    from rovid.export.run_export import exporter
+    from rovid.export.export_input import export_input
+    from rovid.export.run_export import select_exporter
+    from rovid.export.run_export import verified_export as make
     from rovid.present.documents.results import export_document
     from rovid.present.terminal.result_tables import show_caution, show_export
 
-    function, target = exporter(format, output)
+    function, target = select_exporter(format, output)
     stored = of_yaw(known_at(parameters))
     stored.model()
     claim = claim_of([target], stored.logs, stored.path, force=force)
@@ -84,7 +84,7 @@ def export(
     remarks, guess = require_holding(stored, study), guess_of(stored, study)
     require_measured(stored, guess, force=force)
     with busy("Simulating …"):
-        made = make(function, replace(subject_of(stored, study), guess=guess))
+        made = make(function, replace(export_input(stored, study), guess=guess))
     made = replace(made, warnings=(*made.warnings, *remarks))
     claim.write({target: made.content})
     if json:

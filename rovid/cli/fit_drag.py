@@ -46,7 +46,7 @@ def fit_drag(
     stored = stored_at(parameters, axis, force=force)
     claim = claim_of([stored.output], logs, force=force)
     study = opened(logs, cutoff, stored.axis)
-    if stored.axis.rights:
+    if stored.axis.self_righting:
         # No constant torque turns what rights itself steadily: drag comes with the inertia.
         estimate_inertia(study, stored, claim, json=json)
         return

@@ -21,7 +21,7 @@ from rovid.cli.help_format import Page
 from rovid.cli.options import AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile
 
 if TYPE_CHECKING:
-    from rovid.core.atomic_write import Claim
+    from rovid.core.atomic_write import OutputSet
     from rovid.store.parameter_file import Parameters
     from rovid.store.study import Study
 
@@ -65,14 +65,14 @@ def fit_inertia(
     estimate_inertia(study, stored, claim, json=json)
 
 
-def estimate_inertia(study: Study, stored: Parameters, claim: Claim, *, json: bool) -> None:
+def estimate_inertia(study: Study, stored: Parameters, claim: OutputSet, *, json: bool) -> None:
     """Fit, put what was found into the parameter file, and print it."""
     from rovid.present.documents.fits import inertia_document
     from rovid.present.terminal.result_tables import show_fit, show_inertia
 
     stored, notes = standing_now(stored, study)
     with busy("Fitting inertia …"):
-        result = study.inertia(stored.drag())
+        result = study.inertia(stored.independent_drag())
     result = replace(result, estimate=compared(stored, study, result.estimate, notes))
     stored = put(stored, claim, study, result.estimate)
     if json:

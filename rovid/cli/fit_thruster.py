@@ -11,7 +11,7 @@ from rovid.cli import completion
 from rovid.cli.context import console, print_json
 from rovid.cli.help_format import Page
 from rovid.cli.options import Force, Json
-from rovid.core.errors import ConfigError, nearest
+from rovid.core.errors import ConfigError, suggestion
 
 PAGE = Page(
     text="""
@@ -73,22 +73,22 @@ def fit_thruster(
     json: Json = False,
 ) -> None:
     """Make a thrust curve from bench readings."""
-    from rovid.core.atomic_write import Claim, Output
+    from rovid.core.atomic_write import OutputFile, OutputSet
     from rovid.core.signatures import CURVE
-    from rovid.estimate.thrust_curve import THRUST_UNITS, bench_readings, fit_bench
+    from rovid.estimate.thrust_curve import THRUST_UNITS, bench_readings, fit_thrust_curve
     from rovid.present.documents.fits import bench_document
     from rovid.present.terminal.result_tables import show_bench
-    from rovid.trial.tables import CURVE_COLUMNS, curve_text, read_table
+    from rovid.trial.tables import CURVE_COLUMNS, curve_csv, read_table
 
     if unit is not None and unit not in THRUST_UNITS:
         also = {"newton": "N", "kilonewton": "kN", "kg": "kgf", "g": "gf", "lb": "lbf", "pound": "lbf"}
-        raise ConfigError(f"is {unit!r}. {nearest(unit, THRUST_UNITS, also)}", where="--unit")
+        raise ConfigError(f"is {unit!r}. {suggestion(unit, THRUST_UNITS, also)}", where="--unit")
     target = output or Path(f"{bench.stem}_curve.csv")
-    curve = Output(target, CURVE)
-    claim = Claim([curve], force=force, protected=[bench])
+    curve = OutputFile(target, CURVE)
+    claim = OutputSet([curve], force=force, protected=[bench])
     readings = bench_readings(read_table(bench, headerless=CURVE_COLUMNS), command=command, thrust=thrust, unit=unit)
-    result = fit_bench(*readings)
-    claim.write({curve: curve_text(result.curve.command, result.curve.thrust)})
+    result = fit_thrust_curve(*readings)
+    claim.write({curve: curve_csv(result.curve.command, result.curve.thrust)})
     if json:
         print_json(bench_document(result, str(target)))
     else:

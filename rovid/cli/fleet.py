@@ -76,10 +76,10 @@ def fleet(
 ) -> None:
     """Diagnose many campaigns: a table and a page."""
     from rovid.fleet.output import fleet_document, show_fleet
-    from rovid.fleet.run import Options, run_fleet
+    from rovid.fleet.run import FleetOptions, run_fleet
     from rovid.trial.axis import axis_named
 
-    options = Options(
+    options = FleetOptions(
         axis=axis_named(axis).name if axis else "yaw",
         cutoff=cutoff,
         jobs=jobs,

@@ -44,14 +44,14 @@ def help(  # noqa: A001 - the command's own name
 ) -> None:
     """Print a page of the documentation."""
     from rovid.present.terminal.topic_page import show_topic, show_topics
-    from rovid.present.terminal.topics import names, text, title
+    from rovid.present.terminal.topics import topic_names, topic_text, topic_title
 
     manual = _manual(context, topic)
-    pages = names()
+    pages = topic_names()
     if json and topic is None:
-        print_json({"schema": "rovid-help/1", "topics": {name: title(name) for name in pages}})
+        print_json({"schema": "rovid-help/1", "topics": {name: topic_title(name) for name in pages}})
     elif json:
-        page = text(topic or "") if manual is None or topic in pages else ""
+        page = topic_text(topic or "") if manual is None or topic in pages else ""
         print_json({"schema": "rovid-help/1", "topic": topic, "manual": manual, "text": page})
     elif topic is None:
         show_topics(console())

@@ -73,20 +73,20 @@ def init(
     json: Json = False,
 ) -> None:
     """Write a first rovid.toml for your logs."""
-    from rovid.core.atomic_write import Claim
-    from rovid.preflight.config_writer import write_draft
-    from rovid.preflight.log_survey import Asked, outputs_beside, survey
+    from rovid.core.atomic_write import OutputSet
+    from rovid.preflight.config_writer import write_config
+    from rovid.preflight.log_survey import SurveyOptions, output_files, survey
     from rovid.present.documents.results import survey_document
     from rovid.present.terminal.result_tables import show_survey
     from rovid.trial.axis import YAW, axis_named
 
     # Asked for before the logs are read.
-    Claim([outputs_beside(logs)[0]], force=force)
+    OutputSet([output_files(logs)[0]], force=force)
     commands = tuple(part.strip() for part in (command or "").split(",") if part.strip())
     along = axis_named(axis) if axis else YAW
     headings = (heading,) if heading else ()
-    found = survey(logs, Asked(axis=along, headings=headings, commands=commands, vehicle=vehicle or ""))
-    found, written = write_draft(found, logs, force=force)
+    found = survey(logs, SurveyOptions(axis=along, headings=headings, commands=commands, vehicle=vehicle or ""))
+    found, written = write_config(found, logs, force=force)
     if json:
         print_json(survey_document(found, written))
     else:

@@ -15,8 +15,8 @@ from rovid.cli.options import Json
 from rovid.core.errors import ConfigError
 
 if TYPE_CHECKING:
-    from rovid.app.auth import Guard
-    from rovid.app.sandbox import Top
+    from rovid.app.auth import TokenGuard
+    from rovid.app.sandbox import RootFolder
 
 PAGE = Page(
     text="""
@@ -57,10 +57,10 @@ def open(  # noqa: A001 - the command's name
     json: Json = False,
 ) -> None:
     """Set up, fit and diagnose on a page in the browser, on this machine."""
-    from rovid.core.paths import require
+    from rovid.core.paths import require_exists
 
     for path in logs or []:
-        require(path)
+        require_exists(path)
     missing = [name for name in ("starlette", "uvicorn") if find_spec(name) is None]
     if missing:
         raise ConfigError(
@@ -68,9 +68,9 @@ def open(  # noqa: A001 - the command's name
             mend="Install what it needs with `pip install 'rovid[app]'`.",
         )
     from rovid.app.browser import show_in_browser
-    from rovid.app.server import listening, serve
+    from rovid.app.server import listen, serve
 
-    def said(guard: Guard, top: Top) -> None:
+    def said(guard: TokenGuard, top: RootFolder) -> None:
         if json:
             print_json({"schema": "rovid-open/1", "address": guard.address, "folder": str(top.folder)})
         else:
@@ -79,4 +79,4 @@ def open(  # noqa: A001 - the command's name
         if browser:
             show_in_browser(guard.ticket())
 
-    serve(logs or [], listening(port), said)
+    serve(logs or [], listen(port), said)

@@ -89,15 +89,15 @@ def plan(
     """Design the run to make next."""
     import math
 
-    from rovid.core.atomic_write import Output
-    from rovid.core.signatures import PLAN, png_form
-    from rovid.design.candidate_runs import Limits
-    from rovid.design.experiment_design import command_text
+    from rovid.core.atomic_write import OutputFile
+    from rovid.core.signatures import PLAN, png_signature
+    from rovid.design.candidate_runs import RunLimits
+    from rovid.design.experiment_design import command_csv
     from rovid.effects import effect_named
     from rovid.present.documents.results import plan_document
-    from rovid.present.plots.planned import picture
+    from rovid.present.plots.planned import plan_picture
     from rovid.present.terminal.result_tables import show_caution, show_plan, show_warnings
-    from rovid.store.staleness import standing
+    from rovid.store.staleness import check_freshness
 
     rivals = tuple(effect_named(name) for name in between or ())
     if len({rival.id for rival in rivals}) not in {0, 2} or len(rivals) > 2:
@@ -105,11 +105,11 @@ def plan(
     stored = stored_at(parameters, axis)
     paths = logs or remembered(stored)
     drawn = output.with_suffix(".png")
-    commands, drawing = Output(output, PLAN), Output(drawn, png_form("plan"))
+    commands, drawing = OutputFile(output, PLAN), OutputFile(drawn, png_signature("plan"))
     claim = claim_of([commands, drawing], paths, stored.path, force=force)
     study = opened(paths, None, stored.axis)
     factor = math.pi / 180.0 if stored.axis.angular else 1.0
-    limits = Limits(
+    limits = RunLimits(
         share=share,
         seconds=60.0 * minutes,
         rate=math.inf if max_rate is None else factor * max_rate,
@@ -117,12 +117,12 @@ def plan(
     )
     with busy("Fitting, and trying runs …"):
         runs = study.plan(tuple(effect_named(name) for name in stored.effects), rivals, limits, narrow or "")
-    claim.write({commands: command_text(runs), drawing: picture(runs, stored.axis)})
-    why = standing(stored, study.origin).why if stored.effects else ""
+    claim.write({commands: command_csv(runs), drawing: plan_picture(runs, stored.axis)})
+    why = check_freshness(stored, study.provenance).reason if stored.effects else ""
     warnings = [f"{stored.path.name} no longer holds: {why}. Of it only which effects act was taken."] * bool(why)
     if json:
         print_json(plan_document(runs, study.vehicle, str(output), str(drawn), warnings))
     else:
-        show_caution(console(), study.vehicle.guess)
+        show_caution(console(), study.vehicle.assumptions)
         show_plan(console(), runs, [output, drawn])
         show_warnings(console(), warnings)

@@ -76,9 +76,9 @@ def report(
 ) -> None:
     """Write everything on one page."""
     compile_beside()
-    from rovid.present.documents.fits import axis_document, cautions, guess_document
-    from rovid.present.page.build import build_report, printed_page
-    from rovid.present.page.summary import answer_of
+    from rovid.present.documents.fits import all_warnings, axis_document, guess_document
+    from rovid.present.page.build import build_report, pdf_output
+    from rovid.present.page.summary import summarize
     from rovid.present.terminal.result_tables import show_caution, show_warnings
     from rovid.trial.axis import YAW
 
@@ -98,17 +98,17 @@ def report(
             force=force,
             report=progress,
         )
-    guess, diagnosed_as = study.vehicle.guess, evidence.diagnosis
-    answer = answer_of(evidence).headline
+    guess, diagnosed_as = study.vehicle.assumptions, evidence.diagnosis
+    answer = summarize(evidence).headline
     if diagnosed_as is not None and diagnosed_as.missing:
         answer = f"{answer.removesuffix('.')}: {diagnosed_as.missing}"
     written = {"page": str(page)}
     if pdf:
-        written["pdf"] = str(printed_page(folder).path)
+        written["pdf"] = str(pdf_output(folder).path)
     if json:
         paths = {**written, "parameters": str(stored.path)}
         told = {"verdict": None if diagnosed_as is None else diagnosed_as.verdict, "answer": answer}
-        said = {**guess_document(guess), "warnings": cautions(guess, [*begun, *evidence.notes])}
+        said = {**guess_document(guess), "warnings": all_warnings(guess, [*begun, *evidence.notes])}
         print_json({"schema": "rovid-report/1", **axis_document(stored.axis), **told, **paths, **said})
         return
     show_caution(console(), guess)

@@ -72,7 +72,7 @@ def simulate(
     study = opened(logs or remembered(stored), cutoff, stored.axis)
     if study.campaign is None or study.runs is None:
         raise DataError("are tables; only logs can be simulated.", where="LOGS", mend="Give LOGS.")
-    study.require(model.effects)
+    study.require_effects(model.effects)
     remarks = require_holding(stored, study)
     outputs = recording_outputs(mcap, [run.trial for run in study.runs.items]) if mcap else []
     claim = claim_of(outputs, study.paths, stored.path, force=force)

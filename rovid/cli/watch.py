@@ -20,7 +20,7 @@ from rovid.core.errors import ConfigError, LogError
 if TYPE_CHECKING:
     from rich.status import Status
 
-    from rovid.design.experiment_design import Plan
+    from rovid.design.experiment_design import ExperimentPlan
     from rovid.estimate.estimate import Estimate
     from rovid.present.documents.fits import Document
     from rovid.store.study import Study
@@ -83,44 +83,44 @@ def watch(
 ) -> None:
     """Follow a trial day: after each log what it added and what to run next."""
     compile_beside()
-    from rovid.core.atomic_write import Output
+    from rovid.core.atomic_write import OutputFile
     from rovid.core.signatures import PLAN
-    from rovid.design.experiment_design import command_text
-    from rovid.present.documents.watch import began_document, event_documents
-    from rovid.present.terminal.watch_text import show_began, show_event
-    from rovid.watch.folder_monitor import Patience, Trouble, Watched
-    from rovid.watch.session import Day, Work
-    from rovid.watch.stop_criteria import conditions
+    from rovid.design.experiment_design import command_csv
+    from rovid.present.documents.watch import watch_documents, watch_start_document
+    from rovid.present.terminal.watch_text import show_watch_event, show_watch_start
+    from rovid.watch.folder_monitor import FolderMonitor, Problem, SettleTimes
+    from rovid.watch.session import SessionActions, WatchSession
+    from rovid.watch.stop_criteria import parse_criteria
 
     if folder.is_file():
         raise ConfigError("is a file; a folder was expected.", where=folder, mend="Give the folder of the logs.")
     stored = stored_at(parameters, axis, force=force)
-    wanted = conditions(until, stored.axis, diagnosed=not no_diagnosis) if until else ()
-    commands = Output(output, PLAN)
+    wanted = parse_criteria(until, stored.axis, diagnosed=not no_diagnosis) if until else ()
+    commands = OutputFile(output, PLAN)
     claim = claim_of([stored.output, commands], [folder], force=force)
 
     def keep(study: Study, estimate: Estimate) -> None:
         put(stored, claim, study, estimate, for_good=False)
 
-    def write(plan: Plan) -> Path:
-        claim.write({commands: command_text(plan)})
+    def write(plan: ExperimentPlan) -> Path:
+        claim.write({commands: command_csv(plan)})
         return output
 
     troubles: list[str] = []
 
     def show(event: Event) -> None:
-        if isinstance(event, Trouble):
+        if isinstance(event, Problem):
             troubles.append(f"{event.where}: {event.text}")
         if json:
-            for document in event_documents(event):
+            for document in watch_documents(event):
                 _print_line(document)
         else:
-            show_event(console(), event, at=None if once else datetime.now().astimezone())
+            show_watch_event(console(), event, at=None if once else datetime.now().astimezone())
 
     with _progress() as progress:
-        day = Day(
-            Watched(path=folder, axis=stored.axis, patience=Patience(whole=whole, cut=cut), at_once=once),
-            Work(
+        day = WatchSession(
+            FolderMonitor(path=folder, axis=stored.axis, patience=SettleTimes(whole=whole, cut=cut), once=once),
+            SessionActions(
                 diagnose=None if no_diagnosis else lambda study, report: diagnosed(stored, study, report),
                 keep=keep,
                 write=write,
@@ -131,17 +131,17 @@ def watch(
             report=progress.say,
         )
         if json:
-            _print_line(began_document(folder, wanted))
+            _print_line(watch_start_document(folder, wanted))
         else:
-            show_began(console(), folder, wanted, interval, once=once)
+            show_watch_start(console(), folder, wanted, interval, once=once)
         with _ended() as ended:
             for event in day.events():
                 with progress.aside():
                     show(event)
         if ended:
             with progress.aside():
-                show(day.stopped("interrupted"))
-    if once and not day.stopped("once").logs:
+                show(day.ended("interrupted"))
+    if once and not day.ended("once").logs:
         raise LogError(troubles[-1] if troubles else "holds no logs.", where="" if troubles else folder)
 
 
@@ -192,7 +192,7 @@ def _progress() -> Iterator[_Progress]:
     if not sys.stderr.isatty():
         yield _Progress(None)
         return
-    from rovid.core.console import Screen
+    from rovid.core.console import SafeConsole
 
-    with Screen(stderr=True).status("Looking …") as status:
+    with SafeConsole(stderr=True).status("Looking …") as status:
         yield _Progress(status)

@@ -15,17 +15,17 @@ from rovid.diagnose.result import Diagnosis, Finding
 from rovid.diagnose.signal_regressors import is_signal
 from rovid.effects import Effect, effect_named
 from rovid.effects.bias_torque import EFFECT as BIAS
-from rovid.effects.per_trial import trials_of
-from rovid.effects.thruster_imbalance import BESIDE
+from rovid.effects.per_trial import trials_in_form
+from rovid.effects.thruster_imbalance import WITH_OTHERS
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.maximum_likelihood import fit_likelihood
 from rovid.model.model import Model
 from rovid.model.parameter_names import base_names, effect_ids
-from rovid.signals.preprocessing import Run, channels
+from rovid.signals.preprocessing import Run, shared_channels
 from rovid.store.parameter_file import Parameters, Source
 from rovid.store.study import Study
 from rovid.trial.axis import Axis
-from rovid.trial.config_fingerprint import Settings
+from rovid.trial.config_fingerprint import ConfigFingerprint
 from rovid.trial.vehicle import Vehicle
 
 # A suspect that is likelier than not is put into both models, lest it pull at the rest of one.
@@ -33,7 +33,7 @@ _LIKELY = 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Day:
+class CampaignFit:
     """What is known of one campaign by itself.
 
     Attributes
@@ -58,12 +58,12 @@ class Day:
     name: str
     axis: Axis
     vehicle_name: str
-    settings: Settings | None
+    settings: ConfigFingerprint | None
     sources: tuple[Source, ...]
-    stored: Estimate | None = None
+    stored_estimate: Estimate | None = None
     study: Study | None = None
     diagnosis: Diagnosis | None = None
-    seen: Mapping[str, float] = field(default_factory=dict)
+    detection_limits: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def runs(self) -> Sequence[Run]:
@@ -97,34 +97,34 @@ class Day:
         return replace(model, effects=tuple(kept), effect_values=tuple(values))
 
     @property
-    def found(self) -> list[Effect]:
+    def found_effects(self) -> list[Effect]:
         """Causes that are established, or stand in the parameter file."""
-        if self.stored is not None:
-            return [effect_named(key) for key in effect_ids(self.stored.names)]
+        if self.stored_estimate is not None:
+            return [effect_named(key) for key in effect_ids(self.stored_estimate.names)]
         return [] if self.diagnosis is None else [finding.effect for finding in self.diagnosis.findings]
 
     @property
-    def likely(self) -> list[Finding]:
+    def likely_findings(self) -> list[Finding]:
         """Causes that are established, or likelier than not."""
         if self.diagnosis is None:
             return []
-        suspects = [one for one in self.diagnosis.suspects if one.confidence >= _LIKELY]
+        suspects = [one for one in self.diagnosis.suspects if one.probability >= _LIKELY]
         return [*self.diagnosis.findings, *suspects]
 
     @property
-    def own(self) -> list[Effect]:
+    def campaign_specific(self) -> list[Effect]:
         """What its model has and no other campaign's can have: sizes of single trials, mere signals, waves."""
         if self.diagnosis is None or self.diagnosis.extended is None:
             return []
         return [effect for effect in self.diagnosis.extended.model.effects if _is_own(effect)]
 
-    def knows(self, effect: Effect) -> bool:
+    def has_signals_for(self, effect: Effect) -> bool:
         """Whether its logs hold the signals that ``effect`` needs."""
-        return set(effect.needs) <= set(channels(self.runs))
+        return set(effect.needs) <= set(shared_channels(self.runs))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Asked:
+class SharedEstimate:
     """What one campaign says of the parameters that both are asked for.
 
     Attributes
@@ -144,7 +144,7 @@ class Asked:
     warnings: tuple[str, ...] = ()
 
 
-def day_of_logs(study: Study, name: str) -> Day:
+def campaign_from_study(study: Study, name: str) -> CampaignFit:
     """The logs of ``study``, which are not diagnosed yet.
 
     Raises
@@ -154,8 +154,8 @@ def day_of_logs(study: Study, name: str) -> Day:
     """
     if study.runs is None:
         raise DataError("holds tables; logs, or a parameter file, were expected.", where=name, mend="Give logs.")
-    origin = study.origin
-    return Day(
+    origin = study.provenance
+    return CampaignFit(
         name=name,
         axis=study.vehicle.axis,
         vehicle_name=origin.vehicle,
@@ -165,7 +165,7 @@ def day_of_logs(study: Study, name: str) -> Day:
     )
 
 
-def diagnosed(day: Day, report: Callable[[str], None] = lambda _: None) -> Day:
+def with_diagnosis(day: CampaignFit, report: Callable[[str], None] = lambda _: None) -> CampaignFit:
     """``day`` with the diagnosis of its logs, where it has logs and none yet.
 
     Raises
@@ -181,7 +181,7 @@ def diagnosed(day: Day, report: Callable[[str], None] = lambda _: None) -> Day:
     return replace(day, diagnosis=diagnosis)
 
 
-def day_of_file(stored: Parameters, name: str, seen: Mapping[str, float] | None = None) -> Day:
+def campaign_from_parameters(stored: Parameters, name: str, seen: Mapping[str, float] | None = None) -> CampaignFit:
     """What a parameter file says.
 
     Raises
@@ -195,18 +195,18 @@ def day_of_file(stored: Parameters, name: str, seen: Mapping[str, float] | None 
             "holds no inertia or no drag, so that there is nothing to compare.", where=name, mend="Run `rovid fit`."
         )
     names += [one for one in stored.entries if "." in one]
-    return Day(
+    return CampaignFit(
         name=name,
         axis=stored.axis,
         vehicle_name=stored.vehicle,
         settings=stored.settings,
         sources=stored.sources,
-        stored=stored.estimate(names),
-        seen={} if seen is None else seen,
+        stored_estimate=stored.estimate(names),
+        detection_limits={} if seen is None else seen,
     )
 
 
-def asked(day: Day, effects: Sequence[Effect]) -> Asked:
+def shared_estimate(day: CampaignFit, effects: Sequence[Effect]) -> SharedEstimate:
     """What ``day`` says of inertia, drag and ``effects``, by a fit of all at once where there are logs.
 
     A constant torque is fitted beside them: another day's trim is no change of the vehicle.
@@ -216,9 +216,9 @@ def asked(day: Day, effects: Sequence[Effect]) -> Asked:
     DataError
         The vehicle was not excited enough.
     """
-    if day.stored is not None:
-        return _as_written(day, day.stored, effects)
-    own = day.own
+    if day.stored_estimate is not None:
+        return _as_written(day, day.stored_estimate, effects)
+    own = day.campaign_specific
     taken = {effect.id for effect in (*own, *effects)}
     if BIAS.id not in taken and day.axis.name in BIAS.axes:
         own = [*own, BIAS]
@@ -230,7 +230,7 @@ def asked(day: Day, effects: Sequence[Effect]) -> Asked:
     wanted = (*base_names(day.axis), *_parameters_of(effects))
     names = tuple(name for name in wanted if name in estimate.names and name not in estimate.refused)
     at = [estimate.names.index(name) for name in names]
-    return Asked(
+    return SharedEstimate(
         names=names,
         units=tuple(estimate.unit(name) for name in names),
         values=estimate.values[at],
@@ -241,7 +241,7 @@ def asked(day: Day, effects: Sequence[Effect]) -> Asked:
     )
 
 
-def _as_written(day: Day, estimate: Estimate, effects: Sequence[Effect]) -> Asked:
+def _as_written(day: CampaignFit, estimate: Estimate, effects: Sequence[Effect]) -> SharedEstimate:
     """What a parameter file says; of a cause that was looked for and not found, how large it may be."""
     names = [name for name in base_names(day.axis) if name in estimate.names and name not in estimate.refused]
     values = [estimate.value(name) for name in names]
@@ -254,14 +254,14 @@ def _as_written(day: Day, estimate: Estimate, effects: Sequence[Effect]) -> Aske
                 at.append(estimate.names.index(name))
                 names.append(name)
                 values.append(estimate.value(name))
-            elif parameter is effect.parameters[0] and math.isfinite(day.seen.get(effect.id, math.nan)):
-                absent[name] = (parameter.null, 0.5 * day.seen[effect.id])
+            elif parameter is effect.parameters[0] and math.isfinite(day.detection_limits.get(effect.id, math.nan)):
+                absent[name] = (parameter.neutral, 0.5 * day.detection_limits[effect.id])
     covariance = np.zeros((len(names) + len(absent),) * 2)
     covariance[: len(at), : len(at)] = estimate.covariance[np.ix_(at, at)]
     for place, (_, error) in enumerate(absent.values(), start=len(at)):
         covariance[place, place] = error**2
     every = (*names, *absent)
-    return Asked(
+    return SharedEstimate(
         names=every,
         units=tuple(estimate.unit(name) for name in every),
         values=np.array([*values, *(null for null, _ in absent.values())]),
@@ -271,31 +271,31 @@ def _as_written(day: Day, estimate: Estimate, effects: Sequence[Effect]) -> Aske
     )
 
 
-def shared_effects(a: Day, b: Day) -> list[Effect]:
+def shared_effects(a: CampaignFit, b: CampaignFit) -> list[Effect]:
     """Causes of either that both models are to have, the best form of each.
 
     What is of a day alone is among them, lest it pull at the rest, and compared by itself.
     """
     if not a.runs or not b.runs:
-        both = {effect.key: effect for day in (a, b) for effect in day.found if not _is_own(effect)}
+        both = {effect.key: effect for day in (a, b) for effect in day.found_effects if not _is_own(effect)}
         return list(both.values())
     best: dict[str, Finding] = {}
-    for one in (*a.likely, *b.likely):
-        if _is_own(one.effect) or not (a.knows(one.effect) and b.knows(one.effect)):
+    for one in (*a.likely_findings, *b.likely_findings):
+        if _is_own(one.effect) or not (a.has_signals_for(one.effect) and b.has_signals_for(one.effect)):
             continue
-        thruster = one.effect.form.removesuffix(BESIDE) if one.effect.each_thruster else ""
+        thruster = one.effect.form.removesuffix(WITH_OTHERS) if one.effect.per_thruster else ""
         place = f"{one.effect.id}:{thruster}"
-        if place not in best or one.worth > best[place].worth:
+        if place not in best or one.bic_gain > best[place].bic_gain:
             best[place] = one
-    strongest = sorted(best.values(), key=lambda one: -one.worth)
+    strongest = sorted(best.values(), key=lambda one: -one.bic_gain)
     # All thrusters weaker alike is a matter of scale, which nothing shows: one of them stays as it is.
-    weak = [one for one in strongest if one.effect.each_thruster]
+    weak = [one for one in strongest if one.effect.per_thruster]
     spare = weak[max(len(a.vehicle.thrusters) - 1, 1) :]
     return [one.effect for one in strongest if one not in spare]
 
 
 def _is_own(effect: Effect) -> bool:
-    return is_signal(effect) or bool(trials_of(effect.form)) or effect.wave
+    return is_signal(effect) or bool(trials_in_form(effect.form)) or effect.is_wave
 
 
 def _parameters_of(effects: Sequence[Effect]) -> list[str]:

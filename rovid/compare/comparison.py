@@ -8,15 +8,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rovid.compare.campaign_fit import Asked, Day, asked, diagnosed, shared_effects
-from rovid.compare.difference_tests import DRAG, MATTERS, Changes, Pair, candidates_of, changes_of
+from rovid.compare.campaign_fit import CampaignFit, SharedEstimate, shared_effects, shared_estimate, with_diagnosis
+from rovid.compare.difference_tests import (
+    DRAG,
+    RELEVANT_CHANGE,
+    DifferenceTest,
+    EstimatePair,
+    change_candidates,
+    test_difference,
+)
 from rovid.core.errors import ConfigError
-from rovid.core.threads import spread
+from rovid.core.threads import thread_map
 from rovid.effects import Effect
 from rovid.effects.thruster_imbalance import EFFECT as IMBALANCE
 from rovid.model.model import Model
-from rovid.model.simulation import HORIZONS, TrialSimulation, overall, simulate_runs
-from rovid.trial.config_fingerprint import Settings
+from rovid.model.simulation import HORIZONS, TrialSimulation, pooled_fit, simulate_runs
+from rovid.trial.config_fingerprint import ConfigFingerprint
 
 # Of the vehicle as a whole: a change of these that these data could not have seen leaves the question open.
 _WANTED = ("inertia", DRAG)
@@ -28,7 +35,7 @@ Report = Callable[[str], None]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Prediction:
+class CrossPrediction:
     """One campaign's runs simulated freely by the model of another, or by its own.
 
     Attributes
@@ -66,15 +73,15 @@ class Comparison:
     """
 
     verdict: str
-    a: Day
-    b: Day
+    a: CampaignFit
+    b: CampaignFit
     effects: tuple[Effect, ...]
-    changes: Changes
+    changes: DifferenceTest
     causes: tuple[tuple[str, ...], tuple[str, ...]]
-    passing: tuple[str, ...]
-    predictions: Mapping[tuple[str, str], Prediction]
-    matters: float
-    why: tuple[str, ...]
+    transient_causes: tuple[str, ...]
+    predictions: Mapping[tuple[str, str], CrossPrediction]
+    relevant_change: float
+    open_questions: tuple[str, ...]
     warnings: tuple[str, ...]
 
     @property
@@ -83,11 +90,13 @@ class Comparison:
         names: list[str] = []
         for change in self.changes.established:
             one = change.candidate
-            names += [one.name] if one.inverse else one.changes
+            names += [one.name] if one.inverse else one.parameters
         return tuple(dict.fromkeys(names))
 
 
-def compare(a: Day, b: Day, *, matters: float = MATTERS, report: Report = lambda _: None) -> Comparison:
+def compare(
+    a: CampaignFit, b: CampaignFit, *, matters: float = RELEVANT_CHANGE, report: Report = lambda _: None
+) -> Comparison:
     """Hold two campaigns against each other; logs are diagnosed where they are not yet.
 
     Both are fitted with the causes of either, so that no difference is one between models.
@@ -100,18 +109,18 @@ def compare(a: Day, b: Day, *, matters: float = MATTERS, report: Report = lambda
         One tells too little.
     """
     warnings = [*_alike(a, b), *_called(a, b), *_twice(a, b)]
-    a, b = diagnosed(a, report), diagnosed(b, report)
+    a, b = with_diagnosis(a, report), with_diagnosis(b, report)
     effects = shared_effects(a, b)
     report("Fitting both with the causes of either …")
-    one, other = spread(lambda day: asked(day, effects), [a, b])
-    pair, named = _pair(one, other, [effect for effect in effects if effect.passing])
+    one, other = thread_map(lambda day: shared_estimate(day, effects), [a, b])
+    pair, named = _pair(one, other, [effect for effect in effects if effect.environmental])
     weak = [effect.key for effect in effects if effect.id == IMBALANCE.id]
-    changes = changes_of(pair, candidates_of(pair, weak, _other_thruster(a, effects)))
+    changes = test_difference(pair, change_candidates(pair, weak, _other_thruster(a, effects)))
     report("Simulating the runs of each by the model of the other …")
     why = [*_unseen(changes, matters), *_apart(changes), *_untold(named, pair, a, b)]
     if changes.established:
         verdict = "changed"
-    elif why or changes.found:
+    elif why or changes.changes:
         verdict = "cannot_tell"
     else:
         verdict = "same"
@@ -122,15 +131,15 @@ def compare(a: Day, b: Day, *, matters: float = MATTERS, report: Report = lambda
         effects=tuple(effects),
         changes=changes,
         causes=(_causes(a, b, effects, one, changes), _causes(b, a, effects, other, changes)),
-        passing=_passing(a, b),
+        transient_causes=_passing(a, b),
         predictions=_predictions(a, b),
-        matters=matters,
-        why=tuple(why),
+        relevant_change=matters,
+        open_questions=tuple(why),
         warnings=(*warnings, *_said({a.name: _noticed(a, one), b.name: _noticed(b, other)})),
     )
 
 
-def _alike(a: Day, b: Day) -> list[str]:
+def _alike(a: CampaignFit, b: CampaignFit) -> list[str]:
     """What differs in how both are driven; refused where that leaves nothing to compare."""
     if a.axis is not b.axis:
         raise ConfigError(
@@ -158,14 +167,14 @@ def _alike(a: Day, b: Day) -> list[str]:
     return [text]
 
 
-def _called(a: Day, b: Day) -> list[str]:
+def _called(a: CampaignFit, b: CampaignFit) -> list[str]:
     """What is said of vehicles that are not called alike."""
     if a.vehicle_name == b.vehicle_name:
         return []
     return [f"{a.name} is of {a.vehicle_name or 'no vehicle by name'}, {b.name} of {b.vehicle_name or 'none'}."]
 
 
-def _twice(a: Day, b: Day) -> list[str]:
+def _twice(a: CampaignFit, b: CampaignFit) -> list[str]:
     """What is said where a log is in both."""
     both = {source.sha256 for source in a.sources} & {source.sha256 for source in b.sources}
     if not both:
@@ -176,7 +185,7 @@ def _twice(a: Day, b: Day) -> list[str]:
     ]
 
 
-def _thrusters(settings: Settings | None) -> list[str]:
+def _thrusters(settings: ConfigFingerprint | None) -> list[str]:
     """Names of what drives the vehicle."""
     drive = {} if settings is None else settings.drive
     return sorted({name.partition(" of ")[2] or f"logged {name}" for name in drive})
@@ -186,13 +195,13 @@ def _listed(names: Sequence[str]) -> str:
     return ", ".join(names) or "nothing"
 
 
-def _pair(one: Asked, other: Asked, passing: Sequence[Effect]) -> tuple[Pair, list[str]]:
+def _pair(one: SharedEstimate, other: SharedEstimate, passing: Sequence[Effect]) -> tuple[EstimatePair, list[str]]:
     """What both say of the same parameters, but for what is of a day alone; and the names of all that either has."""
     aside = tuple(f"{effect.key}." for effect in passing)
     named = [name for name in dict.fromkeys((*one.names, *other.names)) if not name.startswith(aside)]
     kept = [name for name in named if _is_known(one, name) and _is_known(other, name)]
     places = [[side.names.index(name) for name in kept] for side in (one, other)]
-    pair = Pair(
+    pair = EstimatePair(
         names=tuple(kept),
         units=tuple(one.units[at] for at in places[0]),
         a=one.values[places[0]],
@@ -205,7 +214,7 @@ def _pair(one: Asked, other: Asked, passing: Sequence[Effect]) -> tuple[Pair, li
     return pair, named
 
 
-def _is_known(side: Asked, name: str) -> bool:
+def _is_known(side: SharedEstimate, name: str) -> bool:
     if name not in side.names:
         return False
     at = side.names.index(name)
@@ -213,7 +222,7 @@ def _is_known(side: Asked, name: str) -> bool:
     return math.isfinite(variance) and variance > 0.0
 
 
-def _other_thruster(a: Day, effects: Sequence[Effect]) -> str:
+def _other_thruster(a: CampaignFit, effects: Sequence[Effect]) -> str:
     """Key of the one thruster whose gain is not among the ``effects``; empty where there is none, or more."""
     if not a.runs:
         return ""
@@ -224,25 +233,25 @@ def _other_thruster(a: Day, effects: Sequence[Effect]) -> str:
     return f"{IMBALANCE.id}:{left[0]}" if named and len(left) == 1 else ""
 
 
-def _unseen(changes: Changes, matters: float) -> list[str]:
+def _unseen(changes: DifferenceTest, matters: float) -> list[str]:
     """What might have changed by a share that ``matters``, and these data would not show it."""
     return [
-        f"{name.replace('_', ' ')} would have had to change by {100.0 * changes.seen[name]:.0f} % to be seen"
+        f"{name.replace('_', ' ')} would have had to change by {100.0 * changes.detectable_changes[name]:.0f} % to be seen"
         for name in _WANTED
-        if changes.seen.get(name, 0.0) > matters
+        if changes.detectable_changes.get(name, 0.0) > matters
     ]
 
 
-def _apart(changes: Changes) -> list[str]:
+def _apart(changes: DifferenceTest) -> list[str]:
     """What is said where too much differs for chance, and no few changes explain it."""
-    if changes.chance >= _CHANCE:
+    if changes.p_value >= _CHANCE:
         return []
     return [
         "what did not change by any name differs by more than its errors, which are too small, or much changed a little"
     ]
 
 
-def _untold(named: Sequence[str], pair: Pair, a: Day, b: Day) -> list[str]:
+def _untold(named: Sequence[str], pair: EstimatePair, a: CampaignFit, b: CampaignFit) -> list[str]:
     """What one of the two alone knows, a clause each."""
     clauses = []
     for name in named:
@@ -256,32 +265,34 @@ def _untold(named: Sequence[str], pair: Pair, a: Day, b: Day) -> list[str]:
     return clauses
 
 
-def _causes(day: Day, against: Day, effects: Sequence[Effect], own: Asked, changes: Changes) -> tuple[str, ...]:
+def _causes(
+    day: CampaignFit, against: CampaignFit, effects: Sequence[Effect], own: SharedEstimate, changes: DifferenceTest
+) -> tuple[str, ...]:
     """Ids of what acts in ``day``: what was found there, and what was found in the other, did not change, and shows."""
-    found = {effect.key: effect.id for effect in day.found}
+    found = {effect.key: effect.id for effect in day.found_effects}
     gone = {change.candidate.name for change in changes.established}
     for effect in effects:
         size = f"{effect.key}.{effect.parameters[0].name}"
-        acts = size in own.names and _is_away(own, size, effect.parameters[0].null)
+        acts = size in own.names and _is_away(own, size, effect.parameters[0].neutral)
         if effect.key in gone and effect.id in found.values() and not acts:
             found = {key: name for key, name in found.items() if name != effect.id}
-        elif acts and any(effect.id == other.id for other in against.found) and not effect.passing:
+        elif acts and any(effect.id == other.id for other in against.found_effects) and not effect.environmental:
             found[effect.key] = effect.id
     return tuple(dict.fromkeys(found.values()))
 
 
-def _is_away(own: Asked, name: str, null: float) -> bool:
+def _is_away(own: SharedEstimate, name: str, null: float) -> bool:
     at = own.names.index(name)
     return bool(abs(own.values[at] - null) > _ACTS * math.sqrt(own.covariance[at, at]))
 
 
-def _passing(a: Day, b: Day) -> tuple[str, ...]:
+def _passing(a: CampaignFit, b: CampaignFit) -> tuple[str, ...]:
     """Ids of what is of a day alone and acted in one of the two."""
-    each = [{effect.id for effect in day.found if effect.passing} for day in (a, b)]
+    each = [{effect.id for effect in day.found_effects if effect.environmental} for day in (a, b)]
     return tuple(sorted(each[0] ^ each[1]))
 
 
-def _predictions(a: Day, b: Day) -> dict[tuple[str, str], Prediction]:
+def _predictions(a: CampaignFit, b: CampaignFit) -> dict[tuple[str, str], CrossPrediction]:
     """Each model on each campaign's runs, where there are any."""
     days = {"a": a, "b": b}
     wanted = []
@@ -289,26 +300,26 @@ def _predictions(a: Day, b: Day) -> dict[tuple[str, str], Prediction]:
         for runs_of, on in days.items():
             if day.model is not None and on.runs and (day is on or _suits(day.model, on)):
                 wanted.append((name, runs_of, day.model, on))
-    made = spread(lambda one: _predicted(one[2], one[3]), wanted)
+    made = thread_map(lambda one: _predicted(one[2], one[3]), wanted)
     return {(name, runs_of): prediction for (name, runs_of, *_), prediction in zip(wanted, made, strict=True)}
 
 
-def _suits(model: Model, on: Day) -> bool:
+def _suits(model: Model, on: CampaignFit) -> bool:
     """Whether the logs hold what the effects of ``model`` need."""
-    return all(on.knows(effect) for effect in model.effects)
+    return all(on.has_signals_for(effect) for effect in model.effects)
 
 
-def _predicted(model: Model, on: Day) -> Prediction:
+def _predicted(model: Model, on: CampaignFit) -> CrossPrediction:
     simulations = simulate_runs(on.runs, model, on.vehicle)
-    fit = overall(simulations)
+    fit = pooled_fit(simulations)
     errors: dict[float, float | None] = {}
     for horizon in HORIZONS:
         known = [error for one in simulations if (error := one.position_errors[horizon]) is not None]
         errors[horizon] = math.sqrt(sum(error**2 for error in known) / len(known)) if known else None
-    return Prediction(simulations=tuple(simulations), rate_r2=fit.r2, rate_rmse=fit.rmse, position_errors=errors)
+    return CrossPrediction(simulations=tuple(simulations), rate_r2=fit.r2, rate_rmse=fit.rmse, position_errors=errors)
 
 
-def _noticed(day: Day, own: Asked) -> list[str]:
+def _noticed(day: CampaignFit, own: SharedEstimate) -> list[str]:
     """What was noticed in the logs, and of the fit."""
     remarks = [] if day.study is None else day.study.remarks()
     return [*remarks, *own.warnings]

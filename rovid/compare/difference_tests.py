@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.core.stats import beyond_chi2
-from rovid.diagnose.posterior import ESTABLISHED, POSSIBLE, confidence, surest
-from rovid.trial.assumptions import goes_with_thrust
+from rovid.core.stats import chi2_sf
+from rovid.diagnose.posterior import ESTABLISHED, POSSIBLE, posterior_probability, stand_in_cap
+from rovid.trial.assumptions import scales_with_thrust
 
 THRUST_SCALE = "thrust_scale"
 DRAG = "drag"
@@ -26,7 +26,7 @@ _TOLD = math.log(20.0)
 # No more than so many changes are looked for.
 _MOST = 6
 # A change of a size that matters, as a share, if nothing else is said.
-MATTERS = 0.1
+RELEVANT_CHANGE = 0.1
 # Standard errors from zero from which on a number may be divided by.
 _FROM_ZERO = 3.0
 _FLAT = 1e-12
@@ -36,7 +36,7 @@ _BELIEVED = 0.9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Pair:
+class EstimatePair:
     """Two campaigns' estimates of the same parameters.
 
     Attributes
@@ -71,7 +71,7 @@ class Pair:
         return self.covariance_a + self.covariance_b
 
     @property
-    def usual(self) -> FloatArray:
+    def pooled(self) -> FloatArray:
         """(p,) size of each parameter, as both together have it."""
         each = [np.diag(self.covariance_a), np.diag(self.covariance_b)]
         one, other = (1.0 / np.maximum(variance, 1e-300) for variance in each)
@@ -79,7 +79,7 @@ class Pair:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Candidate:
+class ChangeCandidate:
     """One thing that may have changed.
 
     Attributes
@@ -96,14 +96,14 @@ class Candidate:
     """
 
     name: str
-    changes: tuple[str, ...]
-    ways: FloatArray
-    factor: bool = True
+    parameters: tuple[str, ...]
+    directions: FloatArray
+    is_factor: bool = True
     inverse: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Change:
+class ParameterChange:
     """One thing that changed, or may have.
 
     Attributes
@@ -118,12 +118,12 @@ class Change:
         What may have changed in its place.
     """
 
-    candidate: Candidate
+    candidate: ChangeCandidate
     ratio: float
     standard_error: float
-    worth: float
+    bic_score: float
     confidence: float
-    undecided: tuple[Candidate, ...]
+    indistinguishable: tuple[ChangeCandidate, ...]
 
     @property
     def established(self) -> bool:
@@ -132,7 +132,7 @@ class Change:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Changes:
+class DifferenceTest:
     """What changed between two campaigns, and what both say together.
 
     Attributes
@@ -149,18 +149,18 @@ class Changes:
         Probability that what both share differs as much by chance.
     """
 
-    pair: Pair
-    found: tuple[Change, ...]
-    sure: Mapping[str, float]
+    pair: EstimatePair
+    changes: tuple[ParameterChange, ...]
+    probabilities: Mapping[str, float]
     joint: FloatArray
     joint_covariance: FloatArray
-    seen: Mapping[str, float]
-    chance: float
+    detectable_changes: Mapping[str, float]
+    p_value: float
 
     @property
-    def established(self) -> tuple[Change, ...]:
+    def established(self) -> tuple[ParameterChange, ...]:
         """Those that are findings."""
-        return tuple(change for change in self.found if change.established)
+        return tuple(change for change in self.changes if change.established)
 
     def ratio(self, name: str) -> tuple[float, float] | None:
         """B over A of a parameter, each by itself, with its standard error; None where A cannot be told from zero."""
@@ -172,12 +172,12 @@ class Changes:
         ratio = other / one
         return float(ratio), float(math.hypot(errors[1], ratio * errors[0]) / abs(one))
 
-    def gap(self, name: str) -> tuple[float, float]:
+    def difference(self, name: str) -> tuple[float, float]:
         """B less A of a parameter, each by itself, and its standard error."""
         at = self.pair.names.index(name)
         return float(self.pair.difference[at]), float(math.sqrt(self.pair.covariance[at, at]))
 
-    def quotient(
+    def parameter_ratio(
         self, first: str, second: str
     ) -> tuple[tuple[tuple[float, float], tuple[float, float]], tuple[float, float]] | None:
         """One parameter over another in A and in B, and the second of these over the first, with standard errors.
@@ -200,7 +200,7 @@ class Changes:
         over = sides[1][0] / sides[0][0]
         return (sides[0], sides[1]), (over, over * math.hypot(*shares))
 
-    def together(self, name: str) -> tuple[tuple[float, float], tuple[float, float]]:
+    def joint_values(self, name: str) -> tuple[tuple[float, float], tuple[float, float]]:
         """Value and standard error of a parameter in A and in B, where both share what did not change."""
         at, count = self.pair.names.index(name), len(self.pair.names)
         errors = np.sqrt(np.maximum(np.diag(self.joint_covariance), 0.0))
@@ -210,16 +210,16 @@ class Changes:
         )
 
 
-def candidates_of(pair: Pair, weak: Sequence[str] = (), other: str = "") -> list[Candidate]:
+def change_candidates(pair: EstimatePair, weak: Sequence[str] = (), other: str = "") -> list[ChangeCandidate]:
     """What may have changed: each parameter, all drag, all thrust, each cause.
 
     ``weak`` are keys of thrusters' gains among the parameters, and ``other`` is that of the one thruster without.
     """
-    names, usual = pair.names, pair.usual
+    names, usual = pair.names, pair.pooled
     found = [_single(pair, name) for name in names if "." not in name]
     if set(_DRAGS) <= set(names):
         found.append(_together(DRAG, pair, _DRAGS, usual))
-    torques = [name for name, unit in zip(names, pair.units, strict=True) if goes_with_thrust(unit)]
+    torques = [name for name, unit in zip(names, pair.units, strict=True) if scales_with_thrust(unit)]
     if "inertia" in torques:
         found.append(replace(_together(THRUST_SCALE, pair, torques, usual), inverse=True))
         gains = [name for name in names if name.rpartition(".")[0] in weak]
@@ -228,31 +228,33 @@ def candidates_of(pair: Pair, weak: Sequence[str] = (), other: str = "") -> list
     for key in dict.fromkeys(name.rpartition(".")[0] for name in names if "." in name):
         own = tuple(name for name in names if name.rpartition(".")[0] == key)
         ways = np.array([[float(name == one) for one in own] for name in names])
-        found.append(Candidate(name=key, changes=own, ways=ways * _size(pair)[:, np.newaxis], factor=False))
+        found.append(
+            ChangeCandidate(name=key, parameters=own, directions=ways * _size(pair)[:, np.newaxis], is_factor=False)
+        )
     return found
 
 
-def _size(pair: Pair) -> FloatArray:
+def _size(pair: EstimatePair) -> FloatArray:
     """(p,) of the error of the difference: units in which all directions are alike."""
     return np.asarray(np.sqrt(np.diag(pair.covariance)))
 
 
-def _single(pair: Pair, name: str) -> Candidate:
-    return _together(name, pair, (name,), pair.usual)
+def _single(pair: EstimatePair, name: str) -> ChangeCandidate:
+    return _together(name, pair, (name,), pair.pooled)
 
 
-def _together(name: str, pair: Pair, those: Sequence[str], usual: FloatArray) -> Candidate:
+def _together(name: str, pair: EstimatePair, those: Sequence[str], usual: FloatArray) -> ChangeCandidate:
     way = np.where([one in those for one in pair.names], usual, 0.0)
     # What both take for nothing cannot change by a factor: by its error then.
     if not np.any(np.abs(way) > 0.0):
         way = np.where([one in those for one in pair.names], _size(pair), 0.0)
-    return Candidate(name=name, changes=tuple(those), ways=way[:, np.newaxis])
+    return ChangeCandidate(name=name, parameters=tuple(those), directions=way[:, np.newaxis])
 
 
 class _Search:
     """Forward selection of what changed; see `changes_of`."""
 
-    def __init__(self, pair: Pair, candidates: Sequence[Candidate]) -> None:
+    def __init__(self, pair: EstimatePair, candidates: Sequence[ChangeCandidate]) -> None:
         self.pair, self.candidates = pair, candidates
         self._errors = [_believed(one, white=pair.white) for one in (pair.covariance_a, pair.covariance_b)]
         # Whitened: errors of the difference are then independent and of one size.
@@ -262,34 +264,34 @@ class _Search:
         self._z = self._whiten @ pair.difference
         self._price = 0.5 * math.log(max(pair.samples, 2))
 
-    def gain(self, chosen: Sequence[Candidate]) -> float:
+    def gain(self, chosen: Sequence[ChangeCandidate]) -> float:
         """Log-likelihood gained over no change at all."""
         left = self._left(chosen)
         return 0.5 * float(self._z @ self._z - left @ left)
 
-    def worth(self, chosen: Sequence[Candidate]) -> float:
+    def worth(self, chosen: Sequence[ChangeCandidate]) -> float:
         """The same less the price of what is free."""
         return self.gain(chosen) - self._price * self._free(chosen)
 
-    def chance(self, chosen: Sequence[Candidate]) -> float:
+    def chance(self, chosen: Sequence[ChangeCandidate]) -> float:
         """Probability that what is left of the difference is as large by chance (chi-square)."""
         left, count = self._left(chosen), len(self._z) - self._free(chosen)
-        return beyond_chi2(count, float(left @ left)) if count else 1.0
+        return chi2_sf(count, float(left @ left)) if count else 1.0
 
-    def _ways(self, chosen: Sequence[Candidate]) -> FloatArray:
-        return np.column_stack([np.zeros((len(self._z), 0)), *(self._whiten @ one.ways for one in chosen)])
+    def _ways(self, chosen: Sequence[ChangeCandidate]) -> FloatArray:
+        return np.column_stack([np.zeros((len(self._z), 0)), *(self._whiten @ one.directions for one in chosen)])
 
-    def _free(self, chosen: Sequence[Candidate]) -> int:
+    def _free(self, chosen: Sequence[ChangeCandidate]) -> int:
         # Of what goes the same way as others together nothing more is free.
         return int(np.linalg.matrix_rank(self._ways(chosen), rtol=1e-9)) if chosen else 0
 
-    def _left(self, chosen: Sequence[Candidate]) -> FloatArray:
+    def _left(self, chosen: Sequence[ChangeCandidate]) -> FloatArray:
         ways = self._ways(chosen)
         return np.asarray(self._z - ways @ np.linalg.lstsq(ways, self._z, rcond=None)[0]) if chosen else self._z
 
-    def run(self) -> list[Candidate]:
+    def run(self) -> list[ChangeCandidate]:
         """What is worth its price, the best first."""
-        chosen: list[Candidate] = []
+        chosen: list[ChangeCandidate] = []
         while len(chosen) < _MOST:
             rest = [one for one in self.candidates if one not in chosen]
             best = self.best(rest, chosen)
@@ -303,18 +305,18 @@ class _Search:
                 chosen = others
         return chosen
 
-    def best(self, rest: Sequence[Candidate], beside: Sequence[Candidate]) -> Candidate | None:
+    def best(self, rest: Sequence[ChangeCandidate], beside: Sequence[ChangeCandidate]) -> ChangeCandidate | None:
         """The likeliest of ``rest``; of those that come near to it the simplest, which stands first."""
         worths = [self.worth([*beside, one]) for one in rest]
         if not worths:
             return None
         top = max(worths)
         near = [one for one, worth in zip(rest, worths, strict=True) if worth > top - _TOLD]
-        simple = [one for one in near if len(one.changes) == 1 and one.factor]
+        simple = [one for one in near if len(one.parameters) == 1 and one.is_factor]
         likeliest = rest[worths.index(top)]
-        return simple[0] if simple and set(simple[0].changes) <= set(likeliest.changes) else likeliest
+        return simple[0] if simple and set(simple[0].parameters) <= set(likeliest.parameters) else likeliest
 
-    def change(self, one: Candidate, chosen: Sequence[Candidate]) -> Change:
+    def change(self, one: ChangeCandidate, chosen: Sequence[ChangeCandidate]) -> ParameterChange:
         """What is said of ``one``, which is chosen or may be."""
         beside = [other for other in chosen if other is not one]
         rest = [other for other in self.candidates if other not in beside]
@@ -324,23 +326,23 @@ class _Search:
         near = [other for other in rest if other is not one and worths[other.name] > max(own - _TOLD, 0.0)]
         alike = [one.name, *(other.name for other in near)]
         gain = self.gain([*beside, one]) - self.gain(beside)
-        most = surest(gain, gain, white=self.pair.white)
+        most = stand_in_cap(gain, gain, white=self.pair.white)
         ratio, error = self._factor(one, beside)
-        return Change(
+        return ParameterChange(
             candidate=one,
             ratio=ratio,
             standard_error=error,
-            worth=own,
-            confidence=confidence(worths, alike, len(self.candidates), most=most),
-            undecided=tuple(near),
+            bic_score=own,
+            confidence=posterior_probability(worths, alike, len(self.candidates), cap=most),
+            indistinguishable=tuple(near),
         )
 
-    def _factor(self, one: Candidate, beside: Sequence[Candidate]) -> tuple[float, float]:
+    def _factor(self, one: ChangeCandidate, beside: Sequence[ChangeCandidate]) -> tuple[float, float]:
         """B over A of what goes by one factor, with its standard error, where both share all that is left."""
-        if not one.factor:
+        if not one.is_factor:
             return math.nan, math.nan
         values, covariance = self.joint([*beside, one])
-        in_a = int(np.flatnonzero(one.ways[:, 0])[0])
+        in_a = int(np.flatnonzero(one.directions[:, 0])[0])
         pair = [in_a, in_a + len(self.pair.names)]
         a, b = values[pair]
         if not abs(a) > _FROM_ZERO * math.sqrt(covariance[in_a, in_a]):
@@ -350,11 +352,11 @@ class _Search:
         error = math.sqrt(max(float(slope @ covariance[np.ix_(pair, pair)] @ slope), 0.0))
         return (1.0 / ratio, error / ratio**2) if one.inverse else (ratio, error)
 
-    def seen(self, one: Candidate, chosen: Sequence[Candidate]) -> float:
+    def seen(self, one: ChangeCandidate, chosen: Sequence[ChangeCandidate]) -> float:
         """Share by which ``one`` would have had to change to be established, beside what else did."""
-        beside = [other for other in chosen if not set(other.changes) & set(one.changes)]
+        beside = [other for other in chosen if not set(other.parameters) & set(one.parameters)]
         ways = self._ways(beside)
-        own = (self._whiten @ one.ways)[:, 0]
+        own = (self._whiten @ one.directions)[:, 0]
         if beside:
             own = own - ways @ np.linalg.lstsq(ways, own, rcond=None)[0]
         power = float(own @ own)
@@ -364,20 +366,20 @@ class _Search:
         """Log-likelihood that a change has to gain to be established."""
         odds = math.log(len(self.candidates) * ESTABLISHED / (1.0 - ESTABLISHED)) + self._price
         low, high = odds, odds
-        while surest(high, high, white=self.pair.white) < ESTABLISHED:
+        while stand_in_cap(high, high, white=self.pair.white) < ESTABLISHED:
             high += 1.0
         for _ in range(30):
             middle = 0.5 * (low + high)
             low, high = (
-                (low, middle) if surest(middle, middle, white=self.pair.white) >= ESTABLISHED else (middle, high)
+                (low, middle) if stand_in_cap(middle, middle, white=self.pair.white) >= ESTABLISHED else (middle, high)
             )
         return high
 
-    def joint(self, chosen: Sequence[Candidate]) -> tuple[FloatArray, FloatArray]:
+    def joint(self, chosen: Sequence[ChangeCandidate]) -> tuple[FloatArray, FloatArray]:
         """(2p,) values of A and of B, and their covariance, where both share what is not ``chosen``."""
         pair, count = self.pair, len(self.pair.names)
         size = _size(pair)
-        ways = np.column_stack([np.zeros((count, 0)), *(one.ways for one in chosen)]) / size[:, np.newaxis]
+        ways = np.column_stack([np.zeros((count, 0)), *(one.directions for one in chosen)]) / size[:, np.newaxis]
         basis = _basis(ways)
         # A is what is shared, B that and the changes; both were measured.
         of_both = np.block([[np.eye(count), np.zeros(basis.shape)], [np.eye(count), basis]])
@@ -404,7 +406,7 @@ def _basis(ways: FloatArray) -> FloatArray:
     return np.asarray(vectors[:, values > 1e-9 * values.max()])
 
 
-def changes_of(pair: Pair, candidates: Sequence[Candidate]) -> Changes:
+def test_difference(pair: EstimatePair, candidates: Sequence[ChangeCandidate]) -> DifferenceTest:
     """Name what changed, by as few changes as explain the difference.
 
     One is added after another while it is worth its price (Schwarz 1978), and what a later one explains as well goes
@@ -420,15 +422,16 @@ def changes_of(pair: Pair, candidates: Sequence[Candidate]) -> Changes:
     # With less thrust all else looks larger, and is as it was.
     own = [one for one in (*found, *possible) if not one.candidate.inverse]
     sure = {
-        name: max((one.confidence for one in own if name in one.candidate.changes), default=0.0) for name in pair.names
+        name: max((one.confidence for one in own if name in one.candidate.parameters), default=0.0)
+        for name in pair.names
     }
     joint, covariance = search.joint(chosen)
-    return Changes(
+    return DifferenceTest(
         pair=pair,
-        found=tuple(one for one in every if one.confidence >= POSSIBLE),
-        sure=sure,
+        changes=tuple(one for one in every if one.confidence >= POSSIBLE),
+        probabilities=sure,
         joint=joint,
         joint_covariance=covariance,
-        seen={one.name: search.seen(one, chosen) for one in candidates if one.factor},
-        chance=search.chance(chosen),
+        detectable_changes={one.name: search.seen(one, chosen) for one in candidates if one.is_factor},
+        p_value=search.chance(chosen),
     )

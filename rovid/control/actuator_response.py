@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from rovid.control.allocation import Allocation, bare_actuation
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
-from rovid.effects.actuator_inputs import Actuation
-from rovid.model.command_series import Commanded
+from rovid.effects.actuator_inputs import ActuatorInputs
+from rovid.model.command_series import CommandSeries
 from rovid.model.model import Model
 from rovid.trial.vehicle import Vehicle
 
@@ -26,7 +26,7 @@ _SETTLING, _FEWEST_SAMPLES = 20.0, 40
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Probes:
+class ActuatorProbe:
     """Sines of torque that are wanted of ``vehicle``'s thrusters.
 
     Attributes
@@ -48,7 +48,7 @@ class Probes:
         """(f,) rad/s."""
         return np.geomspace(_LOWEST_PROBE, _HIGHEST_PROBE * math.pi / self.period, _PROBES)
 
-    def actuators(self, model: Model) -> tuple[FloatArray, ComplexArray]:
+    def frequency_response(self, model: Model) -> tuple[FloatArray, ComplexArray]:
         """Frequencies in rad/s and the (f,) response from wanted to acting torque.
 
         The describing function of whatever acts between command and torque, found by sending the sines through it.
@@ -58,14 +58,14 @@ class Probes:
         DataError
             Something does, and the thrusters turn the vehicle one way only.
         """
-        if model.drivetrain.is_plain:
+        if model.actuators.is_plain:
             return self.frequencies, np.ones(_PROBES, dtype=np.complex128)
         given, measured = self._sines
-        acting = model.drivetrain.driven(given).torque
+        acting = model.actuators.torque_inputs(given).torque
         return self.frequencies, np.array([phasor @ acting[rows] for rows, phasor in measured])
 
     @cached_property
-    def _sines(self) -> tuple[Commanded, list[tuple[slice, ComplexArray]]]:
+    def _sines(self) -> tuple[CommandSeries, list[tuple[slice, ComplexArray]]]:
         """Commands of every sine, one after the other; where each has settled, and weights of its response there."""
         if not self.amplitude > 0.0:
             raise one_way_only()
@@ -80,7 +80,7 @@ class Probes:
             phasor = _phasor(time[count - length : count], frequency) / (self.amplitude / 2j)
             measured.append((slice(begin + count - length, begin + count), phasor))
             begin += count + 1
-        return Commanded(self.vehicle, Actuation.joined(where), np.concatenate(commands)), measured
+        return CommandSeries(self.vehicle, ActuatorInputs.concatenated(where), np.concatenate(commands)), measured
 
 
 def one_way_only() -> DataError:

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.effects.actuator_inputs import Actuation, neutral_commands
-from rovid.effects.actuator_inputs import actuation as actuation_of
-from rovid.model.command_series import Commanded
+from rovid.effects.actuator_inputs import ActuatorInputs, neutral_commands
+from rovid.effects.actuator_inputs import actuator_inputs as actuation_of
+from rovid.model.command_series import CommandSeries
 from rovid.model.model import Model
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Vehicle
@@ -72,10 +72,10 @@ def allocate(vehicle: Vehicle, model: Model) -> Allocation:
     )
 
 
-def bare_actuation(vehicle: Vehicle, time: FloatArray, parts: int = 1) -> Actuation:
+def bare_actuation(vehicle: Vehicle, time: FloatArray, parts: int = 1) -> ActuatorInputs:
     """What effects need to know of ``vehicle`` at the instants ``time``, without further channels."""
     still = np.zeros((len(time), len(vehicle.thrusters)))
-    return actuation_of(vehicle, Trial.imagined(time, still), parts)
+    return actuation_of(vehicle, Trial.from_commands(time, still), parts)
 
 
 def _half(vehicle: Vehicle, model: Model, way: float) -> tuple[FloatArray, FloatArray]:
@@ -93,8 +93,10 @@ def _half(vehicle: Vehicle, model: Model, way: float) -> tuple[FloatArray, Float
         columns.append(edge + share * (end - edge))
     commands = np.column_stack(columns)
     # Each held in a trial of its own.
-    apart = Actuation.joined([where] * _LEVELS)
-    given = way * model.drivetrain.driven(Commanded(vehicle, apart, np.repeat(commands, 2, axis=0))).torque[::2]
+    apart = ActuatorInputs.concatenated([where] * _LEVELS)
+    given = (
+        way * model.actuators.torque_inputs(CommandSeries(vehicle, apart, np.repeat(commands, 2, axis=0))).torque[::2]
+    )
     torque = np.maximum.accumulate(np.maximum(given, 0.0))
     # Of commands that give the same the largest, where the next torque begins; at the top the smallest.
     last = np.append(np.diff(torque) > 0.0, False)

@@ -6,8 +6,8 @@ import math
 from string import Template
 
 from rovid import __version__
-from rovid.control.control_law import Law
-from rovid.trial.assumptions import Guesswork
+from rovid.control.control_law import ControlLaw
+from rovid.trial.assumptions import Assumptions
 
 _C = Template("""\
 /* Heading controller, model-aided PD (Ramesh et al. 2013, eq. 12). Written by rovid $version.$stamp
@@ -92,23 +92,23 @@ $limits        return torque
 ''')
 
 
-def c_source(law: Law, guess: Guesswork) -> str:
+def c_source(law: ControlLaw, guess: Assumptions) -> str:
     """C99 of ``law``, without allocation; with a word on what of it is guessed."""
     limits = _limits(law, ("<", ">"), "    if (torque {way} {value!r}) torque = {value!r};\n")
     return _C.substitute(_numbers(law), limits=limits, stamp=_stamp(guess))
 
 
-def python_source(law: Law, guess: Guesswork) -> str:
+def python_source(law: ControlLaw, guess: Assumptions) -> str:
     """Python of ``law``, with the standard library alone; with a word on what of it is guessed."""
     limits = _limits(law, ("max", "min"), "        torque = {way}(torque, {value!r})\n")
     return _PYTHON.substitute(_numbers(law), limits=limits, stamp=_stamp(guess))
 
 
-def _stamp(guess: Guesswork) -> str:
-    return f" {guess.stamp}" if guess else ""
+def _stamp(guess: Assumptions) -> str:
+    return f" {guess.file_notice}" if guess else ""
 
 
-def _limits(law: Law, ways: tuple[str, str], statement: str) -> str:
+def _limits(law: ControlLaw, ways: tuple[str, str], statement: str) -> str:
     """A ``statement`` for each limit of the torque that there is, with the way that belongs to the low and the high."""
     text = ""
     for way, value in zip(ways, (law.lowest, law.highest), strict=True):
@@ -117,11 +117,11 @@ def _limits(law: Law, ways: tuple[str, str], statement: str) -> str:
     return text
 
 
-def _numbers(law: Law) -> dict[str, str]:
+def _numbers(law: ControlLaw) -> dict[str, str]:
     """The law's numbers, as either language reads them."""
     names = ("kp", "kd", "inertia", "quadratic_drag", "linear_drag", "period", "blend")
     shapes = ("1.0", "x", "x * x * x", "sin(heading)", "cos(heading)", "sin(2.0 * heading)", "cos(2.0 * heading)")
-    held = [f"{value!r} * {shape}" for value, shape in zip(law.hold, shapes, strict=True) if value != 0.0]
+    held = [f"{value!r} * {shape}" for value, shape in zip(law.static_terms, shapes, strict=True) if value != 0.0]
     return {
         **{name: repr(float(getattr(law, name))) for name in names},
         "hold": " + ".join(held) or "0.0",

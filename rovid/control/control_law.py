@@ -16,11 +16,11 @@ from rovid.effects.base import TERM_STATES, Instant
 from rovid.model.model import Model
 
 # The shapes of all torques of the catalogue that act at rest: constant, winding up, and once and twice a turn.
-HOLDS = 7
+STATIC_TERMS = 7
 _TURNS = np.linspace(-2.0, 2.0, 97) * 2.0 * math.pi
 
 
-class State(NamedTuple):
+class ControllerState(NamedTuple):
     """What the controller remembers: heading read last in rad, filtered rate in rad/s, angle turned in rad."""
 
     heading: float
@@ -29,7 +29,7 @@ class State(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Law:
+class ControlLaw:
     """Model-aided PD (Ramesh et al. 2013, eq. 12), sampled.
 
     ``T = I*wanted_acceleration + DQ*|r|*r + DL*r + hold + kp*(wanted - heading) + kd*(wanted_rate - r)``
@@ -59,7 +59,7 @@ class Law:
     inertia: float = 0.0
     quadratic_drag: float = 0.0
     linear_drag: float = 0.0
-    hold: tuple[float, ...] = (0.0,) * HOLDS
+    static_terms: tuple[float, ...] = (0.0,) * STATIC_TERMS
     lowest: float = -math.inf
     highest: float = math.inf
 
@@ -71,13 +71,18 @@ class Law:
         return -math.expm1(-self.period / self.rate_filter)
 
     @staticmethod
-    def start(heading: float) -> State:
+    def initial_state(heading: float) -> ControllerState:
         """At rest at ``heading`` in rad."""
-        return State(heading, 0.0, 0.0)
+        return ControllerState(heading, 0.0, 0.0)
 
     def step(
-        self, state: State, heading: float, wanted: float, wanted_rate: float = 0.0, wanted_acceleration: float = 0.0
-    ) -> tuple[float, State]:
+        self,
+        state: ControllerState,
+        heading: float,
+        wanted: float,
+        wanted_rate: float = 0.0,
+        wanted_acceleration: float = 0.0,
+    ) -> tuple[float, ControllerState]:
         """Torque in N m to hold for a period, and the new state, from a ``heading`` in rad, wrapped or not."""
         turn = wrapped(heading - state.heading)
         rate = state.rate + self.blend * (turn / self.period - state.rate)
@@ -85,15 +90,15 @@ class Law:
         torque = (
             self.inertia * wanted_acceleration
             + (self.quadratic_drag * abs(rate) + self.linear_drag) * rate
-            + self.holding(turned, heading)
+            + self.static_torque(turned, heading)
             + self.kp * wrapped(wanted - heading)
             + self.kd * (wanted_rate - rate)
         )
-        return min(max(torque, self.lowest), self.highest), State(heading, rate, turned)
+        return min(max(torque, self.lowest), self.highest), ControllerState(heading, rate, turned)
 
-    def holding(self, turned: float, heading: float) -> float:
+    def static_torque(self, turned: float, heading: float) -> float:
         """Torque in N m against those that act at rest, ``turned`` rad from the start."""
-        a, b, c, d, e, f, g = self.hold
+        a, b, c, d, e, f, g = self.static_terms
         once = d * math.sin(heading) + e * math.cos(heading)
         twice = f * math.sin(2.0 * heading) + g * math.cos(2.0 * heading)
         return a + b * turned + c * turned * turned * turned + once + twice
@@ -104,14 +109,14 @@ def wrapped(angle: float) -> float:
     return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
 
 
-def holds(model: Model) -> tuple[float, ...]:
+def static_terms_of(model: Model) -> tuple[float, ...]:
     """(7,) factors of ``Law.hold`` against what the effects of ``model`` do at rest.
 
     Read off the effects' own terms over two turns either way, so that no effect is known here by its name.
     """
-    torque = total_of_terms(model)
+    torque = effect_torque(model)
     if torque is None:
-        return (0.0,) * HOLDS
+        return (0.0,) * STATIC_TERMS
     # Angle and heading are told apart by the first heading: of two that are a radian apart each gives all angles.
     rows = [(angle, angle + first) for first in (0.0, 1.0) for angle in _TURNS]
     values = np.array([torque(0.0, x, 0.0, h - x, None)[0] for x, h in rows])
@@ -126,7 +131,7 @@ def holds(model: Model) -> tuple[float, ...]:
 TermTorque = Callable[[float, float, float, float, FloatArray | None], tuple[float, FloatArray]]
 
 
-def total_of_terms(model: Model) -> TermTorque | None:
+def effect_torque(model: Model) -> TermTorque | None:
     """(rate, angle, push, first heading, (m, 2) states) -> N m of all terms, (m, 2) rates of states; None: no term."""
     terms = model.terms
     if not len(terms.kinds):

@@ -9,21 +9,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rovid.control.actuator_response import Probes, one_way_only
+from rovid.control.actuator_response import ActuatorProbe, one_way_only
 from rovid.control.allocation import Allocation, allocate
-from rovid.control.closed_loop import ClosedLoop, Course, Plant, run_closed
-from rovid.control.control_law import Law, holds
-from rovid.control.specs import WAVE_PERIOD, Manoeuvre, Options, Setting, manoeuvres
-from rovid.control.step_metrics import Measures, measure
+from rovid.control.closed_loop import ClosedLoop, ClosedLoopRun, Plant, simulate_loops
+from rovid.control.control_law import ControlLaw, static_terms_of
+from rovid.control.specs import WAVE_PERIOD, ControllerOptions, HeadingManoeuvre, LoopConditions, standard_manoeuvres
+from rovid.control.step_metrics import StepMetrics, step_metrics
 from rovid.control.tuning import (
     BANDWIDTHS,
-    Loop,
     Margins,
+    OpenLoop,
     damping_ratio,
-    drawn,
-    gains,
     largest_bandwidth,
-    linearised,
+    linearise,
+    pd_gains,
+    sample_models,
 )
 from rovid.core.array_types import FloatArray
 from rovid.model.model import Model
@@ -42,7 +42,7 @@ _LENGTHS, _SHORTEST = 15.0, 60.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunResult:
+class ClosedLoopResult:
     """One manoeuvre with the ``effects`` in the plant, with or without the aid, which knows of the effects or not.
 
     ``quiet`` is the run without noise, disturbance and waves.
@@ -52,12 +52,12 @@ class RunResult:
     effects: tuple[str, ...]
     model_aid: bool
     effects_known: bool
-    measures: Measures
-    quiet: Course
+    metrics: StepMetrics
+    noise_free_run: ClosedLoopRun
 
 
 @dataclass(frozen=True, kw_only=True)
-class Spread:
+class MarginSpread:
     """Margins over the parameters' uncertainty: share of stable loops, and the bound that 95 % keep."""
 
     draws: int
@@ -69,7 +69,7 @@ class Spread:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Control:
+class ControllerDesign:
     """A controller and what is known of its loop.
 
     Attributes
@@ -82,23 +82,23 @@ class Control:
         s; all that delays the loop, at the crossover.
     """
 
-    law: Law
+    law: ControlLaw
     model: Model
-    setting: Setting
+    conditions: LoopConditions
     allocation: Allocation
     damping: float
     bandwidth: float
     lag: float
     margins: Margins
-    spread: Spread | None
-    runs: tuple[RunResult, ...]
+    spread: MarginSpread | None
+    runs: tuple[ClosedLoopResult, ...]
 
 
-def law_for(model: Model, allocation: Allocation, setting: Setting, kp: float, kd: float) -> Law:
+def control_law(model: Model, allocation: Allocation, setting: LoopConditions, kp: float, kd: float) -> ControlLaw:
     """The controller of these gains with all the aid that ``model`` gives."""
     bandwidth = math.sqrt(kp / model.inertia)
     own = max(_FILTER_SHARE / bandwidth, _FILTER_PERIODS * setting.period)
-    return Law(
+    return ControlLaw(
         kp=kp,
         kd=kd,
         period=setting.period,
@@ -106,15 +106,15 @@ def law_for(model: Model, allocation: Allocation, setting: Setting, kp: float, k
         inertia=model.inertia,
         quadratic_drag=model.quadratic_drag,
         linear_drag=model.linear_drag,
-        hold=holds(model),
+        static_terms=static_terms_of(model),
         lowest=allocation.lowest,
         highest=allocation.highest,
     )
 
 
-def unaided(law: Law) -> Law:
+def without_model_aid(law: ControlLaw) -> ControlLaw:
     """PD alone."""
-    return Law(
+    return ControlLaw(
         kp=law.kp,
         kd=law.kd,
         period=law.period,
@@ -124,17 +124,21 @@ def unaided(law: Law) -> Law:
     )
 
 
-def loop_of(law: Law, model: Model, vehicle: Vehicle, allocation: Allocation, setting: Setting) -> Loop:
+def open_loop(
+    law: ControlLaw, model: Model, vehicle: Vehicle, allocation: Allocation, setting: LoopConditions
+) -> OpenLoop:
     """The loop of ``law`` about rest, at the amplitude of the torque in use."""
-    return Loop(
+    return OpenLoop(
         law=law,
-        motion=linearised(model, model.steady_rate(setting.torque_in_use)),
-        actuators=_probes_for(model, vehicle, allocation, setting).actuators(model),
+        motion=linearise(model, model.steady_rate(setting.torque_in_use)),
+        actuators=_probes_for(model, vehicle, allocation, setting).frequency_response(model),
         delay=setting.delay,
     )
 
 
-def choose_bandwidth(model: Model, vehicle: Vehicle, allocation: Allocation, setting: Setting, damping: float) -> float:
+def choose_bandwidth(
+    model: Model, vehicle: Vehicle, allocation: Allocation, setting: LoopConditions, damping: float
+) -> float:
     """The largest bandwidth in rad/s with comfortable margins that neither noise nor the actuators' limits forbid.
 
     Raises
@@ -146,32 +150,34 @@ def choose_bandwidth(model: Model, vehicle: Vehicle, allocation: Allocation, set
     if not capacity > 0.0:
         raise one_way_only()
 
-    def law_at(bandwidth: float) -> Law:
-        kp, kd = gains(model.inertia, damping, bandwidth)
-        return law_for(model, allocation, setting, kp, kd)
+    def law_at(bandwidth: float) -> ControlLaw:
+        kp, kd = pd_gains(model.inertia, damping, bandwidth)
+        return control_law(model, allocation, setting, kp, kd)
 
     limit = math.sqrt(capacity / _FULL_TORQUE_ERROR / model.inertia)
     for bandwidth in BANDWIDTHS:
         law = law_at(float(bandwidth))
-        noise = law.kd * noise_of_rate(law, setting.heading_noise)
+        noise = law.kd * rate_noise(law, setting.heading_noise)
         if noise > _NOISE_SHARE * setting.torque_in_use:
             limit = min(limit, float(bandwidth))
             break
     # Motion and actuators do not change with the gains: they are worked out once.
-    template = loop_of(law_at(1.0), model, vehicle, allocation, setting)
+    template = open_loop(law_at(1.0), model, vehicle, allocation, setting)
 
-    def tried(bandwidth: float) -> Loop:
+    def tried(bandwidth: float) -> OpenLoop:
         return replace(template, law=law_at(bandwidth))
 
     return largest_bandwidth(tried, limit)
 
 
-def noise_of_rate(law: Law, heading_noise: float) -> float:
+def rate_noise(law: ControlLaw, heading_noise: float) -> float:
     """Standard deviation in rad/s that white ``heading_noise`` in rad leaves in the filtered rate."""
     return heading_noise * law.blend / law.period * math.sqrt(2.0 / (2.0 - law.blend))
 
 
-def control_of(parameters: Parameters, vehicle: Vehicle, setting: Setting, options: Options) -> Control:
+def design_controller(
+    parameters: Parameters, vehicle: Vehicle, setting: LoopConditions, options: ControllerOptions
+) -> ControllerDesign:
     """Design the controller and run it.
 
     Raises
@@ -190,39 +196,39 @@ def control_of(parameters: Parameters, vehicle: Vehicle, setting: Setting, optio
         wanted = options.bandwidth
         if wanted is None:
             wanted = choose_bandwidth(model, vehicle, allocation, setting, options.damping)
-        kp, kd = gains(model.inertia, options.damping, wanted)
-    law = law_for(model, allocation, setting, kp, kd)
-    loop = loop_of(law, model, vehicle, allocation, setting)
+        kp, kd = pd_gains(model.inertia, options.damping, wanted)
+    law = control_law(model, allocation, setting, kp, kd)
+    loop = open_loop(law, model, vehicle, allocation, setting)
     margins = loop.margins()
-    asked = manoeuvres(options.parsed_steps(), setting.torque_in_use)
-    return Control(
+    asked = standard_manoeuvres(options.parsed_steps(), setting.torque_in_use)
+    return ControllerDesign(
         law=law,
         model=model,
-        setting=setting,
+        conditions=setting,
         allocation=allocation,
         damping=damping_ratio(law.kp, law.kd, model.inertia),
         bandwidth=math.sqrt(law.kp / model.inertia),
-        lag=loop.lag(margins.crossover),
+        lag=loop.total_lag(margins.crossover),
         margins=margins,
-        spread=spread_of(loop, parameters, vehicle, allocation, setting),
+        spread=margin_spread(loop, parameters, vehicle, allocation, setting),
         runs=tuple(closed_runs(law, model, vehicle, allocation, setting, asked)),
     )
 
 
-def spread_of(
-    loop: Loop, parameters: Parameters, vehicle: Vehicle, allocation: Allocation, setting: Setting
-) -> Spread | None:
+def margin_spread(
+    loop: OpenLoop, parameters: Parameters, vehicle: Vehicle, allocation: Allocation, setting: LoopConditions
+) -> MarginSpread | None:
     """Monte Carlo over the covariance of the parameter file, the controller held; None where it has no covariance."""
     if not any(value > 0.0 for value in parameters.covariance.values()):
         return None
     best = parameters.model()
     probes, fastest = _probes_for(best, vehicle, allocation, setting), best.steady_rate(setting.torque_in_use)
     every = [
-        replace(loop, motion=linearised(model, fastest), actuators=probes.actuators(model)).margins()
-        for model in drawn(parameters, _DRAWS, seed=0)
+        replace(loop, motion=linearise(model, fastest), actuators=probes.frequency_response(model)).margins()
+        for model in sample_models(parameters, _DRAWS, seed=0)
     ]
     low, high = 5.0, 95.0
-    return Spread(
+    return MarginSpread(
         draws=len(every),
         stable=float(np.mean([margins.stable for margins in every])),
         gain_db=float(np.percentile([margins.gain_db for margins in every], low)),
@@ -233,23 +239,23 @@ def spread_of(
 
 
 def closed_runs(
-    law: Law,
+    law: ControlLaw,
     model: Model,
     vehicle: Vehicle,
     allocation: Allocation,
-    setting: Setting,
-    wanted: Sequence[Manoeuvre],
-) -> list[RunResult]:
+    setting: LoopConditions,
+    wanted: Sequence[HeadingManoeuvre],
+) -> list[ClosedLoopResult]:
     """Every manoeuvre with and without the aid; with effects also before and after the aid knows of them."""
     bare = replace(model, effects=(), effect_values=())
     bench = allocate(vehicle, bare)
     limits = {"lowest": bench.lowest, "highest": bench.highest}
-    plain = replace(law, hold=(0.0,) * len(law.hold), **limits)
-    with_and_without = [(plain, bench, True, False), (unaided(plain), bench, False, False)]
+    plain = replace(law, static_terms=(0.0,) * len(law.static_terms), **limits)
+    with_and_without = [(plain, bench, True, False), (without_model_aid(plain), bench, False, False)]
     ways = [(bare, with_and_without)]
     if model.effects:
         ways.append((model, [(law, allocation, True, True), *with_and_without]))
-    results = list[list[RunResult]]()
+    results = list[list[ClosedLoopResult]]()
     for acting, every in ways:
         plant = Plant(
             model=acting,
@@ -258,17 +264,17 @@ def closed_runs(
             heading_noise=setting.heading_noise,
             disturbance=_DISTURBANCE * setting.torque_in_use,
         )
-        loops = [closed_loops(controller, inverse, plant, wanted) for controller, inverse, _, _ in every]
-        runs = iter(measured_runs([*itertools.chain(*loops)]))
+        loops = [noisy_and_noise_free(controller, inverse, plant, wanted) for controller, inverse, _, _ in every]
+        runs = iter(simulate_pairs([*itertools.chain(*loops)]))
         results += [
             [
-                RunResult(
+                ClosedLoopResult(
                     name=manoeuvre.name,
                     effects=tuple(effect.key for effect in acting.effects),
                     model_aid=aided,
                     effects_known=known,
-                    measures=measures,
-                    quiet=quiet,
+                    metrics=measures,
+                    noise_free_run=quiet,
                 )
                 for manoeuvre, (measures, quiet) in zip(wanted, itertools.islice(runs, len(wanted)), strict=True)
             ]
@@ -277,11 +283,11 @@ def closed_runs(
     return [result for every_way in zip(*results, strict=True) for result in every_way]
 
 
-def closed_loops(
-    law: Law, allocation: Allocation, plant: Plant, manoeuvres: Sequence[Manoeuvre], seed: int = 0
+def noisy_and_noise_free(
+    law: ControlLaw, allocation: Allocation, plant: Plant, manoeuvres: Sequence[HeadingManoeuvre], seed: int = 0
 ) -> list[ClosedLoop]:
     """Each manoeuvre, and behind it the same without noise, disturbance and waves."""
-    count = math.ceil(duration(law, plant.model) / law.period)
+    count = math.ceil(run_duration(law, plant.model) / law.period)
     time = law.period * np.arange(count)
     loops = []
     for manoeuvre in manoeuvres:
@@ -291,22 +297,22 @@ def closed_loops(
             law=law,
             allocation=allocation,
             plant=plant,
-            wanted=np.full(count, math.radians(manoeuvre.wanted)),
-            start=math.radians(manoeuvre.start),
-            outside=outside,
+            setpoint=np.full(count, math.radians(manoeuvre.target)),
+            initial_heading=math.radians(manoeuvre.start),
+            external_torque=outside,
             seed=seed,
         )
-        loops += [loop, replace(loop, plant=plant.quiet(), outside=steady, seed=0)]
+        loops += [loop, replace(loop, plant=plant.noise_free(), external_torque=steady, seed=0)]
     return loops
 
 
-def measured_runs(loops: Sequence[ClosedLoop]) -> list[tuple[Measures, Course]]:
+def simulate_pairs(loops: Sequence[ClosedLoop]) -> list[tuple[StepMetrics, ClosedLoopRun]]:
     """Of each two of ``closed_loops`` the measures, and the quiet run, which shows its limit cycle."""
-    courses = iter(run_closed(loops))
-    return [(measure(course, quiet), quiet) for course, quiet in zip(courses, courses, strict=True)]
+    courses = iter(simulate_loops(loops))
+    return [(step_metrics(course, quiet), quiet) for course, quiet in zip(courses, courses, strict=True)]
 
 
-def duration(law: Law, model: Model) -> float:
+def run_duration(law: ControlLaw, model: Model) -> float:
     """s, after which a run has settled and gone on for as long again."""
     natural = math.sqrt(law.kp / model.inertia)
     ratio = damping_ratio(law.kp, law.kd, model.inertia)
@@ -321,8 +327,10 @@ def _decay(ratio: float) -> float:
     return ratio - math.sqrt(ratio**2 - 1.0)
 
 
-def _probes_for(model: Model, vehicle: Vehicle, allocation: Allocation, setting: Setting) -> Probes:
+def _probes_for(model: Model, vehicle: Vehicle, allocation: Allocation, setting: LoopConditions) -> ActuatorProbe:
     """Sines as large as the torque in use, but half of what there is at most."""
     amplitude = min(setting.torque_in_use, 0.5 * allocation.highest, -0.5 * allocation.lowest)
-    parts = model.drivetrain.parts
-    return Probes(vehicle=vehicle, parts=parts, allocation=allocation, period=setting.period, amplitude=amplitude)
+    parts = model.actuators.subdivision
+    return ActuatorProbe(
+        vehicle=vehicle, parts=parts, allocation=allocation, period=setting.period, amplitude=amplitude
+    )

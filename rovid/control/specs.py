@@ -19,7 +19,7 @@ _FROM_OUTSIDE = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options:
+class ControllerOptions:
     """What the user asks for; see `rovid control --help`.
 
     Raises
@@ -66,13 +66,15 @@ class Options:
         return found
 
 
-def setting_of(options: Options, model: Model, heading_noise: float | None, torque_in_use: float | None) -> Setting:
+def loop_conditions(
+    options: ControllerOptions, model: Model, heading_noise: float | None, torque_in_use: float | None
+) -> LoopConditions:
     """The loop's setting; a heading noise of 0.01 deg and the drag of a middling rate where no log says."""
     if heading_noise is None:
         heading_noise = _HEADING_NOISE
     if torque_in_use is None:
         torque_in_use = model.drag(np.array(_MIDDLING_RATE)).item()
-    return Setting(
+    return LoopConditions(
         period=options.period,
         delay=options.delay,
         rate_filter=options.rate_filter,
@@ -82,7 +84,7 @@ def setting_of(options: Options, model: Model, heading_noise: float | None, torq
 
 
 @dataclass(frozen=True, kw_only=True)
-class Setting:
+class LoopConditions:
     """What the user and the logs say of the loop.
 
     Attributes
@@ -103,31 +105,31 @@ class Setting:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Manoeuvre:
+class HeadingManoeuvre:
     """One run: from rest at ``start`` to ``wanted``, in deg; ``current`` and ``waves`` in N m."""
 
     name: str
     start: float
-    wanted: float
+    target: float
     current: float = 0.0
     waves: float = 0.0
 
 
-def paper_runs() -> tuple[Manoeuvre, ...]:
+def paper_runs() -> tuple[HeadingManoeuvre, ...]:
     """The three closed-loop runs of Ramesh et al. 2013."""
     return (
-        Manoeuvre(name="90 to 200 deg", start=90.0, wanted=200.0),
-        Manoeuvre(name="20 to 120 deg", start=20.0, wanted=120.0),
-        Manoeuvre(name="hold 120 deg, pushed to 100", start=100.0, wanted=120.0),
+        HeadingManoeuvre(name="90 to 200 deg", start=90.0, target=200.0),
+        HeadingManoeuvre(name="20 to 120 deg", start=20.0, target=120.0),
+        HeadingManoeuvre(name="hold 120 deg, pushed to 100", start=100.0, target=120.0),
     )
 
 
-def manoeuvres(steps: Sequence[tuple[float, float]], torque_in_use: float) -> tuple[Manoeuvre, ...]:
+def standard_manoeuvres(steps: Sequence[tuple[float, float]], torque_in_use: float) -> tuple[HeadingManoeuvre, ...]:
     """The paper's runs, the user's ``steps`` in deg, and a hold against current and waves."""
     torque = _FROM_OUTSIDE * torque_in_use
     return (
         *paper_runs(),
-        *(Manoeuvre(name=f"{a:g} to {b % 360.0:g} deg", start=a, wanted=b) for a, b in steps),
-        Manoeuvre(name="hold 120 deg, current sets in", start=120.0, wanted=120.0, current=torque),
-        Manoeuvre(name="hold 120 deg, waves", start=120.0, wanted=120.0, waves=torque),
+        *(HeadingManoeuvre(name=f"{a:g} to {b % 360.0:g} deg", start=a, target=b) for a, b in steps),
+        HeadingManoeuvre(name="hold 120 deg, current sets in", start=120.0, target=120.0, current=torque),
+        HeadingManoeuvre(name="hold 120 deg, waves", start=120.0, target=120.0, waves=torque),
     )

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rovid.control.closed_loop import Course
+from rovid.control.closed_loop import ClosedLoopRun
 from rovid.core.array_types import FloatArray
 
 # Share of the step that the time constant is read at, of an exponential.
@@ -29,7 +29,7 @@ class LimitCycle:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Measures:
+class StepMetrics:
     """Of one run; None where there is no step, or where it was not reached.
 
     Attributes
@@ -54,11 +54,11 @@ class Measures:
     limit_cycle: LimitCycle | None
 
 
-def measure(course: Course, quiet: Course) -> Measures:
+def step_metrics(course: ClosedLoopRun, quiet: ClosedLoopRun) -> StepMetrics:
     """Judge ``course``, and ``quiet``, the same without noise and disturbance, by its limit cycle."""
-    time, error = course.time, np.degrees(course.wanted - course.heading)
+    time, error = course.time, np.degrees(course.setpoint - course.heading)
     late = np.abs(error[time >= (1.0 - _END) * time[-1]])
-    measures = Measures(
+    measures = StepMetrics(
         time_constant=None,
         rise_time=None,
         settling_time=None,
@@ -73,7 +73,7 @@ def measure(course: Course, quiet: Course) -> Measures:
     return _with_step(measures, time, error)
 
 
-def _with_step(measures: Measures, time: FloatArray, error: FloatArray) -> Measures:
+def _with_step(measures: StepMetrics, time: FloatArray, error: FloatArray) -> StepMetrics:
     """``measures`` with those of the step that begins with the first ``error`` in deg."""
     step = float(error[0])
     done = 1.0 - error / step

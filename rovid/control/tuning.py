@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rovid.control.actuator_response import ComplexArray
-from rovid.control.control_law import Law, total_of_terms
+from rovid.control.control_law import ControlLaw, effect_torque
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
 from rovid.effects.base import TERM_STATES
@@ -29,7 +29,7 @@ BANDWIDTHS = np.geomspace(0.01, 20.0, 120)
 _LEAST_INERTIA = 0.2
 
 
-def gains(inertia: float, damping: float, bandwidth: float) -> tuple[float, float]:
+def pd_gains(inertia: float, damping: float, bandwidth: float) -> tuple[float, float]:
     """Gains kp in N m/rad and kd in N m s/rad for a ``damping`` ratio and ``bandwidth`` (natural frequency) in rad/s.
 
     Of ``I*rdot + kd*r + kp*psi = 0``, what is left where the aid cancels the drag: Ramesh et al. 2013, eq. 13, with the
@@ -74,7 +74,7 @@ class Margins:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Loop:
+class OpenLoop:
     """The loop about rest, opened at the torque.
 
     Attributes
@@ -90,7 +90,7 @@ class Loop:
         s, between a heading and the command that it leads to.
     """
 
-    law: Law
+    law: ControlLaw
     motion: tuple[FloatArray, FloatArray]
     actuators: tuple[FloatArray, ComplexArray]
     delay: float = 0.0
@@ -118,7 +118,7 @@ class Loop:
         back = np.exp(-1j * frequency * law.period)
         rate = law.blend * (1.0 - back) / law.period / (1.0 - (1.0 - law.blend) * back)
         # What the law does against torques at rest has a slope at the heading it starts from.
-        change = law.holding(_NUDGE, _NUDGE) - law.holding(-_NUDGE, -_NUDGE)
+        change = law.static_torque(_NUDGE, _NUDGE) - law.static_torque(-_NUDGE, -_NUDGE)
         slope = change / (2.0 * _NUDGE)
         return np.asarray(law.kp - slope + (law.kd - law.linear_drag) * rate)
 
@@ -135,7 +135,7 @@ class Loop:
         delay = np.interp(frequency, known, lags)
         return np.asarray(gain * np.exp(-1j * frequency * delay))
 
-    def lag(self, frequency: float) -> float:
+    def total_lag(self, frequency: float) -> float:
         """All that delays the loop, in s, at ``frequency`` in rad/s; holding and difference take half a period each."""
         response = complex(self.actuation(np.array([frequency]))[0])
         late = self.delay + self.law.period + self.law.rate_filter
@@ -210,13 +210,13 @@ def _decibel(logarithm: float) -> float:
     return 20.0 * logarithm / math.log(10.0)
 
 
-def linearised(model: Model, fastest: float = 0.0) -> tuple[FloatArray, FloatArray]:
+def linearise(model: Model, fastest: float = 0.0) -> tuple[FloatArray, FloatArray]:
     """(n, n) and (n,): the motion about rest at heading zero; heading, rate, and the states of the effects.
 
     What rubs damps slow motion alone: effects damp here as little as they do any swing of the rate up to ``fastest``
     in rad/s. Drag damps as at rest, for what it does beyond is taken off again by the controller's aid.
     """
-    torque = total_of_terms(model)
+    torque = effect_torque(model)
     count = len(model.terms.kinds)
     size = 2 + count * TERM_STATES
 
@@ -257,7 +257,7 @@ def _swung(change: Callable[[FloatArray, float], FloatArray], size: int, amplitu
     return np.asarray(sines @ answers / (_ANGLES * amplitude))
 
 
-def largest_bandwidth(loop_of: Callable[[float], Loop], limit: float) -> float:
+def largest_bandwidth(loop_of: Callable[[float], OpenLoop], limit: float) -> float:
     """The largest bandwidth in rad/s below ``limit`` at which the margins are comfortable.
 
     Phase margin 45 degrees, sensitivity peak 1.6, and a delay margin of as long as all that delays the loop already.
@@ -278,14 +278,14 @@ def largest_bandwidth(loop_of: Callable[[float], Loop], limit: float) -> float:
     )
 
 
-def _is_comfortable(loop: Loop) -> bool:
+def _is_comfortable(loop: OpenLoop) -> bool:
     """Whether phase margin, sensitivity peak and delay margin leave room for what the model does not know."""
     margins = loop.margins()
     damped = margins.phase_deg >= _PHASE_MARGIN and margins.sensitivity_peak <= _SENSITIVITY_PEAK
-    return damped and margins.stable and margins.delay_s >= loop.lag(margins.crossover)
+    return damped and margins.stable and margins.delay_s >= loop.total_lag(margins.crossover)
 
 
-def drawn(parameters: Parameters, count: int, seed: int) -> list[Model]:
+def sample_models(parameters: Parameters, count: int, seed: int) -> list[Model]:
     """``count`` models from the covariance in the parameter file, each parameter within its physical bounds."""
     names = list(parameters.entries)
     matrix = _covariance(parameters, names)

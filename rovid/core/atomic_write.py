@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from rovid.core.errors import OutputError, RovidError
-from rovid.core.folder_lock import held, settle
+from rovid.core.folder_lock import locked, recover
 from rovid.core.journal import PREFIX, Journal, new_journal, survivor, sync_folder, write_synced
-from rovid.core.signatures import Form
+from rovid.core.signatures import FileSignature
 
 # Content that depends on what is there is made while nobody else writes.
 Content = str | bytes | Callable[[], str | bytes]
@@ -27,11 +27,11 @@ _ELSEWHERE = "Choose another name."
 
 
 @dataclass(frozen=True)
-class Output:
+class OutputFile:
     """A file to be written, and of what kind it is."""
 
     path: Path
-    form: Form
+    signature: FileSignature
 
     @property
     def target(self) -> Path:
@@ -39,7 +39,7 @@ class Output:
         return Path(os.path.realpath(self.path))
 
 
-class Claim:
+class OutputSet:
     """Leave to write some files, asked for before the work that they come from.
 
     Parameters
@@ -57,7 +57,7 @@ class Claim:
         One of the files may not be replaced, or its place cannot be written.
     """
 
-    def __init__(self, outputs: Sequence[Output], *, force: bool = False, protected: Iterable[Path] = ()) -> None:
+    def __init__(self, outputs: Sequence[OutputFile], *, force: bool = False, protected: Iterable[Path] = ()) -> None:
         self._force = force
         self._protected = tuple(protected)
         targets = Counter(output.target for output in outputs)
@@ -65,14 +65,14 @@ class Claim:
             if targets[output.target] > 1:
                 raise OutputError("is the place of two outputs.", where=output.path, mend=_ELSEWHERE)
             try:
-                settle(_standing(output.target.parent))
+                recover(_standing(output.target.parent))
                 self._require_free(output)
                 with tempfile.TemporaryFile(dir=_standing(output.target.parent)):
                     pass
             except OSError as error:
                 raise _not_written(output.path, error) from error
 
-    def write(self, contents: Mapping[Output, Content], *, stale: Iterable[Path] = ()) -> None:
+    def write(self, contents: Mapping[OutputFile, Content], *, stale: Iterable[Path] = ()) -> None:
         """Write all of them or none, and take away ``stale`` with it.
 
         Raises
@@ -80,14 +80,14 @@ class Claim:
         OutputError
             They cannot be written after all; it says where they are instead.
         """
-        data: dict[Output, bytes] = {}
+        data: dict[OutputFile, bytes] = {}
         try:
             gone = [Path(os.path.realpath(path)) for path in stale]
             targets = [output.target for output in contents]
             folders = sorted({path.parent for path in (*targets, *gone)})
             for folder in folders:
                 folder.mkdir(parents=True, exist_ok=True)
-            with held(folders):
+            with locked(folders):
                 data = _all_encoded(contents)
                 changed = [output for output, content in data.items() if not _holds(output.target, content)]
                 for output in changed:
@@ -95,13 +95,13 @@ class Claim:
                 _write({output.target: data[output] for output in changed}, gone, folders)
         except OSError as error:
             first = next(iter(contents))
-            self.rescue(data or _all_encoded(contents), _not_written(first.path, error))
+            self.save_elsewhere(data or _all_encoded(contents), _not_written(first.path, error))
         except OutputError as error:
-            if not all(output.form.replaced for output in contents):
+            if not all(output.signature.replaceable for output in contents):
                 raise  # another file of that name was there all the time
-            self.rescue(data or _all_encoded(contents), error)
+            self.save_elsewhere(data or _all_encoded(contents), error)
 
-    def rescue(self, contents: Mapping[Output, bytes], reason: RovidError) -> NoReturn:
+    def save_elsewhere(self, contents: Mapping[OutputFile, bytes], reason: RovidError) -> NoReturn:
         """Save what cannot be written into a new folder somewhere else.
 
         Raises
@@ -126,9 +126,9 @@ class Claim:
             raise OutputError(f"{reason} Nothing is lost: what was to stand there is in {saved}.") from reason
         raise OutputError(f"{reason} Nor could it be saved anywhere else.") from reason
 
-    def _require_free(self, output: Output, *, certain: bool = False) -> None:
+    def _require_free(self, output: OutputFile, *, certain: bool = False) -> None:
         """Refuse what must not be replaced; where ``certain``, the new file is known to differ from what is there."""
-        target, form = output.target, output.form
+        target, form = output.target, output.signature
         try:
             there = target.stat()
         except FileNotFoundError:
@@ -136,8 +136,8 @@ class Claim:
         if not stat.S_ISREG(there.st_mode):
             what = "a folder" if stat.S_ISDIR(there.st_mode) else "a pipe, socket or device"
             raise OutputError(f"is {what}; a file was expected.", where=output.path, mend=_ELSEWHERE)
-        marked = form.marks(target)
-        if marked and not form.replaced and not certain:
+        marked = form.matches(target)
+        if marked and not form.replaceable and not certain:
             return
         protected = [path for path in self._protected if path.exists()]
         if any(path.samefile(target) for path in protected):
@@ -146,9 +146,9 @@ class Claim:
             )
         if not os.access(target, os.W_OK):
             raise OutputError("is write-protected.", where=output.path, mend=_ELSEWHERE)
-        if there.st_size and not (marked and form.replaced) and not self._force:
+        if there.st_size and not (marked and form.replaceable) and not self._force:
             raise OutputError(
-                f"is there already and is not {form.words}.",
+                f"is there already and is not {form.description}.",
                 where=output.path,
                 mend="Choose another name, or give --force to write over it.",
             )
@@ -222,7 +222,7 @@ def _holds(target: Path, content: bytes) -> bool:
     return target.is_file() and target.stat().st_size == len(content) and target.read_bytes() == content
 
 
-def _all_encoded(contents: Mapping[Output, Content]) -> dict[Output, bytes]:
+def _all_encoded(contents: Mapping[OutputFile, Content]) -> dict[OutputFile, bytes]:
     return {output: _encoded(content) for output, content in contents.items()}
 
 

@@ -27,7 +27,7 @@ def is_visible(sign: str) -> bool:
     return sign in _JOINERS or unicodedata.category(sign) not in _UNSEEN
 
 
-def visible(text: str) -> str:
+def escape_invisible(text: str) -> str:
     """``text`` with everything that is not seen for what it is as an escape, as `repr` has it."""
     if text.isprintable():
         return text
@@ -40,16 +40,16 @@ def _escaped(sign: str) -> str:
     return sign.encode("unicode_escape").decode()
 
 
-def shown(text: object, length: int = NAME_LENGTH) -> str:
+def display_text(text: object, length: int = NAME_LENGTH) -> str:
     """Text from elsewhere (a name, a path, a cell) as people are shown it: visible, its middle left out where long."""
     whole = str(text)
     if len(whole) <= 2 * length:
-        seen = visible(whole)
+        seen = escape_invisible(whole)
         if len(seen) <= length:
             return seen
     else:
         # Only the ends of what is very long are looked at; an escape is longer than its sign.
-        seen = visible(whole[:length]) + visible(whole[-length:])
+        seen = escape_invisible(whole[:length]) + escape_invisible(whole[-length:])
     gap = f" … ({len(whole)} characters) … "
     kept = max(length - len(gap), 2)
     behind = kept // 2
@@ -72,9 +72,9 @@ class RovidError(Exception):
     """
 
     def __init__(self, message: str, *, where: object = "", mend: str = "") -> None:
-        head = f"{shown(where, _PLACE)}: " if str(where) else ""
-        tail = f" {shown(mend, _MEND)}" if mend else ""
-        super().__init__(f"{head}{shown(message, _FOUND)}{tail}")
+        head = f"{display_text(where, _PLACE)}: " if str(where) else ""
+        tail = f" {display_text(mend, _MEND)}" if mend else ""
+        super().__init__(f"{head}{display_text(message, _FOUND)}{tail}")
 
 
 class ConfigError(RovidError):
@@ -93,18 +93,18 @@ class OutputError(RovidError):
     """A result cannot be written."""
 
 
-def nearest(wanted: str, present: Iterable[str], also: Mapping[str, str] = MappingProxyType({})) -> str:
+def suggestion(wanted: str, present: Iterable[str], also: Mapping[str, str] = MappingProxyType({})) -> str:
     """Sentence that offers the names `near` to ``wanted``, or all of them when none is."""
     names = [str(name) for name in islice(present, _LOOKED_THROUGH)]
-    if close := near(wanted, names, also):
-        return f"Nearest: {listed(close)}."
+    if close := close_matches(wanted, names, also):
+        return f"Nearest: {quoted_list(close)}."
     if not names:
         return "There are none."
     more = ", …" if len(names) > _OFFERED else ""
-    return f"There are: {listed(names[:_OFFERED])}{more}."
+    return f"There are: {quoted_list(names[:_OFFERED])}{more}."
 
 
-def near(wanted: str, present: Iterable[str], also: Mapping[str, str] = MappingProxyType({})) -> list[str]:
+def close_matches(wanted: str, present: Iterable[str], also: Mapping[str, str] = MappingProxyType({})) -> list[str]:
     """The three names at most that may be meant by ``wanted``.
 
     Near is what is spelt nearly so, what has ``wanted`` as a part, as `lag` is of `thruster_lag`, or is cut down to it,
@@ -127,6 +127,6 @@ def _runs_through(letters: str, name: str) -> bool:
     return all(letter in left for letter in letters)
 
 
-def listed(names: Iterable[str]) -> str:
+def quoted_list(names: Iterable[str]) -> str:
     """Names from elsewhere, each in quotes."""
-    return ", ".join(f"'{shown(name, NAME_LENGTH // 3)}'" for name in names)
+    return ", ".join(f"'{display_text(name, NAME_LENGTH // 3)}'" for name in names)

@@ -9,7 +9,7 @@ from collections.abc import Collection, Sequence
 from csv import writer
 from html import escape
 
-from rovid.core.errors import is_visible, visible
+from rovid.core.errors import escape_invisible, is_visible
 
 # MATLAB's limit of a field's name, the narrowest of those that take identifiers.
 _LONGEST = 63
@@ -52,7 +52,7 @@ def xml_comment(text: str) -> str:
 
 def _xml_signs(text: str) -> str:
     """``text`` in signs that XML can hold, and without what xacro and Stonefish would work out: ${…} and $(…)."""
-    return re.sub(r"\$(?=[{(])", "$ ", visible(text))
+    return re.sub(r"\$(?=[{(])", "$ ", escape_invisible(text))
 
 
 def toml_text(text: str) -> str:
@@ -82,7 +82,7 @@ def _code_of(sign: str) -> str:
 
 def python_docstring(text: str) -> str:
     """Text within three double quotes; a name by itself is a string literal by `repr`."""
-    return visible(text).replace("\\", "\\\\").replace('"', "'")
+    return escape_invisible(text).replace("\\", "\\\\").replace('"', "'")
 
 
 def csv_line(cells: Sequence[str]) -> str:
@@ -91,7 +91,7 @@ def csv_line(cells: Sequence[str]) -> str:
     One that a spreadsheet would take for a formula gets an apostrophe in front, which spreadsheets take for text.
     """
     line = io.StringIO()
-    writer(line, lineterminator="").writerow([_csv_cell(visible(cell)) for cell in cells])
+    writer(line, lineterminator="").writerow([_csv_cell(escape_invisible(cell)) for cell in cells])
     return line.getvalue()
 
 
@@ -110,7 +110,7 @@ def _identifier(name: str) -> str:
     return plain if begins_well else f"_{plain}"
 
 
-def words(names: Sequence[str], *, taken: Collection[str] = ()) -> list[str]:
+def field_names(names: Sequence[str], *, taken: Collection[str] = ()) -> list[str]:
     """Each of ``names`` as a column or field, letters of any script kept; no two alike, and none of those ``taken``."""
     return _distinct([re.sub(r"\W+", "_", name) for name in names], taken)
 

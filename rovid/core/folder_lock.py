@@ -22,7 +22,7 @@ _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP)
 
 
 @contextlib.contextmanager
-def held(folders: Iterable[Path]) -> Iterator[None]:
+def locked(folders: Iterable[Path]) -> Iterator[None]:
     """Keep other processes of rovid from writing in ``folders``; what killed ones left there is settled first.
 
     Raises
@@ -47,11 +47,11 @@ def held(folders: Iterable[Path]) -> Iterator[None]:
             wanted |= further
 
 
-def settle(folder: Path) -> None:
+def recover(folder: Path) -> None:
     """Complete what a killed process left half done in ``folder``, as far as that can be written."""
     with contextlib.suppress(OSError, OutputError):
         if _reach(folder):
-            with held([folder]):
+            with locked([folder]):
                 pass
 
 

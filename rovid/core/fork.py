@@ -12,17 +12,17 @@ import warnings
 from collections.abc import Callable
 from typing import BinaryIO, Generic, Self, TypeVar
 
-from rovid.core.threads import cores
+from rovid.core.threads import core_count
 
 Result = TypeVar("Result")
 
 
-def may_copy() -> bool:
+def can_fork() -> bool:
     """On Linux alone: elsewhere libraries do not bear it, or there is no such thing; and where a core is free."""
-    return platform.system() == "Linux" and cores() > 1 and threading.current_thread() is threading.main_thread()
+    return platform.system() == "Linux" and core_count() > 1 and threading.current_thread() is threading.main_thread()
 
 
-def forked() -> int:
+def fork_process() -> int:
     """The number of a copy that begins here; 0 in the copy.
 
     Raises
@@ -36,7 +36,7 @@ def forked() -> int:
         return os.fork()
 
 
-def become_copy() -> None:
+def silence_child() -> None:
     """Say nothing, and leave nothing behind."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_DFL)
@@ -45,13 +45,13 @@ def become_copy() -> None:
         os.dup2(nowhere, standard)
 
 
-def end_copy(copy: int) -> None:
+def kill_child(copy: int) -> None:
     """End the copy of this number, whatever it is at."""
     os.kill(copy, signal.SIGKILL)
     os.waitpid(copy, 0)
 
 
-class Ahead(Generic[Result]):
+class ForkedCall(Generic[Result]):
     """What a ``function`` returns, worked out by a copy while this process does something else.
 
     It is told as pickle tells it. Where there is no copy, or it fails, nothing is told.
@@ -60,11 +60,11 @@ class Ahead(Generic[Result]):
     def __init__(self, function: Callable[[], Result]) -> None:
         self._copy: int | None = None
         self._told: BinaryIO | None = None
-        if not may_copy():
+        if not can_fork():
             return
         reads, writes = os.pipe()
         try:
-            self._copy = forked()
+            self._copy = fork_process()
         except OSError:
             os.close(reads)
             os.close(writes)
@@ -97,7 +97,7 @@ class Ahead(Generic[Result]):
             return
         self._told.close()
         self._told = None
-        end_copy(self._copy)
+        kill_child(self._copy)
 
     def __enter__(self) -> Self:
         return self
@@ -109,7 +109,7 @@ class Ahead(Generic[Result]):
 def _tell(function: Callable[[], object], writes: int) -> None:
     """As the copy."""
     try:
-        become_copy()
+        silence_child()
         with os.fdopen(writes, "wb") as pipe:
             pickle.dump(function(), pipe, protocol=pickle.HIGHEST_PROTOCOL)
     finally:

@@ -38,10 +38,10 @@ def plus_minus(value: float, error: float) -> str:
     """Value and standard error, rounded to two digits of the error, three where it begins with 1 to 3."""
     if not math.isfinite(error) or error <= 0.0:
         return significant(value, 4)
-    return f"{to_error(value, error)} ± {to_error(error, error)}"
+    return f"{round_to_error(value, error)} ± {round_to_error(error, error)}"
 
 
-def to_error(value: float, error: float) -> str:
+def round_to_error(value: float, error: float) -> str:
     """``value`` as `plus_minus` rounds it; four digits where the standard error is not known."""
     if not math.isfinite(error) or error <= 0.0:
         return significant(value, 4)

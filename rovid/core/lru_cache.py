@@ -8,7 +8,7 @@ from collections.abc import Callable, Hashable
 from typing import Any, Protocol, TypeVar
 
 
-class Sized(Protocol):
+class HasNbytes(Protocol):
     """What says how many bytes it takes."""
 
     @property
@@ -16,10 +16,10 @@ class Sized(Protocol):
         """Bytes."""
 
 
-Made = TypeVar("Made", bound=Sized)
+Value = TypeVar("Value", bound=HasNbytes)
 
 
-class Recent:
+class SizedCache:
     """What was made, by all that it was made of; what has not been asked for the longest goes first.
 
     Of ``most`` bytes all together. A weak reference among what it was made of does not keep that alive. What is asked
@@ -28,26 +28,26 @@ class Recent:
     make it twice.
     """
 
-    def __init__(self, most: int, *, in_turn: bool = False) -> None:
-        self.most, self.in_turn = most, in_turn
+    def __init__(self, most: int, *, evict_randomly: bool = False) -> None:
+        self.max_bytes, self.in_turn = most, evict_randomly
         self._made: dict[Hashable, Any] = {}
         self._bytes = 0
         self._lock = threading.Lock()
         self._chance = random.Random(0)  # noqa: S311 - nothing is secret
 
-    def of(self, key: Hashable, make: Callable[[], Made]) -> Made:
+    def get_or_make(self, key: Hashable, make: Callable[[], Value]) -> Value:
         """What is kept under ``key``, or else what ``make`` gives, which is kept where there is room for it at all."""
         with self._lock:
-            found: Made | None = self._taken(key)
+            found: Value | None = self._taken(key)
             if found is not None:
                 self._keep(key, found)
                 return found
         made = make()
-        if made.nbytes <= self.most or self.in_turn:
+        if made.nbytes <= self.max_bytes or self.in_turn:
             with self._lock:
                 self._taken(key)
                 self._keep(key, made)
-                while self._bytes > self.most and len(self._made) > self.in_turn:
+                while self._bytes > self.max_bytes and len(self._made) > self.in_turn:
                     self._taken(self._dispensable())
         return made
 

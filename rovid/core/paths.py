@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from rovid.core.errors import ConfigError, RovidError, listed, near
+from rovid.core.errors import ConfigError, RovidError, close_matches, quoted_list
 
 _LOOP = "a link in a loop"
 _ABOVE = "a link to a folder that it lies in"
@@ -23,7 +23,7 @@ _ABSENT = {errno.ENOENT, errno.ENOTDIR}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Folder:
+class FolderContents:
     """What a folder holds, hidden files and folders left out.
 
     Attributes
@@ -35,10 +35,10 @@ class Folder:
     """
 
     files: tuple[Path, ...]
-    odd: Mapping[Path, str]
+    special_files: Mapping[Path, str]
 
 
-def odd(path: Path) -> str:
+def special_kind(path: Path) -> str:
     """What ``path`` is where it is neither file nor folder, as "a pipe"; empty where it is, or where nothing is."""
     try:
         mode = path.stat().st_mode
@@ -52,7 +52,7 @@ def odd(path: Path) -> str:
     return ""
 
 
-def refuse_odd(path: Path, error: type[RovidError] = ConfigError) -> None:
+def require_regular(path: Path, error: type[RovidError] = ConfigError) -> None:
     """Refuse to open what is neither file nor folder.
 
     Raises
@@ -60,11 +60,11 @@ def refuse_odd(path: Path, error: type[RovidError] = ConfigError) -> None:
     RovidError
         It is a pipe, a socket, a device, or a link in a loop.
     """
-    if what := odd(path):
+    if what := special_kind(path):
         raise error(f"is {what}; a file was expected.", where=path, mend="Write what it holds to a file first.")
 
 
-def require(path: Path, error: type[RovidError] = ConfigError) -> None:
+def require_exists(path: Path, error: type[RovidError] = ConfigError) -> None:
     """Refuse a path at which there is neither file nor folder.
 
     Raises
@@ -72,7 +72,7 @@ def require(path: Path, error: type[RovidError] = ConfigError) -> None:
     RovidError
         Nothing is there, it cannot be reached, or it is a pipe, a socket, a device, or a link in a loop.
     """
-    refuse_odd(path, error)
+    require_regular(path, error)
     try:
         path.stat()
     except OSError as reason:
@@ -85,13 +85,13 @@ def require(path: Path, error: type[RovidError] = ConfigError) -> None:
 def _beside(path: Path) -> str:
     """What is called nearly as ``path`` in its folder, as a sentence; empty where nothing is."""
     try:
-        close = near(path.name, sorted(other.name for other in path.parent.iterdir()))
+        close = close_matches(path.name, sorted(other.name for other in path.parent.iterdir()))
     except (OSError, ValueError):
         return ""
-    return f"Nearest: {listed(close)}. " if close else ""
+    return f"Nearest: {quoted_list(close)}. " if close else ""
 
 
-def search(path: Path, unreadable: Callable[[OSError], None]) -> Folder:
+def list_files(path: Path, on_error: Callable[[OSError], None]) -> FolderContents:
     """The file itself, or what the folder and those inside it hold; links to folders are not followed.
 
     Parameters
@@ -100,21 +100,21 @@ def search(path: Path, unreadable: Callable[[OSError], None]) -> Folder:
         Told of each folder inside that cannot be read.
     """
     if not path.is_dir():
-        return Folder(files=(path,), odd={})
+        return FolderContents(files=(path,), special_files={})
     files: list[Path] = []
     strange: dict[Path, str] = {}
-    for here, folders, names in os.walk(path, onerror=unreadable):
+    for here, folders, names in os.walk(path, onerror=on_error):
         # What os.walk is left with here is where it goes next.
         folders[:] = sorted(_shown(folders))
         inside = [Path(here, name) for name in _shown(names)]
         strange |= _strange((*(Path(here, name) for name in folders), *inside))
         files += [one for one in inside if one not in strange]
-    return Folder(files=tuple(sorted(files)), odd=dict(sorted(strange.items())))
+    return FolderContents(files=tuple(sorted(files)), special_files=dict(sorted(strange.items())))
 
 
 def _strange(paths: Iterable[Path]) -> dict[Path, str]:
     """Those of ``paths`` that are not to be read or followed, and what they are."""
-    whats = {path: odd(path) or _above(path) for path in paths}
+    whats = {path: special_kind(path) or _above(path) for path in paths}
     return {path: what for path, what in whats.items() if what}
 
 

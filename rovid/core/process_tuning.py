@@ -14,7 +14,7 @@ _TRIM_THRESHOLD, _MMAP_THRESHOLD, _ARENA_MAX = -1, -3, -8
 _LARGE = 16_000_000
 
 
-def settle() -> None:
+def tune_process() -> None:
     """Look seldom for small objects that are of no use any more, and give large arrays back when they go."""
     # Nothing that is imported goes before the end: to look it all through again and again takes long, and so it does
     # at the end, when all of it goes.

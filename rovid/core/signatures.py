@@ -10,7 +10,7 @@ _HEAD = 4096
 
 
 @dataclass(frozen=True, kw_only=True)
-class Form:
+class FileSignature:
     """A kind of output.
 
     Attributes
@@ -26,19 +26,21 @@ class Form:
         How many bytes of a file the mark is looked for in; -1: all of them.
     """
 
-    words: str
-    mark: re.Pattern[bytes]
-    replaced: bool = True
+    description: str
+    pattern: re.Pattern[bytes]
+    replaceable: bool = True
     reach: int = _HEAD
 
-    def marks(self, path: Path) -> bool:
+    def matches(self, path: Path) -> bool:
         """Whether the file bears the mark."""
         with path.open("rb") as stream:
-            return self.mark.search(stream.read(self.reach)) is not None
+            return self.pattern.search(stream.read(self.reach)) is not None
 
 
-def _form(words: str, mark: bytes, *, replaced: bool = True, reach: int = _HEAD) -> Form:
-    return Form(words=words, mark=re.compile(mark, re.MULTILINE | re.DOTALL), replaced=replaced, reach=reach)
+def _form(words: str, mark: bytes, *, replaced: bool = True, reach: int = _HEAD) -> FileSignature:
+    return FileSignature(
+        description=words, pattern=re.compile(mark, re.MULTILINE | re.DOTALL), replaceable=replaced, reach=reach
+    )
 
 
 def export_mark(name: str) -> str:
@@ -46,7 +48,7 @@ def export_mark(name: str) -> str:
     return f"Written by rovid export {name}"
 
 
-def export_form(name: str) -> Form:
+def export_signature(name: str) -> FileSignature:
     """An export in the format ``name``."""
     mark = rb'"schema": "rovid-model/[0-9]' if name == "json" else re.escape(export_mark(name).encode()) + rb"[^\w-]"
     return _form(f"an export for {name}", mark)
@@ -57,13 +59,13 @@ def plot_mark(of: str) -> str:
     return f"rovid {of}"
 
 
-def png_form(of: str) -> Form:
+def png_signature(of: str) -> FileSignature:
     """A picture as PNG."""
     mark = re.escape(plot_mark(of).encode())
     return _form(f"a picture of a {of}", rb"\A\x89PNG\r\n\x1a\n.*tEXtSoftware\x00" + mark)
 
 
-def svg_form(of: str) -> Form:
+def svg_signature(of: str) -> FileSignature:
     """A picture as SVG."""
     mark = re.escape(plot_mark(of).encode())
     return _form(f"a picture of a {of}", rb"\A<\?xml.*<dc:creator>.*<dc:title>" + mark + b"</dc:title>")
@@ -74,7 +76,7 @@ def pdf_mark(of: str) -> str:
     return plot_mark(of)
 
 
-def pdf_form(of: str) -> Form:
+def pdf_signature(of: str) -> FileSignature:
     """A page as PDF."""
     mark = re.escape(pdf_mark(of).encode())
     return _form(f"a {of} as PDF", rb"\A%PDF-.*/(Creator|Producer) \(" + mark + rb" *\)")
@@ -101,4 +103,4 @@ RECORDING = _form(
 )
 LOG = _form("this very log", rb"\A(time_s,|\x89MCAP0\r\n\x01.{8}\0{4}\x05\0{3}rovid|PAR1)", replaced=False)
 CONFIG = _form("this very rovid.toml", rb"\A# Written by `rovid init`", replaced=False)
-GUESSED_CURVE = _form("this very guessed curve", CURVE.mark.pattern, replaced=False)
+GUESSED_CURVE = _form("this very guessed curve", CURVE.pattern.pattern, replaced=False)

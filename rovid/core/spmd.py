@@ -15,8 +15,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-from rovid.core.fork import become_copy, end_copy, forked, may_copy
-from rovid.core.threads import SHARE, cores, spread
+from rovid.core.fork import can_fork, fork_process, kill_child, silence_child
+from rovid.core.threads import CORES_VARIABLE, core_count, thread_map
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -27,7 +27,9 @@ _MOST = 3
 _PLACE, _NONE = struct.Struct("=I"), 2**32 - 1
 
 
-def shared(function: Callable[[Item], Result], items: Iterable[Item], *, among_threads: bool = True) -> list[Result]:
+def parallel_map(
+    function: Callable[[Item], Result], items: Iterable[Item], *, among_threads: bool = True
+) -> list[Result]:
     """``function`` of each of ``items``, shared with the copies where there are any, and among threads otherwise.
 
     Results go from one process to another: they are numbers, arrays and text, and nothing that is compared by identity.
@@ -36,20 +38,20 @@ def shared(function: Callable[[Item], Result], items: Iterable[Item], *, among_t
     team, every = _TEAM, list(items)
     if team is not None:
         return team.share(function, every)
-    return spread(function, every) if among_threads else [function(item) for item in every]
+    return thread_map(function, every) if among_threads else [function(item) for item in every]
 
 
 @contextlib.contextmanager
-def in_step(*, wanted: bool = True) -> Iterator[bool]:
+def forked_workers(*, wanted: bool = True) -> Iterator[bool]:
     """Copies go through all that is inside, and end where this process goes on; whether it is that one.
 
     There are none where none are ``wanted``, the system makes none, no core is free for one, or other threads may be
     at work.
     """
-    if not wanted or _TEAM is not None or not may_copy():
+    if not wanted or _TEAM is not None or not can_fork():
         yield True
         return
-    copies = _begin(min(cores() - 1, _MOST))
+    copies = _begin(min(core_count() - 1, _MOST))
     try:
         yield copies is not None
     finally:
@@ -57,7 +59,7 @@ def in_step(*, wanted: bool = True) -> Iterator[bool]:
             os._exit(0)
         _disband()
         for copy in copies:
-            end_copy(copy)
+            kill_child(copy)
 
 
 def _begin(count: int) -> list[int] | None:
@@ -67,7 +69,7 @@ def _begin(count: int) -> list[int] | None:
         back, forth = os.pipe(), os.pipe()
         ours, theirs = _Line(back[0], forth[1]), _Line(forth[0], back[1])
         try:
-            copy = forked()
+            copy = fork_process()
         except OSError:
             ours.close()
             theirs.close()
@@ -76,7 +78,7 @@ def _begin(count: int) -> list[int] | None:
             for line in (ours, *lines):
                 line.close()
             os.close(places[1])
-            become_copy()
+            silence_child()
             _join(_Team(places[0], None, [theirs]))
             return None
         theirs.close()
@@ -144,7 +146,7 @@ class _Team:
     hands_out: int | None
     lines: Sequence[_Line]
     is_at_work: bool = False
-    share_before: str | None = field(default_factory=lambda: os.environ.get(SHARE))
+    share_before: str | None = field(default_factory=lambda: os.environ.get(CORES_VARIABLE))
 
     def share(self, function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
         """As `shared`; what is to be shared within that stays where it is, and one item is nothing to share."""
@@ -204,7 +206,7 @@ _TEAM: _Team | None = None
 def _join(team: _Team) -> None:
     global _TEAM  # noqa: PLW0603 - a process is in one team, whoever asks
     _TEAM = team
-    os.environ[SHARE] = "1"
+    os.environ[CORES_VARIABLE] = "1"
 
 
 def _disband() -> None:
@@ -213,7 +215,7 @@ def _disband() -> None:
     if _TEAM is None:
         return
     _TEAM.close()
-    del os.environ[SHARE]
+    del os.environ[CORES_VARIABLE]
     if _TEAM.share_before is not None:
-        os.environ[SHARE] = _TEAM.share_before
+        os.environ[CORES_VARIABLE] = _TEAM.share_before
     _TEAM = None

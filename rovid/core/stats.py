@@ -8,35 +8,35 @@ from __future__ import annotations
 import math
 
 
-def beyond_chi2(freedom: float, value: float) -> float:
+def chi2_sf(freedom: float, value: float) -> float:
     """Probability that chi-square with so many degrees of freedom is larger."""
     from scipy import special
 
     return float(special.chdtrc(freedom, value))
 
 
-def beyond_f(above: float, below: float, ratio: float) -> float:
+def f_sf(above: float, below: float, ratio: float) -> float:
     """Probability that Fisher's F is larger, with degrees of freedom ``above`` and ``below`` the line."""
     from scipy import special
 
     return float(special.fdtrc(above, below, ratio))
 
 
-def within_f(above: float, below: float, ratio: float) -> float:
+def f_cdf(above: float, below: float, ratio: float) -> float:
     """Probability that Fisher's F is smaller; see `beyond_f`."""
     from scipy import special
 
     return float(special.fdtr(above, below, ratio))
 
 
-def below_t(freedom: float, value: float) -> float:
+def t_cdf(freedom: float, value: float) -> float:
     """Probability that Student's t is smaller."""
     from scipy import special
 
     return float(special.stdtr(freedom, value))
 
 
-def student_t(probability: float, freedom: float) -> float:
+def t_quantile(probability: float, freedom: float) -> float:
     """Quantile of Student's t; of the normal distribution for infinite degrees of freedom."""
     from scipy import special
 

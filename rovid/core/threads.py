@@ -13,7 +13,7 @@ from functools import cached_property
 from typing import Generic, TypeVar
 
 # In the environment of a process that is one of several: how many cores are its own.
-SHARE = "ROVID_CORES"
+CORES_VARIABLE = "ROVID_CORES"
 # s that a thread which comes out of a compiled loop waits for the others; Python's own 5 ms are several loops' time.
 _TURN = 2e-5
 
@@ -21,7 +21,7 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 
-def spread(function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
+def thread_map(function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
     """``function`` of each of ``items``, on all cores that are not at work already.
 
     What is spread within such a function is spread too, as soon as another has run out of work: the last of many is
@@ -73,7 +73,7 @@ class _Hands:
     def help_with(self, job: _Job[Item, Result]) -> list[Future[None]]:
         """Let those work at ``job`` who are free."""
         with self._lock:
-            count = max(min(cores() - 1 - self._busy, len(job.left) - 1), 0)
+            count = max(min(core_count() - 1 - self._busy, len(job.left) - 1), 0)
             self._count(count)
         return [self._pool.submit(self._help, job) for _ in range(count)]
 
@@ -110,13 +110,13 @@ class _Hands:
     @cached_property
     def _pool(self) -> ThreadPoolExecutor:
         # One more than help at a time: who waits may be helped for.
-        return ThreadPoolExecutor(max(cores(), 1) + 1, thread_name_prefix="rovid-worker")
+        return ThreadPoolExecutor(max(core_count(), 1) + 1, thread_name_prefix="rovid-worker")
 
 
 _HANDS = _Hands()
 
 
-def cores() -> int:
+def core_count() -> int:
     """How many this process may use."""
     there = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return min(there, int(os.environ.get(SHARE, there)))
+    return min(there, int(os.environ.get(CORES_VARIABLE, there)))

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from rovid.core.errors import ConfigError, shown
-from rovid.core.paths import refuse_odd
+from rovid.core.errors import ConfigError, display_text
+from rovid.core.paths import require_regular
 
 # No quantity of a vehicle is larger, in whatever unit, and no size of one smaller: squares and quotients stay finite.
 LARGEST, SMALLEST = 1e18, 1e-12
@@ -35,7 +35,7 @@ def read_toml(path: Path, mend: str = "") -> dict[str, Any]:
     ConfigError
         It cannot be read, is too large, or is not TOML.
     """
-    refuse_odd(path)
+    require_regular(path)
     try:
         with path.open("rb") as file:
             content = file.read(_SIZE + 1)
@@ -78,10 +78,10 @@ def _everything(document: dict[str, Any]) -> Iterator[tuple[tuple[str, ...], Any
 
 
 def _words(place: tuple[str, ...]) -> str:
-    return ".".join(shown(part, 60) for part in place)
+    return ".".join(display_text(part, 60) for part in place)
 
 
-def number_wanted(value: object, *, positive: bool = False, largest: float = LARGEST) -> str:
+def expected_number(value: object, *, positive: bool = False, largest: float = LARGEST) -> str:
     """What was expected in place of ``value``; nothing where it is a number of a size that something has."""
     if isinstance(value, bool) or not isinstance(value, int | float) or math.isnan(value):
         return "a number"

@@ -10,13 +10,13 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
-from rovid.effects.actuator_inputs import actuation
+from rovid.effects.actuator_inputs import actuator_inputs
 from rovid.model.model import Model
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Vehicle
 
 # s of rest before each run: the filter and the vehicle begin from nothing.
-LEAD = 4.0
+LEAD_SECONDS = 4.0
 _LEVELS = (0.3, 0.6, 1.0)
 _SEED = 20130401  # a plan is the same whenever it is made
 # Times in vehicle time constants, but no shorter than so many s for a crew and its drives.
@@ -27,7 +27,7 @@ _SWEEP = 3.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Planned:
+class CandidateRun:
     """A run to come.
 
     Attributes
@@ -52,7 +52,7 @@ class Planned:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Limits:
+class RunLimits:
     """What a crew allows: share of the commands in use, and at most so many s, rad/s (m/s) and turns (or m)."""
 
     share: float = 1.0
@@ -62,7 +62,7 @@ class Limits:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Pace:
+class RunScales:
     """What the runs are scaled by.
 
     Attributes
@@ -86,7 +86,7 @@ class Pace:
     fast: float
 
     @classmethod
-    def of(cls, model: Model, vehicle: Vehicle, trials: Sequence[Trial], share: float) -> Pace:
+    def from_trials(cls, model: Model, vehicle: Vehicle, trials: Sequence[Trial], share: float) -> RunScales:
         """From the commands that ``trials`` used, of which ``share`` is allowed.
 
         Raises
@@ -95,7 +95,7 @@ class Pace:
             The thrusters push one way only.
         """
         commands = np.vstack([trial.commands for trial in trials])
-        where = actuation(vehicle, trials[0])
+        where = actuator_inputs(vehicle, trials[0])
         used = np.nanmin(commands, axis=0), np.nanmax(commands, axis=0)
         most = np.maximum(used[1] - where.neutral, where.neutral - used[0]) * share
         senses = np.sign(where.arms)
@@ -104,16 +104,16 @@ class Pace:
             side = (way * senses > 0.0).astype(int)
             edge[row] = where.dead_zone[np.arange(len(most)), side]
             # About a neutral that is off the middle of the curve the same way back would be beyond its end.
-            full[row] = np.clip(where.neutral + way * senses * most, *where.ends.T)
+            full[row] = np.clip(where.neutral + way * senses * most, *where.command_range.T)
         torques = np.array([vehicle.thrust(one[None])[0] @ where.arms for one in full])
         if not torques[0] < 0.0 < torques[1]:
-            raise DataError("the thrusters push one way only.", mend=f"Look at {vehicle.axis.arm} in rovid.toml.")
+            raise DataError("the thrusters push one way only.", mend=f"Look at {vehicle.axis.arm_key} in rovid.toml.")
         fast = model.steady_rate(float(np.min(np.abs(torques))))
         slope = 2.0 * model.quadratic_drag * 0.5 * fast + model.linear_drag
         constant = model.inertia / max(slope, 1e-12)
         if model.stiffness > 0.0:
             constant = max(constant, 2.0 * math.pi * math.sqrt(model.inertia / model.stiffness))
-        period = float(np.median([trial.period for trial in trials]))
+        period = float(np.median([trial.sampling_interval for trial in trials]))
         return cls(constant=constant, period=period, full=full, edge=edge, fast=fast)
 
     def commands(self, shares: FloatArray) -> FloatArray:
@@ -129,7 +129,7 @@ class Pace:
         return np.asarray(0.5 * (self.edge[0] + self.edge[1]))
 
 
-def programme(pace: Pace, thrusters: Sequence[str]) -> list[Planned]:
+def candidate_runs(pace: RunScales, thrusters: Sequence[str]) -> list[CandidateRun]:
     """Every run that is worth a thought, each from rest and left at rest."""
     runs = [_played(name, pieces, pace) for name, pieces in _courses(pace)]
     if len(thrusters) > 1:
@@ -141,7 +141,7 @@ def programme(pace: Pace, thrusters: Sequence[str]) -> list[Planned]:
 _Piece = tuple[float, float]
 
 
-def _courses(pace: Pace) -> Iterator[tuple[str, list[_Piece]]]:
+def _courses(pace: RunScales) -> Iterator[tuple[str, list[_Piece]]]:
     tau = pace.constant
     hold = max(5.0 * tau, _SHORTEST_HOLD)
     for level in _LEVELS:
@@ -171,14 +171,14 @@ def _courses(pace: Pace) -> Iterator[tuple[str, list[_Piece]]]:
     yield "left alone at rest for two minutes", [(2.0, 0.3), (120.0, 0.0)]
 
 
-def _sine(period: float, level: float, cycles: int, pace: Pace) -> list[_Piece]:
+def _sine(period: float, level: float, cycles: int, pace: RunScales) -> list[_Piece]:
     """Whole periods of a sine that reaches the share ``level``, ``period`` in s."""
     step = max(pace.period, period / 200.0)
     time = np.arange(0.0, cycles * period, step)
     return [(step, float(level * math.sin(2.0 * math.pi * t / period))) for t in time]
 
 
-def _sweep(longest: float, shortest: float, level: float, pace: Pace) -> list[_Piece]:
+def _sweep(longest: float, shortest: float, level: float, pace: RunScales) -> list[_Piece]:
     """Periods fall by a constant share from each to the next, so that each has as many cycles as another."""
     step = max(pace.period, shortest / 40.0)
     time = np.arange(0.0, _SWEEP * longest, step)
@@ -206,27 +206,27 @@ def _random_piece(rng: np.random.Generator, typical: float, level: float) -> _Pi
     return float(typical * rng.uniform(0.5, 2.0)), share
 
 
-def _played(name: str, pieces: Sequence[_Piece], pace: Pace) -> Planned:
+def _played(name: str, pieces: Sequence[_Piece], pace: RunScales) -> CandidateRun:
     """The run that a crew plays of (seconds, share) ``pieces``."""
     time, shares = _course(pieces, pace)
-    return Planned(name=name, time=time, commands=pace.commands(shares))
+    return CandidateRun(name=name, time=time, commands=pace.commands(shares))
 
 
-def _course(pieces: Sequence[_Piece], pace: Pace) -> tuple[FloatArray, FloatArray]:
+def _course(pieces: Sequence[_Piece], pace: RunScales) -> tuple[FloatArray, FloatArray]:
     """(n,) s and the share held at each, on the clock of the logs."""
     lengths, shares = zip(*pieces, strict=True)
-    ends = LEAD + np.cumsum(lengths)
+    ends = LEAD_SECONDS + np.cumsum(lengths)
     time = pace.period * np.arange(round(float(ends[-1]) / pace.period) + 1)
     levels = np.array([0.0, *shares], dtype=np.float64)
     # A little late, so that rounding moves no instant to the level before.
-    at = np.searchsorted(np.array([LEAD, *ends]), time + 1e-9, side="right")
+    at = np.searchsorted(np.array([LEAD_SECONDS, *ends]), time + 1e-9, side="right")
     held = levels[np.minimum(at, len(levels) - 1)]
     return np.asarray(time, dtype=np.float64), held
 
 
-def _alone(name: str, at: int, pace: Pace) -> Planned:
+def _alone(name: str, at: int, pace: RunScales) -> CandidateRun:
     hold = max(5.0 * pace.constant, _SHORTEST_HOLD)
     time, shares = _course([(hold, 1.0), (hold, 0.0), (hold, -1.0), (hold, 0.0)], pace)
     commands = pace.commands(np.zeros(len(time)))
     commands[:, at] = pace.commands(shares)[:, at]
-    return Planned(name=f"{name} alone, both ways, {hold:.0f} s each", time=time, commands=commands)
+    return CandidateRun(name=f"{name} alone, both ways, {hold:.0f} s each", time=time, commands=commands)

@@ -10,11 +10,11 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
-from rovid.core.threads import spread
-from rovid.design.candidate_runs import Limits, Planned
-from rovid.estimate.filter_data import Readings
-from rovid.estimate.fit_result import Fitted
-from rovid.estimate.innovation_likelihood import InnovationMisfit
+from rovid.core.threads import thread_map
+from rovid.design.candidate_runs import CandidateRun, RunLimits
+from rovid.estimate.filter_data import InnovationData
+from rovid.estimate.fit_result import FitResult
+from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from rovid.estimate.objective import UNLIMITED
 from rovid.model.model import Model
 from rovid.signals.preprocessing import prepare
@@ -22,12 +22,12 @@ from rovid.trial.trial import Campaign, Trial
 from rovid.trial.vehicle import Vehicle
 
 # Log-likelihood that decides, as in the diagnosis.
-DECIDES = 12.0
+DECISIVE_LLR = 12.0
 _ROOM = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Belief:
+class CandidateModel:
     """A fitted model and how sure it is.
 
     Attributes
@@ -52,10 +52,10 @@ class Belief:
 
     def driven_rate(self, rate: float) -> float:
         """Standard deviation of the rate that the disturbance drives, where the vehicle moves at ``rate``."""
-        return self.disturbance * self.model.restlessness(rate, self.memory)
+        return self.disturbance * self.model.rate_std_per_torque(rate, self.memory)
 
     @classmethod
-    def of(cls, name: str, fitted: Fitted, covariance: FloatArray) -> Belief:
+    def from_fit(cls, name: str, fitted: FitResult, covariance: FloatArray) -> CandidateModel:
         """Of a fitted model with the (p, p) ``covariance`` of its parameters."""
         disturbance, memory = fitted.disturbance
         return cls(
@@ -64,13 +64,13 @@ class Belief:
             covariance=covariance,
             disturbance=disturbance,
             memory=memory,
-            noise=fitted.misfit.position_noise(fitted.x),
-            integrated=fitted.records.integrated,
+            noise=fitted.objective.position_noise(fitted.x),
+            integrated=fitted.data.rate_only,
         )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Worth:
+class ExpectedInformation:
     """A run with what it is expected to tell, and the rates that each model predicts in it.
 
     Attributes
@@ -81,19 +81,24 @@ class Worth:
         (m, n) predicted rate of each belief at the instants of the run.
     """
 
-    run: Planned
+    run: CandidateRun
     gain: float
     rates: FloatArray
 
     @property
-    def per_minute(self) -> float:
+    def gain_per_minute(self) -> float:
         """Gain for each minute in the water."""
         return 60.0 * self.gain / self.run.seconds
 
 
-def ranked(
-    runs: Sequence[Planned], beliefs: Sequence[Belief], vehicle: Vehicle, limits: Limits, *, narrow: str = ""
-) -> list[Worth]:
+def rank_runs(
+    runs: Sequence[CandidateRun],
+    beliefs: Sequence[CandidateModel],
+    vehicle: Vehicle,
+    limits: RunLimits,
+    *,
+    narrow: str = "",
+) -> list[ExpectedInformation]:
     """``runs`` within ``limits``, the best for its time first.
 
     Parameters
@@ -106,21 +111,23 @@ def ranked(
     DataError
         No run stays within the limits.
     """
-    tried = spread(lambda run: _worth(run, beliefs, vehicle, limits, narrow), runs)
+    tried = thread_map(lambda run: _worth(run, beliefs, vehicle, limits, narrow), runs)
     within = [worth for worth in tried if worth is not None]
     if not within:
         raise DataError("no run stays within these limits.", mend="Allow a longer run, more turns or a higher rate.")
     return _best_first(within, rivals=len(beliefs) > 1)
 
 
-def _best_first(worths: Sequence[Worth], *, rivals: bool) -> list[Worth]:
+def _best_first(worths: Sequence[ExpectedInformation], *, rivals: bool) -> list[ExpectedInformation]:
     """Of the runs that decide the one that does so fastest; where none does, the one that tells most."""
     if rivals:
-        return sorted(worths, key=lambda one: (-min(one.gain, DECIDES) / DECIDES, -one.per_minute))
-    return sorted(worths, key=lambda one: -one.per_minute)
+        return sorted(worths, key=lambda one: (-min(one.gain, DECISIVE_LLR) / DECISIVE_LLR, -one.gain_per_minute))
+    return sorted(worths, key=lambda one: -one.gain_per_minute)
 
 
-def _worth(run: Planned, beliefs: Sequence[Belief], vehicle: Vehicle, limits: Limits, narrow: str) -> Worth | None:
+def _worth(
+    run: CandidateRun, beliefs: Sequence[CandidateModel], vehicle: Vehicle, limits: RunLimits, narrow: str
+) -> ExpectedInformation | None:
     """What ``run`` is worth; None where it leaves the limits."""
     if run.seconds > limits.seconds:
         return None
@@ -137,40 +144,40 @@ def _worth(run: Planned, beliefs: Sequence[Belief], vehicle: Vehicle, limits: Li
         first, second = beliefs
         # Whichever is right: the run has to tell either.
         gain = min(_told(trials[0], second, vehicle), _told(trials[1], first, vehicle))
-    return Worth(run=run, gain=gain, rates=rates)
+    return ExpectedInformation(run=run, gain=gain, rates=rates)
 
 
-def _imagined(run: Planned, belief: Belief, vehicle: Vehicle) -> Trial:
+def _imagined(run: CandidateRun, belief: CandidateModel, vehicle: Vehicle) -> Trial:
     """The run as the vehicle of ``belief`` would answer it, without noise or disturbance."""
-    still = Trial.imagined(run.time, run.commands, name=run.name, reference=run.reference)
+    still = Trial.from_commands(run.time, run.commands, name=run.name, reference=run.reference)
     trial = replace(still, axis=vehicle.axis)
-    rate, position = belief.model.simulate(trial, belief.model.drive(vehicle, trial))
-    return replace(trial, rate=rate, position=position, integrated=belief.integrated)
+    rate, position = belief.model.simulate(trial, belief.model.torque_input(vehicle, trial))
+    return replace(trial, rate=rate, position=position, rate_only=belief.integrated)
 
 
-def _slopes(trial: Trial, belief: Belief, vehicle: Vehicle) -> tuple[FloatArray, FloatArray]:
+def _slopes(trial: Trial, belief: CandidateModel, vehicle: Vehicle) -> tuple[FloatArray, FloatArray]:
     """(N,) normalised innovations of the imagined trial under ``belief``, and their (N, p) slopes.
 
     By the model's own parameters, in their units.
     """
     seen = trial if belief.integrated else replace(trial, rate=None)
     # The lowest cut-off that any run of some length takes: the filter has no say here.
-    runs = prepare(Campaign(trials=(seen,), sources=()), vehicle, cutoff=0.1 / trial.period).items
+    runs = prepare(Campaign(trials=(seen,), sources=()), vehicle, cutoff=0.1 / trial.sampling_interval).items
     model = belief.model
     bare = replace(model, effects=(), effect_values=())
-    misfit = InnovationMisfit(Readings(runs, vehicle, bare), UNLIMITED, model.effects)
+    misfit = InnovationLikelihood(InnovationData(runs, vehicle, bare), UNLIMITED, model.effects)
     noise = max(belief.noise, _ROOM)
-    x = misfit.coordinates.at_model(model, belief.disturbance + 1e-300, belief.memory, noise)
+    x = misfit.parametrization.coordinates_of(model, belief.disturbance + 1e-300, belief.memory, noise)
     residual, matrix = list[FloatArray](), list[FloatArray]()
-    for piece in misfit.slopes(x):
+    for piece in misfit.jacobian(x):
         count = len(piece.residual) // 2
         residual.append(piece.residual[:count])
         matrix.append(piece.matrix[:count])
-    shown, size = misfit.coordinates.of_model(x)
+    shown, size = misfit.parametrization.model_jacobian(x)
     return np.concatenate(residual), np.concatenate(matrix)[:, shown] / size
 
 
-def _told(trial: Trial, wrong: Belief, vehicle: Vehicle) -> float:
+def _told(trial: Trial, wrong: CandidateModel, vehicle: Vehicle) -> float:
     """Log-likelihood that ``wrong`` loses, though its parameters give way within what is known of them."""
     residual, slopes = _slopes(trial, wrong, vehicle)
     known, scale = _information(wrong.covariance)
@@ -188,7 +195,7 @@ def _information(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.asarray(np.linalg.pinv(correlations, rcond=1e-10)), scale
 
 
-def _narrowed(trial: Trial, belief: Belief, vehicle: Vehicle, name: str) -> float:
+def _narrowed(trial: Trial, belief: CandidateModel, vehicle: Vehicle, name: str) -> float:
     """Logarithm of the parameter's variance before the run over that after it."""
     _, slopes = _slopes(trial, belief, vehicle)
     at = belief.model.names.index(name)

@@ -8,19 +8,19 @@ from dataclasses import replace
 from importlib import import_module
 
 from rovid.core.errors import DataError
-from rovid.core.spmd import in_step
-from rovid.diagnose.build_result import concluded
-from rovid.diagnose.data_requirements import lack_of
+from rovid.core.spmd import forked_workers
+from rovid.diagnose.build_result import build_diagnosis
+from rovid.diagnose.data_requirements import missing_data
 from rovid.diagnose.result import Diagnosis
-from rovid.diagnose.signal_regressors import signal_causes
-from rovid.diagnose.splitting import parts_of, pieces_of
-from rovid.diagnose.stepwise import Report
+from rovid.diagnose.signal_regressors import signal_regressors
+from rovid.diagnose.splitting import cv_pieces, split_runs
+from rovid.diagnose.stepwise import ProgressCallback
 from rovid.diagnose.strategies import ByInnovations, by_horizons, few_of, wave_search
 from rovid.diagnose.validation import Work
 from rovid.effects import forms_for
-from rovid.estimate.filter_data import Readings
-from rovid.estimate.output_error import fit_free_run
-from rovid.signals.preprocessing import Run, Runs, channels
+from rovid.estimate.filter_data import InnovationData
+from rovid.estimate.output_error import fit_output_error
+from rovid.signals.preprocessing import PreparedRuns, Run, shared_channels
 from rovid.trial.vehicle import Vehicle
 
 _BY_HORIZONS = (
@@ -52,17 +52,17 @@ def _said(work: Work, notes: list[str]) -> list[str]:
     return said
 
 
-def make_ready() -> None:
+def preload() -> None:
     """Import and load what a diagnosis takes: best while the logs are read, and before each copy does so for itself."""
-    from rovid.model.kernels import compile_now, is_compiled
+    from rovid.model.kernels import compile_all, is_compiled
 
     for name in _IMPORTED:
         import_module(name)
     if is_compiled():
-        compile_now()
+        compile_all()
 
 
-def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) -> Diagnosis:
+def diagnose(prepared: PreparedRuns, vehicle: Vehicle, report: ProgressCallback = lambda _: None) -> Diagnosis:
     """Name what the simulation misses.
 
     Parameters
@@ -71,31 +71,31 @@ def diagnose(prepared: Runs, vehicle: Vehicle, report: Report = lambda _: None) 
         Called with a line of text as the work goes on.
     """
     runs, notes = prepared.items, []
-    parts = parts_of(runs, vehicle, prepared.cutoff)
+    parts = split_runs(runs, vehicle, prepared.cutoff)
     if parts is not None:
         runs = parts.items
         notes.append(
             f"There are too few trials ({len(prepared.items)}) to hold any out: they were cut into {len(runs)} parts, "
             "each simulated from its own start."
         )
-    if lack := lack_of(runs, prepared.cutoff):
+    if lack := missing_data(runs, prepared.cutoff):
         return Diagnosis(verdict="too_little_data", missing=lack, warnings=tuple(notes))
-    make_ready()
-    with in_step(wanted=_is_shared_by_copies(prepared.items)) as is_first:
+    preload()
+    with forked_workers(wanted=_is_shared_by_copies(prepared.items)) as is_first:
         report = report if is_first else _unsaid
         try:
-            start = fit_free_run(runs, certainty=0.0)
+            start = fit_output_error(runs, min_sigmas=0.0)
         except DataError as error:
             return Diagnosis(verdict="too_little_data", missing=str(error), warnings=tuple(notes))
         report("Fitting the model without effects …")
-        pieces = pieces_of(prepared.items, vehicle, prepared.cutoff)
-        counted = Counter(piece.whole for piece in pieces)
+        pieces = cv_pieces(prepared.items, vehicle, prepared.cutoff)
+        counted = Counter(piece.run_index for piece in pieces)
         trials = [run.trial.name for run in prepared.items]
         repeated = [name for number, name in enumerate(trials) if counted[number] > 1]
-        forms = forms_for(vehicle, channels(runs), trials, repeated)
+        forms = forms_for(vehicle, shared_channels(runs), trials, repeated)
         cut = [piece.run for piece in pieces]
-        candidates = (*forms, *signal_causes((*prepared.items, *runs, *cut)))
-        whole = Readings(prepared.items, vehicle, start)
+        candidates = (*forms, *signal_regressors((*prepared.items, *runs, *cut)))
+        whole = InnovationData(prepared.items, vehicle, start)
         few = few_of(whole)
         near = ByInnovations(replace(whole, runs=runs), few, candidates, report)
         waves = wave_search(few, forms, pieces, report)
@@ -125,7 +125,7 @@ def _unsaid(_: str) -> None:
     """As the first process says it."""
 
 
-def _by_next_readings(near: ByInnovations, ahead: Work, report: Report) -> tuple[Work, list[str]] | None:
+def _by_next_readings(near: ByInnovations, ahead: Work, report: ProgressCallback) -> tuple[Work, list[str]] | None:
     """What each next reading finds from ``ahead`` on, and what was refused of it; None if it does not explain all."""
     ahead.settle()
     work = near.search(ahead)
@@ -141,6 +141,6 @@ def _told(work: Work, refused: list[str], notes: list[str]) -> Diagnosis:
     """What is said of ``work``, with what was ``refused`` in it."""
     warnings = [*_said(work, notes), *refused]
     try:
-        return concluded(work, [work.cause(effect) for effect in work.final.effects], warnings)
+        return build_diagnosis(work, [work.cause(effect) for effect in work.final.effects], warnings)
     except DataError as error:
         return Diagnosis(verdict="too_little_data", missing=str(error), warnings=tuple(warnings))

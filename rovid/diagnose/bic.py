@@ -7,10 +7,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from rovid.core.array_types import FloatArray
-from rovid.core.spmd import shared
+from rovid.core.spmd import parallel_map
 from rovid.effects import Effect, EffectParameter
-from rovid.estimate.fit_result import Fitted, climbed
-from rovid.estimate.objective import Misfit
+from rovid.estimate.fit_result import FitResult, fit
+from rovid.estimate.objective import NegativeLogLikelihood
 
 # Of log-likelihood: a search looks no closer. So many steps are taken for that at most.
 _TOLERANCE = 0.1
@@ -22,12 +22,12 @@ REMAINDER = 0.04
 
 
 @dataclass(frozen=True, eq=False)
-class Rival:
+class Alternative:
     """Another cause in the place of one that was found, and what it is worth there; see `worth`."""
 
     effect: Effect
-    worth: float
-    fitted: Fitted
+    bic_gain: float
+    fitted: FitResult
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,100 +46,100 @@ class Cause:
 
     effect: Effect
     gain: float
-    worth: float
-    rivals: tuple[Rival, ...] = ()
+    bic_gain: float
+    alternatives: tuple[Alternative, ...] = ()
 
 
-def worth(fitted: Fitted) -> float:
+def bic_score(fitted: FitResult) -> float:
     """Log-likelihood less the price of the effects' parameters."""
-    return cost_of(fitted.cost, fitted.misfit)
+    return cost_at_score(fitted.value, fitted.objective)
 
 
-def cost_of(worth: float, misfit: Misfit) -> float:
+def cost_at_score(worth: float, misfit: NegativeLogLikelihood) -> float:
     """Cost at which a model is worth so much, see `worth`."""
-    return -worth - price_of_one(misfit) * len(misfit.coordinates.parameters)
+    return -worth - bic_penalty(misfit) * len(misfit.parametrization.parameters)
 
 
-def price_of_one(misfit: Misfit) -> float:
+def bic_penalty(misfit: NegativeLogLikelihood) -> float:
     """Of a parameter, in log-likelihood: half the logarithm of the samples (Schwarz 1978)."""
     # Logs too short for any prediction count none.
-    return 0.5 * math.log(max(misfit.count, 1.0))
+    return 0.5 * math.log(max(misfit.effective_count, 1.0))
 
 
-def plainest(better: Fitted, others: Sequence[Fitted], current: Fitted) -> Fitted:
+def simplest_form(better: FitResult, others: Sequence[FitResult], current: FitResult) -> FitResult:
     """That of ``others`` which adds to ``current`` the plainest form of the same cause and gains nearly as much.
 
     What ``better`` gains beyond that may be of a cause that is still missing; where none is, it is taken as it is.
     """
     if better.is_white:
         return better
-    nearly = worth(better) - REMAINDER * (worth(better) - worth(current))
-    alike = [fit for fit in others if fit.effects[-1].id == better.effects[-1].id and worth(fit) >= nearly]
-    return min(alike, key=lambda fit: (len(fit.effects[-1].parameters), -worth(fit)), default=better)
+    nearly = bic_score(better) - REMAINDER * (bic_score(better) - bic_score(current))
+    alike = [fit for fit in others if fit.effects[-1].id == better.effects[-1].id and bic_score(fit) >= nearly]
+    return min(alike, key=lambda fit: (len(fit.effects[-1].parameters), -bic_score(fit)), default=better)
 
 
-def quickly_climbed(misfit: Misfit, x: FloatArray, iterations: int, goal: float = math.inf) -> Fitted:
+def fit_coarse(misfit: NegativeLogLikelihood, x: FloatArray, iterations: int, goal: float = math.inf) -> FitResult:
     """The model that so many steps from ``x`` lead to, fewer if the ``goal`` is out of reach; enough for a search."""
-    return climbed(misfit, x, iterations=iterations, tolerance=_TOLERANCE, goal=goal)
+    return fit(misfit, x, iterations=iterations, tolerance=_TOLERANCE, goal=goal)
 
 
-def is_at_end(fitted: Fitted) -> bool:
+def is_converged(fitted: FitResult) -> bool:
     """Whether there is nothing more to be gained that a search would look at."""
-    return fitted.left <= _TOLERANCE
+    return fitted.remaining_gain <= _TOLERANCE
 
 
-def climbed_on(fitted: Fitted, iterations: int, goal: float = math.inf) -> Fitted:
+def refine_fit(fitted: FitResult, iterations: int, goal: float = math.inf) -> FitResult:
     """``fitted`` after so many steps more, if there is anything to be gained, as long as the ``goal`` is in reach."""
-    if is_at_end(fitted) or fitted.left < fitted.cost - goal:
+    if is_converged(fitted) or fitted.remaining_gain < fitted.value - goal:
         return fitted
-    return quickly_climbed(fitted.misfit, fitted.x, iterations, goal)
+    return fit_coarse(fitted.objective, fitted.x, iterations, goal)
 
 
-def fitted_together(misfits: Sequence[Misfit], fit: Callable[[int], Fitted]) -> list[Fitted]:
+def fit_in_parallel(misfits: Sequence[NegativeLogLikelihood], fit: Callable[[int], FitResult]) -> list[FitResult]:
     """What ``fit`` makes of each of ``misfits``, told by its place; shared with all that go in step."""
 
     def numbers(at: int) -> tuple[FloatArray, float, float]:
         fitted = fit(at)
-        return fitted.x, fitted.cost, fitted.left
+        return fitted.x, fitted.value, fitted.remaining_gain
 
     # Whoever shares them is done about as soon as the others where what takes longest comes first.
     order = sorted(range(len(misfits)), key=lambda at: _length(misfits[at]), reverse=True)
     # Each fit holds innovations at two points, and beside them: where these are many, threads share the passes of one.
-    few = all(len(misfit.records.trial) < _MANY for misfit in misfits)
-    found = dict(zip(order, shared(numbers, order, among_threads=few), strict=True))
-    return [Fitted(misfit, *found[at]) for at, misfit in enumerate(misfits)]
+    few = all(len(misfit.data.run_index) < _MANY for misfit in misfits)
+    found = dict(zip(order, parallel_map(numbers, order, among_threads=few), strict=True))
+    return [FitResult(misfit, *found[at]) for at, misfit in enumerate(misfits)]
 
 
-def _length(misfit: Misfit) -> tuple[bool, int]:
+def _length(misfit: NegativeLogLikelihood) -> tuple[bool, int]:
     """The more the longer a fit takes: what swings by itself takes two states more, and each parameter slopes."""
-    return any(effect.oscillates for effect in misfit.effects), len(misfit.coordinates.parameters)
+    return any(effect.oscillatory for effect in misfit.effects), len(misfit.parametrization.parameters)
 
 
-def is_plausible(fitted: Fitted) -> bool:
+def is_plausible(fitted: FitResult) -> bool:
     """Whether the last effect is of a size that there is, none of its parameters at the edge, nor the inertia."""
     effect = fitted.effects[-1]
-    values = fitted.own(effect).tolist()
+    values = fitted.effect_coordinates(effect).tolist()
     if any(map(_at_edge, values, effect.parameters)) or _is_no_cycle(fitted, effect):
         return False
     return fitted.is_physical
 
 
-def _is_no_cycle(fitted: Fitted, effect: Effect) -> bool:
+def _is_no_cycle(fitted: FitResult, effect: Effect) -> bool:
     """Whether ``effect`` swings as slowly as runs show at all, which any drift does."""
-    if not effect.oscillates:
+    if not effect.oscillatory:
         return False
     at = [parameter.name for parameter in effect.parameters].index("frequency")
-    slowest = fitted.misfit.coordinates.low[-len(effect.parameters) :][at]
-    return bool(fitted.own(effect)[at] <= slowest)
+    slowest = fitted.objective.parametrization.low[-len(effect.parameters) :][at]
+    return bool(fitted.effect_coordinates(effect)[at] <= slowest)
 
 
-def is_beyond(fitted: Fitted, effect: Effect) -> bool:
+def is_at_bound(fitted: FitResult, effect: Effect) -> bool:
     """Whether ``effect`` would be larger than there is: its size is at the edge."""
-    return _at_edge(float(fitted.own(effect)[0]), effect.parameters[0])
+    return _at_edge(float(fitted.effect_coordinates(effect)[0]), effect.parameters[0])
 
 
 def _at_edge(value: float, parameter: EffectParameter) -> bool:
     """Whether ``value`` is as far from nothing as there is; where a bound is nothing itself it is no edge."""
-    above = value >= parameter.high and parameter.high != parameter.null
-    below = value <= parameter.low and parameter.low != parameter.null
+    above = value >= parameter.high and parameter.high != parameter.neutral
+    below = value <= parameter.low and parameter.low != parameter.neutral
     return above or below

@@ -10,28 +10,28 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
-from rovid.core.spmd import shared
-from rovid.design.candidate_runs import Limits
-from rovid.design.expected_information import Belief
-from rovid.design.experiment_design import Plan, plan
-from rovid.diagnose.bic import Cause, is_plausible, price_of_one, worth
-from rovid.diagnose.cross_validation import errors_ahead, log_likelihood, simulate_folds
-from rovid.diagnose.nested_models import models_between
+from rovid.core.spmd import parallel_map
+from rovid.design.candidate_runs import RunLimits
+from rovid.design.expected_information import CandidateModel
+from rovid.design.experiment_design import ExperimentPlan, plan_experiment
+from rovid.diagnose.bic import Cause, bic_penalty, bic_score, is_plausible
+from rovid.diagnose.cross_validation import held_out_log_likelihood, horizon_errors, simulate_folds
+from rovid.diagnose.nested_models import nested_models
 from rovid.diagnose.noise_floor import position_floor, rate_floor
-from rovid.diagnose.posterior import ESTABLISHED, POSSIBLE, calibrated
-from rovid.diagnose.result import Ahead, Diagnosis, Finding, Side
-from rovid.diagnose.score_test import Promise
+from rovid.diagnose.posterior import ESTABLISHED, POSSIBLE, recalibrated
+from rovid.diagnose.result import Diagnosis, Finding, HorizonErrors, ModelAssessment
+from rovid.diagnose.score_test import ScoreTest
 from rovid.diagnose.signal_regressors import is_signal
 from rovid.diagnose.validation import Suspected, Work, undecided
-from rovid.diagnose.wave_test import Waves
+from rovid.diagnose.wave_test import WaveTest
 from rovid.effects import CATALOGUE, Effect, EffectParameter
 from rovid.estimate.estimate import Estimate
-from rovid.estimate.fit_result import Fitted
+from rovid.estimate.fit_result import FitResult
 from rovid.estimate.instrumental_variables import require_inertia
-from rovid.estimate.maximum_likelihood import TRUSTED_R2
-from rovid.estimate.misspecification import form_doubt
+from rovid.estimate.maximum_likelihood import INNOVATIONS_R2
+from rovid.estimate.misspecification import misspecification_covariance
 from rovid.estimate.multi_step_data import time_constant
-from rovid.estimate.output_error import CERTAINTY
+from rovid.estimate.output_error import MIN_INERTIA_SIGMAS
 from rovid.estimate.restart_grid import HORIZONS
 from rovid.model.parameter_names import without_form
 from rovid.model.simulation import HORIZONS as SECONDS
@@ -40,35 +40,35 @@ from rovid.model.simulation import HORIZONS as SECONDS
 _NEARLY = 0.9
 
 
-def concluded(work: Work, causes: Sequence[Cause], warnings: list[str]) -> Diagnosis:
+def build_diagnosis(work: Work, causes: Sequence[Cause], warnings: list[str]) -> Diagnosis:
     """What is said of ``work``, whose final model has these ``causes``."""
     base, final, suspected = work.refined(work.base), work.refined(work.final), work.suspects()
     estimate = _across_forms(work, _estimate(final, white=final.is_white))
     base_estimate = _estimate(base, white=base.is_white)
     # What is missing makes one of them uncertain; where both are, the vehicle was not excited.
-    require_inertia(min(base_estimate, estimate, key=_uncertainty), CERTAINTY)
-    estimate = across_suspects(estimate.with_scale_doubt(final.scale_doubt), suspected)
+    require_inertia(min(base_estimate, estimate, key=_uncertainty), MIN_INERTIA_SIGMAS)
+    estimate = across_suspects(estimate.with_thrust_scale_uncertainty(final.thrust_scale_uncertainty), suspected)
     if not final.effects:
         base_estimate = estimate
     warnings.extend(estimate.warnings)
     named = [cause for cause in causes if not is_signal(cause.effect)]
     findings = [_planned(work, _finding(work, cause, estimate)) for cause in named]
-    signals = tuple((cause.effect, cause.worth) for cause in causes if is_signal(cause.effect))
+    signals = tuple((cause.effect, cause.bic_gain) for cause in causes if is_signal(cause.effect))
     at_limit = final.at_limit
     if at_limit:
         warnings.append(
-            f"What is left would be a disturbance above {100 * final.misfit.limit:.2g} % of the torque in use: "
+            f"What is left would be a disturbance above {100 * final.objective.limit:.2g} % of the torque in use: "
             "something is still missing, and it follows no other logged signal."
         )
     suspects = tuple(_suspect(work, one) for one in suspected)
     extended = _side(work, work.final, final, estimate, work.final)
     waves = _possible_waves(work)
-    if waves is not None and waves.confidence >= ESTABLISHED:
+    if waves is not None and waves.probability >= ESTABLISHED:
         findings.append(waves)
         extended = _with_waves(extended, waves)
     elif waves is not None:
-        suspects = tuple(sorted((*suspects, waves), key=lambda one: -one.confidence))
-    unexplained = bool(signals) or at_limit or final.simulated_r2 < TRUSTED_R2
+        suspects = tuple(sorted((*suspects, waves), key=lambda one: -one.probability))
+    unexplained = bool(signals) or at_limit or final.simulated_r2 < INNOVATIONS_R2
     disturbance, _ = final.disturbance
     return Diagnosis(
         verdict=_verdict(found=bool(findings), suspected=bool(suspects), unexplained=unexplained),
@@ -78,10 +78,10 @@ def concluded(work: Work, causes: Sequence[Cause], warnings: list[str]) -> Diagn
         suspects=suspects,
         horizons=_ahead_of(work),
         signals=signals,
-        unexplained_share=disturbance**2 / (disturbance**2 + work.full.torque**2),
+        unexplained_share=disturbance**2 / (disturbance**2 + work.full.rms_torque**2),
         noise_floor=rate_floor(final),
         position_floors={seconds: position_floor(final, seconds) for seconds in SECONDS},
-        between=models_between(work, _simulated(causes)),
+        nested_models=nested_models(work, _simulated(causes)),
         detectable=_detectable(work),
         warnings=tuple(warnings),
     )
@@ -90,7 +90,7 @@ def concluded(work: Work, causes: Sequence[Cause], warnings: list[str]) -> Diagn
 def _simulated(causes: Sequence[Cause]) -> list[Effect]:
     """What of ``causes`` a free-running simulation shows, the strongest first: a wave's phase nobody knows."""
     strongest = sorted(causes, key=lambda cause: -cause.gain)
-    return [cause.effect for cause in strongest if not cause.effect.wave]
+    return [cause.effect for cause in strongest if not cause.effect.is_wave]
 
 
 def _verdict(*, found: bool, suspected: bool, unexplained: bool) -> str:
@@ -104,34 +104,34 @@ def _verdict(*, found: bool, suspected: bool, unexplained: bool) -> str:
     return "nothing_found"
 
 
-def _side(work: Work, quick: Fitted, fitted: Fitted, estimate: Estimate, fair: Fitted) -> Side:
+def _side(work: Work, quick: FitResult, fitted: FitResult, estimate: Estimate, fair: FitResult) -> ModelAssessment:
     """``fair`` is the same model with as much disturbance as the other side has, for only such likelihoods compare."""
     simulated = simulate_folds(quick, work.folds(quick))
-    held = replace(simulated, log_likelihood=log_likelihood(work.folds(fair)))
-    return Side(model=fitted.model, estimate=estimate, held_out=held)
+    held = replace(simulated, log_likelihood=held_out_log_likelihood(work.folds(fair)))
+    return ModelAssessment(model=fitted.model, estimate=estimate, held_out=held)
 
 
-def _estimate(fitted: Fitted, *, white: bool) -> Estimate:
+def _estimate(fitted: FitResult, *, white: bool) -> Estimate:
     fitted = fitted.canonical()
     names = fitted.model.names
-    doubt, said = form_doubt(fitted)
+    doubt, said = misspecification_covariance(fitted)
     at = _of_vehicle(fitted)
     scatter = fitted.covariance(sandwich=not white) + doubt
     estimate = Estimate(
         names=tuple(names[k] for k in at),
         values=fitted.model.values[at],
         covariance=scatter[np.ix_(at, at)],
-        axis=fitted.records.axis,
-        method=fitted.misfit.method,
-        samples=len(fitted.records.trial),
+        axis=fitted.data.axis,
+        method=fitted.objective.method,
+        samples=len(fitted.data.run_index),
         warnings=tuple(said),
     )
-    if not fitted.records.driven:
+    if not fitted.data.has_actuators:
         return estimate.undriven()
     return estimate
 
 
-def _of_vehicle(fitted: Fitted) -> list[int]:
+def _of_vehicle(fitted: FitResult) -> list[int]:
     """Places of the vehicle's parameters; what follows a signal is a dependence, and none of them."""
     signals = {effect.key for effect in fitted.effects if is_signal(effect)}
     return [k for k, name in enumerate(fitted.model.names) if _key_of(name) not in signals]
@@ -148,12 +148,12 @@ def _across_forms(work: Work, estimate: Estimate) -> Estimate:
     moved, weights = [], []
     for effect in final.effects:
         rest = search.without(final, effect)
-        earned = worth(final) - worth(rest)
+        earned = bic_score(final) - bic_score(rest)
         for fit in search.in_place_of(final, effect):
             if not is_plausible(fit) or is_signal(fit.effects[-1]) or fit.key == final.key:
                 continue
-            alike = not white and worth(fit) - worth(rest) >= _NEARLY * earned
-            likelier = min(worth(fit) - worth(final), 0.0)
+            alike = not white and bic_score(fit) - bic_score(rest) >= _NEARLY * earned
+            likelier = min(bic_score(fit) - bic_score(final), 0.0)
             weights.append(1.0 if alike else math.exp(likelier))
             moved.append(_moved(estimate, fit))
     off, share = np.array(moved).reshape(-1, len(estimate.names)), np.array(weights) / (1.0 + sum(weights))
@@ -183,7 +183,7 @@ def _between(off: FloatArray, share: FloatArray) -> FloatArray:
     return np.asarray(off.T @ (off * share[:, np.newaxis]))
 
 
-def _moved(estimate: Estimate, fit: Fitted) -> FloatArray:
+def _moved(estimate: Estimate, fit: FitResult) -> FloatArray:
     """(p,) how far each parameter of ``estimate`` is elsewhere in ``fit``; zero where that has none like it."""
     model = fit.canonical().model
     there = dict(zip(_alike(model.names, fit.effects), model.values.tolist(), strict=True))
@@ -193,7 +193,7 @@ def _moved(estimate: Estimate, fit: Fitted) -> FloatArray:
 
 def _alike(names: Sequence[str], effects: Sequence[Effect]) -> list[str]:
     """``names`` of parameters, those of forms that share an effect's parameters without the form."""
-    apart = {effect.key for effect in effects if effect.each_thruster}
+    apart = {effect.key for effect in effects if effect.per_thruster}
     return [name if _key_of(name) in apart else without_form(name) for name in names]
 
 
@@ -228,17 +228,17 @@ def _finding(work: Work, cause: Cause, estimate: Estimate) -> Finding:
         effect=effect,
         estimate=_own(estimate, effect),
         gain=cause.gain,
-        worth=cause.worth,
+        bic_gain=cause.bic_gain,
         held_out_gain=held_out_gain,
-        confidence=calibrated(work.confidence(cause, held_out_gain), white=work.final.is_white),
-        rivals=cause.rivals,
-        undecided=(*undecided(cause, work.margin(cause.worth)), *_untried(work, effect)),
+        probability=recalibrated(work.confidence(cause, held_out_gain), white=work.final.is_white),
+        alternatives=cause.alternatives,
+        indistinguishable=(*undecided(cause, work.margin(cause.bic_gain)), *_untried(work, effect)),
     )
 
 
 def _planned(work: Work, finding: Finding) -> Finding:
     """``finding`` with the runs that would tell it from its rivals, where it is not decided."""
-    if not finding.undecided:
+    if not finding.indistinguishable:
         return finding
     return replace(finding, plan=_telling(work, finding))
 
@@ -252,12 +252,12 @@ def _suspect(work: Work, suspected: Suspected) -> Finding:
     return Finding(
         effect=rival.effect,
         estimate=_own(estimate, rival.effect),
-        gain=work.final.cost - rival.fitted.cost,
-        worth=rival.worth,
+        gain=work.final.value - rival.fitted.value,
+        bic_gain=rival.bic_gain,
         held_out_gain=suspected.held_out_gain,
-        confidence=suspected.confidence,
-        rivals=tuple(one for one in beside if one.effect is not rival.effect),
-        undecided=(*others, *_untried(work, rival.effect)),
+        probability=suspected.confidence,
+        alternatives=tuple(one for one in beside if one.effect is not rival.effect),
+        indistinguishable=(*others, *_untried(work, rival.effect)),
     )
 
 
@@ -269,17 +269,17 @@ def _possible_waves(work: Work) -> Finding | None:
     return _waves(waves, waves.fitted)
 
 
-def _waves(waves: Waves, fitted: Fitted) -> Finding:
+def _waves(waves: WaveTest, fitted: FitResult) -> Finding:
     effect, estimate = fitted.effects[-1], _estimate(fitted, white=False)
     return Finding(
         effect=effect,
         estimate=_own(estimate, effect),
         gain=waves.gain,
-        worth=waves.worth,
+        bic_gain=waves.worth,
         held_out_gain=waves.held_out_gain,
-        confidence=waves.confidence,
-        rivals=(),
-        undecided=(),
+        probability=waves.confidence,
+        alternatives=(),
+        indistinguishable=(),
     )
 
 
@@ -290,7 +290,7 @@ def _own(estimate: Estimate, effect: Effect) -> Estimate:
     return replace(estimate, names=names, values=estimate.values[at], covariance=scatter)
 
 
-def _with_waves(side: Side, waves: Finding) -> Side:
+def _with_waves(side: ModelAssessment, waves: Finding) -> ModelAssessment:
     """``side`` with waves, which no free-running simulation shows, beside all else."""
     from scipy import linalg
 
@@ -309,21 +309,21 @@ def _with_waves(side: Side, waves: Finding) -> Side:
     )
 
 
-def _ahead_of(work: Work) -> tuple[Ahead, ...]:
+def _ahead_of(work: Work) -> tuple[HorizonErrors, ...]:
     models = [(fitted, work.folds(fitted)) for fitted in (work.base, work.final)]
-    base, extended = shared(lambda model: errors_ahead(*model, work.pieces), models)
-    constant = time_constant(work.full.start, work.full.rate)
+    base, extended = parallel_map(lambda model: horizon_errors(*model, work.pieces), models)
+    constant = time_constant(work.full.initial_model, work.full.rms_rate)
     ahead = []
     for horizon, one, other in zip(HORIZONS, base, extended, strict=True):
         if math.isfinite(one) and math.isfinite(other):
-            ahead.append(Ahead(seconds=horizon * constant, base=float(one), extended=float(other)))
+            ahead.append(HorizonErrors(seconds=horizon * constant, base=float(one), extended=float(other)))
     return tuple(ahead)
 
 
-def _telling(work: Work, finding: Finding) -> Plan | None:
+def _telling(work: Work, finding: Finding) -> ExperimentPlan | None:
     """Runs that would tell ``finding`` from its nearest rival; None where there is no such run."""
-    nearest = finding.undecided[0]
-    rival = next((one for one in finding.rivals if one.effect is nearest), None)
+    nearest = finding.indistinguishable[0]
+    rival = next((one for one in finding.alternatives if one.effect is nearest), None)
     if rival is None:
         return None  # it could not be tried: no run tells without its signal
     models = {finding.effect.title: work.final, rival.effect.title: rival.fitted}
@@ -334,33 +334,33 @@ def _telling(work: Work, finding: Finding) -> Plan | None:
     beliefs = []
     for name, fitted in models.items():
         full = work.refined(fitted)
-        beliefs.append(Belief.of(name, full, full.covariance(sandwich=False)))
+        beliefs.append(CandidateModel.from_fit(name, full, full.covariance(sandwich=False)))
     try:
-        return plan(beliefs, vehicle, [run.trial for run in work.full.runs], Limits())
+        return plan_experiment(beliefs, vehicle, [run.trial for run in work.full.runs], RunLimits())
     except DataError:
         return None
 
 
 def _detectable(work: Work) -> tuple[tuple[Effect, float], ...]:
     """Size of each effect not found that would have been seen, to first order."""
-    plain: dict[str, Promise] = {}
-    for promise in work.search.promised(work.final):
+    plain: dict[str, ScoreTest] = {}
+    for promise in work.search.score_tests(work.final):
         if not is_signal(promise.effect):
             plain.setdefault(promise.effect.id, promise)
     sizes = []
     for promise in plain.values():
         size = promise.effect.parameters[0]
-        if promise.power > 0.0 and not size.endless:
+        if promise.power > 0.0 and not size.neutral_at_infinity:
             sizes.append((promise.effect, _seen(work, promise, size)))
     return tuple(sizes)
 
 
-def _seen(work: Work, promise: Promise, size: EffectParameter) -> float:
+def _seen(work: Work, promise: ScoreTest, size: EffectParameter) -> float:
     """The least ``size`` that pays, in its unit; infinite where there is none so large."""
-    price = price_of_one(work.final.misfit) * len(promise.effect.parameters)
+    price = bic_penalty(work.final.objective) * len(promise.effect.parameters)
     # What is gained grows with the square of the size.
     share = math.sqrt((work.search.threshold + price) / promise.power)
-    seen = abs(share * (size.starts[0] - size.null))
-    if seen > max(size.high - size.null, size.null - size.low):
+    seen = abs(share * (size.initial_values[0] - size.neutral))
+    if seen > max(size.high - size.neutral, size.neutral - size.low):
         return math.inf
-    return seen * work.full.scales.of(size)
+    return seen * work.full.scales.unit_size(size)

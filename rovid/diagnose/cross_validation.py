@@ -8,15 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
-from rovid.core.spmd import shared
-from rovid.diagnose.splitting import Piece
-from rovid.estimate.dataset import Records
-from rovid.estimate.fit_result import Fitted, climbed
-from rovid.estimate.multi_step_data import HorizonRecords, predictions
+from rovid.core.spmd import parallel_map
+from rovid.diagnose.splitting import CvPiece
+from rovid.estimate.dataset import FitData
+from rovid.estimate.fit_result import FitResult, fit
+from rovid.estimate.multi_step_data import MultiStepData, prediction_errors
 from rovid.estimate.restart_grid import HORIZONS
 from rovid.model.model import Model
 from rovid.model.simulation import HORIZONS as SECONDS
-from rovid.model.simulation import compare, simulate_runs
+from rovid.model.simulation import fit_measures, simulate_runs
 from rovid.signals.preprocessing import Run
 
 _FOLDS = 4
@@ -27,7 +27,7 @@ _NOTHING = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
-class HeldOut:
+class HeldOutScores:
     """Every trial predicted by a model that was fitted to other trials.
 
     Attributes
@@ -50,22 +50,22 @@ class HeldOut:
 class Fold:
     """A fourth of the pieces, the coordinates fitted to all others, and their log-likelihood there."""
 
-    pieces: list[Piece]
+    pieces: list[CvPiece]
     x: FloatArray
     log_likelihood: float
 
 
-def cross_validate(fitted: Fitted, pieces: Sequence[Piece]) -> list[Fold]:
+def cross_validate(fitted: FitResult, pieces: Sequence[CvPiece]) -> list[Fold]:
     """Fit the model of ``fitted`` anew without each fourth of the pieces, and predict those."""
-    piece = _piece(fitted.records, pieces)
+    piece = _piece(fitted.data, pieces)
     left_out = _folds(len(pieces))
     tested = [np.isin(piece, numbers) for numbers in left_out]
-    tests = [fitted.misfit.like(fitted.effects, test) for test in tested]
+    tests = [fitted.objective.with_effects(fitted.effects, test) for test in tested]
     # What begins in one piece and ends in another tells of both.
-    taught = [fitted.misfit.like(fitted.effects, ~test & (piece >= 0)) for test in tested]
+    taught = [fitted.objective.with_effects(fitted.effects, ~test & (piece >= 0)) for test in tested]
     # All trials together are a start so good that a few steps do.
-    fits = shared(lambda one: _told(climbed(one, fitted.x, iterations=_ITERATIONS, tolerance=_TOLERANCE)), taught)
-    costs = fitted.misfit.held_out_costs(tests, fits)
+    fits = parallel_map(lambda one: _told(fit(one, fitted.x, iterations=_ITERATIONS, tolerance=_TOLERANCE)), taught)
+    costs = fitted.objective.held_out_values(tests, fits)
     folds = []
     for numbers, cost, x in zip(left_out, costs, fits, strict=True):
         own = [pieces[number] for number in numbers]
@@ -73,37 +73,37 @@ def cross_validate(fitted: Fitted, pieces: Sequence[Piece]) -> list[Fold]:
     return folds
 
 
-def _told(fitted: Fitted) -> FloatArray:
+def _told(fitted: FitResult) -> FloatArray:
     """Its coordinates, no effect where what was fitted tells nothing of one: else it would be known from the rest."""
-    misfit, x = fitted.misfit, fitted.x
-    for effect, own in misfit.coordinates.places():
+    misfit, x = fitted.objective, fitted.x
+    for effect, own in misfit.parametrization.effect_slices():
         without = x.copy()
-        without[own] = [parameter.null for parameter in effect.parameters]
-        if abs(misfit.cost(without) - fitted.cost) < _NOTHING:
+        without[own] = [parameter.neutral for parameter in effect.parameters]
+        if abs(misfit.value(without) - fitted.value) < _NOTHING:
             x = without
     return x
 
 
-def _piece(records: Records, pieces: Sequence[Piece]) -> IntArray:
+def _piece(records: FitData, pieces: Sequence[CvPiece]) -> IntArray:
     """(N,) index of the piece that each innovation lies in; -1 where it lies in more than one, or none."""
     numbers = []
-    for run, (begin, end) in enumerate(records.spans):
+    for run, (begin, end) in enumerate(records.innovation_spans):
         own = np.full(len(begin), -1)
         for index, piece in enumerate(pieces):
-            if piece.whole == run:
+            if piece.run_index == run:
                 own[(piece.begin <= begin) & (end <= piece.end)] = index
         numbers.append(own)
     return np.concatenate(numbers)
 
 
-def log_likelihood(folds: Sequence[Fold]) -> float:
+def held_out_log_likelihood(folds: Sequence[Fold]) -> float:
     """Of all trials, each by the model that was fitted to others."""
     return sum(fold.log_likelihood for fold in folds)
 
 
-def simulate_folds(fitted: Fitted, folds: Sequence[Fold]) -> HeldOut:
+def simulate_folds(fitted: FitResult, folds: Sequence[Fold]) -> HeldOutScores:
     """Simulate every trial freely with the model that was fitted to others."""
-    vehicle, models = fitted.records.vehicle, [fitted.misfit.coordinates.model(fold.x) for fold in folds]
+    vehicle, models = fitted.data.vehicle, [fitted.objective.parametrization.model(fold.x) for fold in folds]
     assert vehicle is not None  # noqa: S101 - a diagnosis has one
     pairs = [(piece.run, model) for fold, model in zip(folds, models, strict=True) for piece in fold.pieces]
 
@@ -112,27 +112,27 @@ def simulate_folds(fitted: Fitted, folds: Sequence[Fold]) -> HeldOut:
         (item,) = simulate_runs([run], model, vehicle)
         return item.simulated, item.position_errors
 
-    rates, ahead = zip(*shared(simulated, pairs), strict=True)
-    fit = compare(np.concatenate([run.rates.rate for run, _ in pairs]), np.concatenate(rates))
+    rates, ahead = zip(*parallel_map(simulated, pairs), strict=True)
+    fit = fit_measures(np.concatenate([run.rates.rate for run, _ in pairs]), np.concatenate(rates))
     errors = {horizon: _mean([of_one[horizon] for of_one in ahead]) for horizon in SECONDS}
-    return HeldOut(
-        log_likelihood=log_likelihood(folds),
+    return HeldOutScores(
+        log_likelihood=held_out_log_likelihood(folds),
         rate_r2=fit.r2,
         rate_rmse=fit.rmse,
         position_errors=errors,
     )
 
 
-def errors_ahead(fitted: Fitted, folds: Sequence[Fold], pieces: Sequence[Piece]) -> FloatArray:
+def horizon_errors(fitted: FitResult, folds: Sequence[Fold], pieces: Sequence[CvPiece]) -> FloatArray:
     """(q,) RMS error of the position over each of `HORIZONS`, each piece predicted from others; NaN where none."""
-    records = HorizonRecords.of(fitted.records, fitted.records.start)
+    records = MultiStepData.from_data(fitted.data, fitted.data.initial_model)
     piece = _piece(records, pieces)
     squares, count = np.zeros(len(HORIZONS)), np.zeros(len(HORIZONS))
     for fold in folds:
-        model = fitted.misfit.coordinates.model(fold.x)
+        model = fitted.objective.parametrization.model(fold.x)
         mine = np.isin(piece, [pieces.index(one) for one in fold.pieces])
         horizon = records.horizon[mine]
-        errors = predictions(records, model, records.drives_between(model))[mine]
+        errors = prediction_errors(records, model, records.torque_between_steps(model))[mine]
         squares += np.bincount(horizon, weights=errors**2, minlength=len(HORIZONS))
         count += np.bincount(horizon, minlength=len(HORIZONS))
     mean = np.where(count > 0, squares / np.maximum(count, 1), np.nan)

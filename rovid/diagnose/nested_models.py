@@ -13,7 +13,7 @@ from rovid.model.model import Model
 MOST_COMBINED = 3
 
 
-def some_of(effects: Sequence[Effect]) -> Iterator[tuple[Effect, ...]]:
+def subsets(effects: Sequence[Effect]) -> Iterator[tuple[Effect, ...]]:
     """Each choice of some of ``effects``, neither none nor all: of many, the first, the first two, and so on."""
     for count in range(1, len(effects)):
         if len(effects) <= MOST_COMBINED:
@@ -22,13 +22,13 @@ def some_of(effects: Sequence[Effect]) -> Iterator[tuple[Effect, ...]]:
             yield tuple(effects[:count])
 
 
-def models_between(work: Work, effects: Sequence[Effect]) -> tuple[Model, ...]:
+def nested_models(work: Work, effects: Sequence[Effect]) -> tuple[Model, ...]:
     """The final model of ``work`` with some of ``effects`` alone, every reading fitted again, as `some_of` has them.
 
     What else the final model has stays in.
     """
     between = []
-    for kept in some_of(effects):
+    for kept in subsets(effects):
         fitted = work.final
         for effect in effects:
             if effect not in kept:

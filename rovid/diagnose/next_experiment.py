@@ -6,11 +6,11 @@ from typing import Any
 
 from rovid.design.experiment_design import commands_by_name
 from rovid.diagnose.result import Diagnosis, Finding
-from rovid.diagnose.signal_regressors import signal_of
+from rovid.diagnose.signal_regressors import signal_name
 from rovid.effects import Effect, effect_named
 
 # Runs that separate two causes best (EFFECTS.md 3.1); where none stands here, the run that reveals either.
-_PAIRS = {
+DISCRIMINATING_RUNS = {
     frozenset({"thruster_lag", "command_delay"}): "a fast pseudo-random command, 1 to 3 s a level",
     frozenset({"entrained_swirl", "tether_torsion"}): "six turns one way, rest, and six turns back",
     frozenset({"coulomb_resistance", "drag_curvature"}): "coast-downs to rest and the slowest possible holds",
@@ -29,18 +29,18 @@ _PAIRS = {
 }
 
 
-def deciding_experiment(finding: Finding) -> dict[str, Any] | None:
+def discriminating_experiment(finding: Finding) -> dict[str, Any] | None:
     """The run that would tell ``finding`` from what it cannot be told from; None where it is decided.
 
     With its commands, each held until the next, where one is expected to decide.
     """
-    if not finding.undecided:
+    if not finding.indistinguishable:
         return None
-    other = finding.undecided[0]
-    untried = all(rival.effect is not other for rival in finding.rivals)
+    other = finding.indistinguishable[0]
+    untried = all(rival.effect is not other for rival in finding.alternatives)
     told = _separating(finding.effect, other, untried=untried)
     plan = finding.plan
-    if plan is None or not plan.decides:
+    if plan is None or not plan.is_decisive:
         return told
     return told | {
         "run": plan.best.run.name,
@@ -53,18 +53,18 @@ def deciding_experiment(finding: Finding) -> dict[str, Any] | None:
 def _separating(one: Effect, other: Effect, *, untried: bool = False) -> dict[str, Any]:
     """The run that tells two causes apart; that which shows the ``other`` where it was not tried as a rival."""
     pair = [one.id, other.id]
-    run = other.experiment if untried else _PAIRS.get(frozenset(pair), one.experiment)
+    run = other.experiment if untried else DISCRIMINATING_RUNS.get(frozenset(pair), one.experiment)
     return {"run": run, "separates": pair}
 
 
 def next_experiment(diagnosis: Diagnosis) -> dict[str, Any]:
     """What to run next: what decides between rivals, then what shows the least certain, then what was not excited."""
     for finding in (*diagnosis.findings, *diagnosis.suspects):
-        decides = deciding_experiment(finding)
+        decides = discriminating_experiment(finding)
         if decides is not None:
             return decides | {"reason": "more than one cause explains these data equally well"}
-    if diagnosis.amplitudes is not None and len(diagnosis.amplitudes.causes) > 1:
-        first, second, *_ = (cause.model.effects[0] for cause in diagnosis.amplitudes.causes)
+    if diagnosis.from_tables is not None and len(diagnosis.from_tables.causes) > 1:
+        first, second, *_ = (cause.model.effects[0] for cause in diagnosis.from_tables.causes)
         return _separating(first, second) | {"reason": "the tables allow either"}
     if diagnosis.missing:
         return {
@@ -86,4 +86,4 @@ def _repeated(diagnosis: Diagnosis) -> str:
     if not diagnosis.signals:
         return "a hold repeated first, in the middle and last"
     strongest, _ = diagnosis.signals[0]
-    return f"the same hold with {signal_of(strongest)} at two values"
+    return f"the same hold with {signal_name(strongest)} at two values"

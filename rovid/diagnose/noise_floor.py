@@ -7,30 +7,30 @@ import math
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.estimate.fit_result import Fitted
+from rovid.estimate.fit_result import FitResult
 from rovid.model.model import Model
 
 _DOUBLINGS = 12
 
 
-def rate_floor(fitted: Fitted) -> float:
+def rate_floor(fitted: FitResult) -> float:
     """RMS rate that the disturbance drives, and what the low pass leaves of the sensor's noise."""
-    return math.hypot(fitted.misfit.driven_rate(fitted.x), _rate_noise(fitted))
+    return math.hypot(fitted.objective.disturbance_rate_std(fitted.x), _rate_noise(fitted))
 
 
-def position_floor(fitted: Fitted, seconds: float) -> float:
+def position_floor(fitted: FitResult, seconds: float) -> float:
     """RMS position in rad or m that a simulation is off so many ``seconds`` after a restart from the measurement.
 
     NaN where none of the misfit is known to be a disturbance's.
     """
-    if fitted.misfit.driven_rate(fitted.x) <= 0.0:
+    if fitted.objective.disturbance_rate_std(fitted.x) <= 0.0:
         return math.nan
-    torque, memory = fitted.misfit.disturbance(fitted.x)
-    begun = 2.0 * fitted.misfit.position_noise(fitted.x) ** 2, _rate_noise(fitted) ** 2
-    return wandered(fitted.model, fitted.records.rate, (torque, memory), begun, seconds)
+    torque, memory = fitted.objective.disturbance(fitted.x)
+    begun = 2.0 * fitted.objective.position_noise(fitted.x) ** 2, _rate_noise(fitted) ** 2
+    return position_std_after(fitted.model, fitted.data.rms_rate, (torque, memory), begun, seconds)
 
 
-def wandered(
+def position_std_after(
     model: Model, rate: float, disturbance: tuple[float, float], begun: tuple[float, float], seconds: float
 ) -> float:
     """Standard deviation in rad or m of the position after so many ``seconds``, of the motion linearised at ``rate``.
@@ -71,6 +71,6 @@ def _carried(motion: FloatArray, driven: FloatArray, begun: FloatArray, seconds:
     return np.asarray(onward @ begun @ onward.T + added)
 
 
-def _rate_noise(fitted: Fitted) -> float:
+def _rate_noise(fitted: FitResult) -> float:
     """What the low pass leaves of the sensor's noise, in the rate."""
-    return float(np.median([run.rates.rate_noise for run in fitted.records.runs]))
+    return float(np.median([run.rates.rate_noise for run in fitted.data.runs]))

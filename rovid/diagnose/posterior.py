@@ -21,7 +21,7 @@ _RESEMBLES, _RESEMBLES_LESS = (6.0, 4.7), (6.0, 2.35)
 _MORE_ACTS, _TEMPER = 0.85, 0.75
 
 
-def surest(held_out_gain: float, worth: float, *, white: bool) -> float:
+def stand_in_cap(held_out_gain: float, worth: float, *, white: bool) -> float:
     """Probability that what gains such a log-likelihood on trials not fitted is no stand-in for something else.
 
     Parameters
@@ -36,7 +36,7 @@ def surest(held_out_gain: float, worth: float, *, white: bool) -> float:
     return min(logistic((gain - even) / step), _SUREST)
 
 
-def calibrated(sure: float, *, white: bool) -> float:
+def recalibrated(sure: float, *, white: bool) -> float:
     """What is said where the likelihood and the gain on trials not fitted make a cause ``sure``, both in 0 to 1.
 
     Where the innovations are not white readings are not as independent as a likelihood has it, and more acts than one
@@ -46,7 +46,9 @@ def calibrated(sure: float, *, white: bool) -> float:
     return sure if white else logistic(_MORE_ACTS + _TEMPER * logit(sure))
 
 
-def confidence(worths: Mapping[str, float], alike: Collection[str], tried: int, *, most: float = _SUREST) -> float:
+def posterior_probability(
+    bic_gains: Mapping[str, float], equivalent: Collection[str], causes_tried: int, *, cap: float = _SUREST
+) -> float:
     """Probability that one of the causes ``alike`` acts, rather than another one or none.
 
     Parameters
@@ -61,9 +63,9 @@ def confidence(worths: Mapping[str, float], alike: Collection[str], tried: int, 
         No cause is surer than that; see `surest`.
     """
     # All are taken relative to the largest, whose exponential might overflow.
-    top = max([0.0, *worths.values()])
-    prior = PRIOR_ODDS / max(tried, 1)
-    weights = {name: prior * math.exp(worth - top) for name, worth in worths.items()}
+    top = max([0.0, *bic_gains.values()])
+    prior = PRIOR_ODDS / max(causes_tried, 1)
+    weights = {name: prior * math.exp(worth - top) for name, worth in bic_gains.items()}
     total = math.exp(-top) + sum(weights.values())
-    own = sum(weights.get(name, 0.0) for name in alike)
-    return min(own / total, most)
+    own = sum(weights.get(name, 0.0) for name in equivalent)
+    return min(own / total, cap)

@@ -6,18 +6,18 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from rovid.design.experiment_design import Plan
-from rovid.diagnose.bic import Rival
-from rovid.diagnose.cross_validation import HeldOut
-from rovid.diagnose.tables import Amplitudes
+from rovid.design.experiment_design import ExperimentPlan
+from rovid.diagnose.bic import Alternative
+from rovid.diagnose.cross_validation import HeldOutScores
+from rovid.diagnose.tables import TableDiagnosis
 from rovid.effects import Effect
 from rovid.estimate.estimate import Estimate
 from rovid.model.model import Model
 from rovid.trial.vehicle import Vehicle
 
 # No data along one axis show these: the same motion comes of other inertia and drag.
-NEVER_SHOWN = ("thrust_scale", "rate_scale")
-INVISIBLE = {
+NEVER_IDENTIFIABLE = ("thrust_scale", "rate_scale")
+UNIDENTIFIABLE = {
     "thrust_scale": "a common scale of all thrust",
     "rate_scale": "a constant scale of the rate",
     "thruster_imbalance": "an imbalance between thrusters",
@@ -52,25 +52,25 @@ class Finding:
     effect: Effect
     estimate: Estimate
     gain: float
-    worth: float
+    bic_gain: float
     held_out_gain: float
-    confidence: float
-    rivals: tuple[Rival, ...]
-    undecided: tuple[Effect, ...]
-    plan: Plan | None = None
+    probability: float
+    alternatives: tuple[Alternative, ...]
+    indistinguishable: tuple[Effect, ...]
+    plan: ExperimentPlan | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Side:
+class ModelAssessment:
     """One of the two models: its estimate, its free-running model and how it does on trials not fitted."""
 
     model: Model
     estimate: Estimate
-    held_out: HeldOut
+    held_out: HeldOutScores
 
 
 @dataclass(frozen=True, kw_only=True)
-class Ahead:
+class HorizonErrors:
     """RMS position error so many ``seconds`` after a restart, in rad or m, on trials that were not fitted."""
 
     seconds: float
@@ -115,33 +115,33 @@ class Diagnosis:
     """
 
     verdict: str
-    base: Side | None = None
-    extended: Side | None = None
+    base: ModelAssessment | None = None
+    extended: ModelAssessment | None = None
     findings: tuple[Finding, ...] = ()
     suspects: tuple[Finding, ...] = ()
-    horizons: tuple[Ahead, ...] = ()
+    horizons: tuple[HorizonErrors, ...] = ()
     signals: tuple[tuple[Effect, float], ...] = ()
     unexplained_share: float = math.nan
-    between: tuple[Model, ...] = ()
+    nested_models: tuple[Model, ...] = ()
     noise_floor: float = math.nan
     position_floors: Mapping[float, float] = field(default_factory=dict)
     detectable: tuple[tuple[Effect, float], ...] = ()
     warnings: tuple[str, ...] = ()
     missing: str = ""
-    amplitudes: Amplitudes | None = None
+    from_tables: TableDiagnosis | None = None
 
     @property
-    def seen(self) -> dict[str, float]:
+    def detectable_sizes(self) -> dict[str, float]:
         """Effect's id -> size of its first parameter that would have been seen, of those that were not found."""
         return {effect.id: size for effect, size in self.detectable}
 
 
-def not_identifiable(vehicle: Vehicle) -> tuple[str, ...]:
+def unidentifiable_parameters(vehicle: Vehicle) -> tuple[str, ...]:
     """What data of ``vehicle`` cannot show at all."""
     # Tables know their torque without a thruster; logs without one are of what rights itself.
-    if not vehicle.thrusters and vehicle.axis.rights:
+    if not vehicle.thrusters and vehicle.axis.self_righting:
         return ("inertia", "rate_scale")
     thrusters = [thruster for thruster in vehicle.thrusters if thruster.curve is not None]
     if len(thrusters) > 1:
-        return NEVER_SHOWN
-    return (*NEVER_SHOWN, "thruster_imbalance")
+        return NEVER_IDENTIFIABLE
+    return (*NEVER_IDENTIFIABLE, "thruster_imbalance")

@@ -10,23 +10,23 @@ from typing import Self
 import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray
-from rovid.core.spmd import shared
-from rovid.diagnose.bic import price_of_one
+from rovid.core.spmd import parallel_map
+from rovid.diagnose.bic import bic_penalty
 from rovid.effects import Effect
-from rovid.estimate.fisher_information import Innovations, NormalEquations, Slopes
-from rovid.estimate.fit_result import Fitted
-from rovid.estimate.objective import Misfit
+from rovid.estimate.fisher_information import Innovations, Jacobian, NormalEquations
+from rovid.estimate.fit_result import FitResult
+from rovid.estimate.objective import NegativeLogLikelihood
 
 # Directions with less information tell nothing, and with more the model runs away.
 _LEAST_POWER, _MOST_POWER = 1e-9, 1e200
 # The gain, the starts and the power of a promise.
 _Told = tuple[float, FloatArray, FloatArray, float]
 # A form beside what is known already, and where to start from with it.
-_Begun = tuple[Misfit, list[FloatArray]]
+_Begun = tuple[NegativeLogLikelihood, list[FloatArray]]
 
 
 @dataclass(frozen=True, eq=False)
-class Tried:
+class Directions:
     """A form beside a model, by the slopes from there to its starts.
 
     Attributes
@@ -44,8 +44,8 @@ class Tried:
     starts: FloatArray
     gradient: FloatArray
     information: FloatArray
-    common: FloatArray
-    outright: FloatArray
+    cross_information: FloatArray
+    gains_unfitted: FloatArray
 
     @classmethod
     def summed(cls, each: Sequence[Self]) -> Self:
@@ -56,25 +56,27 @@ class Tried:
                 each[0].starts,
                 np.sum([one.gradient for one in each], axis=0),
                 np.sum([one.information for one in each], axis=0),
-                np.sum([one.common for one in each], axis=0),
-                np.sum([one.outright for one in each], axis=0),
+                np.sum([one.cross_information for one in each], axis=0),
+                np.sum([one.gains_unfitted for one in each], axis=0),
             )
 
     @property
-    def borne(self) -> Self:
+    def valid(self) -> Self:
         """Of those starts that bear the form."""
-        bears = np.flatnonzero((np.diag(self.information) < _MOST_POWER) & np.isfinite(self.common).all(axis=0))
+        bears = np.flatnonzero(
+            (np.diag(self.information) < _MOST_POWER) & np.isfinite(self.cross_information).all(axis=0)
+        )
         return type(self)(
             self.starts[bears],
             self.gradient[bears],
             self.information[np.ix_(bears, bears)],
-            self.common[:, bears],
-            self.outright[bears],
+            self.cross_information[:, bears],
+            self.gains_unfitted[bears],
         )
 
 
 @dataclass(frozen=True, eq=False)
-class Promise:
+class ScoreTest:
     """What the slopes say that one form of an effect would gain.
 
     Attributes
@@ -94,43 +96,47 @@ class Promise:
     effect: Effect
     gain: float
     start: FloatArray
-    unscaled: FloatArray
+    best_start: FloatArray
     power: float
-    tried: Tried
-    own: NormalEquations
+    directions: Directions
+    equations: NormalEquations
 
     @property
-    def unpaid(self) -> int:
+    def penalised_parameters(self) -> int:
         """How many of its parameters the gain has yet to pay for: of several sizes one."""
-        return len(self.effect.parameters) - (self.effect.sizes - 1)
+        return len(self.effect.parameters) - (self.effect.size_count - 1)
 
 
-def screen(current: Fitted, forms: Sequence[Effect]) -> list[Promise]:
+def screen(current: FitResult, forms: Sequence[Effect]) -> list[ScoreTest]:
     """What each of ``forms`` promises to gain, from the slopes alone."""
-    misfits = [current.misfit.like((*current.effects, form)) for form in forms]
-    starts = [misfit.coordinates.starts() for misfit in misfits]
-    portions: Iterable[Sequence[Misfit]] = zip(current.misfit.portions, *(one.portions for one in misfits), strict=True)
+    misfits = [current.objective.with_effects((*current.effects, form)) for form in forms]
+    starts = [misfit.parametrization.initial_values() for misfit in misfits]
+    portions: Iterable[Sequence[NegativeLogLikelihood]] = zip(
+        current.objective.chunks, *(one.chunks for one in misfits), strict=True
+    )
     each = [_slopes(current.x, portion, list(zip(own, starts, strict=True))) for portion, *own in portions]
-    equations = NormalEquations.summed([own for own, _ in each])
-    past = Past(equations)
-    tried = map(Tried.summed, zip(*(found for _, found in each), strict=True))
+    equations = NormalEquations.sum_of([own for own, _ in each])
+    past = NuisanceProjection(equations)
+    tried = map(Directions.summed, zip(*(found for _, found in each), strict=True))
     return [_promised(misfit, one, past, equations) for misfit, one in zip(misfits, tried, strict=True)]
 
 
-def _slopes(x: FloatArray, misfit: Misfit, begun: Sequence[_Begun]) -> tuple[NormalEquations, list[Tried]]:
+def _slopes(
+    x: FloatArray, misfit: NegativeLogLikelihood, begun: Sequence[_Begun]
+) -> tuple[NormalEquations, list[Directions]]:
     """At (p,) ``x``: by the parameters of ``misfit``, and of each further form to all of its starts."""
-    known = misfit.looked(x)
-    here, (centre, _) = list(misfit.slopes(x, known)), known
+    known = misfit.evaluate_with_spare(x)
+    here, (centre, _) = list(misfit.jacobian(x, known)), known
 
-    def tried(few: Sequence[int]) -> list[tuple[int, Tried]]:
+    def tried(few: Sequence[int]) -> list[tuple[int, Directions]]:
         # No more innovations are held than those of a few forms.
         pairs = [(begun[at][0], np.concatenate((x, begin))) for at in few for begin in begun[at][1]]
-        found = iter(misfit.of_each(pairs))
+        found = iter(misfit.evaluate_each(pairs))
         sides = [[next(found) for _ in begun[at][1]] for at in few]
         return [(at, _tried(*begun[at], own, centre, here)) for at, own in zip(few, sides, strict=True)]
 
-    every = dict(pair for pairs in shared(tried, _abreast(begun)) for pair in pairs)
-    return NormalEquations.of(here), [every[at] for at in range(len(begun))]
+    every = dict(pair for pairs in parallel_map(tried, _abreast(begun)) for pair in pairs)
+    return NormalEquations.from_jacobians(here), [every[at] for at in range(len(begun))]
 
 
 def _abreast(begun: Sequence[_Begun]) -> list[list[int]]:
@@ -139,15 +145,15 @@ def _abreast(begun: Sequence[_Begun]) -> list[list[int]]:
     every: dict[Hashable, list[tuple[int, list[int]]]] = {}
     for at in sorted(range(len(begun)), key=lambda at: -len(begun[at][1])):
         misfit, starts = begun[at]
-        alike = every.setdefault(misfit.abreast, [])
-        lanes = misfit.spare + 1
+        alike = every.setdefault(misfit.batch_key, [])
+        lanes = misfit.simd_slots_left + 1
         place = next((place for place, (count, _) in enumerate(alike) if len(starts) <= -count % lanes), len(alike))
         count, few = alike.pop(place) if place < len(alike) else (0, [])
         alike.insert(place, (count + len(starts), [*few, at]))
     return sorted((few for alike in every.values() for _, few in alike), key=lambda few: -len(begun[few[0]][1]))
 
 
-class Past:
+class NuisanceProjection:
     """What directions have past what the parameters of a model can do by themselves.
 
     Some of these may be ``held`` where they were ``moved`` to, (p,) both: then it is what directions have from there.
@@ -168,58 +174,64 @@ class Past:
         risen = float(self.moved @ (own.gradient + 0.5 * pushed))
         self.lost = risen - 0.5 * float(self.gradient @ self.inverse @ self.gradient)
 
-    def __call__(self, tried: Tried) -> tuple[FloatArray, FloatArray]:
+    def __call__(self, tried: Directions) -> tuple[FloatArray, FloatArray]:
         """(s,) pull of the residual on s directions, and (s, s) their information."""
-        common = tried.common[self.free]
+        common = tried.cross_information[self.free]
         taken = self.inverse @ common
-        pull = taken.T @ self.gradient - tried.gradient - tried.common.T @ self.moved
+        pull = taken.T @ self.gradient - tried.gradient - tried.cross_information.T @ self.moved
         return pull, tried.information - common.T @ taken
 
 
 def _tried(
-    misfit: Misfit, begins: list[FloatArray], sides: list[Innovations], centre: Innovations, here: Sequence[Slopes]
-) -> Tried:
+    misfit: NegativeLogLikelihood,
+    begins: list[FloatArray],
+    sides: list[Innovations],
+    centre: Innovations,
+    here: Sequence[Jacobian],
+) -> Directions:
     """The last effect of ``misfit``, with the innovations at each of its starts."""
     along, power, common = list[FloatArray](), list[FloatArray](), list[FloatArray]()
     # A drag that falls with the rate runs away from one start, and may hold from another.
     with np.errstate(over="ignore", invalid="ignore"):
         # Of as many innovations at a time.
-        for own, one in zip(here, misfit.slopes_between(centre, sides, np.ones(len(sides))), strict=True):
+        for own, one in zip(here, misfit.jacobian_between(centre, sides, np.ones(len(sides))), strict=True):
             along.append(one.gradient)
             power.append(one.information)
-            common.append(own.with_others(one))
+            common.append(own.cross_information(one))
         gradient, information, both = (np.sum(each, axis=0) for each in (along, power, common))
-    outright = misfit.cost_of(centre) - np.array([misfit.cost_of(side) for side in sides])
-    return Tried(np.array(begins), gradient, information, both, outright)
+    outright = misfit.value_of(centre) - np.array([misfit.value_of(side) for side in sides])
+    return Directions(np.array(begins), gradient, information, both, outright)
 
 
-def _promised(misfit: Misfit, every: Tried, past: Past, own: NormalEquations) -> Promise:
+def _promised(
+    misfit: NegativeLogLikelihood, every: Directions, past: NuisanceProjection, own: NormalEquations
+) -> ScoreTest:
     """Of the last effect of ``misfit``."""
-    form, tried = misfit.effects[-1], every.borne
+    form, tried = misfit.effects[-1], every.valid
     nothing: _Told = (0.0, every.starts[0], every.starts[0], 0.0)
-    return Promise(form, *(_told(misfit, tried, past) if len(tried.starts) else nothing), tried, own)
+    return ScoreTest(form, *(_told(misfit, tried, past) if len(tried.starts) else nothing), tried, own)
 
 
-def _told(misfit: Misfit, tried: Tried, past: Past) -> _Told:
+def _told(misfit: NegativeLogLikelihood, tried: Directions, past: NuisanceProjection) -> _Told:
     """As `_promised`, of those starts that bear the effect."""
     form, begins = misfit.effects[-1], tried.starts
     pull, information = past(tried)
-    if form.sizes > 1:
+    if form.size_count > 1:
         return _of_several(misfit, begins, pull, information)
     gains, share = gains_each(form, pull, information)
     size = form.parameters[0]
-    sizes = np.ones(len(begins)) if size.endless else begins[:, 0] - size.null
+    sizes = np.ones(len(begins)) if size.neutral_at_infinity else begins[:, 0] - size.neutral
     # Starts differ in what else there is to an effect, too: the one that shows best at a size tells.
     shown = 0.5 * float(np.max(np.diag(information) * (sizes[0] / sizes) ** 2))
     # Where slopes mislead, as at a threshold, what is gained there without any fit may tell more.
-    unscaled = begins[int(np.argmax(tried.outright))]
-    if tried.outright.max() > gains.max():
-        return float(tried.outright.max()), unscaled, unscaled, shown
+    unscaled = begins[int(np.argmax(tried.gains_unfitted))]
+    if tried.gains_unfitted.max() > gains.max():
+        return float(tried.gains_unfitted.max()), unscaled, unscaled, shown
     best = int(np.argmax(gains))
     if gains[best] <= 0.0:
         return 0.0, begins[best], unscaled, shown
     # What noise gains by so many starts together is no promise: all but one are paid for.
-    together = gain_together(pull, information) - price_of_one(misfit) * (len(begins) - 1)
+    together = gain_together(pull, information) - bic_penalty(misfit) * (len(begins) - 1)
     asked = float(share[best])
     # Slopes hold near by: what they ask for is neither taken to be next to nothing nor far away.
     taken = min(max(abs(asked), 0.1), 5.0)
@@ -230,7 +242,7 @@ def _told(misfit: Misfit, tried: Tried, past: Past) -> _Told:
 def gains_each(form: Effect, pull: FloatArray, information: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(s,) what a form would gain along each direction that has such a pull and information, and the step asked for."""
     power, size = np.diag(information), form.parameters[0]
-    one_sided = size.low >= size.null or size.high <= size.null
+    one_sided = size.low >= size.neutral or size.high <= size.neutral
     share = np.where(power > _LEAST_POWER, pull / np.maximum(power, _LEAST_POWER), 0.0)
     return np.where((share > 0.0) | (not one_sided), 0.5 * share * pull, 0.0), share
 
@@ -240,14 +252,14 @@ def gain_together(pull: FloatArray, information: FloatArray) -> float:
     return 0.5 * float(pull @ np.linalg.pinv(information, rcond=1e-6) @ pull)
 
 
-def _of_several(misfit: Misfit, begins: FloatArray, pull: FloatArray, information: FloatArray) -> _Told:
+def _of_several(misfit: NegativeLogLikelihood, begins: FloatArray, pull: FloatArray, information: FloatArray) -> _Told:
     """Of an effect with several sizes, each of which one of its starts has alone; less the price of all but one."""
     form = misfit.effects[-1]
-    null = np.array([parameter.null for parameter in form.parameters])
+    null = np.array([parameter.neutral for parameter in form.parameters])
     asked = np.linalg.pinv(information, rcond=1e-6) @ pull
-    low, high = (bound[-len(null) :] for bound in misfit.coordinates.bounds)
+    low, high = (bound[-len(null) :] for bound in misfit.parametrization.bounds)
     start = np.clip(null + asked @ (begins - null), low, high)
-    price = price_of_one(misfit) * (form.sizes - 1)
+    price = bic_penalty(misfit) * (form.size_count - 1)
     gain = max(0.5 * float(pull @ asked) - price, 0.0)
     return gain, start, start, float(np.mean(np.diag(information)))
 
@@ -255,7 +267,7 @@ def _of_several(misfit: Misfit, begins: FloatArray, pull: FloatArray, informatio
 def sized(form: Effect, begin: FloatArray, share: float) -> FloatArray:
     """``begin`` with ``share`` times as much of the effect, within its bounds."""
     sized = begin.copy()
-    for k, size in enumerate(form.parameters[: form.sizes]):
-        if not size.endless:
-            sized[k] = np.clip(size.null + share * (begin[k] - size.null), size.low, size.high)
+    for k, size in enumerate(form.parameters[: form.size_count]):
+        if not size.neutral_at_infinity:
+            sized[k] = np.clip(size.neutral + share * (begin[k] - size.neutral), size.low, size.high)
     return sized

@@ -9,7 +9,7 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.effects import Effect, EffectParameter
-from rovid.effects.actuator_inputs import Actuation
+from rovid.effects.actuator_inputs import ActuatorInputs
 from rovid.effects.base import OnTorque, Values
 from rovid.signals.preprocessing import Run
 from rovid.trial.trial import Trial
@@ -18,12 +18,14 @@ _PREFIX = "signal "
 _TILTS = ("roll", "pitch")
 # A catalogued effect acts through the same channel in the same way.
 _CATALOGUED = {("supply_voltage", "thrust"), ("surge_velocity", "drag")}
-_SHARE = EffectParameter(name="share", unit="1", null=0.0, low=-2.0, high=2.0, starts=(0.05,))
-_TORQUE = EffectParameter(name="torque", unit="N m", null=0.0, low=-2.0, high=2.0, starts=(0.03,), scale="torque")
+_SHARE = EffectParameter(name="share", unit="1", neutral=0.0, low=-2.0, high=2.0, initial_values=(0.05,))
+_TORQUE = EffectParameter(
+    name="torque", unit="N m", neutral=0.0, low=-2.0, high=2.0, initial_values=(0.03,), scale="torque"
+)
 # A torque's own zero is not the signal's mean; how drag divides is not what the model without the signal says.
 _PARAMETERS = {
-    "torque": (_TORQUE, replace(_TORQUE, name="level", starts=(0.001,))),
-    "drag": (replace(_TORQUE, name="quadratic"), replace(_TORQUE, name="linear", starts=(0.001,))),
+    "torque": (_TORQUE, replace(_TORQUE, name="level", initial_values=(0.001,))),
+    "drag": (replace(_TORQUE, name="quadratic"), replace(_TORQUE, name="linear", initial_values=(0.001,))),
     "thrust": (_SHARE,),
 }
 _TITLES = {
@@ -33,7 +35,7 @@ _TITLES = {
 }
 
 
-def signal_causes(runs: Sequence[Run]) -> tuple[Effect, ...]:
+def signal_regressors(runs: Sequence[Run]) -> tuple[Effect, ...]:
     """Every logged signal as a cause, in each way in which it may act.
 
     Signals are taken less their mean, over their standard deviation: sizes are those of one standard deviation, and
@@ -64,7 +66,7 @@ def is_signal(effect: Effect) -> bool:
     return effect.id.startswith(_PREFIX)
 
 
-def signal_of(effect: Effect) -> str:
+def signal_name(effect: Effect) -> str:
     """Name of the signal that ``effect`` is."""
     return effect.id.removeprefix(_PREFIX)
 
@@ -90,9 +92,9 @@ class _Signal:
     mean: float
     spread: float
 
-    def standardised(self, where: Actuation) -> FloatArray:
+    def standardised(self, where: ActuatorInputs) -> FloatArray:
         """(m,) in standard deviations from its mean; where it has no reading it is taken to be as usual."""
-        return np.nan_to_num((where.of_trials(self.values) - self.mean) / self.spread)
+        return np.nan_to_num((where.from_trials(self.values) - self.mean) / self.spread)
 
 
 def _signal(runs: Sequence[Run], name: str) -> _Signal | None:
@@ -116,13 +118,13 @@ def _rate(run: Run) -> FloatArray:
 
 
 def _cause(signal: _Signal, way: str, rates: Mapping[str, FloatArray]) -> Effect:
-    def driven(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
+    def driven(where: ActuatorInputs, torque: FloatArray, values: Values) -> FloatArray:
         course = signal.standardised(where)
         size, *other = values.values()
         if way == "torque":
             return torque + size * course + other[0]
         if way == "drag":
-            rate = where.of_trials(rates)
+            rate = where.from_trials(rates)
             return torque - course * rate * (size * np.abs(rate) + other[0])
         return torque * (1.0 + size * course)
 

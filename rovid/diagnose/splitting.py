@@ -10,14 +10,14 @@ import numpy as np
 from rovid.core.array_types import IntArray
 from rovid.core.errors import DataError
 from rovid.estimate.multi_step_data import time_constant
-from rovid.estimate.output_error import fit_free_run
-from rovid.estimate.scaling import usual_rate
-from rovid.signals.preprocessing import Run, Runs, prepare
+from rovid.estimate.output_error import fit_output_error
+from rovid.estimate.scaling import rms_rate
+from rovid.signals.preprocessing import PreparedRuns, Run, prepare
 from rovid.signals.rates import highest_cutoff
 from rovid.trial.trial import Campaign, Trial
 from rovid.trial.vehicle import Vehicle
 
-FEWEST_TRIALS = 4
+MIN_TRIALS = 4
 _PARTS = 8
 # Time constants of the vehicle that a part lasts at least: what was before it is then forgotten in most of it.
 _SHORTEST = 4.0
@@ -30,32 +30,32 @@ _PAUSE, _PAUSE_PERIODS = 10.0, 10.0  # s, and usual intervals between readings
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
+class CvPiece:
     """From ``begin`` to ``end`` in s of the run number ``whole``, as a run by itself."""
 
-    whole: int
+    run_index: int
     begin: float
     end: float
     run: Run
 
 
-def parts_of(runs: Sequence[Run], vehicle: Vehicle, cutoff: float) -> Runs | None:
+def split_runs(runs: Sequence[Run], vehicle: Vehicle, cutoff: float) -> PreparedRuns | None:
     """Runs of about an eighth of all time each, or of `shortest_part` where that is longer.
 
     None where there are runs enough, or too little time.
 
     Each part starts anew: angles turned and water set in motion before it are forgotten.
     """
-    if len(runs) >= FEWEST_TRIALS:
+    if len(runs) >= MIN_TRIALS:
         return None
     trials = [cut.trial for _, cut in _all_cuts(runs, cutoff)]
-    if len(trials) < FEWEST_TRIALS:
+    if len(trials) < MIN_TRIALS:
         return None
     shared = min(cutoff, highest_cutoff(trials))
     return prepare(Campaign(trials=tuple(trials), sources=()), vehicle, cutoff=shared)
 
 
-def pieces_of(runs: Sequence[Run], vehicle: Vehicle, cutoff: float) -> list[Piece]:
+def cv_pieces(runs: Sequence[Run], vehicle: Vehicle, cutoff: float) -> list[CvPiece]:
     """All ``runs`` in pieces: each by itself where there are enough, cut where that leaves pieces long enough."""
     cuts = _all_cuts(runs, cutoff)
     trials = [cut.trial for _, cut in cuts]
@@ -63,23 +63,23 @@ def pieces_of(runs: Sequence[Run], vehicle: Vehicle, cutoff: float) -> list[Piec
     made = prepare(Campaign(trials=tuple(trials), sources=()), vehicle, cutoff=shared).items
     pieces = []
     for (whole, cut), run in zip(cuts, made, strict=True):
-        pieces.append(Piece(whole, cut.begin, cut.end, run))
+        pieces.append(CvPiece(whole, cut.begin, cut.end, run))
     return pieces
 
 
-def shortest_part(runs: Sequence[Run], cutoff: float) -> float:
+def min_part_length(runs: Sequence[Run], cutoff: float) -> float:
     """Length in s that a part has at least: some time constants, and what a low pass of ``cutoff`` in Hz wants."""
     try:
-        start = fit_free_run(runs, certainty=0.0)
-        constant = time_constant(start, usual_rate(runs))
-        quarter = sum(recorded(run.trial) for run in runs) / FEWEST_TRIALS
+        start = fit_output_error(runs, min_sigmas=0.0)
+        constant = time_constant(start, rms_rate(runs))
+        quarter = sum(recorded_seconds(run.trial) for run in runs) / MIN_TRIALS
         shortest = min(max(quarter, _SHORTEST_OF_ALL * constant), _SHORTEST * constant)
     except DataError:
         shortest = _UNKNOWN
     return max(shortest, _CUTOFF_PERIODS / cutoff)
 
 
-def recorded(trial: Trial) -> float:
+def recorded_seconds(trial: Trial) -> float:
     """Time in s over which positions were measured, pauses left out."""
     return sum(float(np.ptp(trial.time[session])) for session in _sessions(trial))
 
@@ -87,7 +87,7 @@ def recorded(trial: Trial) -> float:
 def _sessions(trial: Trial) -> list[IntArray]:
     """Indices of the measured positions between pauses."""
     measured = np.flatnonzero(trial.measured)
-    pauses = np.diff(trial.time[measured]) > max(_PAUSE_PERIODS * trial.period, _PAUSE)
+    pauses = np.diff(trial.time[measured]) > max(_PAUSE_PERIODS * trial.sampling_interval, _PAUSE)
     return np.split(measured, 1 + np.flatnonzero(pauses))
 
 
@@ -105,11 +105,11 @@ def _all_cuts(runs: Sequence[Run], cutoff: float) -> list[tuple[int, _Cut]]:
 
     Two at least of a run that is long enough: what is of one trial alone is told by one part and tried on the other.
     """
-    shortest = shortest_part(runs, cutoff)
-    usual = max(sum(recorded(run.trial) for run in runs) / _PARTS, shortest)
+    shortest = min_part_length(runs, cutoff)
+    usual = max(sum(recorded_seconds(run.trial) for run in runs) / _PARTS, shortest)
     cuts = []
     for whole, run in enumerate(runs):
-        half = recorded(run.trial) / 2.0
+        half = recorded_seconds(run.trial) / 2.0
         length = min(usual, max(half, shortest))
         cuts += [(whole, cut) for cut in _cuts(run.trial, length)]
     return cuts

@@ -10,21 +10,21 @@ from functools import cached_property
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.diagnose.bic import ITERATIONS, is_plausible, quickly_climbed, worth
-from rovid.diagnose.candidate_fits import gains_of
-from rovid.diagnose.fit_cache import Known
+from rovid.diagnose.bic import ITERATIONS, bic_score, fit_coarse, is_plausible
+from rovid.diagnose.candidate_fits import gains_by_cause
+from rovid.diagnose.fit_cache import FitCache
 from rovid.diagnose.posterior import ESTABLISHED, PRIOR_ODDS
-from rovid.diagnose.splitting import Piece
-from rovid.diagnose.stepwise import MARGIN, Gains, Hopeless, Report, Search
+from rovid.diagnose.splitting import CvPiece
+from rovid.diagnose.stepwise import MARGIN, Gains, Hopeless, ProgressCallback, StepwiseSearch
 from rovid.diagnose.validation import Work
-from rovid.diagnose.wave_test import Waves, look_for_waves
+from rovid.diagnose.wave_test import WaveTest, run_wave_test
 from rovid.effects import Effect
-from rovid.estimate.filter_data import Readings
-from rovid.estimate.fit_result import Fitted, climbed
-from rovid.estimate.maximum_likelihood import LIMITS, TRUSTED_R2, fit_base, loosened
-from rovid.estimate.multi_step_data import HorizonRecords, time_constant
-from rovid.estimate.multi_step_likelihood import HorizonMisfit
-from rovid.estimate.objective import UNLIMITED, Key, Misfit
+from rovid.estimate.filter_data import InnovationData
+from rovid.estimate.fit_result import FitResult, fit
+from rovid.estimate.maximum_likelihood import DISTURBANCE_LIMITS, INNOVATIONS_R2, fit_innovations, loosen_limit
+from rovid.estimate.multi_step_data import MultiStepData, time_constant
+from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
+from rovid.estimate.objective import UNLIMITED, Key, NegativeLogLikelihood
 from rovid.estimate.output_error import free_run_r2
 from rovid.estimate.parametrization import DISTURBANCE
 
@@ -51,26 +51,28 @@ _COUNTED = 6
 
 
 def by_horizons(
-    full: Readings,
-    pieces: Sequence[Piece],
+    full: InnovationData,
+    pieces: Sequence[CvPiece],
     candidates: Sequence[Effect],
-    report: Report,
-    is_enough: Callable[[Fitted], bool] | None,
+    report: ProgressCallback,
+    is_enough: Callable[[FitResult], bool] | None,
 ) -> Iterator[Work]:
     """Search by predictions some time ahead: first what was found once it ``is_enough``, and at last all that there is.
 
     What is missing makes errors correlate for long, so that little counts. With the right cause they do so for less:
     the correlation is that which the best next cause would leave, whether that is claimed in the end or not.
     """
-    records = HorizonRecords.of(full, full.start)
-    base = final = _ahead((), records, HorizonMisfit(records).coordinates.first())
-    if records.readings < _FEWEST_READINGS:
-        yield Work(Search([], report), records, base, base, pieces, by_horizons=True)
+    records = MultiStepData.from_data(full, full.initial_model)
+    base = final = _ahead((), records, MultiStepLikelihood(records).parametrization.initial())
+    if records.effective_count < _FEWEST_READINGS:
+        yield Work(StepwiseSearch([], report), records, base, base, pieces, by_horizons=True)
         return
     # No phase of a wave is known to a prediction.
     listed = _but_waves(candidates)
     while True:
-        search = Search(listed, report, is_enough=is_enough, thorough=_is_far_off, margin=_MARGIN_AHEAD, least=0.0)
+        search = StepwiseSearch(
+            listed, report, is_enough=is_enough, thorough=_is_far_off, margin=_MARGIN_AHEAD, least=0.0
+        )
         found = search.run(final)
         if search.has_enough:
             yield Work(search, records, base, found, pieces, by_horizons=True)
@@ -79,7 +81,7 @@ def by_horizons(
             continue
         final = found
         closer = _counting(records, final, search)
-        if closer.readings < _MORE * records.readings:
+        if closer.effective_count < _MORE * records.effective_count:
             # What is refused of it is not enough either.
             search.is_enough = None
             yield Work(search, records, base, final, pieces, by_horizons=True)
@@ -89,30 +91,30 @@ def by_horizons(
         final = _ahead(final.effects, records, final.x)
 
 
-def _counting(records: HorizonRecords, final: Fitted, search: Search) -> HorizonRecords:
+def _counting(records: MultiStepData, final: FitResult, search: StepwiseSearch) -> MultiStepData:
     """``records`` by that one of the likeliest models which makes the most predictions count."""
     plausible = [fitted for fitted in search.extensions(final) if is_plausible(fitted)]
-    likeliest = sorted((final, *plausible), key=worth, reverse=True)[:_COUNTED]
-    counted = (records.counting(fitted.model) for fitted in likeliest)
-    return max(counted, key=lambda one: one.readings)
+    likeliest = sorted((final, *plausible), key=bic_score, reverse=True)[:_COUNTED]
+    counted = (records.reweighted(fitted.model) for fitted in likeliest)
+    return max(counted, key=lambda one: one.effective_count)
 
 
-def few_of(full: Readings) -> Readings:
+def few_of(full: InnovationData) -> InnovationData:
     """As few of the readings as still show waves."""
     seconds = sum(float(np.ptp(run.trial.time)) for run in full.runs)
-    farthest = _THINNED_WAVES * time_constant(full.start, full.rate)
+    farthest = _THINNED_WAVES * time_constant(full.initial_model, full.rms_rate)
     return replace(full, interval=max(interval_of(full), min(seconds / _READINGS, farthest)))
 
 
 def wave_search(
-    few: Readings, forms: Sequence[Effect], pieces: Sequence[Piece], report: Report
-) -> Callable[[Fitted], Waves]:
+    few: InnovationData, forms: Sequence[Effect], pieces: Sequence[CvPiece], report: ProgressCallback
+) -> Callable[[FitResult], WaveTest]:
     """What looks for waves beside a model, by each next of ``few`` readings."""
-    wave = next((form for form in forms if form.wave), None)
+    wave = next((form for form in forms if form.is_wave), None)
 
-    def look(beside: Fitted) -> Waves:
+    def look(beside: FitResult) -> WaveTest:
         report("Looking for waves …")
-        return look_for_waves(few, beside, wave, pieces)
+        return run_wave_test(few, beside, wave, pieces)
 
     return look
 
@@ -124,24 +126,24 @@ class ByInnovations:
     Where there are many, ``few`` tell beforehand whether that pays.
     """
 
-    full: Readings
-    few: Readings
+    full: InnovationData
+    few: InnovationData
     candidates: Sequence[Effect]
-    report: Report
-    _bases: dict[float, Fitted] = field(default_factory=dict)
+    report: ProgressCallback
+    _bases: dict[float, FitResult] = field(default_factory=dict)
     _explained: dict[Key, bool] = field(default_factory=dict)
-    _known: dict[tuple[float, int], Known] = field(default_factory=dict)
+    _known: dict[tuple[float, int], FitCache] = field(default_factory=dict)
 
-    def explains(self, found: Fitted) -> bool:
+    def explains(self, found: FitResult) -> bool:
         """Whether the effects of ``found`` leave white innovations, and no more disturbance than there may be."""
         misfit, x = self._beginning(self._first, found, found)
         if misfit.key not in self._explained:
             # A model that does is near by; and what the widest limit does not leave, none does.
-            near = quickly_climbed(misfit.under(max(LIMITS)), x, _NEAR_BY)
+            near = fit_coarse(misfit.with_limit(max(DISTURBANCE_LIMITS)), x, _NEAR_BY)
             self._explained[misfit.key] = near.is_white and not near.at_limit
         return self._explained[misfit.key]
 
-    def at_once(self, look_for_waves: Callable[[Fitted], Waves]) -> Work | None:
+    def at_once(self, look_for_waves: Callable[[FitResult], WaveTest]) -> Work | None:
         """Search from nothing on, and ``look_for_waves`` beside what that finds.
 
         None where the way is not straight, or what is found does not explain all: then predictions tell where to begin.
@@ -161,64 +163,66 @@ class ByInnovations:
         waves = None if ahead.waves is None else ahead.waves.established
         return self._searched(ahead.final if waves is None else waves, ahead.final, _is_hopeless)
 
-    def _searched(self, found: Fitted, predicted: Fitted, hopeless: Hopeless) -> Work | None:
+    def _searched(self, found: FitResult, predicted: FitResult, hopeless: Hopeless) -> Work | None:
         """Search from the effects of ``found`` on; None where that is ``hopeless``, or does not explain all."""
         self.report("Looking at each next reading …")
         # Where it is hopeless over few readings it is so over more, which would take long to say.
         if self._first is not self._quick:
             begun = self._begun(self._first, found, predicted)
-            promised = self._search(begun).promised
-            if hopeless(begun, lambda: gains_of(promised(begun))):
+            promised = self._search(begun).score_tests
+            if hopeless(begun, lambda: gains_by_cause(promised(begun))):
                 return None
         begun = self._begun(self._quick, found, predicted)
         search = self._search(begun, hopeless)
-        pieces = [Piece(number, -math.inf, math.inf, run) for number, run in enumerate(self.full.runs)]
+        pieces = [CvPiece(number, -math.inf, math.inf, run) for number, run in enumerate(self.full.runs)]
         work = Work(search, self.full, self._base(self._quick), search.run(begun), pieces)
         if search.given_up or not work.explains:
             return None
         return work
 
     @cached_property
-    def _quick(self) -> Readings:
+    def _quick(self) -> InnovationData:
         interval = interval_of(self.full)
         return replace(self.full, interval=interval) if interval > self.full.interval else self.full
 
     @property
-    def _first(self) -> Readings:
+    def _first(self) -> InnovationData:
         return looked_first(self.few, self._quick)
 
-    def _base(self, records: Readings) -> Fitted:
+    def _base(self, records: InnovationData) -> FitResult:
         """The model without effects, by each next reading of ``records``."""
         if records.interval not in self._bases:
-            self._bases[records.interval] = fit_base(records, free_run_r2(records.runs, records.start))
+            self._bases[records.interval] = fit_innovations(records, free_run_r2(records.runs, records.initial_model))
         return self._bases[records.interval]
 
-    def _beginning(self, records: Readings, found: Fitted, predicted: Fitted) -> tuple[Misfit, FloatArray]:
+    def _beginning(
+        self, records: InnovationData, found: FitResult, predicted: FitResult
+    ) -> tuple[NegativeLogLikelihood, FloatArray]:
         """Misfit with the effects of ``found``, and (p,) where to climb from, by the inertia and drag ``predicted``."""
         base = self._base(records)
-        x = np.concatenate((base.x, found.x[len(found.shared) :]))
+        x = np.concatenate((base.x, found.x[len(found.common_coordinates) :]))
         x[:DISTURBANCE] = predicted.x[:DISTURBANCE]
-        return base.misfit.like(found.effects), x
+        return base.objective.with_effects(found.effects), x
 
-    def _begun(self, records: Readings, found: Fitted, predicted: Fitted) -> Fitted:
+    def _begun(self, records: InnovationData, found: FitResult, predicted: FitResult) -> FitResult:
         """The model with the effects of ``found``, fitted."""
         if not found.effects:
             return self._base(records)
-        return loosened(climbed(*self._beginning(records, found, predicted)))
+        return loosen_limit(fit(*self._beginning(records, found, predicted)))
 
-    def _search(self, begun: Fitted, hopeless: Hopeless | None = None) -> Search:
+    def _search(self, begun: FitResult, hopeless: Hopeless | None = None) -> StepwiseSearch:
         """With what is known already, of the same readings and the same candidates."""
         forms = _beside(begun, self.candidates)
-        known = self._known.setdefault((begun.records.interval, len(forms)), Known())
-        return Search(forms, self.report, hopeless=hopeless, known=known)
+        known = self._known.setdefault((begun.data.interval, len(forms)), FitCache())
+        return StepwiseSearch(forms, self.report, is_hopeless=hopeless, known=known)
 
 
-def looked_first(few: Readings, quick: Readings) -> Readings:
+def looked_first(few: InnovationData, quick: InnovationData) -> InnovationData:
     """Which are looked at before all that a search looks at: the few, where those of a ``quick`` look are many more."""
-    return few if len(quick.trial) > _FEWER * len(few.trial) else quick
+    return few if len(quick.run_index) > _FEWER * len(few.run_index) else quick
 
 
-def _beside(begun: Fitted, candidates: Sequence[Effect]) -> list[Effect]:
+def _beside(begun: FitResult, candidates: Sequence[Effect]) -> list[Effect]:
     """What each next reading is searched for: waves take long, and are found without such a search."""
     if len(_but_waves(begun.effects)) < len(begun.effects):
         return list(candidates)
@@ -227,10 +231,10 @@ def _beside(begun: Fitted, candidates: Sequence[Effect]) -> list[Effect]:
 
 def _but_waves(effects: Sequence[Effect]) -> list[Effect]:
     """Those of the ``effects`` that need no phase."""
-    return [effect for effect in effects if not effect.wave]
+    return [effect for effect in effects if not effect.is_wave]
 
 
-def _is_hopeless(current: Fitted, gains: Gains) -> bool:
+def _is_hopeless(current: FitResult, gains: Gains) -> bool:
     """Whether no causes more, by what each ``gains``, can leave white innovations and a disturbance within its limit.
 
     They would have to gain what is lacking, or some share of it, for slopes may mislead. Where a disturbance above its
@@ -244,7 +248,7 @@ def _is_hopeless(current: Fitted, gains: Gains) -> bool:
     return lacking > 0.0 and sum(gains()[:_TOGETHER]) < _SHARE * lacking
 
 
-def _leads_astray(current: Fitted, gains: Gains) -> bool:
+def _leads_astray(current: FitResult, gains: Gains) -> bool:
     """Whether the best single cause gains too little of what is lacking for the search to be on a straight way.
 
     Beside a cause a disturbance at its limit need not be real: another may take it away.
@@ -257,26 +261,26 @@ def _leads_astray(current: Fitted, gains: Gains) -> bool:
     return max(gains(), default=0.0) < max(_STRAIGHT * (disturbance + colour), MARGIN)
 
 
-def _lacking(current: Fitted) -> tuple[float, float]:
+def _lacking(current: FitResult) -> tuple[float, float]:
     """Log-likelihood that a disturbance beyond its limit would gain, and white innovations beside that."""
     unlimited = current
     if current.at_limit:
-        unlimited = quickly_climbed(current.misfit.under(UNLIMITED), current.x, ITERATIONS)
-    return current.cost - unlimited.cost, 0.0 if unlimited.is_white else unlimited.colour
+        unlimited = fit_coarse(current.objective.with_limit(UNLIMITED), current.x, ITERATIONS)
+    return current.value - unlimited.value, 0.0 if unlimited.is_white else unlimited.whitening_gain
 
 
-def _ahead(effects: tuple[Effect, ...], records: HorizonRecords, x: FloatArray) -> Fitted:
+def _ahead(effects: tuple[Effect, ...], records: MultiStepData, x: FloatArray) -> FitResult:
     """The likeliest model by predictions some time ahead, from (p,) ``x`` on."""
-    return climbed(HorizonMisfit(records, effects=effects), x)
+    return fit(MultiStepLikelihood(records, effects=effects), x)
 
 
-def _is_far_off(fitted: Fitted) -> bool:
+def _is_far_off(fitted: FitResult) -> bool:
     """Whether the plain model misses so much that slopes do not tell what would help."""
-    return not fitted.effects and fitted.simulated_r2 < TRUSTED_R2
+    return not fitted.effects and fitted.simulated_r2 < INNOVATIONS_R2
 
 
-def interval_of(full: Readings) -> float:
+def interval_of(full: InnovationData) -> float:
     """How far apart, in s, the readings are that a search looks at."""
-    wanted = min(_THINNED * time_constant(full.start, full.rate), _THINNED_SECONDS)
-    period = float(np.median([run.trial.period for run in full.runs]))
+    wanted = min(_THINNED * time_constant(full.initial_model, full.rms_rate), _THINNED_SECONDS)
+    period = float(np.median([run.trial.sampling_interval for run in full.runs]))
     return wanted if wanted >= 2.0 * period else 0.0

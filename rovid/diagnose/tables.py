@@ -11,17 +11,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.core.spmd import in_step, shared
-from rovid.core.stats import beyond_chi2
+from rovid.core.spmd import forked_workers, parallel_map
+from rovid.core.stats import chi2_sf
 from rovid.effects import Effect, forms_for
-from rovid.effects.base import OnHeading, Scales, Wave
+from rovid.effects.base import OnHeading, Scales, WaveTorque
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.inertia import InertiaFit
 from rovid.estimate.inertia_table import row_names, table_drag
-from rovid.model.command_series import Commanded
+from rovid.model.command_series import CommandSeries
 from rovid.model.model import Model
-from rovid.model.torque_input import MOST_PARTS
-from rovid.trial.tables import Table
+from rovid.model.torque_input import MAX_SUBDIVISION
+from rovid.trial.tables import CsvTable
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
 
@@ -46,7 +46,7 @@ _STARTS, _FIRST_EVALUATIONS, _EVALUATIONS, _FINE = 3, 8, 30, 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
-class Prediction:
+class SinePrediction:
     """Peak yaw rate in rad/s of a sine trial as measured, and simulated with the inertia in kg m^2 of a method."""
 
     trial: str
@@ -69,8 +69,8 @@ class Explanation:
     """
 
     model: Model
-    misfit: float
-    chance: float
+    chi2: float
+    p_value: float
 
     @property
     def sizes(self) -> dict[str, tuple[float, str]]:
@@ -83,37 +83,37 @@ class Explanation:
     @property
     def explains(self) -> bool:
         """Whether the reading of the rates accounts for what is left."""
-        if math.isnan(self.chance):
-            return self.misfit < _BY_CHANCE
-        return self.chance > _BY_CHANCE
+        if math.isnan(self.p_value):
+            return self.chi2 < _BY_CHANCE
+        return self.p_value > _BY_CHANCE
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Amplitudes:
+class TableDiagnosis:
     """Tables against the model; where that misses them, of each effect its best form, the nearest effect first.
 
     ``inertias`` are the least and the largest that were allowed, kg m^2.
     """
 
-    predictions: tuple[Prediction, ...]
-    plain: Explanation
-    with_effect: tuple[Explanation, ...]
+    predictions: tuple[SinePrediction, ...]
+    without_effect: Explanation
+    with_one_effect: tuple[Explanation, ...]
     inertias: tuple[float, float]
 
     @property
     def causes(self) -> tuple[Explanation, ...]:
         """Those that would explain the tables; none where nothing asks for one."""
-        return tuple(each for each in self.with_effect if each.explains)
+        return tuple(each for each in self.with_one_effect if each.explains)
 
     @property
     def ruled_out(self) -> tuple[Effect, ...]:
         """Those that would not, by themselves."""
-        return tuple(each.model.effects[0] for each in self.with_effect if not each.explains)
+        return tuple(each.model.effects[0] for each in self.with_one_effect if not each.explains)
 
     @property
     def missing(self) -> str:
         """What these tables leave open, and why."""
-        if self.plain.explains:
+        if self.without_effect.explains:
             return (
                 "the plain model agrees with the tables as closely as they were read. Amplitudes without a time series "
                 "show no more, and nothing can be held out: record the runs as logs."
@@ -155,13 +155,13 @@ class _Rows:
 
     def simulated(self, model: Model) -> FloatArray:
         """(n,) rad/s, what tables would say: the peak of a sine and the mean of a hold, once it has settled."""
-        drive = model.drivetrain.driven(self._given[model.drivetrain.parts])
+        drive = model.actuators.torque_inputs(self._given[model.actuators.subdivision])
         return np.array([*map(_as_told, self.runs, model.simulate_rates(self.runs, drive))])
 
     @cached_property
-    def _given(self) -> dict[int, Commanded]:
+    def _given(self) -> dict[int, CommandSeries]:
         """The commands of all runs, by the parts into which each interval is cut."""
-        return {parts: Commanded.of(self.vehicle, self.runs, parts) for parts in (1, MOST_PARTS)}
+        return {parts: CommandSeries.from_trials(self.vehicle, self.runs, parts) for parts in (1, MAX_SUBDIVISION)}
 
     def misfits(self, model: Model) -> FloatArray:
         """(n,) in standard deviations of their reading."""
@@ -170,7 +170,7 @@ class _Rows:
     def nearest(self, begin: Model, effects: Sequence[Effect | None]) -> list[Explanation]:
         """Inertia, each effect and the drag, unless it is known, fitted to all rows together from ``begin``."""
         problems = [_Problem(self, begin, effect) for effect in effects]
-        solved = shared(lambda problem: problem.solved(), problems)
+        solved = parallel_map(lambda problem: problem.solved(), problems)
         return [problem.explained(*told) for problem, told in zip(problems, solved, strict=True)]
 
 
@@ -183,16 +183,16 @@ class _Problem:
     def __init__(self, rows: _Rows, begin: Model, effect: Effect | None) -> None:
         self.rows, self.begin = rows, begin
         self.effects = () if effect is None else (effect,)
-        self.starts = [()] if effect is None else effect.starts
+        self.starts = [()] if effect is None else effect.initial_values
         parameters = () if effect is None else effect.parameters
         torque = float(rows.vehicle.thrusters[0].command_range() / 2.0)
         rate = float(rows.rates.max())
-        scales = Scales(command=torque, torque=torque, rate=rate, race=math.sqrt(torque))
+        scales = Scales(command=torque, torque=torque, rate=rate, wash=math.sqrt(torque))
         # Neither drag alone can be much larger than all of it at the largest torque and rate.
         self.most = [] if rows.drag_known else [2.0 * torque / rate**2, 2.0 * torque / rate]
         drags = len(self.most)
         self.own = 1 + drags
-        sizes = [scales.of(parameter) for parameter in parameters]
+        sizes = [scales.unit_size(parameter) for parameter in parameters]
         self.units = np.array([1.0, *self.most, *sizes])
         least, largest = rows.inertias
         self.low = np.array([math.log(least), *[0.0] * drags, *[one.low for one in parameters]])
@@ -235,8 +235,8 @@ class _Problem:
     def explained(self, x: FloatArray, misfit: float) -> Explanation:
         """What (q,) ``x`` with such a ``misfit`` comes to."""
         spare = len(self.rows.rates) - len(self.low)
-        chance = beyond_chi2(spare, misfit) if spare > 0 else math.nan
-        return Explanation(model=self.model(x), misfit=misfit, chance=chance)
+        chance = chi2_sf(spare, misfit) if spare > 0 else math.nan
+        return Explanation(model=self.model(x), chi2=misfit, p_value=chance)
 
     def fitted(self, x: FloatArray, evaluations: int) -> optimize.OptimizeResult:
         """Least squares from ``x``."""
@@ -253,9 +253,9 @@ class _Problem:
         )
 
 
-def explain(
-    sine: Table, steady: Table | None, drag: Estimate | None, inertia: InertiaFit, rigid_body: float | None
-) -> Amplitudes:
+def diagnose_tables(
+    sine: CsvTable, steady: CsvTable | None, drag: Estimate | None, inertia: InertiaFit, rigid_body: float | None
+) -> TableDiagnosis:
     """Look for effects with which one model agrees with every row of the tables.
 
     Parameters
@@ -277,10 +277,10 @@ def explain(
     (plain,) = rows.nearest(rows.start, [None])
     with_effect = () if plain.explains else _with_effect(rows, plain.model)
     own = [replace(start, quadratic_drag=q, linear_drag=d) for q, d in zip(quadratic, linear, strict=True)]
-    return Amplitudes(
+    return TableDiagnosis(
         predictions=tuple(_predictions(sine, rows, own, inertia)),
-        plain=plain,
-        with_effect=with_effect,
+        without_effect=plain,
+        with_one_effect=with_effect,
         inertias=rows.inertias,
     )
 
@@ -290,8 +290,8 @@ def _with_effect(rows: _Rows, plain: Model) -> tuple[Explanation, ...]:
     from rovid.model.kernels import is_compiled
 
     # Amplitudes tell nothing of waves, nor of what acts by the heading.
-    tried = [effect for effect in forms_for(rows.vehicle) if not isinstance(effect.acts, OnHeading | Wave)]
-    with in_step(wanted=is_compiled()):
+    tried = [effect for effect in forms_for(rows.vehicle) if not isinstance(effect.acts, OnHeading | WaveTorque)]
+    with forked_workers(wanted=is_compiled()):
         return _best_forms(rows.nearest(plain, tried))
 
 
@@ -303,12 +303,12 @@ def _best_forms(fits: Sequence[Explanation]) -> tuple[Explanation, ...]:
     return tuple(best.values())
 
 
-def _predictions(sine: Table, rows: _Rows, models: Sequence[Model], inertia: InertiaFit) -> Iterator[Prediction]:
+def _predictions(sine: CsvTable, rows: _Rows, models: Sequence[Model], inertia: InertiaFit) -> Iterator[SinePrediction]:
     """Every sine with the inertia of every method and the drag that the table gives it."""
     for key, reading in inertia.methods.items():
         # Rates go on with the holds after the sines: the names end first.
         for at, (name, model, rate) in enumerate(zip(row_names(sine), models, rows.rates, strict=False)):
-            yield Prediction(
+            yield SinePrediction(
                 trial=name,
                 method=key,
                 inertia=reading.value,
@@ -317,7 +317,7 @@ def _predictions(sine: Table, rows: _Rows, models: Sequence[Model], inertia: Ine
             )
 
 
-def _rows(sine: Table, steady: Table | None, start: Model, rigid_body: float | None) -> _Rows:
+def _rows(sine: CsvTable, steady: CsvTable | None, start: Model, rigid_body: float | None) -> _Rows:
     period, torque = sine.numbers("period_s"), sine.numbers("torque_amplitude_Nm")
     runs = [_sine(float(p), float(amplitude)) for p, amplitude in zip(period, torque, strict=True)]
     tables = [(sine, "peak_yaw_rate_rad_s")]
@@ -346,7 +346,7 @@ def _inertias(start: Model, rigid_body: float | None) -> tuple[float, float]:
     return _RATIOS[0] * least, _RATIOS[1] * most
 
 
-def _holds(steady: Table, start: Model) -> list[Trial]:
+def _holds(steady: CsvTable, start: Model) -> list[Trial]:
     """A hold for each row of the steady turns."""
     torque, rate = steady.numbers("torque_Nm"), np.abs(steady.numbers("yaw_rate_rad_s"))
     reached = np.maximum(rate, _SLOWEST * np.max(rate))
@@ -359,7 +359,7 @@ def _sine(period: float, amplitude: float) -> Trial:
     time = np.linspace(0.0, _PERIODS * period, _PERIODS * _SAMPLES + 1, dtype=np.float64)
     # The mean over each interval, for which it is held. A rate that starts at the torque's peak has least to forget.
     torque = amplitude * np.cos(2.0 * np.pi * (time + 0.5 * period / _SAMPLES) / period)
-    return Trial.imagined(time, torque[:, None], name="sine")
+    return Trial.from_commands(time, torque[:, None], name="sine")
 
 
 def _hold(torque: float, rate: float, start: Model) -> Trial:
@@ -367,7 +367,7 @@ def _hold(torque: float, rate: float, start: Model) -> Trial:
     slope = 2.0 * start.quadratic_drag * rate + start.linear_drag
     constant = start.inertia / max(slope, 1e-12)
     time = np.linspace(0.0, _HOLD * constant, _HOLD_SAMPLES, dtype=np.float64)
-    return Trial.imagined(time, np.full((len(time), 1), torque), name="hold")
+    return Trial.from_commands(time, np.full((len(time), 1), torque), name="hold")
 
 
 def _of_torque(most: float) -> Vehicle:
@@ -386,6 +386,6 @@ def _as_told(run: Trial, rate: FloatArray) -> float:
 
 def _unlikely(fit: Explanation) -> tuple[float, float]:
     """To sort by: what chance allows first; where there are no rows to spare, last."""
-    if math.isnan(fit.chance):
-        return 1.0, fit.misfit
-    return -fit.chance, fit.misfit
+    if math.isnan(fit.p_value):
+        return 1.0, fit.chi2
+    return -fit.p_value, fit.chi2

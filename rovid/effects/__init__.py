@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping, Sequence
 from importlib import import_module
 
-from rovid.core.errors import ConfigError, nearest
+from rovid.core.errors import ConfigError, suggestion
 from rovid.effects import bias_torque, restoring, supply_sag, thruster_imbalance
-from rovid.effects.actuator_inputs import SPEEDS, Actuation
+from rovid.effects.actuator_inputs import SPEEDS, ActuatorInputs
 from rovid.effects.base import Effect, EffectParameter, Term
-from rovid.effects.per_trial import trials_of
+from rovid.effects.per_trial import trials_in_form
 from rovid.trial.axis import Axis
 from rovid.trial.vehicle import Vehicle
 
@@ -42,7 +42,7 @@ EFFECTS = (
     "restoring_curve",
 )
 # What people call them besides -> effect.
-ALSO = {
+SYNONYMS = {
     "deadzone": "thruster_deadband",
     "dead_zone": "thruster_deadband",
     "reverse": "thrust_asymmetry",
@@ -86,7 +86,7 @@ CATALOGUE: tuple[Effect, ...] = tuple(effect for effect in FORMS if not effect.f
 _RESTORING = {"heave": restoring.LIFT, "roll": restoring.RIGHTING, "pitch": restoring.RIGHTING}
 _ALL = "`rovid help effects` tells what each does."
 # Compiled terms of the equation of motion, in the order in which their parameters stand in the kernels' arrays.
-MOTION: tuple[Effect, ...] = (
+TERM_EFFECTS: tuple[Effect, ...] = (
     *(effect for effect in FORMS if isinstance(effect.acts, Term)),
     restoring.LIFT,
     restoring.RIGHTING,
@@ -94,27 +94,27 @@ MOTION: tuple[Effect, ...] = (
 # What makes forms of another size in each trial. Of so many trials each is asked for; of more it would take longer than
 # all else.
 _BY_TRIAL: Mapping[str, Callable[[Sequence[str]], Effect]] = {
-    supply_sag.EFFECT.id: supply_sag.of_trials,
-    bias_torque.EFFECT.id: bias_torque.of_trials,
+    supply_sag.EFFECT.id: supply_sag.for_trials,
+    bias_torque.EFFECT.id: bias_torque.for_trials,
 }
 _FEWEST_TRIALS, _MOST_TRIALS = 3, 24
-TERMS = tuple(effect.acts for effect in MOTION if isinstance(effect.acts, Term))
+TERMS = tuple(effect.acts for effect in TERM_EFFECTS if isinstance(effect.acts, Term))
 
 __all__ = [
     "CATALOGUE",
     "FORMS",
-    "MOTION",
     "TERMS",
-    "Actuation",
+    "TERM_EFFECTS",
+    "ActuatorInputs",
     "Effect",
     "EffectParameter",
     "effect_named",
     "forms_for",
-    "restoring_of",
+    "restoring_effect",
 ]
 
 
-def restoring_of(axis: Axis) -> Effect | None:
+def restoring_effect(axis: Axis) -> Effect | None:
     """What weight and buoyancy do along ``axis``; None where they do nothing."""
     return _RESTORING.get(axis.name)
 
@@ -128,19 +128,19 @@ def forms_for(
     """
     found: list[Effect] = []
     # The thrust ahead stands in for a speed that is not logged.
-    tells_speed = SPEEDS[0] not in channels and bool(vehicle.ahead.any())
+    tells_speed = SPEEDS[0] not in channels and bool(vehicle.surge_shares.any())
     for effect in FORMS:
         if effect.axes and vehicle.axis.name not in effect.axes:
             continue
-        if not vehicle.thrusters and (effect.actuates or effect.races):
+        if not vehicle.thrusters and (effect.changes_torque_input or effect.uses_wash):
             continue
-        if effect.each_thruster:
+        if effect.per_thruster:
             found += _of_each_thruster(vehicle)
         elif set(effect.needs) <= set(channels) and (tells_speed or not _stands_in(effect)):
             found.append(effect)
     if vehicle.thrusters and len(trials) > 1:
         # Of two nobody knows which one is the odd one.
-        found += [supply_sag.of_trials([name]) for name in (trials[1:] if len(trials) == 2 else trials)]
+        found += [supply_sag.for_trials([name]) for name in (trials[1:] if len(trials) == 2 else trials)]
     if vehicle.thrusters and _FEWEST_TRIALS <= len(repeated) <= _MOST_TRIALS:
         each = [of_trials(repeated) for of_trials in _BY_TRIAL.values()]
         found += [effect for effect in each if not effect.axes or vehicle.axis.name in effect.axes]
@@ -150,12 +150,12 @@ def forms_for(
 def _of_each_thruster(vehicle: Vehicle) -> list[Effect]:
     # One thruster alone only scales the torque, which yaw data do not show.
     names = [t.name for t in vehicle.thrusters if t.curve is not None]
-    ways = ("", thruster_imbalance.BESIDE)
-    return [thruster_imbalance.of_thruster(name + way) for name in names for way in ways if len(names) > 1]
+    ways = ("", thruster_imbalance.WITH_OTHERS)
+    return [thruster_imbalance.for_thruster(name + way) for name in names for way in ways if len(names) > 1]
 
 
 def _stands_in(effect: Effect) -> bool:
-    return isinstance(effect.acts, Term) and effect.acts.surge is not None
+    return isinstance(effect.acts, Term) and effect.acts.surge_from_thrust is not None
 
 
 def effect_named(name: str) -> Effect:
@@ -167,16 +167,16 @@ def effect_named(name: str) -> Effect:
         There is none; the nearest ids are offered.
     """
     for effect in FORMS:
-        if effect.key == name and not effect.each_thruster:
+        if effect.key == name and not effect.per_thruster:
             return effect
     key, _, thruster = name.partition(":")
     if key == thruster_imbalance.EFFECT.id:
         if thruster:
-            return thruster_imbalance.of_thruster(thruster)
+            return thruster_imbalance.for_thruster(thruster)
         raise ConfigError(f"{key} needs the name of the thruster, as in {key}:fore.")
-    trials = trials_of(thruster)
+    trials = trials_in_form(thruster)
     if trials and key in _BY_TRIAL:
         return _BY_TRIAL[key](trials)
     # Forms only where one was asked for: of one effect they are much alike.
     offered = [effect.key for effect in (FORMS if ":" in name else CATALOGUE)]
-    raise ConfigError(f"there is no effect {name!r}. {nearest(name, offered, ALSO)}", mend=_ALL)
+    raise ConfigError(f"there is no effect {name!r}. {suggestion(name, offered, SYNONYMS)}", mend=_ALL)

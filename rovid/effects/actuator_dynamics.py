@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.effects.actuator_inputs import Actuation
+from rovid.effects.actuator_inputs import ActuatorInputs
 from rovid.jit.decorators import compiled
 
 # So many delays stand for any between two, evenly.
@@ -20,14 +20,14 @@ _DELAYS = 5
 _SAME = 1e-9
 
 
-def speed_of_thrust(where: Actuation, thrust: FloatArray, time_constant: float) -> FloatArray:
+def speed_of_thrust(where: ActuatorInputs, thrust: FloatArray, time_constant: float) -> FloatArray:
     """What stands in for a speed ahead that is not logged, in N^0.5; (n,) of (n, k) thrusts in N.
 
     Steady speed goes with the root of the thrust that drives it, and follows it late; its factor is part of whatever
     coefficient it is multiplied with.
     """
-    ahead = where.summed(thrust, where.ahead)
-    return where.each(lagged, np.sign(ahead) * np.sqrt(np.abs(ahead)), time_constant)
+    ahead = where.weighted_sum(thrust, where.forward_share)
+    return where.apply_per_trial(lagged, np.sign(ahead) * np.sqrt(np.abs(ahead)), time_constant)
 
 
 @compiled

@@ -21,7 +21,7 @@ _REFERENCE_SHARE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Chosen:
+class SampleSelection:
     """Some of the n instants of a log, and the means from each of them to the next of what is held between all.
 
     Attributes
@@ -48,7 +48,7 @@ class Chosen:
         return np.where(span > 0.0, area / np.where(span > 0.0, span, 1.0), held[self.at])
 
 
-class Stretch(NamedTuple):
+class TrialRows(NamedTuple):
     """One of the trials that stand one after the other.
 
     ``whole`` is the name of the trial that it is a part of, its own where it is none; ``since`` is in s from the
@@ -58,19 +58,19 @@ class Stretch(NamedTuple):
     """
 
     name: str = ""
-    whole: str = ""
-    since: float = 0.0
+    parent: str = ""
+    start_offset: float = 0.0
     rows: slice = slice(None)
-    chosen: Chosen | None = None
-    cut: BoolArray | None = None
+    selection: SampleSelection | None = None
+    subdivided: BoolArray | None = None
 
-    def held(self, values: FloatArray) -> FloatArray:
+    def held_means(self, values: FloatArray) -> FloatArray:
         """(m,) of (n,) values that are held between the log's instants, means where not all of these were chosen."""
-        return values if self.chosen is None else self.chosen.means(values)
+        return values if self.selection is None else self.selection.means(values)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Actuation:
+class ActuatorInputs:
     """One trial, or several one after the other, on the way from command to torque.
 
     Attributes
@@ -106,19 +106,19 @@ class Actuation:
     arms: FloatArray
     full_thrust: FloatArray
     names: tuple[str, ...]
-    ahead: FloatArray
-    ends: FloatArray
+    forward_share: FloatArray
+    command_range: FloatArray
     dead_zone: FloatArray
     extras: Mapping[str, FloatArray]
     reference: Mapping[str, float] = field(default_factory=dict)
-    trials: tuple[Stretch, ...] = (Stretch(),)
-    parts: int = 1
+    trials: tuple[TrialRows, ...] = (TrialRows(),)
+    subdivision: int = 1
     _speeds: dict[str, FloatArray] = field(default_factory=dict, init=False, repr=False)
     # By the identity of what it is of, which is kept too, so that nothing else has it.
     _of_trials: dict[int, tuple[object, FloatArray]] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
-    def joined(cls, each: Sequence[Self]) -> Self:
+    def concatenated(cls, each: Sequence[Self]) -> Self:
         """Of several trials of one vehicle, one after the other."""
         trials, at = [], 0
         for one in each:
@@ -130,36 +130,36 @@ class Actuation:
         time = np.concatenate([one.time for one in each])
         return replace(each[0], time=time, extras=extras, trials=tuple(trials))
 
-    def each(self, function: Callable[..., FloatArray], series: FloatArray, *numbers: float) -> FloatArray:
+    def apply_per_trial(self, function: Callable[..., FloatArray], series: FloatArray, *numbers: float) -> FloatArray:
         """``function(time, values, *numbers)`` of each trial by itself, in (n, k) ``series`` of each column too.
 
         That is for what depends on the values before, or on the next: no trial remembers the one before it.
         """
         if series.ndim > 1:
             columns = np.ascontiguousarray(series.T)
-            return np.column_stack([self.each(function, column, *numbers) for column in columns])
+            return np.column_stack([self.apply_per_trial(function, column, *numbers) for column in columns])
         return np.concatenate([function(self.time[one.rows], series[one.rows], *numbers) for one in self.trials])
 
-    def summed(self, thrust: FloatArray, shares: FloatArray) -> FloatArray:
+    def weighted_sum(self, thrust: FloatArray, shares: FloatArray) -> FloatArray:
         """(n,) sum over the thrusters of their (n, k) thrust times their (k,) share in it."""
         # Of all rows at once BLAS would take every core, for next to nothing.
         return np.concatenate([thrust[one.rows] @ shares for one in self.trials])
 
     @cached_property
-    def begins(self) -> IntArray:
+    def offsets(self) -> IntArray:
         """(t + 1,) the instant with which each of t trials begins, and how many there are in all."""
         return np.cumsum([0, *(len(self.time[one.rows]) for one in self.trials)])
 
     @cached_property
-    def length(self) -> FloatArray:
+    def intervals(self) -> FloatArray:
         """(n,) s from each instant to the next of its trial, 0 from the last."""
         times = [self.time[one.rows] for one in self.trials]
         return np.concatenate([np.diff(time, append=time[-1]) for time in times])
 
     @cached_property
-    def since(self) -> FloatArray:
+    def campaign_time(self) -> FloatArray:
         """(n,) s from the beginning of the campaign's first trial."""
-        return np.concatenate([one.since + self.time[one.rows] for one in self.trials])
+        return np.concatenate([one.start_offset + self.time[one.rows] for one in self.trials])
 
     @property
     def reference_thrust(self) -> FloatArray:
@@ -170,41 +170,45 @@ class Actuation:
         """(n,) m/s, the mean until the next instant of one of `SPEEDS`; that of the campaign where it is not logged."""
         if name not in self._speeds:
             logged = self.extras.get(name, np.full(len(self.time), np.nan))
-            self._speeds[name] = self.each(_mean_speed, logged, self.reference.get(name, 0.0))
+            self._speeds[name] = self.apply_per_trial(_mean_speed, logged, self.reference.get(name, 0.0))
         return self._speeds[name]
 
-    def race(self, thrust: FloatArray) -> FloatArray:
+    def wash(self, thrust: FloatArray) -> FloatArray:
         """(n,) N^0.5 m^2; sum over the thrusters of the root of their (n, k) thrust in N times their arm squared."""
-        return self.summed(np.sqrt(np.abs(thrust)), self.arms**2)
+        return self.weighted_sum(np.sqrt(np.abs(thrust)), self.arms**2)
 
-    def of_trials(self, held: Mapping[str, FloatArray]) -> FloatArray:
+    def from_trials(self, held: Mapping[str, FloatArray]) -> FloatArray:
         """(n,) values that are held between the instants of each trial's log, which are told by its name."""
         if id(held) not in self._of_trials:
-            series = np.concatenate([one.held(held[one.name]) for one in self.trials])
-            self._of_trials[id(held)] = held, self.finer(series)
+            series = np.concatenate([one.held_means(held[one.name]) for one in self.trials])
+            self._of_trials[id(held)] = held, self.subdivide(series)
         return self._of_trials[id(held)][1]
 
-    def finer(self, held: FloatArray) -> FloatArray:
+    def subdivide(self, held: FloatArray) -> FloatArray:
         """(n, ...) of values that are held between the chosen instants, with each interval cut into ``parts``."""
-        if self.parts == 1:
+        if self.subdivision == 1:
             return held
-        return np.repeat(held, np.concatenate(self.counts), axis=0)
+        return np.repeat(held, np.concatenate(self.subdivisions), axis=0)
 
     @cached_property
-    def counts(self) -> list[IntArray]:
+    def subdivisions(self) -> list[IntArray]:
         """(m,) of each trial, into how many the interval from each of the chosen instants to the next is cut."""
-        lengths = np.diff(self.begins).tolist()
+        lengths = np.diff(self.offsets).tolist()
         return [
-            _counts((length - 1) // self.parts + 1 if one.cut is None else len(one.cut), self.parts, one.cut)
+            _counts(
+                (length - 1) // self.subdivision + 1 if one.subdivided is None else len(one.subdivided),
+                self.subdivision,
+                one.subdivided,
+            )
             for length, one in zip(lengths, self.trials, strict=True)
         ]
 
-    def beyond(self, command: FloatArray) -> FloatArray:
+    def excess(self, command: FloatArray) -> FloatArray:
         """(n, k) how far each command is beyond the bench's dead zone, with its sign; 0 inside."""
         low, high = self.dead_zone.T
         return np.asarray(np.maximum(command - high, 0.0) + np.minimum(command - low, 0.0))
 
-    def from_beyond(self, excess: FloatArray) -> FloatArray:
+    def from_excess(self, excess: FloatArray) -> FloatArray:
         """(n, k) commands that are so far beyond the dead zone; neutral where that is 0."""
         low, high = self.dead_zone.T
         return np.where(excess > 0.0, high + excess, np.where(excess < 0.0, low + excess, self.neutral))
@@ -217,7 +221,7 @@ def _counts(count: int, parts: int, cut: BoolArray | None) -> IntArray:
     return counts
 
 
-def bridged(values: FloatArray) -> FloatArray:
+def interpolate_gaps(values: FloatArray) -> FloatArray:
     """(n,) ``values`` with straight lines through their gaps; zeros where none is known."""
     known = np.flatnonzero(np.isfinite(values))
     if known.size == len(values):
@@ -229,7 +233,7 @@ def _mean_speed(_: FloatArray, logged: FloatArray, usual: float) -> FloatArray:
     """(n,) mean until the next instant of what is ``logged``; ``usual`` where nothing is."""
     if not np.isfinite(logged).any():
         return np.full(len(logged), usual)
-    known = bridged(logged)
+    known = interpolate_gaps(logged)
     return np.asarray(0.5 * (known + np.append(known[1:], known[-1])))
 
 
@@ -239,40 +243,40 @@ def _instants(time: FloatArray, counts: IntArray) -> FloatArray:
     return np.asarray(np.repeat(time, counts) + part * np.repeat(np.diff(time, append=time[-1]), counts))
 
 
-def actuation(
+def actuator_inputs(
     vehicle: Vehicle, trial: Trial, parts: int = 1, at: IntArray | None = None, cut: BoolArray | None = None
-) -> Actuation:
+) -> ActuatorInputs:
     """What the effects between command and torque need to know of ``vehicle`` and ``trial``.
 
     ``parts`` is how many each interval between two instants is cut into, those ``at`` alone where it is not None, and
     no other intervals than those ``cut``, where that is not None.
     """
-    chosen = None if at is None else Chosen.of(trial.time, at)
+    chosen = None if at is None else SampleSelection.of(trial.time, at)
     time = trial.time if at is None else trial.time[at]
     counts = _counts(len(time), parts, cut)
-    stretch = Stretch(trial.name, trial.whole or trial.name, trial.since, chosen=chosen, cut=cut)
+    stretch = TrialRows(trial.name, trial.parent or trial.name, trial.campaign_time, selection=chosen, subdivided=cut)
     return replace(
         _of_vehicle(vehicle),
         time=time if parts == 1 else _instants(time, counts),
         # Between two instants a speed is what is between its readings there, and any other channel is held.
         extras={
-            name: np.repeat(values[at] if at is not None and name in SPEEDS else stretch.held(values), counts)
+            name: np.repeat(values[at] if at is not None and name in SPEEDS else stretch.held_means(values), counts)
             for name, values in trial.extras.items()
         },
         reference=trial.reference,
         trials=(stretch,),
-        parts=parts,
+        subdivision=parts,
     )
 
 
 @lru_cache(maxsize=4)
-def _of_vehicle(vehicle: Vehicle) -> Actuation:
+def _of_vehicle(vehicle: Vehicle) -> ActuatorInputs:
     """What is told of ``vehicle``, whatever the trial; asked for by every one."""
-    return Actuation(
+    return ActuatorInputs(
         time=np.zeros(0),
         names=tuple(thruster.name for thruster in vehicle.thrusters),
-        ahead=vehicle.ahead,
-        ends=np.array([_ends(thruster) for thruster in vehicle.thrusters]),
+        forward_share=vehicle.surge_shares,
+        command_range=np.array([_ends(thruster) for thruster in vehicle.thrusters]),
         dead_zone=np.array([_dead_zone(thruster.curve) for thruster in vehicle.thrusters]),
         extras={},
         neutral=neutral_commands(vehicle),
@@ -289,7 +293,7 @@ def neutral_commands(vehicle: Vehicle) -> FloatArray:
 def _ends(thruster: Thruster) -> tuple[float, float]:
     """Lowest and highest command."""
     if thruster.curve is None:
-        return -thruster.most, thruster.most
+        return -thruster.max_logged_torque, thruster.max_logged_torque
     return float(thruster.curve.command[0]), float(thruster.curve.command[-1])
 
 

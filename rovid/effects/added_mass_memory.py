@@ -40,9 +40,9 @@ EFFECT: Effect = Effect(
     title="added mass with memory",
     parameters=(
         EffectParameter(
-            name="inertia", unit="kg m^2", null=0.0, low=-3.0, high=20.0, starts=(1.0,), scale="torque/rate"
+            name="inertia", unit="kg m^2", neutral=0.0, low=-3.0, high=20.0, initial_values=(1.0,), scale="torque/rate"
         ),
-        EffectParameter(name="time_constant", unit="s", null=1.0, low=0.2, high=120.0, starts=(2.0, 10.0)),
+        EffectParameter(name="time_constant", unit="s", neutral=1.0, low=0.2, high=120.0, initial_values=(2.0, 10.0)),
     ),
     equation="− Im·dw/dt, τ·dw/dt = r − w",
     fingerprint="inertia that falls with frequency; an exponential tail after steps",
@@ -57,10 +57,18 @@ FORMS: tuple[Effect, ...] = (
         form="porous",
         parameters=(
             EffectParameter(
-                name="inertia", unit="kg m^2", null=0.0, low=0.0, high=20.0, starts=(1.0,), scale="torque/rate"
+                name="inertia",
+                unit="kg m^2",
+                neutral=0.0,
+                low=0.0,
+                high=20.0,
+                initial_values=(1.0,),
+                scale="torque/rate",
             ),
             # At a slip of 0.3 rad/s; three times as long at 0.1.
-            EffectParameter(name="time_constant", unit="s", null=1.0, low=0.02, high=120.0, starts=(0.7, 4.0)),
+            EffectParameter(
+                name="time_constant", unit="s", neutral=1.0, low=0.02, high=120.0, initial_values=(0.7, 4.0)
+            ),
         ),
         equation="− Im·dw/dt, τ·r0·dw/dt = |r − w|·(r − w), r0 = 0.3 rad/s: water in a frame with holes",
         acts=Term(_porous, states=1, fastest=_fastest, added_inertia=_added),

@@ -9,7 +9,7 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.effects.base import (
     SPEEDS,
-    Actuation,
+    ActuatorInputs,
     Effect,
     EffectParameter,
     Instant,
@@ -18,9 +18,9 @@ from rovid.effects.base import (
     Term,
     Values,
     compiled,
-    larger,
-    smaller,
-    where_positive,
+    maximum,
+    minimum,
+    where_nonnegative,
 )
 
 # Thrust against the stream is half as much again at most: beyond, the curve is not known.
@@ -30,33 +30,41 @@ _AGAINST = -0.5
 @compiled
 def _term(at: Instant, p: Numbers) -> float:
     # Of each thruster as rotor speed times speed of advance; the rotor's speed as the root of thrust.
-    return -p[0] * at.race * at.rate
+    return -p[0] * at.wash * at.rate
 
 
 @compiled
 def _open_water(at: Instant, p: Numbers) -> float:
-    along = where_positive(at.push, at.rate, -at.rate)
+    along = where_nonnegative(at.thruster_torque, at.rate, -at.rate)
     # The mean of the thrusters, each at its speed over the root of its thrust.
-    advance = smaller(larger(p[0] * along * at.race / (abs(at.push) + 1e-9), _AGAINST), 0.6)
+    advance = minimum(maximum(p[0] * along * at.wash / (abs(at.thruster_torque) + 1e-9), _AGAINST), 0.6)
     # Minerva's KT = 0.24 − 0.25 J − 0.66 J² + 0.5 J³ over its value at J = 0, with j = 1.04 J; no thrust from J = 0.53.
-    lost = smaller(advance * (1.0 + advance * (2.534 - 1.843 * advance)), 1.0)
-    return -at.push * where_positive(advance, lost, advance)
+    lost = minimum(advance * (1.0 + advance * (2.534 - 1.843 * advance)), 1.0)
+    return -at.thruster_torque * where_nonnegative(advance, lost, advance)
 
 
-def _measured(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
+def _measured(where: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
     # Where it is not told which way the thrusters push, they are taken to push ahead.
-    along = np.outer(where.speed(SPEEDS[0]), where.ahead if where.ahead.any() else np.ones(len(where.ahead)))
+    along = np.outer(
+        where.speed(SPEEDS[0]), where.forward_share if where.forward_share.any() else np.ones(len(where.forward_share))
+    )
     return np.asarray(thrust - values["coefficient"] * along * np.sqrt(np.abs(thrust)))
 
 
-def _across(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
+def _across(where: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
     # A jet that leaves across the stream is bent along the hull, whichever way the vehicle goes (Brix 1993).
     lost = values["coefficient"] * np.abs(where.speed(SPEEDS[0]))[:, np.newaxis] * np.sqrt(np.abs(thrust))
     return np.asarray(np.sign(thrust) * np.maximum(np.abs(thrust) - lost, 0.0))
 
 
 _COEFFICIENT = EffectParameter(
-    name="coefficient", unit="N^0.5 s/m", null=0.0, low=0.0, high=2.0, starts=(0.05,), scale="torque/race/rate"
+    name="coefficient",
+    unit="N^0.5 s/m",
+    neutral=0.0,
+    low=0.0,
+    high=2.0,
+    initial_values=(0.05,),
+    scale="torque/race/rate",
 )
 
 EFFECT: Effect = Effect(
@@ -67,7 +75,7 @@ EFFECT: Effect = Effect(
     fingerprint="more damping with thrust on than coasting",
     experiment="coast-downs beside holds at the same rates",
     rivals=("drag_curvature", "supply_sag"),
-    acts=Term(_term, races=True),
+    acts=Term(_term, uses_wash=True),
 )
 _MEASURED = replace(
     EFFECT,
@@ -86,7 +94,7 @@ FORMS: tuple[Effect, ...] = (
         EFFECT,
         form="open_water",
         equation="− T·(j + 2.5 j² − 1.8 j³), j = a·l·r·sign(T)/√|F|: a bent open-water curve",
-        acts=Term(_open_water, races=True),
+        acts=Term(_open_water, uses_wash=True),
     ),
     _MEASURED,
     replace(

@@ -15,11 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.effects.actuator_inputs import SPEEDS, Actuation
-from rovid.effects.stages import Acts, Actuating, OnCommand, OnHeading, OnThrust, OnTorque, Term, Values, Wave
+from rovid.effects.actuator_inputs import SPEEDS, ActuatorInputs
+from rovid.effects.stages import Acts, Actuating, OnCommand, OnHeading, OnThrust, OnTorque, Term, Values, WaveTorque
 from rovid.effects.term_inputs import TERM_PARAMETERS, TERM_STATES, Body, Instant, Numbers, drag
 from rovid.jit.decorators import compiled
-from rovid.jit.simd import larger, smaller, where_positive
+from rovid.jit.simd import maximum, minimum, where_nonnegative
 
 __all__ = [
     "REFERENCE_RATE",
@@ -28,7 +28,7 @@ __all__ = [
     "TERM_STATES",
     "Acts",
     "Actuating",
-    "Actuation",
+    "ActuatorInputs",
     "Body",
     "Effect",
     "EffectParameter",
@@ -41,12 +41,12 @@ __all__ = [
     "Scales",
     "Term",
     "Values",
-    "Wave",
+    "WaveTorque",
     "compiled",
     "drag",
-    "larger",
-    "smaller",
-    "where_positive",
+    "maximum",
+    "minimum",
+    "where_nonnegative",
 ]
 
 # rad/s; where forms that depend on the rate agree with the plain one, or have the time constant that they are given.
@@ -81,22 +81,22 @@ class EffectParameter:
 
     name: str
     unit: str
-    null: float
+    neutral: float
     low: float
     high: float
-    starts: tuple[float, ...]
+    initial_values: tuple[float, ...]
     scale: str = "one"
     step: float = 1e-4
 
     @property
-    def stairs(self) -> bool:
+    def piecewise_constant(self) -> bool:
         """Whether the likelihood has steps along it in place of slopes."""
         return self.step > _SMOOTH
 
     @property
-    def endless(self) -> bool:
+    def neutral_at_infinity(self) -> bool:
         """Whether the effect is gone only at infinity, for which ``null`` stands."""
-        return abs(self.null) > _ENDLESS
+        return abs(self.neutral) > _ENDLESS
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -141,9 +141,9 @@ class Effect:
     needs: tuple[str, ...] = ()
     axes: tuple[str, ...] = ()
     canonical: Callable[[FloatArray], FloatArray] | None = None
-    each_thruster: bool = False
-    sizes: int = 1
-    passing: bool = False
+    per_thruster: bool = False
+    size_count: int = 1
+    environmental: bool = False
 
     @property
     def key(self) -> str:
@@ -151,40 +151,42 @@ class Effect:
         return f"{self.id}:{self.form}" if self.form else self.id
 
     @property
-    def actuates(self) -> bool:
+    def changes_torque_input(self) -> bool:
         """Whether its parameters change what drives the vehicle."""
-        stands_in = isinstance(self.acts, Term) and self.acts.surge is not None
+        stands_in = isinstance(self.acts, Term) and self.acts.surge_from_thrust is not None
         return stands_in or isinstance(self.acts, Actuating)
 
     @property
-    def races(self) -> bool:
+    def uses_wash(self) -> bool:
         """Whether it asks for the thrusters' race."""
-        return isinstance(self.acts, Term) and self.acts.races
+        return isinstance(self.acts, Term) and self.acts.uses_wash
 
     @property
-    def remembers(self) -> bool:
+    def stateful(self) -> bool:
         """Whether it has states of its own, which move on with the vehicle."""
         return isinstance(self.acts, Term) and self.acts.states > 0
 
     @property
-    def wave(self) -> bool:
+    def is_wave(self) -> bool:
         """Whether it is a torque at random phase."""
-        return isinstance(self.acts, Wave)
+        return isinstance(self.acts, WaveTorque)
 
     @property
-    def oscillates(self) -> bool:
+    def oscillatory(self) -> bool:
         """Whether it swings by itself, with its parameter ``frequency``, and a filter carries its states along."""
-        return self.wave or (isinstance(self.acts, Term) and self.acts.rings)
+        return self.is_wave or (isinstance(self.acts, Term) and self.acts.oscillatory)
 
     @property
-    def starts(self) -> list[FloatArray]:
+    def initial_values(self) -> list[FloatArray]:
         """Where to begin the search for the parameters, in units of their scale."""
-        count = max(len(parameter.starts) for parameter in self.parameters)
+        count = max(len(parameter.initial_values) for parameter in self.parameters)
         return [self._start(number) for number in range(count)]
 
     def _start(self, number: int) -> FloatArray:
         """(k,) the start of that number, or a parameter's last where it has fewer."""
-        return np.array([p.starts[min(number, len(p.starts) - 1)] for p in self.parameters], dtype=float)
+        return np.array(
+            [p.initial_values[min(number, len(p.initial_values) - 1)] for p in self.parameters], dtype=float
+        )
 
     def values(self, numbers: FloatArray) -> dict[str, float]:
         """Parameters by name."""
@@ -198,15 +200,15 @@ class Scales:
     command: float
     torque: float
     rate: float
-    race: float
-    root: float = 1.0
+    wash: float
+    sqrt_thrust: float = 1.0
     surge: float = 1.0
     sway: float = 1.0
     load: float = 1.0
     longest: float = 1.0
     day: float = 1.0
 
-    def of(self, parameter: EffectParameter) -> float:
+    def unit_size(self, parameter: EffectParameter) -> float:
         """Size of one unit of ``parameter``."""
         sizes = {"one": 1.0, **vars(self), "command": 0.01 * self.command}
         first, *others = parameter.scale.split("/")

@@ -8,7 +8,7 @@ from dataclasses import replace
 from rovid.core.array_types import FloatArray
 from rovid.effects import per_trial
 from rovid.effects.base import (
-    Actuation,
+    ActuatorInputs,
     Effect,
     EffectParameter,
     Instant,
@@ -27,11 +27,13 @@ def _term(at: Instant, p: Numbers) -> float:
 
 EFFECT: Effect = Effect(
     id="bias_torque",
-    passing=True,
+    environmental=True,
     axes=("yaw", "surge", "sway"),
     title="constant torque",
     parameters=(
-        EffectParameter(name="torque", unit="N m", null=0.0, low=-1.0, high=1.0, starts=(0.02, -0.02), scale="torque"),
+        EffectParameter(
+            name="torque", unit="N m", neutral=0.0, low=-1.0, high=1.0, initial_values=(0.02, -0.02), scale="torque"
+        ),
     ),
     equation="+ b",
     fingerprint="slow rotation without command; one direction faster than the other by a constant torque",
@@ -42,19 +44,19 @@ EFFECT: Effect = Effect(
 FORMS: tuple[Effect, ...] = (EFFECT,)
 
 
-def of_trials(names: Sequence[str]) -> Effect:
+def for_trials(names: Sequence[str]) -> Effect:
     """The effect with a torque of its own in each trial of these names, as of a tether or a current."""
-    torques = per_trial.sizes_like(EFFECT.parameters[0], len(names), 0.02)
+    torques = per_trial.one_size_per_trial(EFFECT.parameters[0], len(names), 0.02)
 
-    def in_trials(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
-        return torque + per_trial.held(where, names, [values[one.name] for one in torques], 0.0)
+    def in_trials(where: ActuatorInputs, torque: FloatArray, values: Values) -> FloatArray:
+        return torque + per_trial.held_sizes(where, names, [values[one.name] for one in torques], 0.0)
 
     return replace(
         EFFECT,
-        form=per_trial.form_of(names),
+        form=per_trial.form_name(names),
         title="constant torque of another size in each trial",
         parameters=torques,
-        sizes=len(torques),
+        size_count=len(torques),
         equation=f"+ b, of each trial by itself: {', '.join(names)}",
         fingerprint="slow rotation without command, another in each log",
         experiment="a coast-down to rest from each direction in every run; the tether's lead and the current noted",

@@ -6,21 +6,21 @@ from dataclasses import replace
 
 from rovid.core.array_types import FloatArray
 from rovid.effects.actuator_dynamics import delayed, delayed_anyhow, open_changes
-from rovid.effects.base import Actuation, Effect, EffectParameter, OnTorque, Values
+from rovid.effects.base import ActuatorInputs, Effect, EffectParameter, OnTorque, Values
 
 
-def _late(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
-    return where.each(delayed, torque, values["delay"])
+def _late(where: ActuatorInputs, torque: FloatArray, values: Values) -> FloatArray:
+    return where.apply_per_trial(delayed, torque, values["delay"])
 
 
-def _scattered(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
-    return where.each(delayed_anyhow, torque, *_ends(values))
+def _scattered(where: ActuatorInputs, torque: FloatArray, values: Values) -> FloatArray:
+    return where.apply_per_trial(delayed_anyhow, torque, *_ends(values))
 
 
-def _scatter(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
+def _scatter(where: ActuatorInputs, torque: FloatArray, values: Values) -> FloatArray:
     """Variance of the impulse: of each change that waits anything from (1 - J) L to (1 + J) L, (change J L)^2 / 3."""
     jitter = values["jitter"] * values["delay"]
-    return where.each(open_changes, torque, *_ends(values)) * (jitter / 6.0) * where.length
+    return where.apply_per_trial(open_changes, torque, *_ends(values)) * (jitter / 6.0) * where.intervals
 
 
 def _ends(values: Values) -> tuple[float, float]:
@@ -35,12 +35,12 @@ _WINDOW = 0.1
 EFFECT: Effect = Effect(
     id="command_delay",
     title="command delay",
-    parameters=(EffectParameter(name="delay", unit="s", null=0.0, low=0.0, high=10.0, starts=(0.08, 0.4)),),
+    parameters=(EffectParameter(name="delay", unit="s", neutral=0.0, low=0.0, high=10.0, initial_values=(0.08, 0.4)),),
     equation="T'(t) = T(t − L)",
     fingerprint="residual torque at the edges of steps, gone after the delay; none in steady motion",
     experiment="a fast pseudo-random command, 1 to 3 s a level",
     rivals=("thruster_lag", "command_hysteresis", "slew_limit"),
-    acts=OnTorque(_late, settles=lambda values, _: values["delay"]),
+    acts=OnTorque(_late, settling_time=lambda values, _: values["delay"]),
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,
@@ -50,11 +50,13 @@ FORMS: tuple[Effect, ...] = (
         # A drive that reads by a clock of its own, or a busy link: nobody knows when, and what there is are the mean
         # over all waits and how far it may be off.
         parameters=(
-            replace(EFFECT.parameters[0], starts=(0.08, 0.2, 0.4), step=_WINDOW),
+            replace(EFFECT.parameters[0], initial_values=(0.08, 0.2, 0.4), step=_WINDOW),
             # All of the mean is what a drive makes of it that reads by its clock, and at no edge.
-            EffectParameter(name="jitter", unit="1", null=1.0, low=0.0, high=1.0, starts=(1.0, 0.5, 0.5), step=_WINDOW),
+            EffectParameter(
+                name="jitter", unit="1", neutral=1.0, low=0.0, high=1.0, initial_values=(1.0, 0.5, 0.5), step=_WINDOW
+            ),
         ),
         equation="each command waits between (1 − J)·L and (1 + J)·L",
-        acts=OnTorque(_scattered, settles=lambda values, _: _ends(values)[1], scatter=_scatter),
+        acts=OnTorque(_scattered, settling_time=lambda values, _: _ends(values)[1], impulse_variance=_scatter),
     ),
 )

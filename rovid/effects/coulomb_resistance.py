@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, compiled, where_positive
+from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, compiled, where_nonnegative
 
 
 @compiled
@@ -23,12 +23,16 @@ def _stiction(at: Instant, p: Numbers) -> float:
 @compiled
 def _unequal(at: Instant, p: Numbers) -> float:
     share = math.tanh(at.rate / (p[3] + 1e-9))
-    return where_positive(at.rate, -p[0] * share, -p[1] * share - p[2] * at.rate)
+    return where_nonnegative(at.rate, -p[0] * share, -p[1] * share - p[2] * at.rate)
 
 
-_TORQUE = EffectParameter(name="torque", unit="N m", null=0.0, low=0.0, high=1.0, starts=(0.03,), scale="torque")
+_TORQUE = EffectParameter(
+    name="torque", unit="N m", neutral=0.0, low=0.0, high=1.0, initial_values=(0.03,), scale="torque"
+)
 # Nothing turns its sign at once: the rate over which this does.
-_RATE = EffectParameter(name="rate", unit="rad/s", null=0.03, low=0.03, high=0.5, starts=(0.03, 0.12), scale="rate")
+_RATE = EffectParameter(
+    name="rate", unit="rad/s", neutral=0.03, low=0.03, high=0.5, initial_values=(0.03, 0.12), scale="rate"
+)
 
 EFFECT: Effect = Effect(
     id="coulomb_resistance",
@@ -45,7 +49,7 @@ FORMS: tuple[Effect, ...] = (
     replace(
         EFFECT,
         form="stiction",
-        parameters=(_TORQUE, replace(_RATE, null=0.15, low=0.15, high=1.0, starts=(0.15, 0.4))),
+        parameters=(_TORQUE, replace(_RATE, neutral=0.15, low=0.15, high=1.0, initial_values=(0.15, 0.4))),
         equation="− c·tanh(5 r/r0)·(1 + ½·exp(−r²/r0²))",
         acts=Term(_stiction),
     ),
@@ -58,10 +62,10 @@ FORMS: tuple[Effect, ...] = (
             EffectParameter(
                 name="back_linear",
                 unit="N m s/rad",
-                null=0.0,
+                neutral=0.0,
                 low=-0.5,
                 high=1.0,
-                starts=(0.0, 0.05, -0.05),
+                initial_values=(0.0, 0.05, -0.05),
                 scale="torque/rate",
             ),
             _RATE,

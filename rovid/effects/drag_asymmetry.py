@@ -4,23 +4,25 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, compiled, drag, where_positive
+from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, compiled, drag, where_nonnegative
 
 
 @compiled
 def _whole(at: Instant, p: Numbers) -> float:
-    return where_positive(at.slip, 0.0, -(p[0] - 1.0) * drag(at.body, at.slip))
+    return where_nonnegative(at.relative_rate, 0.0, -(p[0] - 1.0) * drag(at.body, at.relative_rate))
 
 
 @compiled
 def _quadratic(at: Instant, p: Numbers) -> float:
-    return where_positive(at.slip, 0.0, -(p[0] - 1.0) * at.body.quadratic_drag * abs(at.slip) * at.slip)
+    return where_nonnegative(
+        at.relative_rate, 0.0, -(p[0] - 1.0) * at.body.quadratic_drag * abs(at.relative_rate) * at.relative_rate
+    )
 
 
 EFFECT: Effect = Effect(
     id="drag_asymmetry",
     title="asymmetric drag",
-    parameters=(EffectParameter(name="ratio", unit="1", null=1.0, low=0.3, high=3.0, starts=(1.1, 0.9)),),
+    parameters=(EffectParameter(name="ratio", unit="1", neutral=1.0, low=0.3, high=3.0, initial_values=(1.1, 0.9)),),
     equation="drag times a where r < 0",
     fingerprint="residual torque as |r|·r in one direction only, with thrust and coasting alike",
     experiment="coast-downs from both directions",

@@ -5,19 +5,28 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from rovid.effects.base import REFERENCE_RATE, Effect, EffectParameter, Instant, Numbers, Term, compiled, where_positive
+from rovid.effects.base import (
+    REFERENCE_RATE,
+    Effect,
+    EffectParameter,
+    Instant,
+    Numbers,
+    Term,
+    compiled,
+    where_nonnegative,
+)
 
 
 @compiled
 def _cubic(at: Instant, p: Numbers) -> float:
-    return -p[0] * at.slip * at.slip * at.slip
+    return -p[0] * at.relative_rate * at.relative_rate * at.relative_rate
 
 
 @compiled
 def _exponent(at: Instant, p: Numbers) -> float:
-    share = abs(at.slip) / REFERENCE_RATE
+    share = abs(at.relative_rate) / REFERENCE_RATE
     change = at.body.quadratic_drag * REFERENCE_RATE * REFERENCE_RATE * (share * share - math.pow(share, p[0]))
-    return where_positive(at.slip, change, -change)
+    return where_nonnegative(at.relative_rate, change, -change)
 
 
 EFFECT: Effect = Effect(
@@ -27,10 +36,10 @@ EFFECT: Effect = Effect(
         EffectParameter(
             name="cubic",
             unit="N m s^3/rad^3",
-            null=0.0,
+            neutral=0.0,
             low=-3.0,
             high=10.0,
-            starts=(0.2, -0.1),
+            initial_values=(0.2, -0.1),
             scale="torque/rate/rate/rate",
         ),
     ),
@@ -45,7 +54,9 @@ FORMS: tuple[Effect, ...] = (
     replace(
         EFFECT,
         form="exponent",
-        parameters=(EffectParameter(name="exponent", unit="1", null=2.0, low=1.0, high=3.5, starts=(1.8, 2.3)),),
+        parameters=(
+            EffectParameter(name="exponent", unit="1", neutral=2.0, low=1.0, high=3.5, initial_values=(1.8, 2.3)),
+        ),
         equation="DQ·r0²·(|r|/r0)^e·sign(r) in place of DQ·|r|·r, r0 = 0.3 rad/s",
         acts=Term(_exponent),
     ),

@@ -14,13 +14,13 @@ from rovid.effects.base import (
     Values,
     compiled,
     drag,
-    where_positive,
+    where_nonnegative,
 )
 
 
 @compiled
 def _linear(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
-    return drag(at.body, at.rate) - drag(at.body, at.slip), (at.rate - x[0]) / p[1]
+    return drag(at.body, at.rate) - drag(at.body, at.relative_rate), (at.rate - x[0]) / p[1]
 
 
 @compiled
@@ -38,7 +38,7 @@ def _annulus(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
     pulls = drag(at.body, at.rate - x[0])
     change = (pulls - friction * abs(x[0]) * x[0]) / (inertia + 1e-12)
     # At no share there is no such water.
-    return where_positive(-p[0], 0.0, drag(at.body, at.rate) - pulls), where_positive(-p[0], 0.0, change)
+    return where_nonnegative(-p[0], 0.0, drag(at.body, at.rate) - pulls), where_nonnegative(-p[0], 0.0, change)
 
 
 @compiled
@@ -55,14 +55,14 @@ EFFECT: Effect = Effect(
     axes=("yaw",),
     title="entrained swirl",
     parameters=(
-        EffectParameter(name="coupling", unit="1", null=0.0, low=0.0, high=0.9, starts=(0.1,)),
-        EffectParameter(name="time_constant", unit="s", null=1.0, low=1.0, high=600.0, starts=(20.0, 90.0)),
+        EffectParameter(name="coupling", unit="1", neutral=0.0, low=0.0, high=0.9, initial_values=(0.1,)),
+        EffectParameter(name="time_constant", unit="s", neutral=1.0, low=1.0, high=600.0, initial_values=(20.0, 90.0)),
     ),
     equation="all drag of r − s·w in place of r, τ·dw/dt = r − w",
     fingerprint="a rate that creeps up during long holds; drift on after a stop; a first reversal that meets more drag",
     experiment="several turns one way, rest, and the same turns back",
     rivals=("tether_torsion", "oscillatory_drag", "added_mass_memory"),
-    acts=Term(_linear, states=1, fastest=_fastest, water=_share),
+    acts=Term(_linear, states=1, fastest=_fastest, entrained_rate=_share),
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,
@@ -70,6 +70,6 @@ FORMS: tuple[Effect, ...] = (
         EFFECT,
         form="annulus",
         equation="all drag of r − w in place of r, If·dw/dt = drag − C·|w|·w; s = w/r and τ as at r = 0.3 rad/s",
-        acts=Term(_annulus, states=1, fastest=_fastest, water=_whole),
+        acts=Term(_annulus, states=1, fastest=_fastest, entrained_rate=_whole),
     ),
 )

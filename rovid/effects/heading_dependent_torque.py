@@ -28,9 +28,15 @@ def _mixed(at: Instant, p: Numbers) -> float:
 def _pair(prefix: str, phases: tuple[float, ...]) -> tuple[EffectParameter, EffectParameter]:
     return (
         EffectParameter(
-            name=f"{prefix}amplitude", unit="N m", null=0.0, low=-2.0, high=2.0, starts=(0.03,), scale="torque"
+            name=f"{prefix}amplitude",
+            unit="N m",
+            neutral=0.0,
+            low=-2.0,
+            high=2.0,
+            initial_values=(0.03,),
+            scale="torque",
         ),
-        EffectParameter(name=f"{prefix}phase", unit="rad", null=0.0, low=-6.3, high=6.3, starts=phases),
+        EffectParameter(name=f"{prefix}phase", unit="rad", neutral=0.0, low=-6.3, high=6.3, initial_values=phases),
     )
 
 
@@ -38,7 +44,7 @@ _FIRST = _pair("", (0.0, 1.57))
 
 EFFECT: Effect = Effect(
     id="heading_dependent_torque",
-    passing=True,
+    environmental=True,
     axes=("yaw",),
     title="torque that depends on heading",
     parameters=_FIRST,

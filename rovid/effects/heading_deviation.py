@@ -33,8 +33,10 @@ def _pair(
     prefix: str, amplitude: float, phases: tuple[float, ...], most: float = _MOST
 ) -> tuple[EffectParameter, EffectParameter]:
     return (
-        EffectParameter(name=f"{prefix}amplitude", unit="rad", null=0.0, low=-most, high=most, starts=(amplitude,)),
-        EffectParameter(name=f"{prefix}phase", unit="rad", null=0.0, low=-6.3, high=6.3, starts=phases),
+        EffectParameter(
+            name=f"{prefix}amplitude", unit="rad", neutral=0.0, low=-most, high=most, initial_values=(amplitude,)
+        ),
+        EffectParameter(name=f"{prefix}phase", unit="rad", neutral=0.0, low=-6.3, high=6.3, initial_values=phases),
     )
 
 

@@ -5,48 +5,48 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, compiled, where_positive
+from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, compiled, where_nonnegative
 
 
 # The state is the angle swept since the last reversal, with the sign of the turn.
 @compiled
 def _reversed(rate: float, x: Numbers) -> float:
-    return where_positive(rate * x[0], x[0], 0.0)
+    return where_nonnegative(rate * x[0], x[0], 0.0)
 
 
 @compiled
 def _exponential(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
     swept = abs(_reversed(at.rate, x))
-    return -p[0] * math.exp(-swept / p[1]) * at.body.quadratic_drag * abs(at.slip) * at.slip, at.rate
+    return -p[0] * math.exp(-swept / p[1]) * at.body.quadratic_drag * abs(at.relative_rate) * at.relative_rate, at.rate
 
 
 @compiled
 def _algebraic(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
     swept = abs(_reversed(at.rate, x))
-    return -p[0] / (1.0 + swept / p[1]) * at.body.quadratic_drag * abs(at.slip) * at.slip, at.rate
+    return -p[0] / (1.0 + swept / p[1]) * at.body.quadratic_drag * abs(at.relative_rate) * at.relative_rate, at.rate
 
 
 @compiled
 def _fading(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
     # The state follows the direction of turning over the swept angle: opposite to it just after a reversal.
-    way = where_positive(-at.rate, -1.0, 1.0)
-    return -p[0] * 0.5 * (1.0 - way * x[0]) * at.body.quadratic_drag * abs(at.slip) * at.slip, abs(at.rate) * (
-        way - x[0]
-    ) / p[1]
+    way = where_nonnegative(-at.rate, -1.0, 1.0)
+    return -p[0] * 0.5 * (1.0 - way * x[0]) * at.body.quadratic_drag * abs(at.relative_rate) * at.relative_rate, abs(
+        at.rate
+    ) * (way - x[0]) / p[1]
 
 
 EFFECT: Effect = Effect(
     id="oscillatory_drag",
     title="oscillatory drag",
     parameters=(
-        EffectParameter(name="gain", unit="1", null=0.0, low=0.0, high=10.0, starts=(0.3,)),
-        EffectParameter(name="swept_angle", unit="rad", null=1.0, low=0.05, high=12.0, starts=(0.6, 2.5)),
+        EffectParameter(name="gain", unit="1", neutral=0.0, low=0.0, high=10.0, initial_values=(0.3,)),
+        EffectParameter(name="swept_angle", unit="rad", neutral=1.0, low=0.05, high=12.0, initial_values=(0.6, 2.5)),
     ),
     equation="quadratic drag times 1 + g·exp(−θ/θ0), θ swept since the last reversal",
     fingerprint="drag in sines differs from drag in steady motion; residual after each reversal",
     experiment="sines of one peak rate at several periods",
     rivals=("added_mass_memory", "entrained_swirl"),
-    acts=Term(_exponential, states=1, jumps=_reversed),
+    acts=Term(_exponential, states=1, reset=_reversed),
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,
@@ -54,7 +54,7 @@ FORMS: tuple[Effect, ...] = (
         EFFECT,
         form="algebraic",
         equation="quadratic drag times 1 + g/(1 + θ/θ0), θ swept since the last reversal",
-        acts=Term(_algebraic, states=1, jumps=_reversed),
+        acts=Term(_algebraic, states=1, reset=_reversed),
     ),
     replace(
         EFFECT,

@@ -8,17 +8,17 @@ from dataclasses import replace
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.effects.base import Actuation, EffectParameter
+from rovid.effects.base import ActuatorInputs, EffectParameter
 
 _ONE, _EACH, _BETWEEN = "trial ", "trials ", "|"
 
 
-def form_of(names: Sequence[str]) -> str:
+def form_name(names: Sequence[str]) -> str:
     """The form of a cause in the trials of these ``names``."""
     return (_ONE if len(names) == 1 else _EACH) + _BETWEEN.join(names)
 
 
-def trials_of(form: str) -> tuple[str, ...]:
+def trials_in_form(form: str) -> tuple[str, ...]:
     """Names of the trials that a ``form`` is of; none of other forms."""
     if form.startswith(_ONE):
         return (form.removeprefix(_ONE),)
@@ -27,23 +27,23 @@ def trials_of(form: str) -> tuple[str, ...]:
     return ()
 
 
-def sizes_like(size: EffectParameter, count: int, start: float) -> tuple[EffectParameter, ...]:
+def one_size_per_trial(size: EffectParameter, count: int, start: float) -> tuple[EffectParameter, ...]:
     """So many parameters like ``size``, each with a ``start`` of its own at which the others are not there."""
     every = range(count)
     return tuple(
         replace(
             size,
             name=f"{size.name}_{own + 1}",
-            starts=tuple(start if number == own else size.null for number in every),
+            initial_values=tuple(start if number == own else size.neutral for number in every),
         )
         for own in every
     )
 
 
-def held(where: Actuation, names: Sequence[str], sizes: Sequence[float], otherwise: float) -> FloatArray:
+def held_sizes(where: ActuatorInputs, names: Sequence[str], sizes: Sequence[float], otherwise: float) -> FloatArray:
     """(n,) at each instant the size in its trial, and ``otherwise`` in trials that are not among ``names``."""
     own = dict(zip(names, sizes, strict=True))
     series = np.full(len(where.time), otherwise)
     for trial in where.trials:
-        series[trial.rows] = own.get(trial.whole, otherwise)
+        series[trial.rows] = own.get(trial.parent, otherwise)
     return series

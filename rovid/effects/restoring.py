@@ -25,7 +25,9 @@ LIFT: Effect = Effect(
     id="buoyancy",
     title="net buoyancy",
     parameters=(
-        EffectParameter(name="net_buoyancy", unit="N m", null=0.0, low=-3.0, high=3.0, starts=(0.01,), scale="torque"),
+        EffectParameter(
+            name="net_buoyancy", unit="N m", neutral=0.0, low=-3.0, high=3.0, initial_values=(0.01,), scale="torque"
+        ),
     ),
     equation="− B",
     fingerprint="a constant force",
@@ -37,9 +39,15 @@ RIGHTING: Effect = Effect(
     title="restoring torque",
     parameters=(
         EffectParameter(
-            name="restoring_stiffness", unit="N m/rad", null=0.0, low=0.0, high=1e3, starts=(1.0,), scale="torque"
+            name="restoring_stiffness",
+            unit="N m/rad",
+            neutral=0.0,
+            low=0.0,
+            high=1e3,
+            initial_values=(1.0,),
+            scale="torque",
         ),
-        EffectParameter(name="trim", unit="rad", null=0.0, low=-1.0, high=1.0, starts=(0.0,)),
+        EffectParameter(name="trim", unit="rad", neutral=0.0, low=-1.0, high=1.0, initial_values=(0.0,)),
     ),
     equation="− K·sin(θ − θ0)",
     fingerprint="a tilt in proportion to the torque",
@@ -48,7 +56,7 @@ RIGHTING: Effect = Effect(
 )
 
 
-def columns(restoring: Effect | None, position: FloatArray) -> FloatArray:
+def regressors(restoring: Effect | None, position: FloatArray) -> FloatArray:
     """(n, k) what ``restoring`` is made of at (n,) positions: it is linear in k unknowns."""
     if restoring is None:
         return np.empty((len(position), 0))
@@ -57,7 +65,7 @@ def columns(restoring: Effect | None, position: FloatArray) -> FloatArray:
     return np.column_stack((np.sin(position), np.cos(position)))
 
 
-def from_columns(restoring: Effect | None, unknowns: FloatArray) -> FloatArray:
+def from_regressors(restoring: Effect | None, unknowns: FloatArray) -> FloatArray:
     """(k,) parameters of ``restoring`` of the (k,) factors of its columns."""
     if restoring is not RIGHTING:
         return unknowns

@@ -17,7 +17,9 @@ EFFECT: Effect = Effect(
     id="restoring_curve",
     axes=("roll", "pitch"),
     title="bent restoring torque",
-    parameters=(EffectParameter(name="cubic", unit="1/rad^2", null=0.0, low=-5.0, high=20.0, starts=(1.0, -1.0)),),
+    parameters=(
+        EffectParameter(name="cubic", unit="1/rad^2", neutral=0.0, low=-5.0, high=20.0, initial_values=(1.0, -1.0)),
+    ),
     equation="K·(sin x + c·x²·sin x) in place of K·sin x, x = θ − θ0",
     fingerprint="residual torque as the cube of the tilt; a period that changes as a swing dies out",
     experiment="releases from a large and from a small tilt",

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from rovid.core.array_types import FloatArray
 from rovid.effects.actuator_dynamics import speed_of_thrust
-from rovid.effects.base import SPEEDS, Actuation, Effect, EffectParameter, Instant, Numbers, Term, Values, compiled
+from rovid.effects.base import SPEEDS, ActuatorInputs, Effect, EffectParameter, Instant, Numbers, Term, Values, compiled
 
 
 @compiled
@@ -39,17 +39,17 @@ def _fading(values: Values) -> float:
     return 1.0 / values["time_constant"]
 
 
-def _speed(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
+def _speed(where: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
     return speed_of_thrust(where, thrust, values["surge_time_constant"])
 
 
 _DRIFT = EffectParameter(
-    name="coefficient", unit="N s", null=0.0, low=-3.0, high=3.0, starts=(0.05, -0.05), scale="torque/sway"
+    name="coefficient", unit="N s", neutral=0.0, low=-3.0, high=3.0, initial_values=(0.05, -0.05), scale="torque/sway"
 )
 _MUNK = replace(_DRIFT, name="munk", unit="kg", scale="torque/surge/sway")
 # s; of the sway, behind the turn. That of the smallest hulls takes half a second or so to fade: one that fades at once
 # is no other cause than damping by the square of the speed.
-_FADES = EffectParameter(name="time_constant", unit="s", null=1.0, low=0.3, high=120.0, starts=(0.3, 2.0))
+_FADES = EffectParameter(name="time_constant", unit="s", neutral=1.0, low=0.3, high=120.0, initial_values=(0.3, 2.0))
 
 EFFECT: Effect = Effect(
     id="sideslip_moment",
@@ -81,20 +81,22 @@ FORMS: tuple[Effect, ...] = (
         parameters=(
             replace(_DRIFT, unit="N^0.5 m s/rad", scale="torque/root/rate"),
             _FADES,
-            EffectParameter(name="surge_time_constant", unit="s", null=0.0, low=0.0, high=200.0, starts=(3.0, 12.0)),
+            EffectParameter(
+                name="surge_time_constant", unit="s", neutral=0.0, low=0.0, high=200.0, initial_values=(3.0, 12.0)
+            ),
         ),
         equation="− N·w, τ·dw/dt = − s·r − w, τ1·ds/dt = sign(F)·√|F| − s, F the thrust ahead: in place of a logged v",
         fingerprint="residual torque that follows the rate late, in proportion to the root of the thrust ahead",
         experiment="the speeds in the log; the same turns with much thrust ahead and with none",
         needs=(),
-        acts=Term(_turned, states=1, fastest=_fading, surge=_speed),
+        acts=Term(_turned, states=1, fastest=_fading, surge_from_thrust=_speed),
     ),
     replace(
         EFFECT,
         form="carried",
         parameters=(
             replace(_DRIFT, unit="N m s^3/(m^2 rad)", scale="torque/surge/surge/rate"),
-            replace(_FADES, starts=(2.0, 10.0)),
+            replace(_FADES, initial_values=(2.0, 10.0)),
         ),
         equation="− N·u·w, τ·dw/dt = − u·r − w, u the logged speed ahead: in place of a logged v",
         fingerprint="residual torque that follows the rate late, in proportion to the square of the speed ahead",

@@ -8,15 +8,15 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.effects.actuator_dynamics import slewed, soft_started
-from rovid.effects.base import Actuation, Effect, EffectParameter, OnCommand, Values
+from rovid.effects.base import ActuatorInputs, Effect, EffectParameter, OnCommand, Values
 
 
-def _both_ways(where: Actuation, command: FloatArray, values: Values) -> FloatArray:
-    return where.each(slewed, command, values["rate"])
+def _both_ways(where: ActuatorInputs, command: FloatArray, values: Values) -> FloatArray:
+    return where.apply_per_trial(slewed, command, values["rate"])
 
 
-def _growth(where: Actuation, command: FloatArray, values: Values) -> FloatArray:
-    return np.asarray(where.each(soft_started, command - where.neutral, values["rate"]) + where.neutral)
+def _growth(where: ActuatorInputs, command: FloatArray, values: Values) -> FloatArray:
+    return np.asarray(where.apply_per_trial(soft_started, command - where.neutral, values["rate"]) + where.neutral)
 
 
 def _arrives(values: Values, change: float) -> float:
@@ -28,18 +28,21 @@ EFFECT: Effect = Effect(
     title="slew limit",
     parameters=(
         EffectParameter(
-            name="rate", unit="command/s", null=1e6, low=0.5, high=1e6, starts=(300.0, 40.0), scale="command"
+            name="rate", unit="command/s", neutral=1e6, low=0.5, high=1e6, initial_values=(300.0, 40.0), scale="command"
         ),
     ),
     equation="|du'/dt| ≤ R",
     fingerprint="steps answered by a ramp whose length goes with the size of the step; slow sines untouched",
     experiment="steps of different sizes",
     rivals=("thruster_lag", "command_delay"),
-    acts=OnCommand(_both_ways, settles=_arrives),
+    acts=OnCommand(_both_ways, settling_time=_arrives),
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,
     replace(
-        EFFECT, form="soft_start", equation="d|u'|/dt ≤ R; falls at once", acts=OnCommand(_growth, settles=_arrives)
+        EFFECT,
+        form="soft_start",
+        equation="d|u'|/dt ≤ R; falls at once",
+        acts=OnCommand(_growth, settling_time=_arrives),
     ),
 )

@@ -6,36 +6,36 @@ from dataclasses import replace
 
 from rovid.core.array_types import FloatArray
 from rovid.effects.actuator_dynamics import speed_of_thrust
-from rovid.effects.base import SPEEDS, Actuation, Effect, EffectParameter, Instant, Numbers, Term, Values, compiled
+from rovid.effects.base import SPEEDS, ActuatorInputs, Effect, EffectParameter, Instant, Numbers, Term, Values, compiled
 
 
 @compiled
 def _linear(at: Instant, p: Numbers) -> float:
-    return -p[0] * abs(at.surge) * at.slip
+    return -p[0] * abs(at.surge) * at.relative_rate
 
 
 @compiled
 def _quadratic(at: Instant, p: Numbers) -> float:
-    return -p[0] * at.surge * at.surge * at.slip
+    return -p[0] * at.surge * at.surge * at.relative_rate
 
 
 @compiled
 def _both(at: Instant, p: Numbers) -> float:
     speed = abs(at.surge)
-    return -(p[0] + p[1] * speed) * speed * at.slip
+    return -(p[0] + p[1] * speed) * speed * at.relative_rate
 
 
-def _of_thrust(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
+def _of_thrust(where: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
     return speed_of_thrust(where, thrust, values["time_constant"])
 
 
 _LINEAR = EffectParameter(
     name="linear",
     unit="N m s^2/(m rad)",
-    null=0.0,
+    neutral=0.0,
     low=0.0,
     high=10.0,
-    starts=(0.1, 1.0),
+    initial_values=(0.1, 1.0),
     scale="torque/surge/rate",
 )
 _QUADRATIC = replace(_LINEAR, name="quadratic", unit="N m s^3/(m^2 rad)", scale="torque/surge/surge/rate")
@@ -67,11 +67,13 @@ FORMS: tuple[Effect, ...] = (
         form="estimated",
         parameters=(
             replace(_LINEAR, unit="N^0.5 m s/rad", scale="torque/root/rate"),
-            EffectParameter(name="time_constant", unit="s", null=0.0, low=0.0, high=200.0, starts=(2.0, 10.0)),
+            EffectParameter(
+                name="time_constant", unit="s", neutral=0.0, low=0.0, high=200.0, initial_values=(2.0, 10.0)
+            ),
         ),
         equation="− N·|s|·r, τ·ds/dt = sign(F)·√|F| − s, F the thrust ahead: in place of a speed that is not logged",
         experiment="the speed ahead in the log; the same turns with much thrust ahead and with none",
         needs=(),
-        acts=Term(_linear, surge=_of_thrust),
+        acts=Term(_linear, surge_from_thrust=_of_thrust),
     ),
 )

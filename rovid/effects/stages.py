@@ -13,12 +13,12 @@ from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 from rovid.core.array_types import FloatArray
-from rovid.effects.actuator_inputs import Actuation
+from rovid.effects.actuator_inputs import ActuatorInputs
 from rovid.effects.term_inputs import Instant, Numbers
 
 # Parameters of an effect by name.
 Values = Mapping[str, float]
-OnSeries = Callable[[Actuation, FloatArray, Values], FloatArray]
+OnSeries = Callable[[ActuatorInputs, FloatArray, Values], FloatArray]
 # (parameters, largest change of a command) -> s after a change of commands.
 Settling = Callable[[Values, float], float]
 
@@ -29,7 +29,7 @@ class OnCommand:
 
     change: OnSeries
     _: KW_ONLY
-    settles: Settling | None = None
+    settling_time: Settling | None = None
     anchored: bool = False
 
 
@@ -48,7 +48,7 @@ class OnThrust:
 
     change: OnSeries
     _: KW_ONLY
-    settles: Settling | None = None
+    settling_time: Settling | None = None
     anchored: bool = False
 
 
@@ -67,8 +67,8 @@ class OnTorque:
 
     change: OnSeries
     _: KW_ONLY
-    settles: Settling | None = None
-    scatter: OnSeries | None = None
+    settling_time: Settling | None = None
+    impulse_variance: OnSeries | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,14 +106,14 @@ class Term:
     _: KW_ONLY
     states: int = 0
     fastest: Callable[[Values], float] | None = None
-    jumps: Callable[[float, Numbers], float] | None = None
-    rings: bool = False
-    water: Callable[[Numbers, Numbers], float] | None = None
+    reset: Callable[[float, Numbers], float] | None = None
+    oscillatory: bool = False
+    entrained_rate: Callable[[Numbers, Numbers], float] | None = None
     added_inertia: Callable[[Values], float] | None = None
-    races: bool = False
-    surge: OnSeries | None = None
+    uses_wash: bool = False
+    surge_from_thrust: OnSeries | None = None
 
-    def at(self, instant: Instant, numbers: Numbers, states: Numbers) -> tuple[float, Numbers]:
+    def evaluate(self, instant: Instant, numbers: Numbers, states: Numbers) -> tuple[float, Numbers]:
         """Torque in N m, and how the states change; for loops that are not compiled."""
         if not self.states:
             return self.torque(instant, numbers), ()
@@ -132,7 +132,7 @@ class OnHeading:
 
 
 @dataclass(frozen=True, eq=False)
-class Wave:
+class WaveTorque:
     """A torque of its own at random phase, which a filter carries along.
 
     The effect's parameters are its amplitude, frequency and damping.
@@ -141,4 +141,4 @@ class Wave:
 
 # Those between command and torque.
 Actuating = OnCommand | OnThrust | OnTorque
-Acts = Actuating | Term | OnHeading | Wave
+Acts = Actuating | Term | OnHeading | WaveTorque

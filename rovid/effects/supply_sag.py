@@ -10,7 +10,7 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.effects import per_trial
 from rovid.effects.actuator_dynamics import lagged
-from rovid.effects.base import Actuation, Effect, EffectParameter, OnThrust, Values
+from rovid.effects.base import ActuatorInputs, Effect, EffectParameter, OnThrust, Values
 
 _CHANNEL = "supply_voltage"
 _HOUR = 3600.0
@@ -21,23 +21,23 @@ _RATIOS = (0.3, 3.0)
 _MOST, _LEAST = 0.6, -0.2
 
 
-def _with_load(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
+def _with_load(where: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
     load = np.abs(thrust).sum(axis=1) / float(where.full_thrust.sum())
-    drop = values["sag"] * where.each(lagged, load, values["time_constant"])
+    drop = values["sag"] * where.apply_per_trial(lagged, load, values["time_constant"])
     return np.asarray(thrust * np.maximum(1.0 - drop, 0.0)[:, None])
 
 
-def _with_time(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
+def _with_time(where: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
     drop = values["drift"] * where.time / _HOUR
     return np.asarray(thrust * np.maximum(1.0 - drop, 0.0)[:, None])
 
 
-def _with_day(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
-    drop = values["drift"] * where.since / _HOUR
+def _with_day(where: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
+    drop = values["drift"] * where.campaign_time / _HOUR
     return np.asarray(thrust * np.maximum(1.0 - drop, 0.0)[:, None])
 
 
-def _with_voltage(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
+def _with_voltage(where: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
     voltage = where.extras.get(_CHANNEL)
     if voltage is None or not np.isfinite(voltage).any():
         return thrust
@@ -50,19 +50,21 @@ def _with_voltage(where: Actuation, thrust: FloatArray, values: Values) -> Float
 
 
 _DRIFT = EffectParameter(
-    name="drift", unit="1/h", null=0.0, low=_LEAST, high=_MOST, starts=(0.05,), scale="one/longest"
+    name="drift", unit="1/h", neutral=0.0, low=_LEAST, high=_MOST, initial_values=(0.05,), scale="one/longest"
 )
 # What thrust of another size in some trials may pass for.
 _UNEQUAL = ("thrust_asymmetry", "thruster_imbalance", "bias_torque")
 
 EFFECT: Effect = Effect(
     id="supply_sag",
-    passing=True,
+    environmental=True,
     title="supply sag",
     parameters=(
         # 1: at a load of 15 % of full thrust 15 % of it are gone.
-        EffectParameter(name="sag", unit="1", null=0.0, low=0.0, high=_MOST, starts=(0.1,), scale="one/load"),
-        EffectParameter(name="time_constant", unit="s", null=0.0, low=0.0, high=200.0, starts=(1.0, 20.0)),
+        EffectParameter(
+            name="sag", unit="1", neutral=0.0, low=0.0, high=_MOST, initial_values=(0.1,), scale="one/load"
+        ),
+        EffectParameter(name="time_constant", unit="s", neutral=0.0, low=0.0, high=200.0, initial_values=(1.0, 20.0)),
     ),
     equation="T' = T·(1 − s·load), the load as a share of full thrust, behind a first-order lag",
     fingerprint="residual torque as −T·|T|, growing during long hard runs",
@@ -94,7 +96,9 @@ FORMS: tuple[Effect, ...] = (
         EFFECT,
         form="voltage",
         # 1.0 to 1.2 in a T200's bench data over 10 to 20 V at one command; 2 for a plain voltage chopper.
-        parameters=(EffectParameter(name="exponent", unit="1", null=0.0, low=-3.0, high=5.0, starts=(1.0,)),),
+        parameters=(
+            EffectParameter(name="exponent", unit="1", neutral=0.0, low=-3.0, high=5.0, initial_values=(1.0,)),
+        ),
         equation="T' = T·(V/V0)^p, V0 the median voltage",
         fingerprint="residual torque in proportion to T and to the change of the logged voltage",
         needs=(_CHANNEL,),
@@ -102,10 +106,10 @@ FORMS: tuple[Effect, ...] = (
     ),
 )
 
-_TRIAL_GAIN = EffectParameter(name="gain", unit="1", null=1.0, low=0.3, high=2.0, starts=(0.9, 1.1))
+_TRIAL_GAIN = EffectParameter(name="gain", unit="1", neutral=1.0, low=0.3, high=2.0, initial_values=(0.9, 1.1))
 
 
-def of_trials(names: Sequence[str]) -> Effect:
+def for_trials(names: Sequence[str]) -> Effect:
     """The effect in the trials of these names: in one alone, as where a battery was changed for it, or in each.
 
     In each of several their mean is one, for what scales all thrust alike no log tells.
@@ -113,12 +117,12 @@ def of_trials(names: Sequence[str]) -> Effect:
     if len(names) > 1:
         return _of_each(names)
 
-    def in_trial(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
-        return thrust * per_trial.held(where, names, [values["gain"]], 1.0)[:, None]
+    def in_trial(where: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
+        return thrust * per_trial.held_sizes(where, names, [values["gain"]], 1.0)[:, None]
 
     return replace(
         EFFECT,
-        form=per_trial.form_of(names),
+        form=per_trial.form_name(names),
         title="thrust of another size in one trial",
         parameters=(_TRIAL_GAIN,),
         equation="T' = g·T in the named trial",
@@ -130,19 +134,19 @@ def of_trials(names: Sequence[str]) -> Effect:
 
 
 def _of_each(names: Sequence[str]) -> Effect:
-    gains = per_trial.sizes_like(_TRIAL_GAIN, len(names) - 1, 1.1)
+    gains = per_trial.one_size_per_trial(_TRIAL_GAIN, len(names) - 1, 1.1)
 
-    def in_trials(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
+    def in_trials(where: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
         own = [values[gain.name] for gain in gains]
         last = max(len(names) - sum(own), 0.0)
-        return thrust * per_trial.held(where, names, [*own, last], 1.0)[:, None]
+        return thrust * per_trial.held_sizes(where, names, [*own, last], 1.0)[:, None]
 
     return replace(
         EFFECT,
-        form=per_trial.form_of(names),
+        form=per_trial.form_name(names),
         title="thrust of another size in each trial",
         parameters=gains,
-        sizes=len(gains),
+        size_count=len(gains),
         equation=f"T' = g·T, g of each trial by itself and 1 in the mean: {', '.join(names)}",
         fingerprint="residual torque as T in every log, of another size and sign in each",
         experiment="the same run several times; the supply's voltage in the log",

@@ -46,11 +46,11 @@ class Instant(NamedTuple):
     """
 
     rate: float
-    slip: float
+    relative_rate: float
     angle: float
     start: float
-    push: float
-    race: float
+    thruster_torque: float
+    wash: float
     surge: float
     sway: float
     body: Body

@@ -40,12 +40,12 @@ def _within_a_turn(numbers: FloatArray) -> FloatArray:
 
 
 _STIFFNESS = EffectParameter(
-    name="stiffness", unit="N m/rad", null=0.0, low=0.0, high=1.0, starts=(0.004, 0.04), scale="torque"
+    name="stiffness", unit="N m/rad", neutral=0.0, low=0.0, high=1.0, initial_values=(0.004, 0.04), scale="torque"
 )
 
 EFFECT: Effect = Effect(
     id="tether_torsion",
-    passing=True,
+    environmental=True,
     axes=("yaw",),
     title="tether torsion",
     parameters=(_STIFFNESS,),
@@ -62,7 +62,7 @@ FORMS: tuple[Effect, ...] = (
         form="stiffening",
         parameters=(
             _STIFFNESS,
-            EffectParameter(name="angle", unit="rad", null=10.0, low=0.5, high=200.0, starts=(6.0, 25.0)),
+            EffectParameter(name="angle", unit="rad", neutral=10.0, low=0.5, high=200.0, initial_values=(6.0, 25.0)),
         ),
         equation="− k·x·(1 + (x/x0)²), x turned since the start of the trial",
         acts=Term(_stiffening),
@@ -73,7 +73,12 @@ FORMS: tuple[Effect, ...] = (
         parameters=(
             _STIFFNESS,
             EffectParameter(
-                name="heading", unit="rad", null=0.0, low=-9.5, high=9.5, starts=(0.0, 0.9, 1.8, 2.7, -0.9, -1.8, -2.7)
+                name="heading",
+                unit="rad",
+                neutral=0.0,
+                low=-9.5,
+                high=9.5,
+                initial_values=(0.0, 0.9, 1.8, 2.7, -0.9, -1.8, -2.7),
             ),
         ),
         equation="− k·(ψ − ψ0), within half a turn of ψ0 at the start of the trial",
@@ -85,7 +90,7 @@ FORMS: tuple[Effect, ...] = (
         form="wound",
         parameters=(
             _STIFFNESS,
-            EffectParameter(name="wound", unit="rad", null=0.0, low=-40.0, high=40.0, starts=(3.0, -3.0)),
+            EffectParameter(name="wound", unit="rad", neutral=0.0, low=-40.0, high=40.0, initial_values=(3.0, -3.0)),
         ),
         equation="− k·(w + ψ − ψ at the start of the trial), wound by w before each trial",
         acts=Term(_wound),

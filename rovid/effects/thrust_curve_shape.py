@@ -7,32 +7,34 @@ from dataclasses import replace
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.effects.base import Actuation, Effect, EffectParameter, OnCommand, OnThrust, Values
+from rovid.effects.base import ActuatorInputs, Effect, EffectParameter, OnCommand, OnThrust, Values
 
 
-def _power(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
+def _power(where: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
     share = np.abs(thrust) / where.reference_thrust
     return np.asarray(np.sign(thrust) * where.reference_thrust * share ** values["exponent"])
 
 
-def _saturating(where: Actuation, thrust: FloatArray, values: Values) -> FloatArray:
+def _saturating(where: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
     loss, share = values["loss"], np.abs(thrust) / where.reference_thrust
     gain = (1.0 + abs(loss)) / (1.0 + abs(loss) * share)
     # A negative loss is the reciprocal: it has no pole, and the slope at none is the same from both sides.
     return np.asarray(thrust * (gain if loss >= 0.0 else 1.0 / gain))
 
 
-def _in_command(where: Actuation, command: FloatArray, values: Values) -> FloatArray:
-    excess = where.beyond(command)
-    ends = np.abs(where.ends - where.dead_zone)
+def _in_command(where: ActuatorInputs, command: FloatArray, values: Values) -> FloatArray:
+    excess = where.excess(command)
+    ends = np.abs(where.command_range - where.dead_zone)
     full = np.where(excess > 0.0, ends[:, 1], ends[:, 0])
-    return where.from_beyond(np.sign(excess) * full * (np.abs(excess) / full) ** values["exponent"])
+    return where.from_excess(np.sign(excess) * full * (np.abs(excess) / full) ** values["exponent"])
 
 
 EFFECT: Effect = Effect(
     id="thrust_curve_shape",
     title="shape of the thrust curve",
-    parameters=(EffectParameter(name="exponent", unit="1", null=1.0, low=0.4, high=2.5, starts=(0.92, 1.08)),),
+    parameters=(
+        EffectParameter(name="exponent", unit="1", neutral=1.0, low=0.4, high=2.5, initial_values=(0.92, 1.08)),
+    ),
     equation="F' = F0·(|F|/F0)^e·sign(F), F0 a tenth of the bench's largest thrust",
     fingerprint="residual torque odd in the thrust, of one sign at small and the other at large thrust",
     experiment="coast-downs, which know no thrust, beside holds at many levels",
@@ -44,7 +46,7 @@ FORMS: tuple[Effect, ...] = (
     replace(
         EFFECT,
         form="saturating",
-        parameters=(EffectParameter(name="loss", unit="1", null=0.0, low=-0.5, high=5.0, starts=(0.1,)),),
+        parameters=(EffectParameter(name="loss", unit="1", neutral=0.0, low=-0.5, high=5.0, initial_values=(0.1,)),),
         equation="F' = F·(1 + a)/(1 + a·|F|/F0), F0 a tenth of the bench's largest thrust",
         acts=OnThrust(_saturating, anchored=True),
     ),

@@ -7,20 +7,20 @@ from dataclasses import replace
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.effects.base import Actuation, Effect, EffectParameter, OnCommand, Values
+from rovid.effects.base import ActuatorInputs, Effect, EffectParameter, OnCommand, Values
 
 
-def _shift(where: Actuation, command: FloatArray, values: Values) -> FloatArray:
+def _shift(where: ActuatorInputs, command: FloatArray, values: Values) -> FloatArray:
     beyond = command - where.neutral
     return np.asarray(where.neutral + np.sign(beyond) * np.maximum(np.abs(beyond) - values["deadband"], 0.0))
 
 
-def _jump(where: Actuation, command: FloatArray, values: Values) -> FloatArray:
-    deadband, excess = values["deadband"], where.beyond(command)
+def _jump(where: ActuatorInputs, command: FloatArray, values: Values) -> FloatArray:
+    deadband, excess = values["deadband"], where.excess(command)
     if deadband <= 0.0:
         return command
     on = np.clip((np.abs(excess) / deadband - 1.0) / values["edge"] + 0.5, 0.0, 1.0)
-    return where.from_beyond(on * excess)
+    return where.from_excess(on * excess)
 
 
 # Commands pass the threshold one by one: there are many places to begin.
@@ -31,7 +31,13 @@ EFFECT: Effect = Effect(
     title="thruster dead band",
     parameters=(
         EffectParameter(
-            name="deadband", unit="command", null=0.0, low=0.0, high=60.0, starts=(3.0, 15.0), scale="command"
+            name="deadband",
+            unit="command",
+            neutral=0.0,
+            low=0.0,
+            high=60.0,
+            initial_values=(3.0, 15.0),
+            scale="command",
         ),
     ),
     equation="u' = u − sign(u)·b where |u| > b, else 0",
@@ -46,9 +52,9 @@ FORMS: tuple[Effect, ...] = (
         EFFECT,
         form="jump",
         parameters=(
-            replace(EFFECT.parameters[0], starts=_JUMPS, step=0.02),
+            replace(EFFECT.parameters[0], initial_values=_JUMPS, step=0.02),
             # A sharp threshold changes the likelihood by steps, without a slope to follow: the search begins wide.
-            EffectParameter(name="edge", unit="1", null=0.02, low=0.02, high=0.5, starts=(0.1,), step=0.1),
+            EffectParameter(name="edge", unit="1", neutral=0.02, low=0.02, high=0.5, initial_values=(0.1,), step=0.1),
         ),
         equation="u' = u where |u| is b or more beyond the bench's dead zone, else 0: thrust sets in within e·b",
         acts=OnCommand(_jump),

@@ -2,27 +2,29 @@
 
 from __future__ import annotations
 
-from rovid.effects.base import Effect, EffectParameter, Wave
+from rovid.effects.base import Effect, EffectParameter, WaveTorque
 
 # A narrow band shows only near its frequency.
 _FREQUENCIES = (0.05, 0.07, 0.1, 0.14, 0.2, 0.3, 0.42, 0.6, 0.85, 1.2, 1.7, 2.4, 3.4, 4.8, 6.8)
 
 EFFECT: Effect = Effect(
     id="wave_torque",
-    passing=True,
+    environmental=True,
     title="wave torque",
     parameters=(
         # Of a sine of the same power: root 2 times the standard deviation.
-        EffectParameter(name="amplitude", unit="N m", null=0.0, low=0.0, high=2.0, starts=(0.05,), scale="torque"),
-        EffectParameter(name="frequency", unit="rad/s", null=1.0, low=0.02, high=12.0, starts=_FREQUENCIES),
+        EffectParameter(
+            name="amplitude", unit="N m", neutral=0.0, low=0.0, high=2.0, initial_values=(0.05,), scale="torque"
+        ),
+        EffectParameter(name="frequency", unit="rad/s", neutral=1.0, low=0.02, high=12.0, initial_values=_FREQUENCIES),
         # Half the width of the band over its frequency, as of white noise through a filter of second order (Fossen
         # 2011, section 8.2).
-        EffectParameter(name="damping", unit="1", null=1e-8, low=1e-8, high=0.5, starts=(0.04,)),
+        EffectParameter(name="damping", unit="1", neutral=1e-8, low=1e-8, high=0.5, initial_values=(0.04,)),
     ),
     equation="+ w, a narrow-band torque about ω of standard deviation a/√2",
     fingerprint="a peak in the spectrum of the residual, not coherent with the command, present at rest too",
     experiment="a record at rest without command; the same run deeper",
     rivals=("tank_seiche",),
-    acts=Wave(),
+    acts=WaveTorque(),
 )
 FORMS: tuple[Effect, ...] = (EFFECT,)

@@ -10,7 +10,7 @@ from rovid.core.array_types import FloatArray
 _FLAT = 1e-9
 
 
-def inverted(information: FloatArray) -> FloatArray:
+def inverse_information(information: FloatArray) -> FloatArray:
     """Inverse of the information; a direction in which the likelihood is flat gets a large variance."""
     power = np.diag(information)
     size = np.sqrt(np.where(power > 0.0, power, 1.0))
@@ -21,7 +21,7 @@ def inverted(information: FloatArray) -> FloatArray:
     return np.asarray(scaled / scale)
 
 
-def sandwiched(bread: FloatArray, scores: FloatArray) -> FloatArray:
+def sandwich_covariance(bread: FloatArray, scores: FloatArray) -> FloatArray:
     """(p, p) covariance where the (m, p) scores scatter more than the information, whose inverse is ``bread``, says."""
     scores = scores - scores.mean(axis=0)
     count = len(scores)

@@ -10,17 +10,17 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
-from rovid.core.lru_cache import Recent
-from rovid.estimate.input_cache import Driving
-from rovid.model.filter_batch import Logged
-from rovid.model.heading_sensor import Instrument
+from rovid.core.lru_cache import SizedCache
+from rovid.estimate.input_cache import InputCache
+from rovid.model.filter_batch import FilterData
+from rovid.model.heading_sensor import HeadingSensor
 from rovid.model.model import Model
-from rovid.model.torque_input import Drive
+from rovid.model.torque_input import TorqueInput
 from rovid.signals.preprocessing import Run
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class RunReadings:
+class RunData:
     """What is looked at in one run.
 
     Attributes
@@ -43,17 +43,17 @@ class RunReadings:
     time: FloatArray
     angle: FloatArray
     gyro_rate: FloatArray
-    known: IntArray
+    known_positions: IntArray
     known_rates: IntArray
 
     @classmethod
-    def of(cls, run: Run, at: IntArray | slice, *, gyro: bool) -> Self:
+    def from_run(cls, run: Run, at: IntArray | slice, *, gyro: bool) -> Self:
         """Of the instants ``at`` of a run; logged rates too where ``gyro`` says so, or nothing else was measured."""
         time, angle = run.trial.time[at], run.trial.body_position[at]
-        if run.trial.integrated:
+        if run.trial.rate_only:
             angle = np.where(np.arange(len(time)) == 0, angle, np.nan)
         gyro_rate = np.broadcast_to(np.nan, len(time))
-        if run.trial.rate is not None and (gyro or run.trial.integrated):
+        if run.trial.rate is not None and (gyro or run.trial.rate_only):
             offset = np.nan_to_num(run.rates.gyro_offset)
             gyro_rate = run.trial.rate[at] - offset
         return cls(
@@ -62,17 +62,17 @@ class RunReadings:
             time=time,
             angle=angle,
             gyro_rate=gyro_rate,
-            known=np.flatnonzero(np.isfinite(angle))[1:],
+            known_positions=np.flatnonzero(np.isfinite(angle))[1:],
             known_rates=np.flatnonzero(np.isfinite(gyro_rate)),
         )
 
     @property
-    def told_at(self) -> FloatArray:
+    def innovation_times(self) -> FloatArray:
         """(m,) s, of each innovation: of the positions, then of the rates."""
-        return np.concatenate((self.time[self.known], self.time[self.known_rates]))
+        return np.concatenate((self.time[self.known_positions], self.time[self.known_rates]))
 
 
-class Seen(NamedTuple):
+class CorrectedAngle(NamedTuple):
     """(n,) the angle without the deviation of the heading, and d(measured)/d(true) where there is one."""
 
     angle: FloatArray
@@ -85,7 +85,7 @@ class Seen(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Portion:
+class DataChunk:
     """Runs that are gone through together.
 
     Attributes
@@ -102,61 +102,61 @@ class Portion:
         Where what was `seen` is kept, for all portions together.
     """
 
-    of_runs: Sequence[RunReadings]
-    first: FloatArray
-    driving: Driving
+    run_data: Sequence[RunData]
+    initial_rates: FloatArray
+    inputs: InputCache
     rows: slice
-    recent: Recent
+    cache: SizedCache
 
     @cached_property
-    def logged(self) -> Logged:
+    def filter_data(self) -> FilterData:
         """All of it, the runs one after the other."""
-        return Logged(
+        return FilterData(
             begins=self._begins,
-            time=np.concatenate([run.time for run in self.of_runs]),
-            rate=np.concatenate([run.gyro_rate for run in self.of_runs]),
-            start=np.array([run.run.trial.start for run in self.of_runs]),
-            first=self.first,
+            time=np.concatenate([run.time for run in self.run_data]),
+            rate=np.concatenate([run.gyro_rate for run in self.run_data]),
+            start=np.array([run.run.trial.first_position for run in self.run_data]),
+            first=self.initial_rates,
             row=self._rows,
         )
 
-    def drives(self, model: Model) -> Drive:
+    def torque_input(self, model: Model) -> TorqueInput:
         """What drives the runs from each instant that is looked at to the next."""
-        return self.driving.between_steps(model)
+        return self.inputs.between_steps(model)
 
-    def seen(self, model: Model) -> Seen:
+    def corrected_angle(self, model: Model) -> CorrectedAngle:
         """What a filter goes by, with the heading as the instrument of ``model`` shows it; worked out once."""
-        instrument = model.instrument
+        instrument = model.heading_sensor
         if not instrument.deviates:
-            return Seen(self._angle, None)
-        return self.recent.of((self.rows.start, instrument.made_of), lambda: self._corrected(instrument))
+            return CorrectedAngle(self._angle, None)
+        return self.cache.get_or_make((self.rows.start, instrument.cache_key), lambda: self._corrected(instrument))
 
-    def _corrected(self, instrument: Instrument) -> Seen:
-        position = np.concatenate([run.run.trial.position[run.at] for run in self.of_runs])
-        true, gain = instrument.as_true(position)
-        return Seen(self._angle - (position - true), gain)
+    def _corrected(self, instrument: HeadingSensor) -> CorrectedAngle:
+        position = np.concatenate([run.run.trial.position[run.at] for run in self.run_data])
+        true, gain = instrument.to_true(position)
+        return CorrectedAngle(self._angle - (position - true), gain)
 
     @cached_property
     def _angle(self) -> FloatArray:
         """(n,) measured position along the body's axis at each instant, the runs one after the other."""
-        return np.concatenate([run.angle for run in self.of_runs])
+        return np.concatenate([run.angle for run in self.run_data])
 
     @cached_property
     def _begins(self) -> IntArray:
         """(m + 1,) the instant with which each run begins, and how many there are in all."""
-        return np.cumsum([0, *(len(run.time) for run in self.of_runs)])
+        return np.cumsum([0, *(len(run.time) for run in self.run_data)])
 
     @property
     def _rows(self) -> IntArray:
         """(n, 2) as in `Logged`."""
         rows = np.full(2 * len(self._angle), -1)
-        told = self.told
+        told = self.innovation_index
         rows[told] = np.arange(len(told))
         return rows.reshape(-1, 2)
 
     @property
-    def told(self) -> IntArray:
+    def innovation_index(self) -> IntArray:
         """(N,) of each innovation, twice the instant that it is of, and one more if it is of the rate."""
-        pairs = zip(self.of_runs, self._begins[:-1], strict=True)
-        of_runs = [(2 * (begin + run.known), 2 * (begin + run.known_rates) + 1) for run, begin in pairs]
+        pairs = zip(self.run_data, self._begins[:-1], strict=True)
+        of_runs = [(2 * (begin + run.known_positions), 2 * (begin + run.known_rates) + 1) for run, begin in pairs]
         return np.concatenate([series for both in of_runs for series in both])

@@ -12,10 +12,10 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
 from rovid.effects.base import Scales
-from rovid.estimate.input_cache import Driving
-from rovid.estimate.scaling import in_use, scales_of, usual_rate
+from rovid.estimate.input_cache import InputCache
+from rovid.estimate.scaling import effect_scales, rms_nonzero, rms_rate
 from rovid.model.model import Model
-from rovid.model.torque_input import Drive
+from rovid.model.torque_input import TorqueInput
 from rovid.signals.preprocessing import Run
 from rovid.trial.axis import Axis
 from rovid.trial.vehicle import Vehicle
@@ -24,7 +24,7 @@ ANGLE_NOISE_FLOOR = 1e-5  # rad; no heading is better, and one from an autopilot
 
 
 @dataclass(frozen=True, eq=False)
-class Records(ABC):
+class FitData(ABC):
     """What a misfit looks at in some runs, worked out once.
 
     Attributes
@@ -37,11 +37,11 @@ class Records(ABC):
 
     runs: Sequence[Run]
     vehicle: Vehicle | None
-    start: Model
+    initial_model: Model
     gyro: bool = False
 
     # Of what drives the runs, as in `Driving`.
-    means_alone: ClassVar[bool] = False
+    means_only: ClassVar[bool] = False
 
     @property
     @abstractmethod
@@ -55,7 +55,7 @@ class Records(ABC):
 
     @property
     @abstractmethod
-    def spans(self) -> list[tuple[FloatArray, FloatArray]]:
+    def innovation_spans(self) -> list[tuple[FloatArray, FloatArray]]:
         """Of each run the (n,) s at which each innovation begins and ends to tell of the motion."""
 
     @property
@@ -69,60 +69,60 @@ class Records(ABC):
         return self.runs[0].trial.axis
 
     @property
-    def integrated(self) -> bool:
+    def rate_only(self) -> bool:
         """Whether the rate alone was measured."""
-        return self.runs[0].trial.integrated
+        return self.runs[0].trial.rate_only
 
     @property
-    def driven(self) -> bool:
+    def has_actuators(self) -> bool:
         """Whether anything drives the vehicle; else all torques, and the inertia, are those of 1 kg m^2."""
-        return self.runs[0].trial.driven
+        return self.runs[0].trial.has_actuators
 
     @cached_property
-    def trial(self) -> IntArray:
+    def run_index(self) -> IntArray:
         """(N,) index of the run of each innovation."""
-        counts = [len(begin) for begin, _ in self.spans]
+        counts = [len(begin) for begin, _ in self.innovation_spans]
         return np.repeat(np.arange(len(self.runs)), counts)
 
     @cached_property
-    def block(self) -> IntArray:
+    def block_index(self) -> IntArray:
         """(N,) number of the stretch of time of each innovation."""
         length = self.block_seconds
         blocks, before = [], 0
-        for begin, _ in self.spans:
+        for begin, _ in self.innovation_spans:
             block = (begin / length).astype(np.intp)
             blocks.append(block + before)
             before += int(block.max(initial=0)) + 1
         return np.concatenate(blocks)
 
     @cached_property
-    def rate(self) -> float:
+    def rms_rate(self) -> float:
         """Root mean square of the rate, rad/s or m/s."""
-        return usual_rate(self.runs)
+        return rms_rate(self.runs)
 
     @cached_property
-    def torque(self) -> float:
+    def rms_torque(self) -> float:
         """Root mean square of the torque in use, N m."""
-        if self.driven:
-            return in_use(np.concatenate([run.torque for run in self.runs]))
-        return in_use(self._restoring_torque())
+        if self.has_actuators:
+            return rms_nonzero(np.concatenate([run.torque for run in self.runs]))
+        return rms_nonzero(self._restoring_torque())
 
     def _restoring_torque(self) -> FloatArray:
         """(N,) of what brings the vehicle back, at each measured position, N m."""
         tilt = np.concatenate([run.trial.position[run.trial.measured] for run in self.runs])
-        return np.asarray(self.start.stiffness * np.sin(tilt - self.start.restoring_values[1]))
+        return np.asarray(self.initial_model.stiffness * np.sin(tilt - self.initial_model.restoring_values[1]))
 
     @cached_property
     def drag_scale(self) -> FloatArray:
         """Quadratic and linear drag that would each brake as much as all drag does."""
-        drag = self.start.quadratic_drag * self.rate + self.start.linear_drag
-        return np.array([drag / self.rate, drag])
+        drag = self.initial_model.quadratic_drag * self.rms_rate + self.initial_model.linear_drag
+        return np.array([drag / self.rms_rate, drag])
 
     @cached_property
     def scales(self) -> Scales:
         """Of the effects' parameters."""
         trials = [run.trial for run in self.runs]
-        return scales_of(trials, self.vehicle, self.torque, self.rate, driven=self.driven)
+        return effect_scales(trials, self.vehicle, self.rms_torque, self.rms_rate, has_actuators=self.has_actuators)
 
     @cached_property
     def position_noise(self) -> float:
@@ -131,16 +131,16 @@ class Records(ABC):
         return max(float(np.median(noise)), ANGLE_NOISE_FLOOR)
 
     @cached_property
-    def _driving(self) -> Driving:
-        return Driving(
+    def _driving(self) -> InputCache:
+        return InputCache(
             runs=self.runs,
             vehicle=self.vehicle,
-            inertia=self.start.inertia,
+            inertia=self.initial_model.inertia,
             position_noise=self.position_noise,
             steps=self.steps,
-            means_alone=self.means_alone,
+            means_only=self.means_only,
         )
 
-    def drives(self, model: Model) -> Iterator[Drive]:
+    def torque_inputs(self, model: Model) -> Iterator[TorqueInput]:
         """What drives each run, at all instants of its log."""
-        return self._driving.at_instants(model)
+        return self._driving.at_samples(model)

@@ -10,8 +10,8 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray
-from rovid.effects import restoring_of
-from rovid.effects.restoring import columns
+from rovid.effects import restoring_effect
+from rovid.effects.restoring import regressors
 from rovid.estimate.steady_points import SteadyPoint
 from rovid.trial.axis import Axis
 
@@ -19,7 +19,7 @@ from rovid.trial.axis import Axis
 _ALIKE = 1e-10
 
 
-class Solution(NamedTuple):
+class WlsSolution(NamedTuple):
     """(p,) values, their (p, p) covariance, and the degrees of freedom behind its scale."""
 
     values: FloatArray
@@ -63,7 +63,7 @@ class TorqueBalance:
         )
 
     @property
-    def tells_apart(self) -> bool:
+    def is_determined(self) -> bool:
         """Whether every one of the free unknowns is determined."""
         design = self.design[:, self.free]
         values = np.linalg.svd(design / np.linalg.norm(design, axis=0), compute_uv=False)
@@ -77,7 +77,7 @@ class TorqueBalance:
         """The same with other unknowns free."""
         return replace(self, free=free)
 
-    def part(self, rows: BoolArray) -> Self:
+    def subset(self, rows: BoolArray) -> Self:
         """That of some of the steady states."""
         return replace(self, design=self.design[rows], torque=self.torque[rows], error=self.error[rows])
 
@@ -90,11 +90,11 @@ class TorqueBalance:
         return float(np.sum((self.residuals(values) / self.error) ** 2))
 
     @property
-    def spare(self) -> int:
+    def degrees_of_freedom(self) -> int:
         """Steady states beyond what the free unknowns take."""
         return len(self.torque) - int(self.free.sum())
 
-    def solved(self) -> Solution:
+    def solve(self) -> WlsSolution:
         """Weighted least squares; unknowns that are not free stay zero.
 
         A known error is believed unless the scatter about the line is larger (Birge ratio); else the scatter sets the
@@ -109,16 +109,16 @@ class TorqueBalance:
         values[self.free] = inverse @ (self.torque / self.error)
         variance, freedom = self._variance(values)
         covariance[np.ix_(self.free, self.free)] = inverse @ inverse.T * variance
-        return Solution(values, covariance, freedom)
+        return WlsSolution(values, covariance, freedom)
 
     def _variance(self, values: FloatArray) -> tuple[float, float]:
         """Of errors taken to be one, and its degrees of freedom: those of the scatter where that sets it."""
-        if self.spare <= 0:
+        if self.degrees_of_freedom <= 0:
             return (1.0 if self.error_known else math.nan), math.inf
-        scatter = self.chi2(values) / self.spare
+        scatter = self.chi2(values) / self.degrees_of_freedom
         if self.error_known and scatter <= 1.0:
             return 1.0, math.inf
-        return scatter, float(self.spare)
+        return scatter, float(self.degrees_of_freedom)
 
     def leave_one_out(self) -> FloatArray:
         """(k, 3) quadratic and linear drag without each steady state, and what its torque is then off by in N m.
@@ -128,15 +128,15 @@ class TorqueBalance:
         count = len(self.torque)
         rows = np.full((count, 3), np.nan)
         for k in range(count):
-            others = self.part(np.arange(count) != k)
-            if not others.tells_apart:
+            others = self.subset(np.arange(count) != k)
+            if not others.is_determined:
                 continue
-            values = others.solved().values
+            values = others.solve().values
             rows[k] = (*values[:2], self.torque[k] - self.design[k] @ values)
         return rows
 
 
-def weighed(balance: TorqueBalance, points: Sequence[SteadyPoint]) -> TorqueBalance:
+def with_pooled_errors(balance: TorqueBalance, points: Sequence[SteadyPoint]) -> TorqueBalance:
     """With the standard errors of the torque at ``points`` of logs, which go as the root of their length."""
     duration = np.array([point.duration for point in points])
     rate_error = np.array([point.rate_error for point in points])
@@ -146,7 +146,7 @@ def weighed(balance: TorqueBalance, points: Sequence[SteadyPoint]) -> TorqueBala
 
 def _density(balance: TorqueBalance, rate_error: FloatArray, duration: FloatArray) -> float:
     """Variance of the torque, of a second of a log, that (k,) errors of the rate make."""
-    values = balance.with_error(1.0 / np.sqrt(duration)).solved().values
+    values = balance.with_error(1.0 / np.sqrt(duration)).solve().values
     slope = 2.0 * values[0] * np.abs(balance.design[:, 1]) + values[1]
     return float(np.mean((slope * rate_error) ** 2 * duration))
 
@@ -160,9 +160,9 @@ def _between(balance: TorqueBalance, within: FloatArray) -> float:
 
     def excess(variance: float) -> float:
         tried = balance.with_error(np.sqrt(within + variance))
-        return tried.chi2(tried.solved().values) - balance.spare
+        return tried.chi2(tried.solve().values) - balance.degrees_of_freedom
 
-    if balance.spare < 1 or excess(0.0) <= 0.0:
+    if balance.degrees_of_freedom < 1 or excess(0.0) <= 0.0:
         return 0.0
     most = float(np.mean(balance.torque**2))
     if not excess(most) < 0.0:
@@ -175,7 +175,7 @@ def _between(balance: TorqueBalance, within: FloatArray) -> float:
 def _design(points: Sequence[SteadyPoint], axis: Axis) -> FloatArray:
     """(k, p) what each unknown is multiplied by at each point."""
     # Along an axis that turns the vehicle back there are no steady turns: position does not matter here.
-    restoring = columns(restoring_of(axis), np.zeros(len(points)))
+    restoring = regressors(restoring_effect(axis), np.zeros(len(points)))
     squares = [point.square_rate for point in points]
     rates = [point.rate for point in points]
     return np.column_stack((squares, rates, restoring))

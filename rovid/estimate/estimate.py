@@ -10,9 +10,9 @@ from typing import Self
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.core.stats import student_t
+from rovid.core.stats import t_quantile
 from rovid.model.parameter_names import unit_of
-from rovid.trial.assumptions import Guesswork, goes_with_thrust
+from rovid.trial.assumptions import Assumptions, scales_with_thrust
 from rovid.trial.axis import YAW, Axis
 from rovid.trial.trial import read_only
 
@@ -90,9 +90,9 @@ class Estimate:
     refused: Mapping[str, str] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     axis: Axis = YAW
-    scale_doubt: float = 0.0
+    thrust_scale_uncertainty: float = 0.0
     per_inertia: bool = False
-    guess: Guesswork = field(default_factory=Guesswork)
+    assumptions: Assumptions = field(default_factory=Assumptions)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", read_only(self.values))
@@ -104,15 +104,15 @@ class Estimate:
 
     def standard_error(self, name: str) -> float:
         """Standard error of the parameter ``name``."""
-        return math.hypot(self._spread(name), self.scale_doubt * self._scaled(name))
+        return math.hypot(self._spread(name), self.thrust_scale_uncertainty * self._scaled(name))
 
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
         """Confidence interval by Student's t; what the scale of thrust leaves open is a factor, which has no sign."""
         value, chance = self.value(name), 0.5 + level / 2.0
-        reach = student_t(chance, self.degrees_of_freedom) * self._spread(name)
+        reach = t_quantile(chance, self.degrees_of_freedom) * self._spread(name)
         doubt = 0.0
         if self._scaled(name):
-            doubt = student_t(chance, math.inf) * self.scale_doubt
+            doubt = t_quantile(chance, math.inf) * self.thrust_scale_uncertainty
 
         def edge(way: float) -> float:
             plain = value + way * reach
@@ -130,7 +130,7 @@ class Estimate:
 
     def _scaled(self, name: str) -> float:
         """Size of what is larger with all thrust; 0 of what is not."""
-        if not goes_with_thrust(unit_of(name, self.axis)):
+        if not scales_with_thrust(unit_of(name, self.axis)):
             return 0.0
         return abs(self.value(name))
 
@@ -145,7 +145,7 @@ class Estimate:
         low, high = self.interval(name)
         return low > 0.0 or high < 0.0
 
-    def with_scale_doubt(self, doubt: float) -> Self:
+    def with_thrust_scale_uncertainty(self, doubt: float) -> Self:
         """The same with this ``scale_doubt``, and a word on it."""
         if doubt < _NO_DOUBT:
             return self
@@ -154,7 +154,7 @@ class Estimate:
             "was taken for, but not at which thrust or voltage that still holds. Their standard errors include "
             f"{100 * doubt:.2g} % for that."
         )
-        return replace(self, scale_doubt=doubt, warnings=(*self.warnings, warning))
+        return replace(self, thrust_scale_uncertainty=doubt, warnings=(*self.warnings, warning))
 
     def undriven(self) -> Self:
         """The same of logs that nothing drives: the inertia was taken to be 1, and is refused."""
@@ -164,7 +164,7 @@ class Estimate:
 
     def is_placeholder(self, name: str) -> bool:
         """Whether the parameter ``name`` hangs on a guess, so that no size of it is known."""
-        return self.guess.marks(unit_of(name, self.axis))
+        return self.assumptions.is_placeholder(unit_of(name, self.axis))
 
     @property
     def ratios(self) -> tuple[Ratio, ...]:
@@ -191,7 +191,7 @@ class Estimate:
     def unit(self, name: str) -> str:
         """Unit of the parameter ``name``."""
         unit = unit_of(name, self.axis)
-        if self.per_inertia and name != "inertia" and goes_with_thrust(unit):
+        if self.per_inertia and name != "inertia" and scales_with_thrust(unit):
             return unit + PER_INERTIA
         return unit
 
@@ -202,7 +202,7 @@ def varies(values: FloatArray, *, noise: float = 0.0) -> bool:
     return bool(np.std(values) > max(noise, rounding))
 
 
-def explained(measured: FloatArray, residuals: FloatArray) -> float:
+def r_squared(measured: FloatArray, residuals: FloatArray) -> float:
     """R^2, 1 - SSE/SST with the mean taken away; NaN where what was measured does not vary."""
     if not varies(measured):
         return math.nan

@@ -10,9 +10,9 @@ from itertools import pairwise
 import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
-from rovid.core.lru_cache import Recent
-from rovid.estimate.data_chunk import Portion, RunReadings
-from rovid.estimate.dataset import Records
+from rovid.core.lru_cache import SizedCache
+from rovid.estimate.data_chunk import DataChunk, RunData
+from rovid.estimate.dataset import FitData
 from rovid.model.ode import initial_rate
 
 _RATE_NOISE_FLOOR = 1e-5  # rad/s; no gyro is better
@@ -27,7 +27,7 @@ _AT_ONCE = 200_000
 
 
 @dataclass(frozen=True, eq=False)
-class Readings(Records):
+class InnovationData(FitData):
     """The next reading of each run, time and again.
 
     Attributes
@@ -46,36 +46,36 @@ class Readings(Records):
         return [_spaced(run.trial.time, np.flatnonzero(run.trial.measured), self.interval) for run in self.runs]
 
     @cached_property
-    def of_runs(self) -> list[RunReadings]:
+    def run_data(self) -> list[RunData]:
         """What is looked at in each run."""
         every: Sequence[IntArray | slice] = [slice(None)] * len(self.runs) if self.steps is None else self.steps
         pairs = zip(self.runs, every, strict=True)
-        return [RunReadings.of(run, at, gyro=self.gyro) for run, at in pairs]
+        return [RunData.from_run(run, at, gyro=self.gyro) for run, at in pairs]
 
     @property
-    def spans(self) -> list[tuple[FloatArray, FloatArray]]:
+    def innovation_spans(self) -> list[tuple[FloatArray, FloatArray]]:
         """Of each run the (n,) s of each innovation, at which it begins and ends to tell of the motion."""
-        return [(readings.told_at, readings.told_at) for readings in self.of_runs]
+        return [(readings.innovation_times, readings.innovation_times) for readings in self.run_data]
 
     @property
     def block_seconds(self) -> float:
         """Length of a stretch of time: 40 s, or less of short runs."""
-        total = sum(float(np.ptp(readings.time)) for readings in self.of_runs)
+        total = sum(float(np.ptp(readings.time)) for readings in self.run_data)
         return min(_BLOCK_SECONDS, total / _BLOCKS)
 
     @cached_property
-    def portions(self) -> list[Portion]:
+    def chunks(self) -> list[DataChunk]:
         """All runs, some after the others: what a pass takes of memory is what it takes for so many."""
-        ends = np.cumsum([len(begin) for begin, _ in self.spans])
-        recent, portions = Recent(_KEPT), list[Portion]()
+        ends = np.cumsum([len(begin) for begin, _ in self.innovation_spans])
+        recent, portions = SizedCache(_KEPT), list[DataChunk]()
         for place in _portions([len(run.trial.time) for run in self.runs]):
-            rates = [(rate, _RATE_ERROR * self.rate) for rate in self.initial_rates[place]]
-            portion = Portion(
-                of_runs=self.of_runs[place],
-                first=np.array(rates, dtype=float),
-                driving=self._driving.of_some(place),
+            rates = [(rate, _RATE_ERROR * self.rms_rate) for rate in self.initial_rates[place]]
+            portion = DataChunk(
+                run_data=self.run_data[place],
+                initial_rates=np.array(rates, dtype=float),
+                inputs=self._driving.subset(place),
                 rows=slice(portions[-1].rows.stop if portions else 0, int(ends[place.stop - 1])),
-                recent=recent,
+                cache=recent,
             )
             portions.append(portion)
         return portions
@@ -83,12 +83,12 @@ class Readings(Records):
     @cached_property
     def initial_rates(self) -> list[float]:
         """Rate of each run at its first instant, rad/s."""
-        return [initial_rate(run.trial, self.start.swing) for run in self.runs]
+        return [initial_rate(run.trial, self.initial_model.natural_frequency) for run in self.runs]
 
     @cached_property
     def gyro_noise(self) -> float:
         """Standard deviation of the gyro's white noise, rad/s, from its differences; 1 where there is none."""
-        bends = np.concatenate([np.diff(readings.gyro_rate, n=2) for readings in self.of_runs])
+        bends = np.concatenate([np.diff(readings.gyro_rate, n=2) for readings in self.run_data])
         if not np.isfinite(bends).any():
             return 1.0
         # The second difference of white noise has six times its variance.

@@ -25,18 +25,18 @@ class Innovations(NamedTuple):
     error: FloatArray
     variance: FloatArray
 
-    def of(self, rows: slice) -> Self:
+    def select(self, rows: slice) -> Self:
         """Those of some ``rows``."""
         return type(self)(self.error[rows], self.variance[rows])
 
     @classmethod
-    def of_as_many(cls, count: int) -> Self:
+    def empty(cls, count: int) -> Self:
         """Room for so many."""
         return cls(np.empty(count), np.empty(count))
 
 
 @dataclass(frozen=True, eq=False)
-class Slopes:
+class Jacobian:
     """The cost of some innovations about a point.
 
     Attributes
@@ -66,7 +66,7 @@ class Slopes:
         with np.errstate(over="ignore", invalid="ignore"):
             return np.asarray(self.matrix.T @ self.matrix)
 
-    def with_others(self, others: Slopes) -> FloatArray:
+    def cross_information(self, others: Jacobian) -> FloatArray:
         """(p, s) what the information has between these p coordinates and s others of the same innovations."""
         with np.errstate(over="ignore", invalid="ignore"):
             return np.asarray(self.matrix.T @ others.matrix)
@@ -85,18 +85,18 @@ class NormalEquations(NamedTuple):
     information: FloatArray
 
     @classmethod
-    def of(cls, pieces: Iterable[Slopes]) -> Self:
+    def from_jacobians(cls, pieces: Iterable[Jacobian]) -> Self:
         """The sums over all ``pieces``."""
-        return cls.summed(cls(piece.gradient, piece.information) for piece in pieces)
+        return cls.sum_of(cls(piece.gradient, piece.information) for piece in pieces)
 
     @classmethod
-    def summed(cls, each: Iterable[Self]) -> Self:
+    def sum_of(cls, each: Iterable[Self]) -> Self:
         """Of all innovations, of some of them each."""
         gradient, information = (sum(every) for every in zip(*each, strict=True))
         return cls(np.asarray(gradient), np.asarray(information))
 
 
-def costs(error: FloatArray, variance: FloatArray) -> FloatArray:
+def negative_log_likelihoods(error: FloatArray, variance: FloatArray) -> FloatArray:
     """(N,) what each innovation costs, its variance included."""
     # A filter that runs away has no likelihood, which whoever asks can see.
     with np.errstate(over="ignore", invalid="ignore"):
@@ -111,10 +111,13 @@ def _robust_square(z: FloatArray) -> FloatArray:
     return np.where(size > OUTLIER, OUTLIER * (2.0 * size - OUTLIER), size * size)
 
 
-def total_cost(here: Innovations, weight: float | FloatArray) -> float:
+def total_negative_log_likelihood(here: Innovations, weight: float | FloatArray) -> float:
     """Negative log-likelihood of innovations that count with this ``weight`` each; large, but finite, of a runaway."""
     weights = np.broadcast_to(weight, here.error.shape)
-    total = sum(float(np.sum(weights[rows] * costs(*here.of(rows)))) for rows in _pieces(len(weights), _AT_ONCE))
+    total = sum(
+        float(np.sum(weights[rows] * negative_log_likelihoods(*here.select(rows))))
+        for rows in _pieces(len(weights), _AT_ONCE)
+    )
     return total if math.isfinite(total) else _WORST
 
 
@@ -124,7 +127,7 @@ def _pieces(count: int, at_once: int) -> list[slice]:
 
 
 @dataclass(frozen=True, eq=False)
-class Scatter:
+class GroupedScores:
     """The information about a point, and how the gradient scatters, which may be more.
 
     Attributes
@@ -139,7 +142,7 @@ class Scatter:
     scores: list[FloatArray]
 
     @classmethod
-    def of(cls, pieces: Iterable[Slopes], groupings: Sequence[IntArray]) -> Self:
+    def of(cls, pieces: Iterable[Jacobian], groupings: Sequence[IntArray]) -> Self:
         """By (N,) numbers of groups, of which there may be several ways to group them."""
         numbered = [np.unique(groups, return_inverse=True) for groups in groupings]
         information, scores = np.zeros(()), [np.zeros(()) for _ in groupings]
@@ -152,27 +155,27 @@ class Scatter:
         return cls(information, scores)
 
 
-def slopes_between(
+def jacobian_chunks(
     centre: Innovations,
     sides: Sequence[Innovations],
     step: FloatArray,
     weight: float | FloatArray,
     at_once: int = _AT_ONCE,
     first: int = 0,
-) -> Iterator[Slopes]:
+) -> Iterator[Jacobian]:
     """Slopes from the innovations at a point and one ``step`` aside along each coordinate, some after the other.
 
     These are those of all from the ``first`` on.
     """
     weights = np.broadcast_to(weight, centre.error.shape)
     for rows in _pieces(len(weights), at_once):
-        here, *there = (one.of(rows) for one in (centre, *sides))
+        here, *there = (one.select(rows) for one in (centre, *sides))
         yield _slopes(slice(first + rows.start, first + rows.stop), here, there, step, weights[rows])
 
 
 def _slopes(
     rows: slice, centre: Innovations, sides: Sequence[Innovations], step: FloatArray, weight: FloatArray
-) -> Slopes:
+) -> Jacobian:
     error, variance = centre
     root = np.sqrt(variance)
     z = error / root
@@ -188,4 +191,4 @@ def _slopes(
             matrix[: len(z), k] = of_error / step[k] * (side - error)
             matrix[len(z) :, k] = of_variance / step[k] * (scatter - variance)
     short = (share - (robust * z) ** 2 / share) / math.sqrt(2.0)
-    return Slopes(rows, np.concatenate((robust * z, short)), matrix)
+    return Jacobian(rows, np.concatenate((robust * z, short)), matrix)

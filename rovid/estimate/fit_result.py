@@ -11,15 +11,15 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.effects import Effect
-from rovid.estimate.covariance import inverted, sandwiched
-from rovid.estimate.dataset import Records
-from rovid.estimate.fisher_information import Scatter
-from rovid.estimate.levenberg_marquardt import ITERATIONS, TOLERANCE, climb
-from rovid.estimate.objective import Key, Misfit
-from rovid.estimate.whiteness import are_white, whitening_gain
+from rovid.estimate.covariance import inverse_information, sandwich_covariance
+from rovid.estimate.dataset import FitData
+from rovid.estimate.fisher_information import GroupedScores
+from rovid.estimate.levenberg_marquardt import ITERATIONS, TOLERANCE, minimize
+from rovid.estimate.objective import Key, NegativeLogLikelihood
+from rovid.estimate.whiteness import is_white, whitening_gain
 from rovid.model.model import Model
-from rovid.model.simulation import compare, simulated_rate
-from rovid.trial.vehicle import PLAUSIBLE_RATIO
+from rovid.model.simulation import fit_measures, simulated_rate
+from rovid.trial.vehicle import PLAUSIBLE_INERTIA_RATIO
 
 # Runs that tell by their scatter how much the kind of run has to say.
 _FEWEST_RUNS = 3
@@ -29,7 +29,7 @@ _LOST, _FIRST_STEP, _GROWTH = 0.5, 1e-4, 1.5
 
 
 @dataclass(frozen=True, eq=False)
-class Fitted:
+class FitResult:
     """A model with some effects, fitted.
 
     Attributes
@@ -42,61 +42,65 @@ class Fitted:
         So much of it at most is taken to be still to be gained.
     """
 
-    misfit: Misfit
+    objective: NegativeLogLikelihood
     x: FloatArray
-    cost: float
-    left: float = math.inf
+    value: float
+    remaining_gain: float = math.inf
 
     @classmethod
-    def at(cls, misfit: Misfit, x: FloatArray) -> Self:
+    def at(cls, misfit: NegativeLogLikelihood, x: FloatArray) -> Self:
         """As if ``x`` were where a climb ended."""
-        return cls(misfit, x, misfit.cost(x))
+        return cls(misfit, x, misfit.value(x))
 
     @property
     def effects(self) -> tuple[Effect, ...]:
         """In the order in which their parameters stand in ``x``."""
-        return self.misfit.effects
+        return self.objective.effects
 
     @property
-    def records(self) -> Records:
+    def data(self) -> FitData:
         """What it was fitted to."""
-        return self.misfit.records
+        return self.objective.data
 
     @property
     def key(self) -> Key:
         """What tells it from other models of the same records."""
-        return self.misfit.key
+        return self.objective.key
 
     @cached_property
     def model(self) -> Model:
         """With all parameters in their units."""
-        return self.misfit.coordinates.model(self.x)
+        return self.objective.parametrization.model(self.x)
 
-    def own(self, effect: Effect) -> FloatArray:
+    def effect_coordinates(self, effect: Effect) -> FloatArray:
         """Coordinates of ``effect``."""
-        for other, place in self.misfit.coordinates.places():
+        for other, place in self.objective.parametrization.effect_slices():
             if other is effect:
                 return self.x[place]
         raise KeyError(effect.key)
 
     @property
-    def shared(self) -> FloatArray:
+    def common_coordinates(self) -> FloatArray:
         """Coordinates before those of the effects."""
-        return self.x[: self.misfit.coordinates.before_effects]
+        return self.x[: self.objective.parametrization.effects_begin]
 
     def without(self, *effects: Effect) -> tuple[tuple[Effect, ...], FloatArray]:
         """The other effects, and the coordinates that are left."""
         rest = tuple(other for other in self.effects if other not in effects)
-        return rest, np.concatenate((self.shared, *map(self.own, rest)))
+        return rest, np.concatenate((self.common_coordinates, *map(self.effect_coordinates, rest)))
 
-    def ending_with(self, effect: Effect) -> Self:
+    def with_last(self, effect: Effect) -> Self:
         """The same with ``effect`` as the last of its effects."""
         rest, x = self.without(effect)
-        return replace(self, misfit=self.misfit.like((*rest, effect)), x=np.concatenate((x, self.own(effect))))
+        return replace(
+            self,
+            objective=self.objective.with_effects((*rest, effect)),
+            x=np.concatenate((x, self.effect_coordinates(effect))),
+        )
 
     def canonical(self) -> Self:
         """The same, no less likely, with amplitudes positive and phases within a turn."""
-        return replace(self, x=self.misfit.coordinates.canonical(self.x))
+        return replace(self, x=self.objective.parametrization.canonical(self.x))
 
     @cached_property
     def is_physical(self) -> bool:
@@ -104,75 +108,75 @@ class Fitted:
 
         In slow motion, too, it is no less than the rigid body's, whatever water goes along.
         """
-        vehicle = self.records.vehicle
-        rigid = None if vehicle is None else vehicle.measured_inertia
-        if rigid is None or not self.records.driven:
+        vehicle = self.data.vehicle
+        rigid = None if vehicle is None else vehicle.reference_inertia
+        if rigid is None or not self.data.has_actuators:
             return True
-        low, high = PLAUSIBLE_RATIO
-        before, model = self.records.start.inertia, self.model
+        low, high = PLAUSIBLE_INERTIA_RATIO
+        before, model = self.data.initial_model.inertia, self.model
         # What thrust is taken for may be off, and with it every inertia.
         least = min(low * rigid, low * before)
         most = max(high * rigid, before / low)
-        return least <= min(model.inertia, model.slow_inertia) and model.inertia <= most
+        return least <= min(model.inertia, model.low_frequency_inertia) and model.inertia <= most
 
     @cached_property
     def is_white(self) -> bool:
         """Whether the normalised innovations are white and free of heavy tails."""
-        return are_white(self._normalised())
+        return is_white(self._normalised())
 
     @cached_property
-    def colour(self) -> float:
+    def whitening_gain(self) -> float:
         """Log-likelihood that a model gains at least that leaves the innovations white; see `whitening_gain`."""
         return whitening_gain(self._normalised())
 
     def _normalised(self) -> list[FloatArray]:
         """Innovations of each run over their standard deviations."""
-        error, variance = self.misfit.innovations(self.x)
-        trial = self.misfit.of_counted(self.records.trial)
+        error, variance = self.objective.innovations(self.x)
+        trial = self.objective.masked(self.data.run_index)
         z = error / np.sqrt(variance)
         return [z[trial == number] for number in np.unique(trial)]
 
     @cached_property
     def simulated_r2(self) -> float:
         """R^2 of the free-running rate."""
-        measured = np.concatenate([run.rates.rate for run in self.records.runs])
-        return compare(measured, self._simulated_rates()).r2
+        measured = np.concatenate([run.rates.rate for run in self.data.runs])
+        return fit_measures(measured, self._simulated_rates()).r2
 
     def _simulated_rates(self) -> FloatArray:
         """(N,) free-running rate in each run."""
-        pairs = zip(self.records.runs, self.records.drives(self.model), strict=True)
+        pairs = zip(self.data.runs, self.data.torque_inputs(self.model), strict=True)
         return np.concatenate([simulated_rate(run, self.model, drive) for run, drive in pairs])
 
     @property
-    def scale_doubt(self) -> float:
+    def thrust_scale_uncertainty(self) -> float:
         """As `Model.scale_doubt`, of the runs that were looked at."""
-        vehicle, runs = self.records.vehicle, self.records.runs
+        vehicle, runs = self.data.vehicle, self.data.runs
         if vehicle is None:
             return 0.0
-        return self.model.drivetrain.scale_doubt(vehicle, [run.trial for run in runs])
+        return self.model.actuators.thrust_scale_uncertainty(vehicle, [run.trial for run in runs])
 
     @cached_property
     def at_limit(self) -> bool:
         """Whether the disturbance would be larger if it might."""
-        return self.misfit.at_limit(self.x)
+        return self.objective.at_limit(self.x)
 
     @property
     def disturbance(self) -> tuple[float, float]:
         """Standard deviation of the disturbance torque in N m, and its memory in s."""
-        return self.misfit.disturbance(self.x)
+        return self.objective.disturbance(self.x)
 
     def covariance(self, *, sandwich: bool) -> FloatArray:
         """(p, p) of all parameters: inverse information, or the sandwich that allows for coloured innovations."""
-        coordinates = self.misfit.coordinates
+        coordinates = self.objective.parametrization
         # All of them, a drag at its bound too: to take its zero for certain would make the rest look certain.
-        records = self.records
-        groupings = [self.misfit.of_counted(groups) for groups in (records.block, records.trial)]
-        here = Scatter.of(self.misfit.flatter_slopes(self.x), groupings if sandwich else [])
-        shown, size = coordinates.of_model(self.x)
+        records = self.data
+        groupings = [self.objective.masked(groups) for groups in (records.block_index, records.run_index)]
+        here = GroupedScores.of(self.objective.robust_jacobian(self.x), groupings if sandwich else [])
+        shown, size = coordinates.model_jacobian(self.x)
         if not np.isfinite(here.information).all():
             # A model that runs away so near to this one tells nothing of it.
             return np.diag(np.full(len(size), math.inf))
-        plain = spread = inverted(here.information)
+        plain = spread = inverse_information(here.information)
         if sandwich:
             spread = _by_scatter(plain, *here.scores)
             # What has no slope has no scatter of it either, which is no certainty.
@@ -180,14 +184,14 @@ class Fitted:
             spread = np.where(flat | flat[:, np.newaxis], plain, spread)
         inflated = float(np.median(np.sqrt(np.diag(spread)[:3] / np.diag(plain)[:3])))
         spread = self._along_stairs(spread, inflated)
-        held = coordinates.held()
+        held = coordinates.fixed()
         spread = np.where(held | held[:, np.newaxis], 0.0, spread)
         return np.asarray(spread[np.ix_(shown, shown)] * np.outer(size, size))
 
     def _along_stairs(self, spread: FloatArray, inflated: float) -> FloatArray:
         """``spread`` with what is known of coordinates along which there are no slopes."""
-        coordinates = self.misfit.coordinates
-        for at in coordinates.stairs():
+        coordinates = self.objective.parametrization
+        for at in coordinates.piecewise_constant():
             reach = self._reach(at)
             if reach is None:
                 continue
@@ -201,8 +205,8 @@ class Fitted:
 
     def _reach(self, at: int) -> float | None:
         """How far coordinate ``at`` may go, all else held, until half a unit of likelihood is lost; None if never."""
-        best = self.misfit.cost(self.x)
-        low, high = self.misfit.coordinates.bounds
+        best = self.objective.value(self.x)
+        low, high = self.objective.parametrization.bounds
         here = self.x[at]
         reaches = []
         for way in (1.0, -1.0):
@@ -212,32 +216,32 @@ class Fitted:
                 moved[at] += step
                 if not low[at] <= moved[at] <= high[at]:
                     break
-                if self.misfit.cost(moved) > best + _LOST:
+                if self.objective.value(moved) > best + _LOST:
                     reaches.append(abs(step))
                     break
                 step *= _GROWTH
         return max(reaches, default=None)
 
 
-def climbed(
-    misfit: Misfit,
+def fit(
+    misfit: NegativeLogLikelihood,
     start: FloatArray,
     *,
     iterations: int = ITERATIONS,
     tolerance: float = TOLERANCE,
     goal: float = math.inf,
-) -> Fitted:
+) -> FitResult:
     """The model that a climb from (p,) ``start`` leads to; see `climb`."""
-    climbing = climb(misfit, start, iterations=iterations, tolerance=tolerance, goal=goal)
-    return Fitted(misfit, climbing.x, climbing.cost, climbing.left)
+    climbing = minimize(misfit, start, iterations=iterations, tolerance=tolerance, goal=goal)
+    return FitResult(misfit, climbing.x, climbing.value, climbing.remaining_gain)
 
 
 def _by_scatter(plain: FloatArray, by_block: FloatArray, by_run: FloatArray) -> FloatArray:
     """(p, p) sandwich by the scores of stretches of time and of runs; ``plain`` is the inverse information."""
-    spread = sandwiched(plain, by_block)
+    spread = sandwich_covariance(plain, by_block)
     if len(by_run) < _FEWEST_RUNS:
         return spread
     # Each kind of run may ask for parameters of its own, where the model's form is not nature's.
-    ratio = np.diag(sandwiched(plain, by_run)) / np.maximum(np.diag(spread), 1e-300)
+    ratio = np.diag(sandwich_covariance(plain, by_run)) / np.maximum(np.diag(spread), 1e-300)
     wider = np.sqrt(np.maximum(ratio, 1.0))
     return np.asarray(spread * np.outer(wider, wider))

@@ -23,7 +23,7 @@ _NUDGE = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reading:
+class Quantity:
     """A number with its standard error and unit."""
 
     value: float
@@ -32,7 +32,7 @@ class Reading:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Swing:
+class FreeSwing:
     """One swing to and fro that begins at rest at ``amplitude`` rad from the level.
 
     Attributes
@@ -47,12 +47,12 @@ class Swing:
 
     name: str
     amplitude: float
-    natural_period: Reading
-    damping_ratio: Reading
+    natural_period: Quantity
+    damping_ratio: Quantity
 
 
 @dataclass(frozen=True, kw_only=True)
-class Decay:
+class FreeDecay:
     """What decays tell.
 
     Attributes
@@ -69,27 +69,27 @@ class Decay:
         Restoring stiffness, linear and quadratic drag over the inertia.
     """
 
-    usual: Swing
-    swings: tuple[Swing, ...]
-    natural_frequency: Reading
-    terms: Mapping[str, Reading]
-    over_inertia: Mapping[str, Reading]
+    rms_swing: FreeSwing
+    swings: tuple[FreeSwing, ...]
+    natural_frequency: Quantity
+    terms: Mapping[str, Quantity]
+    over_inertia: Mapping[str, Quantity]
 
 
-def read_decay(model: Model, estimate: Estimate, runs: Sequence[Run], vehicle: Vehicle) -> Decay:
+def analyse_free_decay(model: Model, estimate: Estimate, runs: Sequence[Run], vehicle: Vehicle) -> FreeDecay:
     """What ``model``, whose parameters are ``estimate``'s, makes of the swings of ``runs``."""
     level = model.restoring_values[1]
     tilts = [run.trial.position[run.trial.measured] - level for run in runs]
     spread = math.sqrt(2.0 * float(np.mean(np.concatenate(tilts) ** 2)))
 
-    def swing(name: str, amplitude: float, reference: Mapping[str, float]) -> Swing:
+    def swing(name: str, amplitude: float, reference: Mapping[str, float]) -> FreeSwing:
         def period(changed: Model) -> float:
             return _swung(changed, vehicle, amplitude, reference)[0]
 
         def damping(changed: Model) -> float:
             return _swung(changed, vehicle, amplitude, reference)[1]
 
-        return Swing(
+        return FreeSwing(
             name=name,
             amplitude=amplitude,
             natural_period=_reading(period, model, estimate, "s"),
@@ -112,10 +112,10 @@ def read_decay(model: Model, estimate: Estimate, runs: Sequence[Run], vehicle: V
     for run, tilt in zip(runs, tilts, strict=True):
         largest = float(np.max(np.abs(tilt)))
         swings.append(swing(run.trial.name, largest, _channels(run.trial)))
-    return Decay(
-        usual=usual,
+    return FreeDecay(
+        rms_swing=usual,
         swings=tuple(swings),
-        natural_frequency=Reading(value=frequency, standard_error=share * frequency, unit="rad/s"),
+        natural_frequency=Quantity(value=frequency, standard_error=share * frequency, unit="rad/s"),
         terms={name: readings[name] for name in ("linear", "quadratic")},
         over_inertia={name: readings[name] for name in ("restoring_stiffness", "linear_drag", "quadratic_drag")},
     )
@@ -131,7 +131,7 @@ def _channels(trial: Trial) -> dict[str, float]:
     return medians
 
 
-def _reading(quantity: Callable[[Model], float], model: Model, estimate: Estimate, unit: str) -> Reading:
+def _reading(quantity: Callable[[Model], float], model: Model, estimate: Estimate, unit: str) -> Quantity:
     """``quantity`` of the model, with the standard error that the estimate's covariance makes of it."""
     values, spread = model.values, np.sqrt(np.diag(estimate.covariance))
     value, slopes = quantity(model), np.zeros(len(values))
@@ -140,7 +140,7 @@ def _reading(quantity: Callable[[Model], float], model: Model, estimate: Estimat
         nudged = quantity(_with(model, values + nudge))
         slopes[at] = (nudged - value) / nudge[at]
     variance = float(slopes @ estimate.covariance @ slopes)
-    return Reading(value=value, standard_error=math.sqrt(variance), unit=unit)
+    return Quantity(value=value, standard_error=math.sqrt(variance), unit=unit)
 
 
 def _with(model: Model, values: FloatArray) -> Model:
@@ -159,11 +159,11 @@ def _with(model: Model, values: FloatArray) -> Model:
 
 def _swung(model: Model, vehicle: Vehicle, amplitude: float, reference: Mapping[str, float]) -> tuple[float, float]:
     """Natural period in s and damping ratio of a swing from ``amplitude``; NaN where it does not come back."""
-    time = np.linspace(0.0, _PERIODS * 2.0 * math.pi / model.swing, _PERIODS * _SAMPLES + 1)
-    still = Trial.imagined(time, np.zeros((len(time), len(vehicle.thrusters))), reference=reference)
+    time = np.linspace(0.0, _PERIODS * 2.0 * math.pi / model.natural_frequency, _PERIODS * _SAMPLES + 1)
+    still = Trial.from_commands(time, np.zeros((len(time), len(vehicle.thrusters))), reference=reference)
     level = model.restoring_values[1]
     trial = replace(still, axis=model.axis, position=np.full(len(time), level + amplitude))
-    rate, tilt = model.simulate(trial, model.drive(vehicle, trial))
+    rate, tilt = model.simulate(trial, model.torque_input(vehicle, trial))
     turns = np.flatnonzero((rate[:-1] > 0.0) & (rate[1:] <= 0.0))
     if not turns.size:
         return math.nan, math.nan

@@ -15,7 +15,7 @@ from rovid.core.formatting import plus_minus, significant
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.instrumental_variables import Regression, fit_regression
 from rovid.estimate.sine_inertia import (
-    Inertia,
+    InertiaReading,
     SineTrial,
     harmonic_balance,
     orbit_integral,
@@ -27,7 +27,7 @@ from rovid.estimate.sine_inertia import (
 from rovid.model.model import Model
 from rovid.signals.preprocessing import Run
 from rovid.trial.axis import Axis
-from rovid.trial.vehicle import PLAUSIBLE_RATIO
+from rovid.trial.vehicle import PLAUSIBLE_INERTIA_RATIO
 
 METHODS = {
     "peak": "peak method of the founding paper (biased)",
@@ -68,7 +68,7 @@ class InertiaFit:
 
     estimate: Estimate
     chosen: str
-    methods: dict[str, Inertia]
+    methods: dict[str, InertiaReading]
     peak_bias: float | None
     added_inertia: float | None
     trials: tuple[SineTrial, ...]
@@ -92,12 +92,12 @@ def fit_inertia(runs: Sequence[Run], *, drag: Estimate | None, rigid_body: float
         No method has the data it needs, or the result is impossible beside the rigid body.
     """
     axis = runs[0].trial.axis
-    if not runs[0].trial.driven:
+    if not runs[0].trial.has_actuators:
         raise DataError(
             f"nothing drives these logs in {axis.name}, so that the inertia cannot be known.",
             mend="Run `rovid fit`: it gives frequency, damping and their ratios to the inertia.",
         )
-    trials = [] if axis.rights else sine_trials(runs)
+    trials = [] if axis.self_righting else sine_trials(runs)
     require_motion(trials, axis)
     regression, refused = _regression(runs)
     if not trials:
@@ -118,7 +118,7 @@ def fit_inertia(runs: Sequence[Run], *, drag: Estimate | None, rigid_body: float
     warnings = (
         *estimate.warnings,
         *_method_warnings(methods, refused, axis),
-        *plausibility(estimate, rigid_body),
+        *plausibility_warnings(estimate, rigid_body),
     )
     return InertiaFit(
         estimate=replace(estimate, warnings=warnings),
@@ -142,19 +142,19 @@ def _regression(runs: Sequence[Run]) -> tuple[Regression | None, dict[str, str]]
 
 def _no_sines(axis: Axis) -> str:
     """Why no method of the sines can be used."""
-    if axis.rights:
+    if axis.self_righting:
         return "in a sine, what brings the vehicle back looks like less inertia."
-    return f"the logs hold no sine-shaped {axis.push} of three or more equal periods. {SINE_ADVICE}"
+    return f"the logs hold no sine-shaped {axis.force_name} of three or more equal periods. {SINE_ADVICE}"
 
 
 def _no_method(refused: dict[str, str], axis: Axis) -> DataError:
     why, sines = refused["regression"], refused["orbit_integral"]
-    if not axis.rights:
+    if not axis.self_righting:
         why += f" {sines[:1].upper()}{sines[1:]}"
     return DataError(why)
 
 
-def _sine_methods(trials: Sequence[SineTrial], drag: Estimate | None) -> dict[str, Inertia]:
+def _sine_methods(trials: Sequence[SineTrial], drag: Estimate | None) -> dict[str, InertiaReading]:
     if not trials:
         return {}
     orbit = orbit_integral(trials)
@@ -165,7 +165,7 @@ def _sine_methods(trials: Sequence[SineTrial], drag: Estimate | None) -> dict[st
     return {"peak": peak_method(trials, model), "orbit_integral": orbit, "harmonic_balance": balance}
 
 
-def _with_drag_error(balance: Inertia, trials: Sequence[SineTrial], drag: Estimate) -> Inertia:
+def _with_drag_error(balance: InertiaReading, trials: Sequence[SineTrial], drag: Estimate) -> InertiaReading:
     """Add to the harmonic balance what the drag's own uncertainty makes of it."""
     places = [drag.names.index(name) for name in ("quadratic_drag", "linear_drag")]
     slopes = []
@@ -195,10 +195,10 @@ def _model(inertia: float, drag: Estimate) -> Model:
     )
 
 
-def _as_inertia(regression: Regression) -> Inertia:
+def _as_inertia(regression: Regression) -> InertiaReading:
     """By the regression over all runs at once, in kg m^2."""
     estimate = regression.estimate
-    return Inertia(value=estimate.value("inertia"), standard_error=estimate.standard_error("inertia"), runs=())
+    return InertiaReading(value=estimate.value("inertia"), standard_error=estimate.standard_error("inertia"), runs=())
 
 
 def _inertia_alone(estimate: Estimate) -> Estimate:
@@ -208,7 +208,7 @@ def _inertia_alone(estimate: Estimate) -> Estimate:
     )
 
 
-def _single(reading: Inertia, trials: Sequence[SineTrial], axis: Axis) -> Estimate:
+def _single(reading: InertiaReading, trials: Sequence[SineTrial], axis: Axis) -> Estimate:
     return Estimate(
         axis=axis,
         names=("inertia",),
@@ -220,7 +220,7 @@ def _single(reading: Inertia, trials: Sequence[SineTrial], axis: Axis) -> Estima
     )
 
 
-def _method_warnings(methods: dict[str, Inertia], refused: dict[str, str], axis: Axis) -> list[str]:
+def _method_warnings(methods: dict[str, InertiaReading], refused: dict[str, str], axis: Axis) -> list[str]:
     """What is said of methods that gave nothing, of sine runs that disagree, and of methods that do."""
     texts, unit = [], axis.unit("kg m^2")
     for reason in dict.fromkeys(refused.values()):
@@ -236,7 +236,7 @@ def _method_warnings(methods: dict[str, Inertia], refused: dict[str, str], axis:
     return [*texts, *_disagreements(methods, unit)]
 
 
-def _disagreements(methods: dict[str, Inertia], unit: str) -> Iterator[str]:
+def _disagreements(methods: dict[str, InertiaReading], unit: str) -> Iterator[str]:
     """What is said of each two methods whose values lie too far apart."""
     sure = [name for name in ("orbit_integral", "harmonic_balance", "regression") if name in methods]
     for first, second in combinations(sure, 2):
@@ -250,13 +250,13 @@ def _disagreements(methods: dict[str, Inertia], unit: str) -> Iterator[str]:
             )
 
 
-def plausibility(estimate: Estimate, rigid_body: float | None) -> list[str]:
+def plausibility_warnings(estimate: Estimate, rigid_body: float | None) -> list[str]:
     """What is said of an inertia that no vehicle of this rigid body has."""
     value, axis, unit = estimate.value("inertia"), estimate.axis, estimate.unit("inertia")
     if not value > 0.0:
         raise DataError(
-            f"the inertia comes out at {value:.3g} {unit}: the vehicle moves against its {axis.push}.",
-            mend=f"Check in rovid.toml the signs of {axis.arm}, command and {axis.measures}.",
+            f"the inertia comes out at {value:.3g} {unit}: the vehicle moves against its {axis.force_name}.",
+            mend=f"Check in rovid.toml the signs of {axis.arm_key}, command and {axis.required_signals}.",
         )
     if rigid_body is None:
         return []
@@ -265,23 +265,23 @@ def plausibility(estimate: Estimate, rigid_body: float | None) -> list[str]:
         raise DataError(
             f"the inertia comes out at {value:.3g} {unit}, {ratio:.3g} times the rigid body's {rigid_body:.3g}, which "
             "no vehicle has.",
-            mend=f"Check in rovid.toml the unit of {axis.measures}, mass, {axis.arm} and the curve's newtons.",
+            mend=f"Check in rovid.toml the unit of {axis.required_signals}, mass, {axis.arm_key} and the curve's newtons.",
         )
-    return unlike_rigid_body(estimate, rigid_body)
+    return rigid_body_warnings(estimate, rigid_body)
 
 
-def unlike_rigid_body(estimate: Estimate, rigid_body: float | None) -> list[str]:
+def rigid_body_warnings(estimate: Estimate, rigid_body: float | None) -> list[str]:
     """What is odd about the inertia beside the ``rigid_body``'s in kg m^2 or kg; nothing where that is not known."""
     if rigid_body is None or "inertia" in estimate.refused:
         return []
-    low, high = PLAUSIBLE_RATIO
+    low, high = PLAUSIBLE_INERTIA_RATIO
     ratio = estimate.value("inertia") / rigid_body
     if low < ratio < high:
         return []
     axis, unit = estimate.axis, estimate.unit("inertia")
     text = (
         f"The inertia is {ratio:.3g} times the rigid body's {significant(rigid_body, 4)} {unit}, outside what vehicles "
-        f"show ({low} to {high}): look at {axis.arm}, thrust curve, mass and size, and at the units of time and "
-        f"{axis.measures}."
+        f"show ({low} to {high}): look at {axis.arm_key}, thrust curve, mass and size, and at the units of time and "
+        f"{axis.required_signals}."
     )
     return [text]

@@ -12,12 +12,12 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
 from rovid.estimate.estimate import Estimate
-from rovid.estimate.inertia import METHODS, InertiaFit, plausibility
-from rovid.estimate.sine_inertia import Inertia
-from rovid.trial.tables import SINE_COLUMNS, Table
+from rovid.estimate.inertia import METHODS, InertiaFit, plausibility_warnings
+from rovid.estimate.sine_inertia import InertiaReading
+from rovid.trial.tables import SINE_COLUMNS, CsvTable
 
 
-def fit_inertia_table(table: Table, *, drag: Estimate | None, rigid_body: float | None) -> InertiaFit:
+def fit_inertia_table(table: CsvTable, *, drag: Estimate | None, rigid_body: float | None) -> InertiaFit:
     """Inertia from a table of sine trials of which only amplitudes are known.
 
     Columns: period_s, torque_amplitude_Nm, peak_yaw_rate_rad_s; optional trial, peak_acceleration_rad_s2 and
@@ -40,7 +40,7 @@ def fit_inertia_table(table: Table, *, drag: Estimate | None, rigid_body: float 
         method=METHODS["harmonic_balance"] + ", amplitudes of a table",
         samples=len(sines.names),
     )
-    warnings += plausibility(estimate, rigid_body)
+    warnings += plausibility_warnings(estimate, rigid_body)
     no_phase = "a table of amplitudes holds no phase"
     return InertiaFit(
         estimate=replace(estimate, warnings=tuple(warnings)),
@@ -84,7 +84,7 @@ class _Sines:
     linear: FloatArray
 
     @classmethod
-    def of(cls, table: Table, drag: Estimate | None) -> Self:
+    def of(cls, table: CsvTable, drag: Estimate | None) -> Self:
         quadratic, linear = table_drag(table, drag)
         return cls(
             names=row_names(table),
@@ -107,7 +107,7 @@ class _Sines:
         return np.asarray(np.sqrt(np.clip(self.surplus(rate), 0, None)) / (self.frequency * rate))
 
 
-def _balanced(sines: _Sines) -> tuple[Inertia, list[str]]:
+def _balanced(sines: _Sines) -> tuple[InertiaReading, list[str]]:
     """The inertia that all rows agree on, and what is said where there is none."""
     _require_surplus(sines)
     values = sines.inertia(sines.rate)
@@ -125,7 +125,7 @@ def _balanced(sines: _Sines) -> tuple[Inertia, list[str]]:
         value, error = float(values.mean()), float(np.ptp(values)) / 2.0
         warnings.append(_said_apart(sines.names, values))
     rows = zip(sines.names, values.tolist(), errors.tolist(), strict=True)
-    return Inertia(value=value, standard_error=error, runs=tuple(rows), consistent=not apart), warnings
+    return InertiaReading(value=value, standard_error=error, runs=tuple(rows), consistent=not apart), warnings
 
 
 def _said_apart(names: Sequence[str], values: FloatArray) -> str:
@@ -150,14 +150,14 @@ def _require_surplus(sines: _Sines) -> None:
     )
 
 
-def row_names(table: Table) -> list[str]:
+def row_names(table: CsvTable) -> list[str]:
     """Of every row, as the table has it, else by its line."""
     if "trial" in table.header:
         return table.text("trial")
     return [f"row {line}" for line in table.lines]
 
 
-def _require_positive(table: Table) -> None:
+def _require_positive(table: CsvTable) -> None:
     """Refuse a row with a period, torque or rate of nothing or less."""
     for name in SINE_COLUMNS:
         values = table.numbers(name)
@@ -170,7 +170,7 @@ def _require_positive(table: Table) -> None:
             )
 
 
-def table_drag(table: Table, drag: Estimate | None) -> tuple[FloatArray, FloatArray]:
+def table_drag(table: CsvTable, drag: Estimate | None) -> tuple[FloatArray, FloatArray]:
     """(n,) quadratic and linear drag for each row: of its own columns, or ``drag``.
 
     Raises
@@ -191,7 +191,7 @@ def table_drag(table: Table, drag: Estimate | None) -> tuple[FloatArray, FloatAr
     return columns[0], columns[1]
 
 
-def _table_peak(table: Table, sines: _Sines) -> dict[str, Inertia]:
+def _table_peak(table: CsvTable, sines: _Sines) -> dict[str, InertiaReading]:
     """The founding paper's method, where the table has what it needs."""
     if not {"steady_torque_Nm", "peak_acceleration_rad_s2"} <= set(table.header):
         return {}
@@ -203,4 +203,4 @@ def _table_peak(table: Table, sines: _Sines) -> dict[str, Inertia]:
     values = (sines.torque - steady)[known] / acceleration[known]
     names = np.array(sines.names)[known].tolist()
     runs = [(name, value, math.nan) for name, value in zip(names, values.tolist(), strict=True)]
-    return {"peak": Inertia(value=float(values.mean()), standard_error=math.nan, runs=tuple(runs))}
+    return {"peak": InertiaReading(value=float(values.mean()), standard_error=math.nan, runs=tuple(runs))}

@@ -10,13 +10,13 @@ import numpy as np
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
 from rovid.core.errors import DataError
 from rovid.core.formatting import plus_minus
-from rovid.core.spmd import shared
-from rovid.effects import restoring_of
-from rovid.effects.restoring import columns, from_columns
-from rovid.estimate.estimate import Estimate, explained, varies
+from rovid.core.spmd import parallel_map
+from rovid.effects import restoring_effect
+from rovid.effects.restoring import from_regressors, regressors
+from rovid.estimate.estimate import Estimate, r_squared, varies
 from rovid.model.model import Model
 from rovid.model.parameter_names import base_names
-from rovid.model.torque_input import Drive
+from rovid.model.torque_input import TorqueInput
 from rovid.signals.preprocessing import Run
 from rovid.trial.axis import Axis
 
@@ -30,7 +30,7 @@ _CONVERGED = 1e-4
 _MOTION = 2.0**0.5
 
 _HELD = "{} would come out negative in the regression; it is held at zero, its lower bound."
-ADVICE = "Run sines, steps or a pseudo-random command that change the rate."
+EXCITATION_ADVICE = "Run sines, steps or a pseudo-random command that change the rate."
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -45,7 +45,7 @@ class Regression:
     r_squared: float
 
 
-def fit_regression(runs: Sequence[Run], *, certainty: float = 3.0) -> Regression:
+def fit_regression(runs: Sequence[Run], *, min_sigmas: float = 3.0) -> Regression:
     """Fit T = I rdot + DQ |r| r + DL r + g, all signals through the same filter; g is of weight and buoyancy.
 
     Sensor noise and the disturbance torque are in the regressors, which biases least squares. The
@@ -94,11 +94,11 @@ def fit_regression(runs: Sequence[Run], *, certainty: float = 3.0) -> Regression
         warnings=tuple(map(_HELD.format, held)),
         axis=axis,
     )
-    require_inertia(estimate, certainty)
-    return Regression(estimate=estimate, least_squares=plain, r_squared=explained(torque, residuals))
+    require_inertia(estimate, min_sigmas)
+    return Regression(estimate=estimate, least_squares=plain, r_squared=r_squared(torque, residuals))
 
 
-def fit_released(runs: Sequence[Run]) -> Model:
+def fit_free_swings(runs: Sequence[Run]) -> Model:
     """Least squares of the acceleration of vehicles that were let go of, tilted; all is that of 1 kg m^2.
 
     Raises
@@ -120,12 +120,12 @@ def fit_released(runs: Sequence[Run]) -> Model:
     if not values[2] > 0.0:
         raise DataError(
             f"nothing brings the vehicle back in {axis.name}: what is let go of does not swing.",
-            mend=f"Give logs of releases, or map what drives the vehicle: [[thrusters]] with {axis.arm}.",
+            mend=f"Give logs of releases, or map what drives the vehicle: [[thrusters]] with {axis.arm_key}.",
         )
     return _model(axis, np.array([1.0, *values]))
 
 
-def require_inertia(estimate: Estimate, certainty: float) -> None:
+def require_inertia(estimate: Estimate, min_sigmas: float) -> None:
     """Refuse an inertia that is less than ``certainty`` standard errors away from nothing.
 
     Raises
@@ -134,7 +134,7 @@ def require_inertia(estimate: Estimate, certainty: float) -> None:
         It is.
     """
     value, error = estimate.value("inertia"), estimate.standard_error("inertia")
-    if not value >= certainty * error:  # nor one of which nothing is known
+    if not value >= min_sigmas * error:  # nor one of which nothing is known
         raise _not_excited(f"the inertia is {plus_minus(value, error)} {estimate.unit('inertia')}")
 
 
@@ -144,7 +144,7 @@ def _torque(runs: Sequence[Run]) -> tuple[FloatArray, IntArray]:
     length = min(_BLOCK_SECONDS, seconds / _BLOCKS)
     torque, blocks, first = [], [], 0
     for run in runs:
-        torque.append(run.drive[run.valid])
+        torque.append(run.filtered_torque[run.valid])
         blocks.append(first + (run.rates.time[run.valid] // length).astype(np.intp))
         first = int(np.max(blocks[-1], initial=first)) + 1
     return np.concatenate(torque), np.concatenate(blocks)
@@ -158,12 +158,12 @@ def _motion(run: Run) -> tuple[FloatArray, FloatArray, FloatArray]:
 def _regressors(axis: Axis, motion: tuple[FloatArray, FloatArray, FloatArray]) -> FloatArray:
     """(n, p) what inertia, quadratic drag, linear drag and each restoring unknown are multiplied by."""
     rate, acceleration, position = motion
-    return np.column_stack((acceleration, np.abs(rate) * rate, rate, columns(restoring_of(axis), position)))
+    return np.column_stack((acceleration, np.abs(rate) * rate, rate, regressors(restoring_effect(axis), position)))
 
 
 def _model(axis: Axis, unknowns: FloatArray) -> Model:
     inertia, quadratic, linear = (float(value) for value in unknowns[:3])
-    restoring = from_columns(restoring_of(axis), unknowns[3:])
+    restoring = from_regressors(restoring_effect(axis), unknowns[3:])
     return Model(
         inertia=inertia,
         quadratic_drag=quadratic,
@@ -187,7 +187,7 @@ def _simulated(runs: Sequence[Run], model: Model) -> tuple[FloatArray, FloatArra
     The low pass of |r| r is not |r| r of the low pass; the difference, small but in step with the
     acceleration, is taken from the simulation and added to the measured regressors.
     """
-    pairs = shared(lambda run: _simulated_of(run, model), runs)
+    pairs = parallel_map(lambda run: _simulated_of(run, model), runs)
     # The simulation's filter has no answer where the measurement's has none either, but for the gyro's gaps.
     instruments, corrections = (np.nan_to_num(np.concatenate(each)) for each in zip(*pairs, strict=True))
     return instruments, corrections
@@ -196,7 +196,7 @@ def _simulated(runs: Sequence[Run], model: Model) -> tuple[FloatArray, FloatArra
 def _simulated_of(run: Run, model: Model) -> tuple[FloatArray, FloatArray]:
     """Those of one run."""
     kernel = run.rates.kernel
-    rate, position = model.simulate(run.trial, Drive.held(run.torque))
+    rate, position = model.simulate(run.trial, TorqueInput.held(run.torque))
     rate = np.interp(run.rates.time, run.trial.time, rate)
     position = np.interp(run.rates.time, run.trial.time, position)
     clean = _regressors(model.axis, (kernel.smooth(rate), kernel.rate(rate), kernel.smooth(position)))
@@ -218,8 +218,8 @@ def _bounded(
         values = _solve(instruments, measured, torque, free)
     if not values[0] > 0.0:
         raise DataError(
-            f"the inertia comes out negative: the vehicle moves against its {axis.push}, or hardly at all.",
-            mend=f"Check in rovid.toml the signs of {axis.arm}, command and {axis.measures}. {ADVICE}",
+            f"the inertia comes out negative: the vehicle moves against its {axis.force_name}, or hardly at all.",
+            mend=f"Check in rovid.toml the signs of {axis.arm_key}, command and {axis.required_signals}. {EXCITATION_ADVICE}",
         )
     return free, values
 
@@ -285,4 +285,4 @@ def _require_motion(runs: Sequence[Run], measured: FloatArray, torque: FloatArra
 
 
 def _not_excited(why: str) -> DataError:
-    return DataError(f"inertia cannot be determined from these logs: {why}.", mend=ADVICE)
+    return DataError(f"inertia cannot be determined from these logs: {why}.", mend=EXCITATION_ADVICE)

@@ -12,7 +12,7 @@ from rovid.core.array_types import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Means:
+class IntervalMeans:
     """From the n instants of some runs, one after the other, to the m of their grids.
 
     Attributes
@@ -36,7 +36,7 @@ class Means:
     same: BoolArray
 
     @classmethod
-    def onto(cls, times: Sequence[FloatArray], grids: Sequence[FloatArray]) -> Self:
+    def between_grids(cls, times: Sequence[FloatArray], grids: Sequence[FloatArray]) -> Self:
         """From the instants of each run, in s, to its grid."""
         begins = np.cumsum([0, *map(len, times)])
         latest, since = [], []
@@ -55,7 +55,7 @@ class Means:
             same=np.append(held[1:] == held[:-1], False),
         )
 
-    def of(self, series: FloatArray) -> FloatArray:
+    def apply(self, series: FloatArray) -> FloatArray:
         """(m,) means of an (n,) ``series`` from each instant of the grid to the next; its last value at the last."""
         # From what is held to what is held at the next, and what of both is before the instants of the grid.
         area = np.add.reduceat(series * self.length, self.held)
@@ -66,7 +66,7 @@ class Means:
         return means
 
 
-def held_since(time: FloatArray, grid: FloatArray) -> IntArray:
+def held_rows(time: FloatArray, grid: FloatArray) -> IntArray:
     """Which of the (n,) instants are the latest at any of a grid's; both in s."""
     return np.unique(_latest(time, grid))
 

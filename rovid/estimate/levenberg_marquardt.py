@@ -16,7 +16,7 @@ from rovid.estimate.fisher_information import Innovations, NormalEquations
 from rovid.estimate.parametrization import LOGARITHMS
 
 if TYPE_CHECKING:
-    from rovid.estimate.objective import Misfit
+    from rovid.estimate.objective import NegativeLogLikelihood
 
 ITERATIONS, TOLERANCE = 60, 0.01
 # Share of the information's diagonal that is added to it (Marquardt): at first, at least, and where a step is given up.
@@ -35,18 +35,18 @@ _OUT_OF_REACH = 10.0
 _FLOOR = 1e-12
 
 
-class End(Enum):
+class StopReason(Enum):
     """Why a climb ended."""
 
-    REACHED = "no more than the tolerance is left to gain"
-    BLOCKED = "no step gains anything, though the slopes promise it"
-    OUT_OF_STEPS = "as many steps as were allowed were taken"
-    BEHIND = "so much is lacking to a goal that many such steps would not reach it"
-    RUNAWAY = "the model runs away: there are no slopes"
+    CONVERGED = "no more than the tolerance is left to gain"
+    NO_PROGRESS = "no step gains anything, though the slopes promise it"
+    MAX_ITERATIONS = "as many steps as were allowed were taken"
+    GOAL_UNREACHABLE = "so much is lacking to a goal that many such steps would not reach it"
+    DIVERGED = "the model runs away: there are no slopes"
 
 
 @dataclass(frozen=True, eq=False)
-class Climb:
+class OptimizeResult:
     """Where a climb ended and why.
 
     Attributes
@@ -60,9 +60,9 @@ class Climb:
     """
 
     x: FloatArray
-    cost: float
-    end: End
-    left: float
+    value: float
+    stop_reason: StopReason
+    remaining_gain: float
 
 
 @dataclass(eq=False)
@@ -75,60 +75,60 @@ class _Point:
     damping: float
 
     @classmethod
-    def at(cls, misfit: Misfit, x: FloatArray, damping: float) -> _Point:
-        known = misfit.looked(x)
-        return cls(x, known, misfit.cost_of(known[0]), damping)
+    def at(cls, misfit: NegativeLogLikelihood, x: FloatArray, damping: float) -> _Point:
+        known = misfit.evaluate_with_spare(x)
+        return cls(x, known, misfit.value_of(known[0]), damping)
 
 
-def climb(
-    misfit: Misfit,
+def minimize(
+    misfit: NegativeLogLikelihood,
     start: FloatArray,
     *,
     iterations: int = ITERATIONS,
     tolerance: float = TOLERANCE,
     goal: float = math.inf,
-) -> Climb:
+) -> OptimizeResult:
     """Most likely coordinates from (p,) ``start``, by Fisher scoring within the bounds.
 
     Ends when less than ``tolerance`` of log-likelihood is still to be gained, or where the cost will not come down to
     the ``goal``.
     """
-    bounds = misfit.coordinates.bounds
-    here, end = _Point.at(misfit, np.clip(start, *bounds), _FIRST_DAMPING), End.OUT_OF_STEPS
+    bounds = misfit.parametrization.bounds
+    here, end = _Point.at(misfit, np.clip(start, *bounds), _FIRST_DAMPING), StopReason.MAX_ITERATIONS
     gained = math.inf
     # Points and gradients of before.
     been: list[tuple[FloatArray, FloatArray]] = []
     for _ in range(iterations):
-        gradient, information = NormalEquations.of(misfit.slopes(here.x, here.known))
+        gradient, information = NormalEquations.from_jacobians(misfit.jacobian(here.x, here.known))
         # Of long logs it takes much, and has served.
         here.known = None
         if not np.isfinite(information).all():
-            end = End.RUNAWAY
+            end = StopReason.DIVERGED
             break
-        been = [*been, (here.x, gradient)][-misfit.remembered - 1 :]
-        information = with_curvature(information, been)
+        been = [*been, (here.x, gradient)][-misfit.bfgs_pairs - 1 :]
+        information = with_bfgs_updates(information, been)
         ahead = _step(misfit, here, gradient, information, tolerance)
-        if isinstance(ahead, End):
+        if isinstance(ahead, StopReason):
             end = ahead
             break
         gained, here = here.cost - ahead.cost, ahead
         if gained < tolerance:
-            end = End.REACHED
+            end = StopReason.CONVERGED
             break
         if here.cost - goal > _OUT_OF_REACH * gained:
-            end = End.BEHIND
+            end = StopReason.GOAL_UNREACHABLE
             break
     # Where no step gained anything or there were no slopes, none will; and short steps tell little of what is left.
     more = _OUT_OF_REACH * gained if here.damping <= _FIRST_DAMPING else math.inf
-    left = {End.REACHED: tolerance, End.BLOCKED: 0.0, End.RUNAWAY: 0.0}.get(end, more)
-    return Climb(here.x, here.cost, end, left)
+    left = {StopReason.CONVERGED: tolerance, StopReason.NO_PROGRESS: 0.0, StopReason.DIVERGED: 0.0}.get(end, more)
+    return OptimizeResult(here.x, here.cost, end, left)
 
 
 def _step(
-    misfit: Misfit, here: _Point, gradient: FloatArray, information: FloatArray, tolerance: float
-) -> _Point | End:
+    misfit: NegativeLogLikelihood, here: _Point, gradient: FloatArray, information: FloatArray, tolerance: float
+) -> _Point | StopReason:
     """A point that costs less; where no step is worth it, why the climb ends."""
-    bounds, damping, count = misfit.coordinates.bounds, here.damping, 1
+    bounds, damping, count = misfit.parametrization.bounds, here.damping, 1
     while damping < _MOST_DAMPING:
         dampings = [damping * _MORE_DAMPING**more for more in range(count)]
         steps = [_shortened(bounded_step(here.x, gradient, information, one, bounds)) for one in dampings]
@@ -138,20 +138,20 @@ def _step(
         if best.cost < here.cost:
             expected = promised[at] - 0.5 * float(steps[at] @ information @ steps[at])
             ratio = (here.cost - best.cost) / max(expected, 1e-300)
-            return replace(best, damping=damped(best.damping, ratio))
+            return replace(best, damping=updated_damping(best.damping, ratio))
         if promised[-1] < tolerance:
-            return End.REACHED
+            return StopReason.CONVERGED
         # Several steps are tried at once where they come free with one.
-        damping, count = dampings[-1] * _MORE_DAMPING, 1 + misfit.spare
-    return End.BLOCKED
+        damping, count = dampings[-1] * _MORE_DAMPING, 1 + misfit.simd_slots_left
+    return StopReason.NO_PROGRESS
 
 
-def _points(misfit: Misfit, every: Sequence[FloatArray], dampings: Sequence[float]) -> list[_Point]:
+def _points(misfit: NegativeLogLikelihood, every: Sequence[FloatArray], dampings: Sequence[float]) -> list[_Point]:
     """The one with all that comes free with it; of several their innovations alone are known."""
     if len(every) == 1:
         return [_Point.at(misfit, every[0], dampings[0])]
-    each = zip(every, misfit.innovations_of(every), dampings, strict=True)
-    return [_Point(x, (here, []), misfit.cost_of(here), damping) for x, here, damping in each]
+    each = zip(every, misfit.evaluate(every), dampings, strict=True)
+    return [_Point(x, (here, []), misfit.value_of(here), damping) for x, here, damping in each]
 
 
 def _shortened(step: FloatArray) -> FloatArray:
@@ -193,7 +193,7 @@ def _outward(x: FloatArray, way: FloatArray, bounds: tuple[FloatArray, FloatArra
     return np.asarray(((x <= low) & (way < 0.0)) | ((x >= high) & (way > 0.0)))
 
 
-def damped(damping: float, ratio: float) -> float:
+def updated_damping(damping: float, ratio: float) -> float:
     """Damping of the next step, by the ``ratio`` of what the last one gained to what was expected of it."""
     if ratio > _AS_PROMISED:
         return max(damping * _LESS_DAMPING, _LEAST_DAMPING)
@@ -202,7 +202,7 @@ def damped(damping: float, ratio: float) -> float:
     return damping
 
 
-def with_curvature(information: FloatArray, been: Sequence[tuple[FloatArray, FloatArray]]) -> FloatArray:
+def with_bfgs_updates(information: FloatArray, been: Sequence[tuple[FloatArray, FloatArray]]) -> FloatArray:
     """``information`` with the curvature between the points and gradients of before, last of all the latest.
 
     Far from white innovations the information promises too little of it, and scoring alone crawls. It is told by

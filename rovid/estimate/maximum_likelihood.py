@@ -11,26 +11,26 @@ from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
 from rovid.core.formatting import significant
 from rovid.effects import Effect
-from rovid.estimate.dataset import Records
+from rovid.estimate.dataset import FitData
 from rovid.estimate.estimate import PER_INERTIA, Estimate
-from rovid.estimate.filter_data import Readings
-from rovid.estimate.fit_result import Fitted, climbed
-from rovid.estimate.innovation_likelihood import InnovationMisfit
+from rovid.estimate.filter_data import InnovationData
+from rovid.estimate.fit_result import FitResult, fit
+from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from rovid.estimate.instrumental_variables import require_inertia
-from rovid.estimate.misspecification import TRIAL_ITERATIONS, form_doubt
-from rovid.estimate.multi_step_data import HorizonRecords
-from rovid.estimate.multi_step_likelihood import HorizonMisfit
-from rovid.estimate.output_error import CERTAINTY, fit_free_run, free_run_r2
+from rovid.estimate.misspecification import COARSE_ITERATIONS, misspecification_covariance
+from rovid.estimate.multi_step_data import MultiStepData
+from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
+from rovid.estimate.output_error import MIN_INERTIA_SIGMAS, fit_output_error, free_run_r2
 from rovid.model.model import Model
 from rovid.signals.preprocessing import Run
 from rovid.trial.vehicle import Vehicle
 
 # Upper limits of the disturbance, as shares of the torque in use. Without a limit the disturbance explains whatever
 # the model does not, and the parameters go where they like.
-LIMITS = (0.05, 0.02, 0.01, 0.005)
+DISTURBANCE_LIMITS = (0.05, 0.02, 0.01, 0.005)
 # Where the free-running simulation of the plain model is worse than this, the model misses so much that no limit of
 # the disturbance is right: the simulation itself is then what is fitted.
-TRUSTED_R2 = 0.93
+INNOVATIONS_R2 = 0.93
 # The free-running simulation may lose this much R^2 against the fit that looks at nothing else.
 _R2_LOSS = 0.01
 # Where the disturbance is at its limit, the fit is tried again with this many times as much.
@@ -68,7 +68,7 @@ class LikelihoodFit:
     disturbance: float
     correlation_time: float
     position_noise: float
-    integrated: bool
+    rate_only: bool
     limit: float
     at_limit: bool
     white: bool
@@ -105,70 +105,72 @@ def fit_likelihood(
         raise DataError(
             f"no {axis.rate_words} is logged.",
             where="--gyro",
-            mend=f"Map {axis.rate} in [signals] of rovid.toml, or leave it out.",
+            mend=f"Map {axis.rate_signal} in [signals] of rovid.toml, or leave it out.",
         )
-    start = fit_free_run(runs, certainty=0.0 if effects else CERTAINTY)
-    records = Readings(runs, vehicle, start, gyro=gyro)
-    simulation_r2 = free_run_r2(runs, records.start)
-    fitted = fit_base(records, simulation_r2) if simulation_r2 >= TRUSTED_R2 else fit_horizons(records)
+    start = fit_output_error(runs, min_sigmas=0.0 if effects else MIN_INERTIA_SIGMAS)
+    records = InnovationData(runs, vehicle, start, gyro=gyro)
+    simulation_r2 = free_run_r2(runs, records.initial_model)
+    fitted = fit_innovations(records, simulation_r2) if simulation_r2 >= INNOVATIONS_R2 else fit_multi_step(records)
     if effects:
-        fitted = with_effects(fitted, effects)
+        fitted = add_effects(fitted, effects)
     return _result(fitted, simulation_r2)
 
 
-def fit_base(records: Readings, simulation_r2: float) -> Fitted:
+def fit_innovations(records: InnovationData, simulation_r2: float) -> FitResult:
     """Without effects, under the first limit of the disturbance whose free-running R^2 is near ``simulation_r2``.
 
     Where there is none, under that whose R^2 is best.
     """
     tried = []
-    for limit in LIMITS:
-        misfit = InnovationMisfit(records, limit)
-        fitted = climbed(misfit, misfit.coordinates.first())
+    for limit in DISTURBANCE_LIMITS:
+        misfit = InnovationLikelihood(records, limit)
+        fitted = fit(misfit, misfit.parametrization.initial())
         tried.append(fitted)
         if fitted.simulated_r2 >= simulation_r2 - _R2_LOSS:
             break
     return max(tried, key=lambda one: one.simulated_r2)
 
 
-def fit_horizons(records: Records) -> Fitted:
+def fit_multi_step(records: FitData) -> FitResult:
     """Without effects, by predictions some time ahead."""
-    misfit = HorizonMisfit(HorizonRecords.of(records, records.start))
-    return climbed(misfit, misfit.coordinates.first())
+    misfit = MultiStepLikelihood(MultiStepData.from_data(records, records.initial_model))
+    return fit(misfit, misfit.parametrization.initial())
 
 
-def with_effects(bare: Fitted, effects: tuple[Effect, ...]) -> Fitted:
+def add_effects(bare: FitResult, effects: tuple[Effect, ...]) -> FitResult:
     """Continue from the fit without effects: the likeliest of all starts, its disturbance then limited anew."""
-    misfit, better = bare.misfit, [bare.shared]
+    misfit, better = bare.objective, [bare.common_coordinates]
     for count in range(1, len(effects) + 1):
-        misfit = bare.misfit.like(effects[:count], bare.misfit.counted)
-        begins = [np.concatenate((begin, start)) for begin in better for start in misfit.coordinates.starts()]
-        better = misfit.likeliest(begins, _TRIALS)
+        misfit = bare.objective.with_effects(effects[:count], bare.objective.mask)
+        begins = [
+            np.concatenate((begin, start)) for begin in better for start in misfit.parametrization.initial_values()
+        ]
+        better = misfit.most_likely(begins, _TRIALS)
     # A few steps tell which of the better starts leads lowest.
-    tried = [climbed(misfit, begin, iterations=TRIAL_ITERATIONS) for begin in better]
-    nearest = min(tried, key=lambda one: one.cost)
-    best = climbed(misfit, nearest.x)
+    tried = [fit(misfit, begin, iterations=COARSE_ITERATIONS) for begin in better]
+    nearest = min(tried, key=lambda one: one.value)
+    best = fit(misfit, nearest.x)
     # What the effects explain made errors correlate: now more of them may count.
-    recounted = misfit.recounted(best.model)
+    recounted = misfit.reweighted(best.model)
     if recounted is not misfit:
-        best = climbed(recounted, best.x)
-    return loosened(best)
+        best = fit(recounted, best.x)
+    return loosen_limit(best)
 
 
-def loosened(fitted: Fitted) -> Fitted:
+def loosen_limit(fitted: FitResult) -> FitResult:
     """``fitted`` anew under the widest limit at which the free-running simulation stays as good."""
-    wider = [limit for limit in LIMITS if limit > fitted.misfit.limit]
+    wider = [limit for limit in DISTURBANCE_LIMITS if limit > fitted.objective.limit]
     for limit in wider:
-        loose = climbed(fitted.misfit.under(limit), fitted.x)
+        loose = fit(fitted.objective.with_limit(limit), fitted.x)
         if loose.simulated_r2 >= fitted.simulated_r2 - _R2_LOSS:
             return loose
     return fitted
 
 
-def _result(best: Fitted, simulation_r2: float) -> LikelihoodFit:
+def _result(best: FitResult, simulation_r2: float) -> LikelihoodFit:
     fitted = best.canonical()
-    model, records = fitted.model, fitted.records
-    doubt, said = form_doubt(fitted)
+    model, records = fitted.model, fitted.data
+    doubt, said = misspecification_covariance(fitted)
     covariance = fitted.covariance(sandwich=not fitted.is_white)
     if fitted.at_limit:
         covariance = covariance + _by_limit(fitted)
@@ -177,26 +179,26 @@ def _result(best: Fitted, simulation_r2: float) -> LikelihoodFit:
         axis=model.axis,
         values=model.values,
         covariance=covariance,
-        method=fitted.misfit.method,
+        method=fitted.objective.method,
         samples=sum(int(run.trial.measured.sum()) for run in records.runs),
         warnings=(*_warnings(fitted), *said),
     )
-    if not records.driven:
+    if not records.has_actuators:
         estimate = estimate.undriven()
-    require_inertia(estimate, CERTAINTY)
+    require_inertia(estimate, MIN_INERTIA_SIGMAS)
     # The vehicle was excited; how far another form would move the answer is another matter.
     estimate = replace(estimate, covariance=estimate.covariance + doubt)
-    estimate = estimate.with_scale_doubt(fitted.scale_doubt)
+    estimate = estimate.with_thrust_scale_uncertainty(fitted.thrust_scale_uncertainty)
     disturbance, memory = fitted.disturbance
     return LikelihoodFit(
         estimate=estimate,
         model=model,
-        log_likelihood=-fitted.cost,
+        log_likelihood=-fitted.value,
         disturbance=disturbance,
         correlation_time=memory,
-        position_noise=fitted.misfit.position_noise(fitted.x),
-        integrated=records.integrated,
-        limit=fitted.misfit.limit,
+        position_noise=fitted.objective.position_noise(fitted.x),
+        rate_only=records.rate_only,
+        limit=fitted.objective.limit,
         at_limit=fitted.at_limit,
         white=fitted.is_white,
         free_run_r2=best.simulated_r2,
@@ -204,18 +206,18 @@ def _result(best: Fitted, simulation_r2: float) -> LikelihoodFit:
     )
 
 
-def _by_limit(fitted: Fitted) -> FloatArray:
+def _by_limit(fitted: FitResult) -> FloatArray:
     """(p, p) what the limit of the disturbance adds, which is a choice: what a looser one would change."""
-    looser = climbed(fitted.misfit.under(_LOOSER * fitted.misfit.limit), fitted.x)
+    looser = fit(fitted.objective.with_limit(_LOOSER * fitted.objective.limit), fitted.x)
     shift = looser.model.values - fitted.model.values
     return np.outer(shift, shift)
 
 
-def _warnings(fitted: Fitted) -> list[str]:
+def _warnings(fitted: FitResult) -> list[str]:
     texts = []
     if fitted.at_limit:
         texts.append(_at_limit(fitted))
-    texts += fitted.misfit.caveats
+    texts += fitted.objective.caveats
     if not fitted.is_white:
         texts.append(
             "The innovations are not white: the standard errors come from the scatter between stretches of the "
@@ -226,13 +228,13 @@ def _warnings(fitted: Fitted) -> list[str]:
     return texts
 
 
-def _at_limit(fitted: Fitted) -> str:
+def _at_limit(fitted: FitResult) -> str:
     """What is said where the disturbance would be larger than it may be."""
-    axis, limit = fitted.records.axis, fitted.misfit.limit
-    per_inertia = "" if fitted.records.driven else PER_INERTIA
-    most = f"{significant(limit * fitted.records.torque, 3)} {axis.push_unit}{per_inertia}"
+    axis, limit = fitted.data.axis, fitted.objective.limit
+    per_inertia = "" if fitted.data.has_actuators else PER_INERTIA
+    most = f"{significant(limit * fitted.data.rms_torque, 3)} {axis.force_unit}{per_inertia}"
     return (
-        f"The disturbance {axis.push} would exceed {100 * limit:.2g} % of the {axis.push} in use "
+        f"The disturbance {axis.force_name} would exceed {100 * limit:.2g} % of the {axis.force_name} in use "
         f"({most}): the model misses something that these data show. The standard errors include what "
         f"a limit {_LOOSER:g} times as high would change."
     )

@@ -9,11 +9,11 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.core.formatting import significant
-from rovid.estimate.fit_result import Fitted, climbed
+from rovid.estimate.fit_result import FitResult, fit
 from rovid.model.parameter_names import unit_of
 
 # A few steps of a climb.
-TRIAL_ITERATIONS = 4
+COARSE_ITERATIONS = 4
 # The answers of short and of long horizons are apart from so many joint errors on.
 _APART = 3.0
 # Of a difference between two answers, so much may either be off.
@@ -27,7 +27,7 @@ class _Answer(NamedTuple):
     variances: FloatArray
 
 
-def form_doubt(fitted: Fitted) -> tuple[FloatArray, list[str]]:
+def misspecification_covariance(fitted: FitResult) -> tuple[FloatArray, list[str]]:
     """(p, p) what is added to the sandwich of all parameters for a form that is not nature's, and what is said of it.
 
     Predictions miss much the same in every stretch of the logs, which then scatters less than their errors would by
@@ -36,18 +36,18 @@ def form_doubt(fitted: Fitted) -> tuple[FloatArray, list[str]]:
     Short horizons and long ones would ask for the same parameters, were the model right. Half of what they are apart
     beyond chance is how far another choice of horizons might move them.
     """
-    parts = fitted.misfit.short_and_long()
+    parts = fitted.objective.split_horizons()
     if parts is None:
         count = len(fitted.model.names)
         return np.zeros((count, count)), []
     scatter = np.diag(fitted.covariance(sandwich=True))
     least = np.diag(fitted.covariance(sandwich=False))
     doubt = np.diag(np.maximum(least - scatter, 0.0))
-    if min(part.count for part in parts) <= len(fitted.x):
+    if min(part.effective_count for part in parts) <= len(fitted.x):
         return doubt, []
     answers = []
     for part in parts:
-        alone = climbed(part, fitted.x, iterations=2 * TRIAL_ITERATIONS)
+        alone = fit(part, fitted.x, iterations=2 * COARSE_ITERATIONS)
         variances = np.diag(alone.covariance(sandwich=True))
         answers.append(_Answer(alone.model.values, variances))
     short, long = answers
@@ -57,7 +57,7 @@ def form_doubt(fitted: Fitted) -> tuple[FloatArray, list[str]]:
     return doubt + np.outer(half, half), _said(fitted, short, long)
 
 
-def _said(fitted: Fitted, short: _Answer, long: _Answer) -> list[str]:
+def _said(fitted: FitResult, short: _Answer, long: _Answer) -> list[str]:
     """What is said of inertia or drag where the answers of short and of long horizons are farthest apart."""
     apart = short.values - long.values
     chance = short.variances + long.variances
@@ -65,7 +65,7 @@ def _said(fitted: Fitted, short: _Answer, long: _Answer) -> list[str]:
     if abs(apart[worst]) <= _APART * math.sqrt(chance[worst]):
         return []
     name = fitted.model.names[worst]
-    words, unit = name.replace("_", " "), unit_of(name, fitted.records.axis)
+    words, unit = name.replace("_", " "), unit_of(name, fitted.data.axis)
     near, far = (f"{significant(answer.values[worst], 3)} {unit}" for answer in (short, long))
     text = (
         f"Predictions up to one time constant ahead ask for another {words} ({near}) than "

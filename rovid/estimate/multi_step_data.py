@@ -16,12 +16,12 @@ from typing import ClassVar, Self
 import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
-from rovid.estimate.dataset import Records
-from rovid.estimate.interval_means import Means, held_since
-from rovid.estimate.restart_grid import HORIZONS, MOST_RESTARTS, RESTARTS, Course, Courses, Motion, course_of
+from rovid.estimate.dataset import FitData
+from rovid.estimate.interval_means import IntervalMeans, held_rows
+from rovid.estimate.restart_grid import HORIZONS, MOST_RESTARTS, RESTARTS, GriddedRun, GriddedRuns, Trajectory, grid_run
 from rovid.model.model import Model
-from rovid.model.torque_input import Drive
-from rovid.signals.rates import on_grid
+from rovid.model.torque_input import TorqueInput
+from rovid.signals.rates import resample
 
 # Time constants that a stretch lasts whose errors are taken together.
 _BLOCK, _BLOCKS = 8.0, 12
@@ -30,7 +30,7 @@ _MOST = 200.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class HorizonRecords(Records):
+class MultiStepData(FitData):
     """Predictions of the position from restarts.
 
     Attributes
@@ -42,28 +42,28 @@ class HorizonRecords(Records):
     """
 
     time_constant: float
-    share: FloatArray
+    weights: FloatArray
 
-    means_alone: ClassVar[bool] = True
+    means_only: ClassVar[bool] = True
 
     @classmethod
-    def of(cls, records: Records, model: Model) -> Self:
+    def from_data(cls, records: FitData, model: Model) -> Self:
         """With the shares that the errors of ``model`` leave."""
-        constant = time_constant(records.start, records.rate)
+        constant = time_constant(records.initial_model, records.rms_rate)
         fresh = cls(
             runs=records.runs,
             vehicle=records.vehicle,
-            start=records.start,
+            initial_model=records.initial_model,
             gyro=records.gyro,
             time_constant=constant,
-            share=np.ones(len(HORIZONS)),
+            weights=np.ones(len(HORIZONS)),
         )
-        return fresh.counting(model)
+        return fresh.reweighted(model)
 
-    def counting(self, model: Model) -> Self:
+    def reweighted(self, model: Model) -> Self:
         """The same with the shares that the errors of ``model`` leave."""
-        errors = predictions(self, model, self.drives_between(model))
-        return replace(self, share=_shares(self, errors))
+        errors = prediction_errors(self, model, self.torque_between_steps(model))
+        return replace(self, weights=_shares(self, errors))
 
     @property
     def interval(self) -> float:
@@ -73,53 +73,53 @@ class HorizonRecords(Records):
     @cached_property
     def steps(self) -> list[IntArray]:
         """(n,) of each run, which of the log's instants what the grid has is held since."""
-        pairs = [(course.run.trial.time, course.time) for course in self.courses.each]
-        return [held_since(time, grid) for time, grid in pairs]
+        pairs = [(course.run.trial.time, course.time) for course in self.gridded.runs]
+        return [held_rows(time, grid) for time, grid in pairs]
 
-    def drives_between(self, model: Model) -> Drive:
+    def torque_between_steps(self, model: Model) -> TorqueInput:
         """What drives the runs from each instant that is looked at to the next."""
         return self._driving.between_steps(model)
 
-    def means(self, series: FloatArray) -> FloatArray:
+    def interval_means(self, series: FloatArray) -> FloatArray:
         """(m,) means from each instant of the grids to the next, of an (n,) series at all or at the chosen instants."""
         if len(series) not in self._means:
-            at = self._driving.chosen(len(series))
+            at = self._driving.chosen_rows(len(series))
             times = [run.trial.time[here] for run, here in zip(self.runs, at, strict=True)]
-            self._means[len(series)] = Means.onto(times, [course.time for course in self.courses.each])
-        return self._means[len(series)].of(series)
+            self._means[len(series)] = IntervalMeans.between_grids(times, [course.time for course in self.gridded.runs])
+        return self._means[len(series)].apply(series)
 
     @cached_property
-    def _means(self) -> dict[int, Means]:
+    def _means(self) -> dict[int, IntervalMeans]:
         """By how many instants they are of."""
-        whole = self.courses.means
+        whole = self.gridded.interval_means
         return {len(whole.length): whole}
 
     @cached_property
-    def courses(self) -> Courses:
+    def gridded(self) -> GriddedRuns:
         """What was measured of each run."""
         total = sum(float(np.ptp(run.trial.time)) for run in self.runs)
         between = max(RESTARTS * self.time_constant, total / MOST_RESTARTS)
-        return Courses([course_of(run, self.time_constant, between) for run in self.runs])
+        return GriddedRuns([grid_run(run, self.time_constant, between) for run in self.runs])
 
     @cached_property
-    def spans(self) -> list[tuple[FloatArray, FloatArray]]:
+    def innovation_spans(self) -> list[tuple[FloatArray, FloatArray]]:
         """Of each run the (n,) s at which each prediction begins and ends."""
-        return [(course.time[course.grid.starts], course.time[course.grid.ends]) for course in self.courses.each]
+        return [(course.time[course.grid.starts], course.time[course.grid.ends]) for course in self.gridded.runs]
 
     @cached_property
     def horizon(self) -> IntArray:
         """(N,) index of the horizon of each prediction."""
-        return np.concatenate([course.horizon for course in self.courses.each])
+        return np.concatenate([course.horizon for course in self.gridded.runs])
 
     @property
-    def readings(self) -> float:
+    def effective_count(self) -> float:
         """How many predictions count."""
-        return float(self.share[self.horizon].sum())
+        return float(self.weights[self.horizon].sum())
 
     @property
     def block_seconds(self) -> float:
         """Length of a stretch whose predictions are taken together."""
-        total = sum(float(np.ptp(course.time)) for course in self.courses.each)
+        total = sum(float(np.ptp(course.time)) for course in self.gridded.runs)
         return min(_BLOCK * self.time_constant, total / _BLOCKS)
 
 
@@ -127,66 +127,68 @@ def time_constant(model: Model, rate: float) -> float:
     """Seconds in which a motion at ``rate`` dies out, or a third of a swing to and fro where that is less."""
     slope = 2.0 * model.quadratic_drag * rate + model.linear_drag
     constant = model.inertia / max(slope, 1e-12)
-    if model.swing > 0.0:
-        return min(constant, 2.0 / model.swing)
+    if model.natural_frequency > 0.0:
+        return min(constant, 2.0 / model.natural_frequency)
     return constant
 
 
-def predictions(records: HorizonRecords, model: Model, drive: Drive) -> FloatArray:
+def prediction_errors(records: MultiStepData, model: Model, drive: TorqueInput) -> FloatArray:
     """(N,) predicted less measured position of every prediction, in rad or m, under the ``drive``."""
-    from rovid.model.kernels import predict
+    from rovid.model.kernels import predict_multi_step
 
-    courses, grid = records.courses, records.courses.grid
+    courses, grid = records.gridded, records.gridded.grid
     if not grid.starts.size:
         return np.empty(0)
-    motion = courses.motion
-    if model.instrument.deviates:
-        motion = Motion.joined([_true_motion(course, model) for course in courses.each])
-    torque = courses.torque if model.drivetrain.is_plain else records.means(drive.torque)
+    motion = courses.trajectory
+    if model.heading_sensor.deviates:
+        motion = Trajectory.concatenated([_true_motion(course, model) for course in courses.runs])
+    torque = courses.torque if model.actuators.is_plain else records.interval_means(drive.torque)
     beside = _beside(records, drive)
-    here = (torque, beside, motion.rate, motion.turned, _states(courses, model, motion, torque, beside))
+    here = (torque, beside, motion.rate, motion.angle, _states(courses, model, motion, torque, beside))
     start = courses.starts[grid.run]
-    moved = predict(grid.period, *here, grid.restarts, grid.reach, start, model.body, model.terms)
-    ahead = moved[grid.number, grid.ends - grid.starts]
-    measured = motion.turned[grid.ends] - motion.turned[grid.starts]
+    moved = predict_multi_step(grid.period, *here, grid.restarts, grid.reach, start, model.body, model.terms)
+    ahead = moved[grid.restart_number, grid.ends - grid.starts]
+    measured = motion.angle[grid.ends] - motion.angle[grid.starts]
     # What is predicted is the position as it is measured, whatever that deviates by.
     return np.asarray((ahead - measured) * motion.slope[grid.ends])
 
 
-def _true_motion(course: Course, model: Model) -> Motion:
+def _true_motion(course: GriddedRun, model: Model) -> Trajectory:
     """What was measured of it, without the deviation of the heading."""
     trial, rates = course.run.trial, course.run.rates
-    true, slopes = model.instrument.as_true(trial.position)
-    off = on_grid(trial, true - trial.position, rates.time)
+    true, slopes = model.heading_sensor.to_true(trial.position)
+    off = resample(trial, true - trial.position, rates.time)
     every = round(course.period / rates.kernel.period)
     slope = np.interp(course.time, trial.time, slopes)
-    return Motion.of(course.time, course.angle + off[::every], course.motion.rate / slope, slope)
+    return Trajectory.of(course.time, course.angle + off[::every], course.trajectory.rate / slope, slope)
 
 
-def _beside(records: HorizonRecords, drive: Drive) -> FloatArray:
+def _beside(records: MultiStepData, drive: TorqueInput) -> FloatArray:
     """(n, m) what acts beside the thrusters, on the grid."""
-    beside = np.zeros((len(records.courses.torque), drive.beside.shape[1]))
-    if not drive.is_told:
+    beside = np.zeros((len(records.gridded.torque), drive.effect_inputs.shape[1]))
+    if not drive.has_effect_inputs:
         return beside
-    for column, series in zip(beside.T, drive.beside.T, strict=True):
+    for column, series in zip(beside.T, drive.effect_inputs.T, strict=True):
         if series.any():
-            column[:] = records.means(series)
+            column[:] = records.interval_means(series)
     return beside
 
 
-def _states(courses: Courses, model: Model, motion: Motion, torque: FloatArray, beside: FloatArray) -> FloatArray:
+def _states(
+    courses: GriddedRuns, model: Model, motion: Trajectory, torque: FloatArray, beside: FloatArray
+) -> FloatArray:
     """(n, k * TERM_STATES) of the terms of ``model``, on the grid."""
     from rovid.model.kernels import effects_along
 
     if not model.terms.remembering:
         return np.zeros((len(torque), 0))
-    course = np.column_stack((motion.moving, motion.turned, torque))
-    begins = courses.means.grid_begins
+    course = np.column_stack((motion.bridged_rate, motion.angle, torque))
+    begins = courses.interval_means.grid_begins
     _, states = effects_along(begins, courses.periods, course, beside, courses.starts, model.body, model.terms)
     return np.asarray(states)
 
 
-def _shares(records: HorizonRecords, errors: FloatArray) -> FloatArray:
+def _shares(records: MultiStepData, errors: FloatArray) -> FloatArray:
     """(q,) how much each prediction counts: neighbours in time, and horizons from one restart, tell much the same."""
     count = len(HORIZONS)
     share, readings = np.zeros(count), np.zeros(count)
@@ -200,15 +202,15 @@ def _shares(records: HorizonRecords, errors: FloatArray) -> FloatArray:
     return share * together / (1.0 + independent / _MOST)
 
 
-def _tables(records: HorizonRecords, errors: FloatArray) -> list[FloatArray]:
+def _tables(records: MultiStepData, errors: FloatArray) -> list[FloatArray]:
     """Of each run the (restarts, horizons) errors; NaN where there is none."""
     tables, at = [], 0
-    for course in records.courses.each:
+    for course in records.gridded.runs:
         grid = course.grid
         mine = errors[at : at + len(grid.starts)]
         at += len(grid.starts)
         table = np.full((len(grid.restarts), len(HORIZONS)), np.nan)
-        table[grid.number, course.horizon] = mine
+        table[grid.restart_number, course.horizon] = mine
         tables.append(table)
     return tables
 

@@ -11,13 +11,13 @@ from typing import ClassVar, Self
 import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
-from rovid.core.threads import spread
+from rovid.core.threads import thread_map
 from rovid.effects.base import Term
 from rovid.estimate.dataset import ANGLE_NOISE_FLOOR
 from rovid.estimate.fisher_information import Innovations
-from rovid.estimate.multi_step_data import HorizonRecords, predictions
-from rovid.estimate.objective import Misfit
-from rovid.estimate.parametrization import DISTURBANCE, NOISE, Coordinates
+from rovid.estimate.multi_step_data import MultiStepData, prediction_errors
+from rovid.estimate.objective import NegativeLogLikelihood
+from rovid.estimate.parametrization import DISTURBANCE, NOISE, Parametrization
 from rovid.estimate.restart_grid import GRID, HORIZONS
 from rovid.model.model import Model
 
@@ -33,37 +33,37 @@ _NO_GYRO = "--gyro has no say there: what is predicted is the position."
 
 
 @dataclass(frozen=True, eq=False)
-class HorizonMisfit(Misfit):
+class MultiStepLikelihood(NegativeLogLikelihood):
     """Negative log-likelihood of predictions of the position.
 
     The disturbance's and the noise's coordinates have no say: the size of the errors over each horizon is that which
     there is.
     """
 
-    records: HorizonRecords
+    data: MultiStepData
     limit: float = math.inf
 
     method: ClassVar[str] = "maximum likelihood of predictions over half to eight time constants"
     # Of least squares with a variance of their own the information promises what there is.
-    remembered: ClassVar[int] = 0
-    profiled: ClassVar[bool] = True
-    spare: ClassVar[int] = 0
+    bfgs_pairs: ClassVar[int] = 0
+    profiles_variance: ClassVar[bool] = True
+    simd_slots_left: ClassVar[int] = 0
     is_smooth: ClassVar[bool] = False
 
     @cached_property
-    def coordinates(self) -> Coordinates:
+    def parametrization(self) -> Parametrization:
         """Within physical bounds; what has no say is held, and states are no faster than the grid."""
-        coordinates = Coordinates.of(self.records, self.effects, self.limit)
+        coordinates = Parametrization.of(self.data, self.effects, self.limit)
         idle = slice(DISTURBANCE, NOISE + 1)
         coordinates.low[idle] = coordinates.high[idle] = 0.0
         self._bound_states(coordinates)
         return coordinates
 
-    def _bound_states(self, coordinates: Coordinates) -> None:
+    def _bound_states(self, coordinates: Parametrization) -> None:
         """Keep the states of effects no faster than the grid: such an effect is told by no prediction."""
-        grid = GRID * self.records.time_constant
+        grid = GRID * self.data.time_constant
         low, high = coordinates.bounds
-        for at, effect, parameter in coordinates.of_effects():
+        for at, effect, parameter in coordinates.effect_parameters():
             if not (isinstance(effect.acts, Term) and effect.acts.fastest):
                 continue
             if parameter.name == "time_constant":
@@ -74,65 +74,67 @@ class HorizonMisfit(Misfit):
     @cached_property
     def _horizon(self) -> IntArray:
         """(N,) index of the horizon of each prediction that counts."""
-        return self.of_counted(self.records.horizon)
+        return self.masked(self.data.horizon)
 
     @cached_property
     def weight(self) -> FloatArray:
         """(N,) how much each prediction counts, for neighbours tell much the same."""
-        return self.records.share[self._horizon]
+        return self.data.weights[self._horizon]
 
     @property
     def caveats(self) -> tuple[str, ...]:
         """That each next reading was not what was looked at."""
-        if self.records.gyro:
+        if self.data.gyro:
             return _CAVEAT, _NO_GYRO
         return (_CAVEAT,)
 
-    def sizes(self, error: FloatArray) -> FloatArray:
+    def mean_squares(self, error: FloatArray) -> FloatArray:
         """(q,) mean squares of the errors over each horizon."""
         return _mean_squares(self._horizon, error)
 
-    def innovations_of(self, points: Sequence[FloatArray]) -> list[Innovations]:
+    def evaluate(self, points: Sequence[FloatArray]) -> list[Innovations]:
         """Of each of the (p,) ``points``, (N,) errors of the predictions in rad or m, and mean squares by horizon."""
         return [self._innovations(x) for x in points]
 
-    def about(self, x: FloatArray, near: Sequence[FloatArray], centre: Innovations | None = None) -> list[Innovations]:
+    def evaluate_nearby(
+        self, x: FloatArray, near: Sequence[FloatArray], centre: Innovations | None = None
+    ) -> list[Innovations]:
         """As `innovations_of`, of ``x`` and points ``near`` it; at ``x`` they are ``centre``."""
         if centre is None:
-            return spread(self._innovations, [x, *near])
-        return [centre, *spread(self._innovations, near)]
+            return thread_map(self._innovations, [x, *near])
+        return [centre, *thread_map(self._innovations, near)]
 
     @property
-    def abreast(self) -> Hashable:
+    def batch_key(self) -> Hashable:
         """Itself: one is looked at after the other."""
         return id(self)
 
     @classmethod
-    def of_each(cls, pairs: Sequence[tuple[Self, FloatArray]]) -> list[Innovations]:
+    def evaluate_each(cls, pairs: Sequence[tuple[Self, FloatArray]]) -> list[Innovations]:
         """As `innovations_of`, of misfits of the same records, each at a point of its own; on all cores at once."""
-        return spread(lambda pair: pair[0].innovations(pair[1]), pairs)
+        return thread_map(lambda pair: pair[0].innovations(pair[1]), pairs)
 
     def _innovations(self, x: FloatArray) -> Innovations:
-        model = self.coordinates.model(x)
+        model = self.parametrization.model(x)
         with np.errstate(over="ignore", invalid="ignore"):
-            error = predictions(self.records, model, self.records.drives_between(model))
-            if self.counted is not None:
-                error = error[self.counted]
+            error = prediction_errors(self.data, model, self.data.torque_between_steps(model))
+            if self.mask is not None:
+                error = error[self.mask]
             # Even a model that runs away is to be compared with others.
             error = np.nan_to_num(error, nan=_FAR_OFF, posinf=_FAR_OFF, neginf=-_FAR_OFF)
-            return Innovations(error, self._variances(self.sizes(error))[self._horizon])
+            return Innovations(error, self._variances(self.mean_squares(error))[self._horizon])
 
-    def held_out_costs(self, tests: Sequence[Self], fits: Sequence[FloatArray]) -> list[float]:
+    def held_out_values(self, tests: Sequence[Self], fits: Sequence[FloatArray]) -> list[float]:
         """Cost of each of ``tests`` with the coordinates that were fitted to others.
 
         The size of the errors is taken over all tests.
         """
         errors = [test.innovations(x).error for test, x in zip(tests, fits, strict=True)]
-        horizons = [test.of_counted(self.records.horizon) for test in tests]
+        horizons = [test.masked(self.data.horizon) for test in tests]
         sizes = _mean_squares(np.concatenate(horizons), np.concatenate(errors))
         costs = []
         for test, error, horizon in zip(tests, errors, horizons, strict=True):
-            costs.append(test.cost_of(Innovations(error, self._variances(sizes)[horizon])))
+            costs.append(test.value_of(Innovations(error, self._variances(sizes)[horizon])))
         return costs
 
     @staticmethod
@@ -140,14 +142,14 @@ class HorizonMisfit(Misfit):
         """(q,) mean squares, and no less than two readings are off by at best: a few may all be met by chance."""
         return np.maximum(sizes, 2.0 * ANGLE_NOISE_FLOOR**2)
 
-    def recounted(self, model: Model) -> Self:
+    def reweighted(self, model: Model) -> Self:
         """The same with as many predictions counted as the errors of ``model`` leave."""
-        return replace(self, records=self.records.counting(model))
+        return replace(self, data=self.data.reweighted(model))
 
-    def short_and_long(self) -> tuple[Self, Self]:
+    def split_horizons(self) -> tuple[Self, Self]:
         """The predictions over horizons below the middle one, and those above it."""
-        horizon = self.records.horizon
-        return self.like(self.effects, horizon < _MIDDLE), self.like(self.effects, horizon > _MIDDLE)
+        horizon = self.data.horizon
+        return self.with_effects(self.effects, horizon < _MIDDLE), self.with_effects(self.effects, horizon > _MIDDLE)
 
     def at_limit(self, x: FloatArray) -> bool:  # noqa: ARG002 - as every misfit
         """False: nothing is set aside as a disturbance."""
@@ -155,22 +157,22 @@ class HorizonMisfit(Misfit):
 
     def disturbance(self, x: FloatArray) -> tuple[float, float]:
         """Standard deviation in N m and memory in s of a torque that would drive the errors of the shortest horizon."""
-        memory = self.records.time_constant
+        memory = self.data.time_constant
         span = HORIZONS[0] * memory
-        return 2.0 * self.coordinates.model(x).inertia * self._shortest_error(x) / span**2, memory
+        return 2.0 * self.parametrization.model(x).inertia * self._shortest_error(x) / span**2, memory
 
     def _shortest_error(self, x: FloatArray) -> float:
         """Root mean square of the errors of the shortest horizon."""
         error = self.innovations(x).error
-        return math.sqrt(float(self.sizes(error)[0]))
+        return math.sqrt(float(self.mean_squares(error)[0]))
 
-    def driven_rate(self, x: FloatArray) -> float:  # noqa: ARG002 - as every misfit
+    def disturbance_rate_std(self, x: FloatArray) -> float:  # noqa: ARG002 - as every misfit
         """Zero: none of the misfit is known to be a disturbance's."""
         return 0.0
 
     def position_noise(self, x: FloatArray) -> float:  # noqa: ARG002 - as every misfit
         """Standard deviation of the noise of what is measured, from its differences."""
-        return self.records.position_noise
+        return self.data.position_noise
 
 
 def _mean_squares(horizon: IntArray, error: FloatArray) -> FloatArray:

@@ -11,11 +11,17 @@ from typing import ClassVar, Self
 import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
-from rovid.core.threads import spread
+from rovid.core.threads import thread_map
 from rovid.effects import Effect
-from rovid.estimate.dataset import Records
-from rovid.estimate.fisher_information import Innovations, Slopes, costs, slopes_between, total_cost
-from rovid.estimate.parametrization import Coordinates
+from rovid.estimate.dataset import FitData
+from rovid.estimate.fisher_information import (
+    Innovations,
+    Jacobian,
+    jacobian_chunks,
+    negative_log_likelihoods,
+    total_negative_log_likelihood,
+)
+from rovid.estimate.parametrization import Parametrization
 from rovid.model.model import Model
 
 # A disturbance as large as the torque in use has no limit at all.
@@ -26,7 +32,7 @@ Key = tuple[float, frozenset[str]]
 
 
 @dataclass(frozen=True, eq=False)
-class Misfit(ABC):
+class NegativeLogLikelihood(ABC):
     """Negative log-likelihood of what was measured, as a function of scaled coordinates.
 
     Attributes
@@ -49,20 +55,20 @@ class Misfit(ABC):
         Whether differences between points near to each other are free of jumps.
     """
 
-    records: Records
+    data: FitData
     limit: float = UNLIMITED
     effects: tuple[Effect, ...] = ()
-    counted: BoolArray | None = None
+    mask: BoolArray | None = None
 
     method: ClassVar[str]
-    remembered: ClassVar[int]
-    profiled: ClassVar[bool]
-    spare: ClassVar[int]
+    bfgs_pairs: ClassVar[int]
+    profiles_variance: ClassVar[bool]
+    simd_slots_left: ClassVar[int]
     is_smooth: ClassVar[bool]
 
     @property
     @abstractmethod
-    def coordinates(self) -> Coordinates:
+    def parametrization(self) -> Parametrization:
         """What the coordinates stand for, and their bounds."""
 
     @property
@@ -76,19 +82,19 @@ class Misfit(ABC):
         """What has to be said wherever this is what was fitted, in full sentences."""
 
     @abstractmethod
-    def innovations_of(self, points: Sequence[FloatArray]) -> list[Innovations]:
+    def evaluate(self, points: Sequence[FloatArray]) -> list[Innovations]:
         """Of each of the (p,) ``points``, (N,) errors of predictions and their variances, but those not counted."""
 
     @abstractmethod
-    def held_out_costs(self, tests: Sequence[Self], fits: Sequence[FloatArray]) -> list[float]:
+    def held_out_values(self, tests: Sequence[Self], fits: Sequence[FloatArray]) -> list[float]:
         """Cost of each of ``tests`` with the coordinates that were fitted to others."""
 
     @abstractmethod
-    def recounted(self, model: Model) -> Self:
+    def reweighted(self, model: Model) -> Self:
         """The same with as many innovations counted as the errors of ``model`` leave; itself where all count anyway."""
 
     @abstractmethod
-    def short_and_long(self) -> tuple[Self, Self] | None:
+    def split_horizons(self) -> tuple[Self, Self] | None:
         """What looks a short time ahead alone, and what looks far; None where all look at the next reading."""
 
     @abstractmethod
@@ -100,7 +106,7 @@ class Misfit(ABC):
         """Standard deviation of the disturbance torque in N m, and its memory in s."""
 
     @abstractmethod
-    def driven_rate(self, x: FloatArray) -> float:
+    def disturbance_rate_std(self, x: FloatArray) -> float:
         """Standard deviation of the rate that the disturbance drives, about the usual rate."""
 
     @abstractmethod
@@ -108,7 +114,7 @@ class Misfit(ABC):
         """Standard deviation of the noise of what is measured."""
 
     @property
-    def portions(self) -> Sequence[Self]:
+    def chunks(self) -> Sequence[Self]:
         """The same of some of the innovations after the others, so that no more is held than takes such a portion."""
         return [self]
 
@@ -117,11 +123,11 @@ class Misfit(ABC):
         """Which of the innovations that count these are, where this is of a portion."""
         return slice(0, None)
 
-    def like(self, effects: tuple[Effect, ...], counted: BoolArray | None = None) -> Self:
+    def with_effects(self, effects: tuple[Effect, ...], counted: BoolArray | None = None) -> Self:
         """The same question asked of a model with other effects, or of other innovations."""
-        return replace(self, effects=effects, counted=counted)
+        return replace(self, effects=effects, mask=counted)
 
-    def under(self, limit: float) -> Self:
+    def with_limit(self, limit: float) -> Self:
         """The same with another limit of the disturbance."""
         return replace(self, limit=limit)
 
@@ -131,78 +137,82 @@ class Misfit(ABC):
         return self.limit, frozenset(effect.key for effect in self.effects)
 
     @property
-    def count(self) -> float:
+    def effective_count(self) -> float:
         """How many independent innovations there are."""
-        number = len(self.records.trial) if self.counted is None else int(self.counted.sum())
+        number = len(self.data.run_index) if self.mask is None else int(self.mask.sum())
         return float(np.sum(np.broadcast_to(self.weight, number)))
 
     @abstractmethod
-    def about(self, x: FloatArray, near: Sequence[FloatArray], centre: Innovations | None = None) -> list[Innovations]:
+    def evaluate_nearby(
+        self, x: FloatArray, near: Sequence[FloatArray], centre: Innovations | None = None
+    ) -> list[Innovations]:
         """As `innovations_of`, of ``x`` and points so ``near`` that differences count; at ``x`` they are ``centre``."""
 
     @property
     @abstractmethod
-    def abreast(self) -> Hashable:
+    def batch_key(self) -> Hashable:
         """What those have in common that can be looked at side by side, as many as come free with one."""
 
     @classmethod
     @abstractmethod
-    def of_each(cls, pairs: Sequence[tuple[Self, FloatArray]]) -> list[Innovations]:
+    def evaluate_each(cls, pairs: Sequence[tuple[Self, FloatArray]]) -> list[Innovations]:
         """As `innovations_of`, of misfits of the same records, each at a point of its own; on all cores at once."""
 
     def innovations(self, x: FloatArray) -> Innovations:
         """As `innovations_of`, of one point."""
-        return self.innovations_of([x])[0]
+        return self.evaluate([x])[0]
 
-    def costs_of(self, points: Sequence[FloatArray]) -> list[float]:
+    def values(self, points: Sequence[FloatArray]) -> list[float]:
         """Negative log-likelihood at each of the (p,) ``points``."""
-        each = spread(lambda portion: list(map(portion.cost_of, portion.innovations_of(points))), self.portions)
+        each = thread_map(lambda portion: list(map(portion.value_of, portion.evaluate(points))), self.chunks)
         return [sum(costs) for costs in zip(*each, strict=True)]
 
-    def likeliest(self, points: Sequence[FloatArray], count: int) -> list[FloatArray]:
+    def most_likely(self, points: Sequence[FloatArray], count: int) -> list[FloatArray]:
         """So many of the ``points``, the likeliest first."""
-        order = np.argsort(self.costs_of(points), kind="stable")
+        order = np.argsort(self.values(points), kind="stable")
         return [points[at] for at in order[:count]]
 
-    def cost(self, x: FloatArray) -> float:
+    def value(self, x: FloatArray) -> float:
         """Negative log-likelihood."""
-        return self.costs_of([x])[0]
+        return self.values([x])[0]
 
-    def cost_of(self, here: Innovations) -> float:
+    def value_of(self, here: Innovations) -> float:
         """Negative log-likelihood of innovations."""
-        return total_cost(here, self.weight)
+        return total_negative_log_likelihood(here, self.weight)
 
-    def costs(self, x: FloatArray) -> FloatArray:
+    def contributions(self, x: FloatArray) -> FloatArray:
         """(N,) what each innovation adds to the cost."""
-        return np.asarray(self.weight * costs(*self.innovations(x)))
+        return np.asarray(self.weight * negative_log_likelihoods(*self.innovations(x)))
 
-    def of_counted(self, series: IntArray) -> IntArray:
+    def masked(self, series: IntArray) -> IntArray:
         """(n,) those of (N,) ``series`` that belong to innovations that count."""
-        return series if self.counted is None else series[self.counted]
+        return series if self.mask is None else series[self.mask]
 
-    def looked(self, x: FloatArray) -> tuple[Innovations, list[Innovations]]:
+    def evaluate_with_spare(self, x: FloatArray) -> tuple[Innovations, list[Innovations]]:
         """What `innovations` gives at ``x``, and one step aside along as many coordinates as come free with it."""
-        centre, *sides = self.about(x, self._aside(x, self._free[: self.spare]))
+        centre, *sides = self.evaluate_nearby(x, self._aside(x, self._free[: self.simd_slots_left]))
         return centre, sides
 
-    def slopes(self, x: FloatArray, known: tuple[Innovations, Sequence[Innovations]] | None = None) -> Iterator[Slopes]:
+    def jacobian(
+        self, x: FloatArray, known: tuple[Innovations, Sequence[Innovations]] | None = None
+    ) -> Iterator[Jacobian]:
         """Slopes at ``x``, some innovations after the other.
 
         By forward differences, backward at an upper bound; on all cores at once. ``known`` is what was `looked` at
         already.
         """
-        for portion in self.portions:
+        for portion in self.chunks:
             own = known
             if known is not None and portion is not self:
-                own = known[0].of(portion.rows), [side.of(portion.rows) for side in known[1]]
-            yield from portion.slopes_between(*portion.beside(x, own), self._inward(x))
+                own = known[0].select(portion.rows), [side.select(portion.rows) for side in known[1]]
+            yield from portion.jacobian_between(*portion.perturbed(x, own), self._inward(x))
 
-    def beside(
+    def perturbed(
         self, x: FloatArray, known: tuple[Innovations, Sequence[Innovations]] | None = None
     ) -> tuple[Innovations, list[Innovations]]:
         """Innovations at ``x``, and one step aside along each coordinate; ``known`` is what was `looked` at already."""
-        centre, sides = self.looked(x) if known is None else known
-        _, *others = self.about(x, self._aside(x, self._free[len(sides) :]), centre)
+        centre, sides = self.evaluate_with_spare(x) if known is None else known
+        _, *others = self.evaluate_nearby(x, self._aside(x, self._free[len(sides) :]), centre)
         # Along a coordinate that has no choice nothing changes.
         every = [centre] * len(x)
         for at, side in zip(self._free, [*sides, *others], strict=True):
@@ -212,44 +222,46 @@ class Misfit(ABC):
     @cached_property
     def _free(self) -> list[int]:
         """Coordinates that have a choice."""
-        return np.flatnonzero(~self.coordinates.held()).tolist()
+        return np.flatnonzero(~self.parametrization.fixed()).tolist()
 
     def _inward(self, x: FloatArray) -> FloatArray:
         """(p,) step aside along each coordinate, within the bounds."""
-        step = self.coordinates.steps(x)
-        return np.where(x + step > self.coordinates.high, -step, step)
+        step = self.parametrization.difference_steps(x)
+        return np.where(x + step > self.parametrization.high, -step, step)
 
     def _aside(self, x: FloatArray, coordinates: Sequence[int], step: FloatArray | None = None) -> list[FloatArray]:
         """``x`` one ``step`` aside along each of the ``coordinates``."""
         step = self._inward(x) if step is None else step
         return [x + step[k] * (np.arange(len(x)) == k) for k in coordinates]
 
-    def flatter_slopes(self, x: FloatArray) -> Iterator[Slopes]:
+    def robust_jacobian(self, x: FloatArray) -> Iterator[Jacobian]:
         """As ``slopes``, but of the slopes ahead and behind the flatter for each innovation.
 
         Where a change cuts an interval into one step more, innovations jump by a part of their error. Over the short
         step of a slope that is more than all others together, but on one side alone.
         """
         if self.is_smooth:
-            yield from self.slopes(x)
+            yield from self.jacobian(x)
             return
-        centre, sides = self.beside(x)
-        ahead = self.slopes_between(centre, sides, self._inward(x))
-        low, high = self.coordinates.bounds
-        step = self.coordinates.steps(x)
+        centre, sides = self.perturbed(x)
+        ahead = self.jacobian_between(centre, sides, self._inward(x))
+        low, high = self.parametrization.bounds
+        step = self.parametrization.difference_steps(x)
         # At a bound there is one side, and along stairs all that is told is told by jumps.
         both = (x + step <= high) & (x - step >= low)
-        both[self.coordinates.stairs()] = False
+        both[self.parametrization.piecewise_constant()] = False
         twice = np.flatnonzero(both)
-        centre, *sides = self.about(x, self._aside(x, twice.tolist(), -step), centre)
-        behind = self.slopes_between(centre, sides, -step[twice])
+        centre, *sides = self.evaluate_nearby(x, self._aside(x, twice.tolist(), -step), centre)
+        behind = self.jacobian_between(centre, sides, -step[twice])
         for here, back in zip(ahead, behind, strict=True):
             forward = here.matrix[:, twice]
             here.matrix[:, twice] = np.where(np.abs(back.matrix) < np.abs(forward), back.matrix, forward)
             yield here
 
-    def slopes_between(self, centre: Innovations, sides: Sequence[Innovations], step: FloatArray) -> Iterator[Slopes]:
+    def jacobian_between(
+        self, centre: Innovations, sides: Sequence[Innovations], step: FloatArray
+    ) -> Iterator[Jacobian]:
         """Slopes from the innovations at a point and one ``step`` aside along each coordinate."""
-        if self.profiled:
+        if self.profiles_variance:
             sides = [side._replace(variance=centre.variance) for side in sides]
-        return slopes_between(centre, sides, step, self.weight, first=self.rows.start)
+        return jacobian_chunks(centre, sides, step, self.weight, first=self.rows.start)

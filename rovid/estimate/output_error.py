@@ -9,23 +9,23 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
-from rovid.core.spmd import shared
-from rovid.effects import restoring_of
-from rovid.estimate.instrumental_variables import fit_regression, fit_released
-from rovid.estimate.scaling import usual, usual_rate
+from rovid.core.spmd import parallel_map
+from rovid.effects import restoring_effect
+from rovid.estimate.instrumental_variables import fit_free_swings, fit_regression
+from rovid.estimate.scaling import rms, rms_rate
 from rovid.model.model import Model
-from rovid.model.simulation import compare, simulated_rate
-from rovid.model.torque_input import Drive
+from rovid.model.simulation import fit_measures, simulated_rate
+from rovid.model.torque_input import TorqueInput
 from rovid.signals.preprocessing import Run
 from rovid.trial.axis import Axis
 
 # An inertia nearer to nothing, in standard errors, is none: steady holds fit any.
-CERTAINTY = 2.0
+MIN_INERTIA_SIGMAS = 2.0
 # Of a trim in rad, or a lift in N.
 _LEAST = 1e-2
 
 
-def fit_free_run(runs: Sequence[Run], *, certainty: float = CERTAINTY) -> Model:
+def fit_output_error(runs: Sequence[Run], *, min_sigmas: float = MIN_INERTIA_SIGMAS) -> Model:
     """Least squares of measured less simulated rate, both behind the same filter, within physical bounds.
 
     Parameters
@@ -39,7 +39,7 @@ def fit_free_run(runs: Sequence[Run], *, certainty: float = CERTAINTY) -> Model:
     DataError
         The vehicle was not excited enough to start from.
     """
-    return _fitted(tuple(runs), certainty)
+    return _fitted(tuple(runs), min_sigmas)
 
 
 # A diagnosis asks of all trials, and of the parts of them, more than once.
@@ -49,10 +49,10 @@ def _fitted(runs: tuple[Run, ...], certainty: float) -> Model:
     from scipy.optimize import least_squares
 
     axis = runs[0].trial.axis
-    driven = runs[0].trial.driven
-    start = _start(runs, certainty) if driven else fit_released(runs).values
+    driven = runs[0].trial.has_actuators
+    start = _start(runs, certainty) if driven else fit_free_swings(runs).values
     # A drag at its bound still needs a scale to move by, and so do both; so does what weight and buoyancy do.
-    rate, torque = usual_rate(runs), usual([run.torque for run in runs])
+    rate, torque = rms_rate(runs), rms([run.torque for run in runs])
     drag = start[1] * rate + start[2] or torque
     scale = np.array([start[0], drag / rate, drag, *np.maximum(np.abs(start[3:]), _LEAST)])
     # Without a drive nothing tells the inertia.
@@ -86,7 +86,7 @@ def _start(runs: Sequence[Run], certainty: float) -> FloatArray:
     is as inert and as damped as makes both motion and torque what they usually are, if it dissipates power at all.
     """
     try:
-        return fit_regression(runs, certainty=certainty).estimate.values
+        return fit_regression(runs, min_sigmas=certainty).estimate.values
     except DataError:
         usual_motion = _from_usual_motion(runs)
         if certainty > 0.0 or usual_motion is None:
@@ -106,7 +106,7 @@ def _from_usual_motion(runs: Sequence[Run]) -> FloatArray | None:
     every = np.hstack(series)
     rate, change, torque = every[:, np.isfinite(every[:2]).all(axis=0)]
     power = float(torque @ rate)
-    if not power > 0.0 or restoring_of(runs[0].trial.axis) is not None:
+    if not power > 0.0 or restoring_effect(runs[0].trial.axis) is not None:
         return None
     inertia = float(np.linalg.norm(torque) / np.linalg.norm(change))
     drag = power / np.sum(np.abs(rate) ** 3)
@@ -117,7 +117,7 @@ def free_run_r2(runs: Sequence[Run], model: Model) -> float:
     """R^2 of the rate over all runs, each simulated freely from its first sample."""
     measured = np.concatenate([run.rates.rate for run in runs])
     simulated = np.concatenate([_simulated(run, model) for run in runs])
-    return compare(measured, simulated).r2
+    return fit_measures(measured, simulated).r2
 
 
 def _model(values: FloatArray, axis: Axis) -> Model:
@@ -134,9 +134,9 @@ def _model(values: FloatArray, axis: Axis) -> Model:
 def _misfit(runs: Sequence[Run], model: Model) -> FloatArray:
     """(N,) rad/s or m/s that the free-running rate is off in all runs."""
     # Where the filter has no answer nothing is missed.
-    return np.concatenate(shared(lambda run: np.nan_to_num(run.rates.rate - _simulated(run, model)), runs))
+    return np.concatenate(parallel_map(lambda run: np.nan_to_num(run.rates.rate - _simulated(run, model)), runs))
 
 
 def _simulated(run: Run, model: Model) -> FloatArray:
     """(n,) rate, free-running under the measured torque."""
-    return simulated_rate(run, model, Drive.held(run.torque))
+    return simulated_rate(run, model, TorqueInput.held(run.torque))

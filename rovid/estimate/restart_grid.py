@@ -10,10 +10,10 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
-from rovid.effects.actuator_inputs import bridged
-from rovid.estimate.interval_means import Means
+from rovid.effects.actuator_inputs import interpolate_gaps
+from rovid.estimate.interval_means import IntervalMeans
 from rovid.signals.preprocessing import Run
-from rovid.signals.rates import on_grid
+from rovid.signals.rates import resample
 
 # How far ahead, in time constants of the vehicle.
 HORIZONS = (0.5, 1.0, 2.0, 4.0, 8.0)
@@ -25,7 +25,7 @@ MOST_RESTARTS = 300
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Grid:
+class RestartGrid:
     """Where predictions begin and end, on the grid of one run or on those of several, one after the other.
 
     Attributes
@@ -43,12 +43,12 @@ class Grid:
     ends: IntArray
     restarts: IntArray
     reach: IntArray
-    number: IntArray
+    restart_number: IntArray
     run: IntArray
     period: FloatArray
 
     @classmethod
-    def joined(cls, courses: Sequence[Course]) -> Self:
+    def concatenated(cls, courses: Sequence[GriddedRun]) -> Self:
         """Those of all ``courses``."""
         starts, ends, restarts, number, run = [], [], [], [], []
         # How many instants, and how many restarts, there are in the runs before.
@@ -58,7 +58,7 @@ class Grid:
             starts.append(grid.starts + before)
             ends.append(grid.ends + before)
             restarts.append(grid.restarts + before)
-            number.append(grid.number + earlier)
+            number.append(grid.restart_number + earlier)
             run.append(np.full(len(grid.restarts), k))
             before += len(course.time)
             earlier += len(grid.restarts)
@@ -67,12 +67,12 @@ class Grid:
             ends=np.concatenate(ends),
             restarts=np.concatenate(restarts),
             reach=np.concatenate([course.grid.reach for course in courses]),
-            number=np.concatenate(number),
+            restart_number=np.concatenate(number),
             run=np.concatenate(run),
             period=np.concatenate([course.grid.period for course in courses]),
         )
 
-    def by_reach(self) -> Self:
+    def sorted_by_reach(self) -> Self:
         """The same with the restarts that reach farthest first: those beside each other end together."""
         order = np.argsort(-self.reach, kind="stable")
         place = np.empty_like(order)
@@ -81,13 +81,13 @@ class Grid:
             self,
             restarts=self.restarts[order],
             reach=self.reach[order],
-            number=place[self.number],
+            restart_number=place[self.restart_number],
             run=self.run[order],
             period=self.period[order],
         )
 
 
-class Motion(NamedTuple):
+class Trajectory(NamedTuple):
     """(n,) how a vehicle moved, on the grid of one run or on those of several, one after the other.
 
     ``rate`` is NaN where the filter has none, and ``moving`` the same bridged by the angle's slope: at the ends of a
@@ -96,8 +96,8 @@ class Motion(NamedTuple):
     """
 
     rate: FloatArray
-    moving: FloatArray
-    turned: FloatArray
+    bridged_rate: FloatArray
+    angle: FloatArray
     slope: FloatArray
 
     @classmethod
@@ -107,16 +107,16 @@ class Motion(NamedTuple):
         moving = rate
         if len(time) > 1:
             moving = np.where(np.isfinite(rate), rate, np.gradient(turned, time[1] - time[0]))
-        return cls(rate, bridged(moving), bridged(turned), slope)
+        return cls(rate, interpolate_gaps(moving), interpolate_gaps(turned), slope)
 
     @classmethod
-    def joined(cls, each: Sequence[Self]) -> Self:
+    def concatenated(cls, each: Sequence[Self]) -> Self:
         """Of several runs."""
         return cls(*(np.concatenate(series) for series in zip(*each, strict=True)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Course:
+class GriddedRun:
     """What was measured of one run, on a grid.
 
     Attributes
@@ -136,9 +136,9 @@ class Course:
     run: Run
     time: FloatArray
     angle: FloatArray
-    motion: Motion
+    trajectory: Trajectory
     horizon: IntArray
-    grid: Grid
+    grid: RestartGrid
 
     @property
     def period(self) -> float:
@@ -149,56 +149,58 @@ class Course:
 
 
 @dataclass(frozen=True, eq=False)
-class Courses:
+class GriddedRuns:
     """Those of some runs, and what was measured in all of them, one after the other."""
 
-    each: Sequence[Course]
+    runs: Sequence[GriddedRun]
 
     @cached_property
-    def grid(self) -> Grid:
+    def grid(self) -> RestartGrid:
         """Where all predictions begin and end."""
-        return Grid.joined(self.each).by_reach()
+        return RestartGrid.concatenated(self.runs).sorted_by_reach()
 
     @cached_property
-    def motion(self) -> Motion:
+    def trajectory(self) -> Trajectory:
         """What was measured of it."""
-        return Motion.joined([course.motion for course in self.each])
+        return Trajectory.concatenated([course.trajectory for course in self.runs])
 
     @cached_property
-    def means(self) -> Means:
+    def interval_means(self) -> IntervalMeans:
         """From series that are held between the instants of the logs to those of the grids."""
-        return Means.onto([course.run.trial.time for course in self.each], [course.time for course in self.each])
+        return IntervalMeans.between_grids(
+            [course.run.trial.time for course in self.runs], [course.time for course in self.runs]
+        )
 
     @cached_property
     def torque(self) -> FloatArray:
         """(n,) N m, mean from each instant to the next, of the thrusters by their bench curves."""
-        return self.means.of(np.concatenate([course.run.torque for course in self.each]))
+        return self.interval_means.apply(np.concatenate([course.run.torque for course in self.runs]))
 
     @cached_property
     def periods(self) -> FloatArray:
         """(r,) s from each instant of a run's grid to the next."""
-        return np.array([course.period for course in self.each])
+        return np.array([course.period for course in self.runs])
 
     @cached_property
     def starts(self) -> FloatArray:
         """(r,) rad or m; the first position of each run that was measured."""
-        return np.array([course.run.trial.start for course in self.each])
+        return np.array([course.run.trial.first_position for course in self.runs])
 
 
-def course_of(run: Run, constant: float, between: float) -> Course:
+def grid_run(run: Run, constant: float, between: float) -> GriddedRun:
     """``constant`` and the time ``between`` restarts in s."""
     rates, trial = run.rates, run.trial
     every = max(round(GRID * constant / rates.kernel.period), 1)
     time = rates.time[::every]
-    angle = on_grid(trial, trial.body_position, rates.time)[::every]
+    angle = resample(trial, trial.body_position, rates.time)[::every]
     rate = rates.rate[::every]
     period = every * rates.kernel.period
     start, end, horizon = _predictions(angle, rate, period, constant, between)
-    return Course(
+    return GriddedRun(
         run=run,
         time=time,
         angle=angle,
-        motion=Motion.of(time, angle, rate, np.ones(len(time))),
+        trajectory=Trajectory.of(time, angle, rate, np.ones(len(time))),
         horizon=horizon,
         grid=_grid(start, end, period),
     )
@@ -229,17 +231,17 @@ def _predictions(
     return np.concatenate(starts), np.concatenate(ends), np.concatenate(horizons)
 
 
-def _grid(start: IntArray, end: IntArray, period: float) -> Grid:
+def _grid(start: IntArray, end: IntArray, period: float) -> RestartGrid:
     """Of the predictions of one run, by their (N,) starts and ends; ``period`` in s from each instant to the next."""
     restarts, number = np.unique(start, return_inverse=True)
     reach = np.zeros(len(restarts), dtype=np.intp)
     np.maximum.at(reach, number, end - start)
-    return Grid(
+    return RestartGrid(
         starts=start,
         ends=end,
         restarts=restarts,
         reach=reach,
-        number=number,
+        restart_number=number,
         run=np.zeros(len(restarts), dtype=np.intp),
         period=np.full(len(restarts), period),
     )

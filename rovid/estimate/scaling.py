@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.effects.actuator_inputs import SPEEDS, actuation, neutral_commands
+from rovid.effects.actuator_inputs import SPEEDS, actuator_inputs, neutral_commands
 from rovid.effects.base import Scales
 from rovid.signals.preprocessing import Run
 from rovid.trial.trial import Trial
@@ -19,30 +19,32 @@ _NOT_NOTHING = 1e-9
 _HOUR = 3600.0
 
 
-def usual(series: Sequence[FloatArray]) -> float:
+def rms(series: Sequence[FloatArray]) -> float:
     """Root mean square of what is known, but never nothing."""
     values = np.concatenate(series)
     return max(float(np.sqrt(np.nanmean(values**2))), _NOT_NOTHING)
 
 
-def usual_rate(runs: Sequence[Run]) -> float:
+def rms_rate(runs: Sequence[Run]) -> float:
     """Root mean square of the rate, rad/s or m/s."""
-    return usual([run.rates.rate for run in runs])
+    return rms([run.rates.rate for run in runs])
 
 
-def in_use(values: FloatArray) -> float:
+def rms_nonzero(values: FloatArray) -> float:
     """Root mean square of those ``values`` that are not nothing; 1 where all are."""
     some = values[np.abs(values) > 0.0]
     return float(np.sqrt(np.mean(some**2))) if some.size else 1.0
 
 
-def scales_of(trials: Sequence[Trial], vehicle: Vehicle | None, torque: float, rate: float, *, driven: bool) -> Scales:
+def effect_scales(
+    trials: Sequence[Trial], vehicle: Vehicle | None, torque: float, rate: float, *, has_actuators: bool
+) -> Scales:
     """What one unit of each effect's parameter is, by the ``torque`` in N m and the ``rate`` in rad/s in use.
 
     ``driven`` is whether anything drives the vehicle.
     """
     race, root, load = math.sqrt(torque), math.sqrt(torque), 1.0
-    if vehicle is not None and driven:
+    if vehicle is not None and has_actuators:
         race, root = _races(trials, vehicle)
         load = _load(trials, vehicle)
     surge, sway = (_speed(trials, name) for name in SPEEDS)
@@ -51,8 +53,8 @@ def scales_of(trials: Sequence[Trial], vehicle: Vehicle | None, torque: float, r
         command=_command(trials, vehicle),
         torque=torque,
         rate=rate,
-        race=race,
-        root=root,
+        wash=race,
+        sqrt_thrust=root,
         surge=surge,
         sway=sway,
         load=load,
@@ -71,8 +73,8 @@ def _command(trials: Sequence[Trial], vehicle: Vehicle | None) -> float:
 def _races(trials: Sequence[Trial], vehicle: Vehicle) -> tuple[float, float]:
     """Of the race in use, N^0.5 m^2, and of the root of a thrust in use, N^0.5."""
     thrusts = [vehicle.thrust(trial.commands) for trial in trials]
-    races = [actuation(vehicle, trial).race(thrust) for trial, thrust in zip(trials, thrusts, strict=True)]
-    return in_use(np.concatenate(races)), in_use(np.sqrt(np.abs(np.concatenate(thrusts))))
+    races = [actuator_inputs(vehicle, trial).wash(thrust) for trial, thrust in zip(trials, thrusts, strict=True)]
+    return rms_nonzero(np.concatenate(races)), rms_nonzero(np.sqrt(np.abs(np.concatenate(thrusts))))
 
 
 def _load(trials: Sequence[Trial], vehicle: Vehicle) -> float:
@@ -95,5 +97,5 @@ def _speed(trials: Sequence[Trial], name: str) -> float:
 def _hours(trials: Sequence[Trial]) -> tuple[float, float]:
     """Of the longest log, and of all from the beginning of the first to the end of the last."""
     spans = [float(np.ptp(trial.time)) for trial in trials]
-    ends = [trial.since + span for trial, span in zip(trials, spans, strict=True)]
+    ends = [trial.campaign_time + span for trial, span in zip(trials, spans, strict=True)]
     return max([0.0, *spans]) / _HOUR, max([0.0, *ends]) / _HOUR

@@ -27,7 +27,7 @@ _BIRGE_LIMIT = 5.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Wave:
+class PeriodicMotion:
     """The periodic part of a sine run.
 
     ``torque`` (N m) and ``rate`` (rad/s) are complex amplitudes of the harmonics 0..K at multiples of
@@ -64,12 +64,12 @@ class SineTrial:
     stop: float
     period: float
     cycles: int
-    wave: Wave
-    without: tuple[Wave, ...]
+    motion: PeriodicMotion
+    without: tuple[PeriodicMotion, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Inertia:
+class InertiaReading:
     """An inertia in kg m^2, its standard error (NaN where it cannot be given), per run and over all runs."""
 
     value: float
@@ -98,12 +98,12 @@ def require_motion(trials: Sequence[SineTrial], axis: Axis) -> None:
         There is one, or one that moves in a single period.
     """
     for trial in trials:
-        if all(wave.moves for wave in (trial.wave, *trial.without)):
+        if all(wave.moves for wave in (trial.motion, *trial.without)):
             continue
         raise DataError(
-            f"the vehicle never {axis.moves} under the sine-shaped {axis.push} of {trial.source}: its "
+            f"the vehicle never {axis.motion_verb} under the sine-shaped {axis.force_name} of {trial.source}: its "
             f"{axis.rate_words} is zero in every period, or in all but one.",
-            mend=f"Check that {axis.measures} in rovid.toml is the vehicle's, or leave that log out.",
+            mend=f"Check that {axis.required_signals} in rovid.toml is the vehicle's, or leave that log out.",
         )
 
 
@@ -123,12 +123,12 @@ def _trial(run: Run, sine: SineRun) -> SineTrial | None:
         stop=sine.stop,
         period=sine.period,
         cycles=cycles,
-        wave=_wave(run, rows, sine.period),
+        motion=_wave(run, rows, sine.period),
         without=tuple(without),
     )
 
 
-def _wave(run: Run, rows: IntArray, period: float) -> Wave:
+def _wave(run: Run, rows: IntArray, period: float) -> PeriodicMotion:
     """Least squares of mean, drift and harmonics, freed of what the filter took from them.
 
     The orbit integral is exact for the whole wave: a share of a harmonic taken away, even from torque and rate alike,
@@ -142,14 +142,14 @@ def _wave(run: Run, rows: IntArray, period: float) -> Wave:
     phase = frequency * np.outer(time, np.arange(1, count + 1))
     drift = time / max(float(time[-1]), 1e-9) - 0.5
     basis = np.column_stack((np.ones(len(rows)), drift, np.cos(phase), np.sin(phase)))
-    both = np.column_stack((run.drive[rows], run.rates.rate[rows]))
+    both = np.column_stack((run.filtered_torque[rows], run.rates.rate[rows]))
     coefficients = np.linalg.lstsq(basis, both, rcond=None)[0]
     amplitudes = coefficients[2 : 2 + count] - 1j * coefficients[2 + count :]
     torque, rate = np.vstack((coefficients[:1], amplitudes)).T / gain[: count + 1]
-    return Wave(frequency=frequency, torque=torque, rate=rate, seconds=len(rows) * run.rates.kernel.period)
+    return PeriodicMotion(frequency=frequency, torque=torque, rate=rate, seconds=len(rows) * run.rates.kernel.period)
 
 
-def orbit_integral(trials: Sequence[SineTrial]) -> Inertia:
+def orbit_integral(trials: Sequence[SineTrial]) -> InertiaReading:
     """I = sum(T rdot) / sum(rdot^2) over whole periods; exact for any memoryless drag.
 
     The drag's work on the acceleration, the loop integral of D(r) dr, is zero over a closed orbit. The sums
@@ -158,14 +158,14 @@ def orbit_integral(trials: Sequence[SineTrial]) -> Inertia:
     return _combine(trials, lambda wave: _ratio(wave, wave.torque[1:], slice(1, None)))
 
 
-def harmonic_balance(trials: Sequence[SineTrial], drag: Model | None) -> Inertia:
+def harmonic_balance(trials: Sequence[SineTrial], drag: Model | None) -> InertiaReading:
     """I = Im(T1 conj(R1)) / (w |R1|^2) at the fundamental.
 
     Where the ``drag`` is known the quadrature part of its fundamental, which the waveform's harmonics
     create (about 2 % of I), is taken off; without it that part stays in.
     """
 
-    def fundamental(wave: Wave) -> tuple[float, float]:
+    def fundamental(wave: PeriodicMotion) -> tuple[float, float]:
         torque = wave.torque[1:2]
         if drag is not None:
             torque = torque - _first_harmonic(drag.drag(wave.over_one_period(wave.rate)))
@@ -174,7 +174,7 @@ def harmonic_balance(trials: Sequence[SineTrial], drag: Model | None) -> Inertia
     return _combine(trials, fundamental)
 
 
-def _ratio(wave: Wave, torque: NDArray[np.complex128], harmonics: slice) -> tuple[float, float]:
+def _ratio(wave: PeriodicMotion, torque: NDArray[np.complex128], harmonics: slice) -> tuple[float, float]:
     """Work of the torque on the acceleration, and the acceleration squared, of ``harmonics`` over the whole run."""
     acceleration = wave.acceleration()[harmonics]
     work = float(np.real(np.sum(torque * np.conj(acceleration))))
@@ -188,14 +188,14 @@ def _first_harmonic(series: FloatArray) -> complex:
     return complex(2.0 * np.mean(series * np.exp(-1j * phase)))
 
 
-def _combine(trials: Sequence[SineTrial], reading: Callable[[Wave], tuple[float, float]]) -> Inertia:
+def _combine(trials: Sequence[SineTrial], reading: Callable[[PeriodicMotion], tuple[float, float]]) -> InertiaReading:
     """Ratio of sums over all runs.
 
     The error of a run's ratio goes as one over its denominator (amplitude squared times length); its size is
     pooled over all runs, from leaving out one period at a time. Where the runs still disagree by more than
     their errors the standard error is inflated by the Birge ratio.
     """
-    whole = np.array([reading(trial.wave) for trial in trials])
+    whole = np.array([reading(trial.motion) for trial in trials])
     work, weight = whole.T
     values = work / weight
     scatter = [_jackknife(list(map(reading, trial.without))) for trial in trials]
@@ -210,7 +210,7 @@ def _combine(trials: Sequence[SineTrial], reading: Callable[[Wave], tuple[float,
         error *= math.sqrt(max(ratio, 1.0))
     sources = [trial.source for trial in trials]
     runs = zip(sources, values.tolist(), errors.tolist(), strict=True)
-    return Inertia(value=value, standard_error=error, runs=tuple(runs), consistent=consistent)
+    return InertiaReading(value=value, standard_error=error, runs=tuple(runs), consistent=consistent)
 
 
 def _jackknife(readings: Sequence[tuple[float, float]]) -> float:
@@ -221,30 +221,30 @@ def _jackknife(readings: Sequence[tuple[float, float]]) -> float:
     return math.sqrt((count - 1) / count * squares)
 
 
-def peak_method(trials: Sequence[SineTrial], drag: Model) -> Inertia:
+def peak_method(trials: Sequence[SineTrial], drag: Model) -> InertiaReading:
     """The founding paper's reading: (peak torque - steady torque at the peak rate) / peak acceleration.
 
     Torque, rate and acceleration do not peak together (they are in quadrature), so that the result is
     biased, mostly low; see ``peak_bias``.
     """
-    values = [peak_reading(trial.wave, drag) for trial in trials]
+    values = [peak_inertia(trial.motion, drag) for trial in trials]
     error = math.nan
     if len(values) > 1:
         error = float(np.std(values, ddof=1) / math.sqrt(len(values)))
-    return Inertia(
+    return InertiaReading(
         value=float(np.mean(values)),
         standard_error=error,
         runs=tuple((trial.source, value, math.nan) for trial, value in zip(trials, values, strict=True)),
     )
 
 
-def peak_reading(wave: Wave, drag: Model) -> float:
+def peak_inertia(wave: PeriodicMotion, drag: Model) -> float:
     """The peak method on one wave, in kg m^2."""
     steady = float(drag.drag(np.array(_peak(wave, wave.rate))))
     return (_peak(wave, wave.torque) - steady) / _peak(wave, wave.acceleration())
 
 
-def _peak(wave: Wave, amplitudes: NDArray[np.complex128]) -> float:
+def _peak(wave: PeriodicMotion, amplitudes: NDArray[np.complex128]) -> float:
     """Largest size of what has these complex ``amplitudes``, over one period."""
     return float(np.max(np.abs(wave.over_one_period(amplitudes))))
 
@@ -255,13 +255,13 @@ def peak_bias(trials: Sequence[SineTrial], model: Model) -> float:
 
     ratios = []
     for trial in trials:
-        wave = trial.wave
+        wave = trial.motion
         time = np.arange(_SETTLED * _PHASES + 1) * trial.period / _PHASES
         torque = np.tile(wave.over_one_period(wave.torque), _SETTLED)
         torque = np.append(torque, torque[0])
         rate, _ = simulate(time, torque, model.body, 0.0)
         spectrum = np.fft.rfft(rate[-_PHASES - 1 : -1])[: len(wave.rate)] / _PHASES
         spectrum[1:] *= 2.0
-        steady = Wave(frequency=wave.frequency, torque=wave.torque, rate=spectrum, seconds=wave.seconds)
-        ratios.append(peak_reading(steady, model) / model.inertia)
+        steady = PeriodicMotion(frequency=wave.frequency, torque=wave.torque, rate=spectrum, seconds=wave.seconds)
+        ratios.append(peak_inertia(steady, model) / model.inertia)
     return float(np.mean(ratios))

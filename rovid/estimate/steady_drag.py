@@ -11,11 +11,11 @@ import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray
 from rovid.core.errors import DataError
-from rovid.core.formatting import plus_minus, significant, to_error
-from rovid.core.stats import beyond_f
+from rovid.core.formatting import plus_minus, round_to_error, significant
+from rovid.core.stats import f_sf
 from rovid.core.toml import SMALLEST
-from rovid.estimate.drag_wls import Solution, TorqueBalance, weighed
-from rovid.estimate.estimate import Estimate, explained
+from rovid.estimate.drag_wls import TorqueBalance, WlsSolution, with_pooled_errors
+from rovid.estimate.estimate import Estimate, r_squared
 from rovid.estimate.steady_points import SteadyPoint
 from rovid.model.parameter_names import base_names
 from rovid.signals.segments import MIN_HOLD_SECONDS
@@ -93,16 +93,16 @@ def fit_drag(points: Sequence[SteadyPoint], axis: Axis = YAW) -> DragFit:
     refused = _undetermined(fitted, axis)
     names = (*NAMES, *base_names(axis)[3:])
     balance = _balance(fitted, axis, names, refused)
-    solution = balance.solved()
+    solution = balance.solve()
     below = _below_zero(names, solution, balance.free)
     if below:
         # The covariance stays that of the free fit: it would take the zero for certain, and the other drag with it.
         kept = (solution.values >= 0.0) | ~np.isin(names, NAMES)
-        solution = solution._replace(values=balance.with_free(kept).solved().values)
+        solution = solution._replace(values=balance.with_free(kept).solve().values)
     if not (solution.values[:2] > 0.0).any():
         raise DataError(
-            f"the vehicle moves against its {axis.push} in these holds, which no drag does.",
-            mend=f"Check in rovid.toml the signs of {axis.arm}, command and {axis.measures}.",
+            f"the vehicle moves against its {axis.force_name} in these holds, which no drag does.",
+            mend=f"Check in rovid.toml the signs of {axis.arm_key}, command and {axis.required_signals}.",
         )
     residuals = balance.residuals(solution.values)
     kind = "weighted" if balance.error_known else "ordinary"
@@ -125,7 +125,7 @@ def fit_drag(points: Sequence[SteadyPoint], axis: Axis = YAW) -> DragFit:
         residuals=residuals,
         left_out=balance.leave_one_out(),
         directions=directions,
-        r_squared=explained(balance.torque, residuals),
+        r_squared=r_squared(balance.torque, residuals),
     )
 
 
@@ -133,12 +133,12 @@ def _balance(points: Sequence[SteadyPoint], axis: Axis, names: Sequence[str], re
     """Of ``points``, with what is not ``refused`` free."""
     free = np.array([name not in refused for name in names])
     balance = TorqueBalance.of(points, axis, free)
-    if not balance.tells_apart:
+    if not balance.is_determined:
         raise _outweighed(points, [name for name in names if name not in refused], axis)
-    return balance if _from_table(points) else weighed(balance, points)
+    return balance if _from_table(points) else with_pooled_errors(balance, points)
 
 
-def _estimate(method: str, names: tuple[str, ...], solution: Solution, axis: Axis, samples: int) -> Estimate:
+def _estimate(method: str, names: tuple[str, ...], solution: WlsSolution, axis: Axis, samples: int) -> Estimate:
     return Estimate(
         names=names,
         values=solution.values,
@@ -158,7 +158,7 @@ def _under_load(steady: Sequence[SteadyPoint]) -> tuple[SteadyPoint, ...]:
     return tuple(point for point in steady if abs(point.torque) >= least)
 
 
-def _below_zero(names: Sequence[str], solution: Solution, free: BoolArray) -> list[str]:
+def _below_zero(names: Sequence[str], solution: WlsSolution, free: BoolArray) -> list[str]:
     """What is said of a drag that came out negative; nothing where neither of two free ones did, or one is held."""
     values, errors = solution.values, np.sqrt(np.diag(solution.covariance))
     negative = free & (values < 0.0) & np.isin(names, NAMES)
@@ -183,9 +183,9 @@ def _from_table(points: Sequence[SteadyPoint]) -> bool:
 def _no_steady(points: Sequence[SteadyPoint], axis: Axis) -> DataError:
     if not points:
         return DataError(
-            f"no held command of at least {MIN_HOLD_SECONDS:g} s under which the vehicle {axis.moves}; drag cannot be "
+            f"no held command of at least {MIN_HOLD_SECONDS:g} s under which the vehicle {axis.motion_verb}; drag cannot be "
             "read from these logs.",
-            mend=_ADVICE.format(axis.moves),
+            mend=_ADVICE.format(axis.motion_verb),
         )
     worst = max(points, key=lambda point: abs(point.drift))
     return DataError(
@@ -202,7 +202,7 @@ def _left_at_rest(steady: Sequence[SteadyPoint], fitted: int, axis: Axis) -> lis
     if not left:
         return []
     text = (
-        f"{left} of {len(steady)} holds have less than {100.0 * _AT_REST:.0f} % of the largest {axis.push}: what moves "
+        f"{left} of {len(steady)} holds have less than {100.0 * _AT_REST:.0f} % of the largest {axis.force_name}: what moves "
         "the vehicle there is a current or a tether, and they are left out."
     )
     return [text]
@@ -237,11 +237,11 @@ def _directions(points: Sequence[SteadyPoint], balance: TorqueBalance, axis: Axi
     """The fit of each direction alone, where the points that way determine one."""
     fits = {}
     for name, rows in _ways(balance):
-        part, chosen = balance.part(rows), list(compress(points, rows))
-        if part.spare <= 0 or rows.all() or _undetermined(chosen, axis) or not part.tells_apart:
+        part, chosen = balance.subset(rows), list(compress(points, rows))
+        if part.degrees_of_freedom <= 0 or rows.all() or _undetermined(chosen, axis) or not part.is_determined:
             continue
         method = f"{_states(axis)}, {axis.position_words} {name} only"
-        fits[name] = _estimate(method, NAMES, part.solved(), axis, len(chosen))
+        fits[name] = _estimate(method, NAMES, part.solve(), axis, len(chosen))
     return fits
 
 
@@ -258,7 +258,7 @@ def _direction_warnings(
     ways = _ways(balance)
     if any(rows.all() for _, rows in ways):
         text = (
-            f"All {_states(axis)} are in one direction: a constant {axis.push} (tether, trim) or a weaker reverse "
+            f"All {_states(axis)} are in one direction: a constant {axis.force_name} (tether, trim) or a weaker reverse "
             "thrust would pass for drag. Run the same holds the other way."
         )
         return [text]
@@ -274,7 +274,7 @@ def _direction_warnings(
 def _said_to_differ(up: float, down: float, p_value: float, axis: Axis) -> str:
     return (
         f"The two directions differ (p = {p_value:.1g}): quadratic drag {significant(up, 4)} with the "
-        f"{axis.position_words} growing, {significant(down, 4)} with it falling. Thrust curve, a constant {axis.push} "
+        f"{axis.position_words} growing, {significant(down, 4)} with it falling. Thrust curve, a constant {axis.force_name} "
         "or the drag itself is not the same both ways."
     )
 
@@ -284,14 +284,14 @@ def _p_of_one_line(balance: TorqueBalance, residuals: FloatArray, directions: di
 
     One where nothing is left to judge by.
     """
-    apart = sum(balance.part(rows).chi2(directions[name].values) for name, rows in _ways(balance))
+    apart = sum(balance.subset(rows).chi2(directions[name].values) for name, rows in _ways(balance))
     together = float(np.sum((residuals / balance.error) ** 2))
     more = len(NAMES)
     spare = len(balance.torque) - 2 * len(NAMES)
     if spare <= 0 or apart <= 0.0:
         return 1.0
     ratio = (together - apart) / more / (apart / spare)
-    return beyond_f(more, spare, ratio)
+    return f_sf(more, spare, ratio)
 
 
 def _warnings(estimate: Estimate) -> list[str]:
@@ -304,6 +304,6 @@ def _warnings(estimate: Estimate) -> list[str]:
         error, (low, high) = estimate.standard_error(name), estimate.interval(name)
         texts.append(
             f"{name} cannot be told from zero: {plus_minus(value, error)} {estimate.unit(name)}, 95 % interval "
-            f"{to_error(low, error)} to {to_error(high, error)}. Slower holds would tell."
+            f"{round_to_error(low, error)} to {round_to_error(high, error)}. Slower holds would tell."
         )
     return texts

@@ -11,7 +11,7 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.signals.preprocessing import Run
 from rovid.signals.segments import Hold, find_holds
-from rovid.trial.tables import STEADY_COLUMNS, Table
+from rovid.trial.tables import STEADY_COLUMNS, CsvTable
 from rovid.trial.vehicle import Vehicle
 
 _BLOCK_SECONDS = 1.0
@@ -78,7 +78,7 @@ def steady_points(runs: Sequence[Run], vehicle: Vehicle) -> list[SteadyPoint]:
     return points
 
 
-def points_from_table(table: Table) -> list[SteadyPoint]:
+def points_from_table(table: CsvTable) -> list[SteadyPoint]:
     """Steady states from a table with the columns yaw_rate_rad_s, torque_Nm and, if there, command.
 
     Raises

@@ -9,7 +9,7 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError, LogError
-from rovid.trial.tables import Table, offered
+from rovid.trial.tables import CsvTable, suggest_columns
 from rovid.trial.vehicle import ThrustCurve
 
 STANDARD_GRAVITY = 9.80665
@@ -32,7 +32,7 @@ _LONG = 2.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class BenchFit:
+class ThrustCurveFit:
     """A thrust curve and how it misses the readings.
 
     Attributes
@@ -61,7 +61,7 @@ class BenchFit:
 
 
 def bench_readings(
-    table: Table, *, command: str | None, thrust: str | None, unit: str | None
+    table: CsvTable, *, command: str | None, thrust: str | None, unit: str | None
 ) -> tuple[FloatArray, FloatArray]:
     """Command and thrust in N from a bench table, by name or by what the header says.
 
@@ -76,19 +76,19 @@ def bench_readings(
     return table.numbers(command), factor * table.numbers(thrust)
 
 
-def _column(table: Table, patterns: tuple[str, ...], option: str) -> str:
+def _column(table: CsvTable, patterns: tuple[str, ...], option: str) -> str:
     for pattern in patterns:
         matches = [name for name in table.header if re.search(pattern, name, re.IGNORECASE)]
         if len(matches) == 1:
             return matches[0]
     raise LogError(
-        f"it is not clear which column is meant. {offered('', table.header, table.rows)}",
+        f"it is not clear which column is meant. {suggest_columns('', table.header, table.rows)}",
         where=table.path,
         mend=f"Name the column with {option}.",
     )
 
 
-def _unit(table: Table, column: str) -> str:
+def _unit(table: CsvTable, column: str) -> str:
     packed = re.sub(r"[\W_]+", "", column).lower()
     for unit in sorted(THRUST_UNITS, key=len, reverse=True):
         if packed.endswith(unit.lower()) and packed != unit.lower():
@@ -100,7 +100,7 @@ def _unit(table: Table, column: str) -> str:
     )
 
 
-def fit_bench(command: FloatArray, thrust: FloatArray) -> BenchFit:
+def fit_thrust_curve(command: FloatArray, thrust: FloatArray) -> ThrustCurveFit:
     """Fit a monotone curve to bench readings in any order, repeats included.
 
     Isotonic least squares on each side of the dead zone, which stays exactly zero. The curve may fall with
@@ -143,7 +143,7 @@ def fit_bench(command: FloatArray, thrust: FloatArray) -> BenchFit:
         order = np.argsort(levels)
         levels, values = levels[order], values[order]
     curve = ThrustCurve(command=levels, thrust=direction * values)
-    return BenchFit(
+    return ThrustCurveFit(
         curve=curve,
         command=command,
         thrust=thrust,

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.core.stats import beyond_chi2
+from rovid.core.stats import chi2_sf
 
 _WHITE_LAGS = 20
 _WHITE_P = 1e-3
@@ -38,7 +38,7 @@ def _product(series: Sequence[FloatArray], lag: int) -> float:
     return sum(float(z[lag:] @ z[: len(z) - lag]) for z in series if len(z) > lag)
 
 
-def are_white(series: Sequence[FloatArray]) -> bool:
+def is_white(series: Sequence[FloatArray]) -> bool:
     """Whether normalised innovations are white (Ljung-Box over all trials) and without heavy tails.
 
     Spikes leave innovations white, so that the kurtosis is looked at too.
@@ -50,4 +50,4 @@ def are_white(series: Sequence[FloatArray]) -> bool:
         statistic += (_product(series, lag) / power) ** 2 / (count - lag)
     chi2 = count * (count + 2.0) * statistic
     fourth = sum(float(np.sum(z**4)) for z in series) * count / power**2
-    return beyond_chi2(_WHITE_LAGS, chi2) > _WHITE_P and fourth - 3.0 < _KURTOSIS
+    return chi2_sf(_WHITE_LAGS, chi2) > _WHITE_P and fourth - 3.0 < _KURTOSIS

@@ -18,7 +18,7 @@ FORMATS: Mapping[str, str] = {
     "python-vehicle-simulator": "rovid_vehicle.py",
 }
 # What they are called besides -> format.
-ALSO: Mapping[str, str] = {
+ALIASES: Mapping[str, str] = {
     "gazebo": "gz-sim",
     "ignition": "gz-sim",
     "sdf": "gz-sim",

@@ -6,27 +6,27 @@ from dataclasses import replace
 
 import numpy as np
 
-from rovid.export.curves import Curve
-from rovid.export.export_input import Subject
+from rovid.export.curves import ThrusterCurve
+from rovid.export.export_input import ExportInput
 
-BEHIND = "thruster_lag"
-AHEAD = "thruster_lag:command"
+THRUST_LAG = "thruster_lag"
+COMMAND_LAG = "thruster_lag:command"
 
 
-def first_order(subject: Subject) -> tuple[float, str]:
+def thruster_lag(subject: ExportInput) -> tuple[float, str]:
     """Time constant in s and key of the lag that the thrusters hold; 0 and nothing where there is none."""
     for key, values in subject.effects.items():
-        if key in {BEHIND, AHEAD}:
+        if key in {THRUST_LAG, COMMAND_LAG}:
             return values["time_constant"], key
     return 0.0, ""
 
 
-def inputs_of(tables: list[Curve], form: str) -> list[Curve]:
+def thruster_inputs(tables: list[ThrusterCurve], form: str) -> list[ThrusterCurve]:
     """The thrusters' curves from input to thrust, with an input of zero at rest, where the lag begins.
 
     A lag of thrust comes behind the curve, where the simulators have none: there the input is the thrust itself.
     """
-    if form != BEHIND:
+    if form != THRUST_LAG:
         return [replace(curve, command=curve.command - curve.neutral, neutral=0.0) for curve in tables]
     inputs = []
     for curve in tables:
@@ -38,6 +38,6 @@ def inputs_of(tables: list[Curve], form: str) -> list[Curve]:
 
 def input_notes(form: str) -> tuple[str, ...]:
     """What the input of a thruster is."""
-    if form == BEHIND:
+    if form == THRUST_LAG:
         return ("The thrusters' input is the steady thrust in N, by the curves in the file: thrust lags, not command.",)
     return ("The thrusters' input is the command less its neutral value.",)

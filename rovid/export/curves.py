@@ -10,9 +10,9 @@ from rovid.core.array_types import FloatArray, IntArray
 from rovid.core.escaping import identifiers, xml_comment
 from rovid.effects import Effect
 from rovid.effects.actuator_inputs import neutral_commands
-from rovid.effects.thruster_imbalance import BESIDE
-from rovid.export.export_input import Subject
-from rovid.model.command_series import Commanded
+from rovid.effects.thruster_imbalance import WITH_OTHERS
+from rovid.export.export_input import ExportInput
+from rovid.model.command_series import CommandSeries
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Thruster
 
@@ -25,7 +25,7 @@ _TAKEN = ("base", "base_link", "bias_torque", "yaw")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Curve:
+class ThrusterCurve:
     """Steady thrust of one thruster against its command, effects without memory included.
 
     Attributes
@@ -54,28 +54,28 @@ class Curve:
 
 def is_curve_effect(effect: Effect) -> bool:
     """Whether a thrust curve alone holds it."""
-    return effect.id in CURVE_EFFECTS and not effect.form.endswith(BESIDE)
+    return effect.id in CURVE_EFFECTS and not effect.form.endswith(WITH_OTHERS)
 
 
-def curve_keys(subject: Subject) -> frozenset[str]:
+def curve_effect_keys(subject: ExportInput) -> frozenset[str]:
     """Keys of the effects that a thrust curve holds."""
     return frozenset(effect.key for effect in subject.model.effects if is_curve_effect(effect))
 
 
-def curves(subject: Subject) -> list[Curve]:
+def thruster_curves(subject: ExportInput) -> list[ThrusterCurve]:
     """Thrust curve of each thruster, with as many points as it takes."""
     held = [effect for effect in subject.model.effects if is_curve_effect(effect)]
     names = identifiers([thruster.name for thruster in subject.vehicle.thrusters], taken=_TAKEN)
     return [_curve(subject, held, index, name) for index, name in enumerate(names)]
 
 
-def _curve(subject: Subject, held: list[Effect], index: int, identifier: str) -> Curve:
+def _curve(subject: ExportInput, held: list[Effect], index: int, identifier: str) -> ThrusterCurve:
     """That of the thruster at ``index``, with the effects on curves that are ``held``."""
     thruster = subject.vehicle.thrusters[index]
     command = _grid(thruster, subject.commands[index], fine=bool(held))
     thrust = _steady_thrust(subject, held, index, command)
     kept = _corners(command, thrust)
-    return Curve(
+    return ThrusterCurve(
         name=thruster.name,
         identifier=identifier,
         arm=thruster.arm,
@@ -94,15 +94,15 @@ def _grid(thruster: Thruster, used: FloatArray, *, fine: bool) -> FloatArray:
     return np.union1d(points, np.linspace(points.min(), points.max(), _CURVE_POINTS))
 
 
-def _steady_thrust(subject: Subject, held: list[Effect], index: int, command: FloatArray) -> FloatArray:
+def _steady_thrust(subject: ExportInput, held: list[Effect], index: int, command: FloatArray) -> FloatArray:
     """(m,) N of the thruster at ``index`` at each (m,) command, effects that are ``held`` on the way."""
     vehicle = subject.vehicle
     commands = np.tile(neutral_commands(vehicle), (len(command), 1))
     commands[:, index] = command
-    trial = Trial.imagined(np.arange(len(command), dtype=np.float64), commands)
-    values = tuple(map(float, subject.values_of(held)))
+    trial = Trial.from_commands(np.arange(len(command), dtype=np.float64), commands)
+    values = tuple(map(float, subject.effect_values(held)))
     model = replace(subject.model, effects=tuple(held), effect_values=values)
-    thrust = model.drivetrain.thrust(Commanded.of(vehicle, [trial]))
+    thrust = model.actuators.thrust(CommandSeries.from_trials(vehicle, [trial]))
     return np.asarray(thrust[:, index])
 
 
@@ -122,11 +122,11 @@ def _corners(x: FloatArray, y: FloatArray) -> IntArray:
     return np.array(sorted(kept), dtype=np.intp)
 
 
-def numbers(values: FloatArray) -> str:
+def number_list(values: FloatArray) -> str:
     """Numbers as a simulator's list."""
     return " ".join(f"{value:.10g}" for value in values)
 
 
-def curve_comment(values: Curve) -> str:
+def curve_comment(values: ThrusterCurve) -> str:
     """A thrust curve as a line for people and scripts."""
-    return xml_comment(f"{values.name}: command {numbers(values.command)} | thrust {numbers(values.thrust)}")
+    return xml_comment(f"{values.name}: command {number_list(values.command)} | thrust {number_list(values.thrust)}")

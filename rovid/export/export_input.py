@@ -10,10 +10,10 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.effects import Effect
 from rovid.model.model import Model
-from rovid.signals.preprocessing import Runs
+from rovid.signals.preprocessing import PreparedRuns
 from rovid.store.parameter_file import Entry, Parameters
 from rovid.store.study import Study
-from rovid.trial.assumptions import Guesswork
+from rovid.trial.assumptions import Assumptions
 from rovid.trial.trial import Campaign
 from rovid.trial.vehicle import Thruster, Vehicle
 
@@ -22,7 +22,7 @@ _ASSUMED_RATE = 0.3  # rad/s, where no log says how fast it turned
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Subject:
+class ExportInput:
     """What is exported.
 
     Attributes
@@ -48,7 +48,7 @@ class Subject:
     commands: FloatArray
     reference: Mapping[str, float]
     notes: tuple[str, ...] = ()
-    guess: Guesswork = field(default_factory=Guesswork)
+    guess: Assumptions = field(default_factory=Assumptions)
 
     @property
     def effects(self) -> dict[str, dict[str, float]]:
@@ -77,18 +77,18 @@ class Subject:
         """Inertia in kg m^2 of the water that turns with the body."""
         return self.model.inertia - self.rigid_inertia
 
-    def holding(self, keys: frozenset[str]) -> Model:
+    def with_effects(self, keys: frozenset[str]) -> Model:
         """The model with these effects alone."""
         kept = tuple(effect for effect in self.model.effects if effect.key in keys)
-        return replace(self.model, effects=kept, effect_values=self.values_of(kept))
+        return replace(self.model, effects=kept, effect_values=self.effect_values(kept))
 
-    def values_of(self, effects: Sequence[Effect]) -> tuple[float, ...]:
+    def effect_values(self, effects: Sequence[Effect]) -> tuple[float, ...]:
         """Parameters of these ``effects`` of the model, one after the other."""
         values = self.effects
         return tuple(value for effect in effects for value in values[effect.key].values())
 
 
-def subject_of(stored: Parameters, study: Study | None) -> Subject:
+def export_input(stored: Parameters, study: Study | None) -> ExportInput:
     """What a parameter file, and the logs that it remembers where they are there, say of the vehicle.
 
     Raises
@@ -101,8 +101,8 @@ def subject_of(stored: Parameters, study: Study | None) -> Subject:
         return _without_logs(stored, model, Vehicle(name=stored.vehicle or "vehicle", thrusters=()))
     if study.runs is None or study.campaign is None:
         return _without_logs(stored, model, study.vehicle)
-    study.require(model.effects)
-    return Subject(
+    study.require_effects(model.effects)
+    return ExportInput(
         model=model,
         vehicle=study.vehicle,
         entries=stored.entries,
@@ -112,15 +112,15 @@ def subject_of(stored: Parameters, study: Study | None) -> Subject:
     )
 
 
-def _without_logs(stored: Parameters, model: Model, vehicle: Vehicle) -> Subject:
+def _without_logs(stored: Parameters, model: Model, vehicle: Vehicle) -> ExportInput:
     """One thruster that gives the yaw torque itself, as much as holds the assumed rate."""
     largest = float(model.drag(np.array(_ASSUMED_RATE)))
-    torque = Thruster(name="yaw_torque", arm=1.0, curve=None, most=largest)
+    torque = Thruster(name="yaw_torque", arm=1.0, curve=None, max_logged_torque=largest)
     note = (
         f"No logs say how fast the vehicle turned or what its thrusters are: {_ASSUMED_RATE:g} rad/s is assumed, and "
         "the yaw torque itself is the command."
     )
-    return Subject(
+    return ExportInput(
         model=model,
         vehicle=replace(vehicle, thrusters=(torque,)),
         entries=stored.entries,
@@ -131,7 +131,7 @@ def _without_logs(stored: Parameters, model: Model, vehicle: Vehicle) -> Subject
     )
 
 
-def _largest_rate(runs: Runs) -> float:
+def _largest_rate(runs: PreparedRuns) -> float:
     """rad/s."""
     largest = [float(np.nanmax(np.abs(run.rates.rate))) for run in runs.items]
     return max(largest)

@@ -9,11 +9,11 @@ from rovid.core.array_types import FloatArray
 
 # A target's own equation of motion, stepped as the target steps it: (n, k) commands and the time in s that each is
 # held -> (n,) yaw rate in rad/s at the start of each, from rest, positive as rovid's.
-Plant = Callable[[FloatArray, float], FloatArray]
+TargetSimulator = Callable[[FloatArray, float], FloatArray]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Target:
+class ExportResult:
     """What one simulator makes of the subject.
 
     Attributes
@@ -31,7 +31,7 @@ class Target:
     """
 
     content: str | bytes
-    plant: Plant
-    holds: frozenset[str]
-    misses: tuple[tuple[str, str], ...] = ()
+    simulate: TargetSimulator
+    kept_effects: frozenset[str]
+    base_losses: tuple[tuple[str, str], ...] = ()
     notes: tuple[str, ...] = ()

@@ -14,22 +14,22 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.core.escaping import xml_attribute, xml_comment
 from rovid.core.signatures import export_mark
-from rovid.effects.actuator_inputs import Actuation, actuation
-from rovid.export.curves import Curve, curve_comment, curve_keys, curves
-from rovid.export.export_input import Subject
-from rovid.export.export_result import Target
-from rovid.export.resimulation import march, thrust_torque
+from rovid.effects.actuator_inputs import ActuatorInputs, actuator_inputs
+from rovid.export.curves import ThrusterCurve, curve_comment, curve_effect_keys, thruster_curves
+from rovid.export.export_input import ExportInput
+from rovid.export.export_result import ExportResult
+from rovid.export.resimulation import integrate_rate, thrust_torque
 from rovid.trial.trial import Trial
 
 NEWTONS = "Thruster takes newtons: the curves in the file turn commands into them, effects of the curve included."
 _STEP = 0.001  # s, gz-sim's default; DART steps a rate by semi-implicit Euler
 
 
-def export(subject: Subject) -> Target:
+def export(subject: ExportInput) -> ExportResult:
     """A model in SDF for gz-sim with DART."""
-    model, propulsion = subject.model, curves(subject)
+    model, propulsion = subject.model, thruster_curves(subject)
     izz, added = subject.rigid_inertia, subject.added_inertia
-    bands = [deadband(subject, index) for index in range(len(propulsion))]
+    bands = [deadband_thrust(subject, index) for index in range(len(propulsion))]
     hydrodynamics = f"""    <plugin filename="gz-sim-hydrodynamics-system" name="gz::sim::systems::Hydrodynamics">
       <link_name>base_link</link_name>
       <nR>{-model.linear_drag:.10g}</nR>
@@ -42,10 +42,10 @@ def export(subject: Subject) -> Target:
         drag = (-model.linear_drag - model.quadratic_drag * abs(rate)) * rate
         return rate + _STEP * (torque + drag) / (izz + added)
 
-    return Target(
+    return ExportResult(
         content=content,
-        plant=plant_of(propulsion, bands, advance, _STEP),
-        holds=curve_keys(subject),
+        simulate=gazebo_simulator(propulsion, bands, advance, _STEP),
+        kept_effects=curve_effect_keys(subject),
         notes=(
             *frame_notes(subject),
             NEWTONS,
@@ -55,7 +55,7 @@ def export(subject: Subject) -> Target:
     )
 
 
-def frame_notes(subject: Subject) -> tuple[str, ...]:
+def frame_notes(subject: ExportInput) -> tuple[str, ...]:
     """What was assumed of frames, inertia and places of thrusters in FLU axes."""
     rigid = subject.vehicle.rigid_body_inertia
     notes = ["Axes are FLU, z up: a yaw rate there is minus rovid's, which grows with the heading."]
@@ -77,24 +77,24 @@ def frame_notes(subject: Subject) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def deadband(subject: Subject, index: int) -> float:
+def deadband_thrust(subject: ExportInput, index: int) -> float:
     """N below which a thruster gives nothing, where its thrust sets in at once; 0 elsewhere."""
     values = subject.effects.get("thruster_deadband:jump")
     if values is None:
         return 0.0
-    still = Trial.imagined(np.zeros(1), np.zeros((1, len(subject.vehicle.thrusters))))
-    where: Actuation = actuation(subject.vehicle, still)
+    still = Trial.from_commands(np.zeros(1), np.zeros((1, len(subject.vehicle.thrusters))))
+    where: ActuatorInputs = actuator_inputs(subject.vehicle, still)
     # The smaller of both directions, a ramp's width short of the threshold: no thrust of the curve is lost.
     size = np.full(len(where.names), (1.0 - 0.5 * values["edge"]) * values["deadband"])
     ends = []
     for sign in (1.0, -1.0):
-        command = where.from_beyond(sign * size)
+        command = where.from_excess(sign * size)
         thrust = subject.vehicle.thrust(command[None])
         ends.append(abs(float(thrust[0, index])))
     return min(ends)
 
 
-def banded(curve: Curve, band: float) -> Curve:
+def with_deadband(curve: ThrusterCurve, band: float) -> ThrusterCurve:
     """The curve behind a dead band in newtons."""
     if band <= 0.0:
         return curve
@@ -103,23 +103,23 @@ def banded(curve: Curve, band: float) -> Curve:
     return replace(curve, command=fine, thrust=np.where(np.abs(thrust) < band, 0.0, thrust))
 
 
-def plant_of(
-    propulsion: list[Curve], bands: list[float], advance: Callable[[float, float, float], float], step: float
+def gazebo_simulator(
+    propulsion: list[ThrusterCurve], bands: list[float], advance: Callable[[float, float, float], float], step: float
 ) -> Callable[[FloatArray, float], FloatArray]:
     """Plant with Thruster systems and a rate stepped by ``advance`` in FLU axes."""
-    behind = [banded(curve, band) for curve, band in zip(propulsion, bands, strict=True)]
+    behind = [with_deadband(curve, band) for curve, band in zip(propulsion, bands, strict=True)]
 
     def plant(commands: FloatArray, period: float) -> FloatArray:
         torque = -thrust_torque(behind, commands, period, step)
-        return -march(torque, round(period / step), advance, step)
+        return -integrate_rate(torque, round(period / step), advance, step)
 
     return plant
 
 
 def sdf(
     name: str,
-    subject: Subject,
-    propulsion: list[Curve],
+    subject: ExportInput,
+    propulsion: list[ThrusterCurve],
     bands: list[float],
     izz: float,
     fluid: str,
@@ -144,7 +144,7 @@ def sdf(
 """
 
 
-def _thrusters(subject: Subject, propulsion: Sequence[Curve], bands: Sequence[float]) -> str:
+def _thrusters(subject: ExportInput, propulsion: Sequence[ThrusterCurve], bands: Sequence[float]) -> str:
     text = ""
     for index, thruster in enumerate(subject.vehicle.thrusters):
         # A logged torque has no thruster.
@@ -158,12 +158,12 @@ def side_of(index: int) -> float:
     return 1.0 if index % 2 == 0 else -1.0
 
 
-def place(curve: Curve, side: float) -> tuple[float, float]:
+def place(curve: ThrusterCurve, side: float) -> tuple[float, float]:
     """Place on the x axis in m and direction along y, in FLU axes, that give minus arm * thrust about z."""
     return side * curve.arm, -side
 
 
-def _thruster(curve: Curve, band: float, side: float) -> str:
+def _thruster(curve: ThrusterCurve, band: float, side: float) -> str:
     name, (x, direction) = curve.identifier, place(curve, side)
     dead = f"\n      <deadband>{band:.10g}</deadband>" if band > 0.0 else ""
     return f"""    <!-- {curve_comment(curve)} -->

@@ -6,12 +6,12 @@ import json
 from typing import Any
 
 from rovid.core.formatting import to_json
-from rovid.export.export_input import Subject
-from rovid.export.export_result import Target
-from rovid.export.rovid_equation import AXES, BASE, EQUATION, target_of, thruster_of
+from rovid.export.export_input import ExportInput
+from rovid.export.export_result import ExportResult
+from rovid.export.rovid_equation import AXES, BASE, EQUATION, rovid_result, thruster_entry
 
 
-def export(subject: Subject) -> Target:
+def export(subject: ExportInput) -> ExportResult:
     """Everything, with units, standard errors and the effects' equations."""
     content = to_json(_document(subject)) + "\n"
     read = json.loads(content)
@@ -19,10 +19,10 @@ def export(subject: Subject) -> Target:
     effects = {}
     for effect in read["effects"]:
         effects[effect["key"]] = {name: entry["value"] for name, entry in effect["parameters"].items()}
-    return target_of(subject, content, base, effects)
+    return rovid_result(subject, content, base, effects)
 
 
-def _document(subject: Subject) -> dict[str, Any]:
+def _document(subject: ExportInput) -> dict[str, Any]:
     entries: dict[str, dict[str, Any]] = {}
     for name, entry in subject.entries.items():
         entries[name] = {"value": entry.value, "standard_error": entry.standard_error, "unit": entry.unit}
@@ -38,7 +38,7 @@ def _document(subject: Subject) -> dict[str, Any]:
         "axes": AXES,
         "parameters": {name: value for name, value in entries.items() if "." not in name},
         "rigid_body_inertia": subject.vehicle.rigid_body_inertia,
-        "thrusters": [thruster_of(subject, index, list) for index in range(len(subject.vehicle.thrusters))],
+        "thrusters": [thruster_entry(subject, index, list) for index in range(len(subject.vehicle.thrusters))],
         "effects": effects,
         "guessed": list(subject.guess.items),
     }

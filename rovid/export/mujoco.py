@@ -14,24 +14,24 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.core.escaping import xml_attribute
 from rovid.core.signatures import export_mark
-from rovid.export.curves import Curve, curve_keys, curves, numbers
-from rovid.export.export_input import Subject
-from rovid.export.export_result import Target
-from rovid.export.resimulation import lagged, march, stepped
+from rovid.export.curves import ThrusterCurve, curve_effect_keys, number_list, thruster_curves
+from rovid.export.export_input import ExportInput
+from rovid.export.export_result import ExportResult
+from rovid.export.resimulation import first_order_lag, integrate_rate, repeat_held
 
 _STEP = 0.002  # s, MuJoCo's default
 _ACTUATOR_EFFECTS = ("thruster_lag", "command_delay")
 _JOINT_EFFECTS = ("drag_curvature", "bias_torque", "tether_torsion")
 
 
-def export(subject: Subject) -> Target:
+def export(subject: ExportInput) -> ExportResult:
     """A hinge with its damping and one actuator a thruster, whose control is the steady thrust in N."""
     held = frozenset(key for key in subject.effects if key in {*_ACTUATOR_EFFECTS, *_JOINT_EFFECTS})
-    propulsion = curves(subject)
-    return Target(
+    propulsion = thruster_curves(subject)
+    return ExportResult(
         content=_mjcf(subject, propulsion),
-        plant=_plant(subject, propulsion),
-        holds=held | curve_keys(subject),
+        simulate=_plant(subject, propulsion),
+        kept_effects=held | curve_effect_keys(subject),
         notes=(
             "z is up: a yaw rate there is minus rovid's, which grows with the heading.",
             "Needs MuJoCo 3.7 or newer: an older one refuses a damping of more than one number.",
@@ -41,12 +41,12 @@ def export(subject: Subject) -> Target:
     )
 
 
-def _value(subject: Subject, key: str, name: str) -> float:
+def _value(subject: ExportInput, key: str, name: str) -> float:
     """A parameter of the effect ``key``; 0 where the model is without it."""
     return subject.effects.get(key, {}).get(name, 0.0)
 
 
-def _mjcf(subject: Subject, propulsion: list[Curve]) -> str:
+def _mjcf(subject: ExportInput, propulsion: list[ThrusterCurve]) -> str:
     model = subject.model
     damping = np.array([model.linear_drag, model.quadratic_drag, _value(subject, "drag_curvature", "cubic")])
     stiffness = _value(subject, "tether_torsion", "stiffness")
@@ -56,13 +56,13 @@ def _mjcf(subject: Subject, propulsion: list[Curve]) -> str:
     for curve in propulsion:
         name = curve.identifier
         actuators.append(f'    <general name="{name}" joint="yaw" gear="{-curve.arm:.10g}"{dynamics}/>')
-        tables.append(f'    <numeric name="{name}_command" data="{numbers(curve.command)}"/>')
-        tables.append(f'    <numeric name="{name}_thrust" data="{numbers(curve.thrust)}"/>')
+        tables.append(f'    <numeric name="{name}_command" data="{number_list(curve.command)}"/>')
+        tables.append(f'    <numeric name="{name}_thrust" data="{number_list(curve.thrust)}"/>')
     if bias:
         actuators.append(
             f'    <general name="bias_torque" joint="yaw" gainprm="0" biastype="affine" biasprm="{bias:.10g} 0 0"/>'
         )
-    joint = f'<joint name="yaw" type="hinge" axis="0 0 1" damping="{numbers(damping)}"'
+    joint = f'<joint name="yaw" type="hinge" axis="0 0 1" damping="{number_list(damping)}"'
     if stiffness:
         joint += f' stiffness="{stiffness:.10g}"'
     return f"""<mujoco model={xml_attribute(subject.vehicle.name)}>
@@ -74,7 +74,7 @@ def _mjcf(subject: Subject, propulsion: list[Curve]) -> str:
   <worldbody>
     <body name="base_link">
       {joint}/>
-      <inertial pos="0 0 0" mass="{subject.mass:.10g}" diaginertia="{numbers(np.full(3, model.inertia))}"/>
+      <inertial pos="0 0 0" mass="{subject.mass:.10g}" diaginertia="{number_list(np.full(3, model.inertia))}"/>
     </body>
   </worldbody>
   <actuator>
@@ -84,7 +84,7 @@ def _mjcf(subject: Subject, propulsion: list[Curve]) -> str:
 """
 
 
-def _dynamics(subject: Subject) -> str:
+def _dynamics(subject: ExportInput) -> str:
     """Attributes of an actuator that lags and waits."""
     lag, delay = _value(subject, "thruster_lag", "time_constant"), _value(subject, "command_delay", "delay")
     dynamics = ""
@@ -101,7 +101,7 @@ def _delayed(series: FloatArray, count: int) -> FloatArray:
     return np.concatenate([np.full(count, series[0]), series])[: len(series)]
 
 
-def _joint(subject: Subject) -> Callable[[float, float, float], float]:
+def _joint(subject: ExportInput) -> Callable[[float, float, float], float]:
     """From rate, angle and torque to the rate one step later, as the engine does it."""
     model = subject.model
     cubic, stiffness = _value(subject, "drag_curvature", "cubic"), _value(subject, "tether_torsion", "stiffness")
@@ -118,7 +118,7 @@ def _joint(subject: Subject) -> Callable[[float, float, float], float]:
     return advance
 
 
-def _plant(subject: Subject, propulsion: list[Curve]) -> Callable[[FloatArray, float], FloatArray]:
+def _plant(subject: ExportInput, propulsion: list[ThrusterCurve]) -> Callable[[FloatArray, float], FloatArray]:
     advance = _joint(subject)
     lag, delay = _value(subject, "thruster_lag", "time_constant"), _value(subject, "command_delay", "delay")
     wait = round(delay / _STEP)
@@ -126,8 +126,8 @@ def _plant(subject: Subject, propulsion: list[Curve]) -> Callable[[FloatArray, f
     def plant(commands: FloatArray, period: float) -> FloatArray:
         torque = np.zeros(len(commands) * round(period / _STEP))
         for curve, command in zip(propulsion, commands.T, strict=True):
-            late = _delayed(stepped(curve(command), period, _STEP), wait)
-            torque -= curve.arm * lagged(late, lag, _STEP)
-        return -march(torque, round(period / _STEP), advance, _STEP)
+            late = _delayed(repeat_held(curve(command), period, _STEP), wait)
+            torque -= curve.arm * first_order_lag(late, lag, _STEP)
+        return -integrate_rate(torque, round(period / _STEP), advance, _STEP)
 
     return plant

@@ -13,10 +13,10 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.core.escaping import python_docstring
 from rovid.core.signatures import export_mark
-from rovid.export.curves import Curve, curve_keys, curves
-from rovid.export.export_input import Subject
-from rovid.export.export_result import Target
-from rovid.export.resimulation import stepped
+from rovid.export.curves import ThrusterCurve, curve_effect_keys, thruster_curves
+from rovid.export.export_input import ExportInput
+from rovid.export.export_result import ExportResult
+from rovid.export.resimulation import repeat_held
 
 _STEP = 0.02  # s, of the simulator's main.py
 # Further terms of the equation of motion as Python, torque in N m.
@@ -95,9 +95,9 @@ class RovidVehicle:
 '''
 
 
-def export(subject: Subject) -> Target:
+def export(subject: ExportInput) -> ExportResult:
     """A module with the class RovidVehicle."""
-    propulsion = curves(subject)
+    propulsion = thruster_curves(subject)
     lag = next((key for key in subject.effects if key in _LAGS), "")
     content = _module(subject, propulsion, lag)
 
@@ -106,17 +106,17 @@ def export(subject: Subject) -> Target:
         exec(compile(content, "rovid_vehicle.py", "exec"), space)  # noqa: S102 - our own text, run as its user will
         vehicle = space["RovidVehicle"]()
         nu, actual, eta, rates = vehicle.nu, vehicle.u_actual, np.zeros(6), []
-        for control in stepped(commands, period, _STEP):
+        for control in repeat_held(commands, period, _STEP):
             rates.append(nu[5])
             nu, actual = vehicle.dynamics(eta, nu, actual, control, _STEP)
             eta[5] += _STEP * nu[5]
         return np.array(rates[:: round(period / _STEP)])
 
     stated = {key for key in subject.effects if key in _TERMS or key == lag}
-    return Target(
+    return ExportResult(
         content=content,
-        plant=plant,
-        holds=curve_keys(subject) | stated,
+        simulate=plant,
+        kept_effects=curve_effect_keys(subject) | stated,
         notes=(
             "Axes are NED, as rovid's: no sign changes.",
             "Yaw alone moves: surge to pitch keep their velocity.",
@@ -125,7 +125,7 @@ def export(subject: Subject) -> Target:
     )
 
 
-def _module(subject: Subject, propulsion: list[Curve], lag: str) -> str:
+def _module(subject: ExportInput, propulsion: list[ThrusterCurve], lag: str) -> str:
     model, vehicle = subject.model, subject.vehicle
     return _MODULE.format(
         title=python_docstring(vehicle.name),
@@ -143,23 +143,23 @@ def _module(subject: Subject, propulsion: list[Curve], lag: str) -> str:
     )
 
 
-def _terms(subject: Subject) -> str:
+def _terms(subject: ExportInput) -> str:
     """Further terms of the equation of motion."""
     terms = [_TERMS[key].format(**values) for key, values in subject.effects.items() if key in _TERMS]
     return "".join(terms)
 
 
-def _tables(propulsion: list[Curve]) -> str:
+def _tables(propulsion: list[ThrusterCurve]) -> str:
     """A line for each thruster."""
     return "".join(map(_table, propulsion))
 
 
-def _table(curve: Curve) -> str:
+def _table(curve: ThrusterCurve) -> str:
     command, thrust = curve.command.tolist(), curve.thrust.tolist()
     return f"            ({curve.arm!r}, {curve.neutral!r}, {command!r}, {thrust!r}),\n"
 
 
-def _acting(propulsion: list[Curve], lag: str) -> dict[str, Any]:
+def _acting(propulsion: list[ThrusterCurve], lag: str) -> dict[str, Any]:
     """What acts late: the thrust, behind the curves, or the command; where it starts and what it goes to."""
     if lag == "thruster_lag":
         return {

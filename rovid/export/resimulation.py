@@ -10,10 +10,10 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.effects.actuator_inputs import neutral_commands
-from rovid.export.curves import Curve
-from rovid.export.export_input import Subject
+from rovid.export.curves import ThrusterCurve
+from rovid.export.export_input import ExportInput
 from rovid.model.model import Model
-from rovid.signals.recursion import fading_sum
+from rovid.signals.recursion import first_order_sum
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Thruster
 
@@ -52,7 +52,7 @@ class Mismatch:
     rms: float
 
 
-def manoeuvre(subject: Subject) -> FloatArray:
+def verification_commands(subject: ExportInput) -> FloatArray:
     """(n, k) commands, each held for ``PERIOD``: hold both ways, coast down, two sines, within the measured rates."""
     settling = min(max(settling_time(subject), _SETTLING[0]), _SETTLING[1])
     share: list[float] = []
@@ -72,14 +72,14 @@ def manoeuvre(subject: Subject) -> FloatArray:
     return commands_at(subject, shares)
 
 
-def settling_time(subject: Subject) -> float:
+def settling_time(subject: ExportInput) -> float:
     """Time constant in s of small changes at half the largest measured rate."""
     model = subject.model
     slope = model.linear_drag + model.quadratic_drag * subject.largest_rate
     return model.inertia / max(slope, 1e-12)
 
 
-def commands_at(subject: Subject, shares: FloatArray) -> FloatArray:
+def commands_at(subject: ExportInput, shares: FloatArray) -> FloatArray:
     """(n, k) commands that push by (n,) ``shares`` of the largest in use, positive ones turning the heading up."""
     vehicle = subject.vehicle
     each = zip(vehicle.thrusters, neutral_commands(vehicle), subject.commands, strict=True)
@@ -93,18 +93,20 @@ def _reach(thruster: Thruster, neutral: float, ends: FloatArray) -> list[float]:
     return [down, neutral, up]
 
 
-def _largest(subject: Subject, commands: FloatArray) -> float:
+def _largest(subject: ExportInput, commands: FloatArray) -> float:
     """Largest size of the yaw rate in rad/s that (n, k) ``commands`` lead to."""
     return float(np.max(np.abs(rovid_rate(subject, subject.model, commands))))
 
 
-def rovid_rate(subject: Subject, model: Model, commands: FloatArray) -> FloatArray:
+def rovid_rate(subject: ExportInput, model: Model, commands: FloatArray) -> FloatArray:
     """(n,) yaw rate in rad/s of ``model`` under (n, k) ``commands``, from rest."""
-    trial = Trial.imagined(PERIOD * np.arange(len(commands), dtype=np.float64), commands, reference=subject.reference)
-    return model.simulate(trial, model.drive(subject.vehicle, trial))[0]
+    trial = Trial.from_commands(
+        PERIOD * np.arange(len(commands), dtype=np.float64), commands, reference=subject.reference
+    )
+    return model.simulate(trial, model.torque_input(subject.vehicle, trial))[0]
 
 
-def compare(rovid: FloatArray, other: FloatArray) -> Mismatch:
+def compare_rates(rovid: FloatArray, other: FloatArray) -> Mismatch:
     """How far ``other`` lies from the yaw rate ``rovid``, both (n,) rad/s."""
     error, span = other - rovid, float(np.ptp(rovid))
     worst = float(np.max(np.abs(error)))
@@ -116,21 +118,21 @@ def compare(rovid: FloatArray, other: FloatArray) -> Mismatch:
     return Mismatch(percent_of_range=percent, rms=scale * float(np.sqrt(np.mean((error / scale) ** 2))))
 
 
-def stepped(values: FloatArray, period: float, step: float) -> FloatArray:
+def repeat_held(values: FloatArray, period: float, step: float) -> FloatArray:
     """(n*m, ...) of (n, ...) values held for ``period``: one for each of its m steps."""
     return np.repeat(values, round(period / step), axis=0)
 
 
-def lagged(values: FloatArray, time_constant: float, step: float) -> FloatArray:
+def first_order_lag(values: FloatArray, time_constant: float, step: float) -> FloatArray:
     """First-order lag of (m,) ``values``, from zero, updated exactly and ahead of each step."""
     if time_constant <= 0.0:
         return values
     fade = math.exp(-step / time_constant)
-    return fading_sum((1.0 - fade) * values, fade)
+    return first_order_sum((1.0 - fade) * values, fade)
 
 
 def thrust_torque(
-    propulsion: Sequence[Curve],
+    propulsion: Sequence[ThrusterCurve],
     commands: FloatArray,
     period: float,
     step: float,
@@ -141,12 +143,14 @@ def thrust_torque(
     """(m,) yaw torque in N m, positive as rovid's, in each step of (n, k) commands held for ``period``."""
     total = np.zeros(len(commands) * round(period / step))
     for curve, command in zip(propulsion, commands.T, strict=True):
-        beyond = lagged(stepped(command - curve.neutral, period, step), command_lag, step)
-        total += curve.arm * lagged(curve(curve.neutral + beyond), thrust_lag, step)
+        beyond = first_order_lag(repeat_held(command - curve.neutral, period, step), command_lag, step)
+        total += curve.arm * first_order_lag(curve(curve.neutral + beyond), thrust_lag, step)
     return total
 
 
-def march(torque: FloatArray, steps: int, advance: Callable[[float, float, float], float], step: float) -> FloatArray:
+def integrate_rate(
+    torque: FloatArray, steps: int, advance: Callable[[float, float, float], float], step: float
+) -> FloatArray:
     """(n,) rate in rad/s before every ``steps`` of the (m,) torques in N m, from rest.
 
     ``advance`` turns (rate, angle, torque) into the rate a step later; the angle follows with the new rate, as in the

@@ -7,15 +7,23 @@ from typing import Any
 
 from rovid.core.escaping import toml_text
 from rovid.core.signatures import export_mark
-from rovid.export.export_input import Subject
-from rovid.export.export_result import Target
-from rovid.export.rovid_equation import AXES, BASE, EQUATION, base_of, effect_names, target_of, thruster_of
+from rovid.export.export_input import ExportInput
+from rovid.export.export_result import ExportResult
+from rovid.export.rovid_equation import (
+    AXES,
+    BASE,
+    EQUATION,
+    base_parameters,
+    effect_names,
+    rovid_result,
+    thruster_entry,
+)
 
 
-def export(subject: Subject) -> Target:
+def export(subject: ExportInput) -> ExportResult:
     """A parameter YAML for any node; names with a colon keep it as an underscore."""
     lines = [f"# {export_mark('ros2')}.", f"# {EQUATION}", f"# {AXES}", "/**:", "  ros__parameters:"]
-    lines += _entries("    ", base_of(subject))
+    lines += _entries("    ", base_parameters(subject))
     names = ", ".join(toml_text(thruster.name) for thruster in subject.vehicle.thrusters)
     lines.append(f"    thruster_names: [{names}]")
     lines += _thrusters(subject)
@@ -27,15 +35,15 @@ def export(subject: Subject) -> Target:
         lines.append(f"      {keys[key]}:")
         lines += _entries("        ", parameters)
         effects[key] = _read(parameters)
-    base = _read(base_of(subject))
+    base = _read(base_parameters(subject))
     content = "\n".join(lines) + "\n"
-    return target_of(subject, content, [base[name] for name in BASE], effects)
+    return rovid_result(subject, content, [base[name] for name in BASE], effects)
 
 
-def _thrusters(subject: Subject) -> Iterator[str]:
+def _thrusters(subject: ExportInput) -> Iterator[str]:
     """Lines of each thruster's arm and curve."""
     for index in range(len(subject.vehicle.thrusters)):
-        thruster = thruster_of(subject, index, list)
+        thruster = thruster_entry(subject, index, list)
         yield f"    thruster_{index}:"
         yield from _entries("      ", {name: thruster[name] for name in ("yaw_arm", "command", "thrust")})
 

@@ -6,8 +6,8 @@ from typing import Any
 
 from rovid.core.array_types import FloatArray
 from rovid.core.escaping import identifiers
-from rovid.export.export_input import Subject
-from rovid.export.export_result import Target
+from rovid.export.export_input import ExportInput
+from rovid.export.export_result import ExportResult
 from rovid.export.resimulation import rovid_rate
 from rovid.model.model import Model
 
@@ -17,12 +17,12 @@ AXES = "Yaw is positive in the sense in which the heading grows (NED: clockwise 
 _NOTE = (AXES + " In a z-up frame the rate and the thrusters' yaw arms change sign, inertia and drag do not.",)
 
 
-def effect_names(subject: Subject) -> dict[str, str]:
+def effect_names(subject: ExportInput) -> dict[str, str]:
     """Key of each effect -> the same as a name of a field."""
     return dict(zip(subject.effects, identifiers(list(subject.effects)), strict=True))
 
 
-def base_of(subject: Subject) -> dict[str, float]:
+def base_parameters(subject: ExportInput) -> dict[str, float]:
     """Inertia and drag by name, in SI."""
     model = subject.model
     return {
@@ -34,7 +34,7 @@ def base_of(subject: Subject) -> dict[str, float]:
     }
 
 
-def thruster_of(subject: Subject, index: int, made: Any) -> dict[str, Any]:
+def thruster_entry(subject: ExportInput, index: int, made: Any) -> dict[str, Any]:
     """The bench curve; a logged torque is its own."""
     thruster = subject.vehicle.thrusters[index]
     if thruster.curve is None:
@@ -44,9 +44,9 @@ def thruster_of(subject: Subject, index: int, made: Any) -> dict[str, Any]:
     return {"name": thruster.name, "yaw_arm": thruster.arm, "command": command, "thrust": thrust}
 
 
-def target_of(
-    subject: Subject, content: str | bytes, base: list[float], effects: dict[str, dict[str, float]]
-) -> Target:
+def rovid_result(
+    subject: ExportInput, content: str | bytes, base: list[float], effects: dict[str, dict[str, float]]
+) -> ExportResult:
     """The target's equation is rovid's, with the numbers as they stand in the file."""
     inertia, quadratic, linear = base
     values: list[float] = []
@@ -63,4 +63,4 @@ def target_of(
     def plant(commands: FloatArray, period: float) -> FloatArray:  # noqa: ARG001 - the manoeuvre's own
         return rovid_rate(subject, read, commands)
 
-    return Target(content=content, plant=plant, holds=frozenset(subject.effects), notes=_NOTE)
+    return ExportResult(content=content, simulate=plant, kept_effects=frozenset(subject.effects), notes=_NOTE)

@@ -16,12 +16,12 @@ from scipy.optimize import nnls
 from rovid.core.array_types import FloatArray
 from rovid.core.escaping import xml_attribute
 from rovid.core.signatures import export_mark
-from rovid.export.command_lag import BEHIND, first_order, input_notes, inputs_of
-from rovid.export.curves import Curve, curve_comment, curve_keys, curves, numbers
-from rovid.export.export_input import Subject
-from rovid.export.export_result import Target
+from rovid.export.command_lag import THRUST_LAG, input_notes, thruster_inputs, thruster_lag
+from rovid.export.curves import ThrusterCurve, curve_comment, curve_effect_keys, number_list, thruster_curves
+from rovid.export.export_input import ExportInput
+from rovid.export.export_result import ExportResult
 from rovid.export.gz_sim import side_of
-from rovid.export.resimulation import march, thrust_torque
+from rovid.export.resimulation import integrate_rate, thrust_torque
 from rovid.trial.vehicle import Vehicle
 
 _STEP = 0.002  # s
@@ -52,23 +52,23 @@ class _Hull:
     viscous_drag: float
 
 
-def export(subject: Subject) -> Target:
+def export(subject: ExportInput) -> ExportResult:
     """A robot for Stonefish whose body is a box."""
-    tables = curves(subject)
+    tables = thruster_curves(subject)
     drag = _fitted(subject)
     hull = _hull(subject.vehicle, drag)
-    lag, form = first_order(subject)
+    lag, form = thruster_lag(subject)
     stated = {key for key in subject.effects if key in {"drag_curvature", form}}
-    return Target(
-        content=_scenario(subject, hull, drag, inputs_of(tables, form), tables, lag),
-        plant=_plant(subject, drag, tables, lag, form),
-        holds=curve_keys(subject) | stated,
-        misses=_misses(subject, drag),
+    return ExportResult(
+        content=_scenario(subject, hull, drag, thruster_inputs(tables, form), tables, lag),
+        simulate=_plant(subject, drag, tables, lag, form),
+        kept_effects=curve_effect_keys(subject) | stated,
+        base_losses=_misses(subject, drag),
         notes=(*_notes(subject.vehicle, hull), *input_notes(form)),
     )
 
 
-def _misses(subject: Subject, drag: _Drag) -> tuple[tuple[str, str], ...]:
+def _misses(subject: ExportInput, drag: _Drag) -> tuple[tuple[str, str], ...]:
     if subject.model.quadratic_drag == 0.0:
         return ()
     why = (
@@ -94,7 +94,7 @@ def _notes(vehicle: Vehicle, hull: _Hull) -> tuple[str, ...]:
     )
 
 
-def _fitted(subject: Subject) -> _Drag:
+def _fitted(subject: ExportInput) -> _Drag:
     """Neither part negative, and the nearest to the model's drag up to the largest rate."""
     largest = subject.largest_rate
     rates = np.linspace(0.0, largest, _RATES)
@@ -179,7 +179,7 @@ def _quartered(mesh: FloatArray) -> FloatArray:
 
 
 def _plant(
-    subject: Subject, drag: _Drag, propulsion: list[Curve], lag: float, form: str
+    subject: ExportInput, drag: _Drag, propulsion: list[ThrusterCurve], lag: float, form: str
 ) -> Callable[[FloatArray, float], FloatArray]:
     inertia = subject.model.inertia
 
@@ -187,16 +187,18 @@ def _plant(
         return rate + _STEP * (torque - drag(rate)) / inertia
 
     def plant(commands: FloatArray, period: float) -> FloatArray:
-        if form == BEHIND:
+        if form == THRUST_LAG:
             torque = thrust_torque(propulsion, commands, period, _STEP, thrust_lag=lag)
         else:
             torque = thrust_torque(propulsion, commands, period, _STEP, command_lag=lag)
-        return march(torque, round(period / _STEP), advance, _STEP)
+        return integrate_rate(torque, round(period / _STEP), advance, _STEP)
 
     return plant
 
 
-def _scenario(subject: Subject, hull: _Hull, drag: _Drag, inputs: list[Curve], tables: list[Curve], lag: float) -> str:
+def _scenario(
+    subject: ExportInput, hull: _Hull, drag: _Drag, inputs: list[ThrusterCurve], tables: list[ThrusterCurve], lag: float
+) -> str:
     inertia = subject.model.inertia
     thrusters = []
     for index, thruster in enumerate(subject.vehicle.thrusters):
@@ -230,7 +232,7 @@ def _rotor_dynamics(lag: float) -> str:
     return f'<rotor_dynamics type="first_order"><time_constant value="{lag:.10g}"/></rotor_dynamics>'
 
 
-def _thruster(curve: Curve, table: Curve, side: float, lag: float) -> str:
+def _thruster(curve: ThrusterCurve, table: ThrusterCurve, side: float, lag: float) -> str:
     # FRD: at x = side*arm, pushing along side*y, the torque about z is arm*thrust.
     limit = float(np.max(np.abs(curve.command)))
     return f"""    <!-- {curve_comment(table)} -->
@@ -243,8 +245,8 @@ def _thruster(curve: Curve, table: Curve, side: float, lag: float) -> str:
       </propeller>
       {_rotor_dynamics(lag)}
       <thrust_model type="linear_interpolation">
-        <input value="{numbers(curve.command)}"/>
-        <output value="{numbers(curve.thrust)}"/>
+        <input value="{number_list(curve.command)}"/>
+        <output value="{number_list(curve.thrust)}"/>
       </thrust_model>
       <origin xyz="{side * curve.arm:.10g} 0 0" rpy="0 0 {side * np.pi / 2.0:.16g}"/>
       <link name="base_link"/>

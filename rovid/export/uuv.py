@@ -13,12 +13,12 @@ from collections.abc import Callable
 from rovid.core.array_types import FloatArray
 from rovid.core.escaping import identifiers
 from rovid.core.signatures import export_mark
-from rovid.export.command_lag import AHEAD, first_order, input_notes, inputs_of
-from rovid.export.curves import Curve, curve_comment, curve_keys, curves, numbers
-from rovid.export.export_input import Subject
-from rovid.export.export_result import Target
+from rovid.export.command_lag import COMMAND_LAG, input_notes, thruster_inputs, thruster_lag
+from rovid.export.curves import ThrusterCurve, curve_comment, curve_effect_keys, number_list, thruster_curves
+from rovid.export.export_input import ExportInput
+from rovid.export.export_result import ExportResult
 from rovid.export.gz_sim import frame_notes, place, side_of
-from rovid.export.resimulation import march, settling_time, thrust_torque
+from rovid.export.resimulation import integrate_rate, settling_time, thrust_torque
 
 _STEP = 0.002  # s, of uuv_simulator's worlds
 _FILTER = 0.3
@@ -29,34 +29,34 @@ _VISIBLE = 3e-4
 _STABLE = 2.8
 
 
-def export(subject: Subject) -> Target:
+def export(subject: ExportInput) -> ExportResult:
     """A xacro for uuv_simulator."""
     split, note = _split(subject)
-    lag, form = first_order(subject)
-    tables = curves(subject)
-    inputs = inputs_of(tables, form)
-    command_lag = lag if form == AHEAD else 0.0
+    lag, form = thruster_lag(subject)
+    tables = thruster_curves(subject)
+    inputs = thruster_inputs(tables, form)
+    command_lag = lag if form == COMMAND_LAG else 0.0
     stated = {form} if form else set()
-    return Target(
+    return ExportResult(
         content=_xacro(subject, split, inputs, tables, lag),
-        plant=_plant(subject, split, tables, command_lag, lag),
-        holds=curve_keys(subject) | stated,
+        simulate=_plant(subject, split, tables, command_lag, lag),
+        kept_effects=curve_effect_keys(subject) | stated,
         notes=(*frame_notes(subject), note, *input_notes(form)),
     )
 
 
-def export_yaml(subject: Subject) -> Target:
+def export_yaml(subject: ExportInput) -> ExportResult:
     """The vehicle model of uuv_simulator's controllers; it has no thrusters."""
     split, note = _split(subject)
-    return Target(
+    return ExportResult(
         content=_controllers(subject, *split),
-        plant=_plant(subject, split, curves(subject), 0.0, 0.0),
-        holds=curve_keys(subject),
+        simulate=_plant(subject, split, thruster_curves(subject), 0.0, 0.0),
+        kept_effects=curve_effect_keys(subject),
         notes=(*frame_notes(subject), note, "The controllers' model takes forces: a thruster manager has the curves."),
     )
 
 
-def _controllers(subject: Subject, body: float, added: float) -> str:
+def _controllers(subject: ExportInput, body: float, added: float) -> str:
     """Their YAML, of the yaw inertia in kg m^2 of the ``body`` and the ``added`` one."""
     model = subject.model
     lines = [
@@ -75,7 +75,7 @@ def _controllers(subject: Subject, body: float, added: float) -> str:
     return "\n".join(lines)
 
 
-def _split(subject: Subject) -> tuple[tuple[float, float], str]:
+def _split(subject: ExportInput) -> tuple[tuple[float, float], str]:
     body, added = subject.rigid_inertia, subject.added_inertia
     late = _STEP / _FILTER * added / subject.model.inertia / settling_time(subject) / math.e
     if added <= _STABLE * body and late < _VISIBLE:
@@ -87,7 +87,7 @@ def _split(subject: Subject) -> tuple[tuple[float, float], str]:
 
 
 def _plant(
-    subject: Subject, split: tuple[float, float], propulsion: list[Curve], command_lag: float, lag: float
+    subject: ExportInput, split: tuple[float, float], propulsion: list[ThrusterCurve], command_lag: float, lag: float
 ) -> Callable[[FloatArray, float], FloatArray]:
     model, (body, added) = subject.model, split
     thrust_lag = 0.0 if command_lag else lag
@@ -103,12 +103,18 @@ def _plant(
             return rate + _STEP * before
 
         torque = thrust_torque(propulsion, commands, period, _STEP, command_lag=command_lag, thrust_lag=thrust_lag)
-        return -march(-torque, round(period / _STEP), advance, _STEP)
+        return -integrate_rate(-torque, round(period / _STEP), advance, _STEP)
 
     return plant
 
 
-def _xacro(subject: Subject, split: tuple[float, float], inputs: list[Curve], tables: list[Curve], lag: float) -> str:
+def _xacro(
+    subject: ExportInput,
+    split: tuple[float, float],
+    inputs: list[ThrusterCurve],
+    tables: list[ThrusterCurve],
+    lag: float,
+) -> str:
     model, (body, added) = subject.model, split
     name = identifiers([subject.vehicle.name])[0].lower()
     matrix = "            0 0 0 0 0 0\n" * 5 + f"            0 0 0 0 0 {added:.10g}"
@@ -147,7 +153,7 @@ def _xacro(subject: Subject, split: tuple[float, float], inputs: list[Curve], ta
 """
 
 
-def _thruster(name: str, index: int, curve: Curve, table: Curve, side: float, lag: float) -> str:
+def _thruster(name: str, index: int, curve: ThrusterCurve, table: ThrusterCurve, side: float, lag: float) -> str:
     x, direction = place(curve, side)
     link = f"{name}/thruster_{index}"
     dynamics = "<type>ZeroOrder</type>"
@@ -174,8 +180,8 @@ def _thruster(name: str, index: int, curve: Curve, table: Curve, side: float, la
       <dynamics>{dynamics}</dynamics>
       <conversion>
         <type>LinearInterp</type>
-        <inputValues>{numbers(curve.command)}</inputValues>
-        <outputValues>{numbers(curve.thrust)}</outputValues>
+        <inputValues>{number_list(curve.command)}</inputValues>
+        <outputValues>{number_list(curve.thrust)}</outputValues>
       </conversion>
     </plugin>
   </gazebo>

@@ -8,19 +8,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from rovid.export.curves import curve_keys, curves
-from rovid.export.export_input import Subject
-from rovid.export.export_result import Target
-from rovid.export.gz_sim import NEWTONS, deadband, frame_notes, plant_of, sdf
+from rovid.export.curves import curve_effect_keys, thruster_curves
+from rovid.export.export_input import ExportInput
+from rovid.export.export_result import ExportResult
+from rovid.export.gz_sim import NEWTONS, deadband_thrust, frame_notes, gazebo_simulator, sdf
 
 _STEP = 0.004  # s, of VRX's worlds
 _EFFORT = 10.0  # times the largest drag in use; VRX crops at 10 kN m without
 
 
-def export(subject: Subject) -> Target:
+def export(subject: ExportInput) -> ExportResult:
     """A model in SDF for VRX on gz-sim."""
-    model, propulsion = subject.model, curves(subject)
-    bands = [deadband(subject, index) for index in range(len(propulsion))]
+    model, propulsion = subject.model, thruster_curves(subject)
+    bands = [deadband_thrust(subject, index) for index in range(len(propulsion))]
     effort = max(10_000.0, _EFFORT * float(model.drag(np.array(subject.largest_rate))))
     hydrodynamics = f"""    <plugin filename="libSimpleHydrodynamics.so" name="vrx::SimpleHydrodynamics">
       <link_name>base_link</link_name>
@@ -38,10 +38,10 @@ def export(subject: Subject) -> Target:
         "VRX takes the acceleration of the step before, which lags and, with an added inertia beyond the body's (here "
         f"{subject.added_inertia / subject.rigid_inertia:.2g} times it), diverges."
     )
-    return Target(
+    return ExportResult(
         content=sdf("vrx", subject, propulsion, bands, model.inertia, "", hydrodynamics),
-        plant=plant_of(propulsion, bands, advance, _STEP),
-        holds=curve_keys(subject),
+        simulate=gazebo_simulator(propulsion, bands, advance, _STEP),
+        kept_effects=curve_effect_keys(subject),
         notes=(
             *frame_notes(subject),
             NEWTONS,

@@ -13,13 +13,13 @@ from typing import Any
 from rovid import __version__
 from rovid.core.errors import RovidError
 from rovid.core.formatting import to_json
-from rovid.store.study import files_at_hand
+from rovid.store.study import input_files
 
 SCHEMA = "rovid-campaign/1"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Task:
+class CampaignTask:
     """A campaign to be diagnosed.
 
     Attributes
@@ -44,7 +44,7 @@ class Task:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Record:
+class CampaignRecord:
     """What came of it; the fields are the keys of its file.
 
     Attributes
@@ -87,7 +87,7 @@ class Record:
         return to_json({"schema": SCHEMA, **asdict(self)}) + "\n"
 
     @property
-    def lean(self) -> Record:
+    def reduced(self) -> CampaignRecord:
         """It with that alone of its diagnosis which the table and the page need: of many not all is kept in memory."""
         if self.diagnosis is None:
             return self
@@ -99,28 +99,28 @@ class Record:
             lean[side] = known and {"parameters": known["parameters"]}
         return replace(self, diagnosis=lean)
 
-    def holds_for(self, task: Task, patience: float) -> bool:
+    def is_valid_for(self, task: CampaignTask, patience: float) -> bool:
         """Whether the diagnosis would come to the same again, as far as that can be told."""
         if not task.digest or self.digest != task.digest:
             return False
         return self.failure in {None, "input"} or (self.failure == "timeout" and patience <= (self.patience or 0.0))
 
 
-def read_record(path: Path) -> Record | None:
+def read_record(path: Path) -> CampaignRecord | None:
     """The record in a file; None where there is none, or it is damaged or another version's."""
     try:
         document = json.loads(path.read_bytes())
         if document.pop("schema") != SCHEMA:
             return None
-        return Record(**document)
+        return CampaignRecord(**document)
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
 
 
-def digest_of(folder: Path, axis: str, cutoff: float | None) -> str:
+def campaign_digest(folder: Path, axis: str, cutoff: float | None) -> str:
     """Digest of every file that a diagnosis reads, of rovid's version and of the options; empty where one is hidden."""
     try:
-        files = {os.path.relpath(path, folder): path for path in files_at_hand([folder])}
+        files = {os.path.relpath(path, folder): path for path in input_files([folder])}
         parts = [[name, _digest(files[name])] for name in sorted(files)]
     except (OSError, RovidError):
         return ""

@@ -10,20 +10,20 @@ from pathlib import Path
 
 from rovid.core.errors import ConfigError
 from rovid.core.escaping import encodable
-from rovid.core.paths import odd
+from rovid.core.paths import special_kind
 from rovid.readers import READERS
 from rovid.trial.config import FILE_NAME
 
 
 @dataclass(frozen=True)
-class Place:
+class CampaignFolder:
     """A campaign: what it is called, which is told from all others, and its folder, absolute."""
 
     name: str
     folder: Path
 
 
-def places_in(folders: Sequence[Path], out: Path) -> list[Place]:
+def find_campaigns(folders: Sequence[Path], out: Path) -> list[CampaignFolder]:
     """The campaigns of ``folders`` by name: each folder that holds a rovid.toml is one, with all that is below it.
 
     A folder without one is looked through for those that do. What is beside them there and holds logs is a campaign
@@ -49,7 +49,7 @@ def places_in(folders: Sequence[Path], out: Path) -> list[Place]:
     # A link to a folder that is there too is no second campaign.
     once = {folder.resolve(): folder for folder in reversed(found)}
     names = _names(list(once.values()))
-    return [Place(name, names[name]) for name in sorted(names)]
+    return [CampaignFolder(name, names[name]) for name in sorted(names)]
 
 
 def _absolute(path: Path) -> Path:
@@ -88,7 +88,7 @@ def _lacking(folder: Path, campaigns: Sequence[Path], logs: Sequence[Path]) -> I
 
 
 def _is_campaign(folder: Path) -> bool:
-    return (folder / FILE_NAME).is_file() or bool(odd(folder / FILE_NAME))
+    return (folder / FILE_NAME).is_file() or bool(special_kind(folder / FILE_NAME))
 
 
 def _names(folders: Sequence[Path]) -> dict[str, Path]:

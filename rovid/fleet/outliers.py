@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rovid.fleet.campaign_record import Record
-from rovid.fleet.results import UNLIKE, Fleet, Value
+from rovid.fleet.campaign_record import CampaignRecord
+from rovid.fleet.results import UNLIKE, Fleet, ParameterValue
 
 # Campaigns that have the parameter; of fewer none is told from the rest.
 LEAST = 5
@@ -32,7 +32,7 @@ class Outlier:
     campaign: str
     vehicle: str
     name: str
-    value: Value
+    value: ParameterValue
     median: float
     distance: float
 
@@ -44,13 +44,13 @@ def outliers(fleet: Fleet) -> list[Outlier]:
 
 
 def _of(fleet: Fleet, name: str) -> list[Outlier]:
-    groups = [[pair for pair in known if pair[1].compares] for known in fleet.having(name).values()]
-    if not fleet.unlike(name):
+    groups = [[pair for pair in known if pair[1].is_comparable] for known in fleet.campaigns_with(name).values()]
+    if not fleet.dissimilar_medians(name):
         groups = [list(itertools.chain.from_iterable(groups))]
     return [one for there in groups for one in _among(there, name)]
 
 
-def _among(there: Sequence[tuple[Record, Value]], name: str) -> list[Outlier]:
+def _among(there: Sequence[tuple[CampaignRecord, ParameterValue]], name: str) -> list[Outlier]:
     if len(there) < LEAST:
         return []
     values = np.array([one.value for _, one in there])

@@ -6,15 +6,15 @@ from typing import Any
 
 from rich.console import Console
 
-from rovid.fleet.campaign_record import Record
+from rovid.fleet.campaign_record import CampaignRecord
 from rovid.fleet.page import caution, headline, summary
 from rovid.fleet.results import causes, guessed, verdict
-from rovid.fleet.run import Written
+from rovid.fleet.run import FleetOutput
 from rovid.fleet.table import SCHEMA
 from rovid.present.terminal.table import table
 
 
-def fleet_document(written: Written) -> dict[str, Any]:
+def fleet_document(written: FleetOutput) -> dict[str, Any]:
     """What `rovid fleet --json` prints."""
     fleet = written.fleet
     return {
@@ -22,13 +22,13 @@ def fleet_document(written: Written) -> dict[str, Any]:
         "axis": fleet.axis,
         "table": str(written.table),
         "page": str(written.page),
-        "diagnosed_anew": written.anew,
+        "diagnosed_anew": written.diagnosed_anew,
         "campaigns": [_campaign(record) for record in fleet.records],
         **summary(fleet),
     }
 
 
-def _campaign(record: Record) -> dict[str, Any]:
+def _campaign(record: CampaignRecord) -> dict[str, Any]:
     return {
         "campaign": record.campaign,
         "vehicle": record.vehicle,
@@ -42,7 +42,7 @@ def _campaign(record: Record) -> dict[str, Any]:
     }
 
 
-def show_fleet(console: Console, written: Written) -> None:
+def show_fleet(console: Console, written: FleetOutput) -> None:
     """A row a campaign, then in a line what they came to, and where the page is."""
     fleet = written.fleet
     rows = table("", "campaign", "vehicle", "verdict", "causes, or what went wrong", left=4)

@@ -12,13 +12,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rovid.core.errors import visible
+from rovid.core.errors import escape_invisible
 from rovid.core.formatting import significant
-from rovid.fleet.campaign_record import Record
-from rovid.fleet.results import Fleet, Value, median_of, verdict
-from rovid.fleet.shrinkage import Shrunk
-from rovid.present.number_text import title, unit
-from rovid.present.plots.canvas import BLACK, ORANGE, PALE, RED, sheet, shortened, styled
+from rovid.fleet.campaign_record import CampaignRecord
+from rovid.fleet.results import Fleet, ParameterValue, median_of, verdict
+from rovid.fleet.shrinkage import ShrunkParameter
+from rovid.present.number_text import parameter_title, unit_symbol
+from rovid.present.plots.canvas import BLACK, ORANGE, PALE, RED, panel_grid, report_style, shorten_name
 
 # Verdict -> marker, its colour and filling, and its words.
 VERDICTS: Mapping[str, tuple[str, str, Literal["full", "none"], str]] = {
@@ -35,11 +35,11 @@ _ROW = 0.32  # in, of a vehicle
 _DATES, _LETTERS = 9, 120
 
 
-@styled
+@report_style
 def timeline(fleet: Fleet) -> Figure:
     """A row for each vehicle, a mark for each of its campaigns that has a date."""
     rows = list(fleet.vehicles.items())
-    figure, ((panel,),) = sheet([(_ROW * (len(rows) + 1), 1)], left=2.2, top=0.45, bottom=0.5)
+    figure, ((panel,),) = panel_grid([(_ROW * (len(rows) + 1), 1)], left=2.2, top=0.45, bottom=0.5)
     for said, (marker, colour, filling, words) in VERDICTS.items():
         dated = [
             (record.start, place)
@@ -59,15 +59,15 @@ def timeline(fleet: Fleet) -> Figure:
     return figure
 
 
-@styled
-def history(fleet: Fleet, name: str, out_of_line: Collection[str], mean: Shrunk | None) -> Figure:
+@report_style
+def history(fleet: Fleet, name: str, out_of_line: Collection[str], mean: ShrunkParameter | None) -> Figure:
     """A parameter with its 95 % intervals, vehicle by vehicle, each in the order of time.
 
     Of vehicles that are unlike it is how far each campaign is from its own vehicle's median, in per cent.
     """
-    groups, shown = fleet.having(name), unit(fleet.units[name])
-    own = fleet.unlike(name) if mean is None else {}
-    figure, ((panel,),) = sheet([(1.9, 1)], left=0.95, right=0.15, top=0.55, bottom=0.5)
+    groups, shown = fleet.campaigns_with(name), unit_symbol(fleet.units[name])
+    own = fleet.dissimilar_medians(name) if mean is None else {}
+    figure, ((panel,),) = panel_grid([(1.9, 1)], left=0.95, right=0.15, top=0.55, bottom=0.5)
     at, ticks = 0, []
     for vehicle, known in groups.items():
         first = at
@@ -87,7 +87,7 @@ def history(fleet: Fleet, name: str, out_of_line: Collection[str], mean: Shrunk 
         if first:
             panel.axvline(first - 1.0, color="#e2e2e2", linewidth=1.0)
         at += 1
-    some = [one for known in groups.values() for _, one in known if one.compares]
+    some = [one for known in groups.values() for _, one in known if one.is_comparable]
     middle = mean.mean.value if mean is not None else 0.0 if own else median_of(some) if some else math.nan
     panel.axhline(middle, color=BLACK if mean is None else PALE, linewidth=0.8, linestyle=(0, (4, 3)), zorder=1)
     dates = ticks[:: max(1, math.ceil(len(ticks) / _DATES))]
@@ -96,16 +96,16 @@ def history(fleet: Fleet, name: str, out_of_line: Collection[str], mean: Shrunk 
     panel.locator_params(axis="y", nbins=5)
     panel.grid(visible=False, axis="x")
     label = f"% from each vehicle's own median, which stands beside its name, {shown}" if own else shown
-    figure.text(0.005, 0.985, f"{title(name)}{', ' if label else ''}{label}", fontsize=10, va="top")
+    figure.text(0.005, 0.985, f"{parameter_title(name)}{', ' if label else ''}{label}", fontsize=10, va="top")
     return figure
 
 
-def _from(median: float, one: Value) -> Value:
+def _from(median: float, one: ParameterValue) -> ParameterValue:
     """How far it is from the ``median``, in per cent of that."""
     return replace(one, value=100.0 * (one.value / median - 1.0), error=100.0 * one.error / abs(median))
 
 
-def _mark(panel: Axes, at: float, one: Value, colour: str) -> None:
+def _mark(panel: Axes, at: float, one: ParameterValue, colour: str) -> None:
     if math.isfinite(one.error):
         reach = _INTERVAL * one.error
         panel.plot([at, at], [one.value - reach, one.value + reach], color=colour, linewidth=1.6, zorder=2)
@@ -113,18 +113,18 @@ def _mark(panel: Axes, at: float, one: Value, colour: str) -> None:
     panel.plot([at], [one.value], "o", color=colour, markersize=4.5, fillstyle=fill, zorder=3)
 
 
-def _date(record: Record) -> str:
+def _date(record: CampaignRecord) -> str:
     return _shown(record.campaign, 12) if record.start is None else f"{_instant(record.start):%Y-%m-%d}"
 
 
 def _shown(name: str, length: int) -> str:
     """A name from elsewhere; labels of ticks are not looked through when the figure is made into SVG."""
-    return shortened(visible(name), length)
+    return shorten_name(escape_invisible(name), length)
 
 
 def _begun(name: str, length: int) -> str:
     """As `_shown`, but of a vehicle, which its first letters tell."""
-    whole = visible(name)
+    whole = escape_invisible(name)
     return whole if len(whole) <= length else f"{whole[: length - 1].rstrip()}…"
 
 

@@ -10,17 +10,17 @@ from pathlib import Path
 from typing import Any
 
 from rovid import __version__
-from rovid.core.atomic_write import Claim, Output
+from rovid.core.atomic_write import OutputFile, OutputSet
 from rovid.core.errors import ConfigError
 from rovid.core.signatures import CAMPAIGN, FLEET_PAGE, FLEET_TABLE
-from rovid.core.threads import cores, spread
-from rovid.fleet.campaign_record import Record, Task, digest_of, read_record
-from rovid.fleet.folders import Place, places_in
+from rovid.core.threads import core_count, thread_map
+from rovid.fleet.campaign_record import CampaignRecord, CampaignTask, campaign_digest, read_record
+from rovid.fleet.folders import CampaignFolder, find_campaigns
 from rovid.fleet.page import fleet_page
 from rovid.fleet.results import Fleet
-from rovid.fleet.shrinkage import Shrunk, shrunk
-from rovid.fleet.table import table_of
-from rovid.fleet.worker import diagnosed
+from rovid.fleet.shrinkage import ShrunkParameter, shrink
+from rovid.fleet.table import parquet_table
+from rovid.fleet.worker import diagnose_campaign
 
 # s to find a cluster.
 _KNOCKING = 20.0
@@ -28,7 +28,7 @@ _EXTRA = "Install it with `pip install 'rovid[fleet]'`."
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options:
+class FleetOptions:
     """How a fleet is diagnosed.
 
     Attributes
@@ -54,23 +54,23 @@ class Options:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Written:
+class FleetOutput:
     """What a fleet came to, and where it is; ``anew`` counts the campaigns that were not done already."""
 
     fleet: Fleet
     table: Path
     page: Path
-    anew: int
+    diagnosed_anew: int
 
 
 def run_fleet(
     folders: Sequence[Path],
     out: Path,
-    options: Options,
+    options: FleetOptions,
     *,
     force: bool = False,
     report: Callable[[str], None] = lambda _: None,
-) -> Written:
+) -> FleetOutput:
     """Diagnose every campaign of ``folders`` and write the table and the page into ``out``.
 
     Each campaign's diagnosis is written as soon as it is there, and is not made again.
@@ -84,26 +84,28 @@ def run_fleet(
     """
     for package in ("joblib", "pyarrow"):
         _require(package, f"-o {out}")
-    places = places_in(folders, out)
-    files = {place.name: Output(out / "campaigns" / f"{place.name}.json", CAMPAIGN) for place in places}
-    table, page = Output(out / "fleet.parquet", FLEET_TABLE), Output(out / "index.html", FLEET_PAGE)
-    claim = Claim([table, page, *files.values()], force=force)
+    places = find_campaigns(folders, out)
+    files = {place.name: OutputFile(out / "campaigns" / f"{place.name}.json", CAMPAIGN) for place in places}
+    table, page = OutputFile(out / "fleet.parquet", FLEET_TABLE), OutputFile(out / "index.html", FLEET_PAGE)
+    claim = OutputSet([table, page, *files.values()], force=force)
     report("Looking for what is done already …")
-    tasks = spread(lambda place: _task(place, options), places)
+    tasks = thread_map(lambda place: _task(place, options), places)
     records = {record.campaign: record for record in _done(tasks, files, out, claim, options.patience)}
     todo = [task for task in tasks if task.name not in records]
     for count, record in enumerate(_diagnosed(todo, options, report), 1):
         claim.write({files[record.campaign]: record.text})
-        records[record.campaign] = record.lean
+        records[record.campaign] = record.reduced
         report(f"{count} of {len(todo)} campaigns: {record.campaign} took {record.took:.0f} s …")
     fleet = Fleet(axis=options.axis, records=tuple(records[place.name] for place in places))
-    means: tuple[Shrunk, ...] = shrunk(fleet) if options.shrink else ()
+    means: tuple[ShrunkParameter, ...] = shrink(fleet) if options.shrink else ()
     report("Writing the table and the page …")
-    claim.write({table: table_of(fleet, means), page: fleet_page(fleet, means)})
-    return Written(fleet=fleet, table=table.path, page=page.path, anew=len(todo))
+    claim.write({table: parquet_table(fleet, means), page: fleet_page(fleet, means)})
+    return FleetOutput(fleet=fleet, table=table.path, page=page.path, diagnosed_anew=len(todo))
 
 
-def _done(tasks: Sequence[Task], files: Mapping[str, Output], out: Path, claim: Claim, patience: float) -> list[Record]:
+def _done(
+    tasks: Sequence[CampaignTask], files: Mapping[str, OutputFile], out: Path, claim: OutputSet, patience: float
+) -> list[CampaignRecord]:
     """What holds already, lean; of a campaign by another name than last time it is written under the new one."""
     there = sorted(out.rglob("*.json"))
     by_digest = {record.digest: path for path in there if (record := read_record(path)) is not None}
@@ -112,11 +114,11 @@ def _done(tasks: Sequence[Task], files: Mapping[str, Output], out: Path, claim: 
         own = files[task.name]
         for path in (own.path, by_digest.get(task.digest, own.path)):
             record = read_record(path)
-            if record is not None and record.holds_for(task, patience):
+            if record is not None and record.is_valid_for(task, patience):
                 now = replace(record, campaign=task.name, folder=task.folder)
                 if now != record or path != own.path:
                     moved[own] = now.text
-                held.append(now.lean)
+                held.append(now.reduced)
                 break
     # Not before all are read: two campaigns may have changed their names with each other.
     if moved:
@@ -124,35 +126,37 @@ def _done(tasks: Sequence[Task], files: Mapping[str, Output], out: Path, claim: 
     return held
 
 
-def _task(place: Place, options: Options) -> Task:
+def _task(place: CampaignFolder, options: FleetOptions) -> CampaignTask:
     folder = place.folder
-    return Task(
+    return CampaignTask(
         name=place.name,
         folder=str(folder),
         axis=options.axis,
         cutoff=options.cutoff,
-        digest=digest_of(folder, options.axis, options.cutoff),
+        digest=campaign_digest(folder, options.axis, options.cutoff),
     )
 
 
-def _diagnosed(tasks: Sequence[Task], options: Options, report: Callable[[str], None]) -> Iterator[Record]:
+def _diagnosed(
+    tasks: Sequence[CampaignTask], options: FleetOptions, report: Callable[[str], None]
+) -> Iterator[CampaignRecord]:
     """Each as soon as it is there."""
     if not tasks:
         return
     from joblib import Parallel, delayed
 
-    jobs = options.jobs or cores()
+    jobs = options.jobs or core_count()
     with contextlib.ExitStack() as stack:
         if options.cluster:
             jobs, each = stack.enter_context(_cluster(options)), 1
         else:
             stack.enter_context(_here())
-            each = max(1, cores() // min(jobs, len(tasks)))
+            each = max(1, core_count() // min(jobs, len(tasks)))
             _compile(report)
         report(f"Diagnosing {len(tasks)} campaigns, {jobs} at a time …")
         # The work is done by processes that the threads wait for.
         parallel = Parallel(n_jobs=jobs, batch_size=1, pre_dispatch="2*n_jobs", return_as="generator_unordered")
-        yield from parallel(delayed(diagnosed)(task, options.patience, each) for task in tasks)
+        yield from parallel(delayed(diagnose_campaign)(task, options.patience, each) for task in tasks)
 
 
 def _here() -> Any:
@@ -162,7 +166,7 @@ def _here() -> Any:
 
 
 @contextlib.contextmanager
-def _cluster(options: Options) -> Iterator[int]:
+def _cluster(options: FleetOptions) -> Iterator[int]:
     """The cluster in the place of this machine's cores; how many campaigns it does at a time.
 
     Raises
@@ -210,8 +214,8 @@ def _require(package: str, where: str) -> Any:
 
 def _compile(report: Callable[[str], None]) -> None:
     """Once for all of the processes to come, each of which would do it by itself."""
-    from rovid.model.kernels import compile_now, is_compiled
+    from rovid.model.kernels import compile_all, is_compiled
 
     if not is_compiled():
         report("Compiling the simulation for this machine, once …")
-        compile_now()
+        compile_all()

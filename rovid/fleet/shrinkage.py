@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
-from rovid.fleet.results import Fleet, Value
+from rovid.fleet.results import Fleet, ParameterValue
 
 # Campaigns that have the parameter; of fewer nobody knows how they scatter.
 LEAST = 4
@@ -28,7 +28,7 @@ _KNOWN = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Shrunk:
+class ShrunkParameter:
     """A parameter over the fleet.
 
     Attributes
@@ -45,23 +45,23 @@ class Shrunk:
 
     name: str
     logarithmic: bool
-    mean: Value
+    mean: ParameterValue
     between: float
     within: float
-    values: Mapping[str, Value]
+    values: Mapping[str, ParameterValue]
 
 
-def shrunk(fleet: Fleet) -> tuple[Shrunk, ...]:
+def shrink(fleet: Fleet) -> tuple[ShrunkParameter, ...]:
     """Each parameter that `LEAST` campaigns or more have."""
     return tuple(one for name in fleet.parameters if (one := _shrunk(fleet, name)) is not None)
 
 
-def _shrunk(fleet: Fleet, name: str) -> Shrunk | None:
+def _shrunk(fleet: Fleet, name: str) -> ShrunkParameter | None:
     known = {
         record.campaign: (vehicle, fleet.values[record.campaign][name])
         for vehicle, records in fleet.vehicles.items()
         for record in records
-        if name in fleet.values[record.campaign] and fleet.values[record.campaign][name].compares
+        if name in fleet.values[record.campaign] and fleet.values[record.campaign][name].is_comparable
     }
     unit = fleet.units[name]
     if len(known) < LEAST or not unit:
@@ -76,10 +76,14 @@ def _shrunk(fleet: Fleet, name: str) -> Shrunk | None:
     found = _posterior(values / scale, errors / scale, vehicles)
     centre, doubt, mean, between, within = (scale * each for each in found)
 
-    def back(value: float, error: float) -> Value:
-        return Value(math.exp(value), math.exp(value) * error, unit) if logarithmic else Value(value, error, unit)
+    def back(value: float, error: float) -> ParameterValue:
+        return (
+            ParameterValue(math.exp(value), math.exp(value) * error, unit)
+            if logarithmic
+            else ParameterValue(value, error, unit)
+        )
 
-    return Shrunk(
+    return ShrunkParameter(
         name=name,
         logarithmic=logarithmic,
         mean=back(float(mean[0]), float(mean[1])),

@@ -11,13 +11,13 @@ from typing import Any
 
 from rovid import __version__
 from rovid.fleet.results import Fleet, causes, guessed, verdict
-from rovid.fleet.shrinkage import Shrunk
+from rovid.fleet.shrinkage import ShrunkParameter
 
 SCHEMA = "rovid-fleet/1"
 _ERROR = "_standard_error"
 
 
-def table_of(fleet: Fleet, means: Sequence[Shrunk]) -> bytes:
+def parquet_table(fleet: Fleet, means: Sequence[ShrunkParameter]) -> bytes:
     """The table as Parquet. How long a diagnosis took is not in it, for that is never the same twice."""
     import pyarrow as pa
     import pyarrow.parquet as pq

@@ -16,18 +16,18 @@ from pathlib import Path
 from typing import IO, Any
 
 from rovid.core.errors import RovidError
-from rovid.core.threads import SHARE
-from rovid.fleet.campaign_record import Record, Task
+from rovid.core.threads import CORES_VARIABLE
+from rovid.fleet.campaign_record import CampaignRecord, CampaignTask
 
 # Settled first: most of what it ever makes is made by importing.
 _CODE = "from rovid.core.process_tuning import settle; settle(); from rovid.fleet.worker import main; main()"
 
 
-def diagnosed(task: Task, patience: float, cores: int) -> Record:
+def diagnose_campaign(task: CampaignTask, patience: float, cores: int) -> CampaignRecord:
     """What comes of ``task`` in a process that has ``patience`` s and so many ``cores``; never raises for the task."""
     began = time.monotonic()
     command = [sys.executable, "-c", f"import sys; sys.path[:] = {sys.path!r}; {_CODE}", json.dumps(asdict(task))]
-    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", SHARE: str(cores)}
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", CORES_VARIABLE: str(cores)}
     with tempfile.TemporaryFile() as said, tempfile.TemporaryFile() as complaint:
         # It ends when its input does, so that it does not outlive this process either.
         with subprocess.Popen(  # noqa: S603 - Python itself
@@ -50,7 +50,7 @@ def diagnosed(task: Task, patience: float, cores: int) -> Record:
         took = time.monotonic() - began
         if status:
             return _failed(task, _crash(status, _read(complaint).decode("utf-8", "replace")), "crash", patience, took)
-        return replace(Record(**_document(_read(said))), took=round(took, 3), patience=patience)
+        return replace(CampaignRecord(**_document(_read(said))), took=round(took, 3), patience=patience)
 
 
 def _read(file: IO[bytes]) -> bytes:
@@ -64,8 +64,8 @@ def _document(text: bytes) -> dict[str, Any]:
     return document
 
 
-def _failed(task: Task, error: str, failure: str, patience: float, took: float) -> Record:
-    return Record(
+def _failed(task: CampaignTask, error: str, failure: str, patience: float, took: float) -> CampaignRecord:
+    return CampaignRecord(
         campaign=task.name,
         folder=task.folder,
         digest=task.digest,
@@ -96,7 +96,7 @@ def main() -> None:
     """As that process: diagnose the campaign of the first argument, and print the record."""
     out, sys.stdout = sys.stdout, sys.stderr
     threading.Thread(target=_end_with_the_first, daemon=True).start()
-    record = record_of(Task(**json.loads(sys.argv[1])))
+    record = campaign_record(CampaignTask(**json.loads(sys.argv[1])))
     out.write(record.text)
     out.flush()
     # Threads that wait, and second processes, are of no use any more.
@@ -109,7 +109,7 @@ def _end_with_the_first() -> None:
     os._exit(1)
 
 
-def record_of(task: Task) -> Record:
+def campaign_record(task: CampaignTask) -> CampaignRecord:
     """The campaign's diagnosis, or what its user has to mend."""
     folder = Path(task.folder)
     try:
@@ -119,10 +119,10 @@ def record_of(task: Task) -> Record:
         text = str(error).replace(f"{folder}{os.sep}", "").replace(str(folder), task.name)
         facts = {"error": text, "failure": "input"}
     peak = _peak_memory()
-    return Record(campaign=task.name, folder=task.folder, digest=task.digest, peak_memory=peak, **facts)
+    return CampaignRecord(campaign=task.name, folder=task.folder, digest=task.digest, peak_memory=peak, **facts)
 
 
-def _diagnosis(folder: Path, task: Task) -> Mapping[str, Any]:
+def _diagnosis(folder: Path, task: CampaignTask) -> Mapping[str, Any]:
     from rovid.present.documents.diagnosis import diagnosis_document
     from rovid.store.study import open_study
     from rovid.trial.axis import axis_named
@@ -130,7 +130,7 @@ def _diagnosis(folder: Path, task: Task) -> Mapping[str, Any]:
     study = open_study([folder], cutoff=task.cutoff, axis=axis_named(task.axis))
     diagnosis = study.diagnosis()
     trials = () if study.campaign is None else study.campaign.trials
-    began = [trial.began for trial in trials if trial.began is not None]
+    began = [trial.start_epoch for trial in trials if trial.start_epoch is not None]
     return {
         "vehicle": study.vehicle.name,
         "start": min(began, default=None),

@@ -10,7 +10,7 @@ import threading
 from collections.abc import Iterable
 
 
-class Second:
+class BackgroundCompiler:
     """Runs ``code``, with what it imports from where this process has it; it ends no later than this one.
 
     The ``code`` hands `say` the names of the parts, which are ``parts``.
@@ -59,7 +59,7 @@ class Second:
         self._listener.join()
 
 
-def say(parts: Iterable[str]) -> None:
+def report_done(parts: Iterable[str]) -> None:
     """In the second process: say of each of ``parts`` that it is done, and end when the first process does."""
     threading.Thread(target=_end_with_the_first, daemon=True).start()
     for part in parts:

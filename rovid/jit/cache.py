@@ -29,7 +29,7 @@ class _ByName(CompileResultCacheImpl):
         return base.replace(f"-{self.locator.get_disambiguator()}.", ".")
 
 
-class Kept(FunctionCache):
+class ContentHashCache(FunctionCache):
     """Where a function is kept.
 
     Numba itself holds it against its own file alone: it would compile it again for a word there, and run the old
@@ -49,11 +49,11 @@ class Kept(FunctionCache):
         index = Path(self.cache_path) / f"{self._impl.filename_base}.nbi"
         # Not unpickled: that imports the kinds of all arguments.
         text = index.read_bytes() if index.exists() else b""
-        return all(part.encode() in text for part in (numba.__version__, made_of(self._py_func)))
+        return all(part.encode() in text for part in (numba.__version__, content_hash(self._py_func)))
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """It as compiled for such arguments; None if it is not, is made of other things by now, or is damaged."""
-        self._cache_file._source_stamp = made_of(self._py_func)
+        self._cache_file._source_stamp = content_hash(self._py_func)
         try:
             # What was compiled needs the memory that arrays are made in. Tables of all that might be compiled take a
             # quarter of a second to set up, and wait until something is.
@@ -71,7 +71,7 @@ class Kept(FunctionCache):
 
 
 @functools.cache
-def made_of(function: FunctionType) -> str:
+def content_hash(function: FunctionType) -> str:
     """Digest of all that is compiled into a plain ``function``: its code, that of what it calls, constants."""
     return hashlib.sha256(repr((_compilers(), *_parts(function, set()))).encode()).hexdigest()
 

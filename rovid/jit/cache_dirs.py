@@ -12,7 +12,7 @@ from pathlib import Path
 
 
 @functools.cache
-def keeps_compiled() -> bool:
+def can_cache() -> bool:
     """Whether compiled code can be kept: where numba does by itself, else in a private folder.
 
     Said on standard error when that folder is made, and in each run in which there is none. Where NUMBA_DISABLE_JIT
@@ -42,7 +42,7 @@ def _keeps_privately() -> bool:
     return _numba_keeps()
 
 
-def keep_fonts() -> None:
+def configure_font_cache() -> None:
     """Before matplotlib is imported: a private folder where it would make one anew in each run, and say so."""
     if "MPLCONFIGDIR" in os.environ or not sys.platform.startswith("linux"):
         return

@@ -21,7 +21,7 @@ from numba.core.typing.templates import AbstractTemplate, infer_global, signatur
 from numba.extending import register_model
 
 from rovid.core.array_types import FloatArray
-from rovid.jit.decorators import inlined
+from rovid.jit.decorators import njit_inline
 
 # A number, or lanes.
 Number = TypeVar("Number", float, FloatArray)
@@ -41,90 +41,90 @@ _LEAST, _MOST = -746.0, 710.0
 _TAYLOR = tuple(1.0 / math.factorial(k) for k in range(17))
 
 
-class LanesType(types.Type):
+class Float64x4Type(types.Type):
     """Of `LANES` numbers side by side, in compiled code."""
 
     def __init__(self) -> None:
         super().__init__(name=f"Lanes({LANES})")
 
 
-_LANES = LanesType()
+_LANES = Float64x4Type()
 
 
-@register_model(LanesType)
+@register_model(Float64x4Type)
 class _Register(PrimitiveModel):
-    def __init__(self, manager: Any, lanes: LanesType) -> None:
+    def __init__(self, manager: Any, lanes: Float64x4Type) -> None:
         super().__init__(manager, lanes, _VECTOR)  # type: ignore[no-untyped-call]  # numba ships no types
 
 
-def alike(x: Any) -> Any:
+def broadcast(x: Any) -> Any:
     """Lanes that all hold the number ``x``; lanes as they are."""
     return np.full(LANES, x) if np.ndim(x) == 0 else x
 
 
-def lane(x: Any, i: int) -> float:
+def extract(x: Any, i: int) -> float:
     """The number in lane ``i``."""
     return float(x[i])
 
 
-def with_lane(x: Any, i: int, value: float) -> Any:
+def insert(x: Any, i: int, value: float) -> Any:
     """``x`` with another number in lane ``i``."""
     changed = x.copy()
     changed[i] = value
     return changed
 
 
-def larger(x: Number, y: Number) -> Number:
+def maximum(x: Number, y: Number) -> Number:
     """Of each lane the larger number."""
     return np.maximum(x, y)  # type: ignore[no-any-return]  # of the same kind, which numpy does not tell
 
 
-def smaller(x: Number, y: Number) -> Number:
+def minimum(x: Number, y: Number) -> Number:
     """Of each lane the smaller number."""
     return np.minimum(x, y)  # type: ignore[no-any-return]  # as above
 
 
-def where_positive(x: Number, y: Number, otherwise: Number) -> Number:
+def where_nonnegative(x: Number, y: Number, otherwise: Number) -> Number:
     """Of each lane ``y`` where ``x`` is zero or more, else the other."""
     # No array of a single number.
     return np.where(x >= 0.0, y, otherwise)[()]  # type: ignore[return-value]  # as above
 
 
-def root(x: Number) -> Number:
+def sqrt(x: Number) -> Number:
     """Square root of each lane."""
     return np.sqrt(x)  # type: ignore[no-any-return]  # as above
 
 
-def exponential(x: Any) -> Any:
+def exp(x: Any) -> Any:
     """As ``math.exp``, which takes no lanes where nothing is compiled."""
     return np.exp(x)
 
 
-def two_to(x: Any) -> Any:
+def exp2(x: Any) -> Any:
     """Two to the power of each lane, which are whole numbers from -1022 to 1023."""
     return np.exp2(x)
 
 
-def read(rows: Any, at: int) -> Any:
+def load(rows: Any, at: int) -> Any:
     """Lanes from the row ``at`` of (m, LANES) numbers without gaps."""
     return rows[at].copy()
 
 
-def write(rows: Any, at: int, x: Any) -> None:
+def store(rows: Any, at: int, x: Any) -> None:
     """Store lanes, or a number in all of them, as the row ``at`` of (m, LANES) numbers without gaps."""
     rows[at] = x
 
 
-def lanes_of(x: FloatArray) -> tuple[types.Type, Any]:
+def constant_vector(x: FloatArray) -> tuple[types.Type, Any]:
     """Their kind, and ``x`` as constant lanes in compiled code."""
     return _LANES, ir.Constant(_VECTOR, x.tolist())
 
 
 def _are_lanes(*every: types.Type) -> bool:
-    return any(isinstance(x, LanesType) for x in every)
+    return any(isinstance(x, Float64x4Type) for x in every)
 
 
-@lower_cast(types.Number, LanesType)  # type: ignore[untyped-decorator, no-untyped-call]  # numba ships no types
+@lower_cast(types.Number, Float64x4Type)  # type: ignore[untyped-decorator, no-untyped-call]  # numba ships no types
 def _alike_number(context: Any, builder: Any, kind: Any, _: Any, value: Any) -> Any:
     number = context.cast(builder, value, kind, types.float64)
     undefined = ir.Constant(_VECTOR, ir.Undefined)
@@ -132,7 +132,7 @@ def _alike_number(context: Any, builder: Any, kind: Any, _: Any, value: Any) -> 
     return builder.shuffle_vector(first, undefined, ir.Constant(ir.VectorType(_INDEX, LANES), [0] * LANES))
 
 
-def teach(
+def register_intrinsic(
     function: Any, typed: Callable[..., Any], generate: Callable[..., Any], *kinds_of_arguments: tuple[Any, ...]
 ) -> None:
     """Let compiled code call ``function`` with arguments of such kinds.
@@ -239,28 +239,30 @@ def _write(context: Any, builder: Any, kinds: Any, values: Any) -> Any:
     return context.get_dummy_value()
 
 
-_ONE, _TWO, _THREE = ((LanesType,) * count for count in (1, 2, 3))
+_ONE, _TWO, _THREE = ((Float64x4Type,) * count for count in (1, 2, 3))
 _NUMBER, _NUMBERS, _AT = (types.Float,), (types.Float, types.Float), types.Integer
 # No ``+=`` or the like: uncompiled it would change the lanes of whoever else holds them.
-teach(operator.add, _all_lanes, _of("fadd"), _TWO)
-teach(operator.sub, _all_lanes, _of("fsub"), _TWO)
-teach(operator.mul, _all_lanes, _of("fmul"), _TWO)
-teach(operator.truediv, _all_lanes, _of("fdiv"), _TWO)
-teach(operator.neg, _all_lanes, _of("fneg"), _ONE)
-teach(abs, _all_lanes, _by_llvm("fabs"), _ONE)
-teach(larger, _lanes_or_numbers, _selecting(">"), _TWO, _NUMBERS)
-teach(smaller, _lanes_or_numbers, _selecting("<"), _TWO, _NUMBERS)
-teach(root, _lanes_or_numbers, _by_llvm("sqrt"), _ONE, _NUMBER)
-teach(where_positive, _lanes_or_numbers, _where_positive, _THREE, (types.Float,) * 3)
-teach(alike, lambda _: (_LANES, _LANES), lambda _, __, ___, values: values[0], _ONE)
-teach(lane, lambda x, i: (types.float64, x, i), _lane, (LanesType, _AT))
-teach(with_lane, lambda x, i, _: (_LANES, x, i, types.float64), _with_lane, (LanesType, _AT, types.Float))
-teach(read, lambda rows, at: (_LANES, rows, at) if _without_gaps(rows) else None, _read, (types.Array, _AT))
-teach(
-    write,
+register_intrinsic(operator.add, _all_lanes, _of("fadd"), _TWO)
+register_intrinsic(operator.sub, _all_lanes, _of("fsub"), _TWO)
+register_intrinsic(operator.mul, _all_lanes, _of("fmul"), _TWO)
+register_intrinsic(operator.truediv, _all_lanes, _of("fdiv"), _TWO)
+register_intrinsic(operator.neg, _all_lanes, _of("fneg"), _ONE)
+register_intrinsic(abs, _all_lanes, _by_llvm("fabs"), _ONE)
+register_intrinsic(maximum, _lanes_or_numbers, _selecting(">"), _TWO, _NUMBERS)
+register_intrinsic(minimum, _lanes_or_numbers, _selecting("<"), _TWO, _NUMBERS)
+register_intrinsic(sqrt, _lanes_or_numbers, _by_llvm("sqrt"), _ONE, _NUMBER)
+register_intrinsic(where_nonnegative, _lanes_or_numbers, _where_positive, _THREE, (types.Float,) * 3)
+register_intrinsic(broadcast, lambda _: (_LANES, _LANES), lambda _, __, ___, values: values[0], _ONE)
+register_intrinsic(extract, lambda x, i: (types.float64, x, i), _lane, (Float64x4Type, _AT))
+register_intrinsic(insert, lambda x, i, _: (_LANES, x, i, types.float64), _with_lane, (Float64x4Type, _AT, types.Float))
+register_intrinsic(
+    load, lambda rows, at: (_LANES, rows, at) if _without_gaps(rows) else None, _read, (types.Array, _AT)
+)
+register_intrinsic(
+    store,
     lambda rows, at, _: (types.none, rows, at, _LANES) if _without_gaps(rows) else None,
     _write,
-    (types.Array, _AT, LanesType),
+    (types.Array, _AT, Float64x4Type),
 )
 
 
@@ -277,10 +279,10 @@ def _each(function: Any, count: int = 1) -> None:
             result = builder.insert_element(result, of_numbers(builder, own), _INDEX(i))
         return result
 
-    teach(function, _all_lanes, generate, (LanesType,) * count)
+    register_intrinsic(function, _all_lanes, generate, (Float64x4Type,) * count)
 
 
-@inlined
+@njit_inline
 def _powers(x: Any) -> Any:
     """Whole powers of two, and what times these gives the exponential of a moderate ``x``."""
     powers = (x * _PER_LN_2 + _ROUNDS) - _ROUNDS
@@ -295,48 +297,48 @@ def _powers(x: Any) -> Any:
     return powers, low + (middle + high * fourth) * fourth
 
 
-@inlined
+@njit_inline
 def _exp(x: Any) -> Any:
     """As ``math.exp`` to two units in the last place, infinity above the largest and zero below the least double."""
-    powers, rest = _powers(smaller(larger(x, alike(_LEAST)), alike(_MOST)))
+    powers, rest = _powers(minimum(maximum(x, broadcast(_LEAST)), broadcast(_MOST)))
     # In two steps: the largest power there is, is out of reach for one.
     half = (0.5 * powers + _ROUNDS) - _ROUNDS
-    return rest * two_to(half) * two_to(powers - half)
+    return rest * exp2(half) * exp2(powers - half)
 
 
-@inlined
+@njit_inline
 def _tanh(x: Any) -> Any:
     """As ``math.tanh`` to 2e-16."""
     # Beyond 20 it is one.
-    powers, rest = _powers(-2.0 * smaller(abs(x), alike(20.0)))
-    fading = rest * two_to(powers)
+    powers, rest = _powers(-2.0 * minimum(abs(x), broadcast(20.0)))
+    fading = rest * exp2(powers)
     size = (1.0 - fading) / (1.0 + fading)
-    return where_positive(x, size, -size)
+    return where_nonnegative(x, size, -size)
 
 
-@inlined
+@njit_inline
 def _sine(x: Any, ahead: float) -> Any:
     """As ``math.sin`` so many quarter turns ``ahead`` of ``x``, to 2e-16 up to a million turns."""
     turned = (x * _PER_QUARTER + _ROUNDS) - _ROUNDS
     # A quarter turn in three parts, of which the first two times any such number have no rounding.
     y = ((x - turned * _QUARTER) - turned * _QUARTER_REST) - turned * _QUARTER_LAST
     square, quarters = y * y, turned + ahead
-    sine, cosine = alike(_TAYLOR[15]), alike(_TAYLOR[16])
+    sine, cosine = broadcast(_TAYLOR[15]), broadcast(_TAYLOR[16])
     for k in range(7):
         sine, cosine = _TAYLOR[13 - 2 * k] - sine * square, _TAYLOR[14 - 2 * k] - cosine * square
     cosine = 1.0 - cosine * square
     half = 0.5 * quarters
-    size = where_positive(half - math.floor(half) - 0.25, cosine, sine * y)
+    size = where_nonnegative(half - math.floor(half) - 0.25, cosine, sine * y)
     full = 0.5 * half
-    return where_positive(full - math.floor(full) - 0.375, -size, size)
+    return where_nonnegative(full - math.floor(full) - 0.375, -size, size)
 
 
-@inlined
+@njit_inline
 def _sin(x: Any) -> Any:
     return _sine(x, 0.0)
 
 
-@inlined
+@njit_inline
 def _cos(x: Any) -> Any:
     return _sine(x, 1.0)
 
@@ -348,12 +350,12 @@ def _by_formula(function: Any, formula: Any) -> None:
         told = signature(_LANES, _LANES)  # type: ignore[no-untyped-call]  # numba ships no types
         return context.compile_internal(builder, formula.py_func, told, values)
 
-    teach(function, _all_lanes, generate, _ONE)
+    register_intrinsic(function, _all_lanes, generate, _ONE)
 
 
-teach(two_to, _all_lanes, _two_to, _ONE)
-teach(math.floor, _all_lanes, _by_llvm("floor"), _ONE)
-_FORMULAS = {math.exp: _exp, exponential: _exp, math.tanh: _tanh, math.sin: _sin, math.cos: _cos}
+register_intrinsic(exp2, _all_lanes, _two_to, _ONE)
+register_intrinsic(math.floor, _all_lanes, _by_llvm("floor"), _ONE)
+_FORMULAS = {math.exp: _exp, exp: _exp, math.tanh: _tanh, math.sin: _sin, math.cos: _cos}
 for _function, _formula in _FORMULAS.items():
     _by_formula(_function, _formula)
 for _function in (math.tan, math.atan, math.log):
@@ -361,19 +363,19 @@ for _function in (math.tan, math.atan, math.log):
 _each(math.pow, 2)
 
 
-@inlined
-def largest(x: Any) -> float:
+@njit_inline
+def reduce_max(x: Any) -> float:
     """Of all lanes that hold a number."""
     most = -math.inf
     for i in range(LANES):
-        most = lane(x, i) if lane(x, i) > most else most
+        most = extract(x, i) if extract(x, i) > most else most
     return most
 
 
-@inlined
-def within(x: Any, size: Any, most: float) -> Any:
+@njit_inline
+def nan_unless_below(x: Any, size: Any, most: float) -> Any:
     """``x``, no number in the lanes whose ``size`` is not below ``most``."""
     for i in range(LANES):
-        if not lane(size, i) < most:
-            x = with_lane(x, i, math.nan)
+        if not extract(size, i) < most:
+            x = insert(x, i, math.nan)
     return x

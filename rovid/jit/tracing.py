@@ -20,7 +20,7 @@ from numba.core import cgutils
 from numba.core.dispatcher import Dispatcher
 from numba.core.registry import cpu_target
 
-from rovid.jit.simd import lanes_of, teach
+from rovid.jit.simd import constant_vector, register_intrinsic
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 Kinds = tuple[types.Type, ...]
@@ -29,7 +29,7 @@ _STRAIGHT: set[Callable[..., Any]] = set()
 _ANY = (types.VarArg(types.Any),)  # type: ignore[no-untyped-call]  # numba ships no types
 
 
-def straight(function: Function) -> Function:
+def traced(function: Function) -> Function:
     """``function``, which compiled code may call too: of numbers, lanes, arrays and tuples of them, by position.
 
     What it calls is known to numba, or straight itself. It may ask for what is no number of the loop, such as whether a
@@ -39,12 +39,12 @@ def straight(function: Function) -> Function:
     def generate(context: Any, builder: Any, kinds: Kinds, values: Any) -> Any:
         return _Loop(context, builder).written(function, kinds, values)
 
-    teach(function, lambda *kinds: (_result(function, kinds), *kinds), generate, _ANY)
+    register_intrinsic(function, lambda *kinds: (_result(function, kinds), *kinds), generate, _ANY)
     _STRAIGHT.add(function)
     return function
 
 
-def one_of(functions: Mapping[int, Callable[..., Any]], otherwise: Callable[..., Any]) -> Callable[..., Any]:
+def switch(functions: Mapping[int, Callable[..., Any]], otherwise: Callable[..., Any]) -> Callable[..., Any]:
     """(number, ...) -> what the straight function of that number makes of the rest; compiled code may call it too.
 
     All of them give what is of one kind. Which of them it is takes a single jump.
@@ -72,11 +72,11 @@ def one_of(functions: Mapping[int, Callable[..., Any]], otherwise: Callable[...,
         builder.position_at_end(behind)
         return builder.load(room)
 
-    teach(chosen, typed, generate, _ANY)
+    register_intrinsic(chosen, typed, generate, _ANY)
     return chosen
 
 
-def goes_straight(function: Any) -> bool:
+def is_branch_free(function: Any) -> bool:
     """Whether a compiled ``function`` and all that it calls go on the same way whatever the numbers are."""
     if not isinstance(function, Dispatcher):
         return function in _STRAIGHT
@@ -85,7 +85,7 @@ def goes_straight(function: Any) -> bool:
     if {"min", "max"} & set(names) or any("JUMP" in step.opname for step in dis.get_instructions(plain)):
         return False
     called = [plain.__globals__.get(name) for name in names]
-    return all(goes_straight(one) for one in called if isinstance(one, Dispatcher))
+    return all(is_branch_free(one) for one in called if isinstance(one, Dispatcher))
 
 
 @functools.cache
@@ -147,7 +147,7 @@ class _Loop(NamedTuple):
             values = [value for _, value in members]
             return kind, self.context.make_tuple(self.builder, kind, values) if self.builder else None
         if isinstance(thing, np.ndarray):
-            return lanes_of(thing)
+            return constant_vector(thing)
         kind = cpu_target.typing_context.resolve_value_type(thing)
         return kind, self.context.get_constant_generic(self.builder, kind, thing) if self.builder else None
 
@@ -187,7 +187,7 @@ def _call(function: Any, *arguments: Any) -> Any:
     loop = _loop_of(arguments)
     if loop is None:
         return function(*arguments)
-    return _taking(function)(*arguments) if goes_straight(function) else loop.call(function, arguments)
+    return _taking(function)(*arguments) if is_branch_free(function) else loop.call(function, arguments)
 
 
 def _loop_of(things: Iterable[Any]) -> _Loop | None:

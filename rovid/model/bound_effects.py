@@ -12,25 +12,25 @@ from rovid.effects.base import Values
 Act = TypeVar("Act")
 
 
-class Acting(NamedTuple):
+class BoundEffect(NamedTuple):
     """An effect, and its (p,) parameters in their order."""
 
     effect: Effect
-    numbers: FloatArray
+    parameters: FloatArray
 
     @property
     def values(self) -> Values:
         """Its parameters by name."""
-        return self.effect.values(self.numbers)
+        return self.effect.values(self.parameters)
 
 
-def each_that(every: Sequence[Acting], where: type[Act]) -> Iterator[tuple[Acting, Act]]:
+def effects_at(every: Sequence[BoundEffect], where: type[Act]) -> Iterator[tuple[BoundEffect, Act]]:
     """Those that act ``where``, one of `rovid.effects.stages`, and what they do there."""
     for one in every:
         if isinstance(one.effect.acts, where):
             yield one, one.effect.acts
 
 
-def that_act(every: Sequence[Acting], where: type[Act]) -> Iterator[tuple[Act, Values]]:
+def actions_at(every: Sequence[BoundEffect], where: type[Act]) -> Iterator[tuple[Act, Values]]:
     """What those do that act ``where``, and their parameters."""
-    return ((act, one.values) for one, act in each_that(every, where))
+    return ((act, one.values) for one, act in effects_at(every, where))

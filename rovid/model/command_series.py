@@ -11,18 +11,18 @@ from weakref import WeakValueDictionary, ref
 import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
-from rovid.core.lru_cache import Made, Recent
-from rovid.effects.actuator_inputs import Actuation, actuation
+from rovid.core.lru_cache import SizedCache, Value
+from rovid.effects.actuator_inputs import ActuatorInputs, actuator_inputs
 from rovid.model.torque_input import Intervals
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Vehicle
 
 # What effects made of commands, of any trials: models that are compared share most of it.
-_MADE = Recent(32_000_000)
+_MADE = SizedCache(32_000_000)
 
 
 @dataclass(frozen=True, eq=False)
-class Commanded:
+class CommandSeries:
     """Commands of one trial, or of several one after the other.
 
     Attributes
@@ -34,11 +34,11 @@ class Commanded:
     """
 
     vehicle: Vehicle
-    where: Actuation
-    held: FloatArray
+    inputs: ActuatorInputs
+    held_commands: FloatArray
 
     @classmethod
-    def of(
+    def from_trials(
         cls,
         vehicle: Vehicle,
         trials: Sequence[Trial],
@@ -57,45 +57,47 @@ class Commanded:
         if not isinstance(found, cls):
             none = [None] * len(trials)
             every = list(zip(trials, at or none, cut or none, strict=True))
-            where = Actuation.joined([actuation(vehicle, trial, parts, here, some) for trial, here, some in every])
+            where = ActuatorInputs.concatenated(
+                [actuator_inputs(vehicle, trial, parts, here, some) for trial, here, some in every]
+            )
             held = [trial.commands if here is None else trial.commands[here] for trial, here, _ in every]
             found = cls(vehicle, where, np.concatenate(held))
             _SHARED[key] = found
         return found
 
-    def made(self, of: Hashable, make: Callable[[], Made]) -> Made:
+    def cached(self, of: Hashable, make: Callable[[], Value]) -> Value:
         """What effects ``make`` of it, by what it is made ``of``: them and their parameters."""
-        return _MADE.of((ref(self), of), make)
+        return _MADE.get_or_make((ref(self), of), make)
 
     @property
     def nbytes(self) -> int:
         """Bytes, about, with commands and thrust, and when they are given."""
-        finer = 2 * self.held[:1].nbytes + (2 + len(self.where.extras)) * self.where.time.itemsize
-        return 2 * self.held.nbytes + finer * len(self.where.time)
+        finer = 2 * self.held_commands[:1].nbytes + (2 + len(self.inputs.extras)) * self.inputs.time.itemsize
+        return 2 * self.held_commands.nbytes + finer * len(self.inputs.time)
 
     @cached_property
     def commands(self) -> FloatArray:
         """(m, k) at the instants of ``where``."""
-        return self.where.finer(self.held)
+        return self.inputs.subdivide(self.held_commands)
 
     @cached_property
     def thrust(self) -> FloatArray:
         """(m, k) N by the bench curves, at the instants of ``where``."""
-        return self.where.finer(self.vehicle.thrust(self.held))
+        return self.inputs.subdivide(self.vehicle.thrust(self.held_commands))
 
     @cached_property
     def intervals(self) -> Intervals | None:
         """Between the log's instants; None where these are all that there are."""
-        if self.where.parts == 1:
+        if self.inputs.subdivision == 1:
             return None
-        return self.between([np.arange(len(counts)) for counts in self.where.counts])
+        return self.intervals_between([np.arange(len(counts)) for counts in self.inputs.subdivisions])
 
-    def between(self, at: Sequence[IntArray]) -> Intervals:
+    def intervals_between(self, at: Sequence[IntArray]) -> Intervals:
         """Of each trial from each of the chosen instants ``at`` to the next of them."""
-        times = [self.where.time[one.rows] for one in self.where.trials]
-        pairs = zip(self.where.counts, at, strict=True)
-        return Intervals.of(times, [(np.cumsum(counts) - counts)[here] for counts, here in pairs])
+        times = [self.inputs.time[one.rows] for one in self.inputs.trials]
+        pairs = zip(self.inputs.subdivisions, at, strict=True)
+        return Intervals.from_times(times, [(np.cumsum(counts) - counts)[here] for counts, here in pairs])
 
 
 # By the vehicle, the parts and the trials, which nobody else may be as long as it lasts.
-_SHARED: WeakValueDictionary[tuple[object, ...], Commanded] = WeakValueDictionary()
+_SHARED: WeakValueDictionary[tuple[object, ...], CommandSeries] = WeakValueDictionary()

@@ -9,13 +9,13 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
 from rovid.model.model import Model
-from rovid.model.packed_terms import Terms, terms_abreast
-from rovid.model.torque_input import Drive
+from rovid.model.packed_terms import PackedTerms, stack_terms
+from rovid.model.torque_input import TorqueInput
 
 One = TypeVar("One")
 
 
-class Logged(NamedTuple):
+class FilterData(NamedTuple):
     """Readings of several trials, one after the other.
 
     Attributes
@@ -40,7 +40,7 @@ class Logged(NamedTuple):
     row: IntArray
 
 
-class Driven(NamedTuple):
+class FilterInputs(NamedTuple):
     """What drives models side by side, and the angles that they go by; lanes may share either.
 
     Attributes
@@ -69,15 +69,15 @@ class Driven(NamedTuple):
     angle: IntArray
 
     @classmethod
-    def of(cls, drives: Sequence[Drive], angles: Sequence[FloatArray]) -> Self:
+    def stack(cls, drives: Sequence[TorqueInput], angles: Sequence[FloatArray]) -> Self:
         """Of a drive and (n,) angles for each lane."""
         distinct, drive = _distinct(drives)
-        beside, told = _distinct([one.beside for one in drives])
+        beside, told = _distinct([one.effect_inputs for one in drives])
         seen, angle = _distinct(angles)
         return cls(
             _stacked([one.torque for one in distinct]),
-            _stacked([one.moment for one in distinct]),
-            _stacked([one.scatter for one in distinct]),
+            _stacked([one.timing_moment for one in distinct]),
+            _stacked([one.impulse_variance for one in distinct]),
             drive,
             _stacked(beside),
             told,
@@ -86,7 +86,7 @@ class Driven(NamedTuple):
         )
 
 
-class Abreast(NamedTuple):
+class ParameterBatch(NamedTuple):
     """Models of the same terms side by side.
 
     Attributes
@@ -104,18 +104,18 @@ class Abreast(NamedTuple):
     """
 
     body: FloatArray
-    terms: Terms
+    terms: PackedTerms
     noise: FloatArray
     wave: FloatArray
 
     @classmethod
-    def of(cls, models: Sequence[Model], noise: Sequence[FloatArray]) -> Self:
+    def stack(cls, models: Sequence[Model], noise: Sequence[FloatArray]) -> Self:
         """Of a model and its (4,) noise for each lane."""
         return cls(
             body=np.column_stack([model.body for model in models]),
-            terms=terms_abreast([model.terms for model in models]),
+            terms=stack_terms([model.terms for model in models]),
             noise=np.column_stack(noise),
-            wave=np.column_stack([model.wave for model in models]),
+            wave=np.column_stack([model.wave_parameters for model in models]),
         )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.effects.base import OnHeading
-from rovid.model.bound_effects import Acting, each_that, that_act
+from rovid.model.bound_effects import BoundEffect, actions_at, effects_at
 
 # Into how many arcs the way round is cut: between their ends the largest deviation there is is known to 1e-8 rad.
 _ROUND, _ARCS = 2.0 * math.pi, 512
@@ -18,10 +18,10 @@ _NUDGE = 1e-4  # rad
 
 
 @dataclass(frozen=True, eq=False)
-class Instrument:
+class HeadingSensor:
     """That by which a model's positions are measured, with those of its effects that act there."""
 
-    acting: tuple[Acting, ...]
+    acting: tuple[BoundEffect, ...]
 
     @property
     def deviates(self) -> bool:
@@ -29,18 +29,18 @@ class Instrument:
         return any(isinstance(one.effect.acts, OnHeading) for one in self.acting)
 
     @property
-    def made_of(self) -> tuple[Hashable, ...]:
+    def cache_key(self) -> tuple[Hashable, ...]:
         """What tells how the heading deviates: the effects on it, with their parameters."""
-        return tuple((one.effect, *one.numbers.tolist()) for one, _ in each_that(self.acting, OnHeading))
+        return tuple((one.effect, *one.parameters.tolist()) for one, _ in effects_at(self.acting, OnHeading))
 
     def deviation(self, heading: FloatArray) -> FloatArray:
         """(n,) rad by which the instrument's heading is off at the (n,) true headings in rad."""
         off = np.zeros(len(heading))
-        for act, values in that_act(self.acting, OnHeading):
+        for act, values in actions_at(self.acting, OnHeading):
             off += act.deviation(heading, values)
         return off
 
-    def as_true(self, position: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def to_true(self, position: FloatArray) -> tuple[FloatArray, FloatArray]:
         """What a measured position is without the deviation of the heading.
 
         Parameters
@@ -57,7 +57,7 @@ class Instrument:
             return position, np.ones(len(position))
         # What is shown all round, and between by cubics that have its slope too (Hermite's).
         true = np.linspace(0.0, _ROUND, _ARCS + 1)
-        shown, gain = self.as_measured(true, np.ones(_ARCS + 1))
+        shown, gain = self.to_measured(true, np.ones(_ARCS + 1))
         within = shown[0] + np.mod(position - shown[0], _ROUND)
         place = np.interp(within, shown, np.arange(_ARCS + 1.0))
         arc = np.minimum(np.nan_to_num(place).astype(int), _ARCS - 1)
@@ -68,7 +68,7 @@ class Instrument:
         turned = true[arc] + u * (a + u * (b + u * c))
         return position + (turned - within), wide[arc] / (a + u * (2.0 * b + 3.0 * u * c))
 
-    def as_measured(self, heading: FloatArray, rate: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def to_measured(self, heading: FloatArray, rate: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(n,) heading and rate as the instrument would give the true ones."""
         ahead, behind = (self.deviation(heading + side) for side in (_NUDGE, -_NUDGE))
         return heading + self.deviation(heading), rate * (1.0 + (ahead - behind) / (2.0 * _NUDGE))

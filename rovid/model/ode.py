@@ -9,11 +9,11 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
-from rovid.effects.actuator_inputs import bridged
+from rovid.effects.actuator_inputs import interpolate_gaps
 from rovid.effects.base import TERM_STATES, Body
-from rovid.model.packed_terms import Equation, Terms
-from rovid.model.torque_input import Drive
-from rovid.signals.rates import on_grid, uniform_grid
+from rovid.model.packed_terms import Equation, PackedTerms
+from rovid.model.torque_input import TorqueInput
+from rovid.signals.rates import resample, uniform_grid
 from rovid.trial.trial import Trial
 
 _START_SECONDS = 2.0
@@ -23,8 +23,12 @@ _START_SWING = 0.5  # rad of the phase of a swing about its level
 _STEADY: WeakKeyDictionary[Trial, float] = WeakKeyDictionary()
 
 
-def integrated(
-    equation: Equation, time: FloatArray, drive: Drive, begin: tuple[float, float], states: FloatArray | None = None
+def integrate(
+    equation: Equation,
+    time: FloatArray,
+    drive: TorqueInput,
+    begin: tuple[float, float],
+    states: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """(n,) rate in rad/s and angle in rad at the instants ``time`` in s, under ``drive``.
 
@@ -32,14 +36,14 @@ def integrated(
     are (m * TERM_STATES,), at rest if not given.
     """
     body, terms, start = equation
-    return abreast(body, terms, time, drive, np.array([start]), np.array([begin]), states)
+    return integrate_batch(body, terms, time, drive, np.array([start]), np.array([begin]), states)
 
 
-def abreast(
+def integrate_batch(
     body: Body,
-    terms: Terms,
+    terms: PackedTerms,
     time: FloatArray,
-    drive: Drive,
+    drive: TorqueInput,
     starts: FloatArray,
     first: FloatArray,
     states: FloatArray | None = None,
@@ -50,21 +54,21 @@ def abreast(
     """
     from rovid.model import kernels
 
-    if len(terms.kinds) or drive.moment.any():
+    if len(terms.kinds) or drive.timing_moment.any():
         there = np.zeros((len(starts), len(terms.kinds) * TERM_STATES))
         if states is not None:
             there[:] = states
-        given = drive.torque, drive.moment, drive.beside
-        return kernels.simulate_effects(drive.begins, time, given, starts, first, there, body, terms)
+        given = drive.torque, drive.timing_moment, drive.effect_inputs
+        return kernels.simulate_effects(drive.offsets, time, given, starts, first, there, body, terms)
     rates, angles = [], []
-    for rows, begin in zip(starmap(slice, pairwise(drive.begins.tolist())), first, strict=True):
+    for rows, begin in zip(starmap(slice, pairwise(drive.offsets.tolist())), first, strict=True):
         rate, angle = kernels.simulate(time[rows], drive.torque[rows], body, begin[0])
         rates.append(rate)
         angles.append(angle + begin[1])
     return np.concatenate(rates), np.concatenate(angles)
 
 
-def along(
+def evaluate_along(
     equation: Equation, period: float, course: Sequence[FloatArray], beside: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """(n,) torque in N m of all terms and their (n, m * TERM_STATES) states, on a measured ``course``.
@@ -74,7 +78,7 @@ def along(
     """
     from rovid.model.kernels import effects_along
 
-    known, told = (np.column_stack([bridged(values) for values in series]) for series in (course, beside.T))
+    known, told = (np.column_stack([interpolate_gaps(values) for values in series]) for series in (course, beside.T))
     begins, periods, starts = np.array([0, len(known)]), np.array([period]), np.array([equation.start])
     torque, states = effects_along(begins, periods, known, told, starts, equation.body, equation.terms)
     return torque, states
@@ -130,6 +134,6 @@ def euler_heading(trial: Trial, rate: FloatArray) -> FloatArray:
 
 
 def _tilt(trial: Trial, values: FloatArray, grid: FloatArray) -> FloatArray:
-    known = on_grid(trial, values, grid)
+    known = resample(trial, values, grid)
     finite = np.isfinite(known)
     return np.interp(trial.time, grid[finite], known[finite]) if finite.any() else np.zeros(len(trial.time))

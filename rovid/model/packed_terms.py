@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
-from rovid.effects import MOTION, Effect
+from rovid.effects import TERM_EFFECTS, Effect
 from rovid.effects.base import TERM_PARAMETERS, Body, Term
 from rovid.jit.simd import LANES
 
 
-class Terms(NamedTuple):
+class PackedTerms(NamedTuple):
     """Those that move the water stand first, then the others that remember, then the rest.
 
     Attributes
@@ -50,15 +50,15 @@ class Equation(NamedTuple):
     """
 
     body: Body
-    terms: Terms
+    terms: PackedTerms
     start: float
 
 
-def terms_of(acting: Sequence[tuple[Effect, FloatArray]], fastest: float) -> Terms:
+def pack_terms(acting: Sequence[tuple[Effect, FloatArray]], fastest: float) -> PackedTerms:
     """Of effects with their parameters; ``fastest`` in 1/s is that of the motion itself."""
     rows = sorted(
         ((effect, effect.acts, numbers) for effect, numbers in acting if isinstance(effect.acts, Term)),
-        key=lambda row: (row[1].water is None, not row[1].states),
+        key=lambda row: (row[1].entrained_rate is None, not row[1].states),
     )
     parameters = np.zeros((len(rows) * TERM_PARAMETERS, LANES))
     remembering = ringing = 0
@@ -67,22 +67,22 @@ def terms_of(acting: Sequence[tuple[Effect, FloatArray]], fastest: float) -> Ter
         parameters[first : first + len(numbers)] = numbers[:, np.newaxis]
         if term.states:
             remembering = at + 1
-        if term.rings:
+        if term.oscillatory:
             ringing = at
         if term.fastest is not None:
             fastest = max(fastest, term.fastest(effect.values(numbers)))
-    return Terms(
-        kinds=np.array([MOTION.index(effect) for effect, _, _ in rows], dtype=np.int64),
+    return PackedTerms(
+        kinds=np.array([TERM_EFFECTS.index(effect) for effect, _, _ in rows], dtype=np.int64),
         parameters=parameters,
         fastest=fastest,
-        moving=sum(term.water is not None for _, term, _ in rows),
+        moving=sum(term.entrained_rate is not None for _, term, _ in rows),
         remembering=remembering,
-        jumping=any(term.jumps is not None for _, term, _ in rows),
+        jumping=any(term.reset is not None for _, term, _ in rows),
         ringing=ringing,
     )
 
 
-def terms_abreast(every: Sequence[Terms]) -> Terms:
+def stack_terms(every: Sequence[PackedTerms]) -> PackedTerms:
     """The same terms of several models side by side, a column of the parameters for each."""
     return every[0]._replace(
         parameters=np.column_stack([terms.parameters[:, 0] for terms in every]),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from rovid.effects import effect_named, restoring_of
+from rovid.effects import effect_named, restoring_effect
 from rovid.trial.axis import YAW, Axis
 
 # Names of the base model's parameters, and the unit of each in yaw.
@@ -17,7 +17,7 @@ UNITS = {
 
 def base_names(axis: Axis) -> tuple[str, ...]:
     """Names of the base model's parameters along ``axis``, as they stand in the parameter file and in JSON."""
-    restoring = restoring_of(axis)
+    restoring = restoring_effect(axis)
     return (*UNITS, *(parameter.name for parameter in (restoring.parameters if restoring else ())))
 
 
@@ -32,7 +32,7 @@ def unit_of(name: str, axis: Axis = YAW) -> str:
     key, _, parameter = name.rpartition(".")
     if name in UNITS:
         return axis.unit(UNITS[name])
-    effect = effect_named(key) if key else restoring_of(axis)
+    effect = effect_named(key) if key else restoring_effect(axis)
     unit = next((p.unit for p in (effect.parameters if effect else ()) if p.name == parameter), "")
     return unit if parameter.endswith("frequency") else axis.unit(unit)
 

@@ -9,17 +9,17 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.model.model import Model
-from rovid.model.ode import along, integrated
-from rovid.model.torque_input import Drive
+from rovid.model.ode import evaluate_along, integrate
+from rovid.model.torque_input import TorqueInput
 from rovid.signals.preprocessing import Run
-from rovid.signals.rates import on_grid
+from rovid.signals.rates import resample
 from rovid.trial.vehicle import Vehicle
 
 HORIZONS = (10.0, 60.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Fit:
+class FitMeasures:
     """Agreement of simulated with measured rate.
 
     Attributes
@@ -57,7 +57,7 @@ class TrialSimulation:
     """
 
     run: Run
-    fit: Fit
+    fit: FitMeasures
     measured: FloatArray
     simulated: FloatArray
     position: FloatArray
@@ -66,31 +66,31 @@ class TrialSimulation:
 
 def simulate_runs(runs: Sequence[Run], model: Model, vehicle: Vehicle) -> list[TrialSimulation]:
     """Simulate every run and compare; the effects of ``model`` act on the commands of ``vehicle`` too."""
-    return [_simulate(run, model, model.drive(vehicle, run.trial)) for run in runs]
+    return [_simulate(run, model, model.torque_input(vehicle, run.trial)) for run in runs]
 
 
-def simulated_rate(run: Run, model: Model, drive: Drive) -> FloatArray:
+def simulated_rate(run: Run, model: Model, drive: TorqueInput) -> FloatArray:
     """(m,) rate of the free-running ``model``, behind the filter that the measured one went through."""
     return run.rates.smooth_samples(run.trial, *model.simulate_rates([run.trial], drive))
 
 
-def overall(simulations: Sequence[TrialSimulation]) -> Fit:
+def pooled_fit(simulations: Sequence[TrialSimulation]) -> FitMeasures:
     """Agreement over all trials together; the mean of SST is that of all samples."""
-    return compare(
+    return fit_measures(
         np.concatenate([item.measured for item in simulations]),
         np.concatenate([item.simulated for item in simulations]),
     )
 
 
-def compare(measured: FloatArray, simulated: FloatArray) -> Fit:
+def fit_measures(measured: FloatArray, simulated: FloatArray) -> FitMeasures:
     """Agreement of two series, over the instants at which both are known."""
     known = np.isfinite(measured) & np.isfinite(simulated)
     y, error = measured[known], (measured - simulated)[known]
     if not known.any():
-        return Fit(samples=0, r2=np.nan, fit_percent=np.nan, rmse=np.nan)
+        return FitMeasures(samples=0, r2=np.nan, fit_percent=np.nan, rmse=np.nan)
     sse, sst = float(error @ error), float(np.sum((y - y.mean()) ** 2))
     ratio = sse / sst if sst > 0.0 else np.nan
-    return Fit(
+    return FitMeasures(
         samples=int(known.sum()),
         r2=1.0 - ratio,
         fit_percent=100.0 * (1.0 - float(np.sqrt(ratio))),
@@ -98,12 +98,12 @@ def compare(measured: FloatArray, simulated: FloatArray) -> Fit:
     )
 
 
-def _simulate(run: Run, model: Model, drive: Drive) -> TrialSimulation:
+def _simulate(run: Run, model: Model, drive: TorqueInput) -> TrialSimulation:
     rate, position = model.simulate(run.trial, drive)
     simulated = run.rates.smooth_samples(run.trial, rate)
     return TrialSimulation(
         run=run,
-        fit=compare(run.rates.rate, simulated),
+        fit=fit_measures(run.rates.rate, simulated),
         measured=run.rates.rate,
         simulated=simulated,
         position=position,
@@ -111,24 +111,24 @@ def _simulate(run: Run, model: Model, drive: Drive) -> TrialSimulation:
     )
 
 
-def _position_errors(run: Run, model: Model, drive: Drive) -> dict[float, float | None]:
+def _position_errors(run: Run, model: Model, drive: TorqueInput) -> dict[float, float | None]:
     rates, trial = run.rates, run.trial
     # About the body's own axis: the position itself, but for what a logged tilt and the heading's deviation add to it.
-    true, gain = model.instrument.as_true(trial.position)
+    true, gain = model.heading_sensor.to_true(trial.position)
     body = trial.body_position - (trial.position - true)
-    angle, gain = (on_grid(trial, values, rates.time) for values in (body, gain))
+    angle, gain = (resample(trial, values, rates.time) for values in (body, gain))
     at_grid = np.searchsorted(trial.time, rates.time + 1e-9, side="right") - 1
-    torque, beside = drive.torque[at_grid], drive.beside[at_grid]
+    torque, beside = drive.torque[at_grid], drive.effect_inputs[at_grid]
     rate, turned = rates.rate / gain, angle - angle[np.isfinite(angle)][0]
     # The filter has no rate at the ends of a trial, where the water already moves.
     course = np.where(np.isfinite(rate), rate, np.gradient(turned, rates.kernel.period))
-    equation = model.equation_in(trial)
-    _, states = along(equation, rates.kernel.period, (course, turned, torque), beside)
+    equation = model.equation_for(trial)
+    _, states = evaluate_along(equation, rates.kernel.period, (course, turned, torque), beside)
 
     def turned_by(at: int, end: int) -> float:
         part = slice(at, end + 1)
-        held, begin = Drive.held(torque[part], beside[part]), (float(rate[at]), float(turned[at]))
-        _, reached = integrated(equation, rates.time[part], held, begin, states[at])
+        held, begin = TorqueInput.held(torque[part], beside[part]), (float(rate[at]), float(turned[at]))
+        _, reached = integrate(equation, rates.time[part], held, begin, states[at])
         return float(reached[-1] - begin[1])
 
     found: dict[float, float | None] = {}

@@ -15,7 +15,7 @@ from rovid.effects.actuator_inputs import SPEEDS
 from rovid.jit.decorators import compiled
 
 # Into how many the interval between two samples is cut for an effect that acts within it.
-MOST_PARTS = 8
+MAX_SUBDIVISION = 8
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -34,40 +34,40 @@ class Intervals:
         (m,) s that each interval lasts, and when it ends; of the last of a trial 1 s, for it has none.
     """
 
-    at: IntArray
-    begins: IntArray
-    length: FloatArray
-    middle: FloatArray
-    span: FloatArray
-    end: FloatArray
+    indices: IntArray
+    offsets: IntArray
+    lengths: FloatArray
+    midpoints: FloatArray
+    durations: FloatArray
+    ends: FloatArray
 
     @classmethod
-    def of(cls, times: Sequence[FloatArray], at: Sequence[IntArray]) -> Self:
+    def from_times(cls, times: Sequence[FloatArray], at: Sequence[IntArray]) -> Self:
         """Of each trial the instants in s, and between which of them."""
         before = np.cumsum([0, *map(len, times)])[:-1]
         ends = [time[here] for time, here in zip(times, at, strict=True)]
         return cls(
-            at=np.concatenate([first + here for first, here in zip(before, at, strict=True)]),
-            begins=np.cumsum([0, *map(len, at)]),
-            length=np.concatenate([np.append(np.diff(time), 0.0) for time in times]),
-            middle=np.concatenate([np.append(0.5 * (time[1:] + time[:-1]), time[-1]) for time in times]),
-            span=np.concatenate([np.append(np.diff(end), 1.0) for end in ends]),
-            end=np.concatenate([np.append(end[1:], end[-1]) for end in ends]),
+            indices=np.concatenate([first + here for first, here in zip(before, at, strict=True)]),
+            offsets=np.cumsum([0, *map(len, at)]),
+            lengths=np.concatenate([np.append(np.diff(time), 0.0) for time in times]),
+            midpoints=np.concatenate([np.append(0.5 * (time[1:] + time[:-1]), time[-1]) for time in times]),
+            durations=np.concatenate([np.append(np.diff(end), 1.0) for end in ends]),
+            ends=np.concatenate([np.append(end[1:], end[-1]) for end in ends]),
         )
 
     @property
     def nbytes(self) -> int:
         """Bytes."""
-        return sum(series.nbytes for series in (self.at, self.length, self.middle, self.span, self.end))
+        return sum(series.nbytes for series in (self.indices, self.lengths, self.midpoints, self.durations, self.ends))
 
     @property
-    def last(self) -> IntArray:
+    def last_indices(self) -> IntArray:
         """(t,) which of the m is the last of each trial."""
-        return self.begins[1:] - 1
+        return self.offsets[1:] - 1
 
 
 @dataclass(frozen=True, eq=False)
-class Drive:
+class TorqueInput:
     """What drives one trial, or several one after the other, from each instant to the next.
 
     Attributes
@@ -87,10 +87,10 @@ class Drive:
     """
 
     torque: FloatArray
-    moment: FloatArray
-    beside: FloatArray
-    scatter: FloatArray
-    begins: IntArray
+    timing_moment: FloatArray
+    effect_inputs: FloatArray
+    impulse_variance: FloatArray
+    offsets: IntArray
 
     @classmethod
     def held(
@@ -111,54 +111,54 @@ class Drive:
         )
 
     @classmethod
-    def over(
+    def averaged_over(
         cls, steps: Intervals, torque: FloatArray, beside: FloatArray | None = None, scatter: FloatArray | None = None
     ) -> Self:
         """Over each of some intervals, of what is held between (n,) instants."""
-        last = steps.last
+        last = steps.last_indices
 
         def total(values: FloatArray) -> FloatArray:
-            return np.asarray(np.add.reduceat(values, steps.at))
+            return np.asarray(np.add.reduceat(values, steps.indices))
 
-        area, early = _gathered(steps.at, steps.length, steps.middle, torque)
-        mean, moment = area / steps.span, area * steps.end - early - 0.5 * area * steps.span
+        area, early = _gathered(steps.indices, steps.lengths, steps.midpoints, torque)
+        mean, moment = area / steps.durations, area * steps.ends - early - 0.5 * area * steps.durations
         # Nothing follows the last instant of a trial, from which what is held goes on.
-        mean[last], moment[last] = torque[steps.at[last]], 0.0
+        mean[last], moment[last] = torque[steps.indices[last]], 0.0
         told, open_when = _untold(len(mean)), _nothing(len(mean))
         if beside is not None:
-            told = total(beside * steps.length[:, None]) / steps.span[:, None]
-            told[last] = beside[steps.at[last]]
+            told = total(beside * steps.lengths[:, None]) / steps.durations[:, None]
+            told[last] = beside[steps.indices[last]]
         if scatter is not None:
             open_when = total(scatter)
             open_when[last] = 0.0
-        return cls(mean, moment, told, open_when, steps.begins)
+        return cls(mean, moment, told, open_when, steps.offsets)
 
     @property
     def nbytes(self) -> int:
         """Bytes that it takes by itself: zeros are shared with all others."""
-        every = self.torque, self.moment, self.beside, self.scatter
+        every = self.torque, self.timing_moment, self.effect_inputs, self.impulse_variance
         return sum(one.nbytes for one in every if one is not _ZEROS.get(one.shape))
 
     @property
-    def is_told(self) -> bool:
+    def has_effect_inputs(self) -> bool:
         """Whether effects may be told anything beside the torque."""
-        return self.beside is not _untold(len(self.torque))
+        return self.effect_inputs is not _untold(len(self.torque))
 
     @property
     def by_trial(self) -> list[Self]:
         """That of each trial by itself."""
-        return [self._rows(slice(begin, end)) for begin, end in pairwise(self.begins.tolist())]
+        return [self._rows(slice(begin, end)) for begin, end in pairwise(self.offsets.tolist())]
 
     def _rows(self, rows: slice) -> Self:
-        series = self.torque[rows], self.moment[rows], self.beside[rows], self.scatter[rows]
+        series = self.torque[rows], self.timing_moment[rows], self.effect_inputs[rows], self.impulse_variance[rows]
         return type(self)(*series, np.array([0, len(series[0])]))
 
     def mapped(self, function: Callable[[FloatArray], FloatArray]) -> Self:
         """Of one trial, with ``function`` of each series."""
         torque = function(self.torque)
-        beside = np.column_stack([function(column) for column in self.beside.T])
+        beside = np.column_stack([function(column) for column in self.effect_inputs.T])
         begins = np.array([0, len(torque)])
-        return type(self)(torque, function(self.moment), beside, function(self.scatter), begins)
+        return type(self)(torque, function(self.timing_moment), beside, function(self.impulse_variance), begins)
 
 
 @compiled

@@ -15,11 +15,11 @@ from rovid.core.formatting import plus_minus, significant
 from rovid.effects.actuator_inputs import neutral_commands
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.instrumental_variables import fit_regression
-from rovid.preflight.clock_offsets import answers_early
-from rovid.preflight.clock_report import Clocks
-from rovid.preflight.feedback_detection import LEVEL, Feedback
-from rovid.preflight.thruster_check import Push
-from rovid.signals.preprocessing import Run, Runs, prepare
+from rovid.preflight.clock_offsets import response_lead
+from rovid.preflight.clock_report import ClockOffsets
+from rovid.preflight.feedback_detection import SIGNIFICANCE_LEVEL, Feedback
+from rovid.preflight.thruster_check import ThrusterCheck
+from rovid.signals.preprocessing import PreparedRuns, Run, prepare
 from rovid.signals.segments import Hold, SineRun, find_holds, find_sines
 from rovid.trial.axis import Axis
 from rovid.trial.trial import Campaign, Trial
@@ -69,10 +69,10 @@ def advise(
     trials: Sequence[Trial],
     vehicle: Vehicle,
     feedback: Sequence[Feedback] = (),
-    clocks: Clocks | None = None,
-    pushes: Sequence[Push] = (),
+    clocks: ClockOffsets | None = None,
+    pushes: Sequence[ThrusterCheck] = (),
     *,
-    whole: bool = True,
+    all_read: bool = True,
 ) -> list[Advice]:
     """What to mind, and what to run besides, the gravest first; nothing where there is all that a fit wants.
 
@@ -84,32 +84,32 @@ def advise(
         runs = prepare(Campaign(trials=tuple(trials), sources=()), vehicle)
     except RovidError as error:
         return [Advice(kind="filter", text=str(error), weight="grave")]
-    if not runs.items[0].trial.driven:
+    if not runs.items[0].trial.has_actuators:
         # Of releases no commands are wanted.
         return []
     found = [
         *_guessed(vehicle),
-        *(_clocks_of_files(clocks) if clocks and clocks.every else _clocks(runs)),
+        *(_clocks_of_files(clocks) if clocks and clocks.offsets else _clocks(runs)),
         *_pushing(pushes, vehicle.axis),
         *_saturated(runs.items, vehicle),
         *_fed_back(feedback, vehicle.axis),
-        *(_missing(runs.items, vehicle) if whole else ()),
-        *(_determined(runs.items, vehicle) if whole else ()),
+        *(_missing(runs.items, vehicle) if all_read else ()),
+        *(_determined(runs.items, vehicle) if all_read else ()),
     ]
     return sorted(found, key=lambda one: ("grave", "care", "aside").index(one.weight))
 
 
 def _guessed(vehicle: Vehicle) -> Iterator[Advice]:
-    if vehicle.guess:
-        text = f"Measure {vehicle.guess.words}, and put that into rovid.toml: what is there is a guess of rovid init."
+    if vehicle.assumptions:
+        text = f"Measure {vehicle.assumptions.listing}, and put that into rovid.toml: what is there is a guess of rovid init."
         yield Advice(kind="guessed", text=text)
 
 
-def _pushing(pushes: Sequence[Push], axis: Axis) -> Iterator[Advice]:
+def _pushing(pushes: Sequence[ThrusterCheck], axis: Axis) -> Iterator[Advice]:
     """Thrusters that do not do what rovid.toml says of them."""
     for push in pushes:
-        if text := push.words(axis):
-            yield Advice(kind="thruster", text=text, weight="grave" if push.turned_round else "care")
+        if text := push.text(axis):
+            yield Advice(kind="thruster", text=text, weight="grave" if push.is_reversed else "care")
 
 
 def _saturated(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[Advice]:
@@ -124,7 +124,7 @@ def _saturated(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[Advice]:
         if shares:
             text = (
                 f"Log the command that the drive of {thruster.name} gets, or lower it: it is at the end of its bench "
-                f"curve for part of the time ({listed(shares)}), and what was asked for beyond is not known."
+                f"curve for part of the time ({shortened_list(shares)}), and what was asked for beyond is not known."
             )
             yield Advice(kind="saturation", text=text)
 
@@ -138,7 +138,7 @@ def _share_at_end(curve: ThrustCurve, command: FloatArray) -> float:
 
 def _fed_back(feedback: Sequence[Feedback], axis: Axis) -> Iterator[Advice]:
     """What commands answer to, and reversals that may be called by the clock as well."""
-    sure = [one for one in feedback if one.chance < LEVEL]
+    sure = [one for one in feedback if one.chance < SIGNIFICANCE_LEVEL]
     if sure:
         text = (
             "Take `rovid fit` and `rovid diagnose`, which are right under feedback; `fit-drag` and `fit-inertia` are "
@@ -146,9 +146,9 @@ def _fed_back(feedback: Sequence[Feedback], axis: Axis) -> Iterator[Advice]:
             f"as much in {_seldom(max(one.chance for one in sure))}."
         )
         yield Advice(kind="feedback", text=text)
-    open_ = [one for one in feedback if one.chance >= LEVEL]
+    open_ = [one for one in feedback if one.chance >= SIGNIFICANCE_LEVEL]
     if open_:
-        names = listed([f"{one.name} (within {_far(one.scatter, axis)})" for one in open_])
+        names = shortened_list([f"{one.name} (within {_far(one.scatter, axis)})" for one in open_])
         text = (
             f"Reversed at the same {axis.position_words} each time: {names}. Called by that, as in a zigzag test, this "
             "is feedback at the reversals; called by the clock it is none. So few reversals do not tell which."
@@ -164,11 +164,11 @@ def _seen(feedback: Sequence[Feedback], axis: Axis) -> Iterator[str]:
     }
     for kind, words in told.items():
         if logs := [one for one in feedback if one.seen_in == kind]:
-            yield f"in {listed([one.name for one in logs])} {words.format(_shares(logs))}"
+            yield f"in {shortened_list([one.name for one in logs])} {words.format(_shares(logs))}"
     if logs := [one for one in feedback if one.seen_in == "reversals"]:
         widest = max(logs, key=lambda one: one.scatter)
         yield (
-            f"{listed([one.name for one in logs])} reversed at a {axis.position_words}, as in a zigzag test (within "
+            f"{shortened_list([one.name for one in logs])} reversed at a {axis.position_words}, as in a zigzag test (within "
             f"{_far(widest.scatter, axis)}; by the clock it would be {_far(widest.by_duration, axis)})"
         )
 
@@ -185,27 +185,27 @@ def _seldom(chance: float) -> str:
 
 
 def _far(distance: float, axis: Axis) -> str:
-    return f"{significant(axis.in_shown(distance) or 0.0, 2)} {axis.shown[0]}"
+    return f"{significant(axis.to_display(distance) or 0.0, 2)} {axis.display_unit[0]}"
 
 
-def _clocks_of_files(clocks: Clocks) -> Iterator[Advice]:
+def _clocks_of_files(clocks: ClockOffsets) -> Iterator[Advice]:
     """What [join] should say of the clocks of one trial's files."""
-    for alike in clocks.alike:
-        words = clocks.words(alike)
+    for alike in clocks.groups:
+        words = clocks.text(alike)
         if not alike[0].certain:
-            yield Advice(kind="clocks", text=words, weight="care" if alike[0].shows else "aside")
+            yield Advice(kind="clocks", text=words, weight="care" if alike[0].is_significant else "aside")
             continue
         settings: dict[str, list[str]] = {}
         for clock in alike:
-            for key, setting in clock.settings.items():
+            for key, setting in clock.join_settings.items():
                 settings.setdefault(key, []).append(setting)
         tables = " and ".join(f"{key} = {{ {', '.join(entries)} }}" for key, entries in settings.items())
         yield Advice(kind="clock_offset", text=f"Put {tables} into [join] of rovid.toml. {words}", weight="grave")
 
 
-def _clocks(runs: Runs) -> Iterator[Advice]:
+def _clocks(runs: PreparedRuns) -> Iterator[Advice]:
     """Whether the vehicle moves before it is told to."""
-    offset = answers_early(runs, _LONGEST_OFFSET)
+    offset = response_lead(runs, _LONGEST_OFFSET)
     # Where it is late that is a lag, which vehicles have.
     if offset is not None and offset > max(_OFFSET, 2.0 * runs.items[0].rates.kernel.period):
         text = (
@@ -232,7 +232,7 @@ def _missing(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[Advice]:
 
 
 def _missing_holds(holds: Sequence[Hold], axis: Axis) -> Iterator[Advice]:
-    settling, drag = (_SWINGS, "Stiffness") if axis.rights else (_SETTLING, "Drag")
+    settling, drag = (_SWINGS, "Stiffness") if axis.self_righting else (_SETTLING, "Drag")
     up, down = (_levels([hold.torque for hold in holds if hold.torque * way > 0.0]) for way in (1.0, -1.0))
     if min(up, down) < _LEVELS:
         text = (
@@ -249,7 +249,7 @@ def _missing_sines(runs: Sequence[Run], axis: Axis) -> Iterator[Advice]:
         sines += find_sines(run.trial, run.torque)
     periods = _levels([sine.period for sine in sines if sine.cycles >= _CYCLES])
     if periods < _SINES:
-        longest = _OWN_SWING if axis.rights else _TEN
+        longest = _OWN_SWING if axis.self_righting else _TEN
         there = "there is one" if periods else "there is none"
         text = (
             f"Run sines of {_SINES} periods or more, about {longest} and shorter, each for {_CYCLES} cycles: {there}. "
@@ -260,7 +260,7 @@ def _missing_sines(runs: Sequence[Run], axis: Axis) -> Iterator[Advice]:
 
 def _missing_coast(holds: Sequence[Hold], axis: Axis) -> Iterator[Advice]:
     # Along an axis that rights itself a run may begin with the vehicle let go of.
-    do, why, early = (_RELEASE, _NO_RELEASE, 0.0) if axis.rights else (_COAST, _NO_COAST, 1.0)
+    do, why, early = (_RELEASE, _NO_RELEASE, 0.0) if axis.self_righting else (_COAST, _NO_COAST, 1.0)
     for hold in holds:
         if hold.torque == 0.0 and hold.duration >= _COAST_SECONDS and hold.start >= early:
             return
@@ -320,7 +320,7 @@ def _scale(estimate: Estimate, vehicle: Vehicle) -> Iterator[Advice]:
     if not 1.0 / _ORDERS < ratio < _ORDERS:
         axis = vehicle.axis
         text = (
-            f"Look at {axis.arm}, thrust curve, mass and size, and at the units of time and {axis.measures}: to move "
+            f"Look at {axis.arm_key}, thrust curve, mass and size, and at the units of time and {axis.required_signals}: to move "
             f"as it does the vehicle would have {significant(ratio, 2)} times the inertia that its mass and size give."
         )
         yield Advice(kind="scale", text=text)
@@ -340,7 +340,7 @@ def _sizes(runs: Sequence[Run], estimate: Estimate) -> dict[str, float]:
     return {name: known.get(name, 0.0) for name in estimate.names if name != "trim"}
 
 
-def listed(names: Sequence[str], most: int = 5) -> str:
+def shortened_list(names: Sequence[str], most: int = 5) -> str:
     """The first of ``names``, and how many more there are."""
     shown = ", ".join(names[:most])
     if len(names) <= most:

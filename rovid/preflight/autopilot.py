@@ -31,7 +31,7 @@ _OUTPUTS = 16
 
 
 @dataclass(frozen=True, kw_only=True)
-class Output:
+class AutopilotOutput:
     """A thruster that the log itself names.
 
     Attributes
@@ -47,8 +47,8 @@ class Output:
     """
 
     label: str
-    way: int
-    why: str
+    direction: int
+    reason: str
     arm: float = 0.0
 
     @property
@@ -57,12 +57,12 @@ class Output:
         return f"motor_{self.label}" if self.label.isdigit() else self.label
 
 
-def outputs_of(parameters: Mapping[str, float]) -> dict[str, Output]:
+def thruster_outputs(parameters: Mapping[str, float]) -> dict[str, AutopilotOutput]:
     """Source -> the thruster that it commands; empty where the parameters do not tell."""
     return _of_px4(parameters) or _of_ardupilot(parameters)
 
 
-def type_of(parameters: Mapping[str, float]) -> str:
+def vehicle_type(parameters: Mapping[str, float]) -> str:
     """The type of vehicle that the parameters tell; empty where they do not."""
     return _TYPES.get(_whole(parameters, _FRAME, -1), "")
 
@@ -72,7 +72,7 @@ def _whole(parameters: Mapping[str, float], name: str, other: int) -> int:
     return int(value) if abs(value) < 1e6 else other
 
 
-def _of_ardupilot(parameters: Mapping[str, float]) -> dict[str, Output]:
+def _of_ardupilot(parameters: Mapping[str, float]) -> dict[str, AutopilotOutput]:
     senses = _FRAMES.get(_whole(parameters, _FRAME, -1))
     outputs = {}
     for number in range(1, _OUTPUTS + 1):
@@ -81,12 +81,14 @@ def _of_ardupilot(parameters: Mapping[str, float]) -> dict[str, Output]:
         turned = -1 if _whole(parameters, f"SERVO{number}_REVERSED", 0) else 1
         if function in _THROTTLES:
             side, way = _THROTTLES[function]
-            output = Output(label=side, way=way * turned, why=f"{key} is {function}, the throttle to {side}")
+            output = AutopilotOutput(
+                label=side, direction=way * turned, reason=f"{key} is {function}, the throttle to {side}"
+            )
         elif function in _MOTORS and senses is not None:
             motor = _MOTORS[function]
             direction = 1 if parameters.get(f"MOT_{motor}_DIRECTION", 1.0) >= 0.0 else -1
             told = f"{key} is {function}, motor {motor}; by {_FRAME} and MOT_{motor}_DIRECTION"
-            output = Output(label=str(motor), way=senses.get(motor, 0) * direction * turned, why=told)
+            output = AutopilotOutput(label=str(motor), direction=senses.get(motor, 0) * direction * turned, reason=told)
         else:
             continue
         for source in _sources(number):
@@ -100,7 +102,7 @@ def _sources(number: int) -> tuple[str, ...]:
     return logged, f"SERVO_OUTPUT_RAW.servo{number}_raw"
 
 
-def _of_px4(parameters: Mapping[str, float]) -> dict[str, Output]:
+def _of_px4(parameters: Mapping[str, float]) -> dict[str, AutopilotOutput]:
     outputs = {}
     for at in range(_whole(parameters, "CA_ROTOR_COUNT", 0)):
         x, y, ahead, aside = (parameters.get(f"CA_ROTOR{at}_{what}", 0.0) for what in ("PX", "PY", "AX", "AY"))
@@ -109,6 +111,8 @@ def _of_px4(parameters: Mapping[str, float]) -> dict[str, Output]:
         arm = push * (x * aside - y * ahead)
         way = 0 if abs(arm) < 1e-3 else (1 if arm > 0.0 else -1)
         why = f"CA_ROTOR{at}_PX, _PY, _AX and _AY"
-        outputs[f"actuator_motors.control[{at}]"] = Output(label=str(at + 1), way=way, arm=abs(arm), why=why)
+        outputs[f"actuator_motors.control[{at}]"] = AutopilotOutput(
+            label=str(at + 1), direction=way, arm=abs(arm), reason=why
+        )
     # An aircraft's motors push down, and turn it by their own drag.
-    return outputs if any(output.way for output in outputs.values()) else {}
+    return outputs if any(output.direction for output in outputs.values()) else {}

@@ -8,9 +8,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.preflight.raw_columns import FEWEST, Guess, Seen, finite
+from rovid.preflight.raw_columns import FEWEST, RawColumn, SignalGuess, finite_values
 from rovid.preflight.thruster_guess import COMMAND, SIDED
-from rovid.readers.name_tokens import words
+from rovid.readers.name_tokens import name_words
 from rovid.trial.axis import Axis
 
 # What a name must not speak of: what is wished for, what is derived, and what belongs to the instrument.
@@ -73,25 +73,25 @@ _UNITS: Mapping[str, re.Pattern[str]] = {
 _OF_SPEED = {"mm/s", "cm/s", "m/s", "kn", "deg/s", "rad/s"}
 
 
-def guessed_along(axis: Axis, every: Mapping[str, Sequence[Seen]], asked: str = "") -> dict[str, Guess]:
+def guessed_along(axis: Axis, every: Mapping[str, Sequence[RawColumn]], asked: str = "") -> dict[str, SignalGuess]:
     """Signal of rovid.toml -> what measures the motion along ``axis``; a position before a velocity, one of each."""
-    found: dict[str, tuple[int, Guess]] = {}
+    found: dict[str, tuple[int, SignalGuess]] = {}
     for source, seen in every.items():
-        if asked and source != asked and not axis.rights:
+        if asked and source != asked and not axis.self_righting:
             continue
-        values = finite(seen)
+        values = finite_values(seen)
         if len(values) < FEWEST or not np.ptp(values) > 0.0:
             continue
-        named = words(source)
+        named = name_words(source)
         rank = 9 if source == asked else _rank(axis, source, named)
         if not rank:
             continue
         name, guess = _guess(axis, source, named, values)
         if name not in found or rank > found[name][0]:
             found[name] = (rank, guess)
-    if axis.angular and axis.position not in found:
+    if axis.angular and axis.position_signal not in found:
         return {}
-    order = (*axis.positions, axis.rate)
+    order = (*axis.position_signals, axis.rate_signal)
     return {name: found[name][1] for name in order if name in found}
 
 
@@ -114,25 +114,29 @@ def _rank(axis: Axis, source: str, named: set[str]) -> int:
     return int(axis.name == "surge" and bool(named & _OVER_GROUND) and unit in {"", *_OF_SPEED})
 
 
-def _guess(axis: Axis, source: str, named: set[str], values: FloatArray) -> tuple[str, Guess]:
+def _guess(axis: Axis, source: str, named: set[str], values: FloatArray) -> tuple[str, SignalGuess]:
     """Name of the signal, and the column as it."""
     unit = _unit(source)
     span = f"{values.min():.4g} to {values.max():.4g}"
     speed = unit in _OF_SPEED or (not unit and bool(named & (_SPEED | _OVER_GROUND)) and not named & _DEPTH)
-    name = axis.rate if speed else axis.position
+    name = axis.rate_signal if speed else axis.position_signal
     if axis.name == "heave" and not speed and not named & (_DEPTH | _HEIGHT):
         name = "heave_position"
     high = bool(named & _HEIGHT) and not speed
     why = f"named so; {span}{'; a height, turned around to a depth' if high else ''}"
     if unit:
-        return name, Guess(
-            source=source, unit=unit, sign=-1 if high else 1, why=f"{why}; the unit by its name", rate=speed
+        return name, SignalGuess(
+            source=source, unit=unit, sign=-1 if high else 1, reason=f"{why}; the unit by its name", is_rate=speed
         )
     if not axis.angular:
-        return name, Guess(source=source, unit="m/s" if speed else "m", sign=-1 if high else 1, why=why, rate=speed)
+        return name, SignalGuess(
+            source=source, unit="m/s" if speed else "m", sign=-1 if high else 1, reason=why, is_rate=speed
+        )
     wide = float(np.max(np.abs(values))) > 0.5 * np.pi
     told = "more than upright in radians" if wide else "taken for radians"
-    return name, Guess(source=source, unit=("deg" if wide else "rad") + "/s" * speed, why=f"{why}; {told}", rate=speed)
+    return name, SignalGuess(
+        source=source, unit=("deg" if wide else "rad") + "/s" * speed, reason=f"{why}; {told}", is_rate=speed
+    )
 
 
 def _unit(source: str) -> str:

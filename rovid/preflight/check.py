@@ -11,12 +11,12 @@ import numpy as np
 
 from rovid.core.errors import RovidError
 from rovid.preflight.advice import Advice, advise
-from rovid.preflight.clock_offsets import find_clocks
-from rovid.preflight.clock_report import Clocks
-from rovid.preflight.feedback_detection import Feedback, find_feedback
-from rovid.preflight.thruster_check import Push, pushes
-from rovid.readers import find_logs, trials_of
-from rovid.readers.duplicates import without_twins
+from rovid.preflight.clock_offsets import estimate_clock_offsets
+from rovid.preflight.clock_report import ClockOffsets
+from rovid.preflight.feedback_detection import Feedback, detect_feedback
+from rovid.preflight.thruster_check import ThrusterCheck, check_thrusters
+from rovid.readers import find_logs, read_trials
+from rovid.readers.duplicates import without_duplicates
 from rovid.signals.rates import white_noise
 from rovid.signals.segments import find_holds, find_sines
 from rovid.trial.config import Config
@@ -24,7 +24,7 @@ from rovid.trial.trial import Remark, Trial
 
 
 @dataclass(frozen=True, kw_only=True)
-class Check:
+class LogCheck:
     """A row of facts for each readable log, a problem for each other one, and what holds for the folder.
 
     ``advice`` is what to mind before a fit, the gravest first; ``feedback`` what it says of feedback rests on,
@@ -36,8 +36,8 @@ class Check:
     remarks: tuple[Remark, ...]
     advice: tuple[Advice, ...]
     feedback: tuple[Feedback, ...] = ()
-    clocks: Clocks = field(default_factory=Clocks)
-    pushes: tuple[Push, ...] = ()
+    clocks: ClockOffsets = field(default_factory=ClockOffsets)
+    thrusters: tuple[ThrusterCheck, ...] = ()
 
     @property
     def verdict(self) -> Literal["go", "care", "no_go"]:
@@ -48,29 +48,29 @@ class Check:
         return "care" if "care" in weights else "go"
 
 
-def check_logs(paths: Sequence[Path], config: Config) -> Check:
+def check_logs(paths: Sequence[Path], config: Config) -> LogCheck:
     """Read every log on its own, so that one bad log does not hide the others."""
     found, remarks = find_logs(paths, config)
     rows: list[tuple[Trial, dict[str, Any]]] = []
     problems = {}
     for name, path in found:
         try:
-            rows += [(trial, _facts(trial, config)) for trial in trials_of(path, config, name, remarks)]
+            rows += [(trial, _facts(trial, config)) for trial in read_trials(path, config, name, remarks)]
         except RovidError as error:
             problems[name] = str(error)
     # One recording in two formats is one run.
-    trials = without_twins([trial for trial, _ in rows], remarks)
-    feedback = find_feedback(trials, config.vehicle)
-    clocks = find_clocks(trials, config)
-    pushing = pushes(trials, config.vehicle)
-    return Check(
+    trials = without_duplicates([trial for trial, _ in rows], remarks)
+    feedback = detect_feedback(trials, config.vehicle)
+    clocks = estimate_clock_offsets(trials, config)
+    pushing = check_thrusters(trials, config.vehicle)
+    return LogCheck(
         rows=tuple(rows),
         problems=problems,
         remarks=tuple(remarks),
-        advice=tuple(advise(trials, config.vehicle, feedback, clocks, pushing, whole=not problems)),
+        advice=tuple(advise(trials, config.vehicle, feedback, clocks, pushing, all_read=not problems)),
         feedback=tuple(feedback),
         clocks=clocks,
-        pushes=tuple(pushing),
+        thrusters=tuple(pushing),
     )
 
 
@@ -78,16 +78,16 @@ def _facts(trial: Trial, config: Config) -> dict[str, Any]:
     torque = config.vehicle.torque(trial)
     position = trial.position[trial.measured]
     measured = position
-    if trial.integrated and trial.rate is not None:
+    if trial.rate_only and trial.rate is not None:
         measured = trial.rate[trial.measured]
     return {
         "duration": trial.duration,
         "samples": int(trial.measured.sum()),
-        "sample_rate": 1.0 / trial.period,
-        "measured": config.measured,
+        "sample_rate": 1.0 / trial.sampling_interval,
+        "measured": config.measured_signal,
         "noise": white_noise(measured),
         "travel": float(np.sum(np.abs(np.diff(position)))),
-        f"{trial.axis.push}_range": [float(torque.min()), float(torque.max())],
+        f"{trial.axis.force_name}_range": [float(torque.min()), float(torque.max())],
         "held_commands": len(find_holds(trial, config.vehicle, torque)),
         "sine_runs": len(find_sines(trial, torque)),
         "remarks": [remark_document(remark) for remark in trial.remarks],

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.preflight.raw_columns import FEWEST, Seen
-from rovid.preflight.signal_guess import heading_in, is_yaw_rate
-from rovid.preflight.thruster_guess import is_command
+from rovid.preflight.raw_columns import FEWEST, RawColumn
+from rovid.preflight.signal_guess import is_yaw_rate, turn_of_heading
+from rovid.preflight.thruster_guess import is_thruster_command
 
 # What is alike goes together to this degree at the best shift; a copy of a command to that.
 _ALIKE, _COPY = 0.9, 0.999
@@ -28,7 +28,7 @@ _STEPS, _MOST_DRIFT = 12, 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
-class Alignment:
+class ClockAlignment:
     """What brings a clock onto another one.
 
     Attributes
@@ -48,7 +48,7 @@ class Alignment:
     drift: float
     drift_error: float
     middle: float
-    by: str
+    columns: str
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -76,7 +76,7 @@ class _Course:
         return np.asarray((self.rate(instants + apart, span) - self.rate(instants - apart, span)) / (2.0 * apart))
 
 
-def aligned(reference: Mapping[str, Seen], other: Mapping[str, Seen]) -> Alignment | None:
+def align_clocks(reference: Mapping[str, RawColumn], other: Mapping[str, RawColumn]) -> ClockAlignment | None:
     """What brings the clock of ``other`` onto that of ``reference``; None where they hold nothing that is alike."""
     pairs = [
         (one, two)
@@ -95,18 +95,18 @@ def aligned(reference: Mapping[str, Seen], other: Mapping[str, Seen]) -> Alignme
     return replace(best, error=_TOO_SURE * error, drift_error=_TOO_SURE * drift_error)
 
 
-def _courses(log: Mapping[str, Seen]) -> Iterator[_Course]:
+def _courses(log: Mapping[str, RawColumn]) -> Iterator[_Course]:
     for source, seen in log.items():
         known = np.isfinite(seen.values) & np.isfinite(seen.time)
         time, values = seen.time[known], seen.values[known]
         if len(time) < 4 * FEWEST or not np.ptp(values) > 0.0 or not (np.diff(time) > 0.0).all():
             continue
-        if (turn := heading_in(seen)) is not None:
+        if (turn := turn_of_heading(seen)) is not None:
             yield _Course(source=source, time=time, total=np.unwrap(values * (2.0 * np.pi / turn)))
         elif is_yaw_rate(source):
             steps = 0.5 * (values[1:] + values[:-1]) * np.diff(time)
             yield _Course(source=source, time=time, total=np.concatenate(([0.0], np.cumsum(steps))), gyro=True)
-        elif is_command(source):
+        elif is_thruster_command(source):
             held = np.concatenate(([0.0], np.cumsum(values[:-1] * np.diff(time))))
             yield _Course(source=source, time=time, total=held, command=True)
 
@@ -116,7 +116,7 @@ def _overlap(one: _Course, two: _Course) -> float:
     return float(min(one.time[-1], two.time[-1]) - max(one.time[0], two.time[0]))
 
 
-def _by_spans(one: _Course, two: _Course) -> Iterator[Alignment]:
+def _by_spans(one: _Course, two: _Course) -> Iterator[ClockAlignment]:
     """By each window that tells."""
     step = max(one.interval, two.interval)
     for span in _SPANS:
@@ -150,7 +150,7 @@ def _coarse(one: _Course, two: _Course, step: float, spans: float) -> Iterator[f
         yield float(shifts[near][at])
 
 
-def _refined(one: _Course, two: _Course, span: float, offset: float) -> Alignment | None:
+def _refined(one: _Course, two: _Course, span: float, offset: float) -> ClockAlignment | None:
     """From the shift ``offset`` on, with the slopes of one as instruments of the other's; each has noise of its own."""
     room = 0.5 * span + 2.0 * two.interval
     grid = np.arange(two.time[0] + room, two.time[-1] - room, max(one.interval, two.interval))
@@ -180,13 +180,13 @@ def _refined(one: _Course, two: _Course, span: float, offset: float) -> Alignmen
     # A rate may be that at an instant or the mean of an interval; of a heading nobody knows that either.
     unlike = max(one.interval, two.interval) / 12.0**0.5 if one.gyro is not two.gyro else 0.0
     by = one.source if one.source == two.source else f"{two.source} against {one.source}"
-    return Alignment(
+    return ClockAlignment(
         offset=offset,
         error=math.hypot(float(spread[0]), unlike),
         drift=drift,
         drift_error=float(spread[1]),
         middle=float(middle - two.time[0]),
-        by=by,
+        columns=by,
     )
 
 

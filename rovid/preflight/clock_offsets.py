@@ -17,17 +17,17 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
 from rovid.core.errors import RovidError
-from rovid.core.stats import beyond_chi2
-from rovid.effects import Effect, effect_named, restoring_of
-from rovid.effects.base import Actuation, EffectParameter, OnTorque, Values
-from rovid.effects.per_trial import form_of, sizes_like
-from rovid.effects.restoring import columns
+from rovid.core.stats import chi2_sf
+from rovid.effects import Effect, effect_named, restoring_effect
+from rovid.effects.base import ActuatorInputs, EffectParameter, OnTorque, Values
+from rovid.effects.per_trial import form_name, one_size_per_trial
+from rovid.effects.restoring import regressors
 from rovid.estimate.maximum_likelihood import LikelihoodFit, fit_likelihood
-from rovid.preflight.clock_alignment import Alignment, aligned
-from rovid.preflight.clock_report import SURE, Clock, Clocks
-from rovid.preflight.raw_columns import Seen
-from rovid.readers.join_files import every_channel, name_of
-from rovid.signals.preprocessing import Run, Runs, prepare
+from rovid.preflight.clock_alignment import ClockAlignment, align_clocks
+from rovid.preflight.clock_report import SURE, ClockOffset, ClockOffsets
+from rovid.preflight.raw_columns import RawColumn
+from rovid.readers.join_files import all_channels, relative_name
+from rovid.signals.preprocessing import PreparedRuns, Run, prepare
 from rovid.signals.rates import Rates
 from rovid.trial.config import Config
 from rovid.trial.trial import Campaign, Trial
@@ -50,14 +50,14 @@ _LAG = "thruster_lag"
 _FINE = 50.0
 
 
-def find_clocks(trials: Sequence[Trial], config: Config) -> Clocks:
+def estimate_clock_offsets(trials: Sequence[Trial], config: Config) -> ClockOffsets:
     """What ``trials``, some of which were joined of several files, tell of those files' clocks."""
-    joined = [trial for trial in trials if trial.beside] if config.join else []
+    joined = [trial for trial in trials if trial.companion_files] if config.join else []
     whole = {_whole(trial): trial for trial in joined}
     if not whole:
-        return Clocks()
+        return ClockOffsets()
     began: dict[str, float | None] = {}
-    alike: list[Clock] = []
+    alike: list[ClockOffset] = []
     commanding: dict[str, tuple[str, float]] = {}
     for name, trial in whole.items():
         files = _files(trial, config)
@@ -65,24 +65,24 @@ def find_clocks(trials: Sequence[Trial], config: Config) -> Clocks:
         if home is None:
             continue
         for file in files.keys() - {home}:
-            found = aligned(files[home], files[file])
-            began[name_of(file, config)] = trial.began
+            found = align_clocks(files[home], files[file])
+            began[relative_name(file, config)] = trial.start_epoch
             if found is not None:
                 alike.append(_clock(file, found, config))
         if (owner := _owner(files, config)) is not None and owner != home:
-            commanding[name] = name_of(owner, config), _between(files[owner])
+            commanding[name] = relative_name(owner, config), _between(files[owner])
     known = {clock.name for clock in alike}
     open_ = {name: file for name, (file, _) in commanding.items() if file not in known}
     answers, lag = _answers([trial for trial in joined if _whole(trial) in open_], config.vehicle)
     told = [
-        Clock(name=open_[name], offset=offset, error=error, middle=0.5 * whole[name].duration)
+        ClockOffset(name=open_[name], offset=offset, error=error, middle=0.5 * whole[name].duration)
         for name, (offset, error) in answers.items()
     ]
     # A change of a command may be as old as a reading, in all trials alike: the mean square over all that it may be.
     between = max((seconds for _, seconds in commanding.values()), default=0.0) / 3.0**0.5
     answered = [replace(clock, error=math.hypot(clock.error, between)) for clock in _shared(told, began, config)]
     every = (*_shared(alike, began, config), *answered)
-    return Clocks(every=tuple(replace(clock, given=_given(clock.name, config)) for clock in every), lag=lag)
+    return ClockOffsets(offsets=tuple(replace(clock, given=_given(clock.name, config)) for clock in every), lag=lag)
 
 
 def _given(name: str, config: Config) -> tuple[float, float]:
@@ -92,61 +92,70 @@ def _given(name: str, config: Config) -> tuple[float, float]:
         return 0.0, 0.0
     if name in join.parts:
         return join.offset.get(name, 0.0), join.drift.get(name, 0.0)
-    return join.clock(name)
+    return join.clock_correction(name)
 
 
-def _between(found: dict[str, Seen]) -> float:
+def _between(found: dict[str, RawColumn]) -> float:
     """S between two readings, within which nobody knows when a command changed."""
     several = [seen.time for seen in found.values() if len(seen.time) > 1]
     return max((float(np.median(np.diff(time))) for time in several), default=0.0)
 
 
-def _files(trial: Trial, config: Config) -> dict[Path, dict[str, Seen]]:
+def _files(trial: Trial, config: Config) -> dict[Path, dict[str, RawColumn]]:
     """What the files of a trial hold; nothing of those that cannot be read whole."""
     try:
-        every = every_channel(trial.path, config)
+        every = all_channels(trial.path, config)
     except RovidError:
         return {}
     return {
         file: {
-            source: Seen(source=source, time=channel.time, values=channel.values, radians=channel.radians)
+            source: RawColumn(source=source, time=channel.time, values=channel.values, radians=channel.radians)
             for source, channel in found.items()
         }
         for file, found in every.items()
     }
 
 
-def _home(files: dict[Path, dict[str, Seen]], config: Config) -> Path | None:
+def _home(files: dict[Path, dict[str, RawColumn]], config: Config) -> Path | None:
     """The file in whose time the vehicle's motion stands."""
-    sources = set(config.signals[config.measured].sources.values()) if config.measured in config.signals else set()
+    sources = (
+        set(config.signals[config.measured_signal].sources.values())
+        if config.measured_signal in config.signals
+        else set()
+    )
     return next((file for file, found in files.items() if sources & found.keys()), None)
 
 
-def _owner(files: dict[Path, dict[str, Seen]], config: Config) -> Path | None:
+def _owner(files: dict[Path, dict[str, RawColumn]], config: Config) -> Path | None:
     """The file that holds all commands; None where several do."""
     wanted = [set(command.sources.values()) for command in config.commands]
     owners = [next((file for file, found in files.items() if sources & found.keys()), None) for sources in wanted]
     return owners[0] if len(set(owners)) == 1 else None
 
 
-def _clock(file: Path, found: Alignment, config: Config) -> Clock:
+def _clock(file: Path, found: ClockAlignment, config: Config) -> ClockOffset:
     """Of what is alike; a drift that does not show is left out."""
-    name = name_of(file, config)
+    name = relative_name(file, config)
     if abs(found.drift) <= SURE * found.drift_error:
-        return Clock(name=name, offset=found.offset, error=found.error, by=found.by, middle=found.middle)
+        return ClockOffset(name=name, offset=found.offset, error=found.error, by=found.columns, middle=found.middle)
     begin = found.offset - found.drift * found.middle
     error = math.hypot(found.error, found.drift_error * found.middle)
-    return Clock(
-        name=name, offset=begin, error=error, drift=1e6 * found.drift, drift_error=1e6 * found.drift_error, by=found.by
+    return ClockOffset(
+        name=name,
+        offset=begin,
+        error=error,
+        drift=1e6 * found.drift,
+        drift_error=1e6 * found.drift_error,
+        by=found.columns,
     )
 
 
-def _shared(clocks: Sequence[Clock], began: Mapping[str, float | None], config: Config) -> list[Clock]:
+def _shared(clocks: Sequence[ClockOffset], began: Mapping[str, float | None], config: Config) -> list[ClockOffset]:
     """Of each part one clock for all its files where they differ by chance alone, or a drift through the day."""
-    parts: dict[str, list[Clock]] = {}
+    parts: dict[str, list[ClockOffset]] = {}
     for clock in clocks:
         parts.setdefault(config.join.part(clock.name) if config.join else "", []).append(clock)
-    shared: list[Clock] = []
+    shared: list[ClockOffset] = []
     for part, own in parts.items():
         times = [began[clock.name] for clock in own]
         known = np.array([time + clock.middle for time, clock in zip(times, own, strict=True) if time is not None])
@@ -164,8 +173,8 @@ def _shared(clocks: Sequence[Clock], began: Mapping[str, float | None], config: 
 
 
 def _through_the_day(
-    clocks: Sequence[Clock], time: FloatArray, line: tuple[list[float], list[float]]
-) -> Iterator[Clock]:
+    clocks: Sequence[ClockOffset], time: FloatArray, line: tuple[list[float], list[float]]
+) -> Iterator[ClockOffset]:
     """Each by a ``line`` over the (n,) times of their middles, where that rises or falls for sure."""
     (offset, drift), (error, drift_error) = line
     for clock, middle in zip(clocks, time.tolist(), strict=True):
@@ -181,7 +190,7 @@ def _through_the_day(
         yield by_line if abs(drift) > SURE * drift_error else clock
 
 
-def _line(clocks: Sequence[Clock], time: FloatArray) -> tuple[list[float], list[float]] | None:
+def _line(clocks: Sequence[ClockOffset], time: FloatArray) -> tuple[list[float], list[float]] | None:
     """Offset, and its growth over ``time`` if that varies, with standard errors; None where chance scatters less."""
     errors = np.array([clock.error for clock in clocks])
     x = np.column_stack((np.ones(len(time)), time)[: 1 + bool(np.ptp(time))]) / errors[:, None]
@@ -189,7 +198,7 @@ def _line(clocks: Sequence[Clock], time: FloatArray) -> tuple[list[float], list[
     covariance = np.linalg.inv(x.T @ x)
     values = covariance @ (x.T @ y)
     scatter, freedom = float(np.sum((y - x @ values) ** 2)), max(len(y) - len(values), 1)
-    if beyond_chi2(freedom, scatter) < _CHANCE:
+    if chi2_sf(freedom, scatter) < _CHANCE:
         return None
     # Errors that are too small show in the scatter.
     wide = max(1.0, scatter / freedom) ** 0.5
@@ -201,12 +210,12 @@ def _line(clocks: Sequence[Clock], time: FloatArray) -> tuple[list[float], list[
 
 def _answers(trials: Sequence[Trial], vehicle: Vehicle) -> tuple[dict[str, tuple[float, float]], float]:
     """S after which the vehicle answers, with its standard error, by trial; and the lag of the thrusters beside it."""
-    if not trials or not trials[0].driven:
+    if not trials or not trials[0].has_actuators:
         return {}, 0.0
     try:
         shifts = coarse_shifts(prepare(Campaign(trials=tuple(trials), sources=()), vehicle))
         moved = [_moved(trial, shifts[_whole(trial)]) for trial in trials if _whole(trial) in shifts]
-        runs = prepare(Campaign(trials=tuple(moved), sources=()), vehicle.used(moved)).items
+        runs = prepare(Campaign(trials=tuple(moved), sources=()), vehicle.with_logged_torque(moved)).items
         names = list(dict.fromkeys(_whole(run.trial) for run in runs))
         effects = (_clock_effect(names),)
         plain = fit_likelihood(runs, vehicle, effects)
@@ -223,7 +232,7 @@ def _answers(trials: Sequence[Trial], vehicle: Vehicle) -> tuple[dict[str, tuple
 
 
 def _offsets(fit: LikelihoodFit, names: Sequence[str], shifts: dict[str, float]) -> dict[str, tuple[float, float]]:
-    parameters = [f"clock:{form_of(names)}.offset_{number}" for number in range(1, len(names) + 1)]
+    parameters = [f"clock:{form_name(names)}.offset_{number}" for number in range(1, len(names) + 1)]
     found = zip(names, _sizes(fit, parameters), strict=True)
     return {name: (shifts[name] + value, error) for name, (value, error) in found}
 
@@ -237,23 +246,23 @@ def _sizes(fit: LikelihoodFit, parameters: Sequence[str]) -> list[tuple[float, f
 
 def _clock_effect(names: Sequence[str]) -> Effect:
     """A clock of its own in each trial, ahead or behind."""
-    size = EffectParameter(name="offset", unit="s", null=0.0, low=-2.0, high=2.0, starts=(0.0,))
-    sizes = tuple(replace(one, starts=(0.0,)) for one in sizes_like(size, len(names), 0.0))
+    size = EffectParameter(name="offset", unit="s", neutral=0.0, low=-2.0, high=2.0, initial_values=(0.0,))
+    sizes = tuple(replace(one, initial_values=(0.0,)) for one in one_size_per_trial(size, len(names), 0.0))
 
-    def late(where: Actuation, torque: FloatArray, values: Values) -> FloatArray:
+    def late(where: ActuatorInputs, torque: FloatArray, values: Values) -> FloatArray:
         own = {name: values[one.name] for name, one in zip(names, sizes, strict=True)}
         out = torque.copy()
         for trial in where.trials:
-            out[trial.rows] = _put_off(where.time[trial.rows], torque[trial.rows], own[trial.whole])
+            out[trial.rows] = _put_off(where.time[trial.rows], torque[trial.rows], own[trial.parent])
         return out
 
     return replace(
         effect_named("command_delay"),
         id="clock",
-        form=form_of(names),
+        form=form_name(names),
         parameters=sizes,
-        sizes=len(sizes),
-        acts=OnTorque(late, settles=lambda *_: math.inf),
+        size_count=len(sizes),
+        acts=OnTorque(late, settling_time=lambda *_: math.inf),
     )
 
 
@@ -272,7 +281,7 @@ def _put_off(time: FloatArray, values: FloatArray, late: float) -> FloatArray:
 def _moved(trial: Trial, late: float) -> Trial:
     """``trial`` with its commands so many s later, and what was measured of the motion; nothing else."""
     # No two instants are to be all but one.
-    fine = trial.period / _FINE
+    fine = trial.sampling_interval / _FINE
     measured, commanded = (fine * np.round(time / fine) for time in (trial.time[trial.measured], trial.time + late))
     base = fine * np.unique(np.round(np.concatenate((measured, commanded)) / fine))
     first, last = max(measured[0], commanded[0]), min(measured[-1], commanded[-1])
@@ -282,7 +291,7 @@ def _moved(trial: Trial, late: float) -> Trial:
     position[np.searchsorted(base, measured[inside] - 0.5 * fine)] = trial.position[trial.measured][inside]
     rows = np.maximum(np.searchsorted(commanded, base + 0.5 * fine, side="right") - 1, 0)
     rate = None
-    if trial.integrated and trial.rate is not None:
+    if trial.rate_only and trial.rate is not None:
         rate = np.interp(base, measured, trial.rate[trial.measured])
     return replace(
         trial,
@@ -298,14 +307,16 @@ def _moved(trial: Trial, late: float) -> Trial:
 
 def _whole(trial: Trial) -> str:
     """Name of the log that a trial is of, or is a part of."""
-    return trial.whole or trial.name
+    return trial.parent or trial.name
 
 
-def coarse_shifts(runs: Runs) -> dict[str, float]:
+def coarse_shifts(runs: PreparedRuns) -> dict[str, float]:
     """S after which the vehicle answers, to a step, by log; the same in all unless one is far off."""
     steps, period = _steps(runs, _LONGEST)
     each = np.array([[_misfit([run], runs, int(step)) for step in steps] for run in runs.items])
-    together = np.nansum(np.log(np.where(each > 0.0, each, np.nan)) * [[len(run.drive)] for run in runs.items], axis=0)
+    together = np.nansum(
+        np.log(np.where(each > 0.0, each, np.nan)) * [[len(run.filtered_torque)] for run in runs.items], axis=0
+    )
     common = int(np.argmin(together))
     shifts: dict[str, float] = {}
     for run, misfits in zip(runs.items, each, strict=True):
@@ -315,7 +326,7 @@ def coarse_shifts(runs: Runs) -> dict[str, float]:
     return shifts
 
 
-def answers_early(runs: Runs, longest: float) -> float | None:
+def response_lead(runs: PreparedRuns, longest: float) -> float | None:
     """S before its commands at which the vehicle answers, negative where it does after them; None if nothing tells."""
     steps, period = _steps(runs, longest)
     misfits = np.array([_misfit(runs.items, runs, int(step)) for step in steps])
@@ -325,7 +336,7 @@ def answers_early(runs: Runs, longest: float) -> float | None:
     return -float(steps[best] * period) if 0 < best < len(steps) - 1 else None
 
 
-def _steps(runs: Runs, longest: float) -> tuple[IntArray, float]:
+def _steps(runs: PreparedRuns, longest: float) -> tuple[IntArray, float]:
     """Shifts in samples to be tried, and the period of a sample."""
     period = runs.items[0].rates.kernel.period
     each = max(round(_STEP / period), 1)
@@ -333,14 +344,14 @@ def _steps(runs: Runs, longest: float) -> tuple[IntArray, float]:
     return each * np.arange(-most, most + 1), period
 
 
-def _misfit(own: Sequence[Run], runs: Runs, shift: int) -> float:
+def _misfit(own: Sequence[Run], runs: PreparedRuns, shift: int) -> float:
     """Mean square that a regression leaves of a drive ``shift`` samples later."""
-    restoring = restoring_of(runs.axis)
-    readings = sum(len(run.drive) for run in own)
+    restoring = restoring_effect(runs.axis)
+    readings = sum(len(run.filtered_torque) for run in own)
     each = readings // _READINGS + 1
     rows, drives = [], []
     for run in own:
-        drive = _later(run.drive, shift)
+        drive = _later(run.filtered_torque, shift)
         known = np.flatnonzero(run.rates.valid & np.isfinite(drive))[::each]
         rows.append(_regressors(run.rates, known, restoring))
         drives.append(drive[known])
@@ -357,7 +368,7 @@ def _regressors(rates: Rates, rows: IntArray, restoring: Effect | None) -> Float
     """(n, k) what the drive of these rows works against: inertia, drag, a constant, and what brings back."""
     rate = rates.rate[rows]
     plain = (rates.acceleration[rows], np.abs(rate) * rate, rate, np.ones(len(rate)))
-    return np.column_stack((*plain, columns(restoring, rates.position[rows])))
+    return np.column_stack((*plain, regressors(restoring, rates.position[rows])))
 
 
 def _later(drive: FloatArray, shift: int) -> FloatArray:

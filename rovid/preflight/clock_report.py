@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rovid.core.escaping import toml_key
-from rovid.core.formatting import plus_minus, to_error
+from rovid.core.formatting import plus_minus, round_to_error
 
 # Standard errors from which something shows, and s that matter.
 SURE, _MATTERS = 3.0, 0.02
@@ -15,7 +15,7 @@ _SAID = 8
 
 
 @dataclass(frozen=True, kw_only=True)
-class Clock:
+class ClockOffset:
     """How far the clock of a file, or of a part of every trial, is off.
 
     Attributes
@@ -46,23 +46,23 @@ class Clock:
     @property
     def certain(self) -> bool:
         """Whether it is the clock for sure, and no delay; and matters."""
-        return self.shows and (bool(self.by) or self.offset < 0.0)
+        return self.is_significant and (bool(self.by) or self.offset < 0.0)
 
     @property
-    def shows(self) -> bool:
+    def is_significant(self) -> bool:
         """Whether it is anything but nothing."""
         return abs(self.offset) > max(SURE * self.error, _MATTERS) or (bool(self.by) and bool(self.drift))
 
     @property
-    def settings(self) -> dict[str, str]:
+    def join_settings(self) -> dict[str, str]:
         """What [join] is to say of it, by "offset" and "drift"."""
         key = toml_key(self.name)
         offset, drift = self.given[0] + self.offset, self.given[1] + self.drift
-        settings = {"offset": f"{key} = {to_error(offset, self.error)}"}
-        return settings | ({"drift": f"{key} = {to_error(drift, self.drift_error)}"} if self.drift else {})
+        settings = {"offset": f"{key} = {round_to_error(offset, self.error)}"}
+        return settings | ({"drift": f"{key} = {round_to_error(drift, self.drift_error)}"} if self.drift else {})
 
     @property
-    def words(self) -> str:
+    def text(self) -> str:
         """A sentence."""
         size = f"{plus_minus(abs(self.offset), self.error)} s"
         if self.by:
@@ -74,7 +74,7 @@ class Clock:
                 f"The vehicle answers {size} before the commands in {self.name}, which cannot be: that clock is so "
                 "much ahead, or more by whatever delay the thrusters have."
             )
-        if self.shows:
+        if self.is_significant:
             return (
                 f"The vehicle answers {size} after the commands in {self.name}: a delay, or a clock that is behind. No "
                 "log tells which."
@@ -83,25 +83,25 @@ class Clock:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Clocks:
+class ClockOffsets:
     """Of all trials that were joined; ``lag`` is that of the thrusters in s, 0 where none shows beside the clocks."""
 
-    every: tuple[Clock, ...] = ()
+    offsets: tuple[ClockOffset, ...] = ()
     lag: float = 0.0
 
     @property
-    def alike(self) -> list[tuple[Clock, ...]]:
+    def groups(self) -> list[tuple[ClockOffset, ...]]:
         """Those of which the same is to be said."""
-        kinds: dict[tuple[bool, ...], list[Clock]] = {}
-        for clock in self.every:
-            kinds.setdefault((clock.certain, clock.shows, bool(clock.by)), []).append(clock)
+        kinds: dict[tuple[bool, ...], list[ClockOffset]] = {}
+        for clock in self.offsets:
+            kinds.setdefault((clock.certain, clock.is_significant, bool(clock.by)), []).append(clock)
         return [tuple(clocks) for clocks in kinds.values()]
 
-    def words(self, clocks: Sequence[Clock]) -> str:
+    def text(self, clocks: Sequence[ClockOffset]) -> str:
         """Sentences on some of them, of which the same is to be said."""
         first, *others = clocks
         beside = f" Beside it the thrusters lag by {self.lag:.2g} s." if self.lag and not first.by else ""
         sizes = [f"{other.name} {plus_minus(other.offset, other.error)}" for other in others[:_SAID]]
         more = f" and {len(others) - _SAID} more" if len(others) > _SAID else ""
         likewise = f" Likewise, s to be added: {', '.join(sizes)}{more}." if others else ""
-        return f"{first.words}{beside}{likewise}"
+        return f"{first.text}{beside}{likewise}"

@@ -29,12 +29,12 @@ from itertools import pairwise
 import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
-from rovid.core.stats import beyond_chi2, beyond_f, within_f
+from rovid.core.stats import chi2_sf, f_cdf, f_sf
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Thruster, Vehicle
 
 # What chance gives more seldom is feedback; with all logs together, a log that agrees that well is named.
-LEVEL, _AGREES = 1e-3, 0.02
+SIGNIFICANCE_LEVEL, _AGREES = 1e-3, 0.02
 # Readings without which nothing is asked.
 _FEWEST = 60
 # A flow is looked at no finer than that, s, and in no more rows; it moves in so many rows in a row. What a row knows
@@ -79,7 +79,7 @@ class Feedback:
     by_duration: float = 0.0
 
 
-def find_feedback(trials: Sequence[Trial], vehicle: Vehicle) -> list[Feedback]:
+def detect_feedback(trials: Sequence[Trial], vehicle: Vehicle) -> list[Feedback]:
     """What the commands of each log answer to, one entry a log, where chance gives it more seldom than `LEVEL`.
 
     Reversals at one place which chance, or a clock, gives more often are listed too: they may be of a zigzag test.
@@ -91,7 +91,7 @@ def find_feedback(trials: Sequence[Trial], vehicle: Vehicle) -> list[Feedback]:
         if np.ptp(effort) > 0.0 and trial.measured.sum() >= _FEWEST:
             for answer in _answers(trial, effort):
                 answers.setdefault(answer.seen_in, []).append(answer)
-    found = [each for same in answers.values() for each in map(_judged(same), same) if each.chance < LEVEL]
+    found = [each for same in answers.values() for each in map(_judged(same), same) if each.chance < SIGNIFICANCE_LEVEL]
     open_ = [answer for answer in answers.get("reversals", []) if answer.chance < 1.0]
     first = {each.name: each for each in reversed([*found, *open_])}
     return [first[trial.name] for trial in trials if trial.name in first]
@@ -100,7 +100,7 @@ def find_feedback(trials: Sequence[Trial], vehicle: Vehicle) -> list[Feedback]:
 def _judged(same: Sequence[Feedback]) -> Callable[[Feedback], Feedback]:
     """Of the answers to one question: what chance each has, by itself or as one of all (Fisher)."""
     logarithms = [math.log(max(answer.chance, 1e-300)) for answer in same]
-    together = beyond_chi2(2 * len(same), -2.0 * sum(logarithms))
+    together = chi2_sf(2 * len(same), -2.0 * sum(logarithms))
 
     def judged(answer: Feedback) -> Feedback:
         agrees = answer.chance < _AGREES
@@ -136,7 +136,7 @@ def _slope(thruster: Thruster) -> float:
 
 def _flow(trial: Trial, effort: FloatArray) -> Feedback | None:
     known = np.flatnonzero(trial.measured)
-    each = max(round(_FINEST / trial.period), len(known) // _MOST_ROWS + 1)
+    each = max(round(_FINEST / trial.sampling_interval), len(known) // _MOST_ROWS + 1)
     time, position = trial.time[known[::each]], trial.position[known[::each]]
     interval = np.diff(time)
     rate = np.diff(position) / interval
@@ -186,7 +186,7 @@ def _against_slides(before: FloatArray, change: FloatArray, moved: FloatArray, r
     share = share_of(moved[rows])
     if share < _SHARE or f_of(share) < slid.max():
         return 1.0, share
-    return beyond_f(columns, freedom, f_of(share) / max(1.0, slid.mean())), share
+    return f_sf(columns, freedom, f_of(share) / max(1.0, slid.mean())), share
 
 
 def _basis(x: FloatArray) -> FloatArray:
@@ -248,7 +248,7 @@ def _steps(trial: Trial, effort: FloatArray) -> Feedback | None:
     instants = trial.time[at]
     lasted = np.diff(instants, prepend=trial.time[0])
     usual = float(np.median(lasted))
-    place, rate = _motion(trial, instants, max(4.0 * trial.period, 0.25 * usual))
+    place, rate = _motion(trial, instants, max(4.0 * trial.sampling_interval, 0.25 * usual))
     turned = np.diff(place, prepend=np.nan)
     rows = np.flatnonzero(np.isfinite(rate) & np.isfinite(turned))
     rows = rows[rows >= 2]
@@ -268,7 +268,7 @@ def _step_rows(trial: Trial, effort: FloatArray) -> IntArray:
     span = float(np.ptp(effort))
     changes = np.flatnonzero(np.abs(np.diff(effort)) > 1e-6 * span) + 1
     # Thrusters follow on each other within a moment; what goes on changing is no step.
-    apart = np.flatnonzero(np.diff(trial.time[changes]) > _TOGETHER * trial.period) + 1
+    apart = np.flatnonzero(np.diff(trial.time[changes]) > _TOGETHER * trial.sampling_interval) + 1
     bursts = [burst for burst in np.split(changes, apart) if 0 < len(burst) <= 3]
     steps = [burst[-1] for burst in bursts if abs(effort[burst[-1]] - effort[burst[0] - 1]) > _STEP * span]
     return np.array(steps, dtype=np.intp)
@@ -305,7 +305,7 @@ def _pushes_back(own: FloatArray, motion: FloatArray, level: FloatArray) -> tupl
     if sure.max() > 2.0 or sure.min() > -2.0:
         return 1.0, share
     f = share / (1.0 - share) * freedom / motion.shape[1]
-    return beyond_f(motion.shape[1], freedom, f), share
+    return f_sf(motion.shape[1], freedom, f), share
 
 
 # ---- commands that reverse
@@ -313,12 +313,12 @@ def _pushes_back(own: FloatArray, motion: FloatArray, level: FloatArray) -> tupl
 
 def _reversals(trial: Trial, effort: FloatArray) -> Feedback | None:
     at, senses = _reversal_rows(effort)
-    if trial.axis.rights or len(at) < 3:
+    if trial.axis.self_righting or len(at) < 3:
         # What rights itself comes back to the same places by itself.
         return None
     instants = trial.time[at]
     lasted = np.diff(instants, prepend=np.nan)
-    place, rate = _motion(trial, instants, max(4.0 * trial.period, 0.15 * float(np.median(lasted[1:]))))
+    place, rate = _motion(trial, instants, max(4.0 * trial.sampling_interval, 0.15 * float(np.median(lasted[1:]))))
     known = np.isfinite(place)
     lasted, place, rate, senses = lasted[known], place[known], rate[known], senses[known]
     places, freedom = _scatter(place, senses)
@@ -326,12 +326,12 @@ def _reversals(trial: Trial, effort: FloatArray) -> Feedback | None:
     if not freedom or not late_freedom or abs(int(senses.sum())) == len(senses):
         return None
     # A clock ticks. About the middle of a swing half of what it lasts longer shows at its end.
-    durations = max(durations, trial.period / np.sqrt(12.0))
+    durations = max(durations, trial.sampling_interval / np.sqrt(12.0))
     by_duration = float(0.5 * np.median(np.abs(rate)) * durations)
     apart = float(place[senses < 0].mean() - place[senses > 0].mean())
     chance = 1.0
     if places < _NEAR * apart and by_duration > 0.0:
-        chance = within_f(freedom, late_freedom, (places / by_duration) ** 2)
+        chance = f_cdf(freedom, late_freedom, (places / by_duration) ** 2)
     return Feedback(name=trial.name, seen_in="reversals", chance=chance, scatter=places, by_duration=by_duration)
 
 

@@ -8,27 +8,27 @@ from pathlib import Path
 
 import numpy as np
 
-from rovid.core.atomic_write import Output
-from rovid.core.errors import DataError, RovidError, nearest
-from rovid.core.paths import require, search
+from rovid.core.atomic_write import OutputFile
+from rovid.core.errors import DataError, RovidError, suggestion
+from rovid.core.paths import list_files, require_exists
 from rovid.core.signatures import CONFIG
 from rovid.core.signatures import GUESSED_CURVE as GUESSED
-from rovid.preflight.autopilot import outputs_of, type_of
-from rovid.preflight.clock_alignment import aligned
-from rovid.preflight.clock_report import Clocks
-from rovid.preflight.raw_columns import Seen
-from rovid.preflight.signal_guess import UNNAMED, Guesses, guess
-from rovid.preflight.thruster_guess import Thrusting, Wanted, answer
-from rovid.preflight.user_overrides import Hand
+from rovid.preflight.autopilot import thruster_outputs, vehicle_type
+from rovid.preflight.clock_alignment import align_clocks
+from rovid.preflight.clock_report import ClockOffsets
+from rovid.preflight.raw_columns import RawColumn
+from rovid.preflight.signal_guess import UNNAMED, ColumnMapping, map_columns
+from rovid.preflight.thruster_guess import GuessHints, ThrusterCommand, response_delay
+from rovid.preflight.user_overrides import UserOverrides
 from rovid.readers.csv_dialect import read_layout
 from rovid.readers.formats import READERS
-from rovid.readers.raw_log import Channel, Contents, sensible
+from rovid.readers.raw_log import Channel, LogContents, is_plausible
 from rovid.trial.axis import YAW, Axis
 from rovid.trial.config import FILE_NAME, Config, Signal
-from rovid.trial.multi_file_trials import Join, parts_among
+from rovid.trial.multi_file_trials import Join, guess_parts
 from rovid.trial.tables import CURVE_COLUMNS, read_curve
 from rovid.trial.vehicle import ThrustCurve, Vehicle
-from rovid.trial.vehicle_presets import Profile, profile
+from rovid.trial.vehicle_presets import VehiclePreset, load_preset
 
 GUESSED_CURVE = "thrust_guess.csv"
 # Logs are many and alike: so many of each format tell enough.
@@ -46,7 +46,7 @@ _ORIENTATIONS = ("orientation", "quaternion", "rotation", ".q")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Survey:
+class LogSurvey:
     """What `rovid init` found.
 
     Attributes
@@ -81,33 +81,33 @@ class Survey:
     """
 
     folder: Path
-    guesses: Mapping[str, Guesses]
-    clocks: Mapping[str, str]
+    mappings: Mapping[str, ColumnMapping]
+    clock_sources: Mapping[str, str]
     curve: str
     new_curve: ThrustCurve | None
     curve_guessed: bool
     logs: int
     axis: Axis = YAW
-    profile: Profile | None = None
-    recognised: bool = False
+    profile: VehiclePreset | None = None
+    profile_guessed: bool = False
     join: Join | None = None
-    apart: Clocks = field(default_factory=Clocks)
-    lacking: tuple[str, ...] = ()
-    hand: Hand = field(default_factory=Hand)
+    clock_offsets: ClockOffsets = field(default_factory=ClockOffsets)
+    warnings: tuple[str, ...] = ()
+    overrides: UserOverrides = field(default_factory=UserOverrides)
 
     @property
-    def open(self) -> tuple[str, ...]:
+    def unrecognised(self) -> tuple[str, ...]:
         """What was not recognised in any log: "heading", or what another axis wants, "command"; the user names it."""
-        return tuple(dict.fromkeys(what for one in self.guesses.values() for what in one.lacking))
+        return tuple(dict.fromkeys(what for one in self.mappings.values() for what in one.missing))
 
     @property
-    def untold(self) -> tuple[str, ...]:
+    def unknown_directions(self) -> tuple[str, ...]:
         """Sources of commands of which the logs do not tell whether, and which way, they turn the vehicle."""
-        return tuple(command.source for command in commands_of(self.guesses) if not command.told)
+        return tuple(command.source for command in all_commands(self.mappings) if not command.direction_known)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked:
+class SurveyOptions:
     """What the user told of the logs.
 
     Attributes
@@ -126,15 +126,15 @@ class Asked:
     headings: tuple[str, ...] = ()
     commands: tuple[str, ...] = ()
     vehicle: str = ""
-    patient: bool = False
+    interactive: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
-class Looked:
+class LogsRead:
     """What was read, by format, and what was in the way."""
 
     folder: Path
-    logs: dict[str, list[Mapping[str, Seen]]] = field(default_factory=dict)
+    logs: dict[str, list[Mapping[str, RawColumn]]] = field(default_factory=dict)
     names: dict[str, list[str]] = field(default_factory=dict)
     clocks: dict[str, str] = field(default_factory=dict)
     own_clocks: dict[str, str] = field(default_factory=dict)
@@ -146,10 +146,10 @@ class Looked:
         """Read one log more, where its format has not been seen often enough; it is called by its way in the folder."""
         kind = READERS[path.suffix.lower()].kind
         logs = self.logs.setdefault(kind, [])
-        if len(logs) >= _LOGS or is_curve(path):
+        if len(logs) >= _LOGS or is_thrust_curve(path):
             return
         try:
-            contents, seen, left_out = columns_of(path)
+            contents, seen, left_out = read_columns(path)
         except RovidError as error:
             self.problems.append(str(error))
             return
@@ -162,7 +162,7 @@ class Looked:
         logs.append(seen)
 
 
-def survey(paths: Sequence[Path], asked: Asked | None = None) -> Survey:
+def survey(paths: Sequence[Path], asked: SurveyOptions | None = None) -> LogSurvey:
     """Look at the logs in ``paths``.
 
     Raises
@@ -170,21 +170,23 @@ def survey(paths: Sequence[Path], asked: Asked | None = None) -> Survey:
     RovidError
         There are no logs, none can be read, none holds a heading or a command, or what was asked for is not there.
     """
-    asked = asked or Asked()
-    return surveyed(look(paths, asked.axis), asked)
+    asked = asked or SurveyOptions()
+    return survey_read_logs(read_logs(paths, asked.axis), asked)
 
 
-def look(paths: Sequence[Path], axis: Axis = YAW) -> Looked:
+def read_logs(paths: Sequence[Path], axis: Axis = YAW) -> LogsRead:
     """Read the logs in ``paths``, the first dozen of each format; for what moves along ``axis``."""
-    looked = Looked(folder=_folder(paths))
-    for path in files_in(paths, looked.problems):
+    looked = LogsRead(folder=_folder(paths))
+    for path in log_files(paths, looked.problems):
         looked.add(path)
     if (join := _joined(looked, axis)) is not None:
         looked.joins.append(join)
     return looked
 
 
-def surveyed(looked: Looked, asked: Asked | None = None, hand: Hand | None = None) -> Survey:
+def survey_read_logs(
+    looked: LogsRead, asked: SurveyOptions | None = None, hand: UserOverrides | None = None
+) -> LogSurvey:
     """What was read, with what the user told of it, and with what was put in by hand.
 
     Raises
@@ -192,39 +194,39 @@ def surveyed(looked: Looked, asked: Asked | None = None, hand: Hand | None = Non
     RovidError
         As for `survey`.
     """
-    asked = asked or Asked()
-    named = profile(asked.vehicle) if asked.vehicle else None
+    asked = asked or SurveyOptions()
+    named = load_preset(asked.vehicle) if asked.vehicle else None
     # What is read stays as it is: somebody may ask again.
     looked = replace(looked, problems=list(looked.problems))
     _require(asked, looked)
     told = named or _told(looked)
     guesses = _recognised(looked, asked, told)
-    alike = None if told or asked.axis is not YAW else _alike(list(commands_of(guesses)))
+    alike = None if told or asked.axis is not YAW else _alike(list(all_commands(guesses)))
     if alike:
         told, guesses = alike, _recognised(looked, asked, alike)
     if hand is not None:
-        guesses = hand.over(guesses)
+        guesses = hand.apply_to(guesses)
     headings = [one.measured for one in guesses.values() if one.signals]
-    curve = _Curve.of(looked.folder, list(commands_of(guesses)), told, looked.problems)
-    return Survey(
+    curve = _Curve.of(looked.folder, list(all_commands(guesses)), told, looked.problems)
+    return LogSurvey(
         folder=looked.folder,
         axis=asked.axis,
-        guesses=guesses,
-        clocks=looked.clocks,
+        mappings=guesses,
+        clock_sources=looked.clocks,
         curve=curve.name,
         new_curve=curve.new,
         curve_guessed=curve.guessed or (alike is not None and curve.new is not None),
         profile=told,
-        recognised=alike is not None,
+        profile_guessed=alike is not None,
         join=next(iter(looked.joins), None),
         logs=sum(map(len, looked.logs.values())),
-        lacking=(
+        warnings=(
             *dict.fromkeys(looked.problems),
-            *(f"{one.source} is taken for the heading: {one.why}." for one in headings if UNNAMED in one.why),
-            *(command.against for command in commands_of(guesses) if command.against),
+            *(f"{one.source} is taken for the heading: {one.reason}." for one in headings if UNNAMED in one.reason),
+            *(command.contradiction for command in all_commands(guesses) if command.contradiction),
             *_lacking(looked, guesses),
         ),
-        hand=hand or Hand(),
+        overrides=hand or UserOverrides(),
     )
 
 
@@ -235,15 +237,15 @@ def _folder(paths: Sequence[Path]) -> Path:
     return first.parent
 
 
-def _joined(looked: Looked, axis: Axis) -> Join | None:
+def _joined(looked: LogsRead, axis: Axis) -> Join | None:
     """How files are parts of trials, where no file holds both heading and commands; they are put together."""
     for kind, logs in looked.logs.items():
-        found = guess(logs, Wanted(axis=axis))
-        if found.lacking or not found.driven or any(_holds(log, found) for log in logs):
+        found = map_columns(logs, GuessHints(axis=axis))
+        if found.missing or not found.has_actuation or any(_holds(log, found) for log in logs):
             continue
         names = looked.names[kind]
-        join = Join(parts=parts_among(names))
-        files: dict[str, list[Mapping[str, Seen]]] = {}
+        join = Join(parts=guess_parts(names))
+        files: dict[str, list[Mapping[str, RawColumn]]] = {}
         for name, log in zip(names, logs, strict=True):
             if join.part(name):
                 files.setdefault(join.trial(name), []).append(log)
@@ -256,7 +258,7 @@ def _joined(looked: Looked, axis: Axis) -> Join | None:
     return None
 
 
-def _one_clock(parts: Sequence[Mapping[str, Seen]], found: Guesses) -> Mapping[str, Seen]:
+def _one_clock(parts: Sequence[Mapping[str, RawColumn]], found: ColumnMapping) -> Mapping[str, RawColumn]:
     """What the files of a trial hold, on the clock of the heading as far as they tell how that stands."""
     heading = found.measured
     home = next((part for part in parts if heading.source in part), {})
@@ -264,75 +266,77 @@ def _one_clock(parts: Sequence[Mapping[str, Seen]], found: Guesses) -> Mapping[s
     for part in parts:
         if part is home:
             continue
-        alike = aligned(home, part)
+        alike = align_clocks(home, part)
         commands = {one.source: one.neutral for one in found.commands if one.source in part}
-        late = alike.offset if alike else answer(commands, dict(part) | dict(home), heading) if home else 0.0
+        late = alike.offset if alike else response_delay(commands, dict(part) | dict(home), heading) if home else 0.0
         whole = {source: replace(seen, time=seen.time + late) for source, seen in part.items()} | whole
     return whole
 
 
-def _holds(log: Mapping[str, Seen], found: Guesses) -> bool:
+def _holds(log: Mapping[str, RawColumn], found: ColumnMapping) -> bool:
     """Whether a log holds the heading and a command."""
     commands = {command.source for command in found.commands}
     commands |= {found.signals["torque"].source} if "torque" in found.signals else set()
     return found.measured.source in log and bool(commands & log.keys())
 
 
-def _clocks(looked: Looked, kind: str, join: Join) -> dict[str, tuple[str, str]]:
+def _clocks(looked: LogsRead, kind: str, join: Join) -> dict[str, tuple[str, str]]:
     """Columns of time that are not called as the first."""
     own = {join.part(name): clock for name, clock in looked.own_clocks.items() if join.part(name)}
     return {part: (clock, "") for part, clock in own.items() if clock != looked.clocks[kind]}
 
 
-def _require(asked: Asked, looked: Looked) -> None:
+def _require(asked: SurveyOptions, looked: LogsRead) -> None:
     """That what the user named is there."""
     present = sorted(set().union(*(log for logs in looked.logs.values() for log in logs)))
     for option, sources in (("--heading", asked.headings), ("--command", asked.commands)):
         for source in sources:
             if source not in present:
                 raise DataError(
-                    f"{option}: no log has a column {source!r}. {nearest(source, present)}", where=looked.folder
+                    f"{option}: no log has a column {source!r}. {suggestion(source, present)}", where=looked.folder
                 )
 
 
-def _told(looked: Looked) -> Profile | None:
+def _told(looked: LogsRead) -> VehiclePreset | None:
     """The type of vehicle that the parameters of an autopilot tell."""
-    names = filter(None, map(type_of, looked.parameters.values()))
-    return next(map(profile, names), None)
+    names = filter(None, map(vehicle_type, looked.parameters.values()))
+    return next(map(load_preset, names), None)
 
 
-def _alike(commands: Sequence[Thrusting]) -> Profile | None:
+def _alike(commands: Sequence[ThrusterCommand]) -> VehiclePreset | None:
     """The type of vehicle of which the outputs that turn it are those of these logs."""
     outputs = {int(command.source.removeprefix(_OUTPUT)): command for command in commands if _is_output(command)}
-    turning = {number for number, command in outputs.items() if command.way}
+    turning = {number for number, command in outputs.items() if command.direction}
     if turning != {1, 2, 3, 4} or not {5, 6} <= outputs.keys():
         return None
-    return profile("bluerov2-heavy" if {7, 8} <= outputs.keys() else "bluerov2")
+    return load_preset("bluerov2-heavy" if {7, 8} <= outputs.keys() else "bluerov2")
 
 
-def _is_output(command: Thrusting) -> bool:
+def _is_output(command: ThrusterCommand) -> bool:
     return command.source.startswith(_OUTPUT) and command.source.removeprefix(_OUTPUT).isdigit()
 
 
-def _recognised(looked: Looked, asked: Asked, told: Profile | None) -> dict[str, Guesses]:
+def _recognised(looked: LogsRead, asked: SurveyOptions, told: VehiclePreset | None) -> dict[str, ColumnMapping]:
     """What the sources are, of each format in which a heading and a command were found, or else one of both."""
-    every: dict[str, Guesses] = {}
+    every: dict[str, ColumnMapping] = {}
     for kind, logs in looked.logs.items():
         if logs:
-            outputs = outputs_of(looked.parameters.get(kind, {}))
+            outputs = thruster_outputs(looked.parameters.get(kind, {}))
             there = set().union(*logs)
             heading = next((one for one in asked.headings if one in there), next(iter(asked.headings), ""))
-            wanted = Wanted(axis=asked.axis, heading=heading, commands=asked.commands, outputs=outputs, profile=told)
-            every[kind] = guess(logs, wanted)
+            wanted = GuessHints(
+                axis=asked.axis, heading=heading, commands=asked.commands, outputs=outputs, profile=told
+            )
+            every[kind] = map_columns(logs, wanted)
     if not every and looked.problems:
         raise DataError(looked.problems[0], where="")
     if not every:
         raise DataError("holds no logs.", where=looked.folder)
-    guesses = {kind: sources for kind, sources in every.items() if not sources.lacking}
+    guesses = {kind: sources for kind, sources in every.items() if not sources.missing}
     # Without a drive, what swings by itself is all that there could be.
-    half = {kind: one for kind, one in every.items() if len(one.lacking) == 1 and not asked.axis.rights}
+    half = {kind: one for kind, one in every.items() if len(one.missing) == 1 and not asked.axis.self_righting}
     # What is open the user can fill in; where nothing is known this is no log of a vehicle.
-    chosen = guesses or half or (every if asked.patient else {})
+    chosen = guesses or half or (every if asked.interactive else {})
     unknown = {kind: sources for kind, sources in every.items() if kind not in chosen}
     problems = [
         _not_recognised(one, looked.logs[kind], looked.folder, looked.problems) for kind, one in unknown.items()
@@ -343,13 +347,13 @@ def _recognised(looked: Looked, asked: Asked, told: Profile | None) -> dict[str,
     return chosen
 
 
-def commands_of(guesses: Mapping[str, Guesses]) -> Iterator[Thrusting]:
+def all_commands(guesses: Mapping[str, ColumnMapping]) -> Iterator[ThrusterCommand]:
     """Those of every format."""
     for one in guesses.values():
         yield from one.commands
 
 
-def _lacking(looked: Looked, guesses: Mapping[str, Guesses]) -> Iterator[str]:
+def _lacking(looked: LogsRead, guesses: Mapping[str, ColumnMapping]) -> Iterator[str]:
     """What `rovid check` will say of each log without a signal that is mapped."""
     for kind, own in guesses.items():
         mapped = [guessed.source for guessed in own.signals.values()]
@@ -360,27 +364,27 @@ def _lacking(looked: Looked, guesses: Mapping[str, Guesses]) -> Iterator[str]:
                 yield f"{name}: holds no {', '.join(missing)}; is it of another vehicle?"
 
 
-def _turning(commands: Sequence[Thrusting]) -> list[str]:
+def _turning(commands: Sequence[ThrusterCommand]) -> list[str]:
     """Sources of the commands that turn the vehicle; of all where none is known to."""
-    turning = [command.source for command in commands if command.way]
+    turning = [command.source for command in commands if command.direction]
     return turning or [command.source for command in commands]
 
 
-def files_in(paths: Sequence[Path], problems: list[str]) -> Iterator[Path]:
+def log_files(paths: Sequence[Path], problems: list[str]) -> Iterator[Path]:
     """What may be a log in ``paths``; what is in the way is added to ``problems``."""
 
     def unreadable(error: OSError) -> None:
         problems.append(f"{error.filename}: cannot be read ({error.strerror}).")
 
     for path in paths:
-        inside = search(path, unreadable)
-        problems += [f"{odd}: is {what}." for odd, what in inside.odd.items()]
+        inside = list_files(path, unreadable)
+        problems += [f"{odd}: is {what}." for odd, what in inside.special_files.items()]
         for file in inside.files:
             if file.suffix.lower() in READERS:
                 yield file
 
 
-def is_curve(path: Path) -> bool:
+def is_thrust_curve(path: Path) -> bool:
     """Whether this is a thrust curve rather than a log."""
     if path.suffix.lower() != ".csv":
         return False
@@ -391,21 +395,21 @@ def is_curve(path: Path) -> bool:
         return False  # reading it says what is wrong
 
 
-def columns_of(path: Path) -> tuple[Contents, dict[str, Seen], list[str]]:
+def read_columns(path: Path) -> tuple[LogContents, dict[str, RawColumn], list[str]]:
     """What a log holds, everything in it by source, and what of it cannot be read."""
     form = READERS[path.suffix.lower()]
     contents = form.sources(path)
     if not contents.sources:
-        raise DataError("holds no column of numbers.", where=path, mend=next(iter(contents.left_out), ""))
+        raise DataError("holds no column of numbers.", where=path, mend=next(iter(contents.unreadable), ""))
     raw = form.read(path, _config_of_all(path, form.kind, contents))
-    timed = [channel for channel in raw.channels.values() if sensible(channel.time).any()]
+    timed = [channel for channel in raw.channels.values() if is_plausible(channel.time).any()]
     seen = {channel.source: _sane(channel) for channel in timed}
     skipped = [remark.text for remark in raw.remarks if remark.kind == "skipped"]
-    left_out = dict.fromkeys((*contents.left_out, *skipped))
+    left_out = dict.fromkeys((*contents.unreadable, *skipped))
     return contents, seen, _few(path, left_out)
 
 
-def _config_of_all(path: Path, kind: str, contents: Contents) -> Config:
+def _config_of_all(path: Path, kind: str, contents: LogContents) -> Config:
     """A configuration that maps every source of a log, each under its own name."""
     signals = {}
     for source in contents.sources:
@@ -419,15 +423,15 @@ def _config_of_all(path: Path, kind: str, contents: Contents) -> Config:
         time=Signal(name="time", sources=clock, unit="auto"),
         signals=signals,
         commands=(),
-        measured=next(iter(signals)),
+        measured_signal=next(iter(signals)),
     )
 
 
-def _sane(one: Channel) -> Seen:
+def _sane(one: Channel) -> RawColumn:
     """What was measured of a channel, at the times that are known."""
-    known = sensible(one.time)
-    values = np.where(sensible(one.values), one.values, np.nan)
-    return Seen(source=one.source, time=one.time[known], values=values[known], radians=one.radians)
+    known = is_plausible(one.time)
+    values = np.where(is_plausible(one.values), one.values, np.nan)
+    return RawColumn(source=one.source, time=one.time[known], values=values[known], radians=one.radians)
 
 
 def _few(path: Path, texts: Iterable[str]) -> list[str]:
@@ -440,10 +444,10 @@ def _few(path: Path, texts: Iterable[str]) -> list[str]:
 
 
 def _not_recognised(
-    guesses: Guesses, logs: Sequence[Mapping[str, Seen]], folder: Path, problems: Sequence[str]
+    guesses: ColumnMapping, logs: Sequence[Mapping[str, RawColumn]], folder: Path, problems: Sequence[str]
 ) -> DataError:
     there = sorted(set().union(*logs))
-    missing = " and no ".join(guesses.lacking)
+    missing = " and no ".join(guesses.missing)
     unread = f" What could not be read: {problems[0]}" if problems else ""
     return DataError(
         f"no {missing} was recognised among {', '.join(there[:20])}.{unread}",
@@ -462,14 +466,16 @@ class _Curve:
     guessed: bool = False
 
     @classmethod
-    def of(cls, folder: Path, commands: Sequence[Thrusting], told: Profile | None, problems: list[str]) -> _Curve:
+    def of(
+        cls, folder: Path, commands: Sequence[ThrusterCommand], told: VehiclePreset | None, problems: list[str]
+    ) -> _Curve:
         """One beside the logs that knows these commands, that of the type of vehicle, or a straight line."""
         if not commands:
             return cls(name="")
         lowest = min(command.lowest for command in commands)
         highest = max(command.highest for command in commands)
-        for path in search(folder, lambda _: None).files:
-            if path.parent != folder or path.name == GUESSED_CURVE or not is_curve(path):
+        for path in list_files(folder, lambda _: None).files:
+            if path.parent != folder or path.name == GUESSED_CURVE or not is_thrust_curve(path):
                 continue
             try:
                 curve = read_curve(path)
@@ -482,7 +488,7 @@ class _Curve:
             published = read_curve(told.curve)
             if _covers(published, lowest, highest):
                 return cls(name=told.curve.name, new=published)
-        percent = any(command.percent for command in commands)
+        percent = any(command.in_percent for command in commands)
         line = _straight(lowest, highest, commands[0].neutral, percent=percent)
         return cls(name=GUESSED_CURVE, new=line, guessed=True)
 
@@ -507,7 +513,7 @@ def _straight(lowest: float, highest: float, neutral: float, *, percent: bool) -
     return ThrustCurve(command=ends, thrust=thrust)
 
 
-def outputs_beside(paths: Sequence[Path]) -> tuple[Output, Output]:
+def output_files(paths: Sequence[Path]) -> tuple[OutputFile, OutputFile]:
     """Where rovid.toml and a guessed curve for the logs in ``paths`` go.
 
     Raises
@@ -516,6 +522,6 @@ def outputs_beside(paths: Sequence[Path]) -> tuple[Output, Output]:
         There is nothing at one of ``paths``, or what is neither file nor folder.
     """
     for path in paths:
-        require(path)
+        require_exists(path)
     folder = _folder(paths)
-    return Output(folder / FILE_NAME, CONFIG), Output(folder / GUESSED_CURVE, GUESSED)
+    return OutputFile(folder / FILE_NAME, CONFIG), OutputFile(folder / GUESSED_CURVE, GUESSED)

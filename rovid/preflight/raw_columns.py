@@ -19,7 +19,7 @@ _MOST = 500_000  # windows of one log
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Seen:
+class RawColumn:
     """One column or field of one log: its (n,) times in s and values; ``radians`` where it is an orientation."""
 
     source: str
@@ -29,23 +29,23 @@ class Seen:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Guess:
+class SignalGuess:
     """What one signal is taken from, in what unit and sense, and why; ``rate`` where it is a velocity."""
 
     source: str
-    why: str
+    reason: str
     unit: str = ""
     sign: int = 1
-    rate: bool = False
+    is_rate: bool = False
 
 
-def finite(seen: Sequence[Seen]) -> FloatArray:
+def finite_values(seen: Sequence[RawColumn]) -> FloatArray:
     """(n,) values that were measured, of all logs."""
     values = np.concatenate([one.values for one in seen])
     return np.asarray(values[np.isfinite(values)])
 
 
-def _places(measured: Guess, seen: Seen) -> tuple[FloatArray, FloatArray]:
+def _places(measured: SignalGuess, seen: RawColumn) -> tuple[FloatArray, FloatArray]:
     """(n,) s and the place along the axis: a heading unwrapped in rad, a velocity summed up."""
     known = np.flatnonzero(np.isfinite(seen.values) & np.isfinite(seen.time))
     if known.size:
@@ -53,7 +53,7 @@ def _places(measured: Guess, seen: Seen) -> tuple[FloatArray, FloatArray]:
         # A stamp of before the clock was set, or a damaged one, is years away.
         known = known[np.abs(stamps - np.median(stamps)) < _LONGEST]
     time, values = seen.time[known], measured.sign * seen.values[known]
-    if measured.rate:
+    if measured.is_rate:
         steps = 0.5 * (values[1:] + values[:-1]) * np.diff(time)
         return time, np.concatenate(([0.0], np.cumsum(steps)))[: len(time)]
     if measured.unit in TURN:
@@ -61,7 +61,7 @@ def _places(measured: Guess, seen: Seen) -> tuple[FloatArray, FloatArray]:
     return time, values
 
 
-def rates(measured: Guess, seen: Seen, window: float = WINDOW) -> tuple[FloatArray, FloatArray]:
+def mean_rates(measured: SignalGuess, seen: RawColumn, window: float = WINDOW) -> tuple[FloatArray, FloatArray]:
     """(m + 1,) s, a ``window`` of so many apart, and the (m,) mean rates between them, of angles in rad/s."""
     time, place = _places(measured, seen)
     if len(time) < FEWEST:
@@ -72,13 +72,13 @@ def rates(measured: Guess, seen: Seen, window: float = WINDOW) -> tuple[FloatArr
     return grid, np.diff(np.interp(grid, time, place)) / window
 
 
-def place_at(measured: Guess, seen: Seen, time: FloatArray) -> FloatArray:
+def position_at(measured: SignalGuess, seen: RawColumn, time: FloatArray) -> FloatArray:
     """(m,) places along the axis at ``time`` in s, of angles in rad."""
     known, place = _places(measured, seen)
     return np.asarray(np.interp(time, known, place))
 
 
-def held_mean(seen: Seen, time: FloatArray) -> FloatArray:
+def held_mean(seen: RawColumn, time: FloatArray) -> FloatArray:
     """(m,) means of the held values between (m + 1,) ``time`` in s."""
     known = np.isfinite(seen.values)
     if not known.any():

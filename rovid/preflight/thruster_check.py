@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rovid.preflight.raw_columns import Guess, Seen
-from rovid.preflight.thruster_guess import Sense, senses
+from rovid.preflight.raw_columns import RawColumn, SignalGuess
+from rovid.preflight.thruster_guess import CommandEffect, command_effects
 from rovid.trial.axis import Axis
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Vehicle
@@ -20,7 +20,7 @@ _SURE = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Push:
+class ThrusterCheck:
     """What the logs tell of one thruster.
 
     Attributes
@@ -35,61 +35,61 @@ class Push:
     """
 
     name: str
-    sense: Sense
+    observed: CommandEffect
     strength: float
     error: float
 
     @property
-    def turned_round(self) -> bool:
+    def is_reversed(self) -> bool:
         """Whether it pushes the other way than rovid.toml says."""
-        return self.sense.way < 0
+        return self.observed.direction < 0
 
     @property
-    def idle(self) -> bool:
+    def is_ineffective(self) -> bool:
         """Whether it hardly does anything, for sure."""
         return abs(self.strength) + _SURE * self.error < _HARDLY
 
-    def words(self, axis: Axis) -> str:
+    def text(self, axis: Axis) -> str:
         """A sentence where something is wrong; else empty."""
-        if self.turned_round:
+        if self.is_reversed:
             return (
-                f"Turn {axis.arm} of {self.name} around, or mend what its command is mapped to: more of its "
-                f"{axis.push} makes the {axis.position_words} fall ({self.sense.words})."
+                f"Turn {axis.arm_key} of {self.name} around, or mend what its command is mapped to: more of its "
+                f"{axis.force_name} makes the {axis.position_words} fall ({self.observed.text})."
             )
-        if self.idle:
+        if self.is_ineffective:
             return (
-                f"Leave {self.name} out, or look at its {axis.arm}, curve and command: it {axis.moves} the vehicle by "
+                f"Leave {self.name} out, or look at its {axis.arm_key}, curve and command: it {axis.motion_verb} the vehicle by "
                 f"{100.0 * self.strength:.0f} ± {100.0 * self.error:.0f} % of what the others make expect."
             )
         return ""
 
 
-def pushes(trials: Sequence[Trial], vehicle: Vehicle) -> list[Push]:
+def check_thrusters(trials: Sequence[Trial], vehicle: Vehicle) -> list[ThrusterCheck]:
     """Each thruster, held against the motion in ``trials``; none where nothing drives them."""
     names = [thruster.name for thruster in vehicle.thrusters]
     logs = list(_seen(trials, vehicle))
     if not names or not logs:
         return []
-    measured = Guess(source="", why="", unit="rad" if vehicle.axis.angular else "m")
-    told = senses(dict.fromkeys(names, 0.0), logs, measured, rights=vehicle.axis.rights)
-    errors = {name: abs(one.effect / one.sure) if one.sure else np.inf for name, one in told.items()}
+    measured = SignalGuess(source="", reason="", unit="rad" if vehicle.axis.angular else "m")
+    told = command_effects(dict.fromkeys(names, 0.0), logs, measured, rights=vehicle.axis.self_righting)
+    errors = {name: abs(one.gain / one.t_statistic) if one.t_statistic else np.inf for name, one in told.items()}
     weights = np.array([errors[name] ** -2.0 for name in names])
-    effects = np.array([told[name].effect for name in names])
+    effects = np.array([told[name].gain for name in names])
     usual = float(weights @ np.abs(effects)) / max(float(weights.sum()), 1e-300)
     return [
-        Push(
+        ThrusterCheck(
             name=name,
-            sense=told[name],
-            strength=told[name].effect / usual if usual > 0.0 else np.nan,
+            observed=told[name],
+            strength=told[name].gain / usual if usual > 0.0 else np.nan,
             error=errors[name] / usual if usual > 0.0 else np.nan,
         )
         for name in names
     ]
 
 
-def _seen(trials: Sequence[Trial], vehicle: Vehicle) -> Iterator[dict[str, Seen]]:
+def _seen(trials: Sequence[Trial], vehicle: Vehicle) -> Iterator[dict[str, RawColumn]]:
     for trial in trials:
-        log = {"": Seen(source="", time=trial.time, values=trial.position)}
+        log = {"": RawColumn(source="", time=trial.time, values=trial.position)}
         for thruster, command in zip(vehicle.thrusters, trial.commands.T, strict=True):
-            log[thruster.name] = Seen(source=thruster.name, time=trial.time, values=thruster.torque(command))
+            log[thruster.name] = RawColumn(source=thruster.name, time=trial.time, values=thruster.torque(command))
         yield log

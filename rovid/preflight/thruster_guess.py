@@ -9,11 +9,19 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.preflight.autopilot import Output
-from rovid.preflight.raw_columns import FEWEST, Guess, Seen, finite, held_mean, place_at, rates
-from rovid.readers.name_tokens import CLOCK, HEADING, YAW_RATE, words
+from rovid.preflight.autopilot import AutopilotOutput
+from rovid.preflight.raw_columns import (
+    FEWEST,
+    RawColumn,
+    SignalGuess,
+    finite_values,
+    held_mean,
+    mean_rates,
+    position_at,
+)
+from rovid.readers.name_tokens import CLOCK_WORDS, HEADING_WORDS, YAW_RATE_WORDS, name_words
 from rovid.trial.axis import YAW, Axis
-from rovid.trial.vehicle_presets import SIDES, Profile
+from rovid.trial.vehicle_presets import SIDE_WORDS, VehiclePreset
 
 COMMAND = {"cmd", "command", "pwm", "throttle", "thruster", "thrusters", "motor", "motors", "servo", "esc", "output"}
 COMMAND |= {"actuator", "rcout", "rcou", "propeller", "prop", "thr", "thrust", "schub", "antrieb", "propulseur"}
@@ -38,7 +46,7 @@ TORQUE = {"torque", "moment", "drehmoment", "couple", "nm", "dreiemoment", "par"
 _NEWTON_METRES = re.compile(r"N[ ·*]?m\W*$")
 # A number behind one of these letters is a thruster's: T1, M1, u1.
 _LETTERS = {"t", "m", "u", "ch"}
-SIDED = frozenset().union(*SIDES.values())
+SIDED = frozenset().union(*SIDE_WORDS.values())
 _TURNS_PER_MINUTE = {"rpm", "drehzahl", "upm", "trmin", "turtall", "omdr"}
 # What a thruster answered.
 _ANSWER = {"fb", "feedback", "actual", "ist", "målt", "maalt", "measured", "meas", "medida", "medido", "mesure"}
@@ -51,13 +59,13 @@ _NOT_COMMAND = {"temp", "temperature", "curr", "current", "amps", "amp", "strom"
 _NOT_COMMAND |= {"corriente", "strøm"}
 _NOT_COMMAND |= {"depth", "roll", "pitch", "leak", "pressure", "lat", "lon", "north", "east", "flow", "fault", "status"}
 _NOT_COMMAND |= {"error", "err", "load", "drop", "errors", "pos", "position", "vel", "velocity", "acc"}
-_CLOCK = CLOCK - {"t"}
+_CLOCK = CLOCK_WORDS - {"t"}
 # Of a name's end: the unit of something else.
 _OTHER_UNIT = re.compile(
     r"(?:[^A-Za-z](?:A|W|C|K|bar|degC|m|m/s|kn|deg|grad|rad)|[^A-Za-z]?(?i:dps|deg/s|rad/s|rad_s|°/s))\W*$"
 )
 # A command that asks for motion is none of one thruster.
-_OF_MOTION = (HEADING - {"prua"}) | YAW_RATE | {"surge", "sway", "heave", "rate"}
+_OF_MOTION = (HEADING_WORDS - {"prua"}) | YAW_RATE_WORDS | {"surge", "sway", "heave", "rate"}
 SUPPLY = {"supply", "battery", "batt", "bat", "bus", "akku", "batterie", "versorgung", "batteri", "bateria", "batería"}
 SUPPLY |= {"batteriespannung", "batterispenning", "bordspannung", "voltaje", "alimentation"}
 _NEVER = _CLOCK | LIGHTS | _NOT_COMMAND | _OF_MOTION | _PILOT | SUPPLY | _ANSWER
@@ -89,7 +97,7 @@ _AWAY = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wanted:
+class GuessHints:
     """What is known before the logs are looked at.
 
     Attributes
@@ -107,12 +115,12 @@ class Wanted:
     axis: Axis = YAW
     heading: str = ""
     commands: tuple[str, ...] = ()
-    outputs: Mapping[str, Output] = field(default_factory=dict)
-    profile: Profile | None = None
+    outputs: Mapping[str, AutopilotOutput] = field(default_factory=dict)
+    profile: VehiclePreset | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sense:
+class CommandEffect:
     """What logs tell of a command by themselves.
 
     Attributes
@@ -128,25 +136,25 @@ class Sense:
         Whether the rate changes the other way after the command did: then somebody steers by the motion.
     """
 
-    sure: float = 0.0
-    share: float = 0.0
-    effect: float = 0.0
-    contrary: bool = False
+    t_statistic: float = 0.0
+    explained_share: float = 0.0
+    gain: float = 0.0
+    is_contradicted: bool = False
 
     @property
-    def way(self) -> int:
+    def direction(self) -> int:
         """1 up, -1 down, 0 where it is not told."""
-        little = self.share < _LITTLE and abs(self.sure) <= 2.0 * _SURE
-        return 0 if self.contrary or little or abs(self.sure) <= _SURE else int(np.sign(self.sure))
+        little = self.explained_share < _LITTLE and abs(self.t_statistic) <= 2.0 * _SURE
+        return 0 if self.is_contradicted or little or abs(self.t_statistic) <= _SURE else int(np.sign(self.t_statistic))
 
     @property
-    def words(self) -> str:
+    def text(self) -> str:
         """How strong the evidence is."""
-        return f"{abs(self.sure):.0f} standard errors, {100.0 * max(self.share, 0.0):.0f} % of how its rate changes"
+        return f"{abs(self.t_statistic):.0f} standard errors, {100.0 * max(self.explained_share, 0.0):.0f} % of how its rate changes"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Thrusting:
+class ThrusterCommand:
     """One command: whether more of it turns the heading up (1), down (-1) or not at all (0), and its range.
 
     Attributes
@@ -167,52 +175,59 @@ class Thrusting:
 
     name: str
     source: str
-    way: int
+    direction: int
     neutral: float
     lowest: float
     highest: float
-    why: str
+    reason: str
     arm: float = 0.0
-    told: bool = True
-    percent: bool = False
-    sense: Sense = field(default_factory=Sense)
-    against: str = ""
-    given: bool = False
+    direction_known: bool = True
+    in_percent: bool = False
+    observed: CommandEffect = field(default_factory=CommandEffect)
+    contradiction: str = ""
+    arm_measured: bool = False
 
 
-def thrusting(
-    every: Mapping[str, Sequence[Seen]], logs: Sequence[Mapping[str, Seen]], heading: Guess | None, wanted: Wanted
-) -> tuple[Thrusting, ...]:
+def guess_thrusters(
+    every: Mapping[str, Sequence[RawColumn]],
+    logs: Sequence[Mapping[str, RawColumn]],
+    heading: SignalGuess | None,
+    wanted: GuessHints,
+) -> tuple[ThrusterCommand, ...]:
     """The commands: those that were named, those that the autopilot knows, or those with such names."""
     moving = _chosen(every, wanted)
     neutral = {source: _neutral(values) for source, values in moving.items()}
-    ways = senses(neutral, logs, heading, rights=wanted.axis.rights) if heading is not None and neutral else {}
+    ways = (
+        command_effects(neutral, logs, heading, rights=wanted.axis.self_righting)
+        if heading is not None and neutral
+        else {}
+    )
     yaw = wanted.axis is YAW
     mixed = _mixed(neutral, logs) if yaw else {}
     names: list[str] = []
-    commands: list[Thrusting] = []
+    commands: list[ThrusterCommand] = []
     for source, rest in neutral.items():
         values = moving[source]
         output = wanted.outputs.get(source)
-        label = output.label if output else wanted.profile.label(words(source)) if wanted.profile and yaw else ""
+        label = output.label if output else wanted.profile.label(name_words(source)) if wanted.profile and yaw else ""
         names.append(_unique(output.name, names) if output else _thruster(source, names))
-        sense = ways.get(source, Sense())
+        sense = ways.get(source, CommandEffect())
         way, arm, told = _turned(source, label, wanted, sense, mixed)
-        said = output.why if output else "given" if source in wanted.commands else "named so"
+        said = output.reason if output else "given" if source in wanted.commands else "named so"
         commands.append(
-            Thrusting(
+            ThrusterCommand(
                 name=names[-1],
                 source=source,
-                way=way,
+                direction=way,
                 neutral=rest,
                 lowest=float(values.min()),
                 highest=float(values.max()),
-                why=f"{said}; {values.min():.4g} to {values.max():.4g}, no thrust at {rest:g}; {told}",
+                reason=f"{said}; {values.min():.4g} to {values.max():.4g}, no thrust at {rest:g}; {told}",
                 arm=arm,
-                told=bool(way or (yaw and (output or mixed or label))),
-                percent=bool(words(source) & _PERCENT) or "%" in source,
-                sense=sense,
-                against=f"{source}: {told}." if "against" in told else "",
+                direction_known=bool(way or (yaw and (output or mixed or label))),
+                in_percent=bool(name_words(source) & _PERCENT) or "%" in source,
+                observed=sense,
+                contradiction=f"{source}: {told}." if "against" in told else "",
             )
         )
     return tuple(commands)
@@ -221,18 +236,18 @@ def thrusting(
 def _turned(
     source: str,
     label: str,
-    wanted: Wanted,
-    sense: Sense,
+    wanted: GuessHints,
+    sense: CommandEffect,
     mixed: Mapping[str, int],
 ) -> tuple[int, float, str]:
     """Sense in which a command turns the heading, its arm in m, and the reason."""
-    seen, sure = sense.way, sense.words
+    seen, sure = sense.direction, sense.text
     if wanted.axis is not YAW:
         return seen, 0.0, _by_motion(sense, wanted.axis)
     published = wanted.profile.arms.get(label, 0.0) if wanted.profile else 0.0
     output = wanted.outputs.get(source)
     if output is not None:
-        way, reason = output.way, "the autopilot's parameters"
+        way, reason = output.direction, "the autopilot's parameters"
     elif mixed:
         way, reason = mixed.get(source, 0), f"the autopilot's own {_DEMAND}"
     elif label:
@@ -251,11 +266,11 @@ def _turned(
     return way, arm, f"by {reason} {_answers(way, YAW)}{agrees}{against}"
 
 
-def _by_motion(sense: Sense, axis: Axis) -> str:
-    if not sense.way:
-        steered = ", in which it answers the motion" if sense.contrary else ""
-        return f"whether it {axis.moves} the vehicle is not told by these logs{steered}"
-    return f"{_answers(sense.way, axis)} ({sense.words})"
+def _by_motion(sense: CommandEffect, axis: Axis) -> str:
+    if not sense.direction:
+        steered = ", in which it answers the motion" if sense.is_contradicted else ""
+        return f"whether it {axis.motion_verb} the vehicle is not told by these logs{steered}"
+    return f"{_answers(sense.direction, axis)} ({sense.text})"
 
 
 def _answers(way: int, axis: Axis) -> str:
@@ -265,26 +280,26 @@ def _answers(way: int, axis: Axis) -> str:
     return f"more of it makes the {axis.position_words} {'grow' if way > 0 else 'fall'}"
 
 
-def _chosen(every: Mapping[str, Sequence[Seen]], wanted: Wanted) -> dict[str, FloatArray]:
+def _chosen(every: Mapping[str, Sequence[RawColumn]], wanted: GuessHints) -> dict[str, FloatArray]:
     """Values of each source that is a command."""
     if wanted.commands:
-        return {source: finite(every[source]) for source in wanted.commands if source in every}
-    if told := {source: finite(every[source]) for source in wanted.outputs if source in every}:
+        return {source: finite_values(every[source]) for source in wanted.commands if source in every}
+    if told := {source: finite_values(every[source]) for source in wanted.outputs if source in every}:
         return {source: values for source, values in told.items() if len(values) and np.ptp(values) > 0.0}
     moving = {}
     for source, seen in every.items():
-        values = finite(seen)
+        values = finite_values(seen)
         if len(values) and np.ptp(values) > 0.0:
             moving[source] = values
     logged = any(is_torque(source, values) for source, values in moving.items())
-    for named_so in (is_command, _is_like_one, _is_answer, *([] if logged else [_is_of_motion, _is_pilots])):
+    for named_so in (is_thruster_command, _is_like_one, _is_answer, *([] if logged else [_is_of_motion, _is_pilots])):
         found = {source: values for source, values in moving.items() if named_so(source)}
         if logged:  # beside which a voltage is none of a thruster unless it is named one
-            found = {source: values for source, values in found.items() if words(source) & (COMMAND | SIDED)}
+            found = {source: values for source, values in found.items() if name_words(source) & (COMMAND | SIDED)}
         coming = {source: values for source, values in found.items() if _neutral(values) == REST or _comes_by(values)}
         found = coming or found
         # Beside what is asked of a thruster its turns a minute are its answer.
-        asked = {source: values for source, values in found.items() if not words(source) & _TURNS_PER_MINUTE}
+        asked = {source: values for source, values in found.items() if not name_words(source) & _TURNS_PER_MINUTE}
         found = asked or found
         # What a person or an autopilot asks for goes to the thrusters by way of their own pulses.
         pulses = {source: values for source, values in found.items() if _neutral(values) == REST}
@@ -306,19 +321,19 @@ def _comes_by(values: FloatArray) -> bool:
     return low <= 0.0 <= high or min(abs(low), abs(high)) < _AWAY * max(abs(low), abs(high))
 
 
-def is_command(source: str) -> bool:
+def is_thruster_command(source: str) -> bool:
     """Whether a column is one of a thruster by its name."""
-    named = words(source)
+    named = name_words(source)
     return _may_command(source, named) and bool(named & (COMMAND | SIDED) or _is_voltage(named))
 
 
 def _is_like_one(source: str) -> bool:
     """By its number, or as so many turns a minute."""
-    return _may_command(source, words(source)) and _is_of_one(words(source))
+    return _may_command(source, name_words(source)) and _is_of_one(name_words(source))
 
 
 def _is_answer(source: str) -> bool:
-    named = words(source)
+    named = name_words(source)
     return bool(named & _ANSWER) and _may_command(source, named - _ANSWER) and _is_of_one(named - _ANSWER)
 
 
@@ -339,17 +354,17 @@ def _is_voltage(named: set[str]) -> bool:
 def is_torque(source: str, values: FloatArray) -> bool:
     """Whether a column is named a torque about the vertical: by a word, its unit, or its symbol (SNAME), both ways."""
     symbol = source == "N" and values.min() < 0.0 < values.max()
-    return bool(words(source) & TORQUE or _NEWTON_METRES.search(source) or symbol)
+    return bool(name_words(source) & TORQUE or _NEWTON_METRES.search(source) or symbol)
 
 
 def _is_of_motion(source: str) -> bool:
     """A demand that is spread over the thrusters."""
-    named = words(source)
+    named = name_words(source)
     return bool(named & COMMAND and named & _OF_MOTION and not named & LIGHTS and not _OTHER_UNIT.search(source))
 
 
 def _is_pilots(source: str) -> bool:
-    return bool(words(source) & _PILOT)
+    return bool(name_words(source) & _PILOT)
 
 
 def _neutral(values: FloatArray) -> float:
@@ -359,9 +374,9 @@ def _neutral(values: FloatArray) -> float:
     return 0.0
 
 
-def senses(
-    neutral: Mapping[str, float], logs: Sequence[Mapping[str, Seen]], heading: Guess, *, rights: bool = False
-) -> dict[str, Sense]:
+def command_effects(
+    neutral: Mapping[str, float], logs: Sequence[Mapping[str, RawColumn]], heading: SignalGuess, *, rights: bool = False
+) -> dict[str, CommandEffect]:
     """What each command does to the motion along the axis, and how surely.
 
     The mean rate over each window goes with that of the one before and the mean commands of both: so it does on a slow
@@ -369,7 +384,7 @@ def senses(
     Who steers pushes against the motion, noise and all, within one window: so changes of commands are held against the
     changes of the rate that follow them, too. Where these say the contrary, the logs do not tell.
     """
-    count, best = len(neutral), [Sense()] * len(neutral)
+    count, best = len(neutral), [CommandEffect()] * len(neutral)
     for window in _WINDOWS:
         rows, turns = _in_windows(neutral, logs, heading, window, rights=rights)
         if len(turns) < FEWEST:
@@ -380,27 +395,27 @@ def senses(
         varied = turning - turning.mean()
         shares = varied @ pushes / max(float(varied @ varied), 1e-300)
         best = [
-            Sense(sure=sure, share=share, effect=effect)
+            CommandEffect(t_statistic=sure, explained_share=share, gain=effect)
             for sure, share, effect in zip(
                 found[-count:].tolist(), shares.tolist(), values[-count:].tolist(), strict=True
             )
         ]
         if alike > _OPPOSITE:
             break
-    drive = {source: one.effect for source, one in zip(neutral, best, strict=True)}
+    drive = {source: one.gain for source, one in zip(neutral, best, strict=True)}
     # What rights itself swings back by itself.
     contrary = not rights and _after_changes(drive, logs, heading) < -_CONTRARY
-    return {source: replace(one, contrary=contrary) for source, one in zip(neutral, best, strict=True)}
+    return {source: replace(one, is_contradicted=contrary) for source, one in zip(neutral, best, strict=True)}
 
 
-def _after_changes(drive: Mapping[str, float], logs: Sequence[Mapping[str, Seen]], heading: Guess) -> float:
+def _after_changes(drive: Mapping[str, float], logs: Sequence[Mapping[str, RawColumn]], heading: SignalGuess) -> float:
     """Standard errors with which the rate changes after the drive of all commands did; 0 where there is too little."""
     for window in (_AFTER, 0.5 * _AFTER):
         rows, turns = [np.empty((0, 4))], [np.empty(0)]
         for log in logs:
             if heading.source not in log or not set(drive) <= set(log):
                 continue
-            time, rate = rates(heading, log[heading.source], window)
+            time, rate = mean_rates(heading, log[heading.source], window)
             if len(rate) < 4:
                 continue
             change = np.diff(rate)
@@ -413,7 +428,7 @@ def _after_changes(drive: Mapping[str, float], logs: Sequence[Mapping[str, Seen]
     return 0.0
 
 
-def answer(neutral: Mapping[str, float], log: Mapping[str, Seen], heading: Guess) -> float:
+def response_delay(neutral: Mapping[str, float], log: Mapping[str, RawColumn], heading: SignalGuess) -> float:
     """S after which the vehicle answers commands of another clock, to a window; negative where that is ahead."""
     if not neutral:
         return 0.0
@@ -428,8 +443,8 @@ def answer(neutral: Mapping[str, float], log: Mapping[str, Seen], heading: Guess
 
 def _in_windows(
     neutral: Mapping[str, float],
-    logs: Sequence[Mapping[str, Seen]],
-    heading: Guess,
+    logs: Sequence[Mapping[str, RawColumn]],
+    heading: SignalGuess,
     window: float,
     *,
     rights: bool = False,
@@ -442,20 +457,20 @@ def _in_windows(
     for log in logs:
         if heading.source not in log or not set(neutral) <= set(log):
             continue
-        time, rate = rates(heading, log[heading.source], window)
+        time, rate = mean_rates(heading, log[heading.source], window)
         if len(rate) < 3:
             continue
         means = []
         for source, rest in neutral.items():
             command = held_mean(log[source], time) - rest
             means.append(0.5 * (command[1:] + command[:-1]))
-        places = [place_at(heading, log[heading.source], time[1:-1])] * rights
+        places = [position_at(heading, log[heading.source], time[1:-1])] * rights
         rows.append(np.column_stack((np.ones(len(rate) - 1), rate[:-1], *places, *means)))
         turns.append(rate[1:])
     return np.nan_to_num(np.concatenate(rows)), np.concatenate(turns)
 
 
-def _mixed(neutral: Mapping[str, float], logs: Sequence[Mapping[str, Seen]]) -> dict[str, int]:
+def _mixed(neutral: Mapping[str, float], logs: Sequence[Mapping[str, RawColumn]]) -> dict[str, int]:
     """Sense with which each output takes part in the autopilot's torque; empty where that is not logged, or not so."""
     rows, demands = [], []
     for log in logs:

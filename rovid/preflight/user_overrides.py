@@ -7,16 +7,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from rovid.preflight.raw_columns import Guess
-from rovid.preflight.signal_guess import Guesses
-from rovid.preflight.thruster_guess import Thrusting
-from rovid.trial.exclusions import Stretch
+from rovid.preflight.raw_columns import SignalGuess
+from rovid.preflight.signal_guess import ColumnMapping
+from rovid.preflight.thruster_guess import ThrusterCommand
+from rovid.trial.exclusions import Exclusion
 
 CHOSEN = "chosen by hand"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Hand:
+class UserOverrides:
     """What was put in.
 
     Attributes
@@ -39,17 +39,17 @@ class Hand:
 
     name: str = ""
     size: Mapping[str, float] = field(default_factory=dict)
-    signals: Mapping[str, Mapping[str, Guess]] | None = None
+    signals: Mapping[str, Mapping[str, SignalGuess]] | None = None
     commands: frozenset[str] | None = None
     arms: Mapping[str, float] = field(default_factory=dict)
     names: Mapping[str, str] = field(default_factory=dict)
-    left_out: tuple[Stretch, ...] = ()
+    exclusions: tuple[Exclusion, ...] = ()
 
-    def over(self, guessed: Mapping[str, Guesses]) -> dict[str, Guesses]:
+    def apply_to(self, guessed: Mapping[str, ColumnMapping]) -> dict[str, ColumnMapping]:
         """``guessed``, by format, with what was put in."""
         return {kind: self._over(kind, one) for kind, one in guessed.items()}
 
-    def _over(self, kind: str, guessed: Guesses) -> Guesses:
+    def _over(self, kind: str, guessed: ColumnMapping) -> ColumnMapping:
         signals = dict(guessed.signals)
         if self.signals is not None:
             signals = {name: _reasoned(one, signals.get(name)) for name, one in self.signals.get(kind, {}).items()}
@@ -61,22 +61,22 @@ class Hand:
         every = (*_sources(guessed), *guessed.unused)
         taken = of_signals | {one.source for one in commands}
         unused = tuple(source for source in every if source not in taken)
-        return Guesses(signals=signals, commands=tuple(commands), lacking=tuple(lacking), unused=unused)
+        return ColumnMapping(signals=signals, commands=tuple(commands), missing=tuple(lacking), unused=unused)
 
-    def _thruster(self, one: Thrusting) -> Thrusting:
+    def _thruster(self, one: ThrusterCommand) -> ThrusterCommand:
         named = replace(one, name=self.names.get(one.source) or one.name)
         if one.source not in self.arms:
             return named
         arm = self.arms[one.source]
-        return replace(named, arm=abs(arm), way=int(np.sign(arm)), told=True, given=True)
+        return replace(named, arm=abs(arm), direction=int(np.sign(arm)), direction_known=True, arm_measured=True)
 
 
-def _sources(guessed: Guesses) -> list[str]:
+def _sources(guessed: ColumnMapping) -> list[str]:
     return [one.source for one in guessed.signals.values()] + [one.source for one in guessed.commands]
 
 
-def _reasoned(chosen: Guess, guessed: Guess | None) -> Guess:
+def _reasoned(chosen: SignalGuess, guessed: SignalGuess | None) -> SignalGuess:
     """What was chosen, with the reason of the guess where that is the same."""
-    if guessed is not None and replace(chosen, why="") == replace(guessed, why=""):
+    if guessed is not None and replace(chosen, reason="") == replace(guessed, reason=""):
         return guessed
-    return replace(chosen, why=CHOSEN)
+    return replace(chosen, reason=CHOSEN)

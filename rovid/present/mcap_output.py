@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.core.atomic_write import Claim, Output
+from rovid.core.atomic_write import OutputFile, OutputSet
 from rovid.core.errors import ConfigError
-from rovid.core.escaping import words
+from rovid.core.escaping import field_names
 from rovid.core.signatures import RECORDING, RECORDING_LIBRARY
 from rovid.model.model import Model
 from rovid.model.simulation import TrialSimulation
-from rovid.present.page.residual_torque import Residual, left_by_all
-from rovid.readers.mcap_writer import Topic, mcap_bytes, with_unit
-from rovid.signals.preprocessing import Runs
+from rovid.present.page.residual_torque import ResidualTorque, unexplained_torques
+from rovid.readers.mcap_writer import OutputTopic, mcap_bytes, name_with_unit
+from rovid.signals.preprocessing import PreparedRuns
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Vehicle
 
@@ -62,10 +62,10 @@ def _inside(name: Path) -> Path:
 
 
 def write_recordings(
-    claim: Claim,
-    outputs: Sequence[Output],
+    claim: OutputSet,
+    outputs: Sequence[OutputFile],
     simulations: Sequence[TrialSimulation],
-    runs: Runs,
+    runs: PreparedRuns,
     model: Model,
     vehicle: Vehicle,
 ) -> None:
@@ -76,32 +76,32 @@ def write_recordings(
     OutputError
         One cannot be written.
     """
-    residuals = left_by_all(runs, model, vehicle)
+    residuals = unexplained_torques(runs, model, vehicle)
     recordings = []
     for simulation, residual in zip(simulations, residuals, strict=True):
-        topics = topics_of(simulation, residual, vehicle)
+        topics = simulation_topics(simulation, residual, vehicle)
         recordings.append(mcap_bytes(topics, RECORDING_LIBRARY))
     claim.write(dict(zip(outputs, recordings, strict=True)))
 
 
-def recording_outputs(target: Path, trials: Sequence[Trial]) -> list[Output]:
+def recording_outputs(target: Path, trials: Sequence[Trial]) -> list[OutputFile]:
     """As `recording_paths`."""
-    return [Output(path, RECORDING) for path in recording_paths(target, trials)]
+    return [OutputFile(path, RECORDING) for path in recording_paths(target, trials)]
 
 
-def topics_of(simulation: TrialSimulation, residual: Residual, vehicle: Vehicle) -> list[Topic]:
+def simulation_topics(simulation: TrialSimulation, residual: ResidualTorque, vehicle: Vehicle) -> list[OutputTopic]:
     """Rate, position, torques and commands of one trial; rates and torques behind the filter they share."""
     trial, rates = simulation.run.trial, simulation.run.rates
     axis = trial.axis
     residuals = simulation.measured - simulation.simulated
     rate = {"measured": simulation.measured, "simulated": simulation.simulated, "residual": residuals}
-    guessed = vehicle.guess.marks(axis.push_unit)
-    push = {"drive": residual.drive, "disturbance": residual.left}
+    guessed = vehicle.assumptions.is_placeholder(axis.force_unit)
+    push = {"drive": residual.thruster_torque, "disturbance": residual.residual}
     return [
-        _topic(axis.rate, rates.time, rate, axis.rate_unit),
-        _topic(axis.position, trial.time, _positions(simulation), axis.shown[0]),
+        _topic(axis.rate_signal, rates.time, rate, axis.rate_unit),
+        _topic(axis.position_signal, trial.time, _positions(simulation), axis.display_unit[0]),
         # Whoever sees the recording sees no other word of rovid's.
-        _topic(f"{'guessed_' * guessed}{axis.push}", residual.run.rates.time, push, axis.push_unit),
+        _topic(f"{'guessed_' * guessed}{axis.force_name}", residual.run.rates.time, push, axis.force_unit),
         _topic("commands", trial.time, _commands(trial, vehicle), ""),
     ]
 
@@ -109,23 +109,23 @@ def topics_of(simulation: TrialSimulation, residual: Residual, vehicle: Vehicle)
 def _positions(simulation: TrialSimulation) -> dict[str, FloatArray]:
     """(n,) in deg or m; what was integrated from a rate was not measured."""
     trial = simulation.run.trial
-    _, factor = trial.axis.shown
+    _, factor = trial.axis.display_unit
     positions = {"simulated": simulation.position * factor}
-    if trial.integrated:
+    if trial.rate_only:
         return positions
     return {"measured": trial.position * factor} | positions
 
 
 def _commands(trial: Trial, vehicle: Vehicle) -> dict[str, FloatArray]:
     """(n,) of each thruster, as logged."""
-    names = words([thruster.name for thruster in vehicle.thrusters])
+    names = field_names([thruster.name for thruster in vehicle.thrusters])
     return dict(zip(names, trial.commands.T, strict=True))
 
 
-def _topic(name: str, time: FloatArray, fields: dict[str, FloatArray], unit: str) -> Topic:
+def _topic(name: str, time: FloatArray, fields: dict[str, FloatArray], unit: str) -> OutputTopic:
     """What is known of the ``fields``."""
     named = {}
     for field, values in fields.items():
         if np.isfinite(values).any():
-            named[with_unit(field, unit)] = values
-    return Topic(name=f"/{name}", time=time, fields=named, units=dict.fromkeys(named, unit))
+            named[name_with_unit(field, unit)] = values
+    return OutputTopic(name=f"/{name}", time=time, fields=named, units=dict.fromkeys(named, unit))

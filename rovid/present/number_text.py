@@ -35,50 +35,50 @@ _UNITS = {
 }
 
 
-def number(value: float | None, form: str = ".4g") -> str:
+def format_number(value: float | None, form: str = ".4g") -> str:
     """``value`` in that form; a dash where there is none."""
     if value is None or not math.isfinite(value):
         return NOTHING
     return format(value, form)
 
 
-def in_form(values: Sequence[float | None], form: str) -> list[str]:
+def format_numbers(values: Sequence[float | None], form: str) -> list[str]:
     """Each of ``values`` as by `number`."""
-    return [number(value, form) for value in values]
+    return [format_number(value, form) for value in values]
 
 
-def unit(text: str) -> str:
+def unit_symbol(text: str) -> str:
     """A unit with its powers raised; nothing for a plain number."""
     if text == "1":
         return ""
     return _UNITS.get(text, text)
 
 
-def with_unit(text: str, plain: str) -> str:
+def number_with_unit(text: str, plain: str) -> str:
     """A number and its unit on one line, however narrow the page; words as they are."""
     if not _is_number(text):
         return text
-    return f"{text} {unit(plain)}".strip().replace(" ", "\u00a0")
+    return f"{text} {unit_symbol(plain)}".strip().replace(" ", "\u00a0")
 
 
-def title(name: str) -> str:
+def parameter_title(name: str) -> str:
     """A parameter's name in words, with its symbol where it has one."""
     return PARAMETER_TITLES.get(name, name.replace("_", " ").replace(".", ": "))
 
 
-def arm(axis: Axis) -> tuple[str, str]:
+def arm_words(axis: Axis) -> tuple[str, str]:
     """What a thruster's lever is called, and its unit."""
     if axis.angular:
-        return axis.arm.replace("_", " "), "m"
+        return axis.arm_key.replace("_", " "), "m"
     return f"share along {axis.name}", ""
 
 
-def steady_state(axis: Axis) -> str:
+def steady_state_words(axis: Axis) -> str:
     """What a steady state is called."""
     return "steady turn" if axis.angular else "steady state"
 
 
-def prose(text: str) -> str:
+def as_sentence(text: str) -> str:
     """A message of the command line as a sentence of the page: names in words, powers raised, a capital first."""
     for name in PARAMETER_TITLES:
         text = text.replace(name, name.replace("_", " "))
@@ -93,11 +93,11 @@ def prose(text: str) -> str:
     return text
 
 
-def column(values: Sequence[float | None], significant: int = 3) -> list[str]:
+def equal_decimals(values: Sequence[float | None], significant: int = 3) -> list[str]:
     """All ``values`` with as many decimals as show the middle one to so many significant digits."""
     place_of_first = math.floor(math.log10(_middle(values)))
     decimals = min(max(significant - 1 - place_of_first, 0), 8)
-    return [number(value, f".{decimals}f") for value in values]
+    return [format_number(value, f".{decimals}f") for value in values]
 
 
 def _middle(values: Sequence[float | None]) -> float:
@@ -109,13 +109,13 @@ def _middle(values: Sequence[float | None]) -> float:
     return median_high(sizes)
 
 
-def like(text: str, value: float) -> str:
+def same_decimals(text: str, value: float) -> str:
     """``value`` with the decimals of the number that ``text`` begins with."""
     first, _, _ = text.partition(_SIGN)
-    return number(value, f".{_decimals(first)}f")
+    return format_number(value, f".{_decimals(first)}f")
 
 
-def aligned(texts: Sequence[str]) -> list[str]:
+def align_decimal_points(texts: Sequence[str]) -> list[str]:
     """Right-aligned numbers, or pairs with ± between, filled up so that points and signs stand in line."""
     found = list(texts)
     # Words and dashes keep out of the way of the rest.

@@ -6,20 +6,20 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from rovid.diagnose.posterior import ESTABLISHED
 from rovid.diagnose.result import Diagnosis, Finding
-from rovid.trial.assumptions import Guesswork
+from rovid.trial.assumptions import Assumptions
 
 # Surer than not.
 _EVEN = 0.5
 
 
-def verdict(diagnosis: Diagnosis, guess: Guesswork) -> str:
+def verdict_sentence(diagnosis: Diagnosis, guess: Assumptions) -> str:
     """The whole diagnosis in one plain sentence."""
     # Simulations on the page, and of the parameter file, have what was found.
-    model = f"The plain model{guess.with_curve}"
+    model = f"The plain model{guess.curve_clause}"
     if diagnosis.verdict == "found":
-        return f"{model} misses {listed([cause(finding) for finding in diagnosis.findings])}."
+        return f"{model} misses {join_words([cause_name(finding) for finding in diagnosis.findings])}."
     if diagnosis.verdict == "suspected":
-        return f"{model} may miss {cause(diagnosis.suspects[0])}."
+        return f"{model} may miss {cause_name(diagnosis.suspects[0])}."
     if diagnosis.verdict == "nothing_found":
         return "Nothing was found: the model explains these data."
     if diagnosis.verdict == "unexplained":
@@ -27,25 +27,25 @@ def verdict(diagnosis: Diagnosis, guess: Guesswork) -> str:
     return "There is too little data for a diagnosis."
 
 
-def cause(finding: Finding) -> str:
+def cause_name(finding: Finding) -> str:
     """A cause by name, and what it cannot be told from."""
-    effects = (finding.effect, *finding.undecided)
-    return listed([finding.estimate.axis.words(effect.title) for effect in effects], "or")
+    effects = (finding.effect, *finding.indistinguishable)
+    return join_words([finding.estimate.axis.reword(effect.title) for effect in effects], "or")
 
 
-def sureness(finding: Finding) -> str:
+def confidence_words(finding: Finding) -> str:
     """How sure a cause is, in a word and as odds."""
-    sure = finding.confidence
+    sure = finding.probability
     if sure >= ESTABLISHED:
         word = "established"
     elif sure >= _EVEN:
         word = "likely, not established"
     else:
         word = "possible, not established"
-    return f"{word}: {odds_of(sure)}"
+    return f"{word}: {odds_words(sure)}"
 
 
-def odds_of(sure: float) -> str:
+def odds_words(sure: float) -> str:
     """A probability as odds, "odds 19 to 1"."""
     return f"odds {_odds(sure)}"
 
@@ -61,7 +61,7 @@ def _plain(value: float) -> str:
     return f"{value:.0f}" if value >= 10.0 else f"{value:.2g}"
 
 
-def gained(errors: Mapping[str, tuple[float, float]]) -> str:
+def improvement_sentence(errors: Mapping[str, tuple[float, float]]) -> str:
     """What share of each error, without and with what was found, is gone.
 
     Where a restart forgets what the water remembers one may have grown.
@@ -73,11 +73,11 @@ def gained(errors: Mapping[str, tuple[float, float]]) -> str:
             gone.append(f"{share:.0f} % of the {what}")
         else:
             grown.append(f"the {what} {-share:.0f} % larger")
-    parts = [f"{listed(gone)} gone"] if gone else []
+    parts = [f"{join_words(gone)} gone"] if gone else []
     return f"{', '.join([*parts, *grown])}, on data that the fit never saw."
 
 
-def listed(texts: Sequence[str], last: str = "and") -> str:
+def join_words(texts: Sequence[str], last: str = "and") -> str:
     """As in "a, b and c", with ``last`` before the last."""
     return f" {last} ".join(_joined(texts))
 

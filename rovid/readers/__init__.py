@@ -7,7 +7,7 @@ common time base are the same for all (`rovid.readers.build_trial`).
 
 from __future__ import annotations
 
-from rovid.readers.discover import find_logs, read_campaign, trials_of
+from rovid.readers.discover import find_logs, read_campaign, read_trials
 from rovid.readers.formats import READERS, read_log
 
-__all__ = ["READERS", "find_logs", "read_campaign", "read_log", "trials_of"]
+__all__ = ["READERS", "find_logs", "read_campaign", "read_log", "read_trials"]

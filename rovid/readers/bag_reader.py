@@ -16,8 +16,8 @@ from urllib.parse import quote
 
 import lz4.frame
 
-from rovid.core.errors import LogError, nearest
-from rovid.readers.raw_log import Contents, RawLog, foreign, library, mapped
+from rovid.core.errors import LogError, suggestion
+from rovid.readers.raw_log import LogContents, RawLog, foreign, mapped, require_library
 from rovid.readers.topic_extractor import Decoder, Handler, Listing, Topics
 from rovid.trial.config import Config
 from rovid.trial.trial import Remark
@@ -90,7 +90,7 @@ def _handler(path: Path, topics: Topics, one: _Connection) -> Handler | None:
     return topic.handler(partial(_decoder, path, one), mapping=False)
 
 
-def sources(path: Path) -> Contents:
+def sources(path: Path) -> LogContents:
     """Every field that holds a number or an orientation.
 
     Raises
@@ -99,7 +99,7 @@ def sources(path: Path) -> Contents:
         It is no bag, or rosbags is not installed.
     """
     listing = Listing(path, KIND)
-    library("rosbags.typesys", _EXTRA, path)
+    require_library("rosbags.typesys", _EXTRA, path)
     with _opened(path) as (connections, messages, damage):
         for one in connections:
             handler = listing.handler(one.topic, partial(_decoder, path, one), mapping=False)
@@ -135,7 +135,7 @@ def _opened(path: Path) -> AbstractContextManager[_Bag]:
 
 @contextmanager
 def _ros1(path: Path) -> Iterator[_Bag]:
-    reader = library("rosbags.rosbag1", _EXTRA, path).Reader(path)
+    reader = require_library("rosbags.rosbag1", _EXTRA, path).Reader(path)
     try:
         reader.open()
     except Exception as error:
@@ -236,7 +236,7 @@ def _unreadable(path: Path, error: Exception, mend: str) -> LogError:
 
 def _decoder(path: Path, one: _Connection) -> Decoder:
     """What turns the payloads of ``one`` into objects."""
-    types = library("rosbags.typesys", _EXTRA, path)
+    types = require_library("rosbags.typesys", _EXTRA, path)
     try:
         store = types.get_typestore(types.Stores.EMPTY if one.definition else types.Stores.LATEST)
         if one.definition:
@@ -252,7 +252,7 @@ def _decoder(path: Path, one: _Connection) -> Decoder:
     if one.kind not in store.fielddefs or one.encoding not in {"ros1", "cdr"}:
         raise LogError(
             f"the type {one.kind} of topic {one.topic!r}, encoded as {one.encoding!r}, is not defined in the bag, and "
-            f"it is none of ROS 2's own. {nearest(one.kind, store.fielddefs)}",
+            f"it is none of ROS 2's own. {suggestion(one.kind, store.fielddefs)}",
             where=path,
             mend="Convert the bag to MCAP where the type is known, or map another topic.",
         )

@@ -26,7 +26,7 @@ from rovid.readers.message_columns import (
     raw_log,
     split_sensor,
 )
-from rovid.readers.raw_log import Contents, RawLog, foreign, mapped
+from rovid.readers.raw_log import LogContents, RawLog, foreign, mapped
 from rovid.trial.config import Config
 from rovid.trial.trial import Remark
 
@@ -64,12 +64,12 @@ def read(path: Path, config: Config) -> RawLog:
         if file.read(2) != _MARK:
             raise foreign(path, _NAME)
         with mmap(file.fileno(), 0, access=ACCESS_READ) as data:
-            log = Log(path, data, {split_sensor(source)[0] for source in sources})
+            log = DataFlashLog(path, data, {split_sensor(source)[0] for source in sources})
             channels = channels_of(path, KIND, signals, log.columns, config.time.sources.get(KIND, "TimeUS"))
     return raw_log(channels, tuple(log.remarks))
 
 
-def sources(path: Path) -> Contents:
+def sources(path: Path) -> LogContents:
     """What tells of motion, thrusters and supply.
 
     Raises
@@ -81,12 +81,12 @@ def sources(path: Path) -> Contents:
         if file.read(2) != _MARK:
             raise foreign(path, _NAME)
         with mmap(file.fileno(), 0, access=ACCESS_READ) as data:
-            log = Log(path, data, {*_TELLING, _PARAMETERS})
+            log = DataFlashLog(path, data, {*_TELLING, _PARAMETERS})
             present = [name for name in _TELLING if log.holds(name)]
             topics = {name: log.columns(name) for name in present}
             parameters = parameters_of(log.columns(_PARAMETERS), "Name", "Value") if log.holds(_PARAMETERS) else {}
     sources = tuple(source for source in numeric_sources(topics) if ".Des" not in source)
-    return Contents(sources=sources, parameters=parameters)
+    return LogContents(sources=sources, parameters=parameters)
 
 
 class _Kind:
@@ -118,7 +118,7 @@ def _text(padded: bytes) -> str:
     return padded.split(b"\0", 1)[0].decode("ascii", errors="replace")
 
 
-class Log:
+class DataFlashLog:
     """The walk through a file."""
 
     def __init__(self, path: Path, data: mmap | bytes, wanted: set[str]) -> None:

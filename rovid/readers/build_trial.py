@@ -21,10 +21,10 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
 from rovid.core.errors import LogError
-from rovid.readers.cleaning import ANGLE, DISTANCE, SPEED, TURNING, Kind, clean
+from rovid.readers.cleaning import ANGLE, DISTANCE, SPEED_KIND, TURNING, Kind, clean
 from rovid.readers.monotonic_time import order
-from rovid.readers.raw_log import Channel, RawLog, typical
-from rovid.readers.resampling import Series, TimeBase, common_base
+from rovid.readers.raw_log import Channel, RawLog, subsampled_median
+from rovid.readers.resampling import TimeBase, TimedSeries, common_base
 from rovid.readers.unit_checks import refuse_wrong_heading, told_by_gyro
 from rovid.trial.axis import YAW, Axis
 from rovid.trial.config import Config, Signal
@@ -55,14 +55,14 @@ class _Builder:
     @property
     def measured(self) -> str:
         """What is measured, for messages."""
-        return self.config.measured.replace("_", " ")
+        return self.config.measured_signal.replace("_", " ")
 
     @property
     def kind(self) -> Kind:
         """Of what is measured."""
         axis = self.config.axis
-        if self.config.measured == axis.rate:
-            return TURNING if axis.angular else SPEED
+        if self.config.measured_signal == axis.rate_signal:
+            return TURNING if axis.angular else SPEED_KIND
         return ANGLE if axis.angular else DISTANCE
 
     def remark(self, kind: str, count: int, text: str) -> None:
@@ -80,26 +80,28 @@ def build(raw: RawLog, config: Config, path: Path, name: str) -> Trial:
     """
     work = _Builder(raw=raw, config=config, name=name, remarks=list(raw.remarks))
     series, axis = _ordered(work), config.axis
-    measured = _measured(work, series[config.measured])
+    measured = _measured(work, series[config.measured_signal])
     commands = [_command(work, signal.name, series[signal.name]) for signal in config.commands]
     base = common_base(measured, commands, *_span(work, measured, commands))
     position = base.exactly(measured)
-    fixes = axis.fixes if config.measured in axis.fixes else ()
-    names = dict.fromkeys((axis.rate, *_TILTS, *fixes))
-    beside = [key for key in names if key in series and key != config.measured]
+    fixes = axis.fix_signals if config.measured_signal in axis.fix_signals else ()
+    names = dict.fromkeys((axis.rate_signal, *_TILTS, *fixes))
+    beside = [key for key in names if key in series and key != config.measured_signal]
     continuous = {key: _continuous(work, key, series[key], base) for key in beside}
-    rate, integrated = continuous.get(axis.rate), config.measured == axis.rate
+    rate, integrated = continuous.get(axis.rate_signal), config.measured_signal == axis.rate_signal
     if integrated:
         rate, position = position, _integral(base.time, position)
     elif fixes:
         position = _along(work, position, {key: continuous[key] for key in fixes[1:]})
     if not integrated and rate is not None and _is_dead(base.time, rate, position, work.kind):
-        source = raw.channels[axis.rate].source
-        work.remark("frozen", len(rate), f"{source} ({axis.rate}) stays the same while the vehicle moves; left out.")
+        source = raw.channels[axis.rate_signal].source
+        work.remark(
+            "frozen", len(rate), f"{source} ({axis.rate_signal}) stays the same while the vehicle moves; left out."
+        )
         rate = None
     if axis is YAW and not integrated:
         _check_units(work, base.time, position, rate)
-    plain = [key for key in series if key in config.signals and key not in (config.measured, *beside)]
+    plain = [key for key in series if key in config.signals and key not in (config.measured_signal, *beside)]
     held = np.array([base.held(command) for command in commands])
     trial = Trial(
         name=name,
@@ -114,9 +116,9 @@ def build(raw: RawLog, config: Config, path: Path, name: str) -> Trial:
         roll=continuous.get("roll"),
         pitch=continuous.get("pitch"),
         axis=axis,
-        integrated=integrated,
-        began=None if raw.epoch is None else raw.epoch + float(base.time[0]),
-        beside=raw.beside,
+        rate_only=integrated,
+        start_epoch=None if raw.epoch is None else raw.epoch + float(base.time[0]),
+        companion_files=raw.beside,
     )
     if not fixes:
         return trial
@@ -176,9 +178,9 @@ def _summed(steps: FloatArray, known: IntArray, count: int) -> FloatArray:
     return position
 
 
-def _ordered(work: _Builder) -> dict[str, Series]:
+def _ordered(work: _Builder) -> dict[str, TimedSeries]:
     """Every signal in order of time, in SI; each clock is put in order once."""
-    series: dict[str, Series] = {}
+    series: dict[str, TimedSeries] = {}
     for channels in _by_clock(work.raw.channels):
         series.update(_one_clock(work, channels))
     return series
@@ -191,7 +193,7 @@ def _by_clock(channels: Mapping[str, Channel]) -> Iterable[dict[str, Channel]]:
     return clocks.values()
 
 
-def _one_clock(work: _Builder, channels: Mapping[str, Channel]) -> dict[str, Series]:
+def _one_clock(work: _Builder, channels: Mapping[str, Channel]) -> dict[str, TimedSeries]:
     first = next(iter(channels))
     ordered = order(
         channels[first].time,
@@ -205,7 +207,7 @@ def _one_clock(work: _Builder, channels: Mapping[str, Channel]) -> dict[str, Ser
     series = {}
     for name, values in ordered.values.items():
         scaled = _scaled(values, channels[name], work.signal(name))
-        series[name] = Series(time=ordered.time, values=scaled)
+        series[name] = TimedSeries(time=ordered.time, values=scaled)
     return series
 
 
@@ -217,9 +219,9 @@ def _scaled(values: FloatArray, channel: Channel, signal: Signal) -> FloatArray:
         return values * factor
 
 
-def _measured(work: _Builder, logged: Series) -> Series:
+def _measured(work: _Builder, logged: TimedSeries) -> TimedSeries:
     """What is measured along the axis, unwrapped; NaN where it is not."""
-    name, known = work.config.measured, logged.known
+    name, known = work.config.measured_signal, logged.known
     _refuse_unmeasured(work, work.raw.channels[name].source, known)
     cleaned = clean(logged.stamps, known, work.kind, work.measured)
     _say_missing(work, name, logged)
@@ -229,7 +231,7 @@ def _measured(work: _Builder, logged: Series) -> Series:
     if logged.missing:
         values = np.full(len(logged.time), np.nan)
         values[logged.good] = cleaned.position
-    return Series(time=logged.time, values=values)
+    return TimedSeries(time=logged.time, values=values)
 
 
 def _refuse_unmeasured(work: _Builder, source: str, known: FloatArray) -> None:
@@ -247,26 +249,26 @@ def _refuse_unmeasured(work: _Builder, source: str, known: FloatArray) -> None:
         )
 
 
-def _say_missing(work: _Builder, name: str, logged: Series, then: str = "") -> None:
+def _say_missing(work: _Builder, name: str, logged: TimedSeries, then: str = "") -> None:
     if logged.missing:
         source = work.raw.channels[name].source
         work.remark("missing", logged.missing, f"{source} ({name}) is missing in {logged.missing} samples{then}.")
 
 
 def _check_interval(work: _Builder, time: FloatArray) -> None:
-    interval = typical(np.diff(time))
+    interval = subsampled_median(np.diff(time))
     if _FASTEST <= interval <= _SLOWEST or (interval > _SLOWEST and work.config.time.unit != "auto"):
         return
     raise LogError(
         f"successive {work.measured} readings are {interval:.4g} s apart if the unit of "
-        f"{work.raw.channels[work.config.measured].clock} "
+        f"{work.raw.channels[work.config.measured_signal].clock} "
         "is taken right; somewhere between a millisecond and some seconds was expected.",
         where=work.name,
         mend='Set unit = "s", "ms", "us" or "ns" in [signals] time.',
     )
 
 
-def _command(work: _Builder, name: str, logged: Series) -> Series:
+def _command(work: _Builder, name: str, logged: TimedSeries) -> TimedSeries:
     """The command, which is known at least once."""
     if not logged.known.size:
         raise LogError(
@@ -278,7 +280,7 @@ def _command(work: _Builder, name: str, logged: Series) -> Series:
     return logged
 
 
-def _span(work: _Builder, series: Series, commands: list[Series]) -> tuple[float, float]:
+def _span(work: _Builder, series: TimedSeries, commands: list[TimedSeries]) -> tuple[float, float]:
     """First and last instant: something measured when every command is known, and the last measured."""
     measured = series.stamps
     known = max((float(command.stamps[0]) for command in commands), default=-np.inf)
@@ -310,7 +312,7 @@ def _say_stale(work: _Builder, name: str, time: FloatArray, end: float) -> None:
         work.remark("stale", 1, text)
 
 
-def _continuous(work: _Builder, name: str, logged: Series, base: TimeBase) -> FloatArray | None:
+def _continuous(work: _Builder, name: str, logged: TimedSeries, base: TimeBase) -> FloatArray | None:
     """(n,) on the time base; None if it is nowhere known."""
     _say_missing(work, name, logged)
     if not logged.known.size:
@@ -318,7 +320,7 @@ def _continuous(work: _Builder, name: str, logged: Series, base: TimeBase) -> Fl
     return base.interpolated(logged, angle=name in (*_TILTS, "heading"))
 
 
-def _extra(work: _Builder, name: str, logged: Series, base: TimeBase) -> FloatArray:
+def _extra(work: _Builder, name: str, logged: TimedSeries, base: TimeBase) -> FloatArray:
     """(n,) held on the time base; a channel may be silent for long, but one without any reading is a mistake."""
     if not logged.known.size:
         work.remark("missing", logged.missing, f"{work.raw.channels[name].source} ({name}) holds no number.")

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
-from rovid.readers.raw_log import typical
+from rovid.readers.raw_log import subsampled_median
 from rovid.trial.trial import Remark
 
 TURN = 2.0 * np.pi
@@ -73,7 +73,7 @@ class Kind:
 ANGLE = Kind(turn=TURN, spike=0.5 * _DEG, swing=(40.0 * _DEG, 2), jump=20.0 * _DEG)
 DISTANCE = Kind(turn=np.inf, spike=0.03, swing=(1.0, 2), jump=1.0)
 TURNING = Kind(turn=np.inf, spike=1.0 * _DEG, swing=(160.0 * _DEG, 1), jump=60.0 * _DEG)
-SPEED = Kind(turn=np.inf, spike=0.03, swing=(4.0, 1), jump=1.0)
+SPEED_KIND = Kind(turn=np.inf, spike=0.03, swing=(4.0, 1), jump=1.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -94,7 +94,7 @@ class Cleaned:
 
 def gap_limit(intervals: FloatArray) -> float:
     """Longest interval in s that is still no gap, for samples ``intervals`` apart."""
-    return max(_GAP_INTERVALS * typical(intervals), _GAP_SECONDS)
+    return max(_GAP_INTERVALS * subsampled_median(intervals), _GAP_SECONDS)
 
 
 class _Path:
@@ -120,7 +120,7 @@ class _Path:
     def jerk(self) -> float:
         """Largest step that a vehicle could make and take back between samples."""
         size, power = self.kind.swing
-        return float(size * typical(np.diff(self.time[:10_000])) ** power)
+        return float(size * subsampled_median(np.diff(self.time[:10_000])) ** power)
 
     @cached_property
     def least(self) -> float:
@@ -370,7 +370,7 @@ def _add_turns(angle: FloatArray, steps: IntArray, turns: FloatArray) -> FloatAr
 
 def _turns_in_gaps(time: FloatArray, angle: FloatArray, gaps: IntArray) -> tuple[FloatArray, int]:
     """Whole turns made in each gap beyond the short way, by the rates at its ends; how many are doubtful."""
-    reach = int(np.clip(_RATE_SECONDS / typical(np.diff(time)), 3, 100))
+    reach = int(np.clip(_RATE_SECONDS / subsampled_median(np.diff(time)), 3, 100))
     begins = np.concatenate(([0], gaps[:-1] + 1))
     ends = np.concatenate((gaps[1:], [len(time) - 1]))
     before = _rates(time, angle, np.maximum(gaps - reach, begins), gaps)

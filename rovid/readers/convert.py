@@ -11,15 +11,15 @@ import numpy as np
 import pandas as pd
 
 from rovid.core.array_types import FloatArray
-from rovid.core.atomic_write import Output
+from rovid.core.atomic_write import OutputFile
 from rovid.core.errors import ConfigError
-from rovid.core.escaping import toml_text, words
-from rovid.core.paths import require
+from rovid.core.escaping import field_names, toml_text
+from rovid.core.paths import require_exists
 from rovid.core.signatures import LOG
 from rovid.readers import read_log
-from rovid.readers.mcap_writer import Topic, mcap_bytes, with_unit
-from rovid.readers.raw_log import library
-from rovid.trial.config import ANGLE, UNITS, Config
+from rovid.readers.mcap_writer import OutputTopic, mcap_bytes, name_with_unit
+from rovid.readers.raw_log import require_library
+from rovid.trial.config import ANGLE_UNITS, SIGNAL_UNITS, Config
 from rovid.trial.trial import Trial
 
 _TOPIC = "/trial"
@@ -55,7 +55,7 @@ class _Column:
     unit: str
 
 
-def output_at(target: Path, log: Path) -> Output:
+def output_at(target: Path, log: Path) -> OutputFile:
     """The output at ``target``; refuse what cannot be written, before ``log`` is read.
 
     Raises
@@ -63,7 +63,7 @@ def output_at(target: Path, log: Path) -> Output:
     ConfigError
         ``log`` is a folder or no file; ``target`` has no suffix of a format that can be written, or is the log itself.
     """
-    require(log)
+    require_exists(log)
     if log.is_dir():
         raise ConfigError("is a folder; one log was expected.", where=log)
     if target.suffix.lower() not in _WRITERS:
@@ -72,7 +72,7 @@ def output_at(target: Path, log: Path) -> Output:
         )
     if target.exists() and target.samefile(log):
         raise ConfigError("is the log itself.", where=f"-o {target}", mend="Choose another name.")
-    return Output(target, LOG)
+    return OutputFile(target, LOG)
 
 
 def convert(log: Path, config: Config, target: Path) -> Converted:
@@ -93,9 +93,9 @@ def convert(log: Path, config: Config, target: Path) -> Converted:
 def _columns(trial: Trial, config: Config) -> list[_Column]:
     axis = trial.axis
     signals: dict[str, FloatArray | None] = {}
-    if not trial.integrated:
-        signals[axis.position] = trial.position
-    signals[axis.rate] = trial.rate
+    if not trial.rate_only:
+        signals[axis.position_signal] = trial.position
+    signals[axis.rate_signal] = trial.rate
     # Along roll or pitch the position is one of these already.
     signals.setdefault("roll", trial.roll)
     signals.setdefault("pitch", trial.pitch)
@@ -111,7 +111,7 @@ def _columns(trial: Trial, config: Config) -> list[_Column]:
 
 def _column(signal: str, values: FloatArray, taken: set[str]) -> _Column:
     unit = _unit(signal)
-    [name] = words([with_unit(re.sub(r"\W+", "_", signal), unit)], taken={*taken, _TIME})
+    [name] = field_names([name_with_unit(re.sub(r"\W+", "_", signal), unit)], taken={*taken, _TIME})
     return _Column(signal=signal, name=name, numbers=_in_unit(values, signal, unit), unit=unit)
 
 
@@ -124,8 +124,8 @@ def _in_unit(values: FloatArray, signal: str, unit: str) -> FloatArray:
 
 def _unit(signal: str) -> str:
     """SI's, but for angles, which people read in degrees; empty where only the user knows it."""
-    units = UNITS.get(signal, {})
-    if units is ANGLE:
+    units = SIGNAL_UNITS.get(signal, {})
+    if units is ANGLE_UNITS:
         return "deg"
     return next((unit for unit, factor in units.items() if factor == 1.0), "")
 
@@ -140,7 +140,7 @@ def _csv(trial: Trial, columns: list[_Column], _target: Path) -> bytes:
 
 
 def _parquet(trial: Trial, columns: list[_Column], target: Path) -> bytes:
-    library("pyarrow", "parquet", target)
+    require_library("pyarrow", "parquet", target)
     content: bytes = _frame(trial, columns).to_parquet(index=False)
     return content
 
@@ -148,7 +148,7 @@ def _parquet(trial: Trial, columns: list[_Column], target: Path) -> bytes:
 def _mcap(trial: Trial, columns: list[_Column], _target: Path) -> bytes:
     fields = {column.name: column.numbers for column in columns}
     units = {column.name: column.unit for column in columns}
-    return mcap_bytes([Topic(name=_TOPIC, time=trial.time, fields=fields, units=units)])
+    return mcap_bytes([OutputTopic(name=_TOPIC, time=trial.time, fields=fields, units=units)])
 
 
 _WRITERS: Mapping[str, Callable[[Trial, list[_Column], Path], bytes]] = {

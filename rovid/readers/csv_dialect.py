@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import IO
 
 from rovid.core.errors import LogError
-from rovid.trial.tables import offered
+from rovid.trial.tables import suggest_columns
 
 _HEAD = 1 << 16
 _TAIL = 1 << 16
@@ -114,7 +114,7 @@ class Layout:
             text = f"has {len(places)} columns named {name!r}, which is mapped to {signal}; one was expected."
             raise LogError(text, where=self.path, mend="Rename the others in the header.")
         raise LogError(
-            f"has no column {name!r}, which rovid.toml maps to {signal}. {offered(name, self.names, self.rows)}",
+            f"has no column {name!r}, which rovid.toml maps to {signal}. {suggest_columns(name, self.names, self.rows)}",
             where=self.path,
             mend=f"Correct the name in rovid.toml ({signal}), or leave this log out.",
         )

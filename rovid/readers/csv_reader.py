@@ -20,9 +20,9 @@ import pandas as pd
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import LogError
 from rovid.readers.csv_dialect import Layout, last_whole_line, read_layout, refuse_long_lines
-from rovid.readers.name_tokens import CLOCK, NOT_CLOCK, words
-from rovid.readers.raw_log import Channel, Contents, RawLog, mapped, time_signal
-from rovid.readers.timestamps import epoch_of, stamps
+from rovid.readers.name_tokens import CLOCK_WORDS, NOT_CLOCK, name_words
+from rovid.readers.raw_log import Channel, LogContents, RawLog, mapped, time_signal
+from rovid.readers.timestamps import column_to_seconds, epoch_of
 from rovid.trial.config import Config, Signal
 from rovid.trial.trial import Remark
 
@@ -194,7 +194,9 @@ class _Table:
         """(n,) s; NaN where missing."""
         signal = self.signals["time"]
         column = frame[self.columns["time"]]
-        return stamps(column, signal.sources[KIND], signal.unit, lambda row: f"{self.layout.path}:{self.line(row)}")
+        return column_to_seconds(
+            column, signal.sources[KIND], signal.unit, lambda row: f"{self.layout.path}:{self.line(row)}"
+        )
 
     def epoch(self, frame: pd.DataFrame, time: FloatArray) -> float | None:
         """Seconds since 1970 of time zero; None where nobody knows."""
@@ -284,7 +286,7 @@ class _Slice(io.RawIOBase):
         return int(count)
 
 
-def sources(path: Path) -> Contents:
+def sources(path: Path) -> LogContents:
     """The column of the clock, empty if none looks like one, and every other column that begins with numbers.
 
     Raises
@@ -312,10 +314,10 @@ def sources(path: Path) -> Contents:
             where=path,
             mend="Export the log with a column of times, or leave it out.",
         )
-    return Contents(
+    return LogContents(
         clock=clock,
         sources=tuple(name for name in numbers if name != clock),
-        left_out=tuple(f"{path}: several columns are named {name!r}; none was looked at." for name in sorted(twice)),
+        unreadable=tuple(f"{path}: several columns are named {name!r}; none was looked at." for name in sorted(twice)),
     )
 
 
@@ -324,8 +326,8 @@ def _clock(rising: Sequence[str], numbers: Mapping[str, FloatArray], layout: Lay
 
     By its name, else one of dates and times of day, else the first of numbers that does not count rows.
     """
-    called = [name for name in rising if words(name) & CLOCK]
-    likely = [name for name in called if not words(name) & NOT_CLOCK]
+    called = [name for name in rising if name_words(name) & CLOCK_WORDS]
+    likely = [name for name in called if not name_words(name) & NOT_CLOCK]
     texts = [name for name in rising if name not in numbers]
     dated = [name for name in texts if all(map(_ISO.match, _cells(layout, name)))]
     unnamed = [name for name in rising if name in numbers]

@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.core.errors import LogError, nearest
-from rovid.core.paths import require, search
+from rovid.core.errors import LogError, suggestion
+from rovid.core.paths import list_files, require_exists
 from rovid.core.signatures import PLAN
-from rovid.readers.formats import READERS, joined_with, read_log
+from rovid.readers.formats import READERS, read_log, trial_files
 from rovid.trial.config import Config
-from rovid.trial.exclusions import kept
+from rovid.trial.exclusions import apply_exclusions
 from rovid.trial.tables import CURVE_COLUMNS, SINE_COLUMNS, STEADY_COLUMNS
 from rovid.trial.trial import Campaign, Remark, Trial
 
@@ -33,7 +33,7 @@ _TABLES = (
 
 Progress = Callable[[Path, int], None]
 # As `trials_of`, which reads a log anew each time.
-Reading = Callable[[Path, Config, str, list[Remark]], list[Trial]]
+TrialReader = Callable[[Path, Config, str, list[Remark]], list[Trial]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +50,7 @@ def read_campaign(
     config: Config,
     progress: Progress | None = None,
     *,
-    reading: Reading | None = None,
+    reading: TrialReader | None = None,
     without: Collection[Path] = (),
 ) -> Campaign:
     """Every log in ``paths``.
@@ -80,22 +80,22 @@ def read_campaign(
     trials = []
     with _shown(logs, progress) as advance:
         for name, path in logs:
-            trials += (reading or trials_of)(path, config, name, remarks)
+            trials += (reading or read_trials)(path, config, name, remarks)
             advance(path, _size(path))
     if not trials:
         raise LogError("nothing is left of these logs.", where=config.path, mend="Correct [[leave_out]].")
-    from rovid.readers.duplicates import without_twins
+    from rovid.readers.duplicates import without_duplicates
 
-    own = without_twins(trials, remarks)
+    own = without_duplicates(trials, remarks)
     medians = _medians(own)
     pairs = zip(own, _since(own), strict=True)
-    together = tuple(replace(trial, reference=medians, since=since) for trial, since in pairs)
+    together = tuple(replace(trial, reference=medians, campaign_time=since) for trial, since in pairs)
     return Campaign(trials=together, sources=tuple(paths), remarks=tuple(remarks))
 
 
 def _since(trials: Sequence[Trial]) -> list[float]:
     """When each trial began, in s from the first; where a log does not tell, one after the other by name."""
-    told = [trial.began for trial in trials if trial.began is not None]
+    told = [trial.start_epoch for trial in trials if trial.start_epoch is not None]
     if len(told) == len(trials):
         first = min(told, default=0.0)
         return [began - first for began in told]
@@ -132,7 +132,7 @@ def find_logs(
     remarks: list[Remark] = []
     there = [one for one in _search_all(paths, remarks) if one.path not in without]
     files = _named(_once(there, remarks))
-    if config.maps("nmea"):
+    if config.maps_format("nmea"):
         files = _without_companions(files)
     if config.join is not None:
         files = _first_of_each(files, config)
@@ -160,14 +160,14 @@ def _first_of_each(files: Sequence[_File], config: Config) -> list[_File]:
     for one in files:
         if one.path.resolve() in read:
             continue
-        beside = joined_with(one.path, config) or [one.path]
+        beside = trial_files(one.path, config) or [one.path]
         read |= {path.resolve() for path in beside}
         firsts[beside[0]] = replace(one, path=beside[0])
     by_path = {one.path: one for one in files}
     return [by_path.get(path, one) for path, one in firsts.items()]
 
 
-def files_in(paths: Sequence[Path]) -> list[Path]:
+def candidate_files(paths: Sequence[Path]) -> list[Path]:
     """Every file in ``paths`` that may be a log or a table, whatever is in it."""
     there = [path for path in paths if path.exists()]
     return [one.path for one in _search_all(there, [])]
@@ -179,12 +179,12 @@ def _search_all(paths: Sequence[Path], remarks: list[Remark]) -> list[_File]:
 
 def _search(path: Path, remarks: list[Remark]) -> Iterator[_File]:
     """The file itself, or what the folder holds, by name."""
-    require(path, LogError)
+    require_exists(path, LogError)
     if not path.is_dir():
         yield _File(path=path, name=path.name, asked=True)
         return
-    inside = search(path, _unreadable)
-    for item, what in inside.odd.items():
+    inside = list_files(path, _unreadable)
+    for item, what in inside.special_files.items():
         text = f"{item.relative_to(path).as_posix()} was left out: it is {what}."
         remarks.append(Remark(kind="skipped", count=1, text=text))
     readable = [item for item in inside.files if item.suffix.lower() in READERS]
@@ -223,7 +223,7 @@ def _is_log(one: _File, config: Config, remarks: list[Remark]) -> bool:
     kind = form.kind if form else ""
     if kind == "csv":
         return _is_csv_log(one, config, remarks)
-    if one.asked or kind == "mcap" or config.maps(kind):
+    if one.asked or kind == "mcap" or config.maps_format(kind):
         return True
     remarks.append(_skipped(one.name, f"rovid.toml maps nothing for {kind} logs"))
     return False
@@ -233,7 +233,7 @@ def _is_csv_log(one: _File, config: Config, remarks: list[Remark]) -> bool:
     from rovid.readers.csv_dialect import read_layout
 
     time = config.time.sources.get("csv", "")
-    mapped = {signal.sources["csv"] for signal in config.wanted("csv").values()} | {time}
+    mapped = {signal.sources["csv"] for signal in config.mapped_signals("csv").values()} | {time}
     try:
         names = set(read_layout(one.path, mapped).names)
     except (OSError, LogError):
@@ -242,7 +242,7 @@ def _is_csv_log(one: _File, config: Config, remarks: list[Remark]) -> bool:
         if one.asked:
             remarks.append(_skipped(one.name, "it is a table, no log"))
         return False
-    if not one.asked and PLAN.marks(one.path):
+    if not one.asked and PLAN.matches(one.path):
         remarks.append(_skipped(one.name, "it is a command file of rovid plan, no log"))
         return False
     if one.asked or names & mapped:
@@ -251,7 +251,7 @@ def _is_csv_log(one: _File, config: Config, remarks: list[Remark]) -> bool:
     return False
 
 
-def trials_of(path: Path, config: Config, name: str, remarks: list[Remark]) -> list[Trial]:
+def read_trials(path: Path, config: Config, name: str, remarks: list[Remark]) -> list[Trial]:
     """What is to be used of a log: one trial, or several where stretches between them are left out.
 
     Raises
@@ -259,7 +259,7 @@ def trials_of(path: Path, config: Config, name: str, remarks: list[Remark]) -> l
     LogError
         It cannot be read.
     """
-    parts = kept(read_log(path, config, name), config.left_out)
+    parts = apply_exclusions(read_log(path, config, name), config.exclusions)
     if not parts:
         remarks.append(_skipped(name, "rovid.toml leaves all of it out"))
     return parts
@@ -268,15 +268,13 @@ def trials_of(path: Path, config: Config, name: str, remarks: list[Remark]) -> l
 def _unknown_stretches(logs: Sequence[_File], config: Config) -> Iterator[Remark]:
     """Stretches that are of no log, here or beside rovid.toml."""
     names = [one.name for one in logs]
-    for stretch in config.left_out:
-        if any(map(stretch.is_of, names)):
+    for stretch in config.exclusions:
+        if any(map(stretch.applies_to, names)):
             continue
         folder = config.path.parent
-        beside = [path.relative_to(folder).as_posix() for path in search(folder, _unreadable).files]
-        if not any(map(stretch.is_of, beside)):
-            text = (
-                f"[[leave_out]] of {stretch.log!r} was left alone: no log is called so. {nearest(stretch.log, names)}"
-            )
+        beside = [path.relative_to(folder).as_posix() for path in list_files(folder, _unreadable).files]
+        if not any(map(stretch.applies_to, beside)):
+            text = f"[[leave_out]] of {stretch.log!r} was left alone: no log is called so. {suggestion(stretch.log, names)}"
             yield Remark(kind="skipped", count=1, text=text)
 
 

@@ -76,7 +76,7 @@ class _Run:
         return near.min(axis=1), near.max(axis=1)
 
 
-def without_twins(trials: Sequence[Trial], remarks: list[Remark]) -> list[Trial]:
+def without_duplicates(trials: Sequence[Trial], remarks: list[Remark]) -> list[Trial]:
     """``trials`` without those that repeat another; of two, the one with more measured headings stays.
 
     Of equals the first stays.

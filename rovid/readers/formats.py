@@ -11,15 +11,15 @@ from types import ModuleType
 from typing import cast
 
 from rovid.core.errors import LogError
-from rovid.core.paths import refuse_odd
-from rovid.readers.raw_log import Contents, RawLog
+from rovid.core.paths import require_regular
+from rovid.readers.raw_log import LogContents, RawLog
 from rovid.trial.config import Config
 from rovid.trial.log_formats import FORMATS
 from rovid.trial.trial import Trial
 
 
 @dataclass(frozen=True, kw_only=True)
-class Format:
+class LogFormat:
     """A log format; whatever keeps one of its files from being read is that file's `RovidError`.
 
     Attributes
@@ -41,16 +41,16 @@ class Format:
         with _opened(path):
             return cast("Callable[[Path, Config], RawLog]", self._reader.read)(path, config)
 
-    def sources(self, path: Path) -> Contents:
+    def sources(self, path: Path) -> LogContents:
         """What of ``path`` can be read."""
         with _opened(path):
-            return cast("Callable[[Path], Contents]", self._reader.sources)(path)
+            return cast("Callable[[Path], LogContents]", self._reader.sources)(path)
 
 
 @contextmanager
 def _opened(path: Path) -> Iterator[None]:
     """Say of ``path`` what the system has against reading it."""
-    refuse_odd(path, LogError)
+    require_regular(path, LogError)
     try:
         yield
     except OSError as error:
@@ -59,7 +59,7 @@ def _opened(path: Path) -> Iterator[None]:
         raise LogError("needs more memory than there is.", where=path, mend="Split the log.") from error
 
 
-READERS: Mapping[str, Format] = {suffix: Format(kind=kind) for suffix, kind in FORMATS.items()}
+READERS: Mapping[str, LogFormat] = {suffix: LogFormat(kind=kind) for suffix, kind in FORMATS.items()}
 
 
 def read_log(path: Path, config: Config, name: str | None = None) -> Trial:
@@ -88,15 +88,15 @@ def read_log(path: Path, config: Config, name: str | None = None) -> Trial:
         )
     from rovid.readers.build_trial import build
 
-    config = config.of(form.kind)
-    if joined_with(path, config):
+    config = config.for_format(form.kind)
+    if trial_files(path, config):
         from rovid.readers.join_files import read_joined
 
         return build(_whole(read_joined(path, config), config, path), config, path, name or path.name)
     return build(form.read(path, config), config, path, name or path.name)
 
 
-def joined_with(path: Path, config: Config) -> list[Path]:
+def trial_files(path: Path, config: Config) -> list[Path]:
     """The files of the trial that ``path`` is one of, itself among them; none where it is a trial by itself."""
     if config.join is None:
         return []
@@ -107,7 +107,7 @@ def joined_with(path: Path, config: Config) -> list[Path]:
 
 def _whole(raw: RawLog, config: Config, path: Path) -> RawLog:
     """``raw``, which holds all that is needed."""
-    for name in config.needed:
+    for name in config.required_signals:
         if name not in raw.channels:
             raise LogError(
                 f"neither this nor the files joined with it hold what {name} is mapped to.",

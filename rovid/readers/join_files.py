@@ -74,7 +74,7 @@ def read_joined(path: Path, config: Config) -> RawLog:
     )
 
 
-def every_channel(path: Path, config: Config) -> dict[Path, dict[str, Channel]]:
+def all_channels(path: Path, config: Config) -> dict[Path, dict[str, Channel]]:
     """All that the files of a trial hold, by source, mapped or not, on the clocks that `read_joined` gives them.
 
     Raises
@@ -104,7 +104,7 @@ def every_channel(path: Path, config: Config) -> dict[Path, dict[str, Channel]]:
 def _together(file: Path, raw: RawLog, before: list[tuple[Path, RawLog]], config: Config) -> dict[str, Channel]:
     """Channels of ``file`` in the time of the first, its clock put right as [join] says."""
     shift = _shift(file, raw, before)
-    offset, drift = config.join.clock(name_of(file, config)) if config.join else (0.0, 0.0)
+    offset, drift = config.join.clock_correction(relative_name(file, config)) if config.join else (0.0, 0.0)
     starts = [float(channel.time[np.isfinite(channel.time)].min(initial=np.inf)) for channel in raw.channels.values()]
     begin = min(starts, default=0.0)
     moved = {}
@@ -114,7 +114,7 @@ def _together(file: Path, raw: RawLog, before: list[tuple[Path, RawLog]], config
     return {name: replace(channel, time=moved[id(channel.time)]) for name, channel in raw.channels.items()}
 
 
-def name_of(file: Path, config: Config) -> str:
+def relative_name(file: Path, config: Config) -> str:
     """What a file is called in [join]: its way from rovid.toml on."""
     return file.resolve().relative_to(config.path.parent.resolve()).as_posix()
 
@@ -122,16 +122,16 @@ def name_of(file: Path, config: Config) -> str:
 def _own(file: Path, config: Config, join: Join) -> Config:
     """What of ``config`` is mapped to ``file``."""
     form = READERS[file.suffix.lower()]
-    config = config.of(form.kind)
-    part = join.part(name_of(file, config))
+    config = config.for_format(form.kind)
+    part = join.part(relative_name(file, config))
     time = config.time
     if part in join.time:
         column, unit = join.time[part]
         time = replace(time, sources={**time.sources, form.kind: column}, unit=unit)
     there = _columns(file, form.kind)
-    wanted = {name: replace(signal, optional=True) for name, signal in config.wanted(form.kind).items()}
+    wanted = {name: replace(signal, optional=True) for name, signal in config.mapped_signals(form.kind).items()}
     signals = {name: signal for name, signal in wanted.items() if there is None or signal.sources[form.kind] in there}
-    return replace(config, signals=signals, time=time, commands=(), measured="")
+    return replace(config, signals=signals, time=time, commands=(), measured_signal="")
 
 
 def _columns(file: Path, kind: str) -> set[str] | None:
@@ -167,8 +167,8 @@ def _said(read: list[tuple[Path, RawLog]], config: Config) -> Iterator[Remark]:
         return
     given = False
     for file, _ in read:
-        name = name_of(file, config)
-        offset, drift = join.clock(name)
+        name = relative_name(file, config)
+        offset, drift = join.clock_correction(name)
         if offset or drift:
             given = True
             # What is said of a part is the same in all trials, and then said once.

@@ -12,7 +12,7 @@ from mcap.records import Channel, Schema
 from rovid.core.errors import LogError
 from rovid.readers.mcap_container import LARGEST, Recording
 from rovid.readers.mcap_messages import decoder
-from rovid.readers.raw_log import Contents, RawLog, mapped
+from rovid.readers.raw_log import LogContents, RawLog, mapped
 from rovid.readers.topic_extractor import Handler, Listing, Topics
 from rovid.trial.config import Config, Signal
 from rovid.trial.trial import Remark
@@ -77,7 +77,7 @@ def _cut(recording: Recording, last: float) -> tuple[Remark, ...]:
     return (Remark(kind="truncated", count=unread, text=text),)
 
 
-def sources(path: Path) -> Contents:
+def sources(path: Path) -> LogContents:
     """Every field that holds a number or an orientation.
 
     Raises

@@ -23,7 +23,7 @@ SUFFIXES: Mapping[str, str] = {
 }
 
 
-def with_unit(name: str, unit: str) -> str:
+def name_with_unit(name: str, unit: str) -> str:
     """``name`` with its ``unit`` at the end, where that is known."""
     if unit not in SUFFIXES:
         return name
@@ -31,7 +31,7 @@ def with_unit(name: str, unit: str) -> str:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Topic:
+class OutputTopic:
     """One topic.
 
     Attributes
@@ -75,7 +75,7 @@ class Topic:
                 yield ns, json.dumps(message, separators=(",", ":")).encode()
 
 
-def mcap_bytes(topics: Sequence[Topic], library: str = "rovid") -> bytes:
+def mcap_bytes(topics: Sequence[OutputTopic], library: str = "rovid") -> bytes:
     """A whole recording, in order of time; ``library`` is what it says to have written it."""
     from mcap.writer import CompressionType, Writer
 

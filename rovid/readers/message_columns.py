@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rovid.core.array_types import FloatArray
-from rovid.core.errors import LogError, nearest
+from rovid.core.errors import LogError, suggestion
 from rovid.readers.field_access import ANGLES, euler
 from rovid.readers.raw_log import Channel, RawLog
-from rovid.readers.timestamps import seconds
+from rovid.readers.timestamps import to_seconds
 from rovid.trial.config import Signal
 from rovid.trial.trial import Remark
 
@@ -55,7 +55,7 @@ def channels_of(
     stamps = {one: _whole(_field(path, clock, one, topics[one], "time")) for one, _, _ in mapped.values()}
     first = [int(values[0]) for values in stamps.values() if values.dtype.kind == "i"]
     origin = min(first, default=0)
-    times = {one: seconds(values, clock, "us", origin) for one, values in stamps.items()}
+    times = {one: to_seconds(values, clock, "us", origin) for one, values in stamps.items()}
     channels = {}
     for name, (one, values, turned) in mapped.items():
         source = signals[name].sources[kind]
@@ -97,7 +97,7 @@ def raw_log(channels: Mapping[str, Channel], remarks: tuple[Remark, ...]) -> Raw
 def missing_topic(path: Path, kind: str, name: str, present: Mapping[str, Any]) -> LogError:
     """That there is no topic ``name``, and which of those that are there come near."""
     mend = f'Write {kind} = "<message>.<field>" in rovid.toml.'
-    return LogError(f"holds no message {name!r}. {nearest(name, present)}", where=path, mend=mend)
+    return LogError(f"holds no message {name!r}. {suggestion(name, present)}", where=path, mend=mend)
 
 
 def split_sensor(topic: str) -> tuple[str, int | None]:
@@ -158,7 +158,7 @@ def _field(path: Path, field: str, topic: str, columns: Columns, name: str) -> N
     values = columns.get(field)
     if values is None:
         raise LogError(
-            f"{topic} has no field {field!r} ({name}). {nearest(field, columns)}",
+            f"{topic} has no field {field!r} ({name}). {suggestion(field, columns)}",
             where=path,
             mend=f"Correct {name} in rovid.toml.",
         )

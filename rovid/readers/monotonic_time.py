@@ -9,7 +9,7 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
 from rovid.core.errors import LogError
-from rovid.readers.raw_log import sensible
+from rovid.readers.raw_log import is_plausible
 from rovid.trial.trial import Remark
 
 # Recorders write messages a little out of order; more than this is a clock that was set back.
@@ -74,7 +74,7 @@ def _only_grows(time: FloatArray, steps: FloatArray) -> bool:
     """Whether (n,) sensible times, (n-1,) ``steps`` apart, all come later than the one before."""
     # A NaN makes this false; between sensible ends, increasing values are sensible.
     grows = bool(steps.min(initial=np.inf) > _TICK)
-    return grows and bool(sensible(time[:1]).all() and sensible(time[-1:]).all())
+    return grows and bool(is_plausible(time[:1]).all() and is_plausible(time[-1:]).all())
 
 
 def _mend(
@@ -87,7 +87,7 @@ def _mend(
     where: str,
 ) -> tuple[FloatArray, Mapping[str, FloatArray], list[Remark]]:
     remarks: list[Remark] = []
-    rows = np.flatnonzero(sensible(time))
+    rows = np.flatnonzero(is_plausible(time))
     if len(time) and not len(rows):
         text = f"{clock} holds no time in any of its {len(time)} samples."
         raise LogError(text, where=where, mend="Map the column or field that holds the time in [signals] time.")
@@ -152,7 +152,7 @@ def _merge(
     group = np.cumsum(fresh) - 1
     merged = {}
     for name, column in values.items():
-        known = np.flatnonzero(sensible(column[rows]))[::-1]
+        known = np.flatnonzero(is_plausible(column[rows]))[::-1]
         merged[name] = np.full(int(fresh.sum()), np.nan)
         merged[name][group[known]] = column[rows[known]]  # backwards: the first of a group is written last
     return stamps[fresh], merged

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 
-CLOCK = {"time", "t", "stamp", "timestamp", "seconds", "zeit", "utc", "elapsed"}
-CLOCK |= {
+CLOCK_WORDS = {"time", "t", "stamp", "timestamp", "seconds", "zeit", "utc", "elapsed"}
+CLOCK_WORDS |= {
     "datetime",
     "zeitstempel",
     "uhrzeit",
@@ -22,11 +22,19 @@ CLOCK |= {
     "orario",
     "ora",
 }
-HEADING = {"heading", "hdg", "yaw", "psi", "compass", "kurs", "steuerkurs", "kompass", "gier", "gierwinkel"}
-HEADING |= {"cap", "lacet", "azimuth", "azimut", "rumbo", "guinada", "guiñada", "gir", "girvinkel", "stevning"}
-HEADING |= {"prua", "bussola"}
-YAW_RATE = {"gierrate", "drehrate", "giergeschwindigkeit", "wendegeschwindigkeit", "yawrate", "yawspeed", "giration"}
-YAW_RATE |= {"girrate", "svingerate", "giro", "imbardata"}
+HEADING_WORDS = {"heading", "hdg", "yaw", "psi", "compass", "kurs", "steuerkurs", "kompass", "gier", "gierwinkel"}
+HEADING_WORDS |= {"cap", "lacet", "azimuth", "azimut", "rumbo", "guinada", "guiñada", "gir", "girvinkel", "stevning"}
+HEADING_WORDS |= {"prua", "bussola"}
+YAW_RATE_WORDS = {
+    "gierrate",
+    "drehrate",
+    "giergeschwindigkeit",
+    "wendegeschwindigkeit",
+    "yawrate",
+    "yawspeed",
+    "giration",
+}
+YAW_RATE_WORDS |= {"girrate", "svingerate", "giro", "imbardata"}
 NOT_CLOCK = {"h", "hours", "min", "minutes", "days", "left", "remaining"}
 _WORDS = re.compile(r"[A-ZÀ-Þ]?[a-zß-ÿ]+|[A-ZÀ-Þ]+(?![a-zß-ÿ])|\d+")
 
@@ -40,6 +48,6 @@ def is_per_second(source: str) -> bool:
     return bool(_PER_SECOND.search(source))
 
 
-def words(source: str) -> set[str]:
+def name_words(source: str) -> set[str]:
     """Lower-case words of a name, as in ``/phins/heading.data`` or ``yawRate_dps``."""
     return {word.lower() for word in _WORDS.findall(source)}

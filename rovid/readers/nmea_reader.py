@@ -18,11 +18,11 @@ from pathlib import Path
 import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
-from rovid.core.errors import ConfigError, LogError, nearest
-from rovid.core.paths import odd
+from rovid.core.errors import ConfigError, LogError, suggestion
+from rovid.core.paths import special_kind
 from rovid.readers.formats import READERS
-from rovid.readers.raw_log import Channel, Contents, RawLog, foreign
-from rovid.readers.timestamps import EPOCH_FROM, seconds
+from rovid.readers.raw_log import Channel, LogContents, RawLog, foreign
+from rovid.readers.timestamps import EPOCH_FROM, to_seconds
 from rovid.trial.config import Config
 from rovid.trial.trial import Remark
 
@@ -68,12 +68,12 @@ def read(path: Path, config: Config) -> RawLog:
             own[name] = text.channel(name, signal.sources[KIND])
         else:
             others[name] = signal
-    beside, log = _beside(path, replace(config, signals=others, measured=""))
+    beside, log = _beside(path, replace(config, signals=others, measured_signal=""))
     moved = _moved(path, text, beside, log)
     everything = dict(log.channels)
     for name, channel in own.items():
         everything[name] = replace(channel, time=moved[id(channel.time)])
-    for name in config.needed:
+    for name in config.required_signals:
         if name not in everything:
             raise ConfigError(
                 f"{name} names neither an nmea source nor one of {beside.name}.",
@@ -90,7 +90,7 @@ def read(path: Path, config: Config) -> RawLog:
     return RawLog(channels=everything, place=place, remarks=remarks, sortable=log.sortable, beside=(beside,))
 
 
-def sources(path: Path) -> Contents:
+def sources(path: Path) -> LogContents:
     """None: what it holds says something only beside another log.
 
     Raises
@@ -110,7 +110,7 @@ def _beside(path: Path, config: Config) -> tuple[Path, RawLog]:
     logs = []
     for near in sorted(path.parent.glob(f"{escape(path.stem)}.*")):
         form = READERS.get(near.suffix.lower())
-        if form is not None and form.kind != KIND and not odd(near):
+        if form is not None and form.kind != KIND and not special_kind(near):
             logs.append((near, form))
     if len(logs) != 1:
         there = f"{len(logs)} logs of its name stand beside it" if logs else "no log of its name stands beside it"
@@ -120,7 +120,7 @@ def _beside(path: Path, config: Config) -> tuple[Path, RawLog]:
             mend=f"Put the log that holds the commands there, as {path.stem}.csv, for instance.",
         )
     [(log, form)] = logs
-    return log, form.read(log, config.of(form.kind))
+    return log, form.read(log, config.for_format(form.kind))
 
 
 def _moved(path: Path, text: _Text, beside: Path, log: RawLog) -> dict[int, FloatArray]:
@@ -168,14 +168,14 @@ class _Text:
         """One of `_CHANNELS`."""
         if source not in _CHANNELS:
             raise LogError(
-                f"has no {source!r} ({name}). {nearest(source, _CHANNELS)}",
+                f"has no {source!r} ({name}). {suggestion(source, _CHANNELS)}",
                 where=self.path,
                 mend=f"Correct {name} in rovid.toml.",
             )
         kind, at, factor = _CHANNELS[source]
         if kind not in self.clocks:
             raise LogError(
-                f"holds no sentence {kind} ({name}). {nearest(kind, self.cells)}",
+                f"holds no sentence {kind} ({name}). {suggestion(kind, self.cells)}",
                 where=self.path,
                 mend=f"Delete nmea from {name} in rovid.toml, or leave this log out.",
             )
@@ -227,7 +227,7 @@ class _Text:
         moment = _date if dates else _number
         times = {kind: np.array([moment(front) for front in texts]) for kind, texts in fronts.items()}
         if not dates:
-            times = {kind: seconds(time, "", "auto") for kind, time in times.items()}
+            times = {kind: to_seconds(time, "", "auto") for kind, time in times.items()}
         if not any((time > EPOCH_FROM).any() for time in times.values()):
             raise self._timeless()
         return times

@@ -12,10 +12,19 @@ import numpy as np
 import pandas as pd
 
 from rovid.core.array_types import BoolArray, FloatArray
-from rovid.core.errors import LogError, nearest
-from rovid.readers.name_tokens import CLOCK, words
-from rovid.readers.raw_log import Channel, Contents, RawLog, foreign, library, mapped, require_room, time_signal
-from rovid.readers.timestamps import epoch_of, moments, stamps
+from rovid.core.errors import LogError, suggestion
+from rovid.readers.name_tokens import CLOCK_WORDS, name_words
+from rovid.readers.raw_log import (
+    Channel,
+    LogContents,
+    RawLog,
+    foreign,
+    mapped,
+    require_library,
+    require_room,
+    time_signal,
+)
+from rovid.readers.timestamps import column_to_seconds, epoch_of, to_datetimes
 from rovid.trial.config import Config
 
 KIND = "parquet"
@@ -41,7 +50,7 @@ def read(path: Path, config: Config) -> RawLog:
     _check(path)
     wanted = {name: signal.sources[KIND] for name, signal in signals.items()}
     moments, columns = _columns(path, wanted)
-    time = stamps(moments, wanted["time"], signals["time"].unit, lambda row: f"{path}: row {row + 1}")
+    time = column_to_seconds(moments, wanted["time"], signals["time"].unit, lambda row: f"{path}: row {row + 1}")
     epoch = epoch_of(moments, time, wanted["time"], signals["time"].unit)
     clock = wanted.pop("time")
     channels = {}
@@ -52,7 +61,7 @@ def read(path: Path, config: Config) -> RawLog:
 
 def _columns(path: Path, wanted: Mapping[str, str]) -> tuple[pd.Series[Any], dict[str, FloatArray]]:
     """The time, and the other wanted columns by their names; a batch of rows at a time, so that little is unpacked."""
-    parquet = library("pyarrow.parquet", EXTRA, path)
+    parquet = require_library("pyarrow.parquet", EXTRA, path)
     clock = wanted["time"]
     names = {column: name for name, column in wanted.items() if name != "time"}
     with _reading(path):
@@ -112,7 +121,7 @@ def _refuse_bytes(path: Path, leaves: Iterable[Any]) -> None:
 
 def _batches(path: Path, columns: list[str], texts: list[str]) -> Iterator[dict[str, Any]]:
     """Name -> values of ``columns``, some thousand rows at a time; of ``texts`` each one but once."""
-    parquet, arrow = library("pyarrow.parquet", EXTRA, path), library("pyarrow", EXTRA, path)
+    parquet, arrow = require_library("pyarrow.parquet", EXTRA, path), require_library("pyarrow", EXTRA, path)
     with _reading(path), parquet.ParquetFile(path, read_dictionary=texts, buffer_size=_BUFFER) as file:
         for batch in file.iter_batches(_ROWS, columns=columns, use_threads=False):
             table = arrow.Table.from_batches([batch])
@@ -132,14 +141,14 @@ def _plain(values: Any, arrow: Any) -> Any:
 @contextmanager
 def _reading(path: Path) -> Iterator[None]:
     """Say what a damaged file makes the library raise."""
-    error = library("pyarrow", EXTRA, path).ArrowException
+    error = require_library("pyarrow", EXTRA, path).ArrowException
     try:
         yield
     except (error, OSError, ValueError, LookupError, RuntimeError, MemoryError) as reason:
         raise _damaged(path, reason) from reason
 
 
-def sources(path: Path) -> Contents:
+def sources(path: Path) -> LogContents:
     """The column of the clock, if one is named like one, and every other column of numbers.
 
     Raises
@@ -148,14 +157,14 @@ def sources(path: Path) -> Contents:
         It is no Parquet file, or pyarrow is not installed.
     """
     _check(path)
-    parquet, types = library("pyarrow.parquet", EXTRA, path), library("pyarrow.types", EXTRA, path)
+    parquet, types = require_library("pyarrow.parquet", EXTRA, path), require_library("pyarrow.types", EXTRA, path)
     with _reading(path):
         schema = parquet.read_schema(path)
     counts = Counter(schema.names)
-    clock = next((name for name in counts if counts[name] == 1 and words(name) & CLOCK), "")
+    clock = next((name for name in counts if counts[name] == 1 and name_words(name) & CLOCK_WORDS), "")
     numbers = [column.name for column in schema if types.is_integer(column.type) or types.is_floating(column.type)]
     once = tuple(name for name in numbers if counts[name] == 1 and name != clock)
-    return Contents(clock=clock, sources=once)
+    return LogContents(clock=clock, sources=once)
 
 
 def _check(path: Path) -> None:
@@ -174,7 +183,7 @@ def _damaged(path: Path, error: Exception) -> LogError:
 
 def _no_column(path: Path, column: str, name: str, present: list[str]) -> LogError:
     return LogError(
-        f"has no column {column!r}, which rovid.toml maps to {name}. {nearest(column, present)}",
+        f"has no column {column!r}, which rovid.toml maps to {name}. {suggestion(column, present)}",
         where=path,
         mend=f"Correct the name in rovid.toml ({name}), or leave this log out.",
     )
@@ -186,7 +195,7 @@ def _moments(path: Path, values: Any, name: str, before: int) -> pd.Series[Any]:
         values = values.dictionary_decode()
     column = _series(path, values)
     if column.dtype == object:
-        return moments(column, name, lambda row: f"{path}: row {before + row + 1}")
+        return to_datetimes(column, name, lambda row: f"{path}: row {before + row + 1}")
     return column
 
 
@@ -216,7 +225,7 @@ def _is_dictionary(values: Any) -> bool:
 
 def _series(path: Path, values: Any) -> pd.Series[Any]:
     """As pandas has it; integers of 64 bit stay such where some are missing."""
-    whole = library("pyarrow", EXTRA, path).int64()
+    whole = require_library("pyarrow", EXTRA, path).int64()
     column = values.to_pandas(types_mapper={whole: pd.Int64Dtype()}.get)
     if not isinstance(column, pd.Series):  # for the type checker: pyarrow tells it nothing
         raise TypeError(type(column))

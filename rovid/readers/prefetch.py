@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from rovid.core.fork import Ahead
-from rovid.readers.discover import are_large, find_logs, trials_of
+from rovid.core.fork import ForkedCall
+from rovid.readers.discover import are_large, find_logs, read_trials
 from rovid.trial.axis import Axis
 from rovid.trial.config import Config, find_config, load_config
 from rovid.trial.trial import Remark, Trial
@@ -15,7 +15,7 @@ from rovid.trial.trial import Remark, Trial
 _Read = dict[tuple[Path, str], tuple[list[Trial], list[Remark]]]
 
 
-class ReadingAhead(Ahead[_Read]):
+class PrefetchedReader(ForkedCall[_Read]):
     """As `rovid.readers.discover.trials_of` reads a log; it is read here where the copy did not.
 
     Parameters
@@ -40,7 +40,7 @@ class ReadingAhead(Ahead[_Read]):
         # What was read is only kept by whom it is given to.
         trials, said = self._known.pop((path, name), (None, []))
         if trials is None:
-            return trials_of(path, config, name, remarks)
+            return read_trials(path, config, name, remarks)
         remarks += said
         return trials
 
@@ -52,5 +52,5 @@ def _read(paths: Sequence[Path], axis: Axis) -> _Read:
     if not are_large(logs):
         for name, path in logs:
             remarks: list[Remark] = []
-            read[path, name] = trials_of(path, config, name, remarks), remarks
+            read[path, name] = read_trials(path, config, name, remarks), remarks
     return read

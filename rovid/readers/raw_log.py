@@ -77,7 +77,7 @@ class RawLog:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Contents:
+class LogContents:
     """What a log holds that can be read.
 
     Attributes
@@ -94,7 +94,7 @@ class Contents:
 
     clock: str = ""
     sources: tuple[str, ...]
-    left_out: tuple[str, ...] = ()
+    unreadable: tuple[str, ...] = ()
     parameters: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -106,8 +106,8 @@ def mapped(config: Config, kind: str, path: Path) -> dict[str, Signal]:
     ConfigError
         What is measured, or a command, is not mapped for this format.
     """
-    wanted = config.wanted(kind)
-    for name in config.needed:
+    wanted = config.mapped_signals(kind)
+    for name in config.required_signals:
         if name not in wanted:
             raise ConfigError(
                 f"{name} names no {kind} source, but {path.name} is a {kind} log.",
@@ -134,7 +134,7 @@ def time_signal(config: Config, kind: str) -> Signal:
     return config.time
 
 
-def library(module: str, extra: str, path: Path) -> ModuleType:
+def require_library(module: str, extra: str, path: Path) -> ModuleType:
     """A package that one format needs and rovid as a whole does not.
 
     Raises
@@ -177,11 +177,11 @@ def foreign(path: Path, what: str) -> LogError:
     return LogError(f"is not {what}: it {found}.", where=path, mend=mend)
 
 
-def sensible(values: FloatArray) -> BoolArray:
+def is_plausible(values: FloatArray) -> BoolArray:
     """(n,) where a number was measured: neither missing, nor infinite, nor beyond all units."""
     return np.abs(values) < _ABSURD
 
 
-def typical(values: FloatArray) -> float:
+def subsampled_median(values: FloatArray) -> float:
     """Median of at most some ten thousand ``values``, evenly picked: near enough for a threshold, and fast."""
     return float(np.median(values[:: len(values) // 10_000 + 1])) if values.size else float("nan")

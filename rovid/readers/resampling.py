@@ -10,11 +10,11 @@ import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray
 from rovid.readers.cleaning import gap_limit
-from rovid.readers.raw_log import sensible
+from rovid.readers.raw_log import is_plausible
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Series:
+class TimedSeries:
     """One signal in order of time.
 
     Attributes
@@ -31,7 +31,7 @@ class Series:
     @cached_property
     def good(self) -> BoolArray:
         """(m,) where it is not missing."""
-        return sensible(self.values)
+        return is_plausible(self.values)
 
     @cached_property
     def missing(self) -> int:
@@ -82,7 +82,7 @@ class TimeBase:
     clock: FloatArray | None = None
     rows: BoolArray | slice = field(default_factory=lambda: slice(None))
 
-    def held(self, series: Series) -> FloatArray:
+    def held(self, series: TimedSeries) -> FloatArray:
         """(n,) last value known at or before each instant; NaN before the first."""
         if series.time is self.clock:
             return series.held[self.rows]
@@ -91,14 +91,14 @@ class TimeBase:
         at = np.searchsorted(series.stamps, self.time, side="right") - 1
         return np.where(at < 0, np.nan, series.known[at])
 
-    def exactly(self, series: Series) -> FloatArray:
+    def exactly(self, series: TimedSeries) -> FloatArray:
         """(n,) the value measured at each instant; NaN where there is none."""
         if series.time is self.clock:
             return series.values[self.rows]
         at = np.minimum(np.searchsorted(series.stamps, self.time), len(series.stamps) - 1)
         return np.where(series.stamps[at] == self.time, series.known[at], np.nan)
 
-    def interpolated(self, series: Series, *, angle: bool) -> FloatArray:
+    def interpolated(self, series: TimedSeries, *, angle: bool) -> FloatArray:
         """(n,) linear between neighbours no farther apart than a gap, NaN elsewhere; the short way for an ``angle``."""
         if series.time is self.clock and not series.missing:
             return series.values[self.rows]
@@ -112,7 +112,7 @@ class TimeBase:
         return np.where(exact | (inside & near), np.interp(self.time, stamps, known), np.nan)
 
 
-def common_base(heading: Series, commands: Sequence[Series], begin: float, end: float) -> TimeBase:
+def common_base(heading: TimedSeries, commands: Sequence[TimedSeries], begin: float, end: float) -> TimeBase:
     """Instants from ``begin`` to ``end`` (s) at which the heading was measured or a command changed."""
     if all(command.time is heading.time for command in commands):
         return _one_clock(heading, commands, begin, end)
@@ -123,7 +123,7 @@ def common_base(heading: Series, commands: Sequence[Series], begin: float, end: 
     return TimeBase(time=times[np.diff(times - times[0], prepend=-1.0) > 0.0])  # distinct to what a float can hold
 
 
-def _one_clock(heading: Series, commands: Sequence[Series], begin: float, end: float) -> TimeBase:
+def _one_clock(heading: TimedSeries, commands: Sequence[TimedSeries], begin: float, end: float) -> TimeBase:
     first, last = np.searchsorted(heading.time, (begin, end)).tolist()
     rows: BoolArray | slice = slice(first, last + 1)
     if heading.missing:

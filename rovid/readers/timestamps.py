@@ -37,7 +37,7 @@ def unit_of(name: str, magnitude: float, declared: str) -> str:
     return "s"
 
 
-def seconds(values: NDArray[Any], name: str, declared: str, origin: int | None = None) -> FloatArray:
+def to_seconds(values: NDArray[Any], name: str, declared: str, origin: int | None = None) -> FloatArray:
     """(n,) s of (n,) numbers; integers lose their start before they become floats, so no digit is lost.
 
     Parameters
@@ -64,7 +64,7 @@ def seconds(values: NDArray[Any], name: str, declared: str, origin: int | None =
     return since if scale == 1.0 else since * scale
 
 
-def stamps(column: pd.Series[Any], name: str, declared: str, where: Callable[[int], str]) -> FloatArray:
+def column_to_seconds(column: pd.Series[Any], name: str, declared: str, where: Callable[[int], str]) -> FloatArray:
     """(n,) s of a column of numbers, dates or text; NaN where missing.
 
     Parameters
@@ -80,21 +80,21 @@ def stamps(column: pd.Series[Any], name: str, declared: str, where: Callable[[in
         A text is no ISO 8601 time.
     """
     if isinstance(column.dtype, np.dtype) and column.dtype.kind in "iuf":
-        return seconds(column.to_numpy(), name, declared)
+        return to_seconds(column.to_numpy(), name, declared)
     if column.dtype == "Int64":
         known = column.notna().to_numpy()
         time = np.full(len(column), np.nan)
-        time[known] = seconds(column[known].to_numpy(dtype=np.int64), name, declared)
+        time[known] = to_seconds(column[known].to_numpy(dtype=np.int64), name, declared)
         return time
     if column.dtype.kind == "m":
         return np.asarray(column.dt.total_seconds(), dtype=np.float64)
-    dates = moments(column, name, where)
+    dates = to_datetimes(column, name, where)
     if dates.isna().all():
         return np.full(len(dates), np.nan)
     return np.asarray((dates - dates.min()) / pd.Timedelta(seconds=1), dtype=np.float64)
 
 
-def moments(column: pd.Series[Any], name: str, where: Callable[[int], str]) -> pd.Series[Any]:
+def to_datetimes(column: pd.Series[Any], name: str, where: Callable[[int], str]) -> pd.Series[Any]:
     """A column of dates or text as points in time; none where missing.
 
     Raises

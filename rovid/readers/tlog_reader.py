@@ -27,7 +27,7 @@ from rovid.readers.message_columns import (
     raw_log,
     split_sensor,
 )
-from rovid.readers.raw_log import Contents, RawLog, foreign, library, mapped
+from rovid.readers.raw_log import LogContents, RawLog, foreign, mapped, require_library
 from rovid.trial.config import Config
 from rovid.trial.trial import Remark
 
@@ -62,12 +62,12 @@ def read(path: Path, config: Config) -> RawLog:
         topic, _, _ = signal.sources[KIND].partition(".")
         name, _ = split_sensor(topic)
         wanted.add(name)
-    log = Log(path, wanted)
+    log = TelemetryLog(path, wanted)
     channels = channels_of(path, KIND, signals, log.columns, _CLOCK)
     return raw_log(channels, tuple(log.remarks))
 
 
-def sources(path: Path) -> Contents:
+def sources(path: Path) -> LogContents:
     """What tells of motion, thrusters and supply.
 
     Raises
@@ -75,17 +75,17 @@ def sources(path: Path) -> Contents:
     LogError
         It is no telemetry log, or pymavlink is not installed.
     """
-    log = Log(path, {*_TELLING, _PARAMETERS})
+    log = TelemetryLog(path, {*_TELLING, _PARAMETERS})
     present = {name for name, system, _ in log.frames if system == log.system}
     topics = {name: log.columns(name) for name in _TELLING if name in present}
     sources = [source for source in numeric_sources(topics) if not source.endswith(_CLOCK)]
     parameters = {}
     if _PARAMETERS in present:
         parameters = parameters_of(log.columns(_PARAMETERS), "param_id", "param_value")
-    return Contents(sources=tuple(sources), parameters=parameters)
+    return LogContents(sources=tuple(sources), parameters=parameters)
 
 
-class Log:
+class TelemetryLog:
     """The frames of the wanted messages, by their sender."""
 
     def __init__(self, path: Path, wanted: set[str]) -> None:
@@ -94,7 +94,7 @@ class Log:
             if not path.stat().st_size:
                 raise foreign(path, _NAME)
             self.data = mmap(file.fileno(), 0, access=ACCESS_READ)
-        self.dialect = library("pymavlink.dialects.v20.ardupilotmega", _EXTRA, path)
+        self.dialect = require_library("pymavlink.dialects.v20.ardupilotmega", _EXTRA, path)
         self.kinds = {kind.msgname: kind for kind in self.dialect.mavlink_map.values()}
         self.names = {kind.id: name for name, kind in self.kinds.items()}
         chosen = self.kinds.keys() & {*wanted, _VEHICLE}

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rovid.core.array_types import FloatArray
-from rovid.core.errors import LogError, nearest
+from rovid.core.errors import LogError, suggestion
 from rovid.readers.field_access import (
     ABSENT,
     Getter,
@@ -24,8 +24,8 @@ from rovid.readers.field_access import (
     split_path,
     stamp_getter,
 )
-from rovid.readers.raw_log import Channel, Contents, RawLog
-from rovid.readers.timestamps import EPOCH_FROM, seconds
+from rovid.readers.raw_log import Channel, LogContents, RawLog
+from rovid.readers.timestamps import EPOCH_FROM, to_seconds
 from rovid.trial.config import Signal
 from rovid.trial.trial import Remark
 
@@ -38,7 +38,7 @@ _STAMPED = {"header", "stamp", "timestamp"}
 _QUATERNIONS = {"orientation", "quaternion", "rotation"}
 
 
-class Topic:
+class TopicCollector:
     """Collects the signals of one topic, message by message.
 
     Attributes
@@ -151,16 +151,16 @@ class Topics:
     def __init__(self, path: Path, kind: str, signals: Mapping[str, Signal], time: Signal) -> None:
         self.path, self.kind, self.signals, self.time = path, kind, signals, time
         self.clock = time.sources.get(kind, "log")
-        self.topics: dict[str, Topic | None] = {}  # None: nobody wants it
+        self.topics: dict[str, TopicCollector | None] = {}  # None: nobody wants it
         self.damage = ""
 
-    def open(self, name: str, *, mapping: bool) -> Topic | None:
+    def open(self, name: str, *, mapping: bool) -> TopicCollector | None:
         """The topic ``name``, whose messages are dictionaries where ``mapping``; None where nobody wants it."""
         if name not in self.topics:
             self.topics[name] = self._topic(name, mapping=mapping)
         return self.topics[name]
 
-    def _topic(self, name: str, *, mapping: bool) -> Topic | None:
+    def _topic(self, name: str, *, mapping: bool) -> TopicCollector | None:
         picks = []
         where = str(self.path)
         for signal, mapped_to in self.signals.items():
@@ -171,7 +171,7 @@ class Topics:
                 picks.append(pick)
         if not picks:
             return None
-        return Topic(name, self.kind, self.clock, picks, where)
+        return TopicCollector(name, self.kind, self.clock, picks, where)
 
     def result(self, remarks: Callable[[float], tuple[Remark, ...]], damage: str = "") -> RawLog:
         """Raw channels.
@@ -189,7 +189,7 @@ class Topics:
             A topic is missing or empty, or its messages lack the field.
         """
         self.damage = damage
-        chosen: dict[str, tuple[Topic, Pick]] = {}
+        chosen: dict[str, tuple[TopicCollector, Pick]] = {}
         lacking: dict[str, None] = {}
         for signal, one in self.signals.items():
             try:
@@ -227,14 +227,14 @@ class Topics:
         epoch = origin * 1e-9
         return epoch if epoch > EPOCH_FROM else None
 
-    def _choose(self, signal: str, source: str) -> tuple[Topic, Pick]:
+    def _choose(self, signal: str, source: str) -> tuple[TopicCollector, Pick]:
         """The longest topic that ``source`` begins with, and what it gave."""
         fitting = [name for name in self.topics if split_path(source, name) is not None]
         longest = max(fitting, key=len, default="")
         topic = self.topics.get(longest)
         if topic is None:
             raise self._missing(
-                f"has no topic for {source!r}, which rovid.toml maps to {signal}. {nearest(source, self.topics)}",
+                f"has no topic for {source!r}, which rovid.toml maps to {signal}. {suggestion(source, self.topics)}",
                 f'Write {signal} = {{ {self.kind} = "<topic>.<field>" }} in rovid.toml.',
             )
         if topic.trouble is not None:
@@ -246,7 +246,7 @@ class Topics:
             raise self._never_seen(topic, pick)
         return topic, pick
 
-    def _never_seen(self, topic: Topic, pick: Pick) -> LogError:
+    def _never_seen(self, topic: TopicCollector, pick: Pick) -> LogError:
         field = ".".join(pick.fields) or "of a quaternion"
         names = ", ".join(field_names(topic.last)) or "none"
         text = f"topic {topic.name!r} never holds the field {field!r} ({pick.signal}). Its fields: {names}."
@@ -255,7 +255,7 @@ class Topics:
     def _missing(self, what: str, mend: str) -> LogError:
         return LogError(what + self.damage, where=self.path, mend=mend)
 
-    def _times(self, topics: Mapping[str, Topic]) -> tuple[dict[str, FloatArray], int]:
+    def _times(self, topics: Mapping[str, TopicCollector]) -> tuple[dict[str, FloatArray], int]:
         """(n,) s for each topic, from one common beginning, and that as logged."""
         logged = {name: _numbers(topic.times) for name, topic in topics.items()}
         origin = 0
@@ -265,7 +265,7 @@ class Topics:
             # As whole numbers, before they become floats, which would lose digits of the ns since 1970.
             origin = min(int(times[0]) for times in logged.values())
         unit = "ns" if self.clock in _CLOCKS else self.time.unit
-        since = {name: seconds(times, self.clock, unit, origin) for name, times in logged.items()}
+        since = {name: to_seconds(times, self.clock, unit, origin) for name, times in logged.items()}
         return since, origin
 
 
@@ -283,11 +283,11 @@ class Listing:
 
     def __init__(self, path: Path, kind: str) -> None:
         self.path, self.kind = path, kind
-        self._topics: list[Topic] = []
+        self._topics: list[TopicCollector] = []
 
     def handler(self, name: str, decoder: Callable[[], Decoder], *, mapping: bool) -> Handler | None:
         """What takes the messages of a channel of the topic ``name``; None where ``decoder`` finds no way to."""
-        topic = Topic(name, self.kind, "log", [], str(self.path))
+        topic = TopicCollector(name, self.kind, "log", [], str(self.path))
         self._topics.append(topic)
         take = topic.handler(decoder, mapping=mapping)
         if take is None:
@@ -299,7 +299,7 @@ class Listing:
 
         return first
 
-    def contents(self, damage: Iterable[str] = ()) -> Contents:
+    def contents(self, damage: Iterable[str] = ()) -> LogContents:
         """Every number and orientation; ``damage`` is what is known to be lacking."""
         # In the order of the log, each once.
         fields: dict[str, None] = {}
@@ -309,7 +309,7 @@ class Listing:
             if topic.trouble:
                 trouble.append(str(topic.trouble))
         lost = [f"{self.path}: {text}" for text in damage]
-        return Contents(sources=tuple(fields), left_out=(*trouble, *lost))
+        return LogContents(sources=tuple(fields), unreadable=(*trouble, *lost))
 
 
 def numeric_fields(message: Any, topic: str) -> Iterator[str]:

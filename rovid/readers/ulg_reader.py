@@ -10,7 +10,7 @@ from typing import Any
 
 from rovid.core.errors import LogError
 from rovid.readers.message_columns import Columns, channels_of, missing_topic, numeric_sources, raw_log
-from rovid.readers.raw_log import Contents, RawLog, foreign, library, mapped
+from rovid.readers.raw_log import LogContents, RawLog, foreign, mapped, require_library
 from rovid.trial.config import Config
 from rovid.trial.trial import Remark
 
@@ -43,7 +43,7 @@ def read(path: Path, config: Config) -> RawLog:
     return raw_log(channels, log.remarks)
 
 
-def sources(path: Path) -> Contents:
+def sources(path: Path) -> LogContents:
     """What tells of motion, thrusters and supply.
 
     Raises
@@ -53,7 +53,7 @@ def sources(path: Path) -> Contents:
     """
     _check(path)
     log = _Log(path, set(_TELLING))
-    return Contents(sources=tuple(numeric_sources(log.topics)), parameters=log.parameters)
+    return LogContents(sources=tuple(numeric_sources(log.topics)), parameters=log.parameters)
 
 
 def _check(path: Path) -> None:
@@ -81,7 +81,7 @@ class _Log:
 
     def __init__(self, path: Path, wanted: set[str]) -> None:
         self.present: dict[str, None] = {}
-        core = library("pyulog.core", "px4", path)
+        core = require_library("pyulog.core", "px4", path)
         parser = _parser(core, wanted, self.present)
         # What pyulog prints of damage would stand among our own output.
         with _Source(path) as file, contextlib.redirect_stdout(io.StringIO()):

@@ -8,7 +8,7 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
 from rovid.core.errors import LogError
-from rovid.readers.raw_log import Channel, sensible
+from rovid.readers.raw_log import Channel, is_plausible
 from rovid.trial.config import Signal
 
 _DEGREES = 180.0 / math.pi
@@ -47,7 +47,7 @@ def refuse_wrong_heading(channel: Channel, signal: Signal, heading: FloatArray, 
         if max(-low, high) <= _TURN_RAD + 0.01:
             looks = _looks_like_radians(heading[np.isfinite(heading)] * _DEGREES, low, high)
     else:
-        good = sensible(channel.time) & sensible(channel.values)
+        good = is_plausible(channel.time) & is_plausible(channel.values)
         looks = _looks_like_degrees(channel.time[good], channel.values[good])
     if looks:
         raise _wrong_unit(channel, signal, looks, where)

@@ -9,7 +9,7 @@ from rovid.jit.decorators import compiled
 
 
 @compiled
-def constant_runs(values: FloatArray, tolerance: FloatArray) -> FloatArray:
+def find_constant_runs(values: FloatArray, tolerance: FloatArray) -> FloatArray:
     """Cut (n, k) ``values`` greedily into runs within which no column spans more than its ``tolerance``.
 
     Returns

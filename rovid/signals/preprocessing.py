@@ -9,8 +9,8 @@ import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray
 from rovid.core.errors import ConfigError, DataError
-from rovid.signals.rates import Rates, choose_cutoff, highest_cutoff, rates_of
-from rovid.signals.segments import releases
+from rovid.signals.rates import Rates, choose_cutoff, compute_rates, highest_cutoff
+from rovid.signals.segments import find_releases
 from rovid.trial.axis import Axis
 from rovid.trial.trial import Campaign, Remark, Trial
 from rovid.trial.vehicle import Vehicle
@@ -37,16 +37,16 @@ class Run:
     trial: Trial
     torque: FloatArray
     rates: Rates
-    drive: FloatArray
+    filtered_torque: FloatArray
 
     @property
     def valid(self) -> BoolArray:
         """(m,) where rate, acceleration and torque are all known."""
-        return np.asarray(self.rates.valid & np.isfinite(self.drive))
+        return np.asarray(self.rates.valid & np.isfinite(self.filtered_torque))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Runs:
+class PreparedRuns:
     """The runs of a campaign, the cut-off they share in Hz (``chosen`` from the data?), and what was left out."""
 
     items: tuple[Run, ...]
@@ -60,9 +60,9 @@ class Runs:
         return self.items[0].trial.axis
 
     @property
-    def integrated(self) -> bool:
+    def rate_only(self) -> bool:
         """Whether the rate alone was measured."""
-        return self.items[0].trial.integrated
+        return self.items[0].trial.rate_only
 
     def noise(self) -> tuple[float, float, float]:
         """Median over the runs of the sensor's noise in what is measured, and what the low pass leaves of it.
@@ -75,7 +75,7 @@ class Runs:
         return float(measured), float(rate), float(acceleration)
 
 
-def prepare(campaign: Campaign, vehicle: Vehicle, *, cutoff: float | None = None) -> Runs:
+def prepare(campaign: Campaign, vehicle: Vehicle, *, cutoff: float | None = None) -> PreparedRuns:
     """Derive torque and rates of every trial, with the cut-off chosen from the data unless it is given.
 
     Raises
@@ -96,24 +96,24 @@ def prepare(campaign: Campaign, vehicle: Vehicle, *, cutoff: float | None = None
     for trial in trials:
         torque = vehicle.torque(trial)
         try:
-            rates = rates_of(trial, cutoff=shared)
+            rates = compute_rates(trial, cutoff=shared)
         except DataError as error:
             remarks.append(Remark(kind="left out", count=len(trial.time), text=str(error)))
             continue
-        runs.append(Run(trial=trial, torque=torque, rates=rates, drive=rates.held(trial, torque)))
+        runs.append(Run(trial=trial, torque=torque, rates=rates, filtered_torque=rates.filter_held(trial, torque)))
     if not runs:
         raise DataError(remarks[0].text if remarks else "there is no trial.")
     remarks += _gyro_remarks([run for run in runs if _gyro_is_off(run.rates)])
-    return Runs(items=tuple(runs), cutoff=shared, chosen=cutoff is None, remarks=tuple(remarks))
+    return PreparedRuns(items=tuple(runs), cutoff=shared, chosen=cutoff is None, remarks=tuple(remarks))
 
 
 def _free(trials: Sequence[Trial]) -> tuple[Sequence[Trial], list[Remark]]:
     """The trials; of those that nothing drives the stretches in which the vehicle swings after it was let go of."""
-    if all(trial.driven for trial in trials):
+    if all(trial.has_actuators for trial in trials):
         return trials, []
     found, kept, gone = [], [], []
     for trial in trials:
-        parts = releases(trial)
+        parts = find_releases(trial)
         spans = [_span(trial.time[part]) for part in parts]
         for part, span in zip(parts, spans, strict=True):
             name = trial.name if len(parts) == 1 else f"{trial.name}, {span}"
@@ -126,7 +126,7 @@ def _free(trials: Sequence[Trial]) -> tuple[Sequence[Trial], list[Remark]]:
         axis = trials[0].axis
         raise DataError(
             f"nothing drives these logs in {axis.name}, and they hold no swings that die out.",
-            mend=f"Give logs of releases, or map what drives the vehicle: [[thrusters]] with {axis.arm}.",
+            mend=f"Give logs of releases, or map what drives the vehicle: [[thrusters]] with {axis.arm_key}.",
         )
     return found, list(_release_remarks(kept, gone))
 
@@ -147,7 +147,7 @@ def _gyro_remarks(off: Sequence[Run]) -> list[Remark]:
     text = (
         f"{names}: the logged {axis.rate_words} is {gain:.3g} times the "
         f"{axis.position_words}'s rate, with an offset of {offset:.2g} {axis.rate_unit}, and the results rest on it. "
-        f"Check its unit and sign, or delete {axis.rate} in rovid.toml: the {axis.position_words}'s own rate is then "
+        f"Check its unit and sign, or delete {axis.rate_signal} in rovid.toml: the {axis.position_words}'s own rate is then "
         "used."
     )
     return [Remark(kind="gyro", count=len(off), text=text)]
@@ -167,7 +167,7 @@ def _release_remarks(kept: Sequence[str], gone: Sequence[str]) -> Iterator[Remar
         yield Remark(kind="left out", count=len(gone), text=text)
 
 
-def channels(runs: Sequence[Run]) -> set[str]:
+def shared_channels(runs: Sequence[Run]) -> set[str]:
     """Further channels that every run has, with readings in one of them at least."""
     every = [run.trial.extras for run in runs]
     shared: set[str] = set.intersection(*map(set, every))

@@ -133,7 +133,7 @@ class Rates:
         """(m,) where rate and acceleration are known."""
         return np.isfinite(self.rate) & np.isfinite(self.acceleration)
 
-    def held(self, trial: Trial, values: FloatArray) -> FloatArray:
+    def filter_held(self, trial: Trial, values: FloatArray) -> FloatArray:
         """(m,) a held signal of the trial, such as torque, through the same filter."""
         return self.kernel.smooth_held(cell_averages(trial.time, values, self.time))
 
@@ -142,7 +142,7 @@ class Rates:
         return self.kernel.smooth(np.interp(self.time, trial.time, values))
 
 
-def rates_of(trial: Trial, *, cutoff: float) -> Rates:
+def compute_rates(trial: Trial, *, cutoff: float) -> Rates:
     """Rate and acceleration of one trial along its axis.
 
     In yaw, where roll and pitch are logged, they are those of the body, see ``Trial.body_position``.
@@ -166,13 +166,13 @@ def rates_of(trial: Trial, *, cutoff: float) -> Rates:
             where=trial.name,
             mend="Raise --cutoff or leave the log out.",
         )
-    angle = on_grid(trial, trial.body_position, grid)
+    angle = resample(trial, trial.body_position, grid)
     noise = white_noise(angle)
     rate, acceleration = kernel.rate(angle), kernel.acceleration(angle)
     rate_noise, acceleration_noise = kernel.noise(noise)
     gyro_gain = gyro_offset = math.nan
     if trial.rate is not None:
-        gyro = on_grid(trial, trial.rate, grid)
+        gyro = resample(trial, trial.rate, grid)
         read, change = kernel.smooth(gyro), kernel.rate(gyro)
         gyro_gain, gyro_offset = _against_position(read, rate)
         # Where the instrument has no reading the position's own rate is as good as without it.
@@ -181,7 +181,7 @@ def rates_of(trial: Trial, *, cutoff: float) -> Rates:
         white = white_noise(gyro)
         gain = np.linalg.norm([kernel.value, kernel.first], axis=1) * white
         rate_noise, acceleration_noise = float(gain[0]), float(gain[1])
-        if trial.integrated:
+        if trial.rate_only:
             noise, gyro_gain, gyro_offset = white, math.nan, math.nan
     return Rates(
         time=grid,
@@ -209,18 +209,18 @@ def _against_position(gyro: FloatArray, rate: FloatArray) -> tuple[float, float]
 
 def highest_cutoff(trials: Sequence[Trial]) -> float:
     """Cut-off in Hz up to which the differences are derivatives at the sampling rate of ``trials``."""
-    return _MAX_CUTOFF / float(np.median([trial.period for trial in trials]))
+    return _MAX_CUTOFF / float(np.median([trial.sampling_interval for trial in trials]))
 
 
 def uniform_grid(trial: Trial) -> FloatArray:
     """(m,) instants at the position's median interval, from its first to its last sample."""
     measured = trial.time[trial.measured]
-    period = trial.period
+    period = trial.sampling_interval
     count = round((measured[-1] - measured[0]) / period) + 1
     return np.asarray(measured[0] + period * np.arange(count))
 
 
-def on_grid(trial: Trial, values: FloatArray, grid: FloatArray) -> FloatArray:
+def resample(trial: Trial, values: FloatArray, grid: FloatArray) -> FloatArray:
     """(m,) ``values`` brought to the grid; NaN inside gaps and outside the measured span."""
     known = np.isfinite(values)
     time, measured = trial.time[known], values[known]
@@ -262,9 +262,9 @@ def choose_cutoff(trials: Sequence[Trial]) -> float:
     in the spectrum of the position's second difference, in which its white noise rises as the fourth power of
     the sine of half the angle, a rate's as the square.
     """
-    period = float(np.median([trial.period for trial in trials]))
+    period = float(np.median([trial.sampling_interval for trial in trials]))
     frequency, spectrum = _acceleration_spectrum(trials, period)
-    power = 2 if trials[0].integrated else 4
+    power = 2 if trials[0].rate_only else 4
     shape = (2.0 * np.sin(np.pi * frequency * period)) ** power
     # So near to half the sampling frequency all is noise.
     top = frequency > 0.35 / period
@@ -288,18 +288,18 @@ def _acceleration_spectrum(trials: Sequence[Trial], period: float) -> tuple[Floa
     frequency = np.asarray(np.fft.rfftfreq(length, period), dtype=np.float64)
     for trial in trials:
         second = _second_differences(trial)
-        for start, stop in finite_stretches(second):
+        for start, stop in finite_segments(second):
             part = second[start:stop]
             if len(part) < _FEWEST_BENDS:
                 continue
-            total += density(part, length, period) * len(part)
+            total += power_spectral_density(part, length, period) * len(part)
             weight += len(part)
     if not weight:
         raise _too_short(trials)
     return frequency, total / weight
 
 
-def density(part: FloatArray, length: int, period: float, *, about_mean: bool = False) -> FloatArray:
+def power_spectral_density(part: FloatArray, length: int, period: float, *, about_mean: bool = False) -> FloatArray:
     """(length/2 + 1,) one-sided power spectral density of (n,) ``part``, which is cut into pieces (Welch 1967).
 
     A shorter one is padded to the ``length``: of all the density is known at the same frequencies. ``about_mean`` takes
@@ -316,7 +316,7 @@ def density(part: FloatArray, length: int, period: float, *, about_mean: bool = 
 
 def _too_short(trials: Sequence[Trial]) -> DataError:
     first = trials[0]
-    name = first.axis.rate_words if first.integrated else first.axis.position_words
+    name = first.axis.rate_words if first.rate_only else first.axis.position_words
     where = first.name
     if len(trials) > 1:
         where += f" and {len(trials) - 1} more"
@@ -331,12 +331,12 @@ def _too_short(trials: Sequence[Trial]) -> DataError:
 def _second_differences(trial: Trial) -> FloatArray:
     """Of the position on a uniform grid, by the first ones of the rate where that alone was measured."""
     grid = uniform_grid(trial)
-    if trial.integrated and trial.rate is not None:
-        return np.asarray(np.diff(on_grid(trial, trial.rate, grid)) * trial.period)
-    return np.diff(on_grid(trial, trial.position, grid), n=2)
+    if trial.rate_only and trial.rate is not None:
+        return np.asarray(np.diff(resample(trial, trial.rate, grid)) * trial.sampling_interval)
+    return np.diff(resample(trial, trial.position, grid), n=2)
 
 
-def finite_stretches(values: FloatArray) -> list[tuple[int, int]]:
+def finite_segments(values: FloatArray) -> list[tuple[int, int]]:
     """(start, stop) index of every unbroken run of finite ``values``."""
     # Nothing is known before the first and after the last: every stretch has two edges.
     known = np.concatenate(([0], np.isfinite(values).astype(np.int8), [0]))
@@ -344,7 +344,7 @@ def finite_stretches(values: FloatArray) -> list[tuple[int, int]]:
     return [(int(start), int(stop)) for start, stop in edges.reshape(-1, 2)]
 
 
-def quickly_transformed(length: int) -> int:
+def fast_fft_length(length: int) -> int:
     """The ``length`` of a series, or somewhat more, with small factors alone: of those Fourier transforms are quick."""
     return min(odd << max((length - 1) // odd, 0).bit_length() for odd in (1, 3, 5, 9, 15))
 
@@ -361,7 +361,7 @@ def _convolve(values: FloatArray, kernel: FloatArray) -> FloatArray:
     # A running sum over a filled array would smear the position's large offset; take it off first.
     offset = float(values[known][0]) if known.any() else 0.0
     filled = np.where(known, values - offset, 0.0)
-    size = quickly_transformed(len(filled) + len(kernel) - 1)
+    size = fast_fft_length(len(filled) + len(kernel) - 1)
     spectrum = np.fft.rfft(filled, size) * _spectrum(kernel.tobytes(), size)
     out = np.fft.irfft(spectrum, size)[len(kernel) // 2 :][: len(filled)]
     complete = np.zeros(len(known), dtype=bool)

@@ -9,7 +9,7 @@ from rovid.jit.decorators import compiled
 
 
 @compiled
-def fading_sum(values: FloatArray, fade: float) -> FloatArray:
+def first_order_sum(values: FloatArray, fade: float) -> FloatArray:
     """(n,) ``values``, each with the sum before it times ``fade``."""
     out, total = np.empty(len(values)), 0.0
     for k in range(len(values)):

@@ -64,9 +64,9 @@ class SineRun:
 def find_holds(trial: Trial, vehicle: Vehicle, torque: FloatArray) -> list[Hold]:
     """Find the stretches of at least ``MIN_HOLD_SECONDS`` in which no command moves."""
     # Compiled code is imported where it is used, so that commands which need none start at once.
-    from rovid.signals.hold_detection import constant_runs
+    from rovid.signals.hold_detection import find_constant_runs
 
-    starts = constant_runs(np.ascontiguousarray(trial.commands), _tolerance(vehicle, torque)).astype(np.intp)
+    starts = find_constant_runs(np.ascontiguousarray(trial.commands), _tolerance(vehicle, torque)).astype(np.intp)
     stops = np.append(starts[1:], len(trial.time) - 1)
     holds = []
     for start, stop in zip(starts, stops, strict=True):
@@ -119,7 +119,7 @@ def _extended(trial: Trial, torque: FloatArray, start: float, stop: float, cycle
 def _repeats(trial: Trial, torque: FloatArray, start: float, shift: float, period: float) -> bool:
     """Whether the wave that begins at ``start`` is there ``shift`` s away too."""
     # A crossing may be found one sample late, and the last sample is held for one.
-    if start + shift < trial.time[0] or start + shift + period > trial.time[-1] + 2.5 * trial.period:
+    if start + shift < trial.time[0] or start + shift + period > trial.time[-1] + 2.5 * trial.sampling_interval:
         return False
     instants = start + np.linspace(0.0, period, 200, endpoint=False)
     wave = _held_at(trial, torque, instants)
@@ -192,7 +192,7 @@ def _sine(trial: Trial, torque: FloatArray, start: float, stop: float, cycles: i
     )
 
 
-def releases(trial: Trial) -> list[slice]:
+def find_releases(trial: Trial) -> list[slice]:
     """Where the vehicle swings freely: from a largest tilt on, until its swings grow again or are cut short by hand."""
     known = np.flatnonzero(trial.measured)
     tilt = trial.position[known] - np.median(trial.position[known])

@@ -8,19 +8,19 @@ from collections.abc import Iterable, Mapping
 from rovid.core.formatting import plus_minus
 from rovid.effects import effect_named
 from rovid.estimate.estimate import Estimate
-from rovid.estimate.innovation_likelihood import InnovationMisfit
-from rovid.estimate.multi_step_likelihood import HorizonMisfit
+from rovid.estimate.innovation_likelihood import InnovationLikelihood
+from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
 from rovid.model.parameter_names import effect_ids
 from rovid.store.parameter_file import Entry
 
 # Joint standard errors beyond which two methods do not say the same.
 _APART = 3.0
 # Methods that fit all parameters at once.
-WHOLE = (InnovationMisfit.method, HorizonMisfit.method)
+JOINT_METHODS = (InnovationLikelihood.method, MultiStepLikelihood.method)
 _BASE = ("inertia", "quadratic_drag", "linear_drag")
 
 
-def disagreement(entries: Mapping[str, Entry], estimate: Estimate) -> list[str]:
+def method_disagreement(entries: Mapping[str, Entry], estimate: Estimate) -> list[str]:
     """One line on the parameter of ``estimate`` that another method, in ``entries``, has farthest off; none if none is.
 
     Where both rest on the same logs their errors are not independent, and the line comes late rather than early.
@@ -32,10 +32,14 @@ def disagreement(entries: Mapping[str, Entry], estimate: Estimate) -> list[str]:
     entry, unit = entries[worst], estimate.unit(worst)
     here = plus_minus(estimate.value(worst), estimate.standard_error(worst))
     there = plus_minus(entry.value, entry.standard_error)
-    mine, theirs = causes_in(estimate.names), causes_in(entries)
+    mine, theirs = effect_titles(estimate.names), effect_titles(entries)
     if mine != theirs and not (mine and theirs):
         # The difference is what the causes do, and no riddle.
-        share = off_by(entry.value, estimate.value(worst)) if mine else off_by(estimate.value(worst), entry.value)
+        share = (
+            relative_deviation(entry.value, estimate.value(worst))
+            if mine
+            else relative_deviation(estimate.value(worst), entry.value)
+        )
         poorer, value = (entry.method, there) if mine else (estimate.method, here)
         return [f"{worst} by {poorer} is {value} {unit}, {share}: that knows nothing of {mine or theirs}."]
     text = (
@@ -45,12 +49,12 @@ def disagreement(entries: Mapping[str, Entry], estimate: Estimate) -> list[str]:
     return [text]
 
 
-def causes_in(names: Iterable[str]) -> str:
+def effect_titles(names: Iterable[str]) -> str:
     """The effects among parameter ``names``, in words; nothing where there are none."""
     return " and ".join(dict.fromkeys(effect_named(key).title for key in effect_ids(names)))
 
 
-def off_by(value: float, of: float) -> str:
+def relative_deviation(value: float, of: float) -> str:
     """How far a ``value`` is from the model's ``of``, in words."""
     share = 100.0 * (value / of - 1.0)
     size = f"{abs(share):.0f}" if abs(share) >= 10.0 else f"{abs(share):.2g}"
@@ -72,7 +76,7 @@ def _gap(entry: Entry, estimate: Estimate, name: str) -> float:
 
 
 def _advice(entry: Entry, estimate: Estimate) -> str:
-    mine, other = estimate.method in WHOLE, entry.method in WHOLE
+    mine, other = estimate.method in JOINT_METHODS, entry.method in JOINT_METHODS
     if mine and other:
         return "Believe the one whose model has the causes that were found."
     if mine or other:

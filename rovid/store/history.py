@@ -10,10 +10,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from rovid.core.atomic_write import Output
+from rovid.core.atomic_write import OutputFile
 from rovid.core.errors import ConfigError
 from rovid.core.signatures import HISTORY
-from rovid.store.load import parameters_in
+from rovid.store.load import parse_parameters
 from rovid.store.parameter_file import Parameters
 
 _HEAD = json.dumps({"schema": "rovid-history/1"}).encode()
@@ -26,7 +26,7 @@ _MEND = "Put it back from a copy, or move it away: a new one is begun then."
 
 
 @dataclass(frozen=True, kw_only=True)
-class Record:
+class HistoryRecord:
     """One model that was found.
 
     Attributes
@@ -43,7 +43,7 @@ class Record:
     parameters: Parameters
     written: str
     version: str
-    seen: Mapping[str, float] = field(default_factory=dict)
+    detection_limits: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def digests(self) -> frozenset[str]:
@@ -51,21 +51,21 @@ class Record:
         return frozenset(source.sha256 for source in self.parameters.sources)
 
 
-def history_of(parameters: Path) -> Output:
+def history_output(parameters: Path) -> OutputFile:
     """The history that stands beside a parameter file."""
     stem = parameters.stem
     while len(os.fsencode(f"{stem}{_SUFFIX}")) > _LONGEST:
         stem = stem[:-1]
-    return Output(parameters.with_name(f"{stem}{_SUFFIX}"), HISTORY)
+    return OutputFile(parameters.with_name(f"{stem}{_SUFFIX}"), HISTORY)
 
 
-def with_record(found: Parameters, seen: Mapping[str, float]) -> bytes:
+def appended_history(found: Parameters, seen: Mapping[str, float]) -> bytes:
     """The history beside ``found``, damaged or not, and a line more for that, if it is not what the last line says."""
-    target = history_of(found.path).target
+    target = history_output(found.path).target
     document = {**found.document(), "seen": {name: size for name, size in seen.items() if math.isfinite(size)}}
     line = json.dumps(document, default=str).encode()
     before = target.read_bytes() if target.exists() else b""
-    text = before.rstrip() if HISTORY.mark.search(before) else _HEAD
+    text = before.rstrip() if HISTORY.pattern.search(before) else _HEAD
     if _found(text.rpartition(b"\n")[2]) == _found(line):
         return before
     return b"%b\n%b\n" % (text, line)
@@ -80,7 +80,7 @@ def _found(line: bytes) -> Any:
     return {key: value for key, value in document.items() if key not in _ABOUT}
 
 
-def latest(parameters: Path) -> Iterator[Record]:
+def read_history(parameters: Path) -> Iterator[HistoryRecord]:
     """The records beside a parameter file, the last first; none where there is no history.
 
     Raises
@@ -88,25 +88,27 @@ def latest(parameters: Path) -> Iterator[Record]:
     ConfigError
         A line is damaged.
     """
-    path = history_of(parameters).path
+    path = history_output(parameters).path
     if not path.exists():
         return
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"cannot be read ({error}).", where=path, mend=_MEND) from error
-    if not HISTORY.marks(path):
-        raise ConfigError(f"is not {HISTORY.words}.", where=path, mend="Move it away, or name another file with -p.")
+    if not HISTORY.matches(path):
+        raise ConfigError(
+            f"is not {HISTORY.description}.", where=path, mend="Move it away, or name another file with -p."
+        )
     for number in range(len(lines), 1, -1):
         yield _record(path, number, lines[number - 1], parameters)
 
 
-def _record(path: Path, number: int, line: str, parameters: Path) -> Record:
+def _record(path: Path, number: int, line: str, parameters: Path) -> HistoryRecord:
     try:
         document = json.loads(line)
         seen = {str(name): float(size) for name, size in document.get("seen", {}).items()}
         about = [str(document[name]) for name in _ABOUT]
     except (ValueError, TypeError, AttributeError, KeyError) as error:
         raise ConfigError("is damaged.", where=f"{path}:{number}", mend=_MEND) from error
-    found = replace(parameters_in(path, document), path=parameters)
-    return Record(parameters=found, written=about[0], version=about[1], seen=seen)
+    found = replace(parse_parameters(path, document), path=parameters)
+    return HistoryRecord(parameters=found, written=about[0], version=about[1], detection_limits=seen)

@@ -14,13 +14,13 @@ import numpy as np
 from rovid import __version__
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import ConfigError
-from rovid.core.paths import refuse_odd
+from rovid.core.paths import require_regular
 from rovid.core.signatures import PARAMETERS
-from rovid.core.toml import LARGEST, SMALLEST, number_wanted, read_toml
+from rovid.core.toml import LARGEST, SMALLEST, expected_number, read_toml
 from rovid.model.parameter_names import base_names
 from rovid.store.parameter_file import SCHEMA, SCHEMA_VERSION, Entry, Parameters, Source
 from rovid.trial.axis import YAW, axis_named
-from rovid.trial.config_fingerprint import Settings
+from rovid.trial.config_fingerprint import ConfigFingerprint
 
 # Of a correlation: numbers rounded to three digits by hand are still a covariance.
 _ROUNDING = 1e-3
@@ -37,10 +37,10 @@ def read_parameters(path: Path) -> Parameters:
         It is missing, not a parameter file, or of a schema newer than this rovid knows.
     """
     _require_file(path)
-    return parameters_in(path, read_toml(path, mend=_AGAIN if PARAMETERS.marks(path) else _ANOTHER))
+    return parse_parameters(path, read_toml(path, mend=_AGAIN if PARAMETERS.matches(path) else _ANOTHER))
 
 
-def parameters_in(path: Path, document: Mapping[str, Any]) -> Parameters:
+def parse_parameters(path: Path, document: Mapping[str, Any]) -> Parameters:
     """What a ``document`` in ``path`` says.
 
     Raises
@@ -58,7 +58,7 @@ def parameters_in(path: Path, document: Mapping[str, Any]) -> Parameters:
 
 
 def _require_file(path: Path) -> None:
-    refuse_odd(path)
+    require_regular(path)
     if not path.is_file():
         text = "is a folder, not a parameter file." if path.exists() else "there is no such parameter file."
         raise ConfigError(text, where=path, mend="Run `rovid fit-drag LOGS` first, or point to one with -p.")
@@ -124,18 +124,18 @@ def _source(written: Mapping[str, Any], folder: Path) -> Source:
     )
 
 
-def _settings(written: Mapping[str, Any] | None) -> Settings | None:
+def _settings(written: Mapping[str, Any] | None) -> ConfigFingerprint | None:
     """What of rovid.toml the parameters rest on; None of a file of rovid 0.2."""
     if written is None:
         return None
     told = {
         key: {str(name): str(text) for name, text in written[key].items()} for key in ("drive", "signals", "further")
     }
-    return Settings(**told, guessed=tuple(map(str, written["guessed"])))
+    return ConfigFingerprint(**told, guessed=tuple(map(str, written["guessed"])))
 
 
 def _number(value: object, place: str, largest: float = LARGEST) -> float:
-    wanted = number_wanted(value, largest=largest)
+    wanted = expected_number(value, largest=largest)
     if wanted or not isinstance(value, int | float):
         raise ValueError(f"{place} is {value!r}; {wanted} was expected")
     return float(value)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from rovid import __version__
-from rovid.core.atomic_write import Claim, Output
+from rovid.core.atomic_write import OutputFile, OutputSet
 from rovid.core.errors import ConfigError
 from rovid.core.escaping import encodable
 from rovid.core.signatures import PARAMETERS
@@ -24,9 +24,9 @@ from rovid.effects.base import Effect
 from rovid.estimate.estimate import PER_INERTIA, Estimate
 from rovid.model.model import Model
 from rovid.model.parameter_names import base_names, effect_ids
-from rovid.trial.assumptions import Guesswork
+from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import YAW, Axis
-from rovid.trial.config_fingerprint import Settings
+from rovid.trial.config_fingerprint import ConfigFingerprint
 
 # 1/s; no motion dies out faster, and none could be followed that did.
 _FASTEST = 1e3
@@ -56,13 +56,13 @@ class Source:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Origin:
+class Provenance:
     """What an estimate comes of: LOGS as given, absolute; the logs in them; what of rovid.toml and which options."""
 
     logs: tuple[Path, ...]
     vehicle: str
     sources: tuple[Source, ...]
-    settings: Settings
+    settings: ConfigFingerprint
     options: str = ""
 
 
@@ -92,13 +92,13 @@ class Parameters:
     covariance: Mapping[tuple[str, str], float] = field(default_factory=dict)
     sources: tuple[Source, ...] = ()
     axis: Axis = YAW
-    settings: Settings | None = None
+    settings: ConfigFingerprint | None = None
 
-    def emptied(self) -> Parameters:
+    def cleared(self) -> Parameters:
         """The same file without parameters; which logs it remembers stays."""
         return replace(self, entries={}, covariance={}, sources=(), settings=None)
 
-    def with_estimate(self, estimate: Estimate, origin: Origin | None = None) -> Parameters:
+    def with_estimate(self, estimate: Estimate, origin: Provenance | None = None) -> Parameters:
         """The same with the parameters of ``estimate`` put in or replaced; they come of ``origin``, if one is told."""
         found = self._with(estimate, "" if origin is None else origin.options)
         if origin is None:
@@ -126,13 +126,13 @@ class Parameters:
         covariance |= _covariance(estimate)
         return replace(self, entries=entries, covariance=covariance)
 
-    def entries_of(self, paths: Sequence[Path]) -> Mapping[str, Entry]:
+    def entries_for(self, paths: Sequence[Path]) -> Mapping[str, Entry]:
         """What methods said of the logs at ``paths``; nothing where the file rests on others."""
-        if self.logs == absolute(paths):
+        if self.logs == absolute_paths(paths):
             return self.entries
         return {}
 
-    def drag(self) -> Estimate | None:
+    def independent_drag(self) -> Estimate | None:
         """Quadratic and linear drag from elsewhere than the inertia; a refused linear drag is zero.
 
         None where there is no drag, or where it was found together with the inertia: it cannot judge that inertia, and
@@ -152,7 +152,7 @@ class Parameters:
             axis=self.axis,
         )
 
-    def together(self) -> Estimate:
+    def base_estimate(self) -> Estimate:
         """Inertia, drag and what weight does, as far as they are here, whatever found them."""
         return self.estimate([name for name in base_names(self.axis) if name in self.entries])
 
@@ -166,7 +166,7 @@ class Parameters:
             method="; ".join(dict.fromkeys(self.entries[name].method for name in names)),
             samples=0,
             axis=self.axis,
-            guess=Guesswork() if self.settings is None else self.settings.guess,
+            assumptions=Assumptions() if self.settings is None else self.settings.assumptions,
         )
 
     @property
@@ -238,14 +238,14 @@ class Parameters:
 
     def _written(self, entry: Entry) -> dict[str, Any]:
         """One parameter for the file; whoever looks at it alone learns there that it is a placeholder."""
-        marked = self.settings is not None and self.settings.guess.marks(entry.unit)
+        marked = self.settings is not None and self.settings.assumptions.is_placeholder(entry.unit)
         written = asdict(entry) | ({"placeholder": True} if marked else {})
         return {key: value for key, value in written.items() if key != "options" or value}
 
     @property
-    def output(self) -> Output:
+    def output(self) -> OutputFile:
         """The file."""
-        return Output(self.path, PARAMETERS)
+        return OutputFile(self.path, PARAMETERS)
 
     def write(self) -> None:
         """Write the file as it is here, whatever another process wrote.
@@ -255,7 +255,7 @@ class Parameters:
         OutputError
             It cannot be written, or what stands there is no parameter file.
         """
-        Claim([self.output]).write({self.output: self.text()})
+        OutputSet([self.output]).write({self.output: self.text()})
 
     def text(self) -> str:
         """The content of the file."""
@@ -319,7 +319,7 @@ def _written(source: Source, folder: Path) -> dict[str, Any]:
     return {"name": source.name, "sha256": source.sha256, "samples": source.samples, **place}
 
 
-def absolute(paths: Sequence[Path]) -> tuple[Path, ...]:
+def absolute_paths(paths: Sequence[Path]) -> tuple[Path, ...]:
     """``paths`` from the root, as text that a file can hold."""
     return tuple(Path(encodable(str(path.resolve()))) for path in paths)
 
@@ -336,10 +336,10 @@ def _sha256(path: Path, _size: int, _written: int) -> str:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
-def source_of(name: str, path: Path, samples: int) -> Source:
+def read_source(name: str, path: Path, samples: int) -> Source:
     """The log at ``path``, by its digest."""
     # A file may be called by bytes that are no text, and then cannot be found by what is written of it.
-    (place,) = absolute([path])
+    (place,) = absolute_paths([path])
     return Source(name=encodable(name), sha256=sha256(path), samples=samples, path=place if place.exists() else None)
 
 

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rovid.core.errors import RovidError
-from rovid.store.parameter_file import Origin, Parameters, Source, sha256
+from rovid.store.parameter_file import Parameters, Provenance, Source, sha256
 from rovid.trial.config import find_config, load_config
-from rovid.trial.config_fingerprint import Settings
+from rovid.trial.config_fingerprint import ConfigFingerprint
 
 _NAMED = 3
 
 
 @dataclass(frozen=True, kw_only=True)
-class Standing:
+class Freshness:
     """What is known of a parameter file.
 
     Attributes
@@ -26,36 +26,36 @@ class Standing:
         Sentences on what cannot be told, and on logs that came after the fit.
     """
 
-    changed: tuple[str, ...] = ()
+    changes: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
 
     @property
-    def why(self) -> str:
+    def reason(self) -> str:
         """What has changed, in a clause."""
-        more = len(self.changed) - _NAMED
-        return "; ".join((*self.changed[:_NAMED], *[f"{more} more"] * (more > 0)))
+        more = len(self.changes) - _NAMED
+        return "; ".join((*self.changes[:_NAMED], *[f"{more} more"] * (more > 0)))
 
 
-def standing(stored: Parameters, origin: Origin | None) -> Standing:
+def check_freshness(stored: Parameters, origin: Provenance | None) -> Freshness:
     """How ``stored`` stands, from the files that it rests on; ``origin`` is of the study at hand, if there is one."""
     if not stored.entries:
-        return Standing()
+        return Freshness()
     own = _own_settings(stored)
     changed = [*_changed_settings(stored, own, origin), *_changed_logs(stored, origin)]
-    return Standing(changed=tuple(dict.fromkeys(changed)), remarks=tuple(_remarks(stored, own, origin)))
+    return Freshness(changes=tuple(dict.fromkeys(changed)), remarks=tuple(_remarks(stored, own, origin)))
 
 
-def _own_settings(stored: Parameters) -> Settings | None:
+def _own_settings(stored: Parameters) -> ConfigFingerprint | None:
     """What its own rovid.toml says now; None where that is not there, or cannot be read, which others will say."""
     if not stored.logs:
         return None
     try:
-        return load_config(find_config(stored.logs), stored.axis).settings
+        return load_config(find_config(stored.logs), stored.axis).fingerprint
     except RovidError:
         return None
 
 
-def _changed_settings(stored: Parameters, own: Settings | None, origin: Origin | None) -> Iterator[str]:
+def _changed_settings(stored: Parameters, own: ConfigFingerprint | None, origin: Provenance | None) -> Iterator[str]:
     # Tables of results rest on nothing in rovid.toml.
     if stored.settings is None or not stored.settings.signals:
         return
@@ -66,7 +66,7 @@ def _changed_settings(stored: Parameters, own: Settings | None, origin: Origin |
         yield from stored.settings.changes(origin.settings, drive_alone=True)
 
 
-def _changed_logs(stored: Parameters, origin: Origin | None) -> Iterator[str]:
+def _changed_logs(stored: Parameters, origin: Provenance | None) -> Iterator[str]:
     known = () if origin is None else origin.sources
     # Large logs are read once for their digest.
     digests = {source.path: source.sha256 for source in known}
@@ -99,7 +99,7 @@ def _is_gone(stored: Parameters, log: Path | None) -> bool:
     return log.parent.exists() or any(logs.exists() and log.is_relative_to(logs) for logs in stored.logs)
 
 
-def _remarks(stored: Parameters, own: Settings | None, origin: Origin | None) -> Iterator[str]:
+def _remarks(stored: Parameters, own: ConfigFingerprint | None, origin: Provenance | None) -> Iterator[str]:
     if stored.settings is None:
         yield (
             f"{stored.path.name} does not say what its parameters rest on, as files of rovid 0.2 and before: whether "

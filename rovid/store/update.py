@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
-from rovid.core.atomic_write import Claim, Content, Output
+from rovid.core.atomic_write import Content, OutputFile, OutputSet
 from rovid.core.errors import ConfigError
 from rovid.core.signatures import PARAMETERS
-from rovid.store.history import history_of, with_record
+from rovid.store.history import appended_history, history_output
 from rovid.store.load import read_parameters
 from rovid.store.parameter_file import Parameters
 
 
-def update(
+def update_parameters(
     stored: Parameters,
-    claim: Claim,
+    claim: OutputSet,
     change: Callable[[Parameters], Parameters],
     *,
     seen: Mapping[str, float] | None = None,
@@ -37,20 +37,20 @@ def update(
         written = change(_as_it_is_now(stored))
         return written.text()
 
-    contents: dict[Output, Content] = {stored.output: changed}
+    contents: dict[OutputFile, Content] = {stored.output: changed}
     if seen is not None:
         # Made behind the other, of what that came to be.
-        contents[history_of(stored.path)] = lambda: with_record(written, seen)
+        contents[history_output(stored.path)] = lambda: appended_history(written, seen)
     try:
         claim.write(contents)
     except ConfigError as error:
-        claim.rescue({stored.output: change(stored).text().encode()}, error)
+        claim.save_elsewhere({stored.output: change(stored).text().encode()}, error)
     return written
 
 
 def _as_it_is_now(stored: Parameters) -> Parameters:
     # One that was deleted meanwhile, or replaced where that was asked for, begins with what was read of it.
-    if not stored.path.exists() or not PARAMETERS.marks(stored.path):
+    if not stored.path.exists() or not PARAMETERS.matches(stored.path):
         return stored
     now = read_parameters(stored.path)
     if now.axis is not stored.axis:

@@ -13,7 +13,7 @@ _OF_TORQUE = re.compile(rf"(?<!guessed )(?<![-.\d])(?<!± ){_NUMBER}(?: ± {_NUM
 
 
 @dataclass(frozen=True, kw_only=True)
-class Guesswork:
+class Assumptions:
     """Arms and thrust curves that were not measured; false where there are none.
 
     Where all arms are guessed alike and the curves are known, torque is right but for one factor: inertia and drag are
@@ -34,23 +34,23 @@ class Guesswork:
     def __bool__(self) -> bool:
         return bool(self.items)
 
-    def __or__(self, other: Guesswork) -> Guesswork:
+    def __or__(self, other: Assumptions) -> Assumptions:
         """Both guesses together."""
         items = tuple(dict.fromkeys((*self.items, *other.items)))
-        return Guesswork(items=items, thrusters=max(self.thrusters, other.thrusters))
+        return Assumptions(items=items, thrusters=max(self.thrusters, other.thrusters))
 
     @property
-    def of_curve(self) -> bool:
+    def includes_curve(self) -> bool:
         """Whether the shape of thrust over command is a guess."""
         return any(item.startswith(f"{_CURVE} of ") for item in self.items)
 
     @property
     def ratios_hold(self) -> bool:
         """Whether what is guessed is one factor on all torque, so that quotients of torques do not hang on it."""
-        return not self.of_curve and len(self.items) in {0, self.thrusters}
+        return not self.includes_curve and len(self.items) in {0, self.thrusters}
 
     @property
-    def words(self) -> str:
+    def listing(self) -> str:
         """What is guessed, as "yaw_arm and curve of fore and aft"."""
         names: dict[str, list[str]] = {}
         for item in self.items:
@@ -62,24 +62,24 @@ class Guesswork:
         return " and ".join(f"{' and '.join(whats)} of {those}" for those, whats in together.items())
 
     @property
-    def kinds(self) -> str:
+    def quantities(self) -> str:
         """The same without the names of thrusters, for whoever was told them: "yaw_arm and curve"."""
         return " and ".join(dict.fromkeys(item.partition(" of ")[0] for item in self.items))
 
     @property
-    def with_curve(self) -> str:
+    def curve_clause(self) -> str:
         """What a sentence on the simulation has to add, with commas; nothing where the curves are known."""
-        return ", with a guessed thrust curve," if self.of_curve else ""
+        return ", with a guessed thrust curve," if self.includes_curve else ""
 
     @property
     def caution(self) -> str:
         """The sentences that every result begins with; empty where nothing is guessed."""
         if not self.items:
             return ""
-        return f"Guessed by rovid init, not measured: {self.words}. {self._consequence}"
+        return f"Guessed by rovid init, not measured: {self.listing}. {self._consequence}"
 
     @property
-    def stamp(self) -> str:
+    def file_notice(self) -> str:
         """For a file in any format: without the names of thrusters, which may hold anything."""
         return "PLACEHOLDERS: arms or thrust curves are guesses." if self else ""
 
@@ -89,42 +89,42 @@ class Guesswork:
         if not self.items:
             return ""
         return (
-            f"rests on a guess of rovid init, {self.words}: torques, gains and inertia would be placeholders. Put what "
+            f"rests on a guess of rovid init, {self.listing}: torques, gains and inertia would be placeholders. Put what "
             "was measured into rovid.toml, and run `rovid report`. Of a guess that is right delete the line with "
             "_guessed."
         )
 
     @property
     def _consequence(self) -> str:
-        if self.of_curve:
+        if self.includes_curve:
             return "Inertia, drag and their ratios are placeholders, and a cause may be what the guessed curve lacks."
         if not self.ratios_hold:
             return "Inertia, drag and their ratios are placeholders until every arm is measured."
         alike = " if these arms are of one size" if self.thrusters > 1 else ""
         return f"Inertia, drag and every torque are placeholders; ratios and times hold{alike}."
 
-    def blames(self, effect: str) -> str:
+    def effect_caveat(self, effect: str) -> str:
         """What is to be said beside a cause with the id ``effect`` that may be the guess itself; else nothing."""
         arms_alone = self.thrusters > 1 and effect == "thruster_imbalance"
-        if not self or not (self.of_curve or arms_alone):
+        if not self or not (self.includes_curve or arms_alone):
             return ""
-        return f"found with guessed {self.words}: it may be what the guess lacks"
+        return f"found with guessed {self.listing}: it may be what the guess lacks"
 
-    def marks(self, unit: str) -> bool:
+    def is_placeholder(self, unit: str) -> bool:
         """Whether a number in ``unit`` is a placeholder."""
         # Roots of a torque hang on it too.
         return bool(self) and (not self.ratios_hold or re.search(r"\b(N|kg)\b", unit) is not None)
 
-    def marked(self, number: str, unit: str) -> str:
+    def mark_number(self, number: str, unit: str) -> str:
         """``number``, which is in ``unit``, as "guessed 12" where it is a placeholder."""
-        return f"guessed {number}" if self.marks(unit) else number
+        return f"guessed {number}" if self.is_placeholder(unit) else number
 
-    def marked_in(self, sentence: str) -> str:
+    def mark_sentence(self, sentence: str) -> str:
         """``sentence`` with what it says in N m, N or kg marked likewise."""
         return _OF_TORQUE.sub(r"guessed \g<0>", sentence) if self else sentence
 
 
-def goes_with_thrust(unit: str) -> bool:
+def scales_with_thrust(unit: str) -> bool:
     """Whether what has this ``unit`` is larger by a factor where all thrust is."""
     return unit == "N" or unit.startswith(("N ", "kg"))
 

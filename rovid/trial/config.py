@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from rovid.core.errors import NAME_LENGTH, ConfigError, nearest
-from rovid.core.folder_lock import settle
-from rovid.core.paths import odd, require
-from rovid.core.toml import number_wanted, read_toml
-from rovid.trial.axis import AXES, YAW, Axis, described
-from rovid.trial.config_fingerprint import Settings, settings_of
-from rovid.trial.exclusions import Stretch
+from rovid.core.errors import NAME_LENGTH, ConfigError, suggestion
+from rovid.core.folder_lock import recover
+from rovid.core.paths import require_exists, special_kind
+from rovid.core.toml import expected_number, read_toml
+from rovid.trial.axis import AXES, YAW, Axis, other_axes
+from rovid.trial.config_fingerprint import ConfigFingerprint, config_fingerprint
+from rovid.trial.exclusions import Exclusion
 from rovid.trial.log_formats import KINDS
 from rovid.trial.multi_file_trials import Join
 from rovid.trial.tables import read_curve
@@ -23,12 +23,12 @@ from rovid.trial.vehicle import Thruster, Vehicle
 FILE_NAME = "rovid.toml"
 
 # Factors to SI, by the kind of signal. A thruster command keeps the unit of its bench curve.
-ANGLE = {"deg": math.pi / 180.0, "rad": 1.0}
+ANGLE_UNITS = {"deg": math.pi / 180.0, "rad": 1.0}
 ANGULAR_RATE = {"deg/s": math.pi / 180.0, "rad/s": 1.0}
-TORQUE = {"N m": 1.0, "kN m": 1000.0}
+TORQUE_UNITS = {"N m": 1.0, "kN m": 1000.0}
 FORCE = {"N": 1.0, "kN": 1000.0}
 LENGTH = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-SPEED = {"m/s": 1.0, "cm/s": 0.01, "mm/s": 0.001, "kn": 1852.0 / 3600.0}
+SPEED_UNITS = {"m/s": 1.0, "cm/s": 0.01, "mm/s": 0.001, "kn": 1852.0 / 3600.0}
 TIME_UNITS = ("auto", "s", "ms", "us", "ns", "iso8601")
 
 
@@ -36,23 +36,23 @@ def _units_of_motion() -> dict[str, Mapping[str, float]]:
     positions: dict[str, Mapping[str, float]] = {}
     rates: dict[str, Mapping[str, float]] = {}
     for axis in AXES.values():
-        position, rate = (ANGLE, ANGULAR_RATE) if axis.angular else (LENGTH, SPEED)
-        positions |= dict.fromkeys(axis.positions, position)
-        rates[axis.rate] = rate
+        position, rate = (ANGLE_UNITS, ANGULAR_RATE) if axis.angular else (LENGTH, SPEED_UNITS)
+        positions |= dict.fromkeys(axis.position_signals, position)
+        rates[axis.rate_signal] = rate
     return positions | rates
 
 
-UNITS: Mapping[str, Mapping[str, float]] = {
+SIGNAL_UNITS: Mapping[str, Mapping[str, float]] = {
     **_units_of_motion(),
-    "torque": TORQUE,
+    "torque": TORQUE_UNITS,
     "force": FORCE,
     "north": LENGTH,
     "east": LENGTH,
 }
-_DEFAULT_UNIT = {name: list(units)[-1 if units is ANGULAR_RATE else 0] for name, units in UNITS.items()}
+_DEFAULT_UNIT = {name: list(units)[-1 if units is ANGULAR_RATE else 0] for name, units in SIGNAL_UNITS.items()}
 _VEHICLE_NUMBERS = ("mass", "length", "width", "height", "rigid_body_inertia")
 _VEHICLE_KEYS = ("name", *_VEHICLE_NUMBERS)
-_ARMS = tuple(axis.arm for axis in AXES.values())
+_ARMS = tuple(axis.arm_key for axis in AXES.values())
 # Behind a key's name: whether its value is a guess of `rovid init`.
 _GUESSED = "_guessed"
 # How a file begins in which it did not say so.
@@ -104,7 +104,7 @@ class Signal:
         places = [f"{kind} {source}" for kind, source in self.sources.items()]
         return ", ".join([*places, *filter(None, [self.unit]), *["turned around"] * (self.factor < 0.0)])
 
-    def of(self, kind: str) -> Signal:
+    def for_format(self, kind: str) -> Signal:
         """With a source for the format ``kind`` where one for its like is named."""
         other = SHARED.get(kind, kind)
         if other not in self.sources:
@@ -128,8 +128,8 @@ class Config:
     time: Signal
     signals: Mapping[str, Signal]
     commands: tuple[Signal, ...]
-    measured: str = "heading"
-    left_out: tuple[Stretch, ...] = ()
+    measured_signal: str = "heading"
+    exclusions: tuple[Exclusion, ...] = ()
     join: Join | None = None
 
     @property
@@ -138,49 +138,51 @@ class Config:
         return self.vehicle.axis
 
     @property
-    def needed(self) -> tuple[str, ...]:
+    def required_signals(self) -> tuple[str, ...]:
         """Names of the signals without which a log says nothing."""
         return (*self._placing, *(signal.name for signal in self.commands))
 
     @property
-    def settings(self) -> Settings:
+    def fingerprint(self) -> ConfigFingerprint:
         """What results rest on that come of it."""
-        further = {name: str(signal) for name, signal in self.signals.items() if name not in UNITS}
-        signals = {name: str(signal) for name, signal in self.signals.items() if name in UNITS}
+        further = {name: str(signal) for name, signal in self.signals.items() if name not in SIGNAL_UNITS}
+        signals = {name: str(signal) for name, signal in self.signals.items() if name in SIGNAL_UNITS}
         commands = {signal.name.replace(".", " of ", 1): str(signal) for signal in self.commands}
         if self.join is not None:
             signals["joined files"] = str(self.join)
-        for stretch in self.left_out:
+        for stretch in self.exclusions:
             known = signals.get(f"left out of {stretch.log}")
             signals[f"left out of {stretch.log}"] = f"{known}, {stretch}" if known else str(stretch)
-        return settings_of(self.vehicle, {"time": str(self.time), **signals, **commands}, further)
+        return config_fingerprint(self.vehicle, {"time": str(self.time), **signals, **commands}, further)
 
     @property
     def _placing(self) -> tuple[str, ...]:
         """Names of the signals that tell together where the vehicle is."""
-        if self.measured in self.axis.fixes:
-            return self.axis.fixes
-        return (self.measured,) if self.measured else ()
+        if self.measured_signal in self.axis.fix_signals:
+            return self.axis.fix_signals
+        return (self.measured_signal,) if self.measured_signal else ()
 
-    def maps(self, kind: str) -> bool:
+    def maps_format(self, kind: str) -> bool:
         """Whether any signal is mapped to logs of the format ``kind``."""
-        return any(kind in signal.of(kind).sources for signal in (*self.signals.values(), *self.commands))
+        return any(kind in signal.for_format(kind).sources for signal in (*self.signals.values(), *self.commands))
 
-    def of(self, kind: str) -> Config:
+    def for_format(self, kind: str) -> Config:
         """As it applies to logs of the format ``kind``, by `STANDARD` and `SHARED`."""
         signals = {}
         for name, (source, unit) in STANDARD.get(kind, {}).items():
-            optional = name not in self.needed
-            signals[name] = Signal(name=name, sources={kind: source}, unit=unit, factor=ANGLE[unit], optional=optional)
-        signals |= {name: signal.of(kind) for name, signal in self.signals.items()}
+            optional = name not in self.required_signals
+            signals[name] = Signal(
+                name=name, sources={kind: source}, unit=unit, factor=ANGLE_UNITS[unit], optional=optional
+            )
+        signals |= {name: signal.for_format(kind) for name, signal in self.signals.items()}
         return replace(
             self,
-            time=self.time.of(kind),
+            time=self.time.for_format(kind),
             signals=signals,
-            commands=tuple(signal.of(kind) for signal in self.commands),
+            commands=tuple(signal.for_format(kind) for signal in self.commands),
         )
 
-    def wanted(self, kind: str) -> dict[str, Signal]:
+    def mapped_signals(self, kind: str) -> dict[str, Signal]:
         """Every signal that logs of the format ``kind`` are mapped to, time excepted."""
         everything = dict(self.signals)
         for command in self.commands:
@@ -199,13 +201,13 @@ def find_config(paths: Sequence[Path]) -> Path:
         One of ``paths`` does not exist.
     """
     for path in paths:
-        require(path)
+        require_exists(path)
     folder = paths[0].resolve()
     if not folder.is_dir():
         folder = folder.parent
-    settle(folder)  # a `rovid init` that was killed
+    recover(folder)  # a `rovid init` that was killed
     for candidate in (folder, *folder.parents):
-        if (candidate / FILE_NAME).is_file() or odd(candidate / FILE_NAME):
+        if (candidate / FILE_NAME).is_file() or special_kind(candidate / FILE_NAME):
             return candidate / FILE_NAME
     raise _no_config(paths[0])
 
@@ -239,13 +241,13 @@ def _mark_old_guesses(document: Mapping[str, Any]) -> None:
     """Put in the marks that `rovid init` did not write before 0.3, where the values are still its own."""
     blocks = document.get("thrusters", [])
     for block in filter(lambda one: isinstance(one, dict), blocks if isinstance(blocks, list) else ()):
-        if block.get(YAW.arm) in {1.0, -1.0}:
-            block.setdefault(YAW.arm + _GUESSED, True)
+        if block.get(YAW.arm_key) in {1.0, -1.0}:
+            block.setdefault(YAW.arm_key + _GUESSED, True)
         if block.get("curve") == "thrust_guess.csv":
             block.setdefault("curve" + _GUESSED, True)
 
 
-def vehicle_of_tables(paths: Sequence[Path]) -> Vehicle:
+def vehicle_without_thrusters(paths: Sequence[Path]) -> Vehicle:
     """The vehicle without its thrusters; a nameless one where there is no rovid.toml, for tables need none."""
     try:
         path = find_config(paths)
@@ -282,8 +284,8 @@ class _Reader:
             time=time,
             signals=signals,
             commands=tuple(commands),
-            measured=measured,
-            left_out=tuple(self.stretches(document.get("leave_out", []))),
+            measured_signal=measured,
+            exclusions=tuple(self.stretches(document.get("leave_out", []))),
             join=self.join(self.table(document, "join")),
         )
 
@@ -315,7 +317,7 @@ class _Reader:
         signal = self.signal("time", value, place)
         return next(iter(signal.sources.values()), ""), signal.unit
 
-    def stretches(self, blocks: Any) -> Iterator[Stretch]:
+    def stretches(self, blocks: Any) -> Iterator[Exclusion]:
         if not isinstance(blocks, list):
             raise self.complain("leave_out", "must be written [[leave_out]], one block each.")
         for index, block in enumerate(blocks):
@@ -330,7 +332,7 @@ class _Reader:
             if not end > begin:
                 raise self.complain(place, f"ends at {end:g} s and begins at {begin:g} s.", "Give from and to in s.")
             log, reason = self.name(block["log"], f"{place} log"), self.name(block.get("reason", ""), f"{place} reason")
-            yield Stretch(log=log, begin=begin, end=end, reason=reason)
+            yield Exclusion(log=log, begin=begin, end=end, reason=reason)
 
     def drive(self, blocks: Sequence[Any], signals: dict[str, Signal]) -> tuple[list[Thruster], list[Signal]]:
         """What pushes along the axis, and its commands; a logged torque is taken out of ``signals``."""
@@ -340,7 +342,7 @@ class _Reader:
             if pair is not None:
                 thrusters.append(pair[0])
                 commands.append(pair[1])
-        push = self.axis.push
+        push = self.axis.force_name
         if push not in signals:
             return thrusters, commands
         if thrusters:
@@ -351,11 +353,11 @@ class _Reader:
     def check_drive(self, blocks: Sequence[Any], thrusters: Sequence[Thruster]) -> None:
         axis = self.axis
         # What rights itself swings when it is let go of, and tells of itself without a drive.
-        wanting = not thrusters and not axis.rights
+        wanting = not thrusters and not axis.self_righting
         if wanting and not blocks:
-            raise self.complain("[[thrusters]]", f"there are none, and no {axis.push} is mapped in [signals].")
+            raise self.complain("[[thrusters]]", f"there are none, and no {axis.force_name} is mapped in [signals].")
         if wanting:
-            raise self.complain("[[thrusters]]", f"none has {axis.arm}.", f"Add {axis.arm} = {_example(axis)}.")
+            raise self.complain("[[thrusters]]", f"none has {axis.arm_key}.", f"Add {axis.arm_key} = {_example(axis)}.")
         names = [thruster.name for thruster in thrusters]
         if len(set(names)) < len(names):
             raise self.complain("[[thrusters]]", f"two have the same name among {names}.", "Name each differently.")
@@ -364,16 +366,20 @@ class _Reader:
         """Name of the signal that tells where the vehicle is; logs of ``kinds`` may hold it by a standard name."""
         axis = self.axis
         there = set(signals).union(*(STANDARD.get(kind, ()) for kind in kinds))
-        measured = next((name for name in (*axis.positions, axis.rate) if name in there), "")
-        if not measured and axis.fixes and there.issuperset(axis.fixes):
-            measured = axis.fixes[0]
+        measured = next((name for name in (*axis.position_signals, axis.rate_signal) if name in there), "")
+        if not measured and axis.fix_signals and there.issuperset(axis.fix_signals):
+            measured = axis.fix_signals[0]
         # A rate alone would leave unknown where the vehicle points: the heading, or the tilt that rights it.
-        if not measured or (axis.angular and measured == axis.rate):
-            wanted = axis.position if axis.angular else f"{' or '.join(axis.positions)} and no {axis.rate}"
-            unit = _DEFAULT_UNIT[axis.position]
-            missing = f'{axis.position} = {{ csv = "<column>", unit = "{unit}" }}'
+        if not measured or (axis.angular and measured == axis.rate_signal):
+            wanted = (
+                axis.position_signal
+                if axis.angular
+                else f"{' or '.join(axis.position_signals)} and no {axis.rate_signal}"
+            )
+            unit = _DEFAULT_UNIT[axis.position_signal]
+            missing = f'{axis.position_signal} = {{ csv = "<column>", unit = "{unit}" }}'
             mend = f"Add {missing}."
-            others = described(signals, _keys(blocks))
+            others = other_axes(signals, _keys(blocks))
             if axis is YAW and others:
                 # Yaw is what is taken where no axis is named.
                 mend = f"These logs are of {' and '.join(others)}: give --axis {others[0]}, or for yaw add {missing}."
@@ -389,10 +395,10 @@ class _Reader:
     def known(self, table: Iterable[str], keys: Sequence[str], place: str) -> None:
         for key in table:
             if key not in keys:
-                raise self.complain(place, f"{key!r} is not known here.", nearest(key, keys))
+                raise self.complain(place, f"{key!r} is not known here.", suggestion(key, keys))
 
     def number(self, value: Any, place: str, *, positive: bool = False) -> float:
-        wanted = number_wanted(value, positive=positive)
+        wanted = expected_number(value, positive=positive)
         if wanted:
             raise self.complain(place, f"is {value!r}; {wanted} was expected.")
         return float(value)
@@ -424,19 +430,19 @@ class _Reader:
         thruster = Thruster(
             name=name,
             clamp=self._clamps(block, place),
-            arm=self.number(block[self.axis.arm], f"{place} {self.axis.arm}"),
+            arm=self.number(block[self.axis.arm_key], f"{place} {self.axis.arm_key}"),
             curve=read_curve(self.path.parent / str(block["curve"])),
-            ahead=self.number(block.get("surge", 0.0), f"{place} surge"),
-            arm_guessed=self._guessed(block, self.axis.arm, place),
+            surge_share=self.number(block.get("surge", 0.0), f"{place} surge"),
+            arm_guessed=self._guessed(block, self.axis.arm_key, place),
             curve_guessed=self._guessed(block, "curve", place),
         )
         return thruster, self.signal(f"command.{name}", block["command"], f"{place} command")
 
     def _pushes_elsewhere(self, block: Mapping[str, Any]) -> bool:
-        return self.axis.arm not in block and any(other in block for other in _ARMS)
+        return self.axis.arm_key not in block and any(other in block for other in _ARMS)
 
     def _require_keys(self, block: Mapping[str, Any], place: str) -> None:
-        examples = {self.axis.arm: _example(self.axis), "curve": '"thrust_curve.csv"', "command": '{ csv = "…" }'}
+        examples = {self.axis.arm_key: _example(self.axis), "curve": '"thrust_curve.csv"', "command": '{ csv = "…" }'}
         for key, example in examples.items():
             if key not in block:
                 raise self.complain(place, f"has no {key}.", f"Add {key} = {example}.")
@@ -491,7 +497,7 @@ def _units_of(signal: str) -> tuple[Mapping[str, float] | None, str]:
     """What one of each unit is in SI, and the usual one; none where a signal is the user's own, and keeps its unit."""
     if signal == "time":
         return dict.fromkeys(TIME_UNITS, 1.0), "auto"
-    return UNITS.get(signal), _DEFAULT_UNIT.get(signal, "")
+    return SIGNAL_UNITS.get(signal), _DEFAULT_UNIT.get(signal, "")
 
 
 def _example(axis: Axis) -> str:

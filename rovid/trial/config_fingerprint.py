@@ -6,14 +6,14 @@ import hashlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
-from rovid.trial.assumptions import Guesswork
+from rovid.trial.assumptions import Assumptions
 from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
 
 _DIGEST = "sha256 "
 
 
 @dataclass(frozen=True, kw_only=True)
-class Settings:
+class ConfigFingerprint:
     """What a vehicle's torque, or force, and its signals were read by; comments and the order of lines are no part.
 
     Attributes
@@ -34,12 +34,12 @@ class Settings:
     guessed: tuple[str, ...] = ()
 
     @property
-    def guess(self) -> Guesswork:
+    def assumptions(self) -> Assumptions:
         """The same of a vehicle that is not at hand."""
         thrusters = sum(name.startswith("curve of ") for name in self.drive)
-        return Guesswork(items=self.guessed, thrusters=thrusters)
+        return Assumptions(items=self.guessed, thrusters=thrusters)
 
-    def changes(self, now: Settings, *, drive_alone: bool = False) -> list[str]:
+    def changes(self, now: ConfigFingerprint, *, drive_alone: bool = False) -> list[str]:
         """What is not as here any more; a further channel that is new changes nothing."""
         found = [*_changes(self.drive, now.drive), *_new(self.drive, now.drive)]
         if not drive_alone:
@@ -67,25 +67,25 @@ def _changes(before: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]
             yield f"{name} has changed" if value.startswith(_DIGEST) else f"{name} was {value} and is {now[name]}"
 
 
-def settings_of(vehicle: Vehicle, signals: Mapping[str, str], further: Mapping[str, str]) -> Settings:
+def config_fingerprint(vehicle: Vehicle, signals: Mapping[str, str], further: Mapping[str, str]) -> ConfigFingerprint:
     """What torques of ``vehicle``, these ``signals`` and ``further`` channels rest on."""
     drive: dict[str, str] = {}
     for thruster in vehicle.thrusters:
         drive |= _thruster(thruster, vehicle)
-    return Settings(drive=drive, signals=signals, further=further, guessed=vehicle.guess.items)
+    return ConfigFingerprint(drive=drive, signals=signals, further=further, guessed=vehicle.assumptions.items)
 
 
 def _thruster(thruster: Thruster, vehicle: Vehicle) -> dict[str, str]:
     axis, name = vehicle.axis, thruster.name
     if thruster.curve is None:
-        return {axis.push: "logged"}
+        return {axis.force_name: "logged"}
     told = {
-        f"{axis.arm} of {name}": f"{thruster.arm:.12g}",
+        f"{axis.arm_key} of {name}": f"{thruster.arm:.12g}",
         f"curve of {name}": _digest(thruster.curve),
         f"outside of {name}": "clamp" if thruster.clamp else "refuse",
     }
-    if thruster.ahead:
-        told[f"surge of {name}"] = f"{thruster.ahead:.12g}"
+    if thruster.surge_share:
+        told[f"surge of {name}"] = f"{thruster.surge_share:.12g}"
     return told
 
 

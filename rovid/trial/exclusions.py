@@ -15,7 +15,7 @@ _FEWEST = 10
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stretch:
+class Exclusion:
     """What is left out of a log.
 
     Attributes
@@ -39,14 +39,14 @@ class Stretch:
             return f"{self.begin:g} to {self.end:g} s"
         return f"all from {self.begin:g} s on" if self.begin > 0.0 else "all of it"
 
-    def is_of(self, name: str) -> bool:
+    def applies_to(self, name: str) -> bool:
         """Whether it is of the log called ``name``, which may stand in a subfolder."""
         return is_called(name, self.log)
 
 
-def kept(trial: Trial, stretches: Sequence[Stretch]) -> list[Trial]:
+def apply_exclusions(trial: Trial, stretches: Sequence[Exclusion]) -> list[Trial]:
     """What is left of ``trial``, each stretch between two that are left out as a trial by itself; none where all is."""
-    own = [stretch for stretch in stretches if stretch.is_of(trial.name)]
+    own = [stretch for stretch in stretches if stretch.applies_to(trial.name)]
     if not own:
         return [trial]
     out = np.zeros(len(trial.time), dtype=bool)
@@ -65,7 +65,7 @@ def kept(trial: Trial, stretches: Sequence[Stretch]) -> list[Trial]:
     return parts
 
 
-def _remarks(trial: Trial, own: Sequence[Stretch]) -> Iterator[Remark]:
+def _remarks(trial: Trial, own: Sequence[Exclusion]) -> Iterator[Remark]:
     for stretch in own:
         inside = (stretch.begin <= trial.time) & (trial.time <= stretch.end)
         why = f": {stretch.reason.rstrip('.')}." if stretch.reason else ", as rovid.toml says."

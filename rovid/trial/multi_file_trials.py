@@ -41,7 +41,7 @@ class Join:
         clocks = [f"{part} by {column} {unit}" for part, (column, unit) in self.time.items()]
         return ", ".join([" and ".join(self.parts), *offsets, *drifts, *clocks])
 
-    def clock(self, name: str) -> tuple[float, float]:
+    def clock_correction(self, name: str) -> tuple[float, float]:
         """S to be added to the clock of the file of that name, and ppm; zeros where nothing is said of it."""
         return self._of(name, self.offset), self._of(name, self.drift)
 
@@ -77,7 +77,7 @@ def is_called(name: str, pattern: str) -> bool:
     return fnmatchcase(name, pattern) or fnmatchcase(name.rpartition("/")[2], pattern)
 
 
-def parts_among(names: Sequence[str]) -> tuple[str, ...]:
+def guess_parts(names: Sequence[str]) -> tuple[str, ...]:
     """Words in which files seem to be parts of trials: the names of each trial differ in one of them; else none."""
     counts: Counter[frozenset[str]] = Counter()
     split = [[word.lower() for word in _WORD.findall(str(PurePath(name).with_suffix("")))] for name in names]

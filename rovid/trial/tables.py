@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.core.errors import ConfigError, LogError, nearest
-from rovid.core.paths import refuse_odd, require, search
+from rovid.core.errors import ConfigError, LogError, suggestion
+from rovid.core.paths import list_files, require_exists, require_regular
 from rovid.core.toml import LARGEST
 from rovid.trial.log_formats import FORMATS
 from rovid.trial.vehicle import ThrustCurve
@@ -29,7 +29,7 @@ SINE_COLUMNS = ("period_s", "torque_amplitude_Nm", "peak_yaw_rate_rad_s")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Table:
+class CsvTable:
     """A table as text, with the line in the file of each row."""
 
     path: Path
@@ -46,7 +46,9 @@ class Table:
             There is no such column; the nearest names are offered.
         """
         if column not in self.header:
-            raise LogError(f"has no column {column!r}. {offered(column, self.header, self.rows)}", where=self.path)
+            raise LogError(
+                f"has no column {column!r}. {suggest_columns(column, self.header, self.rows)}", where=self.path
+            )
         at = self.header.index(column)
         return [row[at] if at < len(row) else "" for row in self.rows]
 
@@ -85,7 +87,7 @@ class Table:
         return np.array(sizes)
 
 
-def read_table(path: Path, *, headerless: tuple[str, ...] = ()) -> Table:
+def read_table(path: Path, *, headerless: tuple[str, ...] = ()) -> CsvTable:
     """Read a CSV with a header row; comma, semicolon or tab.
 
     A file whose first row is all numbers has no header: it takes the names in ``headerless``, if any.
@@ -95,7 +97,7 @@ def read_table(path: Path, *, headerless: tuple[str, ...] = ()) -> Table:
     LogError
         The file cannot be read or holds no rows.
     """
-    refuse_odd(path, LogError)
+    require_regular(path, LogError)
     lines, texts = _telling_lines(path)
     rows = _rows(path, texts)
     if headerless and len(rows[0]) == len(headerless) and all(map(_is_number, rows[0])):
@@ -103,7 +105,7 @@ def read_table(path: Path, *, headerless: tuple[str, ...] = ()) -> Table:
         lines.insert(0, 0)
     if len(rows) < 2:
         raise LogError("holds a header and no rows.", where=path)
-    return Table(path=path, header=rows[0], rows=tuple(rows[1:]), lines=tuple(lines[1:]))
+    return CsvTable(path=path, header=rows[0], rows=tuple(rows[1:]), lines=tuple(lines[1:]))
 
 
 def _telling_lines(path: Path) -> tuple[list[int], list[str]]:
@@ -154,7 +156,7 @@ def _separator(line: str) -> str:
     return max(",;\t", key=line.count)
 
 
-def offered(wanted: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+def suggest_columns(wanted: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Which columns come near ``wanted``, or what stands in place of a table.
 
     A file that is no table of numbers may be anybody's: a password file that rovid.toml names for a thrust curve. What
@@ -163,7 +165,7 @@ def offered(wanted: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -
     numbers = any(_is_number(cell.replace(",", ".")) for row in rows[:_LOOKED_AT] for cell in row)
     if len(header) < 2 or not numbers:
         return "It is no table of numbers under the names of two columns or more."
-    return nearest(wanted, header)
+    return suggestion(wanted, header)
 
 
 def _number(cell: str) -> float:
@@ -181,7 +183,7 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-def header(path: Path) -> tuple[str, ...]:
+def column_names(path: Path) -> tuple[str, ...]:
     """Column names of a CSV; empty where it cannot be read as text."""
     try:
         with path.open("rb") as stream:
@@ -203,14 +205,14 @@ def find_table(paths: Sequence[Path], columns: Sequence[str]) -> Path | None:
         One of ``paths`` is neither file nor folder.
     """
     for path in paths:
-        require(path, LogError)
-    inside = {path: search(path, lambda _: None).files for path in paths}
+        require_exists(path, LogError)
+    inside = {path: list_files(path, lambda _: None).files for path in paths}
     if any(map(_is_log, chain.from_iterable(inside.values()))):
         return None
     for path, files in inside.items():
         for file in files:
             near = path in (file, file.parent)
-            if near and file.suffix.lower() == ".csv" and set(columns) <= set(header(file)) and _is_table(file):
+            if near and file.suffix.lower() == ".csv" and set(columns) <= set(column_names(file)) and _is_table(file):
                 return file
     return None
 
@@ -223,13 +225,13 @@ def _is_log(path: Path) -> bool:
 
 def _is_table(path: Path) -> bool:
     """Whether a CSV is one of the tables rovid knows, which a time column would make a log."""
-    names = header(path)
+    names = column_names(path)
     if any(name.lower().startswith(("time", "t_s", "stamp")) for name in names):
         return False
     return any(set(columns) <= set(names) for columns in (CURVE_COLUMNS, STEADY_COLUMNS, SINE_COLUMNS))
 
 
-def curve_text(command: FloatArray, thrust: FloatArray) -> str:
+def curve_csv(command: FloatArray, thrust: FloatArray) -> str:
     """A thrust curve as CSV; the quotes in its header are the mark of what rovid wrote."""
     rows = [f"{c:.10g},{t:.7g}" for c, t in zip(command, thrust, strict=True)]
     first, second = CURVE_COLUMNS
@@ -257,7 +259,7 @@ def read_curve(path: Path) -> ThrustCurve:
 
 
 def _require_curve(path: Path) -> None:
-    refuse_odd(path)
+    require_regular(path)
     if not path.is_file():
         mend = f"Make one from bench readings with `rovid fit-thruster BENCH.csv -o {path.name}`."
         raise ConfigError("there is no such thrust curve.", where=path, mend=mend)

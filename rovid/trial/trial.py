@@ -94,11 +94,11 @@ class Trial:
     reference: Mapping[str, float] = field(default_factory=dict)
     remarks: tuple[Remark, ...] = ()
     axis: Axis = YAW
-    integrated: bool = False
-    began: float | None = None
-    since: float = 0.0
-    whole: str = ""
-    beside: tuple[Path, ...] = ()
+    rate_only: bool = False
+    start_epoch: float | None = None
+    campaign_time: float = 0.0
+    parent: str = ""
+    companion_files: tuple[Path, ...] = ()
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -117,7 +117,7 @@ class Trial:
         return partial(type(self), **given | {"extras": dict(self.extras)}), ()
 
     @classmethod
-    def imagined(
+    def from_commands(
         cls, time: FloatArray, commands: FloatArray, *, name: str = "", reference: Mapping[str, float] | None = None
     ) -> Self:
         """A trial that was never run, at rest at zero, of (n,) instants in s and (n, k) commands.
@@ -146,7 +146,7 @@ class Trial:
         return replace(
             self,
             name=name,
-            whole=self.whole or self.name,
+            parent=self.parent or self.name,
             time=self.time[where] - self.time[where][0],
             position=self.position[where],
             commands=self.commands[where],
@@ -154,12 +154,12 @@ class Trial:
             roll=cut(self.roll),
             pitch=cut(self.pitch),
             extras={channel: values[where] for channel, values in self.extras.items()},
-            began=None if self.began is None else self.began + start,
-            since=self.since + start,
+            start_epoch=None if self.start_epoch is None else self.start_epoch + start,
+            campaign_time=self.campaign_time + start,
         )
 
     @property
-    def driven(self) -> bool:
+    def has_actuators(self) -> bool:
         """Whether anything drives the vehicle along the axis; else it was let go of, tilted."""
         return bool(self.commands.shape[1])
 
@@ -176,7 +176,7 @@ class Trial:
         return measured
 
     @cached_property
-    def start(self) -> float:
+    def first_position(self) -> float:
         """The first position that was measured, rad or m."""
         return float(self.position[int(np.argmax(self.measured))])
 
@@ -208,7 +208,7 @@ class Trial:
         return np.interp(self.time, self.time[finite], values[finite])
 
     @cached_property
-    def period(self) -> float:
+    def sampling_interval(self) -> float:
         """Median interval between measured positions in s."""
         return float(np.median(np.diff(self.time[self.measured])))
 
@@ -231,7 +231,7 @@ class Campaign:
 _NUMBER = re.compile(r"(?<![\w.])\d+(?:[.,:]\d+)*(?!\w)")
 
 
-def said_once(trials: Sequence[Trial], most: int = 5) -> list[str]:
+def merged_remarks(trials: Sequence[Trial], most: int = 5) -> list[str]:
     """What was noticed in ``trials``, the same in several of them once, with the log where there is most of it."""
     same: dict[tuple[str, str], list[tuple[Remark, str]]] = {}
     for trial in trials:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import ConfigError
-from rovid.trial.assumptions import Guesswork
+from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import YAW, Axis
 from rovid.trial.trial import Trial, read_only
 
@@ -47,7 +47,7 @@ class ThrustCurve:
         """Width of the tested commands."""
         return float(self.command[-1] - self.command[0])
 
-    def outside(self, command: FloatArray) -> float:
+    def excess(self, command: FloatArray) -> float:
         """How far the farthest of ``command`` lies outside the curve; 0 when all are inside or missing."""
         finite = command[np.isfinite(command)]
         if not finite.size:
@@ -75,8 +75,8 @@ class Thruster:
     arm: float
     curve: ThrustCurve | None
     clamp: bool = False
-    most: float = 1.0
-    ahead: float = 0.0
+    max_logged_torque: float = 1.0
+    surge_share: float = 0.0
     arm_guessed: bool = False
     curve_guessed: bool = False
 
@@ -84,7 +84,7 @@ class Thruster:
     def full_thrust(self) -> float:
         """N; the largest that the curve gives, or N m that a log of the torque holds."""
         if self.curve is None:
-            return self.most
+            return self.max_logged_torque
         return float(np.max(np.abs(self.curve.thrust)))
 
     def torque(self, command: FloatArray) -> FloatArray:
@@ -95,13 +95,13 @@ class Thruster:
         """Width of the commands that the curve knows; NaN for a logged torque."""
         return float("nan") if self.curve is None else self.curve.span
 
-    def used(self, most: float) -> Self:
+    def with_logged_torque(self, most: float) -> Self:
         """With the largest torque that was logged, where that stands in the place of a curve."""
-        return self if self.curve is not None else replace(self, most=most or 1.0)
+        return self if self.curve is not None else replace(self, max_logged_torque=most or 1.0)
 
 
 # Total over rigid-body yaw inertia; published vehicles lie between 1.1 and 2.5, a closed hull full of water at 4.
-PLAUSIBLE_RATIO = (0.9, 8.0)
+PLAUSIBLE_INERTIA_RATIO = (0.9, 8.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,12 +133,12 @@ class Vehicle:
             object.__setattr__(self, "rigid_body_inertia", self._inertia())
 
     @property
-    def ahead(self) -> FloatArray:
+    def surge_shares(self) -> FloatArray:
         """(k,) share of each thrust that drives the vehicle ahead; zeros where that is not known.
 
         Where it is not told, thrusters of a yaw on both sides of the middle are taken to push ahead, as twin screws do.
         """
-        told = np.array([thruster.ahead for thruster in self.thrusters])
+        told = np.array([thruster.surge_share for thruster in self.thrusters])
         arms = np.array([thruster.arm for thruster in self.thrusters])
         both_sides = self.axis is YAW and bool(np.any(arms > 0.0) and np.any(arms < 0.0))
         if both_sides and not told.any():
@@ -146,13 +146,13 @@ class Vehicle:
         return told
 
     @property
-    def guess(self) -> Guesswork:
+    def assumptions(self) -> Assumptions:
         """What of its thrusters is no measurement."""
         items: list[str] = []
         for thruster in self.thrusters:
-            items += [f"{self.axis.arm} of {thruster.name}"] * thruster.arm_guessed
+            items += [f"{self.axis.arm_key} of {thruster.name}"] * thruster.arm_guessed
             items += [f"curve of {thruster.name}"] * thruster.curve_guessed
-        return Guesswork(items=tuple(items), thrusters=len(self.thrusters))
+        return Assumptions(items=tuple(items), thrusters=len(self.thrusters))
 
     def _inertia(self) -> float | None:
         """Of the body alone, if it were a uniform box."""
@@ -165,14 +165,16 @@ class Vehicle:
         return box_inertia(self.mass, first, second)
 
     @property
-    def measured_inertia(self) -> float | None:
+    def reference_inertia(self) -> float | None:
         """The rigid body's inertia where a fitted inertia may be held against it; None beside guessed arms."""
-        return None if self.guess else self.rigid_body_inertia
+        return None if self.assumptions else self.rigid_body_inertia
 
-    def used(self, trials: Sequence[Trial]) -> Self:
+    def with_logged_torque(self, trials: Sequence[Trial]) -> Self:
         """With what a logged torque comes to in ``trials``."""
         most = np.max([np.max(np.abs(trial.commands), axis=0) for trial in trials], axis=0).tolist()
-        thrusters = tuple(thruster.used(size) for thruster, size in zip(self.thrusters, most, strict=True))
+        thrusters = tuple(
+            thruster.with_logged_torque(size) for thruster, size in zip(self.thrusters, most, strict=True)
+        )
         return replace(self, thrusters=thrusters)
 
     def thrust(self, commands: FloatArray) -> FloatArray:
@@ -192,7 +194,7 @@ class Vehicle:
         """
         total = np.zeros(len(trial.time))
         for thruster, command in zip(self.thrusters, trial.commands.T, strict=True):
-            if thruster.curve is not None and not thruster.clamp and thruster.curve.outside(command):
+            if thruster.curve is not None and not thruster.clamp and thruster.curve.excess(command):
                 raise _outside(trial, thruster, thruster.curve, command)
             total += thruster.torque(command)
         return total

@@ -8,14 +8,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from rovid.core.errors import ConfigError, nearest
+from rovid.core.errors import ConfigError, suggestion
 from rovid.core.toml import read_toml
 
 _FOLDER = Path(__file__).parent / "vehicles"
 _NUMBERS = ("mass", "length", "width", "supply")
 _KEYS = ("name", *_NUMBERS, "curve", "sources", "arms", "senses_alone")
 # What the thrusters of a vehicle are called -> the words for that side in the columns of logs.
-SIDES: Mapping[str, frozenset[str]] = {
+SIDE_WORDS: Mapping[str, frozenset[str]] = {
     "port": frozenset(
         {"port", "left", "links", "bb", "backbord", "babord", "bâbord", "gauche", "babor", "sinistra", "sinistro"}
     ),
@@ -83,7 +83,7 @@ SIDES: Mapping[str, frozenset[str]] = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Profile:
+class VehiclePreset:
     """What is published of a type of vehicle.
 
     Attributes
@@ -118,17 +118,17 @@ class Profile:
     def label(self, words: set[str]) -> str:
         """The thruster that a column with these words in its name commands; empty if none."""
         for label in self.arms:
-            if label in words or words & SIDES.get(label, frozenset()):
+            if label in words or words & SIDE_WORDS.get(label, frozenset()):
                 return label
         return ""
 
 
-def profile_names() -> list[str]:
+def preset_names() -> list[str]:
     """Types that rovid brings with it."""
     return sorted(path.stem for path in _FOLDER.glob("*.toml"))
 
 
-def profile(name: str) -> Profile:
+def load_preset(name: str) -> VehiclePreset:
     """The type that is called ``name``, or that the file of that name describes.
 
     Raises
@@ -139,21 +139,21 @@ def profile(name: str) -> Profile:
     own = Path(name)
     if own.suffix == ".toml":
         return _read(own, own.stem)
-    known = {re.sub(r"[\W_]", "", each): each for each in profile_names()}
+    known = {re.sub(r"[\W_]", "", each): each for each in preset_names()}
     found = known.get(re.sub(r"[\W_]", "", name.lower()))
     if found is None:
         raise ConfigError(
-            f"there is no vehicle {name!r}. {nearest(name, profile_names())}",
-            mend=f"Known are {', '.join(profile_names())}; or give a file of your own, as my_rov.toml.",
+            f"there is no vehicle {name!r}. {suggestion(name, preset_names())}",
+            mend=f"Known are {', '.join(preset_names())}; or give a file of your own, as my_rov.toml.",
         )
     return _read(_FOLDER / f"{found}.toml", found)
 
 
-def _read(path: Path, name: str) -> Profile:
+def _read(path: Path, name: str) -> VehiclePreset:
     document = read_toml(path)
     for key in document:
         if key not in _KEYS:
-            raise ConfigError(f"has the key {key!r}, which no vehicle has. {nearest(key, _KEYS)}", where=path)
+            raise ConfigError(f"has the key {key!r}, which no vehicle has. {suggestion(key, _KEYS)}", where=path)
     arms = document.get("arms")
     if not isinstance(arms, dict) or not arms or not all(map(_is_number, arms.values())):
         raise ConfigError(
@@ -168,7 +168,7 @@ def _read(path: Path, name: str) -> Profile:
     sources = document.get("sources", [])
     if not isinstance(sources, list) or not all(isinstance(one, str) for one in sources):
         raise ConfigError("sources are to be a list of texts.", where=path)
-    return Profile(
+    return VehiclePreset(
         id=name,
         name=str(document.get("name", name)),
         arms={label: float(arm) for label, arm in arms.items()},

@@ -9,23 +9,23 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from rovid.core.errors import ConfigError, LogError, RovidError
-from rovid.core.paths import search
-from rovid.readers import READERS, find_logs, trials_of
-from rovid.readers.formats import joined_with
-from rovid.store.study import settings_at_hand
+from rovid.core.paths import list_files
+from rovid.readers import READERS, find_logs, read_trials
+from rovid.readers.formats import trial_files
+from rovid.store.study import config_files
 from rovid.trial.axis import Axis
 from rovid.trial.config import FILE_NAME, Config, find_config, load_config
-from rovid.trial.config_fingerprint import Settings
+from rovid.trial.config_fingerprint import ConfigFingerprint
 from rovid.trial.trial import Remark, Trial
 
 Clock = Callable[[], float]
 # Size in bytes, and when it was written by the clock of whoever wrote it: told from another one, never counted with.
 Stamp = tuple[int, int]
-Family = tuple[tuple[Path, Stamp], ...]
+FileStamps = tuple[tuple[Path, Stamp], ...]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Patience:
+class SettleTimes:
     """How long in s a file has to stay as it is: ``whole`` before it is read, ``cut`` where no end is found in it."""
 
     whole: float = 5.0
@@ -33,7 +33,7 @@ class Patience:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Log:
+class WatchedLog:
     """A log as it was read.
 
     Attributes
@@ -51,8 +51,8 @@ class Log:
     """
 
     name: str
-    family: Family
-    settings: Settings
+    file_stamps: FileStamps
+    settings: ConfigFingerprint
     trials: tuple[Trial, ...] = ()
     remarks: tuple[Remark, ...] = ()
     fault: str = ""
@@ -61,12 +61,12 @@ class Log:
     @property
     def path(self) -> Path:
         """The file that it is called by."""
-        return self.family[0][0]
+        return self.file_stamps[0][0]
 
     @property
     def stamps(self) -> tuple[Stamp, ...]:
         """Of its files."""
-        return tuple(stamp for _, stamp in self.family)
+        return tuple(stamp for _, stamp in self.file_stamps)
 
     @property
     def written(self) -> int:
@@ -85,7 +85,7 @@ class Log:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Change:
+class FolderChange:
     """What has become of the folder.
 
     Attributes
@@ -106,13 +106,13 @@ class Change:
         Those, and their stamps.
     """
 
-    logs: Mapping[Path, Log]
-    without: frozenset[Path]
-    settings_files: Family
-    added: tuple[Log, ...] = ()
-    replaced: tuple[Log, ...] = ()
-    removed: tuple[Log, ...] = ()
-    renamed: tuple[tuple[Log, Log], ...] = ()
+    logs: Mapping[Path, WatchedLog]
+    excluded: frozenset[Path]
+    settings_files: FileStamps
+    added: tuple[WatchedLog, ...] = ()
+    replaced: tuple[WatchedLog, ...] = ()
+    removed: tuple[WatchedLog, ...] = ()
+    renamed: tuple[tuple[WatchedLog, WatchedLog], ...] = ()
     settings: bool = False
 
     def reading(self, path: Path, config: Config, name: str, remarks: list[Remark]) -> list[Trial]:
@@ -120,40 +120,40 @@ class Change:
         log = self.logs.get(path)
         if log is None or log.name != name:
             return []
-        if log.settings != config.settings:
+        if log.settings != config.fingerprint:
             raise ConfigError("is being edited.", where=config.path, mend="It is read again when that is done.")
         remarks += log.remarks
         return list(log.trials)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Trouble:
+class Problem:
     """Something in the way, in a sentence; or, where it is ``over``, that it is not any more."""
 
     where: str
     text: str
-    over: bool = False
+    resolved: bool = False
 
 
-class Troubles:
+class ProblemLog:
     """What is in the way, told when it is new or another."""
 
     def __init__(self) -> None:
         self._known: dict[str, str] = {}
-        self._untold: list[Trouble] = []
+        self._untold: list[Problem] = []
 
-    def meet(self, where: object, text: str) -> None:
+    def report(self, where: object, text: str) -> None:
         """There is this."""
         if self._known.get(str(where)) != text:
             self._known[str(where)] = text
-            self._untold.append(Trouble(where=str(where), text=text))
+            self._untold.append(Problem(where=str(where), text=text))
 
-    def end(self, where: object, text: str = "") -> None:
+    def resolve(self, where: object, text: str = "") -> None:
         """There is nothing any more; ``text`` is told where there was."""
         if self._known.pop(str(where), None) is not None and text:
-            self._untold.append(Trouble(where=str(where), text=text, over=True))
+            self._untold.append(Problem(where=str(where), text=text, resolved=True))
 
-    def told(self) -> Iterator[Trouble]:
+    def take_new(self) -> Iterator[Problem]:
         """Each once."""
         while self._untold:
             yield self._untold.pop(0)
@@ -168,7 +168,7 @@ class _Sight:
 
 
 @dataclass(kw_only=True, eq=False)
-class Watched:
+class FolderMonitor:
     """A folder that is looked at again and again.
 
     Sizes and times of writing are compared, which works on any share; what the system tells of its own accord it does
@@ -185,19 +185,19 @@ class Watched:
 
     path: Path
     axis: Axis
-    patience: Patience = field(default_factory=Patience)
-    at_once: bool = False
+    patience: SettleTimes = field(default_factory=SettleTimes)
+    once: bool = False
     clock: Clock = time.monotonic
-    troubles: Troubles = field(default_factory=Troubles)
-    logs: Mapping[Path, Log] = field(default_factory=dict)
+    problems: ProblemLog = field(default_factory=ProblemLog)
+    logs: Mapping[Path, WatchedLog] = field(default_factory=dict)
     _sights: dict[Path, _Sight] = field(default_factory=dict)
-    _read: dict[Path, Log] = field(default_factory=dict)
-    _settings: Family = ()
-    _before: tuple[Mapping[Path, Log], Family] = field(default_factory=lambda: ({}, ()))
+    _read: dict[Path, WatchedLog] = field(default_factory=dict)
+    _settings: FileStamps = ()
+    _before: tuple[Mapping[Path, WatchedLog], FileStamps] = field(default_factory=lambda: ({}, ()))
     _picture: object = None
-    _change: Change | None = None
+    _change: FolderChange | None = None
 
-    def look(self) -> Change | None:
+    def poll(self) -> FolderChange | None:
         """What has become of the folder since `take`; None where all is as it was."""
         try:
             self._see(self._stamps())
@@ -210,30 +210,30 @@ class Watched:
             return None
         return self._change
 
-    def take(self, change: Change) -> None:
+    def accept(self, change: FolderChange) -> None:
         """Go by ``change`` from now on."""
         self._before = self.logs, self._settings
         self.logs, self._settings = change.logs, change.settings_files
         self._picture = None
 
-    def untake(self) -> None:
+    def revert(self) -> None:
         """Go by what was gone by before the last `take`, which is to be tried again."""
         self.logs, self._settings = self._before
         self._picture = None
 
     def _lost(self, error: OSError) -> None:
         what = "is not there" if isinstance(error, FileNotFoundError) else f"cannot be read ({error.strerror or error})"
-        self.troubles.meet(self.path, f"{what}; waiting for it.")
+        self.problems.report(self.path, f"{what}; waiting for it.")
         self._picture = None
 
     def _stamps(self) -> dict[Path, Stamp]:
         """Of every file that may be a log, and of what says how to read them."""
         if not self.path.is_dir():
             raise FileNotFoundError
-        files = [file for file in search(self.path, _raised).files if file.suffix.lower() in READERS]
-        return dict(self._family([*files, *settings_at_hand([self.path])]))
+        files = [file for file in list_files(self.path, _raised).files if file.suffix.lower() in READERS]
+        return dict(self._family([*files, *config_files([self.path])]))
 
-    def _family(self, files: Iterable[Path]) -> Family:
+    def _family(self, files: Iterable[Path]) -> FileStamps:
         return tuple((path, stamp) for path in files if (stamp := _stamp(path)) is not None)
 
     def _see(self, stamps: Mapping[Path, Stamp]) -> None:
@@ -244,14 +244,14 @@ class Watched:
                 self._sights[path] = _Sight(stamp=stamp, since=now)
         gone = [path for path, sight in self._sights.items() if sight.stamp is None and self._rest(path)]
         # It is remembered until the logs that were taken of it are let go.
-        taken = {path for log in self.logs.values() for path, _ in log.family}
+        taken = {path for log in self.logs.values() for path, _ in log.file_stamps}
         for path in gone:
             if path not in taken:
                 del self._sights[path]
 
     def _rest(self, path: Path) -> int:
         """How long a file has been as it is: 1 for long enough to be read, 2 for long enough to be done for."""
-        if self.at_once:
+        if self.once:
             return 2
         sight = self._sights.get(path)
         if sight is None:
@@ -259,16 +259,16 @@ class Watched:
         age = self.clock() - sight.since
         return (age >= self.patience.whole) + (age >= max(self.patience.cut, self.patience.whole))
 
-    def _compared(self) -> Change | None:
+    def _compared(self) -> FolderChange | None:
         """The folder as it is beside what was taken; what is being written, or is not understood, is left alone."""
         there = {path: sight.stamp for path, sight in self._sights.items() if sight.stamp is not None}
-        if any(path not in there and not self._rest(path) for log in self.logs.values() for path, _ in log.family):
+        if any(path not in there and not self._rest(path) for log in self.logs.values() for path, _ in log.file_stamps):
             return None
         lost = bool(self.logs) and not any(path in there for path in self.logs)
         if lost:
-            self.troubles.meet(self.path, "holds none of its logs any more: what was found so far stands.")
+            self.problems.report(self.path, "holds none of its logs any more: what was found so far stands.")
         if not self.logs and all(path.suffix.lower() not in READERS for path in there):
-            self.troubles.meet(self.path, "holds no log yet; waiting.")
+            self.problems.report(self.path, "holds no log yet; waiting.")
             return None
         config = self._config(lost=lost)
         if config is None:
@@ -280,9 +280,9 @@ class Watched:
             if isinstance(error.__cause__, OSError):
                 self._picture = None
             if not self.logs:
-                self.troubles.meet(self.path, "holds no whole log yet; waiting." if fresh else f"{error} Waiting.")
+                self.problems.report(self.path, "holds no whole log yet; waiting." if fresh else f"{error} Waiting.")
             return None
-        self.troubles.end(self.path, "is there again." if self.logs else "")
+        self.problems.resolve(self.path, "is there again." if self.logs else "")
         logs, left = self._usable(found, config, there)
         for path in [path for path in self._read if path not in left and path not in logs]:
             del self._read[path]
@@ -290,27 +290,27 @@ class Watched:
 
     def _config(self, *, lost: bool) -> Config | None:
         """What says how to read the logs; None where it is not there, is being edited, or is wrong."""
-        files = settings_at_hand([self.path])
+        files = config_files([self.path])
         if self.logs and not any(file.name == FILE_NAME for file in files):
             # With its logs it is gone for the same reason, which was said.
             if not lost:
-                self.troubles.meet("rovid.toml", "is gone; waiting for it.")
+                self.problems.report("rovid.toml", "is gone; waiting for it.")
             return None
         if not all(map(self._rest, files)):
             return None
         try:
             config = load_config(find_config([self.path]), self.axis)
         except ConfigError as error:
-            self.troubles.meet("rovid.toml", str(error))
+            self.problems.report("rovid.toml", str(error))
             return None
-        self.troubles.end("rovid.toml", "can be used now.")
+        self.problems.resolve("rovid.toml", "can be used now.")
         return config
 
     def _usable(
         self, found: Sequence[tuple[str, Path]], config: Config, there: Mapping[Path, Stamp]
-    ) -> tuple[dict[Path, Log], dict[Path, list[Path]]]:
+    ) -> tuple[dict[Path, WatchedLog], dict[Path, list[Path]]]:
         """Logs that can be gone by, and the files of each other one."""
-        logs: dict[Path, Log] = {}
+        logs: dict[Path, WatchedLog] = {}
         left: dict[Path, list[Path]] = {}
         for name, path in found:
             files = _together(path, config, there)
@@ -324,20 +324,20 @@ class Watched:
                         logs[path] = log
                         continue
                     known = None
-            if known is not None and known.settings == config.settings:
+            if known is not None and known.settings == config.fingerprint:
                 # It is being written anew: what it held is gone by until that is done.
                 logs[path] = known
             else:
                 left[path] = files
         return logs, left
 
-    def _once(self, name: str, family: Family, config: Config) -> Log | None:
+    def _once(self, name: str, family: FileStamps, config: Config) -> WatchedLog | None:
         """A log, read if it is not as it was; None where the system is in the way, which may be over soon."""
         path = family[0][0] if family else None
         if path is None:
             return None
         known = self._read.get(path)
-        if known is not None and (known.name, known.family, known.settings) == (name, family, config.settings):
+        if known is not None and (known.name, known.file_stamps, known.settings) == (name, family, config.fingerprint):
             return known
         self._read[path] = log = _read(name, family, config)
         if log.fault == _AWAY:
@@ -346,13 +346,13 @@ class Watched:
             return None
         return log
 
-    def _tell(self, log: Log) -> None:
+    def _tell(self, log: WatchedLog) -> None:
         if log.fault:
-            self.troubles.meet(log.path, f"{log.fault} It is left out until it changes.")
+            self.problems.report(log.path, f"{log.fault} It is left out until it changes.")
         else:
-            self.troubles.end(log.path, "can be used now.")
+            self.problems.resolve(log.path, "can be used now.")
 
-    def _difference(self, logs: dict[Path, Log], without: frozenset[Path]) -> Change | None:
+    def _difference(self, logs: dict[Path, WatchedLog], without: frozenset[Path]) -> FolderChange | None:
         """What is other than what was taken: of new logs one at a time, but for those of the first look."""
         new = sorted((logs[path] for path in logs.keys() - self.logs.keys()), key=lambda log: (log.written, log.name))
         gone = [self.logs[path] for path in self.logs.keys() - logs.keys()]
@@ -363,18 +363,18 @@ class Watched:
                 gone.remove(before)
                 new.remove(after)
                 renamed.append((before, after))
-        later = new[1:] if self.logs and not self.at_once else []
+        later = new[1:] if self.logs and not self.once else []
         new = new[: len(new) - len(later)]
         for log in later:
             del logs[log.path]
         replaced = [log for path, log in logs.items() if path in self.logs and self.logs[path] is not log]
-        files = self._family(settings_at_hand([self.path]))
+        files = self._family(config_files([self.path]))
         settings = bool(self.logs) and files != self._settings
         if not (new or gone or renamed or replaced or settings):
             return None
-        return Change(
+        return FolderChange(
             logs=logs,
-            without=without | _files_of(later),
+            excluded=without | _files_of(later),
             settings_files=files,
             added=tuple(new),
             replaced=tuple(replaced),
@@ -388,28 +388,28 @@ class Watched:
 _AWAY = "away"
 
 
-def _read(name: str, family: Family, config: Config) -> Log:
+def _read(name: str, family: FileStamps, config: Config) -> WatchedLog:
     """Read a log, and see whether its commands are within the thrust curves."""
     path, remarks = family[0][0], list[Remark]()
     try:
-        trials = trials_of(path, config, name, remarks)
+        trials = read_trials(path, config, name, remarks)
         for trial in trials:
-            config.vehicle.used([trial]).torque(trial)
+            config.vehicle.with_logged_torque([trial]).torque(trial)
     except RovidError as error:
         fault = _AWAY if isinstance(error.__cause__, OSError) else str(error)
-        return Log(name=name, family=family, settings=config.settings, fault=fault)
+        return WatchedLog(name=name, file_stamps=family, settings=config.fingerprint, fault=fault)
     cut = [remark.text for trial in trials for remark in trial.remarks if remark.kind == "truncated"]
-    return Log(
+    return WatchedLog(
         name=name,
-        family=family,
-        settings=config.settings,
+        file_stamps=family,
+        settings=config.fingerprint,
         trials=tuple(trials),
         remarks=tuple(remarks),
         cut=next(iter(cut), ""),
     )
 
 
-def _is_ready(log: Log, rest: int) -> bool:
+def _is_ready(log: WatchedLog, rest: int) -> bool:
     """Whether to go by what was read, or to wait for the rest of it."""
     return rest > 1 or not (log.cut or log.fault)
 
@@ -419,12 +419,12 @@ def _together(path: Path, config: Config, there: Collection[Path]) -> list[Path]
     if path.suffix.lower() == ".nmea":
         others = [file for file in there if file.with_suffix("") == path.with_suffix("")]
     else:
-        others = joined_with(path, config)
+        others = trial_files(path, config)
     return [path, *(file for file in others if file != path)]
 
 
-def _files_of(logs: Iterable[Log]) -> frozenset[Path]:
-    return frozenset(path for log in logs for path, _ in log.family)
+def _files_of(logs: Iterable[WatchedLog]) -> frozenset[Path]:
+    return frozenset(path for log in logs for path, _ in log.file_stamps)
 
 
 def _stamp(path: Path) -> Stamp | None:

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from rovid.core.errors import ConfigError, DataError, OutputError, RovidError
-from rovid.design.candidate_runs import Limits
-from rovid.design.experiment_design import Plan, belief_of, plan
+from rovid.design.candidate_runs import RunLimits
+from rovid.design.experiment_design import ExperimentPlan, candidate_model, plan_experiment
 from rovid.diagnose.next_experiment import next_experiment
 from rovid.diagnose.result import Diagnosis
 from rovid.effects import Effect
@@ -17,21 +17,21 @@ from rovid.estimate.estimate import Estimate
 from rovid.estimate.maximum_likelihood import LikelihoodFit
 from rovid.model.parameter_names import without_form
 from rovid.store.study import Study, open_study
-from rovid.watch.folder_monitor import Change, Log, Trouble, Watched
-from rovid.watch.stop_criteria import Condition, Standing
+from rovid.watch.folder_monitor import FolderChange, FolderMonitor, Problem, WatchedLog
+from rovid.watch.stop_criteria import CriterionStatus, StopCriterion
 
 Report = Callable[[str], None]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Taken:
+class LogsChanged:
     """Logs that are gone by now, and what became of others."""
 
-    change: Change
+    change: FolderChange
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Model:
+class ModelFitted:
     """The fit to all logs, beside the one before it.
 
     Attributes
@@ -51,17 +51,17 @@ class Model:
     fit: LikelihoodFit | None
     missing: str
     before: Estimate | None
-    standings: tuple[Standing, ...]
+    criteria: tuple[CriterionStatus, ...]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Suspects:
+class LogsDiagnosed:
     """What the diagnosis of all logs says; ``fit`` is what was known before it."""
 
     study: Study
     diagnosis: Diagnosis
     fit: LikelihoodFit | None
-    standings: tuple[Standing, ...]
+    criteria: tuple[CriterionStatus, ...]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -80,12 +80,12 @@ class NextRun:
 
     words: str
     reason: str
-    plan: Plan | None
+    plan: ExperimentPlan | None
     written: Path | None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Stop:
+class SessionEnded:
     """The end.
 
     Attributes
@@ -98,19 +98,19 @@ class Stop:
         Of all ``logs``; None where there is none of them all.
     """
 
-    why: str
-    standings: tuple[Standing, ...]
-    logs: tuple[Log, ...]
+    reason: str
+    criteria: tuple[CriterionStatus, ...]
+    logs: tuple[WatchedLog, ...]
     study: Study | None
     fit: LikelihoodFit | None
     diagnosis: Diagnosis | None
 
 
-Event = Taken | Model | Suspects | NextRun | Trouble | Stop
+Event = LogsChanged | ModelFitted | LogsDiagnosed | NextRun | Problem | SessionEnded
 
 
 @dataclass(frozen=True, kw_only=True)
-class Work:
+class SessionActions:
     """What is done with the logs.
 
     Attributes
@@ -125,8 +125,8 @@ class Work:
 
     diagnose: Callable[[Study, Report], Diagnosis] | None
     keep: Callable[[Study, Estimate], None]
-    write: Callable[[Plan], Path | None]
-    limits: Limits = field(default_factory=Limits)
+    write: Callable[[ExperimentPlan], Path | None]
+    limits: RunLimits = field(default_factory=RunLimits)
     cutoff: float | None = None
 
 
@@ -134,7 +134,7 @@ class _OvertakenError(Exception):
     """Another log came while the diagnosis went on."""
 
 
-class Day:
+class WatchSession:
     """What happens in a folder, until enough is known.
 
     Parameters
@@ -149,9 +149,9 @@ class Day:
 
     def __init__(
         self,
-        watched: Watched,
-        work: Work,
-        until: Sequence[Condition] = (),
+        watched: FolderMonitor,
+        work: SessionActions,
+        until: Sequence[StopCriterion] = (),
         *,
         interval: float = 2.0,
         report: Report = lambda _: None,
@@ -165,7 +165,7 @@ class Day:
         self._sleep = sleep
         self._effects: tuple[Effect, ...] = ()
         self._study: Study | None = None
-        self._logs: tuple[Log, ...] = ()
+        self._logs: tuple[WatchedLog, ...] = ()
         self._fit: LikelihoodFit | None = None
         self._diagnosis: Diagnosis | None = None
         self._overtaken = False
@@ -173,26 +173,26 @@ class Day:
     def events(self) -> Iterator[Event]:
         """What happens, as it does; the last is a `Stop`."""
         while True:
-            change = self._watched.look()
-            yield from self._watched.troubles.told()
+            change = self._watched.poll()
+            yield from self._watched.problems.take_new()
             if change is not None:
-                self._watched.take(change)
+                self._watched.accept(change)
                 yield from self._step(change)
                 if self._met():
-                    yield self.stopped("reached")
+                    yield self.ended("reached")
                     return
-            elif self._watched.at_once:
-                yield self.stopped("once")
+            elif self._watched.once:
+                yield self.ended("once")
                 return
             else:
                 self._report(self._waiting())
                 self._sleep(self._interval)
 
-    def stopped(self, why: str) -> Stop:
+    def ended(self, why: str) -> SessionEnded:
         """The end, for this reason."""
-        return Stop(
-            why=why,
-            standings=self._standings(),
+        return SessionEnded(
+            reason=why,
+            criteria=self._standings(),
             logs=self._logs,
             study=self._study,
             fit=self._fit,
@@ -203,9 +203,9 @@ class Day:
         count = len(self._watched.logs)
         return f"Waiting for {'another' if count else 'a'} log …"
 
-    def _step(self, change: Change) -> Iterator[Event]:
+    def _step(self, change: FolderChange) -> Iterator[Event]:
         """Everything that is worked out anew."""
-        troubles, path = self._watched.troubles, self._watched.path
+        troubles, path = self._watched.problems, self._watched.path
         self._report("Fitting …")
         before = self._estimate()
         try:
@@ -214,19 +214,19 @@ class Day:
                 cutoff=self._work.cutoff,
                 axis=self._watched.axis,
                 reading=change.reading,
-                without=change.without,
+                without=change.excluded,
             )
             # Its logs' digests are taken while they are there.
-            _ = study.origin
+            _ = study.provenance
         except (RovidError, OSError) as error:
             if isinstance(error, OSError) or isinstance(error.__cause__, OSError):
                 self._again(error)
             else:
-                yield Taken(change=change)
-                troubles.meet("logs", str(error))
+                yield LogsChanged(change=change)
+                troubles.report("logs", str(error))
             return
-        troubles.end("logs")
-        yield Taken(change=change)
+        troubles.resolve("logs")
+        yield LogsChanged(change=change)
         self._study, self._fit, self._diagnosis = study, None, None
         self._logs = tuple(change.logs.values())
         missing = ""
@@ -236,14 +236,14 @@ class Day:
             missing = str(error)
         new = tuple(log.name for log in (*change.added, *change.replaced))
         standings = self._standings()
-        yield Model(study=study, new=new, fit=self._fit, missing=missing, before=before, standings=standings)
+        yield ModelFitted(study=study, new=new, fit=self._fit, missing=missing, before=before, criteria=standings)
         yield from self._diagnosed(study)
-        yield from troubles.told()
+        yield from troubles.take_new()
 
     def _again(self, error: Exception) -> None:
         """A log, or all of a share, is gone in between: the folder is looked at anew."""
-        self._watched.troubles.meet(self._watched.path, str(error))
-        self._watched.untake()
+        self._watched.problems.report(self._watched.path, str(error))
+        self._watched.revert()
         self._sleep(self._interval)
 
     def _fitted(self, study: Study) -> LikelihoodFit:
@@ -268,7 +268,7 @@ class Day:
                 return
             self._overtaken = False
             self._effects = tuple(finding.effect for finding in self._diagnosis.findings)
-            yield Suspects(study=study, diagnosis=self._diagnosis, fit=self._fit, standings=self._standings())
+            yield LogsDiagnosed(study=study, diagnosis=self._diagnosis, fit=self._fit, criteria=self._standings())
         known = self._estimate()
         if known is not None:
             self._keep(study, known)
@@ -279,16 +279,16 @@ class Day:
     def _unless_overtaken(self, words: str) -> None:
         """Pass on how far the diagnosis is; end it where another log came, but not the second time, nor the last."""
         self._report(words)
-        if not self._overtaken and not self._met() and self._watched.look() is not None:
+        if not self._overtaken and not self._met() and self._watched.poll() is not None:
             raise _OvertakenError
 
     def _keep(self, study: Study, estimate: Estimate) -> None:
         try:
             self._work.keep(study, estimate)
         except (RovidError, OSError) as error:
-            self._watched.troubles.meet("parameters", str(error))
+            self._watched.problems.report("parameters", str(error))
         else:
-            self._watched.troubles.end("parameters")
+            self._watched.problems.resolve("parameters")
 
     def _next(self, study: Study) -> Iterator[Event]:
         """The run that decides between causes; else the one that makes surer what is asked for, or least sure."""
@@ -300,38 +300,38 @@ class Day:
             if found:
                 yield NextRun(words=found["run"], reason=reason, plan=None, written=None)
             else:
-                self._watched.troubles.meet("next run", str(error))
+                self._watched.problems.report("next run", str(error))
             return
-        self._watched.troubles.end("next run")
+        self._watched.problems.resolve("next run")
         written = None
         try:
             written = self._work.write(best)
         except OutputError as error:
-            self._watched.troubles.meet("command file", str(error))
+            self._watched.problems.report("command file", str(error))
         else:
-            self._watched.troubles.end("command file")
-        if best.narrow:
-            reason = f"it makes {best.narrow} surer"
+            self._watched.problems.resolve("command file")
+        if best.parameter:
+            reason = f"it makes {best.parameter} surer"
         yield NextRun(words=best.best.run.name, reason=reason, plan=best, written=written)
 
-    def _deciding(self) -> Plan | None:
+    def _deciding(self) -> ExperimentPlan | None:
         """Of the diagnosis, where a run is expected to tell two causes apart."""
         if self._diagnosis is None:
             return None
         plans = [one.plan for one in (*self._diagnosis.findings, *self._diagnosis.suspects) if one.plan is not None]
-        return next((one for one in plans if one.decides), None)
+        return next((one for one in plans if one.is_decisive), None)
 
-    def _narrowing(self, study: Study) -> Plan:
+    def _narrowing(self, study: Study) -> ExperimentPlan:
         """For the first parameter that is asked for and not known well enough; else for the least sure."""
         if self._fit is None or study.campaign is None:
             raise DataError("there is too little for a plan.")
         if {effect.key for effect in self._effects} != {effect.key for effect in self._fit.model.effects}:
             self._fit = study.likelihood(self._effects)
         names = self._fit.model.names
-        wanted = [one.condition.name for one in self._standings() if not one.met and not one.condition.of_cause]
+        wanted = [one.criterion.name for one in self._standings() if not one.met and not one.criterion.is_effect]
         full = [name for want in wanted for name in names if without_form(name) == want]
-        belief = belief_of(self._fit, "the model")
-        return plan([belief], study.vehicle, study.campaign.trials, self._work.limits, next(iter(full), ""))
+        belief = candidate_model(self._fit, "the model")
+        return plan_experiment([belief], study.vehicle, study.campaign.trials, self._work.limits, next(iter(full), ""))
 
     def _estimate(self) -> Estimate | None:
         """What is known: by the diagnosis where there is one of all logs, else by the fit."""
@@ -339,9 +339,9 @@ class Day:
             return self._diagnosis.extended.estimate
         return None if self._fit is None else self._fit.estimate
 
-    def _standings(self) -> tuple[Standing, ...]:
+    def _standings(self) -> tuple[CriterionStatus, ...]:
         estimate = self._estimate()
-        return tuple(one.standing(estimate, self._diagnosis) for one in self._until)
+        return tuple(one.status(estimate, self._diagnosis) for one in self._until)
 
     def _met(self) -> bool:
         """Whether there is something to be reached, and all of it is."""

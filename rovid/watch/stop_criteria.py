@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from rovid.core.errors import ConfigError, nearest
+from rovid.core.errors import ConfigError, suggestion
 from rovid.diagnose.result import Diagnosis
 from rovid.effects import EFFECTS, effect_named
 from rovid.estimate.estimate import Estimate
@@ -17,7 +17,7 @@ _ONE = re.compile(r"\s*([A-Za-z_][\w.:@ -]*?)\s+(?:to\s+)?(\d+(?:\.\d+)?)\s*%\s*
 
 
 @dataclass(frozen=True, kw_only=True)
-class Condition:
+class StopCriterion:
     """A parameter known within a share of its value, by its 95 % interval; or a cause as sure as a share.
 
     Attributes
@@ -32,29 +32,29 @@ class Condition:
 
     name: str
     share: float
-    of_cause: bool
+    is_effect: bool
 
     def __str__(self) -> str:
         """As it is given."""
         return f"{self.name} {100.0 * self.share:g} %"
 
-    def standing(self, estimate: Estimate | None, diagnosis: Diagnosis | None) -> Standing:
+    def status(self, estimate: Estimate | None, diagnosis: Diagnosis | None) -> CriterionStatus:
         """How far it is met by what is known now."""
-        now = _sure_of(self.name, diagnosis) if self.of_cause else _within(self.name, estimate)
-        met = now is not None and (now >= self.share if self.of_cause else now <= self.share)
-        return Standing(condition=self, now=now, met=met)
+        now = _sure_of(self.name, diagnosis) if self.is_effect else _within(self.name, estimate)
+        met = now is not None and (now >= self.share if self.is_effect else now <= self.share)
+        return CriterionStatus(criterion=self, current=now, met=met)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Standing:
+class CriterionStatus:
     """How far a condition is met; ``now`` is None where nothing is known."""
 
-    condition: Condition
-    now: float | None
+    criterion: StopCriterion
+    current: float | None
     met: bool
 
 
-def conditions(text: str, axis: Axis, *, diagnosed: bool = True) -> tuple[Condition, ...]:
+def parse_criteria(text: str, axis: Axis, *, diagnosed: bool = True) -> tuple[StopCriterion, ...]:
     """What ``text``, as "inertia 2 %, quadratic_drag 5 %", asks for; of causes only where there is a diagnosis.
 
     Raises
@@ -75,7 +75,7 @@ def conditions(text: str, axis: Axis, *, diagnosed: bool = True) -> tuple[Condit
     return tuple(dict.fromkeys(found))
 
 
-def _condition(words: str, share: float, axis: Axis, *, diagnosed: bool) -> Condition:
+def _condition(words: str, share: float, axis: Axis, *, diagnosed: bool) -> StopCriterion:
     name = re.sub(r"[ -]+", "_", words)
     known = {*base_names(axis), *EFFECTS}
     key, _, parameter = name.rpartition(".")
@@ -83,10 +83,10 @@ def _condition(words: str, share: float, axis: Axis, *, diagnosed: bool) -> Cond
         parameters = [one.name for one in effect_named(key).parameters]
         if parameter not in parameters:
             raise ConfigError(
-                f"{parameter!r} is no parameter of {key}. {nearest(parameter, parameters)}", where="--until"
+                f"{parameter!r} is no parameter of {key}. {suggestion(parameter, parameters)}", where="--until"
             )
     elif name not in known:
-        raise ConfigError(f"{name!r} is no parameter and no effect. {nearest(name, sorted(known))}", where="--until")
+        raise ConfigError(f"{name!r} is no parameter and no effect. {suggestion(name, sorted(known))}", where="--until")
     of_cause = not key and name not in base_names(axis)
     if of_cause and not diagnosed:
         raise ConfigError(
@@ -94,7 +94,7 @@ def _condition(words: str, share: float, axis: Axis, *, diagnosed: bool) -> Cond
         )
     if share <= 0.0 or (of_cause and share >= 1.0):
         raise ConfigError(f"{name} {100.0 * share:g} % cannot be reached.", where="--until")
-    return Condition(name=name, share=share, of_cause=of_cause)
+    return StopCriterion(name=name, share=share, is_effect=of_cause)
 
 
 def _within(name: str, estimate: Estimate | None) -> float | None:
@@ -103,11 +103,11 @@ def _within(name: str, estimate: Estimate | None) -> float | None:
         return None
     for full in estimate.names:
         if without_form(full) == name and full not in estimate.refused and not estimate.is_placeholder(full):
-            return relative_reach(estimate, full)
+            return relative_half_width(estimate, full)
     return None
 
 
-def relative_reach(estimate: Estimate, name: str) -> float | None:
+def relative_half_width(estimate: Estimate, name: str) -> float | None:
     """The farther end of the 95 % interval from the value, as a share of it; None of nothing."""
     value = estimate.value(name)
     reach = max(abs(end - value) for end in estimate.interval(name))
@@ -118,6 +118,6 @@ def _sure_of(name: str, diagnosis: Diagnosis | None) -> float | None:
     if diagnosis is None:
         return None
     every: Sequence[float] = [
-        one.confidence for one in (*diagnosis.findings, *diagnosis.suspects) if one.effect.id == name
+        one.probability for one in (*diagnosis.findings, *diagnosis.suspects) if one.effect.id == name
     ]
     return max(every, default=0.0)

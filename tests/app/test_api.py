@@ -8,16 +8,16 @@ from typing import Any
 
 import pytest
 
-from rovid.app.api import Desk
-from rovid.app.sandbox import Top
+from rovid.app.api import Api
+from rovid.app.sandbox import RootFolder
 from rovid.core.errors import RovidError
 from rovid.trial.config import load_config
 from tests.app.conftest import DAY, logs_into, riddle
 from tests.conftest import run_rovid
 
 
-def desk(top: Path) -> Desk:
-    return Desk(top=Top(folder=top))
+def desk(top: Path) -> Api:
+    return Api(top=RootFolder(folder=top))
 
 
 def chosen(folder: str = "day", **more: Any) -> dict[str, Any]:
@@ -47,8 +47,8 @@ def test_a_choice_by_hand_is_in_the_file_as_it_was_made(tmp_path: Path) -> None:
     config = load_config(tmp_path / "day" / "rovid.toml")
     assert [(thruster.name, thruster.arm) for thruster in config.vehicle.thrusters] == [("fore", 0.43), ("aft", 0.43)]
     assert (config.vehicle.name, config.vehicle.mass) == ("mine", 2604.0)
-    assert [(each.log, each.begin, each.end) for each in config.left_out] == [("hold_03.csv", 3.5, 20.0)]
-    assert not config.vehicle.guess
+    assert [(each.log, each.begin, each.end) for each in config.exclusions] == [("hold_03.csv", 3.5, 20.0)]
+    assert not config.vehicle.assumptions
     # The command line says the same of it.
     assert run_rovid("check", tmp_path / "day", "--json").document == checked["document"]
 

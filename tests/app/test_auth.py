@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from rovid.app.auth import Guard, Message, Receive, Send
+from rovid.app.auth import Message, Receive, Send, TokenGuard
 from tests.app.served import Served
 
 OTHERS: dict[str, dict[str, str]] = {
@@ -73,7 +73,7 @@ def test_every_answer_keeps_the_browser_on_this_machine(server: Served) -> None:
         assert "set-cookie" not in headers
 
 
-def answer_to(guard: Guard, path: str, *headers: tuple[bytes, bytes]) -> tuple[int, bytes]:
+def answer_to(guard: TokenGuard, path: str, *headers: tuple[bytes, bytes]) -> tuple[int, bytes]:
     said: list[Any] = []
 
     async def send(message: Message) -> None:
@@ -93,7 +93,7 @@ async def nothing(scope: Message, receive: Receive, send: Send) -> None:
 
 
 def test_a_ticket_leads_to_the_page_once() -> None:
-    guard = Guard(app=nothing, port=5000)
+    guard = TokenGuard(app=nothing, port=5000)
     ticket = guard.ticket().removeprefix("http://127.0.0.1:5000")
     # A file that the browser opened sent it here: that is another site to it.
     status, page = answer_to(guard, ticket, (b"sec-fetch-site", b"cross-site"))
@@ -104,7 +104,7 @@ def test_a_ticket_leads_to_the_page_once() -> None:
 
 
 def test_two_names_of_a_host_are_none() -> None:
-    guard = Guard(app=nothing, port=5000)
+    guard = TokenGuard(app=nothing, port=5000)
     assert answer_to(guard, f"/{guard.token}/", (b"host", b"evil.example"))[0] == 403
     assert (
         answer_to(guard, f"/{guard.token}/", (b"sec-fetch-site", b"none"), (b"sec-fetch-site", b"cross-site"))[0] == 403
@@ -112,5 +112,5 @@ def test_two_names_of_a_host_are_none() -> None:
 
 
 def test_the_token_stands_in_no_picture_of_the_guard() -> None:
-    guard = Guard(app=nothing, port=5000)
+    guard = TokenGuard(app=nothing, port=5000)
     assert guard.token not in repr(guard)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from rovid.app.decimation import columns_document
-from rovid.preflight.log_survey import columns_of
-from rovid.preflight.raw_columns import Seen
+from rovid.preflight.log_survey import read_columns
+from rovid.preflight.raw_columns import RawColumn
 from rovid.readers import read_log
 from rovid.trial.config import load_config
 
@@ -18,7 +18,7 @@ TEN_HOURS = np.arange(0.0, 36000.0, 0.1)
 
 
 def drawn(values: np.ndarray, begin: float = -np.inf, end: float = np.inf, bins: int = 300) -> dict[str, list[float]]:
-    columns = {"a": Seen(source="a", time=TEN_HOURS, values=values)}
+    columns = {"a": RawColumn(source="a", time=TEN_HOURS, values=values)}
     document = columns_document(columns, [], begin, end, bins)
     assert (document["begin"], round(document["end"])) == (0.0, 36000)
     (column,) = document["columns"]
@@ -49,9 +49,9 @@ def test_gaps_and_disorder_are_drawn_as_what_is_known() -> None:
     values = np.where(TEN_HOURS < 10.0, np.nan, 1.0)
     order = np.random.default_rng(1).permutation(len(values))
     columns = {
-        "a": Seen(source="a", time=TEN_HOURS[order], values=values[order]),
-        "none": Seen(source="none", time=TEN_HOURS, values=np.full(len(values), np.nan)),
-        "empty": Seen(source="empty", time=np.empty(0), values=np.empty(0)),
+        "a": RawColumn(source="a", time=TEN_HOURS[order], values=values[order]),
+        "none": RawColumn(source="none", time=TEN_HOURS, values=np.full(len(values), np.nan)),
+        "empty": RawColumn(source="empty", time=np.empty(0), values=np.empty(0)),
     }
     one, none, empty = columns_document(columns, [], -np.inf, np.inf, 50)["columns"]
     assert one["time"] == sorted(one["time"])
@@ -70,6 +70,6 @@ def test_time_counts_from_where_what_is_left_out_does(tmp_path: Path) -> None:
         '[signals]\ntime = { csv = "time_s" }\nheading = { csv = "heading_deg", unit = "deg" }\n'
     )
     trial = read_log(tmp_path / "a.csv", load_config(tmp_path / "rovid.toml"))
-    _, columns, _ = columns_of(tmp_path / "a.csv")
+    _, columns, _ = read_columns(tmp_path / "a.csv")
     document = columns_document(columns, ["heading_deg", "fore_V"], -np.inf, np.inf, 2000)
     assert (document["begin"], document["end"]) == pytest.approx((-3.0, trial.duration))

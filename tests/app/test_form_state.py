@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from rovid.app.form_state import choice_of, is_same, sealed, unsealed
+from rovid.app.form_state import matches_digest, parse_form, read_form_data, with_form_data
 from rovid.core.errors import ConfigError
 
 WHOLE: dict[str, Any] = {
@@ -22,15 +22,15 @@ WHOLE: dict[str, Any] = {
 
 
 def test_it_is_read_as_it_was_meant() -> None:
-    hand = choice_of(WHOLE).hand
+    hand = parse_form(WHOLE).hand
     assert hand.signals is not None
     heading = hand.signals["csv"]["heading"]
     assert (heading.source, heading.unit, heading.sign) == ("a", "deg", -1)
     assert hand.arms == {"b": 0.3}
     assert hand.commands == frozenset({"b", "c"})
     assert hand.names == {"b": "port", "c": "stbd"}
-    assert [str(one) for one in hand.left_out] == ["all from 3 s on"]
-    assert math.isinf(hand.left_out[0].end)
+    assert [str(one) for one in hand.exclusions] == ["all from 3 s on"]
+    assert math.isinf(hand.exclusions[0].end)
     assert hand.size == {"mass": 55.0}
 
 
@@ -54,16 +54,16 @@ def test_it_is_read_as_it_was_meant() -> None:
 )
 def test_what_no_page_sends_is_refused(wrong: object) -> None:
     with pytest.raises(ConfigError, match="the page sent"):
-        choice_of(wrong)
+        parse_form(wrong)
 
 
 def test_a_file_is_known_again_until_somebody_changes_it() -> None:
-    choice = choice_of(WHOLE)
-    text = sealed("[vehicle]\n", choice, {"thrust_guess.csv": b"1"})
-    known = unsealed(text)
+    choice = parse_form(WHOLE)
+    text = with_form_data("[vehicle]\n", choice, {"thrust_guess.csv": b"1"})
+    known = read_form_data(text)
     assert known is not None
     assert known[0] == {key: value for key, value in WHOLE.items() if key != "logs"}
-    assert is_same(b"1", known[1]["thrust_guess.csv"])
-    assert not is_same(b"2", known[1]["thrust_guess.csv"])
+    assert matches_digest(b"1", known[1]["thrust_guess.csv"])
+    assert not matches_digest(b"2", known[1]["thrust_guess.csv"])
     for other in (f"# mine\n{text}", text.replace("[vehicle]", "[vehicles]"), "[vehicle]\n", "", text[:-5]):
-        assert unsealed(other) is None
+        assert read_form_data(other) is None

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from rovid.app.jobs import Work, Works
+from rovid.app.jobs import Job, JobQueue
 from tests.app.conftest import DAY, logs_into
 from tests.conftest import run_rovid
 
@@ -20,7 +20,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def ended(work: Work) -> Work:
+def ended(work: Job) -> Job:
     stop = time.monotonic() + 240.0
     while work.state == "running":
         assert time.monotonic() < stop
@@ -44,7 +44,7 @@ def group(number: int) -> list[int]:
 
 
 def test_it_says_step_by_step_what_it_does_and_what_came_out(folder: Path) -> None:
-    work = ended(Work(arguments=("report", "day", "--no-diagnosis", "--no-control", "--no-export"), folder=folder))
+    work = ended(Job(arguments=("report", "day", "--no-diagnosis", "--no-control", "--no-export"), folder=folder))
     document = work.document()
     assert (document["state"], document["error"]) == ("done", "")
     assert [step["text"] for step in document["steps"]] == [
@@ -56,7 +56,7 @@ def test_it_says_step_by_step_what_it_does_and_what_came_out(folder: Path) -> No
 
 def test_what_fails_says_what_the_command_line_says(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (folder / "day" / "hold_03.csv").write_text("time_s,heading_deg,fore_V\n0,1,2\n")
-    work = ended(Work(arguments=("report", "day"), folder=folder))
+    work = ended(Job(arguments=("report", "day"), folder=folder))
     assert work.state == "failed"
     monkeypatch.chdir(folder)
     assert f"rovid: {work.error}\n" == run_rovid("report", "day").err
@@ -66,12 +66,12 @@ def test_what_fails_says_what_the_command_line_says(folder: Path, monkeypatch: p
 def test_a_file_called_as_a_module_is_not_run(folder: Path) -> None:
     for name in ("rovid.py", "numpy.py", "json.py"):
         (folder / name).write_text("raise SystemExit(99)\n")
-    assert ended(Work(arguments=("check", "day"), folder=folder)).state == "done"
+    assert ended(Job(arguments=("check", "day"), folder=folder)).state == "done"
 
 
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="processes are counted by /proc")
 def test_cancelled_it_leaves_no_process(folder: Path) -> None:
-    work = Work(arguments=("report", "day"), folder=folder)
+    work = Job(arguments=("report", "day"), folder=folder)
     number = work.process.pid
     stop = time.monotonic() + 60.0
     while not work.steps and work.state == "running":
@@ -86,9 +86,9 @@ def test_cancelled_it_leaves_no_process(folder: Path) -> None:
 
 
 def test_a_new_run_ends_the_one_before(folder: Path) -> None:
-    works = Works()
-    first = works.begin(["report", "day"], folder)
-    second = works.begin(["check", "day"], folder)
+    works = JobQueue()
+    first = works.start(["report", "day"], folder)
+    second = works.start(["check", "day"], folder)
     assert first.state == "cancelled"
     assert ended(second).state == "done"
     works.close()

@@ -86,7 +86,7 @@ def test_from_a_folder_without_rovid_toml_to_a_diagnosed_page(browser: Browser, 
         run(page)
         assert page.locator("#commands code").all_inner_texts()[0] == "rovid init day --heading a --command b,c"
     config = load_config(top / "day" / "rovid.toml")
-    (stretch,) = config.left_out
+    (stretch,) = config.exclusions
     assert (stretch.log, stretch.reason) == ("hold_03.csv", "a hand on the vehicle")
     assert 0.0 < stretch.begin < stretch.end < 264.0
     assert [(one.name, round(one.arm, 3)) for one in config.vehicle.thrusters] == [("b", 0.43), ("c", 0.43)]

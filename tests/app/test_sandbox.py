@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from rovid.app import sandbox
-from rovid.app.sandbox import Arrival, Top, clean_name
+from rovid.app.sandbox import RootFolder, Upload, clean_name
 from rovid.core.errors import RovidError
 from tests.app.served import Served
 
@@ -85,7 +85,7 @@ def test_a_log_that_is_a_link_out_is_named(tmp_path: Path) -> None:
     inside.mkdir(parents=True)
     (inside / "a.csv").symlink_to(tmp_path / "elsewhere.csv")
     with pytest.raises(RovidError, match="a link that leads out of"):
-        Top(folder=tmp_path / "top").require([inside])
+        RootFolder(folder=tmp_path / "top").require([inside])
 
 
 def test_the_top_is_the_working_folder_or_what_holds_the_logs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -94,11 +94,11 @@ def test_the_top_is_the_working_folder_or_what_holds_the_logs(tmp_path: Path, mo
         folder.mkdir(parents=True)
     (there / "a.csv").touch()
     monkeypatch.chdir(here)
-    assert Top.over([]).folder == here
-    assert Top.over([here / "day"]).folder == here
-    assert Top.over([there]).folder == there
-    assert Top.over([there / "a.csv"]).folder == there
-    assert Top.over([here / ".hidden"]).folder == here / ".hidden"
+    assert RootFolder.for_logs([]).folder == here
+    assert RootFolder.for_logs([here / "day"]).folder == here
+    assert RootFolder.for_logs([there]).folder == there
+    assert RootFolder.for_logs([there / "a.csv"]).folder == there
+    assert RootFolder.for_logs([here / ".hidden"]).folder == here / ".hidden"
 
 
 NAMES = {
@@ -158,11 +158,11 @@ def test_a_file_that_is_cut_off_on_its_way_leaves_nothing(server: Served, top: P
 
 def test_what_is_too_large_is_refused_and_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sandbox, "LARGEST", 10)
-    arrival = Arrival.into(tmp_path, Path("a.csv"))
+    arrival = Upload.start(tmp_path, Path("a.csv"))
     with pytest.raises(RovidError, match="larger than"):
-        arrival.announced("11")
-    arrival.add(b"12345")
+        arrival.check_size("11")
+    arrival.write(b"12345")
     with pytest.raises(RovidError, match="larger than"):
-        arrival.add(b"678901")
+        arrival.write(b"678901")
     arrival.close()
     assert not tmp_path.exists()

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from rovid.diagnose.splitting import parts_of, recorded
+from rovid.diagnose.splitting import recorded_seconds, split_runs
 from tests import synthetic
 from tests.conftest import SAMPLES, Rovid
 from tests.whole.test_bad_input import TOML, assert_one_message
@@ -139,10 +139,10 @@ def test_a_pause_does_not_make_a_trial_short() -> None:
     time = np.where(time > 200.0, time + 1500.0, time)
     noise = np.random.default_rng(2).normal(0.0, 1e-4, len(time))
     log = synthetic.run(time, 100.0 * np.sign(np.sin(0.1 * time)), noise=noise)
-    parts = parts_of([log], synthetic.LOGGED, 0.5)
+    parts = split_runs([log], synthetic.LOGGED, 0.5)
     assert parts is not None
     assert len(parts.items) == 8
-    assert recorded(log.trial) == pytest.approx(400.0, abs=2.0)
+    assert recorded_seconds(log.trial) == pytest.approx(400.0, abs=2.0)
 
 
 def test_a_log_cut_off_in_the_middle_of_a_line(tmp_path: Path, rovid: Rovid) -> None:

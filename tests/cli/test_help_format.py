@@ -15,7 +15,7 @@ from rovid.cli import cli
 from rovid.cli.cli import MANUAL
 from rovid.effects import effect_named
 from rovid.export import FORMATS
-from rovid.present.terminal.topics import names
+from rovid.present.terminal.topics import topic_names
 from rovid.trial.axis import axis_named
 from tests.conftest import SAMPLES, Rovid, run_rovid
 
@@ -87,7 +87,7 @@ def test_what_is_to_be_seen_also_is_there() -> None:
             assert rovid == "rovid"
             assert name in {*MANUAL, "COMMAND"}, other
             if name == "help":
-                assert more[0] in names(), other
+                assert more[0] in topic_names(), other
 
 
 def test_nothing_is_cited_that_an_installed_rovid_lacks() -> None:

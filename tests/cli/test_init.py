@@ -255,8 +255,8 @@ def test_the_other_axes_are_guessed_too(
     assert document["axis"] == axis
     assert not document["open"]
     written = tomllib.loads((tmp_path / "day" / "rovid.toml").read_text(encoding="utf-8"))
-    assert {one["name"]: one[AXES[axis].arm] for one in written.get("thrusters", ())} == arms
-    assert {one["name"]: np.sign(one[AXES[axis].arm]) for one in own.get("thrusters", ())} == arms
+    assert {one["name"]: one[AXES[axis].arm_key] for one in written.get("thrusters", ())} == arms
+    assert {one["name"]: np.sign(one[AXES[axis].arm_key]) for one in own.get("thrusters", ())} == arms
     mapped = written["signals"][signal]
     assert (mapped["csv"], mapped["unit"]) == (own["signals"][signal]["csv"], own["signals"][signal]["unit"])
     fitted = rovid("fit", "day", "--axis", axis, "--json").document

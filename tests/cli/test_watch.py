@@ -150,8 +150,8 @@ def test_the_end_of_a_day_is_the_diagnosis_of_its_folder(store: Path, rovid: Rov
     assert last["logs"] == sorted(["first.csv", *others], key=last["logs"].index)
     assert [document["before"] for document in watcher.said if document.get("action") == "renamed"] == [first]
     assert last["diagnosis"] == rovid("diagnose", folder, "-p", "other.toml", "--json").document
-    assert PLAN.marks(Path("plan.csv"))
-    assert PARAMETERS.marks(Path("parameters.toml"))
+    assert PLAN.matches(Path("plan.csv"))
+    assert PARAMETERS.matches(Path("parameters.toml"))
     # What it wrote is what diagnose writes.
     written, other = (Path(name).read_text() for name in ("parameters.toml", "other.toml"))
     assert written.partition("[parameters")[2] == other.partition("[parameters")[2]

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from rovid.estimate.estimate import Estimate
-from rovid.estimate.innovation_likelihood import InnovationMisfit
-from rovid.store.parameter_file import Origin, Parameters, Source
-from rovid.trial.config_fingerprint import Settings
+from rovid.estimate.innovation_likelihood import InnovationLikelihood
+from rovid.store.parameter_file import Parameters, Provenance, Source
+from rovid.trial.config_fingerprint import ConfigFingerprint
 
 LAG = "thruster_lag.time_constant"
 PLAIN = {"inertia": (5000.0, 8.0), "quadratic_drag": (3500.0, 12.0), "linear_drag": (130.0, 3.0)}
@@ -31,14 +31,14 @@ def stored_at(
         names=tuple(values),
         values=sizes[:, 0],
         covariance=np.diag(sizes[:, 1] ** 2),
-        method=InnovationMisfit.method,
+        method=InnovationLikelihood.method,
         samples=10_000,
     )
-    origin = Origin(
+    origin = Provenance(
         logs=(path.parent / log,),
         vehicle="a vehicle",
         sources=(Source(name=f"{log}.csv", sha256=log, samples=10_000),),
-        settings=Settings(drive=drive),
+        settings=ConfigFingerprint(drive=drive),
     )
     written = Parameters(path=path).with_estimate(estimate, origin)
     written.write()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rovid.compare.difference_tests import Pair
+from rovid.compare.difference_tests import EstimatePair
 from rovid.core.array_types import FloatArray
 
 NAMES = ("inertia", "quadratic_drag", "linear_drag", "thruster_lag.time_constant")
@@ -18,13 +18,13 @@ COVARIANCE = CORRELATION * np.outer(ERRORS, ERRORS)
 
 def pair(
     b: FloatArray, *, seed: int | None = None, errors: float = 1.0, white: bool = True, count: int = len(NAMES)
-) -> Pair:
+) -> EstimatePair:
     """A as the vehicle is, and ``b``; with noise where there is a ``seed``."""
     covariance = errors**2 * COVARIANCE[:count, :count]
     noise = np.zeros((2, count))
     if seed is not None:
         noise = np.random.default_rng(seed).multivariate_normal(np.zeros(count), covariance, 2)
-    return Pair(
+    return EstimatePair(
         names=NAMES[:count],
         units=UNITS[:count],
         a=VALUES[:count] + noise[0],

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from rovid.core.atomic_write import Claim
-from rovid.store.history import history_of
+from rovid.core.atomic_write import OutputSet
+from rovid.store.history import history_output
 from rovid.store.parameter_file import Parameters
-from rovid.store.update import update
+from rovid.store.update import update_parameters
 from tests.compare.files import DRIVE, LAG, LAGGING, PLAIN, stored_at, times
 from tests.conftest import Rovid
 from tests.whole.test_bad_input import assert_one_message
@@ -18,7 +18,9 @@ SEEN = {"thruster_lag": 0.05}
 
 
 def remembered(stored: Parameters, seen: dict[str, float] | None = None) -> None:
-    update(stored, Claim([stored.output, history_of(stored.path)]), lambda _: stored, seen=seen or {})
+    update_parameters(
+        stored, OutputSet([stored.output, history_output(stored.path)]), lambda _: stored, seen=seen or {}
+    )
 
 
 def test_what_two_files_say_is_compared(rovid: Rovid, tmp_path: Path) -> None:

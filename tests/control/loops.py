@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from rovid.control.actuator_response import Probes
+from rovid.control.actuator_response import ActuatorProbe
 from rovid.control.allocation import Allocation, allocate
-from rovid.control.closed_loop import ClosedLoop, Course, Plant, run_closed
-from rovid.control.control_law import Law
-from rovid.control.specs import Setting
-from rovid.control.tuning import Loop, linearised
+from rovid.control.closed_loop import ClosedLoop, ClosedLoopRun, Plant, simulate_loops
+from rovid.control.control_law import ControlLaw
+from rovid.control.specs import LoopConditions
+from rovid.control.tuning import OpenLoop, linearise
 from rovid.core.array_types import FloatArray
 from rovid.effects import effect_named
 from rovid.effects.base import Scales
@@ -33,41 +33,45 @@ VEHICLE = Vehicle(
         Thruster(name="aft", arm=-0.43, curve=CURVE),
     ),
 )
-SCALES = Scales(command=2.0, torque=126.0, rate=0.17, race=11.0)
-SETTING = Setting(torque_in_use=126.0, heading_noise=math.radians(0.01))
+SCALES = Scales(command=2.0, torque=126.0, rate=0.17, wash=11.0)
+SETTING = LoopConditions(torque_in_use=126.0, heading_noise=math.radians(0.01))
 
 
-def law(kp: float = 100.0, kd: float = 710.0, **changes: Any) -> Law:
-    return replace(Law(kp=kp, kd=kd, period=0.1, rate_filter=0.3, quadratic_drag=3532.0, linear_drag=132.37), **changes)
+def law(kp: float = 100.0, kd: float = 710.0, **changes: Any) -> ControlLaw:
+    return replace(
+        ControlLaw(kp=kp, kd=kd, period=0.1, rate_filter=0.3, quadratic_drag=3532.0, linear_drag=132.37), **changes
+    )
 
 
 def with_effect(key: str, *values: float, model: Model = PAPER) -> Model:
     return replace(model, effects=(*model.effects, effect_named(key)), effect_values=(*model.effect_values, *values))
 
 
-def run_one(law: Law, allocation: Allocation, plant: Plant, wanted: FloatArray, start: float) -> Course:
-    (course,) = run_closed([ClosedLoop(law=law, allocation=allocation, plant=plant, wanted=wanted, start=start)])
+def run_one(law: ControlLaw, allocation: Allocation, plant: Plant, wanted: FloatArray, start: float) -> ClosedLoopRun:
+    (course,) = simulate_loops(
+        [ClosedLoop(law=law, allocation=allocation, plant=plant, setpoint=wanted, initial_heading=start)]
+    )
     return course
 
 
 def closed(
-    model: Model, controller: Law, *, seconds: float = 60.0, start: float = 90.0, wanted: float = 200.0
-) -> Course:
+    model: Model, controller: ControlLaw, *, seconds: float = 60.0, start: float = 90.0, wanted: float = 200.0
+) -> ClosedLoopRun:
     plant = Plant(model=model, vehicle=VEHICLE)
     goal = np.full(round(seconds / controller.period), math.radians(wanted))
     return run_one(controller, allocate(VEHICLE, model), plant, goal, math.radians(start))
 
 
-def loop(controller: Law, delay: float = 0.0, model: Model = PAPER) -> Loop:
+def loop(controller: ControlLaw, delay: float = 0.0, model: Model = PAPER) -> OpenLoop:
     known = allocate(VEHICLE, model)
-    probes = Probes(
-        vehicle=VEHICLE, parts=model.drivetrain.parts, allocation=known, period=controller.period, amplitude=126.0
+    probes = ActuatorProbe(
+        vehicle=VEHICLE, parts=model.actuators.subdivision, allocation=known, period=controller.period, amplitude=126.0
     )
-    response = probes.actuators(model)
-    return Loop(law=controller, motion=linearised(model), actuators=response, delay=delay)
+    response = probes.frequency_response(model)
+    return OpenLoop(law=controller, motion=linearise(model), actuators=response, delay=delay)
 
 
-def swing(model: Model, controller: Law, delay: float, allocation_of: Model) -> tuple[float, float]:
+def swing(model: Model, controller: ControlLaw, delay: float, allocation_of: Model) -> tuple[float, float]:
     """Of the heading in deg, over the middle and the end of a run after a small step."""
     plant = Plant(model=model, vehicle=VEHICLE, delay=delay)
     goal = np.full(2400, math.radians(0.5))

@@ -37,6 +37,6 @@ def test_the_aid_undoes_what_diagnosis_found_of_the_thrust(key: str, values: tup
         commands = np.repeat(allocation(np.array([100.0])), 2, axis=0)
         course = closed(PAPER, law(), seconds=1.0).trial()
         held = replace(course, time=course.time[:2], position=course.position[:2], commands=commands)
-        torques.append(model.drive(VEHICLE, held).torque[0])
+        torques.append(model.torque_input(VEHICLE, held).torque[0])
     assert torques[1] == pytest.approx(100.0, abs=0.1)
     assert abs(torques[0] - 100.0) > 2.0

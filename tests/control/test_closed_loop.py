@@ -11,8 +11,8 @@ from scipy import signal
 from scipy.integrate import solve_ivp
 
 from rovid.control.allocation import allocate
-from rovid.control.closed_loop import ClosedLoop, Plant, run_closed
-from rovid.control.design import unaided
+from rovid.control.closed_loop import ClosedLoop, Plant, simulate_loops
+from rovid.control.design import without_model_aid
 from rovid.core.array_types import FloatArray
 from rovid.effects import Effect, forms_for
 from rovid.model.model import Model
@@ -57,7 +57,7 @@ def test_the_closed_loop_is_that_of_an_independent_integration() -> None:
 
 
 def example(effect: Effect) -> Model:
-    values = [p.starts[0] * SCALES.of(p) for p in effect.parameters]
+    values = [p.initial_values[0] * SCALES.unit_size(p) for p in effect.parameters]
     return replace(PAPER, effects=(effect,), effect_values=tuple(values))
 
 
@@ -66,15 +66,15 @@ def test_recorded_commands_drive_the_open_loop_to_the_same_heading(effect: Effec
     """Whatever the loop made of its commands step by step, the model makes of all of them together."""
     model = example(effect)
     course = closed(model, law(900.0, 3000.0), seconds=90.0)
-    drive = model.drive(VEHICLE, course.trial())
+    drive = model.torque_input(VEHICLE, course.trial())
     differs = float(np.max(np.abs(drive.torque - course.drive.torque)[:-1]))
     # What an effect remembers from before the window of 20 s.
     assert differs <= 1e-4 * np.max(np.abs(drive.torque))
     # It starts at the rate that is logged first.
     rate, heading = model.simulate(replace(course.trial(), rate=np.zeros(len(course.time))), drive)
     # Steps of the integration, what is forgotten, and a true heading that is found from the instrument's by turns.
-    reach = 1e-3 if model.instrument.deviates else 6e-6 + 0.01 * differs
-    if not model.instrument.deviates:
+    reach = 1e-3 if model.heading_sensor.deviates else 6e-6 + 0.01 * differs
+    if not model.heading_sensor.deviates:
         assert rate == pytest.approx(course.rate, abs=reach)
     assert heading - heading[0] == pytest.approx(course.heading - course.heading[0], abs=reach)
     assert np.ptp(course.heading) > 1.0
@@ -90,18 +90,20 @@ def test_loops_side_by_side_go_as_each_by_itself(model: Model, period: float) ->
     plant = Plant(model=model, vehicle=VEHICLE, heading_noise=1e-3, disturbance=2.0)
     known, bench = allocate(VEHICLE, model), allocate(VEHICLE, PAPER)
     loops = [
-        ClosedLoop(law=controller, allocation=inverse, plant=each, wanted=np.full(200, 2.0), start=start, seed=7)
+        ClosedLoop(
+            law=controller, allocation=inverse, plant=each, setpoint=np.full(200, 2.0), initial_heading=start, seed=7
+        )
         for controller, inverse, each, start in (
             (law(900.0, 3000.0, period=period), known, plant, 1.0),
             (law(500.0, 2000.0, period=period, lowest=-40.0, highest=40.0), bench, replace(plant, delay=0.5), 1.5),
-            (unaided(law(900.0, 3000.0, period=period)), known, plant.quiet(), 2.5),
+            (without_model_aid(law(900.0, 3000.0, period=period)), known, plant.noise_free(), 2.5),
         )
     ]
-    for together, loop in zip(run_closed(loops), loops, strict=True):
-        (alone,) = run_closed([loop])
+    for together, loop in zip(simulate_loops(loops), loops, strict=True):
+        (alone,) = simulate_loops([loop])
         for name in ("heading", "rate", "torque", "commands", "outside"):
             assert getattr(together, name) == pytest.approx(getattr(alone, name), rel=1e-9, abs=1e-9), name
-        drive = model.drive(VEHICLE, together.trial())
+        drive = model.torque_input(VEHICLE, together.trial())
         for name in ("torque", "moment", "beside"):
             found, by_itself, whole = (getattr(one, name) for one in (together.drive, alone.drive, drive))
             assert found == pytest.approx(by_itself, rel=1e-9, abs=1e-9), name
@@ -113,5 +115,5 @@ def test_loops_side_by_side_go_as_each_by_itself(model: Model, period: float) ->
 def test_an_effect_that_remembers_more_than_the_window_is_given_all_of_it() -> None:
     model = with_effect("supply_sag", 3.0, 60.0)
     course = closed(model, law(900.0, 3000.0), seconds=200.0)
-    whole = model.drive(VEHICLE, course.trial()).torque
+    whole = model.torque_input(VEHICLE, course.trial()).torque
     assert np.max(np.abs(whole - course.drive.torque)[:-1]) <= 1e-4 * np.max(np.abs(whole))

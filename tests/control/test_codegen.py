@@ -12,26 +12,26 @@ import numpy as np
 import pytest
 
 from rovid.control.codegen import c_source, python_source
-from rovid.control.control_law import Law
-from rovid.trial.assumptions import Guesswork
+from rovid.control.control_law import ControlLaw
+from rovid.trial.assumptions import Assumptions
 from tests.control.loops import law
 
 
 @pytest.fixture(scope="module")
-def generated(tmp_path_factory: pytest.TempPathFactory) -> tuple[Law, Any, Any]:
+def generated(tmp_path_factory: pytest.TempPathFactory) -> tuple[ControlLaw, Any, Any]:
     controller = law(
         900.0, 3000.0, inertia=5057.0, hold=(1.5, -0.3, 0.01, 2.0, -1.0, 0.7, 0.2), lowest=-400.0, highest=500.0
     )
     folder = tmp_path_factory.mktemp("source")
-    (folder / "c.c").write_text(c_source(controller, Guesswork()))
+    (folder / "c.c").write_text(c_source(controller, Assumptions()))
     flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-ffp-contract=off", "-shared", "-fPIC"]
     subprocess.run(["cc", *flags, "-o", folder / "c.so", folder / "c.c", "-lm"], check=True)
     module: dict[str, Any] = {}
-    exec(compile(python_source(controller, Guesswork()), "controller.py", "exec"), module)  # noqa: S102 - what is under test
+    exec(compile(python_source(controller, Assumptions()), "controller.py", "exec"), module)  # noqa: S102 - what is under test
     return controller, ctypes.CDLL(str(folder / "c.so")), module
 
 
-def test_generated_c_and_python_are_the_simulated_controller(generated: tuple[Law, Any, Any]) -> None:
+def test_generated_c_and_python_are_the_simulated_controller(generated: tuple[ControlLaw, Any, Any]) -> None:
     controller, library, module = generated
     library.rovid_control_step.restype = ctypes.c_double
     step_in_c = library.rovid_control_step
@@ -42,7 +42,7 @@ def test_generated_c_and_python_are_the_simulated_controller(generated: tuple[La
     headings = np.where(rng.random(3000) < 0.5, headings, headings % (2.0 * math.pi))  # wrapped or not
     memory = (ctypes.c_double * 3)()
     library.rovid_control_start(memory, headings[0])
-    state, plain = controller.start(headings[0]), module["Controller"](headings[0])
+    state, plain = controller.initial_state(headings[0]), module["Controller"](headings[0])
     torques = []
     for k, heading in enumerate(headings):
         wanted, rate, acceleration = math.sin(0.01 * k) * 3.0, 0.01 * math.cos(0.01 * k), 1e-3 * math.sin(0.02 * k)
@@ -60,8 +60,8 @@ def test_generated_c_and_python_are_the_simulated_controller(generated: tuple[La
 
 def test_sources_that_hang_on_a_guess_say_so_where_they_say_who_wrote_them() -> None:
     controller = law(900.0, 3000.0, inertia=5057.0)
-    guess = Guesswork(items=("yaw_arm of */ fore",), thrusters=1)
+    guess = Assumptions(items=("yaw_arm of */ fore",), thrusters=1)
     for source in (c_source, python_source):
         (head,) = re.findall(r"Written by rovid .*", source(controller, guess))
         assert head.endswith("PLACEHOLDERS: arms or thrust curves are guesses.")
-        assert "PLACEHOLDERS" not in source(controller, Guesswork())
+        assert "PLACEHOLDERS" not in source(controller, Assumptions())

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from rovid.control.control_law import holds, wrapped
+from rovid.control.control_law import static_terms_of, wrapped
 from tests.control.loops import closed, law, with_effect
 
 
@@ -21,10 +21,11 @@ from tests.control.loops import closed, law, with_effect
 )
 def test_torques_at_rest_are_held_against(key: str, values: tuple[float, ...]) -> None:
     model = with_effect(key, *values)
-    known = law(900.0, 3000.0, hold=holds(model))
+    known = law(900.0, 3000.0, hold=static_terms_of(model))
     unknown = law(900.0, 3000.0)
     errors = [
-        abs(math.degrees(wrapped(c.wanted[-1] - c.heading[-1]))) for c in (closed(model, known), closed(model, unknown))
+        abs(math.degrees(wrapped(c.setpoint[-1] - c.heading[-1])))
+        for c in (closed(model, known), closed(model, unknown))
     ]
     assert errors[0] < 1e-3
     assert errors[1] > 0.05

@@ -10,9 +10,16 @@ import pytest
 
 from rovid.control.allocation import allocate
 from rovid.control.closed_loop import Plant
-from rovid.control.design import choose_bandwidth, closed_loops, law_for, loop_of, measured_runs, unaided
-from rovid.control.specs import Manoeuvre, Setting, manoeuvres, paper_runs
-from rovid.control.tuning import gains
+from rovid.control.design import (
+    choose_bandwidth,
+    control_law,
+    noisy_and_noise_free,
+    open_loop,
+    simulate_pairs,
+    without_model_aid,
+)
+from rovid.control.specs import HeadingManoeuvre, LoopConditions, paper_runs, standard_manoeuvres
+from rovid.control.tuning import pd_gains
 from rovid.effects import Effect, forms_for
 from rovid.model.model import Model
 from rovid.trial.vehicle import Vehicle
@@ -25,18 +32,18 @@ def test_a_dead_zone_and_a_lag_make_a_limit_cycle_that_is_seen() -> None:
     model = with_effect("thruster_lag", 1.0, model=with_effect("command_hysteresis", 0.4))
     bench = allocate(VEHICLE, PAPER)
     controller = law(2000.0, 3000.0)
-    ((shaken, _),) = measured_runs(
-        closed_loops(controller, bench, Plant(model=model, vehicle=VEHICLE), paper_runs()[2:3])
+    ((shaken, _),) = simulate_pairs(
+        noisy_and_noise_free(controller, bench, Plant(model=model, vehicle=VEHICLE), paper_runs()[2:3])
     )
     assert shaken.limit_cycle is not None
     assert shaken.limit_cycle.amplitude_deg > 0.2
-    ((calm, _),) = measured_runs(
-        closed_loops(controller, bench, Plant(model=PAPER, vehicle=VEHICLE), paper_runs()[2:3])
+    ((calm, _),) = simulate_pairs(
+        noisy_and_noise_free(controller, bench, Plant(model=PAPER, vehicle=VEHICLE), paper_runs()[2:3])
     )
     assert calm.limit_cycle is None
 
 
-def random_vehicle(seed: int) -> tuple[Model, Vehicle, Setting]:
+def random_vehicle(seed: int) -> tuple[Model, Vehicle, LoopConditions]:
     """An identified vehicle with one to three effects that diagnosis found, of sizes that trials show."""
     rng = np.random.default_rng([2026, seed])
     size, speed = rng.uniform(0.5, 2.0), rng.uniform(0.7, 1.4)
@@ -54,8 +61,8 @@ def random_vehicle(seed: int) -> tuple[Model, Vehicle, Setting]:
     for effect in chosen.values():
         for k, parameter in enumerate(effect.parameters):
             share = rng.uniform(0.3, 2.0) if k == 0 else 1.0
-            first = parameter.starts[0] * scales.of(parameter)
-            null = parameter.null * scales.of(parameter)
+            first = parameter.initial_values[0] * scales.unit_size(parameter)
+            null = parameter.neutral * scales.unit_size(parameter)
             away = first if effect.id == "slew_limit" else null + share * (first - null)
             values.append(away)
     model = Model(
@@ -65,7 +72,7 @@ def random_vehicle(seed: int) -> tuple[Model, Vehicle, Setting]:
         effects=tuple(chosen.values()),
         effect_values=tuple(values),
     )
-    return model, vehicle, Setting(torque_in_use=torque, heading_noise=math.radians(0.01))
+    return model, vehicle, LoopConditions(torque_in_use=torque, heading_noise=math.radians(0.01))
 
 
 @pytest.mark.parametrize("seed", [pytest.param(k, marks=[pytest.mark.slow] if k >= 4 else []) for k in range(20)])
@@ -73,16 +80,16 @@ def test_a_random_vehicle_keeps_its_heading_within_predicted_margins(seed: int) 
     model, vehicle, setting = random_vehicle(seed)
     allocation = allocate(vehicle, model)
     bandwidth = choose_bandwidth(model, vehicle, allocation, setting, 0.7)
-    controller = law_for(model, allocation, setting, *gains(model.inertia, 0.7, bandwidth))
-    predicted = loop_of(controller, model, vehicle, allocation, setting).margins()
+    controller = control_law(model, allocation, setting, *pd_gains(model.inertia, 0.7, bandwidth))
+    predicted = open_loop(controller, model, vehicle, allocation, setting).margins()
     plant = Plant(
         model=model,
         vehicle=vehicle,
         heading_noise=setting.heading_noise,
         disturbance=0.02 * setting.torque_in_use,
     )
-    wanted = manoeuvres((), setting.torque_in_use)[:3]
-    for found, _ in measured_runs(closed_loops(controller, allocation, plant, wanted, seed=seed)):
+    wanted = standard_manoeuvres((), setting.torque_in_use)[:3]
+    for found, _ in simulate_pairs(noisy_and_noise_free(controller, allocation, plant, wanted, seed=seed)):
         assert found.settling_time is not None
         assert found.steady_error_deg < 0.6
         # What a play or a dead zone leaves, if anything.
@@ -91,7 +98,7 @@ def test_a_random_vehicle_keeps_its_heading_within_predicted_margins(seed: int) 
     # rates such as those in use, which the margins are of where lag or damping go with the amplitude.
     swings = []
     for share in (0.85, 1.15):
-        late = replace(plant.quiet(), delay=share * predicted.delay_s)
+        late = replace(plant.noise_free(), delay=share * predicted.delay_s)
         goal = np.full(round(100.0 / bandwidth / controller.period), math.radians(110.0))
         course = run_one(controller, allocation, late, goal, math.radians(100.0))
         swings.append([float(np.ptp(part)) for part in np.array_split(np.degrees(course.heading), 4)])
@@ -102,17 +109,17 @@ def test_a_random_vehicle_keeps_its_heading_within_predicted_margins(seed: int) 
 
 
 def test_pd_alone_has_no_aid() -> None:
-    bare = unaided(law(hold=(1.0,) * 7, inertia=5.0))
-    assert (bare.quadratic_drag, bare.linear_drag, bare.inertia, sum(bare.hold)) == (0.0, 0.0, 0.0, 0.0)
-    assert bare.step(bare.start(0.0), 0.0, 0.1)[0] == pytest.approx(10.0)
+    bare = without_model_aid(law(hold=(1.0,) * 7, inertia=5.0))
+    assert (bare.quadratic_drag, bare.linear_drag, bare.inertia, sum(bare.static_terms)) == (0.0, 0.0, 0.0, 0.0)
+    assert bare.step(bare.initial_state(0.0), 0.0, 0.1)[0] == pytest.approx(10.0)
 
 
 def test_a_manoeuvre_against_a_current_has_the_error_of_its_stiffness() -> None:
-    loops = closed_loops(
+    loops = noisy_and_noise_free(
         law(1000.0, 3500.0),
         allocate(LOGGED, PAPER),
         Plant(model=PAPER, vehicle=LOGGED),
-        [Manoeuvre(name="", start=120.0, wanted=120.0, current=10.0)],
+        [HeadingManoeuvre(name="", start=120.0, target=120.0, current=10.0)],
     )
-    ((found, _),) = measured_runs(loops)
+    ((found, _),) = simulate_pairs(loops)
     assert found.steady_error_deg == pytest.approx(math.degrees(10.0 / 1000.0), rel=1e-3)

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from rovid.control.specs import Options, manoeuvres, setting_of
+from rovid.control.specs import ControllerOptions, loop_conditions, standard_manoeuvres
 from rovid.core.errors import ConfigError
 from tests.control.loops import PAPER
 
@@ -25,25 +25,25 @@ from tests.control.loops import PAPER
 )
 def test_what_no_controller_can_be_asked_is_refused(wish: dict[str, object], words: str) -> None:
     with pytest.raises(ConfigError, match=words):
-        Options(**wish)  # type: ignore[arg-type]
+        ControllerOptions(**wish)  # type: ignore[arg-type]
 
 
 def test_a_step_goes_the_shorter_way() -> None:
-    steps = Options(steps=("350:10", "10:350", "0:90")).parsed_steps()
+    steps = ControllerOptions(steps=("350:10", "10:350", "0:90")).parsed_steps()
     assert steps == [(350.0, 370.0), (10.0, -10.0), (0.0, 90.0)]
-    names = [run.name for run in manoeuvres(steps, 100.0)]
+    names = [run.name for run in standard_manoeuvres(steps, 100.0)]
     assert "350 to 10 deg" in names
     assert "10 to 350 deg" in names
 
 
 def test_waves_and_current_are_a_tenth_of_the_torque_in_use() -> None:
-    runs = {run.name: run for run in manoeuvres([], 120.0)}
+    runs = {run.name: run for run in standard_manoeuvres([], 120.0)}
     assert runs["hold 120 deg, current sets in"].current == pytest.approx(12.0)
     assert runs["hold 120 deg, waves"].waves == pytest.approx(12.0)
 
 
 def test_without_logs_a_middling_rate_says_what_torque_is_in_use() -> None:
-    setting = setting_of(Options(), PAPER, None, None)
+    setting = loop_conditions(ControllerOptions(), PAPER, None, None)
     assert setting.torque_in_use == pytest.approx(3532.0 * 0.15**2 + 132.37 * 0.15)
     assert setting.heading_noise == pytest.approx(math.radians(0.01))
-    assert setting_of(Options(), PAPER, 0.002, 50.0).torque_in_use == 50.0
+    assert loop_conditions(ControllerOptions(), PAPER, 0.002, 50.0).torque_in_use == 50.0

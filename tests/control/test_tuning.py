@@ -13,8 +13,8 @@ from scipy import signal
 
 from rovid.control.allocation import allocate
 from rovid.control.closed_loop import Plant
-from rovid.control.control_law import Law
-from rovid.control.tuning import Loop, damping_ratio, drawn, gains, linearised
+from rovid.control.control_law import ControlLaw
+from rovid.control.tuning import OpenLoop, damping_ratio, linearise, pd_gains, sample_models
 from rovid.core.array_types import FloatArray
 from rovid.store.parameter_file import Entry, Parameters
 from tests.control.loops import PAPER, law, loop, run_one, swing, with_effect
@@ -28,13 +28,13 @@ def test_the_papers_gains_have_half_the_damping_with_the_inertia() -> None:
 
 @pytest.mark.parametrize("damping", [0.3, 0.7, 1.4])
 def test_gains_and_damping_ratio_are_each_others_inverse(damping: float) -> None:
-    kp, kd = gains(5057.0, damping, 0.4)
+    kp, kd = pd_gains(5057.0, damping, 0.4)
     assert damping_ratio(kp, kd, 5057.0) == pytest.approx(damping, rel=1e-12)
     poles = np.roots([5057.0, kd, kp])
     assert np.abs(poles[0]) == pytest.approx(0.4, rel=1e-12) or damping > 1.0
 
 
-def frequency_response(controller: Law, delay: int, w: FloatArray) -> FloatArray:
+def frequency_response(controller: ControlLaw, delay: int, w: FloatArray) -> FloatArray:
     """The loop's transfer by scipy's own discretisation, with a delay of whole samples."""
     linear = PAPER.linear_drag
     matrix = np.array([[0.0, 1.0], [0.0, -linear / PAPER.inertia]])
@@ -51,7 +51,7 @@ def frequency_response(controller: Law, delay: int, w: FloatArray) -> FloatArray
 
 @pytest.mark.parametrize("samples", [0, 3])
 @pytest.mark.parametrize("controller", [law(), law(3000.0, 5000.0), law(3000.0, 5000.0, linear_drag=0.0)])
-def test_margins_are_those_of_an_independent_computation(controller: Law, samples: int) -> None:
+def test_margins_are_those_of_an_independent_computation(controller: ControlLaw, samples: int) -> None:
     w = np.geomspace(1e-3, 0.999 * math.pi / 0.1, 400_000)
     response = frequency_response(controller, samples, w)
     found = loop(controller, 0.1 * samples).margins()
@@ -111,7 +111,7 @@ def test_margins_over_the_uncertainty_follow_the_covariance() -> None:
     size = [0.1 * entry.value for entry in entries.values()]
     covariance = {(a, a): s**2 for a, s in zip(names, size, strict=True)}
     covariance["quadratic_drag", "linear_drag"] = -0.9 * size[1] * size[2]
-    models = drawn(Parameters(path=Path("p"), entries=entries, covariance=covariance), 2000, seed=3)
+    models = sample_models(Parameters(path=Path("p"), entries=entries, covariance=covariance), 2000, seed=3)
     rows = np.array([(m.inertia, m.quadratic_drag, m.linear_drag) for m in models])
     assert np.std(rows, axis=0) == pytest.approx(np.array(size), rel=0.06)  # 2000 draws
     assert np.corrcoef(rows.T)[1, 2] == pytest.approx(-0.9, abs=0.02)
@@ -121,8 +121,8 @@ def test_margins_over_the_uncertainty_follow_the_covariance() -> None:
 @pytest.mark.parametrize(("kp", "kd", "period", "rate_filter"), [(100.0, 710.0, 0.1, 0.3), (900.0, 2500.0, 0.5, 0.2)])
 def test_margins_are_those_of_python_control(kp: float, kd: float, period: float, rate_filter: float) -> None:
     controller = law(kp, kd, period=period, rate_filter=rate_filter)
-    found = Loop(
-        law=controller, motion=linearised(PAPER), actuators=(np.array([0.1, 1.0]), np.ones(2, dtype=np.complex128))
+    found = OpenLoop(
+        law=controller, motion=linearise(PAPER), actuators=(np.array([0.1, 1.0]), np.ones(2, dtype=np.complex128))
     ).margins()
     motion = control.ss([[0.0, 1.0], [0.0, -132.37 / 5057.0]], [[0.0], [1.0 / 5057.0]], [[1.0, 0.0]], 0.0)
     blend = 1.0 - math.exp(-period / rate_filter)
@@ -139,7 +139,7 @@ def test_margins_are_those_of_python_control(kp: float, kd: float, period: float
 def test_friction_damps_as_little_as_it_does_the_largest_swing() -> None:
     torque, fastest = 12.0, 0.15
     rubbing = with_effect("coulomb_resistance", torque, 1e-3)
-    at_rest, swinging = (-PAPER.inertia * linearised(rubbing, rate)[0][1, 1] for rate in (0.0, fastest))
+    at_rest, swinging = (-PAPER.inertia * linearise(rubbing, rate)[0][1, 1] for rate in (0.0, fastest))
     # Its slope at rest, and the describing function of a torque that turns its sign (Gelb and Vander Velde 1968).
     assert at_rest == pytest.approx(PAPER.linear_drag + torque / 1e-3, rel=0.01)
     assert swinging == pytest.approx(PAPER.linear_drag + 4.0 * torque / (math.pi * fastest), rel=0.01)
@@ -152,5 +152,5 @@ def test_weights_on_heading_and_torque_ask_for_a_damping_ratio_of_half_the_root_
     """Of the aided vehicle, a double integrator, the linear-quadratic gains are those of --damping 0.707."""
     motion = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0 / 5057.0]])
     optimal, _, _ = control.lqr(*motion, np.diag([1.0 / heading**2, 0.0]), np.array([[1.0 / torque**2]]))
-    known = gains(5057.0, math.sqrt(0.5), math.sqrt(torque / heading / 5057.0))
+    known = pd_gains(5057.0, math.sqrt(0.5), math.sqrt(torque / heading / 5057.0))
     assert optimal.ravel() == pytest.approx(known, rel=1e-6)

@@ -6,12 +6,12 @@ import io
 
 from rich.table import Table
 
-from rovid.core.console import Screen, led
+from rovid.core.console import SafeConsole, labelled_text
 
 
 def printed(thing: object) -> str:
     stream = io.StringIO()
-    Screen(file=stream, width=60, force_terminal=False).print(thing)
+    SafeConsole(file=stream, width=60, force_terminal=False).print(thing)
     return stream.getvalue().rstrip()
 
 
@@ -28,5 +28,5 @@ def test_what_is_not_seen_is_printed_as_an_escape() -> None:
 
 
 def test_a_lead_stands_before_its_text() -> None:
-    assert printed(led("Next:", "a run\x1b")) == "Next: a run\\x1b"
-    assert printed(led("Alone")) == "Alone"
+    assert printed(labelled_text("Next:", "a run\x1b")) == "Next: a run\\x1b"
+    assert printed(labelled_text("Alone")) == "Alone"

@@ -13,8 +13,8 @@ import xml.etree.ElementTree as ET
 import pytest
 import yaml
 
-from rovid.core.errors import visible
-from rovid.core.escaping import csv_line, identifiers, toml_text, words, xml_attribute, xml_comment
+from rovid.core.errors import escape_invisible
+from rovid.core.escaping import csv_line, field_names, identifiers, toml_text, xml_attribute, xml_comment
 from rovid.core.formatting import to_json
 from tests.hostile import NAMES, STEERING
 
@@ -26,10 +26,10 @@ def test_each_format_gives_a_name_back_or_shows_it(name: str) -> None:
     assert json.loads(to_json({name: [name]})) == {name: [name]}
     assert not STEERING.search(quoted + to_json({name: name}))
     element = ET.fromstring(f"<!--{xml_comment(name)} --><a b={xml_attribute(name)}/>")
-    assert (element.get("b") or "").replace("$ ", "$") == visible(name)
+    assert (element.get("b") or "").replace("$ ", "$") == escape_invisible(name)
     [cells] = csv.reader(io.StringIO(csv_line(["time_s", name])))
     assert cells[0] == "time_s"
-    assert cells[1].replace("'", "") == visible(name).replace("'", "")
+    assert cells[1].replace("'", "") == escape_invisible(name).replace("'", "")
     for part in re.split("[;,]", cells[1]):
         assert part[:1] not in set("=+-@\t\r"), part
 
@@ -42,7 +42,7 @@ def test_a_name_of_bytes_that_are_no_text_is_written_as_an_escape() -> None:
 
 
 def test_identifiers_are_identifiers_and_no_two_alike() -> None:
-    for made in (identifiers(NAMES, taken=("base",)), words(NAMES, taken=("base",))):
+    for made in (identifiers(NAMES, taken=("base",)), field_names(NAMES, taken=("base",))):
         assert len(set(made)) == len(NAMES)
         assert "base" not in made
         assert max(map(len, made)) <= 63
@@ -53,7 +53,7 @@ def test_identifiers_are_identifiers_and_no_two_alike() -> None:
 
 def test_many_names_alike_take_no_longer_each_than_few() -> None:
     # Were each compared with all that came before, this would take minutes.
-    made = words(["a"] * 50_000 + ["a_3"], taken=("a_2",))
+    made = field_names(["a"] * 50_000 + ["a_3"], taken=("a_2",))
     assert made[:3] == ["a", "a_4", "a_5"]
     assert made[-1] == "a_3"
     assert len(set(made)) == len(made)

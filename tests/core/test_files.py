@@ -18,15 +18,26 @@ from pathlib import Path
 import pytest
 
 from rovid.core import journal as journal_module
-from rovid.core.atomic_write import Claim, Output
+from rovid.core.atomic_write import OutputFile, OutputSet
 from rovid.core.errors import ConfigError, OutputError
-from rovid.core.signatures import C_SOURCE, CURVE, LOG, PAGE, PARAMETERS, PLAN, RECORDING, Form, export_form, png_form
+from rovid.core.signatures import (
+    C_SOURCE,
+    CURVE,
+    LOG,
+    PAGE,
+    PARAMETERS,
+    PLAN,
+    RECORDING,
+    FileSignature,
+    export_signature,
+    png_signature,
+)
 from rovid.trial.config import find_config
 from tests.conftest import ROOT
 
 pytestmark = pytest.mark.usefixtures("here")
 SCHEMA = 'schema = "rovid-parameters/1"\n'
-FORMS = [PARAMETERS, PAGE, PLAN, CURVE, RECORDING, C_SOURCE, LOG, png_form("plan"), export_form("json")]
+FORMS = [PARAMETERS, PAGE, PLAN, CURVE, RECORDING, C_SOURCE, LOG, png_signature("plan"), export_signature("json")]
 POSIX = pytest.mark.skipif(os.name != "posix", reason="modes and signals are POSIX")
 
 
@@ -34,7 +45,7 @@ def leavings(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.rglob(".*"))
 
 
-def message(claim: Claim, output: Output, content: str) -> str:
+def message(claim: OutputSet, output: OutputFile, content: str) -> str:
     with pytest.raises(OutputError) as refused:
         claim.write({output: content})
     return str(refused.value)
@@ -45,12 +56,12 @@ def saved_in(said: str) -> Path:
 
 
 @pytest.mark.parametrize("form", FORMS, ids=lambda form: form.words)
-def test_a_foreign_file_is_refused_before_the_work(form: Form, tmp_path: Path) -> None:
+def test_a_foreign_file_is_refused_before_the_work(form: FileSignature, tmp_path: Path) -> None:
     path = tmp_path / "mine"
     path.write_text("time,heading\n0,1\n")
     with pytest.raises(OutputError, match=r"is there already .* --force"):
-        Claim([Output(path, form)])
-    Claim([Output(path, form)], force=True).write({Output(path, form): "new"})
+        OutputSet([OutputFile(path, form)])
+    OutputSet([OutputFile(path, form)], force=True).write({OutputFile(path, form): "new"})
     assert path.read_text() == "new"
 
 
@@ -58,8 +69,8 @@ def test_another_form_of_output_is_foreign(tmp_path: Path) -> None:
     path = tmp_path / "parameters.toml"
     path.write_text(SCHEMA)
     with pytest.raises(OutputError, match="is not an export"):
-        Claim([Output(path, export_form("json"))])
-    Claim([Output(path, PARAMETERS)])
+        OutputSet([OutputFile(path, export_signature("json"))])
+    OutputSet([OutputFile(path, PARAMETERS)])
 
 
 @pytest.mark.parametrize(
@@ -73,9 +84,9 @@ def test_another_form_of_output_is_foreign(tmp_path: Path) -> None:
         (PARAMETERS, '[notes]\nsaid = "schema = rovid-parameters/1"\n'),
     ],
 )
-def test_what_others_write_bears_no_mark(form: Form, text: str, tmp_path: Path) -> None:
+def test_what_others_write_bears_no_mark(form: FileSignature, text: str, tmp_path: Path) -> None:
     (tmp_path / "x").write_text(text)
-    assert not form.marks(tmp_path / "x")
+    assert not form.matches(tmp_path / "x")
 
 
 def test_what_is_read_is_never_written_over(tmp_path: Path) -> None:
@@ -84,23 +95,23 @@ def test_what_is_read_is_never_written_over(tmp_path: Path) -> None:
     (tmp_path / "link").symlink_to(log)
     for path in (log, tmp_path / "link"):
         with pytest.raises(OutputError, match="not written over"):
-            Claim([Output(path, PARAMETERS)], force=True, protected=[log])
+            OutputSet([OutputFile(path, PARAMETERS)], force=True, protected=[log])
 
 
 def test_an_empty_file_holds_nothing_to_lose(tmp_path: Path) -> None:
-    output = Output(tmp_path / "x", PARAMETERS)
+    output = OutputFile(tmp_path / "x", PARAMETERS)
     output.path.touch()
-    Claim([output]).write({output: SCHEMA})
+    OutputSet([output]).write({output: SCHEMA})
     assert output.path.read_text() == SCHEMA
 
 
 def test_the_same_log_again_is_fine_and_another_is_not(tmp_path: Path) -> None:
-    output = Output(tmp_path / "x.csv", LOG)
+    output = OutputFile(tmp_path / "x.csv", LOG)
     output.path.write_text("time_s,a\n0,1\n")
     before = output.path.stat()
-    Claim([output], protected=[output.path]).write({output: "time_s,a\n0,1\n"})
+    OutputSet([output], protected=[output.path]).write({output: "time_s,a\n0,1\n"})
     assert output.path.stat() == before
-    assert "is there already" in message(Claim([output]), output, "time_s,a\n0,2\n")
+    assert "is there already" in message(OutputSet([output]), output, "time_s,a\n0,2\n")
     assert leavings(tmp_path) == []
     assert list(Path.cwd().iterdir()) == []
 
@@ -111,18 +122,18 @@ def test_no_folder_pipe_or_device_is_a_file(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     for path in (tmp_path / "folder", tmp_path / "pipe", Path(os.devnull)):
         with pytest.raises(OutputError, match="a file was expected"):
-            Claim([Output(path, PLAN)], force=True)
+            OutputSet([OutputFile(path, PLAN)], force=True)
     assert stat.S_ISCHR(Path(os.devnull).stat().st_mode)
 
 
 def test_two_outputs_in_one_place_are_refused(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="two outputs"):
-        Claim([Output(tmp_path / "x", PLAN), Output(tmp_path / "y" / ".." / "x", CURVE)])
+        OutputSet([OutputFile(tmp_path / "x", PLAN), OutputFile(tmp_path / "y" / ".." / "x", CURVE)])
 
 
 def test_what_came_to_stand_there_meanwhile_stays(tmp_path: Path) -> None:
-    output = Output(tmp_path / "x", PARAMETERS)
-    claim = Claim([output])
+    output = OutputFile(tmp_path / "x", PARAMETERS)
+    claim = OutputSet([output])
     output.path.write_text("mine\n")
     saved = saved_in(message(claim, output, SCHEMA))
     assert output.path.read_text() == "mine\n"
@@ -135,8 +146,8 @@ def test_modes_and_links_stay(tmp_path: Path) -> None:
     real.write_text(SCHEMA)
     real.chmod(0o640)
     link.symlink_to("real")
-    output = Output(link, PARAMETERS)
-    Claim([output]).write({output: SCHEMA + "a = 1\n"})
+    output = OutputFile(link, PARAMETERS)
+    OutputSet([output]).write({output: SCHEMA + "a = 1\n"})
     assert link.is_symlink()
     assert real.read_text().endswith("a = 1\n")
     assert stat.S_IMODE(real.stat().st_mode) == 0o640
@@ -145,17 +156,17 @@ def test_modes_and_links_stay(tmp_path: Path) -> None:
 @POSIX
 def test_a_link_to_nothing_is_written_through(tmp_path: Path) -> None:
     (tmp_path / "link").symlink_to("real")
-    output = Output(tmp_path / "link", PLAN)
-    Claim([output]).write({output: "x"})
+    output = OutputFile(tmp_path / "link", PLAN)
+    OutputSet([output]).write({output: "x"})
     assert (tmp_path / "real").read_text() == "x"
     assert output.path.is_symlink()
 
 
 @POSIX
 def test_a_new_file_goes_by_the_umask(tmp_path: Path) -> None:
-    output, old = Output(tmp_path / "x", PLAN), os.umask(0o027)
+    output, old = OutputFile(tmp_path / "x", PLAN), os.umask(0o027)
     try:
-        Claim([output]).write({output: "x"})
+        OutputSet([output]).write({output: "x"})
     finally:
         os.umask(old)
     assert stat.S_IMODE(output.path.stat().st_mode) == 0o640
@@ -175,25 +186,25 @@ def test_file_and_folder_are_on_the_disk_before_it_ends(tmp_path: Path, monkeypa
 
     monkeypatch.setattr(os, "fsync", fsync)
     monkeypatch.setattr(os, "replace", replace)
-    output = Output(tmp_path / "x", PLAN)
-    Claim([output]).write({output: "x"})
+    output = OutputFile(tmp_path / "x", PLAN)
+    OutputSet([output]).write({output: "x"})
     assert said == ["file", "rename", "folder"]
 
 
 def test_a_claim_leaves_nothing(tmp_path: Path) -> None:
-    Claim([Output(tmp_path / "new" / "folder" / "x", PLAN)])
+    OutputSet([OutputFile(tmp_path / "new" / "folder" / "x", PLAN)])
     assert [path.name for path in tmp_path.iterdir()] == ["here"]
 
 
 def test_a_file_in_place_of_a_folder_is_found_before_the_work(tmp_path: Path) -> None:
     (tmp_path / "x").write_text("")
     with pytest.raises(OutputError, match="cannot be written"):
-        Claim([Output(tmp_path / "x" / "y", PLAN)])
+        OutputSet([OutputFile(tmp_path / "x" / "y", PLAN)])
 
 
 def test_a_full_disk_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    outputs = [Output(tmp_path / "set" / name, PARAMETERS) for name in ("a", "b/c")]
-    claim = Claim(outputs)
+    outputs = [OutputFile(tmp_path / "set" / name, PARAMETERS) for name in ("a", "b/c")]
+    claim = OutputSet(outputs)
     claim.write(dict.fromkeys(outputs, SCHEMA))
     real = journal_module.write_synced
 
@@ -218,8 +229,8 @@ def test_a_full_disk_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 
 def test_where_nothing_can_be_written_that_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    output = Output(tmp_path / "x", PLAN)
-    claim = Claim([output])
+    output = OutputFile(tmp_path / "x", PLAN)
+    claim = OutputSet([output])
 
     def full(path: Path, data: bytes) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -326,8 +337,8 @@ def test_a_set_killed_at_any_instant_is_the_old_or_the_new(function: str, tmp_pa
         assert done.returncode == -signal.SIGKILL, done.stderr
         # Other programs look at once, without rovid; it has told whoever waited for all that it says.
         seen.append(whole(folder))
-        outputs = [Output(folder / name, PARAMETERS) for name in ("a", "b", "plots/c", "plots/d")]
-        Claim(outputs).write(dict.fromkeys(outputs, f"{SCHEMA}# next\n"), stale=[folder / "plots" / "stale"])
+        outputs = [OutputFile(folder / name, PARAMETERS) for name in ("a", "b", "plots/c", "plots/d")]
+        OutputSet(outputs).write(dict.fromkeys(outputs, f"{SCHEMA}# next\n"), stale=[folder / "plots" / "stale"])
         assert whole(folder) == "next"
         assert leavings(folder) == []
     else:
@@ -339,8 +350,8 @@ def test_a_set_killed_at_any_instant_is_the_old_or_the_new(function: str, tmp_pa
 
 @POSIX
 def test_without_the_survivor_the_next_rovid_completes_the_set(tmp_path: Path) -> None:
-    outputs = [Output(tmp_path / name, PARAMETERS) for name in ("a", "b")]
-    Claim(outputs).write(dict.fromkeys(outputs, f"{SCHEMA}# old\n"))
+    outputs = [OutputFile(tmp_path / name, PARAMETERS) for name in ("a", "b")]
+    OutputSet(outputs).write(dict.fromkeys(outputs, f"{SCHEMA}# old\n"))
     child = os.fork()
     if child == 0:  # killed with its survivor, at the second rename
 
@@ -358,7 +369,7 @@ def test_without_the_survivor_the_next_rovid_completes_the_set(tmp_path: Path) -
 
         subprocess.Popen = no_survivor  # type: ignore[misc,assignment]  # in the child alone
         os.replace = killed  # type: ignore[assignment]  # as above
-        Claim(outputs).write(dict.fromkeys(outputs, f"{SCHEMA}# new\n"))
+        OutputSet(outputs).write(dict.fromkeys(outputs, f"{SCHEMA}# new\n"))
         os._exit(0)
     assert os.WTERMSIG(os.waitpid(child, 0)[1]) == signal.SIGKILL
     assert len({output.path.read_text() for output in outputs}) == 2
@@ -377,12 +388,12 @@ def test_an_interrupt_waits_for_the_renames(tmp_path: Path, monkeypatch: pytest.
         real(source, target)
 
     monkeypatch.setattr(os, "replace", interrupted)
-    outputs = [Output(tmp_path / name, PARAMETERS) for name in ("a", "b")]
+    outputs = [OutputFile(tmp_path / name, PARAMETERS) for name in ("a", "b")]
     # What is started in the background of a shell ignores interrupts.
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         with pytest.raises(KeyboardInterrupt):
-            Claim(outputs).write(dict.fromkeys(outputs, SCHEMA))
+            OutputSet(outputs).write(dict.fromkeys(outputs, SCHEMA))
     finally:
         signal.signal(signal.SIGINT, before)
     assert [output.path.read_text() for output in outputs] == [SCHEMA, SCHEMA]

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from rovid.core import fork as module
-from rovid.core.fork import Ahead
+from rovid.core.fork import ForkedCall
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="there are copies on Linux alone")
 
@@ -33,7 +33,7 @@ def children() -> list[str]:
 
 
 def test_it_is_told_from_another_process_however_long_it_is() -> None:
-    with Ahead(lambda: (os.getpid(), np.arange(1e6))) as ahead:
+    with ForkedCall(lambda: (os.getpid(), np.arange(1e6))) as ahead:
         told = ahead.result()
     assert told is not None
     process, numbers = told
@@ -59,7 +59,7 @@ def cannot_be_told() -> object:
 
 @pytest.mark.parametrize("function", [fails, is_killed, leaves, cannot_be_told])
 def test_of_one_that_fails_nothing_is_told(function: Callable[[], object], capfd: pytest.CaptureFixture[str]) -> None:
-    with Ahead(function) as ahead:
+    with ForkedCall(function) as ahead:
         assert ahead.result() is None
     assert capfd.readouterr() == ("", "")
 
@@ -70,7 +70,7 @@ def test_it_ends_with_who_asks_and_says_nothing(capfd: pytest.CaptureFixture[str
         time.sleep(60.0)
 
     begun, before = time.monotonic(), children()
-    with Ahead(long) as ahead:
+    with ForkedCall(long) as ahead:
         assert len(children()) == len(before) + 1
     assert ahead.result() is None
     ahead.stop()
@@ -82,7 +82,7 @@ def test_without_a_free_core_or_room_or_beside_the_main_thread_there_is_none(mon
     found: list[object] = []
 
     def ask() -> None:
-        with Ahead(lambda: 1) as ahead:
+        with ForkedCall(lambda: 1) as ahead:
             found.append(ahead.result())
 
     thread = threading.Thread(target=ask)

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from rovid.core.formatting import plus_minus, significant, to_error
+from rovid.core.formatting import plus_minus, round_to_error, significant
 
 
 @pytest.mark.parametrize(
@@ -36,7 +36,7 @@ def test_values_are_rounded_to_their_uncertainty(value: float, error: float, exp
     ],
 )
 def test_what_is_small_is_rounded_to_its_uncertainty_too(value: float, error: float, expected: str) -> None:
-    assert to_error(value, error) == expected
+    assert round_to_error(value, error) == expected
 
 
 @pytest.mark.parametrize(

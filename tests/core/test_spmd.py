@@ -18,8 +18,8 @@ import pytest
 from rovid.core import fork
 from rovid.core import spmd as module
 from rovid.core.array_types import FloatArray
-from rovid.core.spmd import in_step, shared
-from rovid.core.threads import SHARE, cores
+from rovid.core.spmd import forked_workers, parallel_map
+from rovid.core.threads import CORES_VARIABLE, core_count
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="there are copies on Linux alone")
 
@@ -35,37 +35,37 @@ def three_cores(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 def test_all_results_come_in_order_from_several_processes() -> None:
-    with in_step():
-        told = shared(lambda number: (number**2, _slowly(os.getpid())), range(30))
+    with forked_workers():
+        told = parallel_map(lambda number: (number**2, _slowly(os.getpid())), range(30))
     assert [square for square, _ in told] == [number**2 for number in range(30)]
     assert len({process for _, process in told}) == 3
 
 
 def test_what_follows_is_the_same_in_all_and_may_be_shared_again() -> None:
-    with in_step():
+    with forked_workers():
         total = np.zeros(3)
         for turn in range(20):
-            total = total + sum(shared(partial(_three, turn), range(7)))
+            total = total + sum(parallel_map(partial(_three, turn), range(7)))
     assert total.tolist() == [21.0 * sum(range(20))] * 3
 
 
 def test_shared_within_shared_stays_where_it_is() -> None:
-    with in_step():
-        told = shared(lambda _: shared(lambda __: _slowly(os.getpid()), range(4)), range(6))
+    with forked_workers():
+        told = parallel_map(lambda _: parallel_map(lambda __: _slowly(os.getpid()), range(4)), range(6))
     assert all(len(set(processes)) == 1 for processes in told)
 
 
 def test_what_threads_cannot_do_is_done_one_after_the_other() -> None:
-    told = shared(lambda _: (_slowly(os.getpid()), threading.get_ident()), range(6), among_threads=False)
+    told = parallel_map(lambda _: (_slowly(os.getpid()), threading.get_ident()), range(6), among_threads=False)
     assert set(told) == {(os.getpid(), threading.get_ident())}
-    with in_step():
-        assert len(set(shared(lambda _: _slowly(os.getpid()), range(30), among_threads=False))) == 3
+    with forked_workers():
+        assert len(set(parallel_map(lambda _: _slowly(os.getpid()), range(30), among_threads=False))) == 3
 
 
 def test_only_the_first_process_goes_on(tmp_path: Path) -> None:
-    with in_step() as is_first:
+    with forked_workers() as is_first:
         (tmp_path / f"{os.getpid()} {is_first}").touch()
-        shared(_slowly, range(9))
+        parallel_map(_slowly, range(9))
     (tmp_path / f"after {os.getpid()}").touch()
     names = sorted(path.name.split()[1] for path in tmp_path.iterdir() if not path.name.startswith("after"))
     assert names == ["False", "False", "True"]
@@ -73,10 +73,10 @@ def test_only_the_first_process_goes_on(tmp_path: Path) -> None:
 
 
 def test_cores_are_its_own_inside_and_all_of_them_afterwards(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(SHARE, "3")
-    with in_step():
-        assert cores() == 1
-    assert os.environ[SHARE] == "3"
+    monkeypatch.setenv(CORES_VARIABLE, "3")
+    with forked_workers():
+        assert core_count() == 1
+    assert os.environ[CORES_VARIABLE] == "3"
 
 
 def test_what_a_killed_copy_had_taken_is_done_here() -> None:
@@ -87,12 +87,12 @@ def test_what_a_killed_copy_had_taken_is_done_here() -> None:
             os.kill(os.getpid(), signal.SIGKILL)
         return _slowly(number)
 
-    before = os.environ.get(SHARE)
-    with in_step():
-        assert shared(deadly, range(20)) == list(range(20))
+    before = os.environ.get(CORES_VARIABLE)
+    with forked_workers():
+        assert parallel_map(deadly, range(20)) == list(range(20))
         # Alone from here on, with all cores.
-        assert os.environ.get(SHARE) == before
-        assert {process for _, process in enumerate(shared(lambda _: os.getpid(), range(9)))} == {first}
+        assert os.environ.get(CORES_VARIABLE) == before
+        assert {process for _, process in enumerate(parallel_map(lambda _: os.getpid(), range(9)))} == {first}
 
 
 def test_where_there_is_no_room_for_copies_it_goes_on_without(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -100,30 +100,30 @@ def test_where_there_is_no_room_for_copies_it_goes_on_without(monkeypatch: pytes
         raise BlockingIOError
 
     monkeypatch.setattr(os, "fork", no_room)
-    before = os.environ.get(SHARE)
-    with in_step() as is_first:
+    before = os.environ.get(CORES_VARIABLE)
+    with forked_workers() as is_first:
         assert is_first
-        assert os.environ.get(SHARE) == before
-        assert shared(abs, [-1, 2, -3]) == [1, 2, 3]
+        assert os.environ.get(CORES_VARIABLE) == before
+        assert parallel_map(abs, [-1, 2, -3]) == [1, 2, 3]
 
 
 def test_an_error_ends_it_as_it_would_without_copies() -> None:
     def failing(number: int) -> int:
         return 1 // _slowly(number)
 
-    before = os.environ.get(SHARE)
-    with pytest.raises(ZeroDivisionError), in_step():
-        shared(failing, [3, 2, 1, 0, 1, 2, 3, 4, 5])
-    assert os.environ.get(SHARE) == before
+    before = os.environ.get(CORES_VARIABLE)
+    with pytest.raises(ZeroDivisionError), forked_workers():
+        parallel_map(failing, [3, 2, 1, 0, 1, 2, 3, 4, 5])
+    assert os.environ.get(CORES_VARIABLE) == before
 
 
 def test_an_error_that_is_mended_leaves_it_going() -> None:
     told = []
-    with in_step():
+    with forked_workers():
         try:
-            shared(lambda number: 1 // _slowly(number), range(-4, 5))
+            parallel_map(lambda number: 1 // _slowly(number), range(-4, 5))
         except ZeroDivisionError:
-            told = shared(abs, [-1, 2])
+            told = parallel_map(abs, [-1, 2])
     assert told == [1, 2]
 
 
@@ -151,7 +151,7 @@ def test_there_are_none_beside_other_threads_or_without_a_core(monkeypatch: pyte
     before, found = _children(), list[list[str]]()
 
     def ask() -> None:
-        with in_step():
+        with forked_workers():
             found.append(_children())
 
     thread = threading.Thread(target=ask)

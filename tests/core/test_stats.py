@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from rovid.core.stats import below_t, beyond_chi2, beyond_f, logistic, logit, student_t, within_f
+from rovid.core.stats import chi2_sf, f_cdf, f_sf, logistic, logit, t_cdf, t_quantile
 from tests.conftest import SAMPLES
 
 FREEDOM = (1.0, 2.5, 20.0)
@@ -20,17 +20,17 @@ FREEDOM = (1.0, 2.5, 20.0)
 @pytest.mark.parametrize("freedom", FREEDOM)
 @pytest.mark.parametrize("value", [0.0, 0.3, 4.0, 80.0])
 def test_tails(freedom: float, value: float) -> None:
-    assert beyond_chi2(freedom, value) == pytest.approx(stats.chi2(freedom).sf(value))
-    assert beyond_f(3.0, freedom, value) == pytest.approx(stats.f(3.0, freedom).sf(value))
-    assert within_f(3.0, freedom, value) == pytest.approx(stats.f(3.0, freedom).cdf(value))
-    assert below_t(freedom, -value) == pytest.approx(stats.t(freedom).cdf(-value))
+    assert chi2_sf(freedom, value) == pytest.approx(stats.chi2(freedom).sf(value))
+    assert f_sf(3.0, freedom, value) == pytest.approx(stats.f(3.0, freedom).sf(value))
+    assert f_cdf(3.0, freedom, value) == pytest.approx(stats.f(3.0, freedom).cdf(value))
+    assert t_cdf(freedom, -value) == pytest.approx(stats.t(freedom).cdf(-value))
 
 
 @pytest.mark.parametrize("probability", [0.025, 0.5, 0.975])
 def test_quantiles(probability: float) -> None:
     for freedom in FREEDOM:
-        assert student_t(probability, freedom) == pytest.approx(stats.t(freedom).ppf(probability))
-    assert student_t(probability, math.inf) == pytest.approx(stats.norm.ppf(probability))
+        assert t_quantile(probability, freedom) == pytest.approx(stats.t(freedom).ppf(probability))
+    assert t_quantile(probability, math.inf) == pytest.approx(stats.norm.ppf(probability))
 
 
 def test_odds() -> None:

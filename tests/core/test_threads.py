@@ -7,13 +7,13 @@ import time
 
 import pytest
 
-from rovid.core.threads import SHARE, cores, spread
+from rovid.core.threads import CORES_VARIABLE, core_count, thread_map
 
 
 @pytest.fixture(autouse=True)
 def all_cores(monkeypatch: pytest.MonkeyPatch) -> None:
     """Not what is this worker's share of them."""
-    monkeypatch.delenv(SHARE, raising=False)
+    monkeypatch.delenv(CORES_VARIABLE, raising=False)
 
 
 def test_results_stand_in_the_order_of_what_they_are_of() -> None:
@@ -22,7 +22,7 @@ def test_results_stand_in_the_order_of_what_they_are_of() -> None:
         time.sleep(0.01 * (5 - number))
         return number**2
 
-    assert spread(late, range(5)) == [0, 1, 4, 9, 16]
+    assert thread_map(late, range(5)) == [0, 1, 4, 9, 16]
 
 
 def slow_name(_: int) -> str:
@@ -42,28 +42,28 @@ def test_no_more_are_at_work_than_there_are_cores() -> None:
         with lock:
             at_work -= 1
 
-    spread(lambda _: spread(leaf, range(5)), range(10))
-    assert most == cores()
+    thread_map(lambda _: thread_map(leaf, range(5)), range(10))
+    assert most == core_count()
 
 
 def test_who_has_nothing_left_to_do_helps() -> None:
-    if cores() < 2:
+    if core_count() < 2:
         pytest.skip("one core alone")
 
     def threads(number: int) -> int:
         # The others are done at once; whether they are free already is known to nobody here.
         for _ in range(500 if number == 0 else 0):
-            names = spread(slow_name, range(4))
+            names = thread_map(slow_name, range(4))
             if len(set(names)) > 1:
                 return len(set(names))
         return 0
 
-    assert spread(threads, range(2))[0] > 1
+    assert thread_map(threads, range(2))[0] > 1
 
 
 def test_a_failure_comes_back() -> None:
     with pytest.raises(ZeroDivisionError):
-        spread(lambda number: 1 // number, [1, 0])
+        thread_map(lambda number: 1 // number, [1, 0])
 
 
 def test_after_a_failure_nothing_more_is_begun() -> None:
@@ -76,13 +76,13 @@ def test_after_a_failure_nothing_more_is_begun() -> None:
         time.sleep(0.01)
 
     with pytest.raises(ZeroDivisionError):
-        spread(failing, range(100))
-    assert len(begun) <= 2 * cores()
+        thread_map(failing, range(100))
+    assert len(begun) <= 2 * core_count()
 
 
 def test_however_deep_it_is_spread_it_ends() -> None:
     def deep(depth: int) -> int:
         time.sleep(0.001)
-        return 1 + sum(spread(deep, [depth - 1] * 3)) if depth else 1
+        return 1 + sum(thread_map(deep, [depth - 1] * 3)) if depth else 1
 
     assert deep(6) == sum(3**k for k in range(7))

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from rovid.core.errors import ConfigError
-from rovid.core.toml import LARGEST, number_wanted, read_toml
+from rovid.core.toml import LARGEST, expected_number, read_toml
 
 
 def written(folder: Path, text: str | bytes) -> Path:
@@ -58,4 +58,4 @@ def test_a_file_that_is_not_there_is_said(tmp_path: Path) -> None:
     ],
 )
 def test_a_number_has_a_size_that_something_has(value: object, positive: bool, wanted: str) -> None:
-    assert number_wanted(value, positive=positive) == wanted
+    assert expected_number(value, positive=positive) == wanted

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rovid.design.candidate_runs import LEAD, Pace, programme
+from rovid.design.candidate_runs import LEAD_SECONDS, RunScales, candidate_runs
 from rovid.model.model import Model
 from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
 from tests.synthetic import VEHICLE, clock, trial
@@ -16,11 +16,11 @@ MODEL = Model(inertia=5057.0, quadratic_drag=3532.0, linear_drag=132.37)
 def test_every_run_begins_at_rest_and_keeps_to_the_commands_in_use() -> None:
     time = clock(60.0)
     log = trial(time, np.where(time < 30.0, 2.0, -1.5))
-    pace = Pace.of(MODEL, VEHICLE, [log], 0.5)
-    runs = programme(pace, ["a"])
+    pace = RunScales.from_trials(MODEL, VEHICLE, [log], 0.5)
+    runs = candidate_runs(pace, ["a"])
     assert len({run.name for run in runs}) == len(runs) > 20
     for run in runs:
-        assert (run.commands[run.time < LEAD] == run.commands[0]).all()
+        assert (run.commands[run.time < LEAD_SECONDS] == run.commands[0]).all()
         assert np.abs(run.commands).max() <= 0.5 * 2.0 + 1e-9
         assert np.diff(run.time) == pytest.approx(pace.period)
         assert run.commands.min() < 0.0 < run.commands.max() or "alone at rest" in run.name
@@ -30,6 +30,6 @@ def test_no_run_goes_beyond_a_curve_whose_neutral_is_off_its_middle() -> None:
     curve = ThrustCurve(command=np.array([-1.0, 0.05, 1.0]), thrust=np.array([-40.0, 0.0, 40.0]))
     vehicle = Vehicle(name="test", thrusters=(Thruster(name="a", arm=1.0, curve=curve),))
     time = clock(60.0)
-    pace = Pace.of(MODEL, vehicle, [trial(time, np.where(time < 30.0, 1.0, -1.0))], 1.0)
-    for run in programme(pace, ["a"]):
+    pace = RunScales.from_trials(MODEL, vehicle, [trial(time, np.where(time < 30.0, 1.0, -1.0))], 1.0)
+    for run in candidate_runs(pace, ["a"]):
         assert np.abs(run.commands).max() <= 1.0

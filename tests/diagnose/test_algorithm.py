@@ -9,7 +9,7 @@ from rovid.diagnose.algorithm import diagnose
 from rovid.diagnose.result import Diagnosis
 from rovid.diagnose.strategies import ByInnovations
 from rovid.diagnose.validation import Work
-from rovid.signals.preprocessing import Runs
+from rovid.signals.preprocessing import PreparedRuns
 from tests import synthetic
 from tests.diagnose.test_strategies import readings
 
@@ -20,7 +20,7 @@ def said(monkeypatch: pytest.MonkeyPatch, *, explains: bool) -> tuple[Diagnosis,
     monkeypatch.setattr(ByInnovations, "explains", lambda *_: explains)
     monkeypatch.setattr(ByInnovations, "search", lambda *_: None)
     told: list[str] = []
-    runs = Runs(items=tuple(readings(1.5).runs), cutoff=1.0, chosen=False, remarks=())
+    runs = PreparedRuns(items=tuple(readings(1.5).runs), cutoff=1.0, chosen=False, remarks=())
     return diagnose(runs, synthetic.LOGGED, told.append), told
 
 
@@ -39,7 +39,7 @@ def test_predictions_say_what_they_do_without_an_early_end(monkeypatch: pytest.M
 
 def test_where_some_of_what_is_found_at_once_is_in_doubt_predictions_are_asked(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[str] = []
-    runs = Runs(items=tuple(readings(1.5).runs), cutoff=1.0, chosen=False, remarks=())
+    runs = PreparedRuns(items=tuple(readings(1.5).runs), cutoff=1.0, chosen=False, remarks=())
     holds = diagnose(runs, synthetic.LOGGED, asked.append)
     count = len(asked)
     monkeypatch.setattr(Work, "holds", lambda _: False)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rovid.diagnose.bic import Rival
+from rovid.diagnose.bic import Alternative
 from rovid.diagnose.build_result import across_suspects
 from rovid.diagnose.validation import Suspected
 from rovid.estimate.estimate import Estimate
-from rovid.estimate.filter_data import Readings
-from rovid.estimate.fit_result import Fitted
-from rovid.estimate.innovation_likelihood import InnovationMisfit
+from rovid.estimate.filter_data import InnovationData
+from rovid.estimate.fit_result import FitResult
+from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from tests import synthetic
 from tests.predictions import BIAS, NOISE, TIME, TORQUE
 
@@ -27,13 +27,13 @@ def estimate() -> Estimate:
 
 
 @pytest.fixture(scope="module")
-def rival() -> Rival:
+def rival() -> Alternative:
     runs = [synthetic.run(TIME[:FEW], TORQUE[:FEW], noise=NOISE[:FEW])]
-    misfit = InnovationMisfit(Readings(runs, synthetic.LOGGED, synthetic.ROSUB), 0.05, (BIAS,))
-    return Rival(BIAS, 10.0, Fitted.at(misfit, misfit.coordinates.first()))
+    misfit = InnovationLikelihood(InnovationData(runs, synthetic.LOGGED, synthetic.ROSUB), 0.05, (BIAS,))
+    return Alternative(BIAS, 10.0, FitResult.at(misfit, misfit.parametrization.initial()))
 
 
-def test_a_suspect_adds_by_its_odds_what_it_would_change(rival: Rival) -> None:
+def test_a_suspect_adds_by_its_odds_what_it_would_change(rival: Alternative) -> None:
     suspected = Suspected(rival, 0.5, 10.0, ())
     off = rival.fitted.model.values[:3] - VALUES
     told = across_suspects(estimate(), [suspected])
@@ -42,7 +42,7 @@ def test_a_suspect_adds_by_its_odds_what_it_would_change(rival: Rival) -> None:
     assert told.warnings == ("The standard errors include what constant torque would change, if it acts.",)
 
 
-def test_suspects_share_no_more_than_all_odds(rival: Rival) -> None:
+def test_suspects_share_no_more_than_all_odds(rival: Alternative) -> None:
     one, two = across_suspects(estimate(), [Suspected(rival, 1.0, 10.0, ())]), [Suspected(rival, 0.8, 10.0, ())] * 2
     assert across_suspects(estimate(), two).covariance == pytest.approx(one.covariance)
 

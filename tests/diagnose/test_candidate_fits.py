@@ -12,14 +12,14 @@ import pytest
 
 from rovid.core.array_types import FloatArray
 from rovid.diagnose import candidate_fits
-from rovid.diagnose.bic import cost_of, worth
-from rovid.diagnose.candidate_fits import fit_all, shortlist
-from rovid.diagnose.score_test import Promise, Tried
+from rovid.diagnose.bic import bic_score, cost_at_score
+from rovid.diagnose.candidate_fits import fit_candidates, shortlist
+from rovid.diagnose.score_test import Directions, ScoreTest
 from rovid.effects import Effect, effect_named
 from rovid.estimate.fisher_information import NormalEquations
-from rovid.estimate.fit_result import Fitted, climbed
-from rovid.estimate.multi_step_likelihood import HorizonMisfit
-from rovid.estimate.objective import Misfit
+from rovid.estimate.fit_result import FitResult, fit
+from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
+from rovid.estimate.objective import NegativeLogLikelihood
 from tests.predictions import biased
 
 
@@ -40,11 +40,13 @@ class Keeping:
         return [1000.0 - sum(self.keeps[effect.key] for effect in self.effects)] * len(points)
 
 
-def promise(key: str, gain: float) -> Promise:
+def promise(key: str, gain: float) -> ScoreTest:
     """Of so much, by no slopes."""
     effect, none, square = effect_named(key), np.zeros(0), np.zeros((0, 0))
-    tried = Tried(np.zeros((0, len(effect.parameters))), none, square, np.zeros((0, 0)), none)
-    return Promise(effect, gain, effect.starts[0], effect.starts[0], 1.0, tried, NormalEquations(none, square))
+    tried = Directions(np.zeros((0, len(effect.parameters))), none, square, np.zeros((0, 0)), none)
+    return ScoreTest(
+        effect, gain, effect.initial_values[0], effect.initial_values[0], 1.0, tried, NormalEquations(none, square)
+    )
 
 
 def listed(
@@ -58,7 +60,7 @@ def listed(
     """Keys of what is fitted; everything is kept that is promised, but for ``keeps``. A parameter has its ``price``."""
     promises = [promise(key, gain) for key, gain in promised.items()]
     misfit: Any = Keeping({**promised, **(keeps or {})}, count=math.exp(2.0 * price))  # stands in for a Misfit
-    current = Fitted(misfit, np.zeros(1), 1000.0)
+    current = FitResult(misfit, np.zeros(1), 1000.0)
     return [promise.effect.key for promise in shortlist(current, promises, threshold, share)]
 
 
@@ -110,15 +112,15 @@ def test_no_more_than_seven_causes_are_fitted() -> None:
 def test_what_is_known_to_gain_more_keeps_small_promises_out() -> None:
     promises = [promise("bias_torque", 11.0), promise("thruster_lag", 100.0)]
     misfit: Any = Keeping({"bias_torque": 11.0, "thruster_lag": 100.0}, count=1.0)  # stands in for a Misfit
-    current = Fitted(misfit, np.zeros(1), 1000.0)
+    current = FitResult(misfit, np.zeros(1), 1000.0)
     assert len(shortlist(current, promises, 0.0, 1.0)) == 2
     assert [one.effect.id for one in shortlist(current, promises, 0.0, 1.0, gained=200.0)] == ["thruster_lag"]
 
 
 @pytest.fixture(scope="module")
-def base() -> Fitted:
-    plain = HorizonMisfit(biased())
-    return climbed(plain, plain.coordinates.first())
+def base() -> FitResult:
+    plain = MultiStepLikelihood(biased())
+    return fit(plain, plain.parametrization.initial())
 
 
 @pytest.fixture
@@ -126,16 +128,16 @@ def begun(monkeypatch: pytest.MonkeyPatch) -> dict[str, float]:
     """What each form is worth beyond the model that it is added to; those that are fitted are taken out."""
     worths: dict[str, float] = {}
 
-    def begin(current: Fitted, misfit: Misfit, promised: Promise, _: float) -> Fitted:
+    def begin(current: FitResult, misfit: NegativeLogLikelihood, promised: ScoreTest, _: float) -> FitResult:
         x = np.concatenate((current.x, promised.start))
-        return Fitted(misfit, x, cost_of(worth(current) + worths.pop(promised.effect.key), misfit))
+        return FitResult(misfit, x, cost_at_score(bic_score(current) + worths.pop(promised.effect.key), misfit))
 
     monkeypatch.setattr(candidate_fits, "_begun", begin)
     monkeypatch.setattr(candidate_fits, "climbed_on", lambda fit, *_: fit)
     return worths
 
 
-def keys_of(fits: Sequence[Fitted]) -> list[str]:
+def keys_of(fits: Sequence[FitResult]) -> list[str]:
     return [fit.effects[-1].key for fit in fits]
 
 
@@ -144,36 +146,36 @@ RING = ("tank_seiche", "tank_seiche:following", "tank_seiche:thrust")
 
 @pytest.mark.parametrize(("promised", "fitted"), [(90.0, False), (300.0, True)])
 def test_of_a_cause_whose_first_form_fell_behind_no_others_are_fitted_that_promise_no_more_than_that(
-    base: Fitted, begun: dict[str, float], promised: float, *, fitted: bool
+    base: FitResult, begun: dict[str, float], promised: float, *, fitted: bool
 ) -> None:
     begun.update(dict.fromkeys(RING, 5.0) | {"bias_torque": 1000.0})
     promises = [promise("bias_torque", 900.0), promise(RING[0], 400.0), *(promise(key, promised) for key in RING[1:])]
-    ahead, behind = fit_all(base, promises, lambda _: True, {})
+    ahead, behind = fit_candidates(base, promises, lambda _: True, {})
     assert keys_of(ahead) == ["bias_torque"]
     assert keys_of(behind) == [*(RING if fitted else RING[:1])]
     assert [*begun] == [*(() if fitted else RING[1:])]
 
 
-def test_of_a_cause_that_keeps_up_every_form_is_fitted(base: Fitted, begun: dict[str, float]) -> None:
+def test_of_a_cause_that_keeps_up_every_form_is_fitted(base: FitResult, begun: dict[str, float]) -> None:
     begun.update(dict.fromkeys(RING, 5.0) | {"bias_torque": 20.0})
     promises = [promise("bias_torque", 900.0), *(promise(key, 1.0) for key in RING)]
-    ahead, behind = fit_all(base, promises, lambda _: True, {})
+    ahead, behind = fit_candidates(base, promises, lambda _: True, {})
     assert {*keys_of(ahead), *keys_of(behind)} == {"bias_torque", *RING}
 
 
-def test_the_plainest_form_is_fitted_though_the_first_falls_behind(base: Fitted, begun: dict[str, float]) -> None:
+def test_the_plainest_form_is_fitted_though_the_first_falls_behind(base: FitResult, begun: dict[str, float]) -> None:
     begun.update({"command_delay:scattered": -1.0, "command_delay": 700.0, "bias_torque": 1000.0})
     promises = [promise("bias_torque", 900.0), promise("command_delay:scattered", 50.0), promise("command_delay", 1.0)]
     assert len(effect_named("command_delay").parameters) < len(effect_named("command_delay:scattered").parameters)
-    ahead, _ = fit_all(base, promises, lambda _: True, {})
+    ahead, _ = fit_candidates(base, promises, lambda _: True, {})
     assert keys_of(ahead) == ["bias_torque", "command_delay"]
 
 
-def test_what_is_known_to_its_end_is_not_fitted_again(base: Fitted, begun: dict[str, float]) -> None:
+def test_what_is_known_to_its_end_is_not_fitted_again(base: FitResult, begun: dict[str, float]) -> None:
     begun["bias_torque"] = 10.0
-    (known,), _ = fit_all(base, [promise("bias_torque", 10.0)], lambda _: True, {})
+    (known,), _ = fit_candidates(base, [promise("bias_torque", 10.0)], lambda _: True, {})
     begun["thruster_lag"] = 9.0
     promises = [promise("thruster_lag", 9.0), promise("bias_torque", 10.0)]
-    ahead, _ = fit_all(base, promises, lambda _: True, {"bias_torque": known})
+    ahead, _ = fit_candidates(base, promises, lambda _: True, {"bias_torque": known})
     assert keys_of(ahead) == ["bias_torque", "thruster_lag"]
-    assert ahead[0].cost == known.cost
+    assert ahead[0].value == known.value

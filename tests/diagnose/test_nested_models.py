@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from rovid.diagnose.nested_models import some_of
+from rovid.diagnose.nested_models import subsets
 from rovid.effects import CATALOGUE
 
 
 def keys(count: int) -> list[tuple[str, ...]]:
-    return [tuple(effect.key for effect in chosen) for chosen in some_of(CATALOGUE[:count])]
+    return [tuple(effect.key for effect in chosen) for chosen in subsets(CATALOGUE[:count])]
 
 
 def test_of_up_to_three_causes_every_combination_is_there() -> None:

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from rovid.diagnose.posterior import ESTABLISHED, POSSIBLE, calibrated, confidence, surest
+from rovid.diagnose.posterior import ESTABLISHED, POSSIBLE, posterior_probability, recalibrated, stand_in_cap
 
 
 @pytest.mark.parametrize(
@@ -22,7 +22,7 @@ from rovid.diagnose.posterior import ESTABLISHED, POSSIBLE, calibrated, confiden
     ],
 )
 def test_odds(worths: dict[str, float], alike: tuple[str, ...], least: float, most: float) -> None:
-    found = confidence(worths, alike, len(worths))
+    found = posterior_probability(worths, alike, len(worths))
     assert least <= found <= most
     assert math.isfinite(found)
 
@@ -30,30 +30,30 @@ def test_odds(worths: dict[str, float], alike: tuple[str, ...], least: float, mo
 @pytest.mark.parametrize(("white", "least", "enough"), [(False, 19.0, 21.0), (True, 12.0, 14.0)])
 def test_what_gains_little_is_no_surer_than_its_stand_ins_are_rare(white: bool, least: float, enough: float) -> None:
     def sure(gain: float) -> float:
-        return surest(gain, gain, white=white)
+        return stand_in_cap(gain, gain, white=white)
 
     assert sure(6.0) == pytest.approx(0.5)
     assert sure(least) < ESTABLISHED <= sure(enough)
     assert sure(-1e6) < 1e-6
     assert sure(1e6) == sure(2e6) < 0.98
-    assert confidence({"a": least}, ("a",), 1, most=sure(least)) == sure(least)
+    assert posterior_probability({"a": least}, ("a",), 1, cap=sure(least)) == sure(least)
 
 
 def test_where_innovations_are_white_the_lesser_gain_counts() -> None:
-    assert surest(30.0, 6.0, white=True) == surest(6.0, 30.0, white=True) == pytest.approx(0.5)
-    assert surest(30.0, 6.0, white=False) > ESTABLISHED
+    assert stand_in_cap(30.0, 6.0, white=True) == stand_in_cap(6.0, 30.0, white=True) == pytest.approx(0.5)
+    assert stand_in_cap(30.0, 6.0, white=False) > ESTABLISHED
 
 
 @pytest.mark.parametrize("white", [True, False])
 def test_odds_that_are_said_keep_their_order_and_what_is_established(white: bool) -> None:
-    said = [calibrated(sure, white=white) for sure in (0.0, 1e-3, 0.05, 0.3, 0.5, 0.8, ESTABLISHED, 0.97, 1.0)]
+    said = [recalibrated(sure, white=white) for sure in (0.0, 1e-3, 0.05, 0.3, 0.5, 0.8, ESTABLISHED, 0.97, 1.0)]
     assert said == sorted(said)
     assert (said[0], said[-1]) == (0.0, 1.0)
-    assert calibrated(ESTABLISHED, white=white) >= ESTABLISHED
-    assert calibrated(0.93, white=white) < ESTABLISHED
-    assert calibrated(1e-3, white=white) < POSSIBLE
+    assert recalibrated(ESTABLISHED, white=white) >= ESTABLISHED
+    assert recalibrated(0.93, white=white) < ESTABLISHED
+    assert recalibrated(1e-3, white=white) < POSSIBLE
 
 
 def test_a_likelihood_is_taken_at_its_word_where_innovations_are_white() -> None:
-    assert calibrated(0.15, white=True) == 0.15
-    assert calibrated(0.15, white=False) > 0.3
+    assert recalibrated(0.15, white=True) == 0.15
+    assert recalibrated(0.15, white=False) > 0.3

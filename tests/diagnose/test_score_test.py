@@ -12,8 +12,8 @@ import pytest
 from rovid.core.array_types import FloatArray
 from rovid.diagnose.score_test import screen
 from rovid.effects import Effect, effect_named
-from rovid.estimate.fisher_information import Innovations, Slopes, slopes_between, total_cost
-from rovid.estimate.fit_result import Fitted
+from rovid.estimate.fisher_information import Innovations, Jacobian, jacobian_chunks, total_negative_log_likelihood
+from rovid.estimate.fit_result import FitResult
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class RunningAway:
         return RunningAway(effects)
 
     def starts(self) -> list[FloatArray]:
-        return self.effects[-1].starts
+        return self.effects[-1].initial_values
 
     def innovations(self, x: FloatArray) -> Innovations:
         pattern = np.sin(np.arange(200.0))
@@ -52,24 +52,24 @@ class RunningAway:
         return [misfit.innovations(x) for misfit, x in pairs]
 
     def cost_of(self, here: Innovations) -> float:
-        return total_cost(here, 1.0)
+        return total_negative_log_likelihood(here, 1.0)
 
     def looked(self, x: FloatArray) -> tuple[Innovations, list[Innovations]]:
         return self.innovations(x), []
 
-    def slopes(self, x: FloatArray, known: tuple[Innovations, list[Innovations]]) -> Iterator[Slopes]:
+    def slopes(self, x: FloatArray, known: tuple[Innovations, list[Innovations]]) -> Iterator[Jacobian]:
         here, _ = known
         return self.slopes_between(here, [here], np.ones(len(x)))
 
-    def slopes_between(self, centre: Innovations, sides: Sequence[Innovations], step: FloatArray) -> Iterator[Slopes]:
-        return slopes_between(centre, sides, step, 1.0)
+    def slopes_between(self, centre: Innovations, sides: Sequence[Innovations], step: FloatArray) -> Iterator[Jacobian]:
+        return jacobian_chunks(centre, sides, step, 1.0)
 
 
 def test_a_start_that_runs_away_keeps_no_other_start_of_its_form_out() -> None:
     form = effect_named("drag_curvature")
-    assert {np.sign(start[0]) for start in form.starts} == {-1.0, 1.0}
+    assert {np.sign(start[0]) for start in form.initial_values} == {-1.0, 1.0}
     misfit: Any = RunningAway()  # stands in for a Misfit
-    (promise,) = screen(Fitted(misfit, np.zeros(1), 0.0), [form])
+    (promise,) = screen(FitResult(misfit, np.zeros(1), 0.0), [form])
     # All of half the sum of squares is there to be gained.
     assert promise.gain == pytest.approx(0.5 * 9.0 * 100.0, rel=0.02)
     assert promise.start[0] > 0.0
@@ -96,8 +96,8 @@ class Noise(RunningAway):
 
 def test_many_starts_promise_nothing_together_that_noise_does() -> None:
     form = effect_named("tank_seiche")
-    assert len(form.starts) == 36
+    assert len(form.initial_values) == 36
     misfit: Any = Noise()  # stands in for a Misfit
-    (promise,) = screen(Fitted(misfit, np.zeros(1), 0.0), [form])
+    (promise,) = screen(FitResult(misfit, np.zeros(1), 0.0), [form])
     # Together 36 directions take 18 from noise, as chi squared has it; the best of them alone a few.
     assert 0.0 < promise.gain < 8.0

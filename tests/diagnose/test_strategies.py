@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from rovid.core.array_types import FloatArray
-from rovid.diagnose.splitting import pieces_of
+from rovid.diagnose.splitting import cv_pieces
 from rovid.diagnose.strategies import ByInnovations, by_horizons, few_of, looked_first
-from rovid.diagnose.wave_test import Waves
+from rovid.diagnose.wave_test import WaveTest
 from rovid.effects import Effect, effect_named
-from rovid.estimate.filter_data import Readings
-from rovid.estimate.fit_result import Fitted
-from rovid.estimate.output_error import fit_free_run
+from rovid.estimate.filter_data import InnovationData
+from rovid.estimate.fit_result import FitResult
+from rovid.estimate.output_error import fit_output_error
 from tests import synthetic
 from tests.predictions import NOISE, TIME, TORQUE
 
@@ -36,7 +36,7 @@ def late(torque: FloatArray, lag: float) -> FloatArray:
     return np.array(means)
 
 
-def readings(lag: float, unknown: float = 0.0) -> Readings:
+def readings(lag: float, unknown: float = 0.0) -> InnovationData:
     """Of four runs whose torque comes so many s late, in water that is never quite still.
 
     An ``unknown`` torque in N m besides turns its sign every minute.
@@ -48,15 +48,15 @@ def readings(lag: float, unknown: float = 0.0) -> Readings:
         water = synthetic.gauss_markov(LONG, PERIOD, 2.0, 4.0, rng)
         off = late(TORQUE[rows], lag) - TORQUE[rows] + water + unknown * (-1.0) ** (TIME[:LONG] // 60.0)
         runs.append(synthetic.run(TIME[:LONG], TORQUE[rows], disturbance=off, noise=NOISE[rows]))
-    return Readings(runs, synthetic.LOGGED, fit_free_run(runs, certainty=0.0))
+    return InnovationData(runs, synthetic.LOGGED, fit_output_error(runs, min_sigmas=0.0))
 
 
 def unsaid(_: str) -> None:
     pass
 
 
-def no_waves(few: Readings) -> Callable[[Fitted], Waves]:
-    return lambda beside: Waves(few, beside, ())
+def no_waves(few: InnovationData) -> Callable[[FitResult], WaveTest]:
+    return lambda beside: WaveTest(few, beside, ())
 
 
 @pytest.mark.parametrize(("lag", "found"), [(0.0, ()), (1.5, (LAG,))])
@@ -76,13 +76,13 @@ def test_the_search_goes_on_beside_waves_that_are_seen_beside_what_was_found_at_
 ) -> None:
     full, said = readings(1.5), list[str]()
 
-    def look(beside: Fitted) -> Waves:
+    def look(beside: FitResult) -> WaveTest:
         assert beside.effects == (LAG,)
-        misfit = beside.misfit.like((*beside.effects, WAVES))
-        begins = [np.concatenate((beside.x, start)) for start in misfit.coordinates.starts()]
-        return Waves(full, beside, (), Fitted.at(misfit, misfit.likeliest(begins, 1)[0]))
+        misfit = beside.objective.with_effects((*beside.effects, WAVES))
+        begins = [np.concatenate((beside.x, start)) for start in misfit.parametrization.initial_values()]
+        return WaveTest(full, beside, (), FitResult.at(misfit, misfit.most_likely(begins, 1)[0]))
 
-    monkeypatch.setattr(Waves, "established", property(lambda waves: waves.fitted))
+    monkeypatch.setattr(WaveTest, "established", property(lambda waves: waves.fitted))
     work = ByInnovations(full, few_of(full), CANDIDATES, said.append).at_once(look)
     assert said.count("Looking at each next reading …") == 2
     assert work is not None
@@ -92,11 +92,11 @@ def test_the_search_goes_on_beside_waves_that_are_seen_beside_what_was_found_at_
 
 def test_nothing_is_found_at_once_where_no_cause_gains_much_of_what_is_missing() -> None:
     full = readings(1.5, unknown=60.0)
-    looked_beside = list[Fitted]()
+    looked_beside = list[FitResult]()
 
-    def look(beside: Fitted) -> Waves:
+    def look(beside: FitResult) -> WaveTest:
         looked_beside.append(beside)
-        return Waves(full, beside, ())
+        return WaveTest(full, beside, ())
 
     assert ByInnovations(full, few_of(full), CANDIDATES, unsaid).at_once(look) is None
     assert not looked_beside
@@ -113,7 +113,7 @@ def test_nothing_is_looked_for_at_once_where_the_simulation_is_far_off() -> None
 @pytest.mark.parametrize(("lag", "found"), [(0.0, ()), (1.5, (LAG,))])
 def test_predictions_are_asked_until_each_next_reading_explains_all(lag: float, found: tuple[Effect, ...]) -> None:
     full = readings(lag)
-    near, pieces = ByInnovations(full, few_of(full), CANDIDATES, unsaid), pieces_of(full.runs, synthetic.LOGGED, 1.0)
+    near, pieces = ByInnovations(full, few_of(full), CANDIDATES, unsaid), cv_pieces(full.runs, synthetic.LOGGED, 1.0)
     works = by_horizons(full, pieces, CANDIDATES, unsaid, near.explains)
     early = next(works)
     assert early.final.effects == found
@@ -126,7 +126,7 @@ def test_predictions_are_asked_until_each_next_reading_explains_all(lag: float, 
     assert work.final.effects == found
     # Whatever was refused of it, the search to the end knows nothing of that.
     for effect in CANDIDATES:
-        early.search.bar(effect)
+        early.search.ban(effect)
     early.final = early.base
     (whole,) = works
     (alone,) = by_horizons(full, pieces, CANDIDATES, unsaid, lambda _: False)
@@ -137,7 +137,7 @@ def test_predictions_are_asked_until_each_next_reading_explains_all(lag: float, 
 
 def test_what_is_never_enough_is_searched_to_the_end() -> None:
     full = readings(1.5)
-    pieces = pieces_of(full.runs, synthetic.LOGGED, 1.0)
+    pieces = cv_pieces(full.runs, synthetic.LOGGED, 1.0)
     (work,) = by_horizons(full, pieces, CANDIDATES, unsaid, lambda _: False)
     assert work.final.effects == (LAG,)
     assert work.final.key in work.search.known.promises

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import pytest
 
-from rovid.diagnose.bic import quickly_climbed
+from rovid.diagnose.bic import fit_coarse
 from rovid.diagnose.posterior import ESTABLISHED
-from rovid.diagnose.trial_outlier_test import stands_out
+from rovid.diagnose.trial_outlier_test import outlier_probability
 from rovid.effects import effect_named
-from rovid.estimate.filter_data import Readings
-from rovid.estimate.multi_step_data import HorizonRecords
-from rovid.estimate.multi_step_likelihood import HorizonMisfit
+from rovid.estimate.filter_data import InnovationData
+from rovid.estimate.multi_step_data import MultiStepData
+from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
 from tests import synthetic
 from tests.predictions import weakened
 
@@ -30,11 +30,13 @@ from tests.predictions import weakened
     ],
 )
 def test_a_trial_has_to_stand_out_from_the_others(shares: Sequence[float], stands: bool) -> None:
-    ahead = HorizonRecords.of(Readings(weakened(shares), synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB)
+    ahead = MultiStepData.from_data(
+        InnovationData(weakened(shares), synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB
+    )
     odd = effect_named("supply_sag:trial run_2")
-    misfit = HorizonMisfit(ahead, effects=(odd,))
-    begin = misfit.coordinates.first()
+    misfit = MultiStepLikelihood(ahead, effects=(odd,))
+    begin = misfit.parametrization.initial()
     begin[-1] = 0.8
-    fitted = quickly_climbed(misfit, begin, 20)
+    fitted = fit_coarse(misfit, begin, 20)
     assert fitted.x[-1] < 0.99
-    assert (stands_out(fitted, odd) >= ESTABLISHED) is stands
+    assert (outlier_probability(fitted, odd) >= ESTABLISHED) is stands

@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 
 from rovid.core.array_types import FloatArray
-from rovid.effects import CATALOGUE, FORMS, MOTION, Effect, bias_torque, effect_named, forms_for, supply_sag
+from rovid.effects import CATALOGUE, FORMS, TERM_EFFECTS, Effect, bias_torque, effect_named, forms_for, supply_sag
 from rovid.effects.actuator_dynamics import latched, rotor_lagged, soft_started
-from rovid.effects.actuator_inputs import actuation
+from rovid.effects.actuator_inputs import actuator_inputs
 from rovid.effects.base import (
     REFERENCE_RATE,
     SPEEDS,
     TERM_PARAMETERS,
     TERM_STATES,
     Actuating,
-    Actuation,
+    ActuatorInputs,
     Body,
     Instant,
     OnCommand,
@@ -31,10 +31,10 @@ from rovid.effects.base import (
     Term,
 )
 from rovid.jit.simd import LANES
-from rovid.model.bound_effects import Acting
+from rovid.model.bound_effects import BoundEffect
 from rovid.model.model import Model
-from rovid.model.packed_terms import Equation, terms_of
-from rovid.model.torque_input import Drive
+from rovid.model.packed_terms import Equation, pack_terms
+from rovid.model.torque_input import TorqueInput
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
 from tests.synthetic import trial
@@ -68,7 +68,9 @@ IDS = [
     "restoring_curve",
 ]
 BODY = Body(5057.0, 3532.0, 132.0, stiffness=50.0)
-SCALES = Scales(command=2.0, torque=120.0, rate=0.15, race=math.sqrt(120.0), root=math.sqrt(120.0), surge=0.8, sway=0.2)
+SCALES = Scales(
+    command=2.0, torque=120.0, rate=0.15, wash=math.sqrt(120.0), sqrt_thrust=math.sqrt(120.0), surge=0.8, sway=0.2
+)
 TIME = np.arange(0.0, 60.0, 0.05)
 CURVE = ThrustCurve(command=np.array([-5.0, -0.3, 0.3, 5.0]), thrust=np.array([-800.0, 0.0, 0.0, 1200.0]))
 VEHICLE = Vehicle(
@@ -84,7 +86,7 @@ CHANNELS = {
     "surge_velocity": 0.8 + 0.2 * np.sin(0.1 * TIME),
     "sway_velocity": 0.2 * np.cos(0.2 * TIME),
 }
-WHERE = Actuation(
+WHERE = ActuatorInputs(
     time=TIME,
     neutral=np.zeros(2),
     arms=np.array([0.43, -0.43]),
@@ -92,28 +94,30 @@ WHERE = Actuation(
     names=("fore", "aft"),
     dead_zone=np.array([[-0.3, 0.3], [-0.3, 0.3]]),
     extras=CHANNELS,
-    ahead=np.array([0.5, 0.5]),
-    ends=np.array([[-5.0, 5.0], [-5.0, 5.0]]),
+    forward_share=np.array([0.5, 0.5]),
+    command_range=np.array([[-5.0, 5.0], [-5.0, 5.0]]),
 )
 STAND_INS = [f"{name}:estimated" for name in ("speed_dependent_damping", "sideslip_moment")]
 EVERY = (*forms_for(VEHICLE, CHANNELS), *map(effect_named, STAND_INS))
 ACTUATED = [effect for effect in EVERY if isinstance(effect.acts, Actuating)]
 
 each = pytest.mark.parametrize("effect", EVERY, ids=lambda effect: effect.key)
-each_term = pytest.mark.parametrize("effect", MOTION, ids=lambda effect: effect.key)
+each_term = pytest.mark.parametrize("effect", TERM_EFFECTS, ids=lambda effect: effect.key)
 
 
 def numbers(effect: Effect, *, start: bool) -> FloatArray:
     """Parameters at their first start, or where the effect is not there and the others at their start, in SI."""
-    firsts = [p.starts[0] if start or p.name in OTHERS else p.null for p in effect.parameters]
-    return np.array([value * SCALES.of(p) for value, p in zip(firsts, effect.parameters, strict=True)])
+    firsts = [p.initial_values[0] if start or p.name in OTHERS else p.neutral for p in effect.parameters]
+    return np.array([value * SCALES.unit_size(p) for value, p in zip(firsts, effect.parameters, strict=True)])
 
 
 # Parameters that shape an effect, and of which it does not matter what they are when the effect is gone.
 OTHERS = ("frequency", "damping", "phase", "second_phase", "swept_angle", "angle")
 
 
-def torque(effect: Effect, values: FloatArray, command: FloatArray = COMMAND, where: Actuation = WHERE) -> FloatArray:
+def torque(
+    effect: Effect, values: FloatArray, command: FloatArray = COMMAND, where: ActuatorInputs = WHERE
+) -> FloatArray:
     named = effect.values(values)
     command = effect.acts.change(where, command, named) if isinstance(effect.acts, OnCommand) else command
     thrust = VEHICLE.thrust(command)
@@ -126,7 +130,7 @@ def term(effect: Effect, values: FloatArray, rate: float, push: float, state: Fl
     assert isinstance(effect.acts, Term)
     body, race = BODY._replace(trim=0.1), math.sqrt(abs(push))
     at = Instant(rate, rate, 3.0, 0.4, push, race, 0.8, -0.2, body)
-    found, change = effect.acts.at(at, tuple(values), tuple(state))
+    found, change = effect.acts.evaluate(at, tuple(values), tuple(state))
     return float(found), np.array([*change, *np.zeros(TERM_STATES - len(change))])
 
 
@@ -136,7 +140,7 @@ def simulated(effect: Effect, values: FloatArray, torque: FloatArray, time: Floa
     still = np.zeros(len(time))
     beside = np.column_stack([np.sqrt(np.abs(torque)), still + 0.8, still - 0.2])
     rest = np.full(1, 0.4), np.zeros((1, 2)), np.zeros((1, TERM_STATES))
-    terms = terms_of([Acting(effect, values)], 0.0)
+    terms = pack_terms([BoundEffect(effect, values)], 0.0)
     rate, _ = simulate_effects(np.array([0, len(time)]), time, (torque, still, beside), *rest, BODY, terms)
     return np.asarray(rate)
 
@@ -152,7 +156,7 @@ def test_keys_are_unique_and_the_plain_form_stands_first() -> None:
     ids = [effect.id for effect in CATALOGUE]
     assert list(dict.fromkeys(effect.id for effect in FORMS)) == ids
     assert [next(e for e in FORMS if e.id == name).form for name in ids] == [""] * len(ids)
-    assert all(effect_named(effect.key) is effect for effect in FORMS if not effect.each_thruster)
+    assert all(effect_named(effect.key) is effect for effect in FORMS if not effect.per_thruster)
 
 
 def test_forms_of_one_effect_differ_in_what_they_do() -> None:
@@ -183,10 +187,10 @@ def test_parameters_start_and_vanish_within_their_bounds(effect: Effect) -> None
         assert len(names) <= TERM_PARAMETERS
     for parameter in effect.parameters:
         assert parameter.low < parameter.high
-        assert parameter.low <= parameter.null <= parameter.high
-        assert parameter.starts
-        assert all(parameter.low <= start <= parameter.high for start in parameter.starts)
-        assert SCALES.of(parameter) > 0.0
+        assert parameter.low <= parameter.neutral <= parameter.high
+        assert parameter.initial_values
+        assert all(parameter.low <= start <= parameter.high for start in parameter.initial_values)
+        assert SCALES.unit_size(parameter) > 0.0
 
 
 @pytest.mark.parametrize("effect", ACTUATED, ids=lambda effect: effect.key)
@@ -208,7 +212,8 @@ def test_actuation_is_finite_and_changed_where_it_is(effect: Effect) -> None:
     for parameter in effect.parameters:
         for extreme in (parameter.low, parameter.high):
             values = [
-                extreme * SCALES.of(p) if p is parameter else p.starts[0] * SCALES.of(p) for p in effect.parameters
+                extreme * SCALES.unit_size(p) if p is parameter else p.initial_values[0] * SCALES.unit_size(p)
+                for p in effect.parameters
             ]
             assert np.isfinite(torque(effect, np.array(values))).all()
 
@@ -222,7 +227,7 @@ def logs() -> list[Trial]:
         time = TIME[cut] - TIME[cut][0]
         log = replace(trial(time, np.zeros(len(time))), commands=(1.0 + number) * COMMAND[cut], name=f"log_{number}")
         channels = {} if number == 1 else {name: values[cut] for name, values in CHANNELS.items()}
-        made.append(replace(log, extras=channels, reference=reference, since=600.0 * number))
+        made.append(replace(log, extras=channels, reference=reference, campaign_time=600.0 * number))
     return made
 
 
@@ -231,30 +236,30 @@ def logs() -> list[Trial]:
     "effect",
     [
         *ACTUATED,
-        supply_sag.of_trials(["log_2"]),
-        supply_sag.of_trials(["log_1", "log_2"]),
-        bias_torque.of_trials(["log_0", "log_2"]),
+        supply_sag.for_trials(["log_2"]),
+        supply_sag.for_trials(["log_1", "log_2"]),
+        bias_torque.for_trials(["log_0", "log_2"]),
     ],
     ids=lambda effect: effect.key,
 )
 def test_trials_one_after_the_other_are_as_each_by_itself(effect: Effect, parts: int) -> None:
-    each_log = [actuation(VEHICLE, log, parts) for log in logs()]
-    commands = [where.finer(log.commands) for where, log in zip(each_log, logs(), strict=True)]
+    each_log = [actuator_inputs(VEHICLE, log, parts) for log in logs()]
+    commands = [where.subdivide(log.commands) for where, log in zip(each_log, logs(), strict=True)]
     values = numbers(effect, start=True)
-    together = torque(effect, values, np.concatenate(commands), Actuation.joined(each_log))
+    together = torque(effect, values, np.concatenate(commands), ActuatorInputs.concatenated(each_log))
     alone = [torque(effect, values, command, where) for command, where in zip(commands, each_log, strict=True)]
     # Sums over thrusters may be rounded otherwise.
     np.testing.assert_allclose(together, np.concatenate(alone), rtol=1e-12, atol=1e-12)
 
 
 def test_speeds_of_a_trial_without_are_those_of_the_campaign() -> None:
-    each_log = [actuation(VEHICLE, log, 2) for log in logs()]
-    joined = Actuation.joined(each_log)
+    each_log = [actuator_inputs(VEHICLE, log, 2) for log in logs()]
+    joined = ActuatorInputs.concatenated(each_log)
     for name in SPEEDS:
         np.testing.assert_array_equal(joined.speed(name), np.concatenate([one.speed(name) for one in each_log]))
     (rows,) = [one.rows for one in joined.trials if one.name == "log_1"]
     assert (joined.speed(SPEEDS[0])[rows] == joined.reference[SPEEDS[0]]).all()
-    assert joined.since[joined.begins[:-1]].tolist() == [0.0, 600.0, 1200.0]
+    assert joined.campaign_time[joined.offsets[:-1]].tolist() == [0.0, 600.0, 1200.0]
 
 
 @each_term
@@ -268,8 +273,8 @@ def test_a_term_is_nothing_where_the_effect_is_not_there(effect: Effect) -> None
 @each_term
 def test_a_term_is_finite_in_any_state(effect: Effect) -> None:
     for extreme in ("start", "low", "high"):
-        values = [p.starts[0] if extreme == "start" else getattr(p, extreme) for p in effect.parameters]
-        values = [value * SCALES.of(p) for value, p in zip(values, effect.parameters, strict=True)]
+        values = [p.initial_values[0] if extreme == "start" else getattr(p, extreme) for p in effect.parameters]
+        values = [value * SCALES.unit_size(p) for value, p in zip(values, effect.parameters, strict=True)]
         for rate in (-5.0, -1e-9, 0.0, 1e-9, 0.2, 5.0):
             for push in (-2000.0, -1e-12, 0.0, 1e-12, 2000.0):
                 for state in (np.zeros(2), np.array([1.0, -1.0]), np.array([-30.0, 50.0])):
@@ -293,7 +298,7 @@ def test_a_term_needs_no_drag(effect: Effect) -> None:
     assert isinstance(effect.acts, Term)
     for quadratic, linear in ((0.0, 100.0), (3000.0, 0.0), (0.0, 0.0)):
         at = Instant(0.1, 0.1, 3.0, 0.0, 100.0, 0.0, 0.0, 0.0, Body(5057.0, quadratic, linear))
-        found, change = effect.acts.at(at, tuple(numbers(effect, start=True)), (0.0,) * TERM_STATES)
+        found, change = effect.acts.evaluate(at, tuple(numbers(effect, start=True)), (0.0,) * TERM_STATES)
         assert np.isfinite([found, *change]).all()
 
 
@@ -378,13 +383,13 @@ def test_a_latch_comes_on_beyond_its_width_and_goes_off_at_the_edge() -> None:
 def test_commands_that_wait_have_the_impulse_of_random_waits() -> None:
     effect = effect_named("command_delay:scattered")
     assert isinstance(effect.acts, OnTorque)
-    assert effect.acts.scatter is not None
+    assert effect.acts.impulse_variance is not None
     where = replace(WHERE, time=np.arange(0.0, 5.0, 0.01))
     step, values = np.where(where.time < 2.0, -20.0, 40.0), {"delay": 0.5, "jitter": 0.6}
     lost = 60.0 * np.random.default_rng().uniform(0.2, 0.8, 100_000)
     late = step - effect.acts.change(where, step, values)
     assert float(np.sum(late)) * 0.01 == pytest.approx(float(lost.mean()), rel=0.02)
-    scatter = effect.acts.scatter(where, step, values)
+    scatter = effect.acts.impulse_variance(where, step, values)
     assert float(np.sum(scatter)) == pytest.approx(float(lost.var()), rel=0.05)
     open_still = (where.time > 2.2 - 0.02) & (where.time < 2.8 + 0.02)
     assert not scatter[~open_still].any()
@@ -480,7 +485,7 @@ def test_all_drag_is_of_the_rate_through_the_water(
             effects=tuple(effect for effect, _ in pairs),
             effect_values=tuple(value for _, own in pairs for value in own),
         )
-        rate, _ = model.simulate(trial(time, np.zeros(len(time))), Drive.held(np.full(len(time), -100.0)))
+        rate, _ = model.simulate(trial(time, np.zeros(len(time))), TorqueInput.held(np.full(len(time), -100.0)))
         rates.append(rate[-1])
     assert rates[0] == rates[1]
     if swirl == "entrained_swirl":
@@ -563,29 +568,29 @@ def test_water_that_follows_pulls_by_its_acceleration() -> None:
 def test_water_that_goes_along_leaves_an_inertia_in_slow_motion() -> None:
     memory = effect_named("added_mass_memory")
     model = Model(inertia=5.0, quadratic_drag=1.0, linear_drag=1.0, effects=(memory,), effect_values=(-3.5, 2.0))
-    assert model.slow_inertia == pytest.approx(1.5)
-    assert replace(model, effects=(), effect_values=()).slow_inertia == 5.0
+    assert model.low_frequency_inertia == pytest.approx(1.5)
+    assert replace(model, effects=(), effect_values=()).low_frequency_inertia == 5.0
 
 
 @pytest.mark.parametrize("key", ["tank_seiche:thrust", "advance_speed_loss:open_water"])
 def test_what_thrusters_set_off_no_disturbance_sets_off(key: str) -> None:
-    from rovid.model.kernels import ROOM, advance
+    from rovid.model.kernels import SCRATCH_ROWS, advance
 
     effect = effect_named(key)
     values = numbers(effect, start=True)
     body = BODY._replace(stiffness=0.0)
     beside = np.array([math.sqrt(150.0), 0.0, 0.0])
 
-    def rates(push: float, other: float, acting: list[Acting]) -> list[float]:
-        equation = Equation(body, terms_of(acting, 1.0), 0.4)
+    def rates(push: float, other: float, acting: list[BoundEffect]) -> list[float]:
+        equation = Equation(body, pack_terms(acting, 1.0), 0.4)
         r, a, stiffness, found = 0.0, 0.0, 0.0, []
         rows = len(acting) * TERM_STATES
-        state, work = np.zeros((rows, LANES)), np.zeros((3, rows + ROOM, LANES))
+        state, work = np.zeros((rows, LANES)), np.zeros((3, rows + SCRATCH_ROWS, LANES))
         for _ in range(200):
             r, a, stiffness = advance(r, a, push, other, 0.0, beside, 0.1, equation, state, work, stiffness)
             found.append(r)
         return found
 
-    plain, with_effect = rates(0.0, 150.0, []), [Acting(effect, values)]
+    plain, with_effect = rates(0.0, 150.0, []), [BoundEffect(effect, values)]
     assert rates(0.0, 150.0, with_effect) == pytest.approx(plain, abs=1e-6)
     assert rates(150.0, 0.0, with_effect) != pytest.approx(plain, abs=1e-3)

@@ -14,7 +14,7 @@ from rovid.core.array_types import FloatArray
 from rovid.effects import effect_named, forms_for
 from rovid.effects.base import SPEEDS, OnCommand, OnThrust
 from rovid.model.model import Model
-from rovid.model.torque_input import Drive, Intervals
+from rovid.model.torque_input import Intervals, TorqueInput
 from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
 from tests.conftest import Rovid
 from tests.effects.test_effects import WHERE
@@ -173,8 +173,8 @@ def test_the_speed_is_needed_by_name(tmp_path: Path, rovid: Rovid) -> None:
 
 def test_a_stand_in_is_offered_where_it_can_stand_and_is_needed() -> None:
     curve = ThrustCurve(command=np.array([-1.0, 1.0]), thrust=np.array([-9.0, 9.0]))
-    told = Vehicle(name="boat", thrusters=(Thruster(name="aft", arm=0.4, curve=curve, ahead=1.0),))
-    untold = replace(told, thrusters=(replace(told.thrusters[0], ahead=0.0),))
+    told = Vehicle(name="boat", thrusters=(Thruster(name="aft", arm=0.4, curve=curve, surge_share=1.0),))
+    untold = replace(told, thrusters=(replace(told.thrusters[0], surge_share=0.0),))
     stands_in = "speed_dependent_damping:estimated"
     assert stands_in in [form.key for form in forms_for(told)]
     assert stands_in not in [form.key for form in forms_for(untold)]
@@ -182,9 +182,9 @@ def test_a_stand_in_is_offered_where_it_can_stand_and_is_needed() -> None:
     # Twin screws push ahead, whether that is told or not; one beside the other across the hull does not.
     twins = replace(untold, thrusters=(*untold.thrusters, replace(untold.thrusters[0], name="port", arm=-0.4)))
     assert stands_in in [form.key for form in forms_for(twins)]
-    np.testing.assert_array_equal(twins.ahead, [1.0, 1.0])
+    np.testing.assert_array_equal(twins.surge_shares, [1.0, 1.0])
     across = replace(untold, thrusters=(*untold.thrusters, replace(untold.thrusters[0], name="bow")))
-    np.testing.assert_array_equal(across.ahead, [0.0, 0.0])
+    np.testing.assert_array_equal(across.surge_shares, [0.0, 0.0])
 
 
 def test_terms_are_told_the_mean_speed_of_each_interval() -> None:
@@ -194,14 +194,16 @@ def test_terms_are_told_the_mean_speed_of_each_interval() -> None:
     time = np.array([0.0, 1.0, 2.0, 4.0])
     log = replace(trial(time, np.zeros(4)), extras={SPEEDS[0]: np.array([np.nan, 1.0, 3.0, 2.0])})
     model = Model(inertia=1.0, quadratic_drag=0.0, linear_drag=1.0, effects=(effect,), effect_values=(1.0,))
-    drive = model.drive(vehicle, log)
-    np.testing.assert_allclose(drive.beside[:, 1], [1.0, 2.0, 2.5, 2.0])
-    joined = Drive.over(Intervals.of([time], [np.array([0, 1, 3])]), drive.torque, drive.beside)
-    np.testing.assert_allclose(joined.beside[:, 1], [1.0, 7.0 / 3.0, 2.0])
+    drive = model.torque_input(vehicle, log)
+    np.testing.assert_allclose(drive.effect_inputs[:, 1], [1.0, 2.0, 2.5, 2.0])
+    joined = TorqueInput.averaged_over(
+        Intervals.from_times([time], [np.array([0, 1, 3])]), drive.torque, drive.effect_inputs
+    )
+    np.testing.assert_allclose(joined.effect_inputs[:, 1], [1.0, 7.0 / 3.0, 2.0])
     # Where it is not logged, as in a run to come, that of the campaign goes.
     planned = replace(log, extras={}, reference={SPEEDS[0]: 1.5})
-    np.testing.assert_allclose(model.drive(vehicle, planned).beside[:, 1], 1.5)
-    assert not Drive.held(np.zeros(3)).beside.any()
+    np.testing.assert_allclose(model.torque_input(vehicle, planned).effect_inputs[:, 1], 1.5)
+    assert not TorqueInput.held(np.zeros(3)).effect_inputs.any()
 
 
 @pytest.mark.parametrize(
@@ -224,12 +226,12 @@ def test_speeds_give_torque(key: str, values: tuple[float, ...], torque: float) 
 def test_thrust_is_lost_to_the_speed_along_the_thruster() -> None:
     effect = effect_named("advance_speed_loss:measured")
     assert isinstance(effect.acts, OnThrust)
-    where = replace(WHERE, extras={SPEEDS[0]: np.full(len(WHERE.time), 2.0)}, ahead=np.array([1.0, -0.5]))
+    where = replace(WHERE, extras={SPEEDS[0]: np.full(len(WHERE.time), 2.0)}, forward_share=np.array([1.0, -0.5]))
     thrust = np.tile([100.0, -25.0], (len(WHERE.time), 1))
     found = effect.acts.change(where, thrust, {"coefficient": 0.5})[0]
     np.testing.assert_allclose(found, [100.0 - 0.5 * 10.0 * 2.0, -25.0 + 0.5 * 5.0 * 2.0 * 0.5])
     # Where nothing is told of the thrusters they are taken to push ahead.
-    untold = effect.acts.change(replace(where, ahead=np.zeros(2)), thrust, {"coefficient": 0.5})[0]
+    untold = effect.acts.change(replace(where, forward_share=np.zeros(2)), thrust, {"coefficient": 0.5})[0]
     np.testing.assert_allclose(untold, [90.0, -25.0 - 5.0])
 
 

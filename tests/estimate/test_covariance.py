@@ -5,18 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rovid.estimate.covariance import inverted, sandwiched
+from rovid.estimate.covariance import inverse_information, sandwich_covariance
 
 UNITS = np.diag((1e6, 1e-3))
 SHAPE = np.array([[2.0, 0.5], [0.5, 1.0]])
 
 
 def test_units_have_no_say_in_the_inverse() -> None:
-    assert inverted(UNITS @ SHAPE @ UNITS) == pytest.approx(np.linalg.inv(UNITS @ SHAPE @ UNITS), rel=1e-6)
+    assert inverse_information(UNITS @ SHAPE @ UNITS) == pytest.approx(np.linalg.inv(UNITS @ SHAPE @ UNITS), rel=1e-6)
 
 
 def test_a_flat_direction_is_uncertain_and_no_infinity() -> None:
-    flat = inverted(np.array([[1.0, 1.0], [1.0, 1.0]]))
+    flat = inverse_information(np.array([[1.0, 1.0], [1.0, 1.0]]))
     assert np.isfinite(flat).all()
     # The sum of both is known, their difference is not.
     along, across = np.array([1.0, 1.0]), np.array([1.0, -1.0])
@@ -29,5 +29,5 @@ def test_scores_that_scatter_as_the_information_says_change_nothing() -> None:
     scores = rng.multivariate_normal([0.0, 0.0], SHAPE, 20_000)
     bread = np.linalg.inv(SHAPE * len(scores))
     # Scatter of so many is known to one percent.
-    assert sandwiched(bread, scores) == pytest.approx(bread, rel=0.05)
-    assert sandwiched(bread, 2.0 * scores) == pytest.approx(4.0 * sandwiched(bread, scores))
+    assert sandwich_covariance(bread, scores) == pytest.approx(bread, rel=0.05)
+    assert sandwich_covariance(bread, 2.0 * scores) == pytest.approx(4.0 * sandwich_covariance(bread, scores))

@@ -13,10 +13,10 @@ from rovid.core.array_types import FloatArray
 from rovid.diagnose.score_test import screen
 from rovid.effects import effect_named
 from rovid.estimate import filter_data
-from rovid.estimate.filter_data import Readings
+from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fisher_information import NormalEquations
-from rovid.estimate.fit_result import Fitted
-from rovid.estimate.innovation_likelihood import InnovationMisfit
+from rovid.estimate.fit_result import FitResult
+from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from rovid.signals.preprocessing import Run
 from tests import synthetic
 from tests.predictions import NOISE, TIME, TORQUE
@@ -38,7 +38,7 @@ def run(number: int, begin: int, end: int, since: float) -> Run:
     time, torque = TIME[begin:end] - TIME[begin], TORQUE[begin:end]
     made = synthetic.run(time, torque, noise=NOISE[begin:end])
     commands = torque[:, None] / 100.0
-    return replace(made, trial=replace(made.trial, name=f"run {number}", since=since, commands=commands))
+    return replace(made, trial=replace(made.trial, name=f"run {number}", campaign_time=since, commands=commands))
 
 
 RUNS = [run(number, *piece) for number, piece in enumerate(PIECES)]
@@ -46,21 +46,21 @@ RUNS = [run(number, *piece) for number, piece in enumerate(PIECES)]
 
 def misfit_of(
     monkeypatch: pytest.MonkeyPatch, at_once: int, key: str, interval: float = 0.0, runs: Sequence[Run] = RUNS
-) -> InnovationMisfit:
+) -> InnovationLikelihood:
     """With so many instants gone through at once at most."""
     monkeypatch.setattr(filter_data, "_AT_ONCE", at_once)
-    records = Readings(runs, synthetic.VEHICLE, synthetic.ROSUB, interval=interval)
-    misfit = InnovationMisfit(records, 0.05, (effect_named(key),) if key else ())
-    assert len(misfit.portions) == (1 if at_once > 2000 else len(runs))
+    records = InnovationData(runs, synthetic.VEHICLE, synthetic.ROSUB, interval=interval)
+    misfit = InnovationLikelihood(records, 0.05, (effect_named(key),) if key else ())
+    assert len(misfit.chunks) == (1 if at_once > 2000 else len(runs))
     return misfit
 
 
-def point(misfit: InnovationMisfit) -> FloatArray:
+def point(misfit: InnovationLikelihood) -> FloatArray:
     """(p,) coordinates with some of every effect."""
-    x = misfit.coordinates.first()
-    for _, place in misfit.coordinates.places():
+    x = misfit.parametrization.initial()
+    for _, place in misfit.parametrization.effect_slices():
         x[place] += 0.1
-    return np.clip(x, *misfit.coordinates.bounds)
+    return np.clip(x, *misfit.parametrization.bounds)
 
 
 @pytest.mark.parametrize("interval", [0.0, 0.4], ids=["all", "few"])
@@ -74,9 +74,9 @@ def test_portions_say_what_all_runs_say_at_once(monkeypatch: pytest.MonkeyPatch,
     scatter = np.sqrt(here.variance)
     assert np.max(np.abs(there.error - here.error) / scatter) < 1e-3
     assert np.max(np.abs(np.sqrt(there.variance) / scatter - 1.0)) < 1e-3
-    assert cut.cost(x) == pytest.approx(whole.cost(x), abs=1e-2)
-    assert cut.cost(x) == pytest.approx(sum(portion.cost(x) for portion in cut.portions))
-    one, other = (NormalEquations.of(misfit.slopes(x)) for misfit in (whole, cut))
+    assert cut.value(x) == pytest.approx(whole.value(x), abs=1e-2)
+    assert cut.value(x) == pytest.approx(sum(portion.value(x) for portion in cut.chunks))
+    one, other = (NormalEquations.from_jacobians(misfit.jacobian(x)) for misfit in (whole, cut))
     size = np.sqrt(np.diag(one.information))
     np.testing.assert_allclose(
         other.information / np.outer(size, size), one.information / np.outer(size, size), atol=1e-3
@@ -87,7 +87,9 @@ def test_portions_say_what_all_runs_say_at_once(monkeypatch: pytest.MonkeyPatch,
 def test_what_is_known_of_all_runs_is_not_worked_out_again(monkeypatch: pytest.MonkeyPatch) -> None:
     cut = misfit_of(monkeypatch, 100, "bias_torque")
     x = point(cut)
-    known, anew = (NormalEquations.of(cut.slopes(x, known)) for known in (cut.looked(x), None))
+    known, anew = (
+        NormalEquations.from_jacobians(cut.jacobian(x, known)) for known in (cut.evaluate_with_spare(x), None)
+    )
     assert known.gradient == pytest.approx(anew.gradient)
     assert known.information == pytest.approx(anew.information)
 
@@ -96,15 +98,15 @@ def test_innovations_that_do_not_count_are_left_out_of_each_portion(monkeypatch:
     cut = misfit_of(monkeypatch, 100, "bias_torque")
     x, every = point(cut), cut.innovations(point(cut))
     counted = np.arange(len(every.error)) % 3 == 0
-    some = cut.like(cut.effects, counted)
+    some = cut.with_effects(cut.effects, counted)
     assert some.innovations(x).error == pytest.approx(every.error[counted])
-    assert [portion.rows.stop - portion.rows.start for portion in some.portions] == [
-        int(counted[portion.rows].sum()) for portion in cut.portions
+    assert [portion.rows.stop - portion.rows.start for portion in some.chunks] == [
+        int(counted[portion.rows].sum()) for portion in cut.chunks
     ]
-    assert some.cost(x) == pytest.approx(some.cost_of(some.innovations(x)))
-    costs = some.held_out_costs([some, cut], [x, x])
-    assert costs == pytest.approx([some.cost(x), cut.cost(x)])
-    rows = [piece.rows for piece in some.flatter_slopes(x)]
+    assert some.value(x) == pytest.approx(some.value_of(some.innovations(x)))
+    costs = some.held_out_values([some, cut], [x, x])
+    assert costs == pytest.approx([some.value(x), cut.value(x)])
+    rows = [piece.rows for piece in some.robust_jacobian(x)]
     assert [row.start for row in rows] == [0, *(row.stop for row in rows[:-1])]
 
 
@@ -115,11 +117,11 @@ def test_slopes_take_the_memory_of_one_portion(monkeypatch: pytest.MonkeyPatch) 
     for at_once in (100_000, 100):
         misfit = misfit_of(monkeypatch, at_once, "supply_sag:drift", runs=many)
         x = point(misfit)
-        known = misfit.looked(x)
+        known = misfit.evaluate_with_spare(x)
         # What is kept of the logs is there already.
-        NormalEquations.of(misfit.slopes(x, known))
+        NormalEquations.from_jacobians(misfit.jacobian(x, known))
         tracemalloc.start()
-        NormalEquations.of(misfit.slopes(x, known))
+        NormalEquations.from_jacobians(misfit.jacobian(x, known))
         taken.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     whole, cut = taken
@@ -131,7 +133,7 @@ def test_slopes_promise_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     every = []
     for at_once in (10_000, 100):
         misfit = misfit_of(monkeypatch, at_once, "")
-        every.append(screen(Fitted.at(misfit, misfit.coordinates.first()), forms))
+        every.append(screen(FitResult.at(misfit, misfit.parametrization.initial()), forms))
     for one, other in zip(*every, strict=True):
         assert other.gain == pytest.approx(one.gain, rel=0.01, abs=0.01)
         assert other.tried.outright == pytest.approx(one.tried.outright, rel=1e-3, abs=0.02)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rovid.estimate.estimate import Estimate
-from rovid.trial.assumptions import Guesswork
+from rovid.trial.assumptions import Assumptions
 
 
 def test_interval_uses_students_t() -> None:
@@ -26,7 +26,7 @@ def test_interval_uses_students_t() -> None:
 
 
 NAMES = ("inertia", "quadratic_drag", "linear_drag")
-GUESS = Guesswork(items=("yaw_arm of fore",), thrusters=1)
+GUESS = Assumptions(items=("yaw_arm of fore",), thrusters=1)
 
 
 def base(linear: float = 132.0, **changes: Any) -> Estimate:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rovid.effects import effect_named
-from rovid.estimate.filter_data import Readings
+from rovid.estimate.filter_data import InnovationData
 from rovid.signals.preprocessing import Run
 from tests import synthetic
 
@@ -16,14 +16,14 @@ TIME = synthetic.clock(120.0)
 RUN = synthetic.run(TIME, np.where(TIME < 60.0, 100.0, -100.0))
 
 
-def readings(run: Run, *, interval: float = 0.0, gyro: bool = False) -> Readings:
-    return Readings([run], synthetic.LOGGED, synthetic.ROSUB, gyro=gyro, interval=interval)
+def readings(run: Run, *, interval: float = 0.0, gyro: bool = False) -> InnovationData:
+    return InnovationData([run], synthetic.LOGGED, synthetic.ROSUB, gyro=gyro, interval=interval)
 
 
 def test_a_quick_look_passes_over_readings_but_for_the_last() -> None:
-    every = readings(RUN).of_runs[0]
+    every = readings(RUN).run_data[0]
     assert len(every.time) == len(TIME)
-    quick = readings(RUN, interval=1.0).of_runs[0]
+    quick = readings(RUN, interval=1.0).run_data[0]
     assert np.diff(quick.time) == pytest.approx(1.0)
     assert quick.time[-1] == TIME[-1]
 
@@ -31,36 +31,36 @@ def test_a_quick_look_passes_over_readings_but_for_the_last() -> None:
 def test_the_filter_starts_at_the_first_reading_and_is_told_of_the_others() -> None:
     gap = RUN.trial.position.copy()
     gap[100:200] = np.nan
-    one = readings(replace(RUN, trial=replace(RUN.trial, position=gap))).of_runs[0]
-    assert len(one.known) == len(TIME) - 1 - 100
-    assert len(one.told_at) == len(one.known)
+    one = readings(replace(RUN, trial=replace(RUN.trial, position=gap))).run_data[0]
+    assert len(one.known_positions) == len(TIME) - 1 - 100
+    assert len(one.innovation_times) == len(one.known_positions)
 
 
 def test_a_gyro_is_looked_at_only_where_it_is_asked_for() -> None:
     noise = 1e-3 * np.random.default_rng(1).normal(size=len(TIME))
     run = replace(RUN, trial=replace(RUN.trial, rate=np.gradient(RUN.trial.position, TIME) + noise))
-    assert not len(readings(run).of_runs[0].known_rates)
+    assert not len(readings(run).run_data[0].known_rates)
     assert readings(run).gyro_noise == 1.0
     asked = readings(run, gyro=True)
-    assert len(asked.of_runs[0].known_rates) == len(TIME)
+    assert len(asked.run_data[0].known_rates) == len(TIME)
     # Of 2400 differences the size is known to two percent.
     assert asked.gyro_noise == pytest.approx(1e-3, rel=0.1)
 
 
 def test_where_the_rate_alone_was_measured_a_position_is_known_at_the_start_alone() -> None:
-    integrated = replace(RUN.trial, rate=np.gradient(RUN.trial.position, TIME), integrated=True)
-    one = readings(replace(RUN, trial=integrated)).of_runs[0]
-    assert not len(one.known)
+    integrated = replace(RUN.trial, rate=np.gradient(RUN.trial.position, TIME), rate_only=True)
+    one = readings(replace(RUN, trial=integrated)).run_data[0]
+    assert not len(one.known_positions)
     assert len(one.known_rates) == len(TIME)
 
 
 def test_headings_are_freed_of_the_same_deviation_once() -> None:
-    off, (portion,) = effect_named("heading_deviation"), readings(RUN).portions
+    off, (portion,) = effect_named("heading_deviation"), readings(RUN).chunks
     models = [replace(synthetic.ROSUB, effects=(off,), effect_values=(size, 0.3)) for size in (0.05, 0.05, 0.06)]
-    first, same, other = (portion.seen(model) for model in models)
+    first, same, other = (portion.corrected_angle(model) for model in models)
     assert first is same
     assert not np.array_equal(first.angle, other.angle)
     assert first.gain is not None
-    plain = portion.seen(synthetic.ROSUB)
-    assert plain.angle is portion.seen(synthetic.ROSUB).angle
+    plain = portion.corrected_angle(synthetic.ROSUB)
+    assert plain.angle is portion.corrected_angle(synthetic.ROSUB).angle
     assert plain.gain is None

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from rovid.effects import effect_named
-from rovid.estimate.filter_data import Readings
-from rovid.estimate.fit_result import Fitted, climbed
-from rovid.estimate.innovation_likelihood import InnovationMisfit
+from rovid.estimate.filter_data import InnovationData
+from rovid.estimate.fit_result import FitResult, fit
+from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from tests import synthetic
 from tests.predictions import BIAS, NOISE, TIME, TORQUE
 
@@ -16,24 +16,24 @@ LAG = effect_named("thruster_lag")
 
 
 @pytest.fixture(scope="module")
-def plain() -> Fitted:
+def plain() -> FitResult:
     runs = [synthetic.run(TIME[:1500], TORQUE[:1500], noise=NOISE[:1500])]
-    misfit = InnovationMisfit(Readings(runs, synthetic.LOGGED, synthetic.ROSUB), 0.05)
-    return climbed(misfit, misfit.coordinates.first())
+    misfit = InnovationLikelihood(InnovationData(runs, synthetic.LOGGED, synthetic.ROSUB), 0.05)
+    return fit(misfit, misfit.parametrization.initial())
 
 
-def test_what_is_an_effects_own_and_what_is_left_without_it(plain: Fitted) -> None:
+def test_what_is_an_effects_own_and_what_is_left_without_it(plain: FitResult) -> None:
     x = np.concatenate((plain.x, [0.25, 0.5]))
-    both = Fitted.at(plain.misfit.like((BIAS, LAG)), x)
-    assert both.own(BIAS).tolist() == [0.25]
-    assert both.own(LAG).tolist() == [0.5]
-    assert (both.shared == plain.x).all()
+    both = FitResult.at(plain.objective.with_effects((BIAS, LAG)), x)
+    assert both.effect_coordinates(BIAS).tolist() == [0.25]
+    assert both.effect_coordinates(LAG).tolist() == [0.5]
+    assert (both.common_coordinates == plain.x).all()
     effects, rest = both.without(BIAS)
     assert effects == (LAG,)
     assert rest.tolist() == [*plain.x, 0.5]
 
 
-def test_the_best_is_physical_white_and_near_the_truth(plain: Fitted) -> None:
+def test_the_best_is_physical_white_and_near_the_truth(plain: FitResult) -> None:
     assert plain.is_physical
     assert plain.is_white
     assert plain.simulated_r2 > 0.999
@@ -42,9 +42,9 @@ def test_the_best_is_physical_white_and_near_the_truth(plain: Fitted) -> None:
     assert abs(plain.model.inertia - synthetic.ROSUB.inertia) < 4.0 * error
 
 
-def test_a_model_beside_which_others_run_away_is_not_known(plain: Fitted, monkeypatch: pytest.MonkeyPatch) -> None:
-    first, *others = plain.misfit.slopes(plain.x)
+def test_a_model_beside_which_others_run_away_is_not_known(plain: FitResult, monkeypatch: pytest.MonkeyPatch) -> None:
+    first, *others = plain.objective.jacobian(plain.x)
     first.matrix[7, 1] = np.nan
-    monkeypatch.setattr(InnovationMisfit, "flatter_slopes", lambda *_: [first, *others])
+    monkeypatch.setattr(InnovationLikelihood, "flatter_slopes", lambda *_: [first, *others])
     for sandwich in (False, True):
         assert np.isinf(np.diag(plain.covariance(sandwich=sandwich))).all()

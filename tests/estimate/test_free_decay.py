@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
 from rovid.signals.preprocessing import prepare
-from rovid.signals.segments import releases
+from rovid.signals.segments import find_releases
 from rovid.trial.axis import AXES
 from rovid.trial.trial import Campaign, Trial
 from rovid.trial.vehicle import Vehicle
@@ -78,7 +78,7 @@ def test_a_log_is_taken_from_each_release_on() -> None:
     first, second = swings(0.3, 40.0), swings(-0.2, 30.0)
     tilt = np.concatenate((pushed(0.3), first, pushed(-0.2), second))
     begins = [240, 240 + 800 + 240]
-    found = releases(log_of(tilt))
+    found = find_releases(log_of(tilt))
     assert [abs(part.start - begin) <= 1 for part, begin in zip(found, begins, strict=True)] == [True, True]
     assert found[0].stop <= 240 + 800
     assert tilt[found[1]].size > 300
@@ -87,16 +87,16 @@ def test_a_log_is_taken_from_each_release_on() -> None:
 def test_swings_that_are_held_up_end_a_release() -> None:
     tilt = swings(0.3, 60.0)
     held = np.where(np.arange(len(tilt)) < 600, tilt, LEVEL + 0.2 * (tilt - LEVEL))
-    (part,) = releases(log_of(held))
+    (part,) = find_releases(log_of(held))
     assert 500 < part.stop <= 600
-    (whole,) = releases(log_of(tilt))
+    (whole,) = find_releases(log_of(tilt))
     assert whole.stop > 1000
 
 
 def test_a_motion_that_does_not_die_out_is_no_release() -> None:
     time = np.arange(0.0, 60.0, 0.05)
     beats = 0.2 * np.sin(2.0 * time) * np.sin(0.9 * time)
-    assert releases(log_of(beats)) == []
+    assert find_releases(log_of(beats)) == []
     with pytest.raises(DataError, match="they hold no swings that die out"):
         prepare(Campaign(trials=(log_of(beats),), sources=()), Vehicle(name="ship", thrusters=(), axis=AXES["roll"]))
 

@@ -9,7 +9,7 @@ from rovid.core.errors import DataError
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.inertia import fit_inertia
 from rovid.signals.preprocessing import Run
-from rovid.signals.rates import rates_of
+from rovid.signals.rates import compute_rates
 from tests.estimate.test_sine_inertia import sine
 from tests.synthetic import ROSUB, clock, trial
 
@@ -35,7 +35,7 @@ def test_a_vehicle_that_does_not_move_has_no_inertia() -> None:
     time = clock(130.0, 10.0)
     torque = 200.0 * np.sin(2.0 * np.pi * time / 20.0)
     log = trial(time, torque, np.zeros(len(time)), rate=np.zeros(len(time)))
-    rates = rates_of(log, cutoff=1.0)
-    still = Run(trial=log, torque=torque, rates=rates, drive=rates.held(log, torque))
+    rates = compute_rates(log, cutoff=1.0)
+    still = Run(trial=log, torque=torque, rates=rates, filtered_torque=rates.filter_held(log, torque))
     with pytest.raises(DataError, match=r"never turns under the sine-shaped torque of log: its yaw rate is zero"):
         fit_inertia([still], drag=None, rigid_body=None)

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from rovid.effects import effect_named
-from rovid.estimate.filter_data import Readings
-from rovid.estimate.innovation_likelihood import InnovationMisfit
-from rovid.estimate.levenberg_marquardt import TOLERANCE, End, climb
-from rovid.estimate.maximum_likelihood import LIMITS
-from rovid.estimate.output_error import fit_free_run
+from rovid.estimate.filter_data import InnovationData
+from rovid.estimate.innovation_likelihood import InnovationLikelihood
+from rovid.estimate.levenberg_marquardt import TOLERANCE, StopReason, minimize
+from rovid.estimate.maximum_likelihood import DISTURBANCE_LIMITS
+from rovid.estimate.output_error import fit_output_error
 from rovid.estimate.parametrization import DISTURBANCE, INERTIA
 from rovid.store.study import open_study
 from tests import synthetic
@@ -27,26 +27,28 @@ def test_a_model_that_misses_much_is_fitted_to_the_end(tmp_path: Path) -> None:
     advanced_commands(tmp_path / "day", 32)
     runs = open_study([tmp_path / "day"]).runs
     assert runs is not None
-    misfit = InnovationMisfit(Readings(runs.items, None, fit_free_run(runs.items)), LIMITS[-2])
-    first = misfit.coordinates.first()
-    soon, late = climb(misfit, first, iterations=25), climb(misfit, first, iterations=300, tolerance=1e-6)
+    misfit = InnovationLikelihood(
+        InnovationData(runs.items, None, fit_output_error(runs.items)), DISTURBANCE_LIMITS[-2]
+    )
+    first = misfit.parametrization.initial()
+    soon, late = minimize(misfit, first, iterations=25), minimize(misfit, first, iterations=300, tolerance=1e-6)
     # By scoring alone it would still be thousands away.
-    assert soon.cost - late.cost < 1.0
-    begun = climb(misfit, first, iterations=1)
-    assert climb(misfit, late.x).end is End.REACHED
-    assert begun.end is End.OUT_OF_STEPS
+    assert soon.value - late.value < 1.0
+    begun = minimize(misfit, first, iterations=1)
+    assert minimize(misfit, late.x).stop_reason is StopReason.CONVERGED
+    assert begun.stop_reason is StopReason.MAX_ITERATIONS
     # One step says that much is left, and at the end there is nothing.
-    assert begun.left > begun.cost - late.cost
-    assert soon.left <= TOLERANCE
+    assert begun.remaining_gain > begun.value - late.value
+    assert soon.remaining_gain <= TOLERANCE
 
 
 def test_misfits_of_any_effects_are_looked_at_together_as_each_alone() -> None:
     """Of waves, of water that rings, of terms with states and of none, in whatever order."""
-    records = Readings([synthetic.run(TIME, TORQUE, noise=NOISE)], synthetic.LOGGED, synthetic.ROSUB)
+    records = InnovationData([synthetic.run(TIME, TORQUE, noise=NOISE)], synthetic.LOGGED, synthetic.ROSUB)
     names = ("wave_torque", "tank_seiche", "bias_torque", "added_mass_memory", "thruster_lag", "wave_torque")
-    misfits = [InnovationMisfit(records, LIMITS[0], (effect_named(name),)) for name in names]
-    pairs = [(misfit, misfit.coordinates.first()) for misfit in misfits]
-    for (misfit, x), together in zip(pairs, InnovationMisfit.of_each(pairs), strict=True):
+    misfits = [InnovationLikelihood(records, DISTURBANCE_LIMITS[0], (effect_named(name),)) for name in names]
+    pairs = [(misfit, misfit.parametrization.initial()) for misfit in misfits]
+    for (misfit, x), together in zip(pairs, InnovationLikelihood.evaluate_each(pairs), strict=True):
         alone = misfit.innovations(x)
         scatter = np.sqrt(alone.variance)
         # Side by side all take the steps of the one that needs most.
@@ -59,11 +61,11 @@ def test_a_disturbance_is_at_its_limit_where_half_of_that_is_less_likely(
     limit: float, missed: float, *, at_limit: bool
 ) -> None:
     """Not where nothing is missed, nor where so little is allowed that no reading shows it."""
-    records = Readings([synthetic.run(TIME, TORQUE, noise=NOISE)], synthetic.LOGGED, synthetic.ROSUB)
-    misfit = InnovationMisfit(records, limit)
-    x = misfit.coordinates.first()
+    records = InnovationData([synthetic.run(TIME, TORQUE, noise=NOISE)], synthetic.LOGGED, synthetic.ROSUB)
+    misfit = InnovationLikelihood(records, limit)
+    x = misfit.parametrization.initial()
     x[INERTIA] += missed
-    x[DISTURBANCE] = misfit.coordinates.high[DISTURBANCE]
+    x[DISTURBANCE] = misfit.parametrization.high[DISTURBANCE]
     half = x.copy()
     half[DISTURBANCE] -= np.log(2.0)
     assert misfit.at_limit(x) is at_limit

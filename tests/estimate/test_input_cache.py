@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from rovid.effects import Effect, effect_named
-from rovid.estimate.input_cache import Driving
-from rovid.model.command_series import Commanded
-from rovid.model.torque_input import MOST_PARTS
+from rovid.estimate.input_cache import InputCache
+from rovid.model.command_series import CommandSeries
+from rovid.model.torque_input import MAX_SUBDIVISION
 from rovid.signals.preprocessing import Run
 from tests import synthetic
 from tests.effects.test_effects import EVERY
@@ -30,8 +30,8 @@ def run() -> Run:
     return replace(made, trial=replace(made.trial, commands=COMMAND[:, None]))
 
 
-def driving(run: Run, *, quick: bool = False) -> Driving:
-    return Driving(
+def driving(run: Run, *, quick: bool = False) -> InputCache:
+    return InputCache(
         runs=[run],
         vehicle=synthetic.VEHICLE,
         inertia=synthetic.ROSUB.inertia,
@@ -41,7 +41,7 @@ def driving(run: Run, *, quick: bool = False) -> Driving:
 
 
 def test_without_an_effect_the_logged_torque_drives(run: Run) -> None:
-    (drive,) = driving(run).at_instants(synthetic.ROSUB)
+    (drive,) = driving(run).at_samples(synthetic.ROSUB)
     assert (drive.torque == TORQUE).all()
     quick = driving(run, quick=True).between_steps(synthetic.ROSUB)
     # Of 2.5 s that change over half-way the mean is nothing.
@@ -63,7 +63,7 @@ def test_fewer_steps_keep_the_impulse_of_a_lagging_thrust(run: Run) -> None:
     assert np.sum(quick.torque[:-1] * np.diff(TIME[STEPS])) == pytest.approx(whole, rel=1e-6, abs=1e-6)
 
 
-QUICK = [effect for effect in EVERY if model_with(effect).drivetrain.settles(1.0) > 0.0]
+QUICK = [effect for effect in EVERY if model_with(effect).actuators.settling_time(1.0) > 0.0]
 
 
 @pytest.mark.parametrize("noise", [1.0, 1e-8], ids=["whole", "cut"])
@@ -74,16 +74,16 @@ def test_what_has_settled_need_not_be_looked_at_closely(run: Run, effect: Effect
     steps = np.arange(0, len(TIME), 8)
     here = replace(driving(run), position_noise=noise, steps=[steps] if few else None)
     found = here.between_steps(model)
-    parts = MOST_PARTS if noise < 1e-6 else 1
-    given = Commanded.of(synthetic.VEHICLE, [run.trial], parts)
-    true = model.drivetrain.driven(given, given.between([steps]) if few else None)
+    parts = MAX_SUBDIVISION if noise < 1e-6 else 1
+    given = CommandSeries.from_trials(synthetic.VEHICLE, [run.trial], parts)
+    true = model.actuators.torque_inputs(given, given.intervals_between([steps]) if few else None)
     # What is looked at is no more than what may change.
     looked_at, _ = here._given(synthetic.VEHICLE, model)  # noqa: SLF001 - what it is for
-    assert len(looked_at.where.time) < 0.8 * len(given.where.time) or (parts == 1 and not few)
+    assert len(looked_at.inputs.time) < 0.8 * len(given.inputs.time) or (parts == 1 and not few)
     most = np.max(np.abs(true.torque))
     np.testing.assert_allclose(found.torque, true.torque, atol=2e-4 * most, rtol=0.0)
-    large = np.max(np.abs(true.moment))
-    np.testing.assert_allclose(found.moment, true.moment, atol=0.02 * large, rtol=0.0)
+    large = np.max(np.abs(true.timing_moment))
+    np.testing.assert_allclose(found.timing_moment, true.timing_moment, atol=0.02 * large, rtol=0.0)
 
 
 @pytest.mark.parametrize("few", [False, True], ids=["all", "few"])
@@ -95,7 +95,7 @@ def test_some_of_the_runs_are_looked_at_as_finely_as_all(run: Run, *, few: bool)
     steps = [np.arange(0, len(one.trial.time), 8) for one in (run, seldom)] if few else None
     both = replace(driving(run), runs=[run, seldom], steps=steps, position_noise=1e-8)
     whole = both.between_steps(LAGGED)
-    parts = [both.of_some(slice(at, at + 1)).between_steps(LAGGED) for at in range(2)]
+    parts = [both.subset(slice(at, at + 1)).between_steps(LAGGED) for at in range(2)]
     for part, true in zip(parts, whole.by_trial, strict=True):
         np.testing.assert_array_equal(part.torque, true.torque)
-        np.testing.assert_array_equal(part.moment, true.moment)
+        np.testing.assert_array_equal(part.timing_moment, true.timing_moment)

@@ -129,12 +129,12 @@ def test_of_a_torque_that_never_changes_nothing_is_explained() -> None:
     found = fit_regression([log])
     assert found.estimate.value("inertia") == pytest.approx(ROSUB.inertia, rel=0.1)
     assert np.isnan(found.r_squared)
-    sure = replace(log, drive=np.where(np.isfinite(log.drive), 100.0, np.nan))
+    sure = replace(log, filtered_torque=np.where(np.isfinite(log.filtered_torque), 100.0, np.nan))
     assert np.isnan(fit_regression([sure]).r_squared)
 
 
 def test_thrust_of_the_wrong_sign_is_told() -> None:
     good = run(clock(200.0), levels(10.0, 20, 200.0, np.random.default_rng(3)))
-    wrong = Run(trial=good.trial, torque=-good.torque, rates=good.rates, drive=-good.drive)
+    wrong = Run(trial=good.trial, torque=-good.torque, rates=good.rates, filtered_torque=-good.filtered_torque)
     with pytest.raises(DataError, match="signs of yaw_arm"):
         fit_regression([wrong])

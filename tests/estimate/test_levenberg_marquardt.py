@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from rovid.core.array_types import FloatArray
-from rovid.estimate.fisher_information import Innovations, Slopes
-from rovid.estimate.levenberg_marquardt import End, bounded_step, climb, damped, with_curvature
+from rovid.estimate.fisher_information import Innovations, Jacobian
+from rovid.estimate.levenberg_marquardt import StopReason, bounded_step, minimize, updated_damping, with_bfgs_updates
 
 FREE = (np.full(2, -np.inf), np.full(2, np.inf))
 
@@ -32,17 +32,17 @@ def test_a_coordinate_at_its_bound_stays_and_the_other_takes_its_own_step() -> N
 
 
 def test_damping_falls_where_steps_keep_their_promise() -> None:
-    assert damped(1.0, 0.9) < 1.0 < damped(1.0, 0.1)
-    assert damped(1.0, 0.5) == 1.0
+    assert updated_damping(1.0, 0.9) < 1.0 < updated_damping(1.0, 0.1)
+    assert updated_damping(1.0, 0.5) == 1.0
 
 
 def test_differences_of_gradients_tell_the_curvature_that_was_not_promised() -> None:
     true = np.diag((10.0, 2.0))
     points = [np.array([1.0, 0.0]), np.array([0.0, 0.0]), np.array([0.0, 1.0])]
     been = [(x, true @ x) for x in points]
-    assert with_curvature(np.eye(2), been) == pytest.approx(true)
+    assert with_bfgs_updates(np.eye(2), been) == pytest.approx(true)
     # Where it was right it stays.
-    assert with_curvature(true, been) == pytest.approx(true)
+    assert with_bfgs_updates(true, been) == pytest.approx(true)
 
 
 @dataclass(frozen=True)
@@ -69,17 +69,17 @@ class Overpromising:
         (here,) = self.innovations_of([x])
         return here, []
 
-    def slopes(self, x: FloatArray, known: tuple[Innovations, list[Innovations]]) -> Iterator[Slopes]:
+    def slopes(self, x: FloatArray, known: tuple[Innovations, list[Innovations]]) -> Iterator[Jacobian]:
         slope = np.zeros((2, 6))
         slope[0, 1] = 10.0 / (1.0 + (10.0 * x[1]) ** 2)
-        yield Slopes(slice(0, 1), np.array([known[0].error[0], 0.0]), slope)
+        yield Jacobian(slice(0, 1), np.array([known[0].error[0], 0.0]), slope)
 
 
 def test_where_a_step_fails_shorter_ones_are_tried_side_by_side() -> None:
     asked = list[int]()
     misfit: Any = Overpromising(asked)  # stands in for a Misfit
-    found = climb(misfit, np.array([0.0, 0.5, 0.0, 0.0, 0.0, 0.0]))
-    assert found.end is End.REACHED
+    found = minimize(misfit, np.array([0.0, 0.5, 0.0, 0.0, 0.0, 0.0]))
+    assert found.stop_reason is StopReason.CONVERGED
     assert found.x[1] == pytest.approx(0.0, abs=0.02)
     # From there on Newton's step leads far beyond.
     assert asked[:3] == [1, 1, 4]

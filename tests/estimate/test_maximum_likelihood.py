@@ -15,10 +15,10 @@ from scipy.stats import chi2
 
 from rovid.effects.base import Body
 from rovid.estimate.estimate import Estimate
-from rovid.estimate.maximum_likelihood import LIMITS, fit_likelihood
+from rovid.estimate.maximum_likelihood import DISTURBANCE_LIMITS, fit_likelihood
 from rovid.model.kernels import simulate
 from rovid.signals.preprocessing import Run
-from rovid.signals.rates import rates_of
+from rovid.signals.rates import compute_rates
 from tests.conftest import SAMPLES, Rovid, slow
 from tests.synthetic import clock, gauss_markov, trial
 from tools.hidden import Hidden
@@ -240,8 +240,8 @@ def test_an_open_scale_is_of_forces_alone_and_has_no_sign() -> None:
         method="",
         samples=1,
     )
-    assert sure.with_scale_doubt(1e-5) is sure
-    openly = sure.with_scale_doubt(0.6)
+    assert sure.with_thrust_scale_uncertainty(1e-5) is sure
+    openly = sure.with_thrust_scale_uncertainty(0.6)
     assert len(openly.warnings) == 1
     assert [openly.standard_error(name) for name in names] == pytest.approx(
         [math.hypot(30.0, 3000.0), math.hypot(40.0, 2100.0), 0.01, math.hypot(4.0, 6.0)]
@@ -262,7 +262,7 @@ def test_the_disturbance_is_let_go_once_the_cause_is_in(tmp_path: Path, rovid: R
     )
     # Else it would take the delay's part, and the simulation would be the worse for it.
     assert plain["at_limit"]
-    assert plain["limit_share_of_torque"] < delayed["limit_share_of_torque"] == max(LIMITS)
+    assert plain["limit_share_of_torque"] < delayed["limit_share_of_torque"] == max(DISTURBANCE_LIMITS)
     assert not delayed["at_limit"]
 
 
@@ -296,8 +296,8 @@ def gyro_day(bias: float, rng: np.random.Generator) -> list[Run]:
         rate, angle = simulate(time, torque + wind, Body(5057.0, 3532.0, 132.0), 0.0)
         gyro = rate + bias + rng.normal(0.0, 0.002, len(time))
         log = trial(time, torque, angle + rng.normal(0.0, np.deg2rad(2.0), len(time)), rate=gyro)
-        rates = rates_of(log, cutoff=0.5)
-        runs.append(Run(trial=log, torque=torque, rates=rates, drive=rates.held(log, torque)))
+        rates = compute_rates(log, cutoff=0.5)
+        runs.append(Run(trial=log, torque=torque, rates=rates, filtered_torque=rates.filter_held(log, torque)))
     return runs
 
 

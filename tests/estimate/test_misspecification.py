@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from rovid.core.array_types import FloatArray
-from rovid.estimate.filter_data import Readings
+from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fisher_information import Innovations
-from rovid.estimate.fit_result import Fitted, climbed
-from rovid.estimate.innovation_likelihood import InnovationMisfit
-from rovid.estimate.maximum_likelihood import LIMITS
-from rovid.estimate.misspecification import form_doubt
-from rovid.estimate.output_error import fit_free_run
+from rovid.estimate.fit_result import FitResult, fit
+from rovid.estimate.innovation_likelihood import InnovationLikelihood
+from rovid.estimate.maximum_likelihood import DISTURBANCE_LIMITS
+from rovid.estimate.misspecification import misspecification_covariance
+from rovid.estimate.output_error import fit_output_error
 from rovid.store.study import open_study
 from tests import synthetic
 from tests.estimate.test_maximum_likelihood import SHORT
@@ -28,10 +28,10 @@ def test_jumps_of_innovations_make_no_certainty(jump: float, every: int, tmp_pat
     write_trial_day(tmp_path / "day", seed=secrets.randbelow(10**6), formats="csv", campaign=SHORT)
     runs = open_study([tmp_path / "day"]).runs
     assert runs is not None
-    misfit = InnovationMisfit(Readings(runs.items, None, fit_free_run(runs.items)), LIMITS[0])
-    top = climbed(misfit, misfit.coordinates.first())
+    misfit = InnovationLikelihood(InnovationData(runs.items, None, fit_output_error(runs.items)), DISTURBANCE_LIMITS[0])
+    top = fit(misfit, misfit.parametrization.initial())
 
-    class Jumping(InnovationMisfit):
+    class Jumping(InnovationLikelihood):
         """Innovations move by a part of their error where the inertia is above the best."""
 
         def innovations(self, x: FloatArray) -> Innovations:
@@ -39,7 +39,7 @@ def test_jumps_of_innovations_make_no_certainty(jump: float, every: int, tmp_pat
             moves = jump * (x[0] > top.x[0]) * (np.arange(len(error)) % every == 0)
             return Innovations(error + moves * np.sqrt(variance), variance)
 
-    moved = Fitted.at(Jumping(misfit.records, LIMITS[0]), top.x)
+    moved = FitResult.at(Jumping(misfit.data, DISTURBANCE_LIMITS[0]), top.x)
     smooth, jumping = (np.sqrt(np.diag(one.covariance(sandwich=False))) for one in (top, moved))
     assert jumping == pytest.approx(smooth, rel=0.02)
 
@@ -47,14 +47,14 @@ def test_jumps_of_innovations_make_no_certainty(jump: float, every: int, tmp_pat
 def test_horizons_that_disagree_widen_the_errors_and_are_named() -> None:
     """A torque that comes late shows to short predictions as another drag than to long ones."""
     right = fitted_ahead([synthetic.run(TIME[:900], TORQUE[:900], noise=NOISE[:900]) for _ in range(4)])
-    doubt, said = form_doubt(right)
+    doubt, said = misspecification_covariance(right)
     assert not said
     assert np.sqrt(doubt[0, 0]) < 0.002 * synthetic.ROSUB.inertia
     late = 0.5 * np.convolve(TORQUE, np.ones(60) / 60.0)[: len(TORQUE)]
     cuts = [slice(start, start + 2000) for start in (0, 2000, 4000)]
     runs = [synthetic.run(TIME[:2000], TORQUE[cut], noise=NOISE[:2000], disturbance=late[cut]) for cut in cuts]
     wrong = fitted_ahead(runs)
-    doubt, said = form_doubt(wrong)
+    doubt, said = misspecification_covariance(wrong)
     assert len(said) == 1
     assert "half of the difference" in said[0]
     assert np.diag(doubt)[:3].max() > 0.0

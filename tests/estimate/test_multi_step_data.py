@@ -7,17 +7,17 @@ from dataclasses import replace
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.estimate.filter_data import Readings
-from rovid.estimate.multi_step_data import HorizonRecords, predictions, time_constant
+from rovid.estimate.filter_data import InnovationData
+from rovid.estimate.multi_step_data import MultiStepData, prediction_errors, time_constant
 from rovid.estimate.restart_grid import HORIZONS
 from rovid.model.model import Model
-from rovid.signals.rates import rates_of
+from rovid.signals.rates import compute_rates
 from tests import synthetic
 from tests.predictions import NOISE, TIME, TORQUE, biased, records
 
 
-def rms(ahead: HorizonRecords, model: Model) -> FloatArray:
-    errors = predictions(ahead, model, ahead.drives_between(model))
+def rms(ahead: MultiStepData, model: Model) -> FloatArray:
+    errors = prediction_errors(ahead, model, ahead.torque_between_steps(model))
     return np.array([np.sqrt(np.mean(errors[ahead.horizon == number] ** 2)) for number in range(len(HORIZONS))])
 
 
@@ -32,7 +32,7 @@ def test_the_true_model_predicts_and_a_wrong_one_does_not() -> None:
 def test_restarts_take_away_what_drifts() -> None:
     """A constant torque turns a free run away without end, and a prediction only for as long as its horizon."""
     ahead = records(disturbance=np.full(len(TIME), 5.0))
-    constant = time_constant(synthetic.ROSUB, ahead.rate)
+    constant = time_constant(synthetic.ROSUB, ahead.rms_rate)
     most = 5.0 / synthetic.ROSUB.inertia * (HORIZONS[-1] * constant) ** 2 / 2.0
     assert rms(ahead, synthetic.ROSUB)[-1] < most
 
@@ -43,9 +43,9 @@ def test_nothing_is_predicted_across_a_gap() -> None:
     gap = (TIME > 700.0) & (TIME < 760.0)
     position[gap] = np.nan
     trial = replace(run.trial, position=position)
-    cut = replace(run, trial=trial, rates=rates_of(trial, cutoff=1.0))
-    ahead = HorizonRecords.of(Readings([cut], synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB)
-    ((begin, end),) = ahead.spans
+    cut = replace(run, trial=trial, rates=compute_rates(trial, cutoff=1.0))
+    ahead = MultiStepData.from_data(InnovationData([cut], synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB)
+    ((begin, end),) = ahead.innovation_spans
     assert not ((begin < 701.0) & (end > 759.0)).any()
     assert (end < 700.0).any()
     assert (begin > 760.0).any()
@@ -54,15 +54,15 @@ def test_nothing_is_predicted_across_a_gap() -> None:
 def test_errors_that_are_alike_count_as_few() -> None:
     """White errors count for themselves; what lasts makes one of many."""
     slow = synthetic.gauss_markov(len(TIME), 0.2, 20.0, 200.0, np.random.default_rng(1))
-    assert records(disturbance=slow).readings < 0.5 * records().readings
+    assert records(disturbance=slow).effective_count < 0.5 * records().effective_count
 
 
 def test_a_long_log_costs_no_more_predictions() -> None:
     few, many = records(), records(runs=6)
-    assert sum(len(course.grid.restarts) for course in many.courses.each) <= 700
+    assert sum(len(course.grid.restarts) for course in many.gridded.runs) <= 700
     assert len(many.horizon) < 3 * len(few.horizon)
 
 
 def test_what_is_missing_makes_all_errors_alike() -> None:
     unknown = records(disturbance=np.full(len(TIME), 12.0))
-    assert unknown.readings < 0.2 * biased().readings
+    assert unknown.effective_count < 0.2 * biased().effective_count

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rovid.core.errors import DataError, LogError
-from rovid.estimate.thrust_curve import bench_readings, fit_bench
+from rovid.estimate.thrust_curve import bench_readings, fit_thrust_curve
 from rovid.trial.tables import read_table
 from tests.conftest import SAMPLES
 from tests.tables import table
@@ -22,7 +22,7 @@ def true_thrust(command: np.ndarray) -> np.ndarray:
 def test_noisy_bench_readings_give_a_rising_curve_with_its_dead_zone() -> None:
     rng = np.random.default_rng()
     command = np.tile(np.linspace(-5.0, 5.0, 101), 3)
-    fit = fit_bench(command, true_thrust(command) + rng.normal(0.0, 0.3, len(command)))
+    fit = fit_thrust_curve(command, true_thrust(command) + rng.normal(0.0, 0.3, len(command)))
     assert (np.diff(fit.curve.thrust) >= 0.0).all()
     assert fit.dead_zone is not None
     # Noise of 0.17 N (three repeats) hides thrust of up to 1.2 N, and the curve starts flat: 0.5 V at 5 N/V^2.
@@ -37,7 +37,7 @@ def test_noisy_bench_readings_give_a_rising_curve_with_its_dead_zone() -> None:
 def test_exact_readings_stay_as_they_are() -> None:
     command = np.arange(1100.0, 1901.0, 4.0)
     thrust = true_thrust((command - 1500.0) / 80.0)
-    fit = fit_bench(command[::-1], thrust[::-1])
+    fit = fit_thrust_curve(command[::-1], thrust[::-1])
     assert fit.curve.thrust == pytest.approx(thrust, abs=0.001 * np.abs(thrust).max())
     assert fit.dead_zone is not None
     # Thrust below a thousandth of the largest counts as none: 0.2 V beyond the true dead zone of 0.4 V.
@@ -47,7 +47,7 @@ def test_exact_readings_stay_as_they_are() -> None:
 
 def test_readings_that_fall_with_the_command_give_a_falling_curve() -> None:
     command = np.linspace(-5.0, 5.0, 41)
-    fit = fit_bench(command, -true_thrust(command))
+    fit = fit_thrust_curve(command, -true_thrust(command))
     assert (np.diff(fit.curve.thrust) <= 0.0).all()
     assert fit.curve(np.array([5.0]))[0] < 0.0
 
@@ -55,7 +55,7 @@ def test_readings_that_fall_with_the_command_give_a_falling_curve() -> None:
 @pytest.mark.parametrize("name", ["kaxan_520.csv", "kaxan_540.csv"])
 def test_real_headerless_bench(name: str) -> None:
     readings = read_table(SAMPLES / "thruster_bench" / name, headerless=("command", "thrust_N"))
-    fit = fit_bench(*bench_readings(readings, command=None, thrust=None, unit=None))
+    fit = fit_thrust_curve(*bench_readings(readings, command=None, thrust=None, unit=None))
     assert (np.diff(fit.curve.thrust) >= 0.0).all()
     assert fit.dead_zone is not None
     assert -1.3 < fit.dead_zone[0] < fit.dead_zone[1] < 1.3
@@ -64,7 +64,7 @@ def test_real_headerless_bench(name: str) -> None:
 
 def test_vendor_sheet_with_units_in_its_header() -> None:
     readings = read_table(SAMPLES / "bluerov2_pier59" / "t200_16V_bench.csv")
-    fit = fit_bench(*bench_readings(readings, command=None, thrust=None, unit=None))
+    fit = fit_thrust_curve(*bench_readings(readings, command=None, thrust=None, unit=None))
     assert fit.dead_zone == (1472.0, 1528.0)
     assert fit.curve.thrust.max() == pytest.approx(5.245 * 9.80665, rel=1e-3)
 
@@ -85,14 +85,14 @@ def test_bad_bench_is_told(text: str, message: str, tmp_path: Path) -> None:
 
 def test_two_commands_make_no_curve() -> None:
     with pytest.raises(DataError, match="three commands"):
-        fit_bench(np.array([0.0, 1.0]), np.array([0.0, 1.0]))
+        fit_thrust_curve(np.array([0.0, 1.0]), np.array([0.0, 1.0]))
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_dead_zone_that_was_not_read_to_its_end_ends_where_the_curve_begins(side: float) -> None:
     command = side * np.array([-3.0, -2.5, -2.0, -1.5, -1.0, -0.5, 0.0, 2.0, 2.5, 3.0])
     thrust = np.where(np.abs(command) > 1.2, side * np.sign(command) * 4.0 * (np.abs(command) - 1.2), 0.0) * side
-    fit = fit_bench(command, thrust)
+    fit = fit_thrust_curve(command, thrust)
     assert fit.dead_zone is not None
     far = fit.dead_zone[1] if side > 0.0 else fit.dead_zone[0]
     assert far == pytest.approx(side * 1.2)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from rovid.estimate.whiteness import are_white, whitening_gain
+from rovid.estimate.whiteness import is_white, whitening_gain
 
 
 @pytest.mark.parametrize("name", ["coloured", "spiky"])
@@ -19,14 +19,14 @@ def test_what_is_not_white_is_seen(name: str) -> None:
         "coloured": white[1:] + 0.1 * white[:-1],
         "spiky": np.where(rng.random(20_000) < 0.005, 20.0, 1.0) * white,
     }[name]
-    assert not are_white([series])
+    assert not is_white([series])
 
 
 def test_white_is_seldom_called_coloured() -> None:
     rng = np.random.default_rng()
     trials = rng.normal(size=(200, 25, 200))
     # One in a thousand expected: more than three of 200 happens once in 15 000 runs.
-    assert sum(not are_white(list(series)) for series in trials) <= 3
+    assert sum(not is_white(list(series)) for series in trials) <= 3
 
 
 def test_whitening_gains_what_an_autoregression_does() -> None:

@@ -303,8 +303,8 @@ def rovid_rates(parameters: Path) -> FloatArray:
     parts = 200  # a log's rate: what acts between samples is then resolved
     commands = np.repeat(COMMANDS, parts)
     time = (HOLD / parts) * np.arange(len(commands), dtype=np.float64)
-    trial = Trial.imagined(time, np.column_stack([commands] * len(vehicle.thrusters)))
-    return model.simulate(trial, model.drive(vehicle, trial))[0][::parts]
+    trial = Trial.from_commands(time, np.column_stack([commands] * len(vehicle.thrusters)))
+    return model.simulate(trial, model.torque_input(vehicle, trial))[0][::parts]
 
 
 def sample_vehicle() -> Vehicle:

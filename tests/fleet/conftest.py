@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from rovid.fleet.campaign_record import Record
+from rovid.fleet.campaign_record import CampaignRecord
 from rovid.fleet.results import Fleet
 from tools.cases import hide
 from tools.programme import Hold, Run, Sine
@@ -45,7 +45,7 @@ def sea(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-Made = Callable[..., Record]
+Made = Callable[..., CampaignRecord]
 
 
 @pytest.fixture
@@ -61,7 +61,7 @@ def made() -> Made:
         causes: tuple[str, ...] = (),
         suspects: tuple[str, ...] = (),
         guessed: bool = False,
-    ) -> Record:
+    ) -> CampaignRecord:
         parameters: dict[str, Any] = {
             key: {"value": value, "standard_error": error, "unit": "kg m^2"}
             | ({"placeholder": True} if guessed else {})
@@ -75,10 +75,10 @@ def made() -> Made:
             "base": {"parameters": parameters},
             "extended": None,
         }
-        return Record(campaign=name, folder="", digest="", vehicle=vehicle, start=start, diagnosis=diagnosis)
+        return CampaignRecord(campaign=name, folder="", digest="", vehicle=vehicle, start=start, diagnosis=diagnosis)
 
     return make
 
 
-def fleet_of(*records: Record) -> Fleet:
+def fleet_of(*records: CampaignRecord) -> Fleet:
     return Fleet(axis="yaw", records=records)

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from rovid.fleet import campaign_record as module
-from rovid.fleet.campaign_record import Record, Task, digest_of, read_record
+from rovid.fleet.campaign_record import CampaignRecord, CampaignTask, campaign_digest, read_record
 
-TASK = Task(name="a", folder="/a", axis="yaw", cutoff=None, digest="0123")
-RECORD = Record(campaign="a", folder="/a", digest="0123", seconds=1.5, diagnosis={"verdict": "found"})
+TASK = CampaignTask(name="a", folder="/a", axis="yaw", cutoff=None, digest="0123")
+RECORD = CampaignRecord(campaign="a", folder="/a", digest="0123", seconds=1.5, diagnosis={"verdict": "found"})
 
 
 def test_a_record_is_read_as_it_was_written(tmp_path: Path) -> None:
@@ -37,9 +37,9 @@ def test_a_record_is_read_as_it_was_written(tmp_path: Path) -> None:
         (replace(RECORD, failure="timeout", error="late", patience=59.0), False),
     ],
 )
-def test_until_when_it_holds(record: Record, holds: bool) -> None:
-    assert record.holds_for(TASK, 60.0) is holds
-    assert not record.holds_for(replace(TASK, digest=""), 60.0)
+def test_until_when_it_holds(record: CampaignRecord, holds: bool) -> None:
+    assert record.is_valid_for(TASK, 60.0) is holds
+    assert not record.is_valid_for(replace(TASK, digest=""), 60.0)
 
 
 def test_the_digest_changes_with_all_that_a_diagnosis_comes_of(
@@ -49,13 +49,13 @@ def test_the_digest_changes_with_all_that_a_diagnosis_comes_of(
 
     folder = tmp_path / "copy"
     shutil.copytree(sea / "alpha/spring", folder)
-    begun = digest_of(sea / "alpha/spring", "yaw", None)
-    assert digest_of(folder, "yaw", None) == begun  # wherever it lies
-    found = {begun, digest_of(folder, "surge", None), digest_of(folder, "yaw", 0.3)}
+    begun = campaign_digest(sea / "alpha/spring", "yaw", None)
+    assert campaign_digest(folder, "yaw", None) == begun  # wherever it lies
+    found = {begun, campaign_digest(folder, "surge", None), campaign_digest(folder, "yaw", 0.3)}
     for name in ("down.csv", "thrust_curve.csv", "rovid.toml"):
         with (folder / name).open("a") as stream:
             stream.write("\n")
-        found.add(digest_of(folder, "yaw", None))
+        found.add(campaign_digest(folder, "yaw", None))
     monkeypatch.setattr(module, "__version__", "99.0")
-    found.add(digest_of(folder, "yaw", None))
+    found.add(campaign_digest(folder, "yaw", None))
     assert len(found) == 7

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from rovid.core.errors import ConfigError
-from rovid.fleet.folders import places_in
+from rovid.fleet.folders import find_campaigns
 
 
 def campaign(folder: Path, *, toml: bool = True) -> Path:
@@ -19,7 +19,7 @@ def campaign(folder: Path, *, toml: bool = True) -> Path:
 
 
 def named(*folders: Path, out: Path = Path("/nowhere/out")) -> dict[str, Path]:
-    return {place.name: place.folder for place in places_in(folders, out)}
+    return {place.name: place.folder for place in find_campaigns(folders, out)}
 
 
 def test_a_folder_with_rovid_toml_is_one_campaign_with_all_that_is_below_it(tmp_path: Path) -> None:
@@ -60,11 +60,11 @@ def test_results_never_go_into_a_campaign(tmp_path: Path) -> None:
     day = campaign(tmp_path / "day")
     for out in (day, day / "out", day / "deeper/out"):
         with pytest.raises(ConfigError, match="lies in the campaign"):
-            places_in([tmp_path], out)
+            find_campaigns([tmp_path], out)
 
 
 def test_a_folder_that_is_not_there_is_a_campaign_only_beside_others(tmp_path: Path) -> None:
     day = campaign(tmp_path / "day")
     assert set(named(day, tmp_path / "gone")) == {"day", "gone"}
     with pytest.raises(ConfigError, match="there is no such folder"):
-        places_in([tmp_path / "gone"], tmp_path / "out")
+        find_campaigns([tmp_path / "gone"], tmp_path / "out")

@@ -6,7 +6,7 @@ import numpy as np
 
 from rovid.fleet.outliers import outliers
 from rovid.fleet.page import fleet_page
-from rovid.fleet.shrinkage import shrunk
+from rovid.fleet.shrinkage import shrink
 from tests.fleet.conftest import Made, fleet_of
 
 
@@ -49,7 +49,7 @@ def test_placeholders_are_compared_with_nothing(made: Made) -> None:
     real = [made(f"{k}", {"inertia": (100.0 + k, 1.0)}) for k in range(5)]
     fleet = fleet_of(*real, *(made(f"guess{k}", {"inertia": (1.0, 0.01)}, guessed=True) for k in range(6)))
     assert outliers(fleet) == []
-    (mean,) = shrunk(fleet)
+    (mean,) = shrink(fleet)
     assert set(mean.values) == {f"{k}" for k in range(5)}
     assert mean.mean.value > 99.0
     assert "Arms or thrust curves are guesses in guess0, guess1, guess2, guess3, guess4 and 1 more:" in fleet_page(

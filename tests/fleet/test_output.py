@@ -7,26 +7,28 @@ from pathlib import Path
 
 import pytest
 
-from rovid.core.console import Screen
-from rovid.fleet.campaign_record import Record
+from rovid.core.console import SafeConsole
+from rovid.fleet.campaign_record import CampaignRecord
 from rovid.fleet.output import fleet_document, show_fleet
-from rovid.fleet.run import Written
+from rovid.fleet.run import FleetOutput
 from tests.conftest import ROOT
 from tests.fleet.conftest import Made, fleet_of
 
 
 @pytest.fixture
-def written(made: Made) -> Written:
-    lost = Record(campaign="beta/lost", folder="", digest="", error="no rovid.toml here. Run `rovid init LOGS`.")
+def written(made: Made) -> FleetOutput:
+    lost = CampaignRecord(
+        campaign="beta/lost", folder="", digest="", error="no rovid.toml here. Run `rovid init LOGS`."
+    )
     fleet = fleet_of(
         made("alpha", {"inertia": (1.0, 0.1)}, vehicle="A long name of a vehicle", causes=("thruster_lag",)), lost
     )
-    return Written(fleet=fleet, table=Path("out/fleet.parquet"), page=Path("out/index.html"), anew=1)
+    return FleetOutput(fleet=fleet, table=Path("out/fleet.parquet"), page=Path("out/index.html"), diagnosed_anew=1)
 
 
 @pytest.mark.parametrize("width", [60, 80, 120])
-def test_the_table_fits_and_nothing_is_left_out(written: Written, width: int) -> None:
-    screen = Screen(width=width, record=True, force_terminal=False)
+def test_the_table_fits_and_nothing_is_left_out(written: FleetOutput, width: int) -> None:
+    screen = SafeConsole(width=width, record=True, force_terminal=False)
     with screen.capture() as capture:
         show_fleet(screen, written)
     text = capture.get()
@@ -36,7 +38,7 @@ def test_the_table_fits_and_nothing_is_left_out(written: Written, width: int) ->
     assert "no rovid.toml here" in " ".join(text.split()) or "rovid.toml" in text
 
 
-def test_the_document_has_every_campaign(written: Written) -> None:
+def test_the_document_has_every_campaign(written: FleetOutput) -> None:
     document = fleet_document(written)
     assert document["schema"] == "rovid-fleet/1"
     assert [one["campaign"] for one in document["campaigns"]] == ["alpha", "beta/lost"]

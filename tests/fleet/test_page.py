@@ -9,10 +9,10 @@ from urllib.parse import unquote
 
 from rovid.core.signatures import FLEET_PAGE, PAGE
 from rovid.effects import CATALOGUE
-from rovid.fleet.campaign_record import Record
-from rovid.fleet.page import changes, fleet_page, headline
+from rovid.fleet.campaign_record import CampaignRecord
+from rovid.fleet.page import cause_changes, fleet_page, headline
 from rovid.fleet.results import Fleet
-from rovid.fleet.shrinkage import shrunk
+from rovid.fleet.shrinkage import shrink
 from tests.fleet.conftest import Made, fleet_of
 
 DAY = 86400.0
@@ -28,11 +28,11 @@ def seasons(made: Made) -> Fleet:
                 f"{vehicle}/{k}", {"inertia": (value, 1.0)}, vehicle=vehicle, start=1.7e9 + 90 * k * DAY, causes=lag
             )
             records.append(record)
-    return fleet_of(*records, Record(campaign="zz", folder="", digest="", error="no logs", failure="input"))
+    return fleet_of(*records, CampaignRecord(campaign="zz", folder="", digest="", error="no logs", failure="input"))
 
 
 def test_causes_come_and_go_in_the_order_of_time(made: Made) -> None:
-    assert list(changes(seasons(made)))[:2] == [
+    assert list(cause_changes(seasons(made)))[:2] == [
         "one: thruster lag came between one/0 and one/1.",
         "one: thruster lag went between one/2 and one/3.",
     ]
@@ -69,7 +69,7 @@ class _Seen(HTMLParser):
 
 def test_everything_is_on_the_page_and_nothing_is_fetched(made: Made) -> None:
     fleet = seasons(made)
-    text = fleet_page(fleet, shrunk(fleet))
+    text = fleet_page(fleet, shrink(fleet))
     seen = _Seen(text)
     assert seen.sources == []
     assert "script" not in seen.tags
@@ -91,11 +91,11 @@ def test_a_name_does_nothing_there(made: Made) -> None:
 def test_a_fleet_without_dates_or_diagnoses_has_a_page_too(made: Made) -> None:
     assert "The logs tell no date" in fleet_page(fleet_of(made("a", {"inertia": (1.0, 0.0)})), ())
     assert "No campaign says what they are." in fleet_page(
-        fleet_of(Record(campaign="a", folder="", digest="", error="no logs")), ()
+        fleet_of(CampaignRecord(campaign="a", folder="", digest="", error="no logs")), ()
     )
 
 
 def test_the_page_is_told_from_a_report(made: Made, tmp_path: Path) -> None:
     (tmp_path / "index.html").write_text(fleet_page(fleet_of(made("a", {})), ()), encoding="utf-8")
-    assert FLEET_PAGE.marks(tmp_path / "index.html")
-    assert not PAGE.marks(tmp_path / "index.html")
+    assert FLEET_PAGE.matches(tmp_path / "index.html")
+    assert not PAGE.matches(tmp_path / "index.html")

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from rovid.fleet.campaign_record import Record
+from rovid.fleet.campaign_record import CampaignRecord
 from rovid.fleet.results import causes, verdict
 from tests.fleet.conftest import Made, fleet_of
 
-LOST = Record(campaign="z", folder="", digest="", error="no logs", failure="input")
+LOST = CampaignRecord(campaign="z", folder="", digest="", error="no logs", failure="input")
 
 
 def test_vehicles_have_their_campaigns_in_the_order_of_time_undated_ones_last(made: Made) -> None:

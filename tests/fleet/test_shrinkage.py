@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rovid.fleet.shrinkage import shrunk
+from rovid.fleet.shrinkage import shrink
 from tests.fleet.conftest import Made, fleet_of
 
 
@@ -21,7 +21,7 @@ def test_what_shrinks_is_nearer_to_the_truth_and_its_errors_hold(made: Made) -> 
             made(f"{k:02}", {"inertia": (float(value), 0.04 * float(value))}, vehicle=f"{k // 2}")
             for k, value in enumerate(measured)
         ]
-        (found,) = shrunk(fleet_of(*records))
+        (found,) = shrink(fleet_of(*records))
         assert found.logarithmic
         values = np.array([found.values[f"{k:02}"].value for k in range(20)])
         errors = np.array([found.values[f"{k:02}"].error for k in range(20)])
@@ -37,7 +37,7 @@ def test_what_shrinks_is_nearer_to_the_truth_and_its_errors_hold(made: Made) -> 
 def test_vehicles_that_differ_by_far_are_left_as_they_are(made: Made) -> None:
     values = [100.0, 101.0, 1000.0, 1010.0, 10000.0, 10100.0]
     records = [made(f"{k}", {"inertia": (v, 0.01 * v)}, vehicle=f"{k // 2}") for k, v in enumerate(values)]
-    (found,) = shrunk(fleet_of(*records))
+    (found,) = shrink(fleet_of(*records))
     for k, value in enumerate(values):
         assert found.values[f"{k}"].value == pytest.approx(value, rel=0.01)
         assert found.values[f"{k}"].error <= 0.0105 * value
@@ -51,7 +51,7 @@ def test_the_scatter_is_told_from_that_of_the_estimates(made: Made) -> None:
     records = [
         made(f"{k:03}", {"bias_torque.torque": (float(v), 0.5)}, vehicle=f"{k // 3}") for k, v in enumerate(measured)
     ]
-    (found,) = shrunk(fleet_of(*records))
+    (found,) = shrink(fleet_of(*records))
     assert not found.logarithmic
     assert found.between == pytest.approx(3.0, rel=0.3)
     assert found.within == pytest.approx(1.0, rel=0.3)
@@ -59,11 +59,11 @@ def test_the_scatter_is_told_from_that_of_the_estimates(made: Made) -> None:
 
 def test_few_campaigns_or_unknown_errors_are_not_shrunk(made: Made) -> None:
     few = [made(f"{k}", {"inertia": (5.0 + k, 1.0)}, vehicle=f"{k}") for k in range(3)]
-    assert shrunk(fleet_of(*few)) == ()
-    assert shrunk(fleet_of(*few, made("3", {"inertia": (5.0, float("nan"))}))) == ()
+    assert shrink(fleet_of(*few)) == ()
+    assert shrink(fleet_of(*few, made("3", {"inertia": (5.0, float("nan"))}))) == ()
 
 
 def test_equal_values_come_to_themselves(made: Made) -> None:
     records = [made(f"{k}", {"inertia": (5.0, 1.0)}, vehicle=f"{k}") for k in range(6)]
-    (found,) = shrunk(fleet_of(*records))
+    (found,) = shrink(fleet_of(*records))
     assert all(one.value == pytest.approx(5.0) and one.error < 1.0 for one in found.values.values())

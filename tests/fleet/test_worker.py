@@ -12,19 +12,19 @@ from pathlib import Path
 
 import pytest
 
-from rovid.core.threads import SHARE
+from rovid.core.threads import CORES_VARIABLE
 from rovid.fleet import worker
-from rovid.fleet.campaign_record import Task
-from rovid.fleet.worker import diagnosed
+from rovid.fleet.campaign_record import CampaignTask
+from rovid.fleet.worker import diagnose_campaign
 from tests.conftest import ROOT
 
-TASK = Task(name="a", folder="/nowhere/a", axis="yaw", cutoff=None, digest="0123")
+TASK = CampaignTask(name="a", folder="/nowhere/a", axis="yaw", cutoff=None, digest="0123")
 
 
 def test_it_gets_its_share_of_the_cores_and_says_what_went_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
-    code = f"import os, sys; sys.exit(os.environ[{SHARE!r}] + os.environ['OPENBLAS_NUM_THREADS'])"
+    code = f"import os, sys; sys.exit(os.environ[{CORES_VARIABLE!r}] + os.environ['OPENBLAS_NUM_THREADS'])"
     monkeypatch.setattr(worker, "_CODE", code)
-    record = diagnosed(TASK, 60.0, 3)
+    record = diagnose_campaign(TASK, 60.0, 3)
     assert (record.error, record.failure) == ("its process ended with status 1: 31", "crash")
     assert (record.campaign, record.digest, record.patience) == ("a", "0123", 60.0)
 
@@ -32,7 +32,7 @@ def test_it_gets_its_share_of_the_cores_and_says_what_went_wrong(monkeypatch: py
 def test_what_it_prints_besides_does_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
     noise = "import rovid.fleet.worker as a; was = a.record_of; a.record_of = lambda t: (print('noise'), was(t))[1]; "
     monkeypatch.setattr(worker, "_CODE", noise + worker._CODE)  # noqa: SLF001 - what the process runs
-    record = diagnosed(TASK, 60.0, 1)
+    record = diagnose_campaign(TASK, 60.0, 1)
     assert record.failure == "input"
     assert record.error == "a: there is no such file or folder. Give a log or the folder that holds the logs."
 

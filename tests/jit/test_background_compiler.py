@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from rovid.jit.background_compiler import Second
+from rovid.jit.background_compiler import BackgroundCompiler
 from tests.conftest import ROOT
 
 # s; more than a loaded machine takes to start Python.
@@ -31,7 +31,7 @@ say(parts())
 """
 
 
-def waited(second: Second, part: str) -> float:
+def waited(second: BackgroundCompiler, part: str) -> float:
     """How long, in s."""
     start = time.perf_counter()
     second.wait_for(part, PATIENCE)
@@ -54,7 +54,7 @@ def test_each_part_is_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     monkeypatch.chdir(tmp_path)
     (tmp_path / "rovid.py").write_text("raise SystemExit\n")
     go = tmp_path / "go"
-    second = Second(f"exec({SLOW.format(go=str(go))!r})", ("one", "two"))
+    second = BackgroundCompiler(f"exec({SLOW.format(go=str(go))!r})", ("one", "two"))
     try:
         assert waited(second, "one") < PATIENCE
         start = time.perf_counter()
@@ -68,14 +68,14 @@ def test_each_part_is_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
 @pytest.mark.parametrize("code", ["raise SystemExit(3)", "import os; os.abort()", "print('nonsense')"])
 def test_nobody_waits_for_one_that_fails(code: str) -> None:
-    second = Second(code, ("one",))
+    second = BackgroundCompiler(code, ("one",))
     assert waited(second, "one") < PATIENCE
     second.stop()
     assert ended(second.pid)
 
 
 def test_one_that_is_stopped_is_waited_for_no_longer() -> None:
-    second = Second("import time; time.sleep(1000)", ("one",))
+    second = BackgroundCompiler("import time; time.sleep(1000)", ("one",))
     second.stop()
     assert waited(second, "one") < PATIENCE
     assert ended(second.pid)

@@ -13,18 +13,18 @@ import pytest
 from rovid.core.array_types import FloatArray
 from rovid.jit.simd import (
     LANES,
-    alike,
-    exponential,
-    lane,
-    larger,
-    largest,
-    read,
-    root,
-    smaller,
-    where_positive,
-    with_lane,
-    within,
-    write,
+    broadcast,
+    exp,
+    extract,
+    insert,
+    load,
+    maximum,
+    minimum,
+    nan_unless_below,
+    reduce_max,
+    sqrt,
+    store,
+    where_nonnegative,
 )
 
 RNG = np.random.default_rng(3)
@@ -36,7 +36,7 @@ Function = Callable[..., Any]
 
 
 def _chosen(x: Any, y: Any, z: Any) -> Any:
-    return where_positive(x, y, z)
+    return where_nonnegative(x, y, z)
 
 
 OPERATORS: dict[str, tuple[Function, FloatArray]] = {
@@ -49,15 +49,15 @@ OPERATORS: dict[str, tuple[Function, FloatArray]] = {
     "a number first": (lambda x, y, z: 2.0 - x, 2.0 - X),
     "a number last": (lambda x, y, z: x / 3, X / 3.0),
     "several": (lambda x, y, z: x * y + z, X * Y + Z),
-    "larger": (lambda x, y, z: larger(x, y), np.maximum(X, Y)),
-    "smaller": (lambda x, y, z: smaller(x, 0.0), np.minimum(X, 0.0)),
+    "larger": (lambda x, y, z: maximum(x, y), np.maximum(X, Y)),
+    "smaller": (lambda x, y, z: minimum(x, 0.0), np.minimum(X, 0.0)),
     "where positive": (_chosen, np.where(X >= 0.0, Y, Z)),
-    "where positive, a number": (lambda x, y, z: where_positive(x, 0.0, -y), np.where(X >= 0.0, 0.0, -Y)),
-    "root": (lambda x, y, z: root(y), np.sqrt(Y)),
-    "exponential": (lambda x, y, z: exponential(x), np.exp(X)),
-    "alike": (lambda x, y, z: alike(2.5), np.full(LANES, 2.5)),
-    "alike of lanes": (lambda x, y, z: alike(x), X),
-    "with lane": (lambda x, y, z: with_lane(x, 2, 7.0), np.where(np.arange(LANES) == 2, 7.0, X)),
+    "where positive, a number": (lambda x, y, z: where_nonnegative(x, 0.0, -y), np.where(X >= 0.0, 0.0, -Y)),
+    "root": (lambda x, y, z: sqrt(y), np.sqrt(Y)),
+    "exponential": (lambda x, y, z: exp(x), np.exp(X)),
+    "alike": (lambda x, y, z: broadcast(2.5), np.full(LANES, 2.5)),
+    "alike of lanes": (lambda x, y, z: broadcast(x), X),
+    "with lane": (lambda x, y, z: insert(x, 2, 7.0), np.where(np.arange(LANES) == 2, 7.0, X)),
 }
 FUNCTIONS: dict[str, tuple[Function, FloatArray]] = {
     "sin": (lambda x, y, z: math.sin(x), np.sin(X)),
@@ -79,7 +79,7 @@ def asked(function: Function, rows: FloatArray) -> FloatArray:
 
     @numba.njit(error_model="numpy")
     def run(rows: Any, out: Any) -> None:
-        write(out, 0, inner(read(rows, 0), read(rows, 1), read(rows, 2)))
+        store(out, 0, inner(load(rows, 0), load(rows, 1), load(rows, 2)))
 
     out = np.empty((1, LANES))
     run(rows, out)
@@ -92,7 +92,7 @@ def asked_of_each(function: Function, numbers: FloatArray) -> FloatArray:
     @numba.njit(error_model="numpy")
     def run(rows: Any, out: Any) -> None:
         for at in range(len(rows)):
-            write(out, at, function(read(rows, at)))
+            store(out, at, function(load(rows, at)))
 
     out = np.empty((len(numbers) // LANES, LANES))
     run(numbers.reshape(out.shape), out)
@@ -140,16 +140,16 @@ def test_there_is_no_sine_of_what_is_no_number_or_endless() -> None:
 def test_so_they_do_where_nothing_is_compiled(name: str) -> None:
     function, wanted = OPERATORS[name]
     before = ROWS.copy()
-    np.testing.assert_allclose(function(*(read(ROWS, at) for at in range(3))), wanted, rtol=1e-15)
+    np.testing.assert_allclose(function(*(load(ROWS, at) for at in range(3))), wanted, rtol=1e-15)
     np.testing.assert_array_equal(ROWS, before)
 
 
 @pytest.mark.parametrize(
     ("formula", "numbers", "wanted"),
     [
-        (lambda x, y, z: larger(x, y), (-1.0, 2.0, 0.0), 2.0),
-        (lambda x, y, z: smaller(x, y), (-1.0, 2.0, 0.0), -1.0),
-        (lambda x, y, z: root(x), (2.25, 0.0, 0.0), 1.5),
+        (lambda x, y, z: maximum(x, y), (-1.0, 2.0, 0.0), 2.0),
+        (lambda x, y, z: minimum(x, y), (-1.0, 2.0, 0.0), -1.0),
+        (lambda x, y, z: sqrt(x), (2.25, 0.0, 0.0), 1.5),
         (_chosen, (0.0, 3.0, 4.0), 3.0),
         (_chosen, (-1e-9, 3.0, 4.0), 4.0),
         (_chosen, (math.nan, 3.0, 4.0), 4.0),
@@ -165,7 +165,7 @@ def test_a_formula_of_lanes_takes_plain_numbers(formula: Function, numbers: tupl
 
 def test_whole_numbers_are_spread_too() -> None:
     np.testing.assert_array_equal(asked(lambda x, y, z: x + 2, ROWS), X + 2.0)
-    np.testing.assert_array_equal(asked(lambda x, y, z: alike(3), ROWS), np.full(LANES, 3.0))
+    np.testing.assert_array_equal(asked(lambda x, y, z: broadcast(3), ROWS), np.full(LANES, 3.0))
 
 
 @pytest.mark.parametrize("missing", [0, LANES - 1])
@@ -174,28 +174,28 @@ def test_the_largest_is_of_those_that_hold_a_number(missing: int) -> None:
 
     @numba.njit
     def run(rows: Any) -> float:
-        return float(largest(read(rows, 0)))
+        return float(reduce_max(load(rows, 0)))
 
-    for one in (run(numbers[np.newaxis]), largest.py_func(numbers)):
+    for one in (run(numbers[np.newaxis]), reduce_max.py_func(numbers)):
         assert one == np.nanmax(numbers)
-    assert largest.py_func(np.full(LANES, np.nan)) == run(np.full((1, LANES), np.nan)) == -math.inf
+    assert reduce_max.py_func(np.full(LANES, np.nan)) == run(np.full((1, LANES), np.nan)) == -math.inf
 
 
 def test_only_what_is_below_the_most_is_within() -> None:
     size = np.array([0.5, math.nan, math.inf, 1.0, *np.zeros(LANES - 4)])
     wanted = np.where(size < 1.0, X, np.nan)
-    np.testing.assert_array_equal(asked(lambda x, y, z: within(x, y, 1.0), np.stack([X, size, Z])), wanted)
-    np.testing.assert_array_equal(within.py_func(X, size, 1.0), wanted)
+    np.testing.assert_array_equal(asked(lambda x, y, z: nan_unless_below(x, y, 1.0), np.stack([X, size, Z])), wanted)
+    np.testing.assert_array_equal(nan_unless_below.py_func(X, size, 1.0), wanted)
 
 
 @numba.njit
 def _second_lane(rows: Any) -> float:
-    return float(lane(read(rows, 1), 2))
+    return float(extract(load(rows, 1), 2))
 
 
 @numba.njit
 def _spread_over(rows: Any) -> None:
-    write(rows, 1, 4.0)
+    store(rows, 1, 4.0)
 
 
 def test_lanes_are_read_and_written_row_by_row() -> None:
@@ -209,10 +209,10 @@ def test_lanes_are_read_and_written_row_by_row() -> None:
 
 def test_what_was_read_is_a_copy() -> None:
     rows = ROWS.copy()
-    row = read(rows, 0)
-    write(rows, 0, Y)
+    row = load(rows, 0)
+    store(rows, 0, Y)
     np.testing.assert_array_equal(row, X)
-    np.testing.assert_array_equal(with_lane(row, 0, 1.0)[1:], X[1:])
+    np.testing.assert_array_equal(insert(row, 0, 1.0)[1:], X[1:])
     np.testing.assert_array_equal(row, X)
 
 

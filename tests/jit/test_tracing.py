@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from rovid.jit.decorators import compiled
-from rovid.jit.simd import LANES, alike, exponential, larger, read, where_positive, with_lane, write
-from rovid.jit.tracing import goes_straight, one_of, straight
+from rovid.jit.simd import LANES, broadcast, exp, insert, load, maximum, store, where_nonnegative
+from rovid.jit.tracing import is_branch_free, switch, traced
 
 RNG = np.random.default_rng(4)
 ROWS = RNG.uniform(0.2, 2.0, (6, LANES))
@@ -42,56 +42,56 @@ def _summed(rows: Any) -> Any:
     return total
 
 
-@straight
+@traced
 def _operators(rows: Any) -> Any:
-    x, y = read(rows, 0), read(rows, 1)
+    x, y = load(rows, 0), load(rows, 1)
     return (2.0 - x) / y + x * y - abs(-x) / 3.0 + 1.0 / x + (x - 1)
 
 
-@straight
+@traced
 def _calling(rows: Any) -> Any:
-    x = read(rows, 0)
-    return larger(_operators(rows), 0.1) + exponential(-x) * math.pi + _summed(rows) + math.sin(FACTOR)
+    x = load(rows, 0)
+    return maximum(_operators(rows), 0.1) + exp(-x) * math.pi + _summed(rows) + math.sin(FACTOR)
 
 
-@straight
+@traced
 def _unrolled(rows: Any) -> Any:
-    sums = [alike(0.0), alike(1.0)]
+    sums = [broadcast(0.0), broadcast(1.0)]
     for j in range(len(ROWS)):
         if j % 2 == 0:
-            sums[j % 2] = sums[j % 2] + float(j) * read(rows, j)
+            sums[j % 2] = sums[j % 2] + float(j) * load(rows, j)
     x = sums[0]
     for i in range(LANES):
-        x = with_lane(x, i, rows[i, 0] * rows[0, 1])
+        x = insert(x, i, rows[i, 0] * rows[0, 1])
     return x + sums[1]
 
 
-@straight
+@traced
 def _tuples(rows: Any) -> Any:
     def swapped(pair: Pair) -> Pair:
         return Pair(pair.right, pair.left)
 
-    inside = swapped(Pair(read(rows, 0), (read(rows, 1), FACTOR)))
+    inside = swapped(Pair(load(rows, 0), (load(rows, 1), FACTOR)))
     return inside.left[0] * inside.left[1] + inside.right
 
 
-@straight
+@traced
 def _writing(rows: Any) -> Any:
-    write(rows, 2, read(rows, 0) + 1.0)
-    write(rows, 3, 5.0)
-    return read(rows, 2) * read(rows, 3)
+    store(rows, 2, load(rows, 0) + 1.0)
+    store(rows, 3, 5.0)
+    return load(rows, 2) * load(rows, 3)
 
 
-@straight
+@traced
 def _constant(rows: Any) -> Any:
-    return alike(2.5)
+    return broadcast(2.5)
 
 
 @pytest.mark.parametrize("function", [_operators, _calling, _unrolled, _tuples, _writing, _constant])
 def test_compiled_and_not_it_says_the_same(function: Callable[..., Any]) -> None:
     @numba.njit(error_model="numpy")
     def run(rows: Any, out: Any) -> None:
-        write(out, 0, function(rows))
+        store(out, 0, function(rows))
 
     here, there, out = ROWS.copy(), ROWS.copy(), np.empty((1, LANES))
     run(here, out)
@@ -99,7 +99,7 @@ def test_compiled_and_not_it_says_the_same(function: Callable[..., Any]) -> None
     np.testing.assert_allclose(here, there, rtol=1e-15)
 
 
-@straight
+@traced
 def _helped(x: Any) -> Any:
     return _helper(x) * 2.0
 
@@ -107,16 +107,16 @@ def _helped(x: Any) -> Any:
 def test_what_is_compiled_by_itself_takes_lanes_too() -> None:
     @numba.njit(error_model="numpy")
     def run(rows: Any, out: Any) -> None:
-        write(out, 0, _helped(read(rows, 0)))
+        store(out, 0, _helped(load(rows, 0)))
 
     out = np.empty((1, LANES))
     run(ROWS, out)
     np.testing.assert_allclose(out[0], 2.0 * (np.exp(-ROWS[0]) + FACTOR * ROWS[0]), rtol=1e-14)
 
 
-@straight
+@traced
 def _of_numbers(x: float, pair: Pair) -> tuple[float, Pair, float]:
-    return x * pair.left, Pair(pair.right, where_positive(x, 1.0, pair.left)), _branching(x)
+    return x * pair.left, Pair(pair.right, where_nonnegative(x, 1.0, pair.left)), _branching(x)
 
 
 def test_it_takes_and_gives_numbers_and_tuples() -> None:
@@ -129,17 +129,17 @@ def test_it_takes_and_gives_numbers_and_tuples() -> None:
         assert isinstance(run(x, Pair(2.0, 7))[1], Pair)
 
 
-@straight
+@traced
 def _asking(x: float) -> float:
     return x if x else 1.0
 
 
-@straight
+@traced
 def _comparing(x: float) -> float:
     return x if x == 2.0 else 1.0
 
 
-@straight
+@traced
 def _ordering(x: float) -> float:
     return max(x, 1.0)
 
@@ -161,11 +161,11 @@ def test_what_branches_or_calls_what_does_is_told_apart() -> None:
     def calls(x: float) -> float:
         return _branching(x)
 
-    assert goes_straight(_operators)
-    assert goes_straight(_helper)
-    assert not goes_straight(_branching)
-    assert not goes_straight(calls)
-    assert not goes_straight(math.exp)
+    assert is_branch_free(_operators)
+    assert is_branch_free(_helper)
+    assert not is_branch_free(_branching)
+    assert not is_branch_free(calls)
+    assert not is_branch_free(math.exp)
 
 
 def _double(x: Any, y: Any) -> Any:
@@ -177,19 +177,19 @@ def _product(x: Any, y: Any) -> Any:
 
 
 def _other(x: Any, y: Any) -> Any:
-    return alike(0.0), y
+    return broadcast(0.0), y
 
 
-CHOSEN = one_of({0: _double, 3: _product}, _other)
+CHOSEN = switch({0: _double, 3: _product}, _other)
 
 
 def test_one_of_several_is_chosen_by_its_number() -> None:
     @numba.njit
     def run(kinds: Any, rows: Any, out: Any) -> None:
         for j in range(len(kinds)):
-            first, second = CHOSEN(kinds[j], read(rows, 0), read(rows, 1))
-            write(out, 2 * j, first)
-            write(out, 2 * j + 1, second)
+            first, second = CHOSEN(kinds[j], load(rows, 0), load(rows, 1))
+            store(out, 2 * j, first)
+            store(out, 2 * j + 1, second)
 
     kinds, wanted = np.array([3, 0, 1, -1, 3]), np.empty((10, LANES))
     out = np.empty_like(wanted)

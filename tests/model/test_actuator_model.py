@@ -28,7 +28,7 @@ def test_how_open_the_scale_is() -> None:
     model = replace(bare, effects=(effect_named("thrust_curve_shape"),), effect_values=(0.7,))
     squares = 0.3**2 * np.log([2.0, 6.0]) ** 2
     expected = math.sqrt(squares @ [200.0 * 3.0, 600.0 * 1.0] / 1200.0)
-    assert model.drivetrain.scale_doubt(vehicle, [run]) == pytest.approx(expected)
-    assert bare.drivetrain.scale_doubt(vehicle, [run]) == 0.0
+    assert model.actuators.thrust_scale_uncertainty(vehicle, [run]) == pytest.approx(expected)
+    assert bare.actuators.thrust_scale_uncertainty(vehicle, [run]) == 0.0
     lagging = replace(bare, effects=(effect_named("thruster_lag"),), effect_values=(0.7,))
-    assert lagging.drivetrain.scale_doubt(vehicle, [run]) == 0.0
+    assert lagging.actuators.thrust_scale_uncertainty(vehicle, [run]) == 0.0

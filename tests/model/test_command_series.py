@@ -11,8 +11,8 @@ import pytest
 
 from rovid.core.array_types import IntArray
 from rovid.effects import Effect
-from rovid.effects.actuator_inputs import Chosen
-from rovid.model.command_series import Commanded
+from rovid.effects.actuator_inputs import SampleSelection
+from rovid.model.command_series import CommandSeries
 from rovid.model.model import Model
 from rovid.trial.trial import Trial
 from tests.effects.test_effects import EVERY, VEHICLE, logs, numbers
@@ -31,11 +31,11 @@ def model_with(effect: Effect) -> Model:
 @pytest.mark.parametrize("effect", EVERY, ids=lambda effect: effect.key)
 def test_trials_together_are_driven_as_each_by_itself(effect: Effect, parts: int, at: list[IntArray] | None) -> None:
     model = model_with(effect)
-    given = Commanded.of(VEHICLE, LOGS, parts)
-    together = model.drivetrain.driven(given, None if at is None else given.between(at)).by_trial
+    given = CommandSeries.from_trials(VEHICLE, LOGS, parts)
+    together = model.actuators.torque_inputs(given, None if at is None else given.intervals_between(at)).by_trial
     for number, found in enumerate(together):
-        one = Commanded.of(VEHICLE, [LOGS[number]], parts)
-        alone = model.drivetrain.driven(one, None if at is None else one.between([at[number]]))
+        one = CommandSeries.from_trials(VEHICLE, [LOGS[number]], parts)
+        alone = model.actuators.torque_inputs(one, None if at is None else one.intervals_between([at[number]]))
         assert len(found.torque) == len(LOGS[number].time if at is None else at[number])
         for name in ("torque", "moment", "beside", "scatter"):
             # Sums over thrusters may be rounded otherwise.
@@ -52,7 +52,7 @@ def telling(log: Trial, steps: IntArray) -> IntArray:
 
 
 @pytest.mark.parametrize(
-    "effect", [one for one in EVERY if model_with(one).drivetrain.means_exactly], ids=lambda effect: effect.key
+    "effect", [one for one in EVERY if model_with(one).actuators.has_exact_means], ids=lambda effect: effect.key
 )
 def test_what_is_long_held_need_not_be_looked_at(effect: Effect) -> None:
     model = model_with(effect)
@@ -60,25 +60,34 @@ def test_what_is_long_held_need_not_be_looked_at(effect: Effect) -> None:
     logs = [replace(log, commands=log.commands[np.arange(len(log.time)) // 60 * 60]) for log in LOGS]
     at = [telling(log, steps) for log, steps in zip(logs, STEPS, strict=True)]
     assert sum(map(len, at)) < 0.6 * sum(len(log.time) for log in logs)
-    every, few = Commanded.of(VEHICLE, logs), Commanded.of(VEHICLE, logs, at=at)
+    every, few = CommandSeries.from_trials(VEHICLE, logs), CommandSeries.from_trials(VEHICLE, logs, at=at)
     places = [np.searchsorted(here, steps) for here, steps in zip(at, STEPS, strict=True)]
-    over_all = model.drivetrain.driven(every, every.between(STEPS))
-    over_few = model.drivetrain.driven(few, few.between(places))
+    over_all = model.actuators.torque_inputs(every, every.intervals_between(STEPS))
+    over_few = model.actuators.torque_inputs(few, few.intervals_between(places))
     # A drop that follows the load or the clock is the mean of what is held in between.
     np.testing.assert_allclose(over_few.torque, over_all.torque, rtol=1e-3, atol=1e-3)
 
 
 def test_means_of_what_was_chosen_leave_out_what_is_not_known() -> None:
     time, held = np.array([0.0, 1.0, 2.0, 4.0, 5.0]), np.array([1.0, np.nan, 3.0, 5.0, 7.0])
-    chosen = Chosen.of(time, np.array([0, 2, 4]))
+    chosen = SampleSelection.of(time, np.array([0, 2, 4]))
     assert chosen.means(held).tolist() == [1.0, (2.0 * 3.0 + 5.0) / 3.0, 7.0]
-    assert np.isnan(Chosen.of(time, np.array([0, 1, 2, 4])).means(held)).tolist() == [False, True, False, False]
+    assert np.isnan(SampleSelection.of(time, np.array([0, 1, 2, 4])).means(held)).tolist() == [
+        False,
+        True,
+        False,
+        False,
+    ]
 
 
 def test_what_was_commanded_is_there_once_as_long_as_anybody_has_it() -> None:
-    first = Commanded.of(VEHICLE, LOGS)
-    assert Commanded.of(VEHICLE, LOGS) is first
-    others = [Commanded.of(VEHICLE, LOGS[:2]), Commanded.of(VEHICLE, LOGS, 4), Commanded.of(VEHICLE, LOGS[::-1])]
+    first = CommandSeries.from_trials(VEHICLE, LOGS)
+    assert CommandSeries.from_trials(VEHICLE, LOGS) is first
+    others = [
+        CommandSeries.from_trials(VEHICLE, LOGS[:2]),
+        CommandSeries.from_trials(VEHICLE, LOGS, 4),
+        CommandSeries.from_trials(VEHICLE, LOGS[::-1]),
+    ]
     assert all(other is not first for other in others)
     gone = weakref.ref(first)
     del first

@@ -9,12 +9,12 @@ import numpy as np
 from rovid.effects import effect_named
 from rovid.effects.base import TERM_PARAMETERS
 from rovid.jit.simd import LANES
-from rovid.model.filter_batch import Abreast, Driven
+from rovid.model.filter_batch import FilterInputs, ParameterBatch
 from rovid.model.model import Model
-from rovid.model.torque_input import Drive
+from rovid.model.torque_input import TorqueInput
 
 TORQUES = [np.arange(5.0), np.ones(5)]
-DRIVES = [Drive.held(torque, scatter=2.0 * torque) for torque in TORQUES]
+DRIVES = [TorqueInput.held(torque, scatter=2.0 * torque) for torque in TORQUES]
 ANGLES = [np.zeros(5), np.linspace(0.0, 1.0, 5)]
 PLAIN = Model(inertia=5057.0, quadratic_drag=3532.0, linear_drag=132.0)
 SWIRL, WAVE = effect_named("entrained_swirl"), effect_named("wave_torque")
@@ -22,7 +22,7 @@ SWIRL, WAVE = effect_named("entrained_swirl"), effect_named("wave_torque")
 
 def test_what_lanes_share_stands_there_once() -> None:
     first, second = DRIVES
-    driven = Driven.of([first, second, first, second], [ANGLES[0], ANGLES[0], ANGLES[1], ANGLES[0]])
+    driven = FilterInputs.stack([first, second, first, second], [ANGLES[0], ANGLES[0], ANGLES[1], ANGLES[0]])
     assert driven.drive.tolist() == [0, 1, 0, 1]
     assert driven.angle.tolist() == [0, 0, 1, 0]
     for name in ("torque", "moment", "scatter"):
@@ -30,13 +30,13 @@ def test_what_lanes_share_stands_there_once() -> None:
     # Neither of them tells effects anything besides.
     assert driven.beside.shape == (1, 5, 3)
     assert not driven.told.any()
-    telling = Drive.held(TORQUES[1], beside=np.ones((5, 3)))
-    assert Driven.of([first, telling], ANGLES).told.tolist() == [0, 1]
+    telling = TorqueInput.held(TORQUES[1], beside=np.ones((5, 3)))
+    assert FilterInputs.stack([first, telling], ANGLES).told.tolist() == [0, 1]
     np.testing.assert_array_equal(driven.angles, np.stack(ANGLES))
 
 
 def test_what_is_alone_is_not_copied() -> None:
-    driven = Driven.of([DRIVES[0]] * LANES, [ANGLES[0]] * LANES)
+    driven = FilterInputs.stack([DRIVES[0]] * LANES, [ANGLES[0]] * LANES)
     assert np.shares_memory(driven.torque, TORQUES[0])
     assert np.shares_memory(driven.angles, ANGLES[0])
     assert driven.torque.shape == driven.angles.shape == (1, 5)
@@ -55,7 +55,7 @@ def test_lanes_have_their_own_numbers_in_columns() -> None:
         for number in range(LANES)
     ]
     noise = [np.array([3.0, 4.0, 1e-3, 1.0 + number]) for number in range(LANES)]
-    abreast = Abreast.of(models, noise)
+    abreast = ParameterBatch.stack(models, noise)
     assert abreast.body.shape == (5, LANES)
     assert abreast.terms.parameters.shape == (TERM_PARAMETERS, LANES)
     for number, model in enumerate(models):
@@ -70,13 +70,13 @@ def test_lanes_have_their_own_numbers_in_columns() -> None:
 
 def test_without_a_wave_there_is_no_row_of_it() -> None:
     models = [replace(PLAIN, inertia=5000.0 + number) for number in range(LANES)]
-    abreast = Abreast.of(models, [np.ones(4)] * LANES)
+    abreast = ParameterBatch.stack(models, [np.ones(4)] * LANES)
     assert abreast.wave.shape == (0, LANES)
     assert abreast.terms.parameters.shape == (0, LANES)
 
 
 def test_every_table_of_lanes_is_without_gaps() -> None:
     """As a register is read from it."""
-    abreast = Abreast.of([PLAIN] * LANES, [np.ones(4)] * LANES)
+    abreast = ParameterBatch.stack([PLAIN] * LANES, [np.ones(4)] * LANES)
     for table in (abreast.body, abreast.noise, abreast.wave, abreast.terms.parameters, PLAIN.terms.parameters):
         assert table.flags.c_contiguous

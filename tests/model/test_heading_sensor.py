@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 
 from rovid.effects import effect_named
-from rovid.model.bound_effects import Acting
-from rovid.model.heading_sensor import Instrument
+from rovid.model.bound_effects import BoundEffect
+from rovid.model.heading_sensor import HeadingSensor
 from tests.synthetic import clock
 
-OFF = Instrument((Acting(effect_named("heading_deviation"), np.array([0.08, 0.5])),))
-PLAIN = Instrument((Acting(effect_named("bias_torque"), np.array([20.0])),))
+OFF = HeadingSensor((BoundEffect(effect_named("heading_deviation"), np.array([0.08, 0.5])),))
+PLAIN = HeadingSensor((BoundEffect(effect_named("bias_torque"), np.array([20.0])),))
 
 
 def test_the_rate_that_is_shown_is_that_of_the_heading_that_is_shown() -> None:
     time = clock(60.0, 5.0)
     true, rate = 0.15 * time, np.full(len(time), 0.15)
-    measured, shown = OFF.as_measured(true, rate)
+    measured, shown = OFF.to_measured(true, rate)
     assert shown == pytest.approx(np.gradient(measured, time), abs=1e-3 * 0.15)
 
 
@@ -30,11 +30,11 @@ def test_the_rate_that_is_shown_is_that_of_the_heading_that_is_shown() -> None:
     ],
 )
 def test_what_is_measured_tells_the_true_heading(key: str, values: tuple[float, ...]) -> None:
-    off = Instrument((Acting(effect_named(key), np.array(values)),))
+    off = HeadingSensor((BoundEffect(effect_named(key), np.array(values)),))
     true = np.linspace(-20.0, 30.0, 5000)
-    measured, gain = off.as_measured(true, np.ones(5000))
+    measured, gain = off.to_measured(true, np.ones(5000))
     measured[7] = np.nan
-    found, told = off.as_true(measured)
+    found, told = off.to_true(measured)
     assert np.isnan(found[7])
     known = np.arange(5000) != 7
     assert found[known] == pytest.approx(true[known], abs=1e-8)
@@ -45,6 +45,6 @@ def test_an_instrument_that_shows_the_true_heading_leaves_it() -> None:
     heading, rate = np.linspace(0.0, 9.0, 50), np.linspace(-0.1, 0.2, 50)
     assert not PLAIN.deviates
     assert OFF.deviates
-    assert np.array_equal(PLAIN.as_measured(heading, rate), (heading, rate))
-    assert np.array_equal(PLAIN.as_true(heading), (heading, np.ones(50)))
+    assert np.array_equal(PLAIN.to_measured(heading, rate), (heading, rate))
+    assert np.array_equal(PLAIN.to_true(heading), (heading, np.ones(50)))
     assert not PLAIN.deviation(heading).any()

@@ -12,14 +12,21 @@ import pytest
 from scipy.linalg import expm
 
 from rovid.core.array_types import FloatArray
-from rovid.effects import MOTION, Effect, effect_named
+from rovid.effects import TERM_EFFECTS, Effect, effect_named
 from rovid.effects.base import TERM_STATES
-from rovid.model.bound_effects import Acting
-from rovid.model.kernels import effects_along, innovations, innovations_wide, predict, simulate, simulate_effects
+from rovid.model.bound_effects import BoundEffect
+from rovid.model.kernels import (
+    effects_along,
+    ekf3_innovations,
+    ekf5_innovations,
+    predict_multi_step,
+    simulate,
+    simulate_effects,
+)
 from rovid.model.model import Model
-from rovid.model.ode import along
-from rovid.model.packed_terms import Equation, terms_of
-from rovid.model.torque_input import Drive
+from rovid.model.ode import evaluate_along
+from rovid.model.packed_terms import Equation, pack_terms
+from rovid.model.torque_input import TorqueInput
 from tests import synthetic
 from tests.abreast import Log, filtered
 from tests.predictions import records
@@ -39,7 +46,7 @@ def test_without_disturbance_innovations_are_the_output_error() -> None:
     measured = angle + np.random.default_rng().normal(0.0, 1e-3, len(time))
     measured[0] = 0.0
     log = Log(time=time, angle=measured, first=(0.02, 1e-9))
-    error, variance = filtered(innovations, log, Drive.held(torque), ROSUB, (1e-6, 4.0, 1e-3, 1.0))
+    error, variance = filtered(ekf3_innovations, log, TorqueInput.held(torque), ROSUB, (1e-6, 4.0, 1e-3, 1.0))
     # What the filter learns from the first heading alone, a few parts in a hundred of the noise, is left.
     assert np.max(np.abs(error[1:, 0] - (measured - angle)[1:])) < 1.1e-3
     assert variance[-1, 0] == pytest.approx(1e-6, rel=0.05)
@@ -58,8 +65,8 @@ def test_filter_variance_against_a_fine_grid() -> None:
     sparse[at] = angle
     noise, first = (5.0, 1.0, 1e-3, 1.0), (0.0, 0.1)
     here, there = Log(time=time, angle=angle, first=first), Log(time=fine, angle=sparse, first=first)
-    coarse, coarse_variance = filtered(innovations, here, Drive.held(torque), small, noise)
-    exact, exact_variance = filtered(innovations, there, Drive.held(held), small, noise)
+    coarse, coarse_variance = filtered(ekf3_innovations, here, TorqueInput.held(torque), small, noise)
+    exact, exact_variance = filtered(ekf3_innovations, there, TorqueInput.held(held), small, noise)
     # Sub-steps of a twentieth of the shortest time constant leave the second-order transition a few percent off.
     assert coarse_variance[1:, 0] == pytest.approx(exact_variance[at, 0][1:], rel=0.05)
     assert coarse[1:, 0] == pytest.approx(exact[at, 0][1:], abs=0.05 * float(np.sqrt(exact_variance[at, 0].max())))
@@ -70,10 +77,10 @@ def test_an_open_impulse_widens_what_the_filter_expects() -> None:
     none, scatter = np.zeros(len(time)), np.where(time == 2.0, 3.0**2, 0.0)
     angle = np.where(time == 0.0, 0.0, np.nan)
     angle[time == 2.5] = 0.0
-    drive = Drive(none, none, np.zeros((len(time), 3)), scatter, np.array([0, len(time)]))
+    drive = TorqueInput(none, none, np.zeros((len(time), 3)), scatter, np.array([0, len(time)]))
     coasting = Model(inertia=2.0, quadratic_drag=0.0, linear_drag=0.0)
     log = Log(time=time, angle=angle, first=(0.0, 1e-6))
-    _, variance = filtered(innovations, log, drive, coasting, (1e-6, 4.0, 1e-3, 1.0))
+    _, variance = filtered(ekf3_innovations, log, drive, coasting, (1e-6, 4.0, 1e-3, 1.0))
     # A kick at any instant of the half second, (3 / 2) rad/s in all, has a third of the angle's square.
     assert variance[time == 2.5, 0] == pytest.approx((3.0 / 2.0 * 0.5) ** 2 / 3.0, rel=1e-3)
 
@@ -115,7 +122,7 @@ def test_the_filter_knows_how_well_it_knows_a_tank(frequency: float, gain: float
             state, p = state + use * wanted[k, 0], p - np.outer(use, p[0])
 
     tank, log = in_a_tank(inertia, drag, (gain, frequency, damping)), Log(time=time, angle=angle, first=(0.0, 1e-4))
-    error, variance = filtered(innovations_wide, log, Drive.held(torque), tank, (sigma, tau, white, 1.0))
+    error, variance = filtered(ekf5_innovations, log, TorqueInput.held(torque), tank, (sigma, tau, white, 1.0))
     known = np.isfinite(wanted[:, 0])
     assert variance[known, 0] == pytest.approx(wanted[known, 1], rel=0.005)
     assert (error[known, 0] - wanted[known, 0]) / np.sqrt(wanted[known, 1]) == pytest.approx(0.0, abs=0.02)
@@ -138,7 +145,9 @@ def test_series_for_an_even_clock_are_good_to_a_few_millionths(
     uneven = np.asarray(time + 1e-7 * rng.uniform(size=len(time)))
     noise = (3.0, 4.0, 5e-4, 1.0)
     found, wanted = (
-        filtered(innovations_wide, Log(time=clock, angle=angle, first=(0.0, 0.1)), Drive.held(torque), model, noise)
+        filtered(
+            ekf5_innovations, Log(time=clock, angle=angle, first=(0.0, 0.1)), TorqueInput.held(torque), model, noise
+        )
         for clock in (time, uneven)
     )
     assert found[1][1:, 0] == pytest.approx(wanted[1][1:, 0], rel=1e-5)
@@ -160,22 +169,24 @@ def test_a_tank_rings_out_along_a_course() -> None:
     time = np.arange(0.0, 100.0, period)
     rate = np.where(time < 5.0, 0.2 * np.sin(0.2 * np.pi * time), 0.0)
     nothing, tank = np.zeros(len(time)), in_a_tank(500.0, 60.0, (0.2, frequency, damping)).equation(0.0)
-    torque, _ = along(tank, period, (rate, nothing, nothing), np.zeros((len(time), 3)))
+    torque, _ = evaluate_along(tank, period, (rate, nothing, nothing), np.zeros((len(time), 3)))
     first, last = (np.abs(torque[(time > at) & (time < at + 10.0)]).max() for at in (6.0, 86.0))
     assert last / first == pytest.approx(math.exp(-damping * frequency * 80.0), rel=0.3)
 
 
 @pytest.mark.parametrize("periods", [(0.2, 0.2), (0.2, 0.5)])
-@pytest.mark.parametrize("effect", MOTION, ids=lambda effect: effect.key)
+@pytest.mark.parametrize("effect", TERM_EFFECTS, ids=lambda effect: effect.key)
 def test_no_course_remembers_the_one_before_it(effect: Effect, periods: tuple[float, float]) -> None:
     rng, count, first = np.random.default_rng(2), 90, 40
     course, beside = rng.normal(size=(count, 3)) * (0.1, 1.0, 100.0), rng.random((count, 3))
-    terms = terms_of([Acting(effect, np.array([parameter.starts[0] for parameter in effect.parameters]))], 0.0)
+    terms = pack_terms(
+        [BoundEffect(effect, np.array([parameter.initial_values[0] for parameter in effect.parameters]))], 0.0
+    )
     begins, starts = np.array([0, first, count]), np.array([0.3, -0.1])
     torque, states = effects_along(begins, np.array(periods), course, beside, starts, ROSUB.body, terms)
     for number, own in enumerate((slice(0, first), slice(first, count))):
         series = tuple(course[own].T)
-        alone = along(Equation(ROSUB.body, terms, starts[number]), periods[number], series, beside[own])
+        alone = evaluate_along(Equation(ROSUB.body, terms, starts[number]), periods[number], series, beside[own])
         for found, wanted in zip((torque[own], states[own]), alone, strict=True):
             # Side by side with one that has to, a course takes finer steps than by itself: what changes is what coarse
             # ones cost on so wild a course.
@@ -183,20 +194,22 @@ def test_no_course_remembers_the_one_before_it(effect: Effect, periods: tuple[fl
             np.testing.assert_allclose(found, wanted, rtol=0.0, atol=share * np.abs(wanted).max(initial=0.0))
 
 
-@pytest.mark.parametrize("effect", MOTION, ids=lambda effect: effect.key)
+@pytest.mark.parametrize("effect", TERM_EFFECTS, ids=lambda effect: effect.key)
 def test_all_restarts_together_go_where_each_would_alone(effect: Effect) -> None:
     count, period = 120, 0.4
     rate, angle = 0.1 * np.sin(0.05 * np.arange(count)), np.linspace(0.0, 2.4, count)
     torque = np.where(np.arange(count) % 40 < 20, 150.0, -90.0)
     beside = np.column_stack((0.2 * np.ones(count), 0.8 + 0.1 * np.sin(np.arange(count)), 0.05 * np.ones(count)))
     scales = records().scales
-    begin = zip(effect.starts[0], effect.parameters, strict=True)
-    own = np.array([value * scales.of(parameter) for value, parameter in begin])
-    terms = terms_of([Acting(effect, own)], 0.0)
+    begin = zip(effect.initial_values[0], effect.parameters, strict=True)
+    own = np.array([value * scales.unit_size(parameter) for value, parameter in begin])
+    terms = pack_terms([BoundEffect(effect, own)], 0.0)
     body = ROSUB.body._replace(stiffness=50.0, trim=0.02)
     first = np.array([3, 50, 20, 64])
     reach, states = np.array([40, 12, 0, 55]), 0.01 * np.random.default_rng(0).normal(size=(count, TERM_STATES))
-    moved = predict(np.full(4, period), torque, beside, rate, angle, states, first, reach, np.full(4, 0.4), body, terms)
+    moved = predict_multi_step(
+        np.full(4, period), torque, beside, rate, angle, states, first, reach, np.full(4, 0.4), body, terms
+    )
     for lane, (at, steps) in enumerate(zip(first, reach, strict=True)):
         held = slice(at, at + steps + 1)
         driven = torque[held], np.zeros(steps + 1), beside[held]
@@ -211,8 +224,8 @@ def test_all_restarts_together_go_where_each_would_alone(effect: Effect) -> None
 @pytest.mark.parametrize("key", ["oscillatory_drag", "tank_seiche:thrust"])
 def test_runs_side_by_side_go_where_each_would_alone(key: str) -> None:
     effect = effect_named(key)
-    scales, begin = records().scales, zip(effect.starts[0], effect.parameters, strict=True)
-    terms = terms_of([Acting(effect, np.array([value * scales.of(one) for value, one in begin]))], 0.0)
+    scales, begin = records().scales, zip(effect.initial_values[0], effect.parameters, strict=True)
+    terms = pack_terms([BoundEffect(effect, np.array([value * scales.unit_size(one) for value, one in begin]))], 0.0)
     # More than there are lanes, of all lengths; those behind an end begin at another time of the day.
     lengths, rng = [160, 2, 90, 300, 1, 211], np.random.default_rng(4)
     begins = np.cumsum([0, *lengths])
@@ -237,5 +250,5 @@ def test_a_model_that_runs_away_predicts_nothing() -> None:
     count = 200
     states = np.zeros((count, TERM_STATES))
     flat = (np.full(1, 2.0), np.full(count, 1e6), np.zeros((count, 3)), np.full(count, 0.1), np.zeros(count), states)
-    moved = predict(*flat, np.array([0]), np.array([count - 1]), np.zeros(1), wild.body, wild.terms)
+    moved = predict_multi_step(*flat, np.array([0]), np.array([count - 1]), np.zeros(1), wild.body, wild.terms)
     assert np.isnan(moved[0, -1])

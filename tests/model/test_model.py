@@ -25,8 +25,8 @@ def test_a_parameter_has_the_name_that_stands_where_its_value_does() -> None:
     named = dict(zip(model.names, model.values.tolist(), strict=True))
     assert named["inertia"] == 5.0
     assert [named[f"{e.key}.{p.name}"] for e in effects for p in e.parameters] == [0.2, 1.5, 4.0]
-    assert model.swing == pytest.approx(np.sqrt(30.0 / 5.0))
-    assert model.slow_inertia > model.inertia
+    assert model.natural_frequency == pytest.approx(np.sqrt(30.0 / 5.0))
+    assert model.low_frequency_inertia > model.inertia
 
 
 @pytest.mark.parametrize("stiffness", [0.0, 40.0])
@@ -46,4 +46,4 @@ def test_a_disturbance_stirs_the_rate_as_the_lyapunov_equation_has_it(stiffness:
     driven = np.diag([0.0, 0.0, 2.0 / memory])
     at = slice(None) if stiffness else slice(1, None)
     spread = solve_continuous_lyapunov(motion[at, at], -driven[at, at])
-    assert model.restlessness(rate, memory) == pytest.approx(np.sqrt(spread[-2, -2]), rel=1e-9)
+    assert model.rate_std_per_torque(rate, memory) == pytest.approx(np.sqrt(spread[-2, -2]), rel=1e-9)

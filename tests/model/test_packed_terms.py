@@ -4,26 +4,26 @@ from __future__ import annotations
 
 import numpy as np
 
-from rovid.effects import MOTION, effect_named
+from rovid.effects import TERM_EFFECTS, effect_named
 from rovid.effects.base import TERM_PARAMETERS
-from rovid.model.bound_effects import Acting
-from rovid.model.packed_terms import terms_of
+from rovid.model.bound_effects import BoundEffect
+from rovid.model.packed_terms import pack_terms
 
 
-def acting(name: str, *numbers: float) -> Acting:
-    return Acting(effect_named(name), np.array(numbers))
+def acting(name: str, *numbers: float) -> BoundEffect:
+    return BoundEffect(effect_named(name), np.array(numbers))
 
 
 def test_what_moves_the_water_stands_before_what_remembers_and_that_before_the_rest() -> None:
     drag, memory = acting("drag_curvature", 0.2), acting("added_mass_memory", 300.0, 4.0)
     swirl, delay = acting("entrained_swirl", 0.3, 20.0), acting("command_delay", 0.4)
-    terms = terms_of([drag, memory, delay, swirl], 0.5)
-    assert [MOTION[kind].id for kind in terms.kinds] == ["entrained_swirl", "added_mass_memory", "drag_curvature"]
+    terms = pack_terms([drag, memory, delay, swirl], 0.5)
+    assert [TERM_EFFECTS[kind].id for kind in terms.kinds] == ["entrained_swirl", "added_mass_memory", "drag_curvature"]
     assert (terms.moving, terms.remembering) == (1, 2)
     assert terms.parameters[::TERM_PARAMETERS, 0].tolist() == [0.3, 300.0, 0.2]
 
 
 def test_no_term_is_slower_than_the_motion() -> None:
-    assert terms_of([], 0.5).fastest == 0.5
-    assert terms_of([acting("tank_seiche", 0.1, 3.0, 0.05)], 0.5).fastest == 3.0
-    assert terms_of([acting("tank_seiche", 0.1, 0.2, 0.05)], 0.5).fastest == 0.5
+    assert pack_terms([], 0.5).fastest == 0.5
+    assert pack_terms([acting("tank_seiche", 0.1, 3.0, 0.05)], 0.5).fastest == 3.0
+    assert pack_terms([acting("tank_seiche", 0.1, 0.2, 0.05)], 0.5).fastest == 0.5

@@ -17,17 +17,17 @@ import numpy as np
 import pytest
 
 from rovid.core.array_types import FloatArray
-from rovid.effects import MOTION, TERMS, Effect, effect_named
+from rovid.effects import TERM_EFFECTS, TERMS, Effect, effect_named
 from rovid.effects.base import TERM_PARAMETERS, TERM_STATES, Body, Instant, Numbers, Term, compiled
-from rovid.jit.simd import LANES, read, write
-from rovid.jit.tracing import one_of
-from rovid.model.bound_effects import Acting
-from rovid.model.kernels import ROOM, innovations, innovations_wide, predict, simulate
+from rovid.jit.simd import LANES, load, store
+from rovid.jit.tracing import switch
+from rovid.model.bound_effects import BoundEffect
+from rovid.model.kernels import SCRATCH_ROWS, ekf3_innovations, ekf5_innovations, predict_multi_step, simulate
 from rovid.model.kernels.effect_terms import taking_lanes, torque_at
 from rovid.model.kernels.simd_io import body_of
 from rovid.model.model import Model
-from rovid.model.packed_terms import Equation, Terms, terms_abreast, terms_of
-from rovid.model.torque_input import Drive
+from rovid.model.packed_terms import Equation, PackedTerms, pack_terms, stack_terms
+from rovid.model.torque_input import TorqueInput
 from tests.abreast import Filter, Log, filtered, filtered_abreast
 from tests.conftest import ROOT
 from tests.effects.test_effects import numbers
@@ -36,10 +36,10 @@ from tests.synthetic import ROSUB
 OWN = np.linspace(0.95, 1.06, LANES)
 NOISE = np.array([15.0, 4.0, 1e-3, 2e-3])
 WAVE = effect_named("wave_torque")
-each_term = pytest.mark.parametrize("effect", MOTION, ids=lambda effect: effect.key)
+each_term = pytest.mark.parametrize("effect", TERM_EFFECTS, ids=lambda effect: effect.key)
 
 
-def some_logs(rng: np.random.Generator) -> tuple[list[Log], Drive]:
+def some_logs(rng: np.random.Generator) -> tuple[list[Log], TorqueInput]:
     """Two, unevenly sampled, one with gaps in its angle and both with a gyro that falls silent."""
     logs, torques = [], []
     for count in (150, 90):
@@ -53,22 +53,22 @@ def some_logs(rng: np.random.Generator) -> tuple[list[Log], Drive]:
         torques.append(torque)
     total = np.concatenate(torques)
     beside = np.column_stack((np.sqrt(np.abs(total)), 0.8 + 0.0 * total, 0.1 * np.sin(total)))
-    return logs, Drive.held(total, beside, scatter=np.full(len(total), 2.0))
+    return logs, TorqueInput.held(total, beside, scatter=np.full(len(total), 2.0))
 
 
-def alone(kernel: Filter, logs: list[Log], drive: Drive, model: Model, noise: FloatArray) -> list[FloatArray]:
+def alone(kernel: Filter, logs: list[Log], drive: TorqueInput, model: Model, noise: FloatArray) -> list[FloatArray]:
     every = filtered_abreast(kernel, logs, [drive] * LANES, [model] * LANES, [noise] * LANES)
     return [table[0] for table in every]
 
 
-@pytest.mark.parametrize("effect", [None, WAVE, *MOTION], ids=lambda effect: effect.key if effect else "none")
+@pytest.mark.parametrize("effect", [None, WAVE, *TERM_EFFECTS], ids=lambda effect: effect.key if effect else "none")
 def test_four_models_side_by_side_give_each_what_it_gives_alone(effect: Effect | None) -> None:
     """Of intervals that all of them step through at once; drives, noises and parameters are each one's own."""
     rng = np.random.default_rng(5)
     logs, drive = some_logs(rng)
     effects = () if effect is None else (effect,)
     values = np.zeros(0) if effect is None else numbers(effect, start=True)
-    kernel = innovations_wide if effect is not None and effect.oscillates else innovations
+    kernel = ekf5_innovations if effect is not None and effect.oscillatory else ekf3_innovations
     models = [
         replace(
             ROSUB,
@@ -92,15 +92,15 @@ def test_four_models_side_by_side_give_each_what_it_gives_alone(effect: Effect |
     assert not np.allclose(found[0], found[-1], equal_nan=True)
 
 
-@pytest.mark.parametrize("kernel", [innovations, innovations_wide])
+@pytest.mark.parametrize("kernel", [ekf3_innovations, ekf5_innovations])
 def test_a_lane_that_needs_finer_steps_has_all_take_them(kernel: Filter) -> None:
     rng = np.random.default_rng(6)
     time = np.cumsum(rng.uniform(0.5, 2.0, 200))
     torque = 100.0 * np.sign(np.sin(0.2 * time))
     _, angle = simulate(time, torque, ROSUB.body, 0.0)
-    log, drive = Log(time=time, angle=angle + rng.normal(0.0, 1e-3, 200), first=(0.0, 0.02)), Drive.held(torque)
+    log, drive = Log(time=time, angle=angle + rng.normal(0.0, 1e-3, 200), first=(0.0, 0.02)), TorqueInput.held(torque)
     models = [replace(ROSUB, linear_drag=linear) for linear in (132.0, 200.0, 5e3, 300.0)]
-    if kernel is innovations_wide:
+    if kernel is ekf5_innovations:
         models = [replace(model, effects=(WAVE,), effect_values=(20.0, 0.8, 0.1)) for model in models]
     noise = np.array([15.0, 40.0, 1e-3, 1.0])
     found, variance = filtered_abreast(kernel, [log], [drive] * LANES, models, [noise] * LANES)
@@ -114,14 +114,16 @@ def test_a_lane_that_needs_finer_steps_has_all_take_them(kernel: Filter) -> None
 
 @numba.njit
 def _torques(body: Any, terms: Any, motion: Any, state: Any, change: Any, out: Any) -> None:
-    equation = Equation(body_of(body), terms, read(motion, 3))
-    beside = read(motion, 4), read(motion, 5), read(motion, 6)
-    write(out, 0, torque_at(read(motion, 0), read(motion, 1), read(motion, 2), beside, equation, state, change))
+    equation = Equation(body_of(body), terms, load(motion, 3))
+    beside = load(motion, 4), load(motion, 5), load(motion, 6)
+    store(out, 0, torque_at(load(motion, 0), load(motion, 1), load(motion, 2), beside, equation, state, change))
 
 
-def in_lanes(terms: Terms, body: FloatArray, motion: FloatArray, state: FloatArray) -> tuple[FloatArray, FloatArray]:
+def in_lanes(
+    terms: PackedTerms, body: FloatArray, motion: FloatArray, state: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """(LANES,) torque and (TERM_STATES, LANES) changes of what is one term; rows of ``motion`` are as in `one_lane`."""
-    out, change = np.empty((1, LANES)), np.zeros((TERM_STATES + ROOM, LANES))
+    out, change = np.empty((1, LANES)), np.zeros((TERM_STATES + SCRATCH_ROWS, LANES))
     _torques(body, terms, motion, state, change, out)
     return out[0], change[:TERM_STATES]
 
@@ -142,7 +144,7 @@ def test_a_term_in_lanes_is_the_term_of_each_lane(effect: Effect) -> None:
     sizes = np.array([0.3, 3.0, 200.0, 1.0, 15.0, 1.0, 0.5])
     for trial in range(40):
         every = [start * rng.uniform(0.5, 1.5, len(start)) for _ in range(LANES)]
-        terms = terms_abreast([terms_of([Acting(effect, own)], 0.5) for own in every])
+        terms = stack_terms([pack_terms([BoundEffect(effect, own)], 0.5) for own in every])
         bodies = [Body(5057.0, 3532.0, 132.0, 90.0, 0.05) for _ in range(LANES)]
         bodies = [Body(*(rng.uniform(0.5, 1.5, 5) * body)) for body in bodies]
         motion = sizes[:, np.newaxis] * rng.normal(size=(7, LANES))
@@ -162,7 +164,7 @@ def test_a_term_in_lanes_is_the_term_of_each_lane(effect: Effect) -> None:
 @compiled
 def _stuck(at: Instant, p: Numbers) -> float:
     if abs(at.rate) < p[0]:
-        return -at.push
+        return -at.thruster_torque
     return -p[1] * math.copysign(1.0, at.rate)
 
 
@@ -192,7 +194,7 @@ def test_a_term_that_branches_goes_lane_by_lane(function: Callable[..., Any], st
         return of_lanes(*told)
 
     # As kernels choose one of many.
-    chosen = one_of({3: one}, one)
+    chosen = switch({3: one}, one)
     rng = np.random.default_rng(8)
     rows, given = rng.normal(size=(13, LANES)), np.empty((1 + states, LANES))
     p, x = np.array([[0.4], [7.0], [0.0], [0.0]]) * np.ones(LANES), rng.normal(size=(2, LANES))
@@ -200,20 +202,20 @@ def test_a_term_that_branches_goes_lane_by_lane(function: Callable[..., Any], st
 
     @numba.njit
     def instant(rows: Any) -> Any:
-        body = Body(read(rows, 8), read(rows, 9), read(rows, 10), read(rows, 11), read(rows, 12))
-        first = read(rows, 0), read(rows, 1), read(rows, 2), read(rows, 3)
-        return Instant(*first, read(rows, 4), read(rows, 5), read(rows, 6), read(rows, 7), body)
+        body = Body(load(rows, 8), load(rows, 9), load(rows, 10), load(rows, 11), load(rows, 12))
+        first = load(rows, 0), load(rows, 1), load(rows, 2), load(rows, 3)
+        return Instant(*first, load(rows, 4), load(rows, 5), load(rows, 6), load(rows, 7), body)
 
     @numba.njit
     def without(rows: Any, p: Any, x: Any, out: Any) -> None:
-        write(out, 0, chosen(3, instant(rows), (read(p, 0), read(p, 1), read(p, 2), read(p, 3))))
+        store(out, 0, chosen(3, instant(rows), (load(p, 0), load(p, 1), load(p, 2), load(p, 3))))
 
     @numba.njit
     def with_states(rows: Any, p: Any, x: Any, out: Any) -> None:
-        every = chosen(3, instant(rows), (read(p, 0), read(p, 1), read(p, 2), read(p, 3)), (read(x, 0), read(x, 1)))
-        write(out, 0, every[0])
-        write(out, 1, every[1])
-        write(out, states, every[states])
+        every = chosen(3, instant(rows), (load(p, 0), load(p, 1), load(p, 2), load(p, 3)), (load(x, 0), load(x, 1)))
+        store(out, 0, every[0])
+        store(out, 1, every[1])
+        store(out, states, every[states])
 
     (with_states if states else without)(rows, p, x, given)
     for at in range(LANES):
@@ -226,7 +228,7 @@ def test_a_term_that_branches_goes_lane_by_lane(function: Callable[..., Any], st
 
 def test_no_term_of_the_catalogue_branches() -> None:
     """One that does is several times slower, in every filter."""
-    branching = [effect.key for effect, term in zip(MOTION, TERMS, strict=True) if not _takes_lanes(term)]
+    branching = [effect.key for effect, term in zip(TERM_EFFECTS, TERMS, strict=True) if not _takes_lanes(term)]
     assert branching == []
 
 
@@ -247,7 +249,7 @@ def test_a_prediction_that_runs_away_leaves_those_beside_it() -> None:
     def predicted(own: Any) -> FloatArray:
         length = len(own)
         here = np.full(length, 0.5), torque, beside, rate, angle, states, own, np.full(length, 50), np.zeros(length)
-        return np.asarray(predict(*here, wild.body, wild.terms))
+        return np.asarray(predict_multi_step(*here, wild.body, wild.terms))
 
     together = predicted(restarts)
     assert np.isnan(together[1, -1])

@@ -13,10 +13,10 @@ from rovid.core.array_types import FloatArray
 from rovid.effects import effect_named
 from rovid.model.kernels import simulate
 from rovid.model.model import Model
-from rovid.model.simulation import compare, overall, simulate_runs
-from rovid.model.torque_input import Drive
+from rovid.model.simulation import fit_measures, pooled_fit, simulate_runs
+from rovid.model.torque_input import TorqueInput
 from rovid.signals.preprocessing import Run
-from rovid.signals.rates import rates_of
+from rovid.signals.rates import compute_rates
 from tests.synthetic import LOGGED, ROSUB, clock, run, trial
 
 
@@ -75,7 +75,7 @@ def test_a_pause_of_any_length_ends_where_the_drag_balances_the_torque(pause: fl
 
 def test_measures_of_fit_are_those_of_the_contract() -> None:
     y, yhat = np.array([1.0, 2.0, 3.0, np.nan, 6.0]), np.array([1.5, 2.0, 2.0, 9.0, 6.0])
-    fit = compare(y, yhat)
+    fit = fit_measures(y, yhat)
     sse, sst = 0.25 + 1.0, 4.0 + 1.0 + 0.0 + 9.0
     assert fit.samples == 4
     assert fit.r2 == pytest.approx(1.0 - sse / sst)
@@ -85,7 +85,7 @@ def test_measures_of_fit_are_those_of_the_contract() -> None:
 
 @pytest.mark.parametrize(("y", "samples"), [([np.nan, np.nan], 0), ([2.0, 2.0], 2)], ids=["nothing", "constant"])
 def test_a_fit_that_has_no_meaning_is_not_a_number(y: list[float], samples: int) -> None:
-    fit = compare(np.array(y), np.array([1.0, 2.0]))
+    fit = fit_measures(np.array(y), np.array([1.0, 2.0]))
     assert fit.samples == samples
     assert np.isnan(fit.r2)
     assert np.isnan(fit.fit_percent)
@@ -102,8 +102,8 @@ def swaying(*, tilt: float) -> Run:
     slope = (rate + np.gradient(pitch, time) * np.sin(roll)) / (np.cos(roll) * np.cos(pitch))
     heading = 1.0 + np.concatenate(([0.0], np.cumsum(0.5 * (slope[1:] + slope[:-1]) * np.diff(time))))
     log = trial(time, torque, heading, roll=roll, pitch=pitch)
-    rates = rates_of(log, cutoff=1.0)
-    return Run(trial=log, torque=torque, rates=rates, drive=rates.held(log, torque))
+    rates = compute_rates(log, cutoff=1.0)
+    return Run(trial=log, torque=torque, rates=rates, filtered_torque=rates.filter_held(log, torque))
 
 
 def exact_rate(time: FloatArray, torque: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -136,8 +136,10 @@ def test_heading_errors_need_their_horizon_without_a_gap() -> None:
     heading = np.where((time > 30.0) & (time < 36.0), np.nan, whole.trial.position)
     # The turns made inside the gap are unknown: twenty more of them may not show as an error.
     log = trial(time, whole.torque, heading + 40.0 * np.pi * (time >= 36.0))
-    rates = rates_of(log, cutoff=1.0)
-    (gapped,) = simulate_runs([Run(trial=log, torque=whole.torque, rates=rates, drive=whole.drive)], ROSUB, LOGGED)
+    rates = compute_rates(log, cutoff=1.0)
+    (gapped,) = simulate_runs(
+        [Run(trial=log, torque=whole.torque, rates=rates, filtered_torque=whole.filtered_torque)], ROSUB, LOGGED
+    )
     assert gapped.position_errors[60.0] is None
     error = gapped.position_errors[10.0]
     assert error is not None
@@ -151,7 +153,7 @@ def test_overall_is_over_all_samples_of_all_trials() -> None:
     y = np.concatenate([item.measured for item in results])
     error = y - np.concatenate([item.simulated for item in results])
     known = np.isfinite(y) & np.isfinite(error)
-    total = overall(results)
+    total = pooled_fit(results)
     assert total.samples == known.sum()
     assert total.r2 == pytest.approx(1.0 - np.sum(error[known] ** 2) / np.sum((y[known] - y[known].mean()) ** 2))
 
@@ -160,7 +162,7 @@ def test_a_gyro_that_falls_silent_leaves_the_rate_of_the_heading() -> None:
     time = clock(60.0)
     rate = 0.2 * np.sin(0.3 * time)
     angle = 0.2 / 0.3 * (1.0 - np.cos(0.3 * time))
-    rates = rates_of(trial(time, np.zeros(len(time)), angle, rate=np.where(time < 20.0, rate, np.nan)), cutoff=1.0)
+    rates = compute_rates(trial(time, np.zeros(len(time)), angle, rate=np.where(time < 20.0, rate, np.nan)), cutoff=1.0)
     known = np.isfinite(rates.rate)
     assert rates.time[known][-1] > 58.0
     np.testing.assert_allclose(rates.rate[known], 0.2 * np.sin(0.3 * rates.time[known]), atol=2e-3)
@@ -174,10 +176,10 @@ def test_the_water_does_not_stand_still_at_a_restart(key: str, values: tuple[flo
     moving = replace(ROSUB, effects=(effect_named(key),), effect_values=values)
     time = clock(400.0)
     plain = run(time, 200.0 * np.sin(2.0 * np.pi * time / 80.0) + 200.0 * np.sin(2.0 * np.pi * time / 5.0))
-    heading = moving.simulate(plain.trial, Drive.held(plain.torque))[1]
+    heading = moving.simulate(plain.trial, TorqueInput.held(plain.torque))[1]
     log = trial(time, plain.torque, heading)
-    rates = rates_of(log, cutoff=1.0)
-    made = Run(trial=log, torque=plain.torque, rates=rates, drive=plain.drive)
+    rates = compute_rates(log, cutoff=1.0)
+    made = Run(trial=log, torque=plain.torque, rates=rates, filtered_torque=plain.filtered_torque)
     (own,), (without,) = (simulate_runs([made], model, LOGGED) for model in (moving, ROSUB))
     for horizon in (10.0, 60.0):
         error, worse = own.position_errors[horizon], without.position_errors[horizon]

@@ -8,9 +8,9 @@ from scipy.linalg import expm
 
 from rovid.core.array_types import FloatArray
 from rovid.effects import effect_named
-from rovid.model.kernels import innovations, innovations_wide
+from rovid.model.kernels import ekf3_innovations, ekf5_innovations
 from rovid.model.model import Model
-from rovid.model.torque_input import Drive
+from rovid.model.torque_input import TorqueInput
 from rovid.trial.axis import AXES
 from tests.abreast import Log, filtered
 
@@ -32,7 +32,7 @@ def stiff(angle: FloatArray, time: FloatArray, wave: FloatArray | None = None) -
     )
     log = Log(time=time, angle=angle, start=float(angle[0]))
     found = filtered(
-        innovations if wave is None else innovations_wide, log, Drive.held(np.zeros(len(time))), model, NOISE
+        ekf3_innovations if wave is None else ekf5_innovations, log, TorqueInput.held(np.zeros(len(time))), model, NOISE
     )
     return found[0][:, 0], found[1][:, 0]
 

@@ -8,30 +8,30 @@ import numpy as np
 import pytest
 
 from rovid.effects.base import SPEEDS
-from rovid.model.torque_input import Drive, Intervals
+from rovid.model.torque_input import Intervals, TorqueInput
 
 TIME = np.array([0.0, 0.1, 0.3, 0.4, 0.8, 1.0, 1.3])
 AT = np.array([0, 2, 4, 6])
-STEPS = Intervals.of([TIME], [AT])
+STEPS = Intervals.from_times([TIME], [AT])
 
 
 def test_a_torque_that_is_held_has_no_moment_and_tells_no_speeds() -> None:
-    drive = Drive.held(np.ones(7))
-    assert not drive.moment.any()
-    assert drive.beside.shape == (7, 1 + len(SPEEDS))
+    drive = TorqueInput.held(np.ones(7))
+    assert not drive.timing_moment.any()
+    assert drive.effect_inputs.shape == (7, 1 + len(SPEEDS))
 
 
 def test_fewer_instants_keep_impulse_and_leverage() -> None:
     torque = np.array([1.0, -2.0, 5.0, 0.5, 3.0, 4.0, 7.0])
-    coarse = Drive.over(STEPS, torque)
+    coarse = TorqueInput.averaged_over(STEPS, torque)
     spans = np.diff(TIME[AT])
     impulse = [np.sum((torque[:-1] * np.diff(TIME))[a:b]) for a, b in itertools.pairwise(AT)]
     assert coarse.torque[:-1] * spans == pytest.approx(impulse)
     # Rate and angle of a unit inertia from rest, by each: the angle feels when within an interval the torque acted.
-    for drive, time in ((Drive.held(torque), TIME), (coarse, TIME[AT])):
+    for drive, time in ((TorqueInput.held(torque), TIME), (coarse, TIME[AT])):
         rate = angle = 0.0
         for k, step in enumerate(np.diff(time)):
-            angle += rate * step + 0.5 * drive.torque[k] * step**2 + drive.moment[k]
+            angle += rate * step + 0.5 * drive.torque[k] * step**2 + drive.timing_moment[k]
             rate += drive.torque[k] * step
         assert rate == pytest.approx(sum(impulse))
         assert angle == pytest.approx(np.sum(torque[:-1] * np.diff(TIME) * (TIME[-1] - 0.5 * (TIME[1:] + TIME[:-1]))))
@@ -42,15 +42,15 @@ def test_trials_one_after_the_other_do_not_run_into_each_other() -> None:
     rng = np.random.default_rng(1)
     others = TIME + 0.05 * np.arange(7.0), np.array([1, 2, 5])
     torque, beside, scatter = rng.normal(size=14), rng.normal(size=(14, 1 + len(SPEEDS))), rng.random(14)
-    both = Drive.over(Intervals.of([TIME, others[0]], [AT, others[1]]), torque, beside, scatter)
-    assert both.begins.tolist() == [0, 4, 7]
+    both = TorqueInput.averaged_over(Intervals.from_times([TIME, others[0]], [AT, others[1]]), torque, beside, scatter)
+    assert both.offsets.tolist() == [0, 4, 7]
     for found, (time, at), rows in zip(both.by_trial, ((TIME, AT), others), (slice(7), slice(7, 14)), strict=True):
-        alone = Drive.over(Intervals.of([time], [at]), torque[rows], beside[rows], scatter[rows])
+        alone = TorqueInput.averaged_over(Intervals.from_times([time], [at]), torque[rows], beside[rows], scatter[rows])
         for name in ("torque", "moment", "beside", "scatter", "begins"):
             np.testing.assert_array_equal(getattr(found, name), getattr(alone, name))
 
 
 def test_a_function_goes_over_each_series() -> None:
-    drive = Drive.held(np.arange(3.0), beside=np.ones((3, 1 + len(SPEEDS)))).mapped(lambda values: 2.0 * values)
+    drive = TorqueInput.held(np.arange(3.0), beside=np.ones((3, 1 + len(SPEEDS)))).mapped(lambda values: 2.0 * values)
     assert drive.torque.tolist() == [0.0, 2.0, 4.0]
-    assert (drive.beside == 2.0).all()
+    assert (drive.effect_inputs == 2.0).all()

@@ -91,5 +91,5 @@ def test_it_is_not_begun_in_vain(name: str, value: object, monkeypatch: pytest.M
     needed = {"keeps_compiled": lambda: True, "is_compiled": lambda: False, "cores": lambda: 2}
     for one, found in (needed | {name: value}).items():
         monkeypatch.setattr(sys if "." in one else warmup, one.rpartition(".")[2], found)
-    warmup.begin()
+    warmup.start_compiling()
     assert begun == []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rovid.preflight.autopilot import outputs_of, type_of
+from rovid.preflight.autopilot import thruster_outputs, vehicle_type
 
 # A submarine with four motors about the vertical and two for depth, the lights on 13.
 SUB = {
@@ -16,28 +16,28 @@ SUB = {
 
 
 def test_a_submarines_motors_turn_it_as_frame_and_directions_say() -> None:
-    outputs = outputs_of(SUB)
-    senses = {source: output.way for source, output in outputs.items() if source.startswith("RCOU")}
+    outputs = thruster_outputs(SUB)
+    senses = {source: output.direction for source, output in outputs.items() if source.startswith("RCOU")}
     assert senses == {f"RCOU.C{at}": way for at, way in zip(range(1, 7), (-1, 1, -1, 1, 0, 0), strict=True)}
     assert outputs["SERVO_OUTPUT_RAW.servo2_raw"] == outputs["RCOU.C2"]
     assert outputs["RCOU.C3"].name == "motor_3"
-    assert type_of(SUB) == "bluerov2"
+    assert vehicle_type(SUB) == "bluerov2"
 
 
 def test_an_output_that_is_reversed_turns_the_other_way() -> None:
-    assert outputs_of({**SUB, "SERVO2_REVERSED": 1.0})["RCOU.C2"].way == -1
-    assert outputs_of({**SUB, "MOT_2_DIRECTION": 1.0})["RCOU.C2"].way == -1
+    assert thruster_outputs({**SUB, "SERVO2_REVERSED": 1.0})["RCOU.C2"].direction == -1
+    assert thruster_outputs({**SUB, "MOT_2_DIRECTION": 1.0})["RCOU.C2"].direction == -1
 
 
 def test_motors_are_found_on_whatever_outputs_they_are() -> None:
     moved = {**SUB, "SERVO1_FUNCTION": 0.0, "SERVO15_FUNCTION": 33.0}
-    assert "RCOU.C1" not in outputs_of(moved)
-    assert outputs_of(moved)["RCO2.C15"].label == "1"
+    assert "RCOU.C1" not in thruster_outputs(moved)
+    assert thruster_outputs(moved)["RCO2.C15"].label == "1"
 
 
 def test_a_boat_is_steered_by_its_throttles() -> None:
-    outputs = outputs_of({"SERVO1_FUNCTION": 73.0, "SERVO3_FUNCTION": 74.0})
-    assert [(outputs[f"RCOU.C{at}"].name, outputs[f"RCOU.C{at}"].way) for at in (1, 3)] == [
+    outputs = thruster_outputs({"SERVO1_FUNCTION": 73.0, "SERVO3_FUNCTION": 74.0})
+    assert [(outputs[f"RCOU.C{at}"].name, outputs[f"RCOU.C{at}"].direction) for at in (1, 3)] == [
         ("port", 1),
         ("starboard", -1),
     ]
@@ -48,14 +48,14 @@ def test_motors_of_px4_stand_where_its_parameters_say() -> None:
     parameters = {"CA_ROTOR_COUNT": float(len(rotors))}
     for at, values in enumerate(rotors):
         parameters |= {f"CA_ROTOR{at}_{what}": one for what, one in zip(("PX", "PY", "AX", "AY"), values, strict=True)}
-    outputs = outputs_of(parameters)
+    outputs = thruster_outputs(parameters)
     # Ahead and to starboard, pushing ahead and to port: both turn it to port.
-    assert outputs["actuator_motors.control[0]"].way == -1
+    assert outputs["actuator_motors.control[0]"].direction == -1
     assert outputs["actuator_motors.control[0]"].arm == pytest.approx(0.21)
-    assert (outputs["actuator_motors.control[1]"].way, outputs["actuator_motors.control[2]"].way) == (-1, 0)
+    assert (outputs["actuator_motors.control[1]"].direction, outputs["actuator_motors.control[2]"].direction) == (-1, 0)
 
 
 @pytest.mark.parametrize("odd", [{}, {"FRAME_CONFIG": float("nan")}, {"FRAME_CONFIG": 1e30, "SERVO1_FUNCTION": 33.0}])
 def test_parameters_that_tell_nothing_are_passed_over(odd: dict[str, float]) -> None:
-    assert outputs_of(odd) == {}
-    assert not type_of(odd)
+    assert thruster_outputs(odd) == {}
+    assert not vehicle_type(odd)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rovid.preflight.axis_signal_guess import guessed_along
-from rovid.preflight.raw_columns import Seen
+from rovid.preflight.raw_columns import RawColumn
 from rovid.trial.axis import AXES
 
 RNG = np.random.default_rng(2)
@@ -14,7 +14,7 @@ RNG = np.random.default_rng(2)
 
 def found(axis: str, *names: str, size: float = 1.0) -> dict[str, tuple[str, str, int]]:
     every = {
-        name: [Seen(source=name, time=np.arange(50.0), values=size * RNG.uniform(-1.0, 1.0, 50))] for name in names
+        name: [RawColumn(source=name, time=np.arange(50.0), values=size * RNG.uniform(-1.0, 1.0, 50))] for name in names
     }
     guesses = guessed_along(AXES[axis], every)
     return {name: (one.source, one.unit, one.sign) for name, one in guesses.items()}

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from rovid.core.array_types import FloatArray
-from rovid.preflight.clock_alignment import Alignment, aligned
-from rovid.preflight.raw_columns import Seen
+from rovid.preflight.clock_alignment import ClockAlignment, align_clocks
+from rovid.preflight.raw_columns import RawColumn
 
 LASTS, STEP = 200.0, 0.1
 
@@ -23,7 +23,7 @@ def turn(seed: int) -> tuple[FloatArray, FloatArray]:
     return time, np.cumsum(rate) * 0.02
 
 
-def columns(seed: int, *, ahead: float, drift: float = 0.0, noise: float = 0.05) -> tuple[dict[str, Seen], ...]:
+def columns(seed: int, *, ahead: float, drift: float = 0.0, noise: float = 0.05) -> tuple[dict[str, RawColumn], ...]:
     """Headings of two loggers, the second of which has a clock that is ``ahead``; its sense and unit are others."""
     rng = np.random.default_rng(100 + seed)
     fine, angle = turn(seed)
@@ -32,13 +32,13 @@ def columns(seed: int, *, ahead: float, drift: float = 0.0, noise: float = 0.05)
     other = -np.interp(two, fine, angle) + np.radians(noise) * rng.normal(size=len(two))
     stamps = two + ahead + drift * two
     return (
-        {"heading_deg": Seen(source="heading_deg", time=one, values=heading % 360.0)},
-        {"yaw_rad": Seen(source="yaw_rad", time=stamps, values=(other + np.pi) % (2.0 * np.pi) - np.pi)},
+        {"heading_deg": RawColumn(source="heading_deg", time=one, values=heading % 360.0)},
+        {"yaw_rad": RawColumn(source="yaw_rad", time=stamps, values=(other + np.pi) % (2.0 * np.pi) - np.pi)},
     )
 
 
-def found(seed: int, *, ahead: float, drift: float = 0.0, noise: float = 0.05) -> Alignment:
-    alignment = aligned(*columns(seed, ahead=ahead, drift=drift, noise=noise))
+def found(seed: int, *, ahead: float, drift: float = 0.0, noise: float = 0.05) -> ClockAlignment:
+    alignment = align_clocks(*columns(seed, ahead=ahead, drift=drift, noise=noise))
     assert alignment is not None
     return alignment
 
@@ -65,11 +65,11 @@ def test_a_yaw_rate_goes_with_a_heading() -> None:
     fine, angle = turn(5)
     time = np.arange(0.0, LASTS, STEP)
     rate = np.degrees(np.gradient(np.interp(time, fine, angle), time))
-    gyro = {"yaw_rate_dps": Seen(source="yaw_rate_dps", time=time + 0.8, values=rate)}
-    alignment = aligned(home, gyro)
+    gyro = {"yaw_rate_dps": RawColumn(source="yaw_rate_dps", time=time + 0.8, values=rate)}
+    alignment = align_clocks(home, gyro)
     assert alignment is not None
     assert alignment.offset == pytest.approx(-0.8, abs=3.0 * alignment.error)
-    assert alignment.by == "yaw_rate_dps against heading_deg"
+    assert alignment.columns == "yaw_rate_dps against heading_deg"
 
 
 def test_a_copy_of_a_command_tells_and_what_follows_it_does_not() -> None:
@@ -77,17 +77,17 @@ def test_a_copy_of_a_command_tells_and_what_follows_it_does_not() -> None:
     command = np.repeat(np.random.default_rng(1).uniform(-1.0, 1.0, len(time) // 20 + 1), 20)[: len(time)]
     late = np.convolve(command, np.exp(-np.arange(30) / 8.0) / 8.0)[: len(time)]
 
-    def log(name: str, values: FloatArray, ahead: float = 0.0) -> dict[str, Seen]:
-        return {name: Seen(source=name, time=time + ahead, values=values)}
+    def log(name: str, values: FloatArray, ahead: float = 0.0) -> dict[str, RawColumn]:
+        return {name: RawColumn(source=name, time=time + ahead, values=values)}
 
-    copy = aligned(log("port_cmd", command), log("thr_port", command, -0.4))
+    copy = align_clocks(log("port_cmd", command), log("thr_port", command, -0.4))
     assert copy is not None
     assert copy.offset == pytest.approx(0.4, abs=max(3.0 * copy.error, 0.01))
-    assert aligned(log("port_cmd", command), log("motor_port", late)) is None
+    assert align_clocks(log("port_cmd", command), log("motor_port", late)) is None
 
 
 def test_what_is_not_alike_tells_nothing() -> None:
     one, _ = columns(7, ahead=0.0)
     _, two = columns(8, ahead=0.0)
-    assert aligned(one, two) is None
-    assert aligned(one, {}) is None
+    assert align_clocks(one, two) is None
+    assert align_clocks(one, {}) is None

@@ -9,20 +9,20 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from rovid.preflight.config_writer import files_of, guess_of
-from rovid.preflight.log_survey import Asked, survey
+from rovid.preflight.config_writer import assumptions_in, config_files
+from rovid.preflight.log_survey import SurveyOptions, survey
 from rovid.trial.config import load_config
 
 TIME = np.arange(0.0, 200.0, 0.2)
 
 
-def written(folder: Path, asked: Asked | None = None, **columns: np.ndarray) -> tuple[str, list[str]]:
+def written(folder: Path, asked: SurveyOptions | None = None, **columns: np.ndarray) -> tuple[str, list[str]]:
     """rovid.toml of a log with these columns, and what it guesses."""
     pd.DataFrame({"time_s": TIME, **columns}).to_csv(folder / "log.csv", index=False)
     surveyed = survey([folder], asked)
-    for output, text in files_of(surveyed).items():
+    for output, text in config_files(surveyed).items():
         output.path.write_text(text, encoding="utf-8")
-    return (folder / "rovid.toml").read_text(encoding="utf-8"), list(guess_of(surveyed).items)
+    return (folder / "rovid.toml").read_text(encoding="utf-8"), list(assumptions_in(surveyed).items)
 
 
 def heading() -> np.ndarray:
@@ -32,12 +32,12 @@ def heading() -> np.ndarray:
 def test_what_no_log_tells_is_marked(tmp_path: Path) -> None:
     text, guessed = written(tmp_path, heading_deg=heading(), port_cmd=np.sin(TIME), stbd_cmd=np.cos(TIME))
     assert guessed == ["yaw_arm of port", "curve of port", "yaw_arm of stbd", "curve of stbd"]
-    assert load_config(tmp_path / "rovid.toml").vehicle.guess.items == tuple(guessed)
+    assert load_config(tmp_path / "rovid.toml").vehicle.assumptions.items == tuple(guessed)
     assert text.count("\nyaw_arm_guessed = ") == 2
 
 
 def test_what_is_published_of_a_type_is_not(tmp_path: Path) -> None:
-    asked = Asked(vehicle="otter")
+    asked = SurveyOptions(vehicle="otter")
     text, guessed = written(tmp_path, asked, heading_deg=heading(), port_rpm=np.sin(TIME), stbd_rpm=np.cos(TIME))
     assert guessed == ["curve of port", "curve of stbd"]
     config = load_config(tmp_path / "rovid.toml")
@@ -72,7 +72,7 @@ def test_an_arm_that_is_published_is_no_guess_however_long(size: str, guessed: b
     (tmp_path / "mine.toml").write_text(f"{alone}\n[arms]\nport = {size}\nstarboard = -{size}\n")
     folder = tmp_path / "day"
     folder.mkdir()
-    asked = Asked(vehicle=str(tmp_path / "mine.toml"))
+    asked = SurveyOptions(vehicle=str(tmp_path / "mine.toml"))
     written(folder, asked, heading_deg=heading(), port_cmd=np.sin(TIME), stbd_cmd=np.cos(TIME))
     thrusters = load_config(folder / "rovid.toml").vehicle.thrusters
     assert [thruster.arm_guessed for thruster in thrusters] == [guessed, guessed]
@@ -84,4 +84,4 @@ def test_a_heading_that_is_known_by_its_jumps_alone_is_said_to_be(tmp_path: Path
         tmp_path / "log.csv", index=False
     )
     surveyed = survey([tmp_path])
-    assert [text for text in surveyed.lacking if text.startswith("channel_7 is taken for the heading")]
+    assert [text for text in surveyed.warnings if text.startswith("channel_7 is taken for the heading")]

@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.feedback import seen, seen_in, trial_of
 from rovid.preflight.advice import advise
-from rovid.preflight.feedback_detection import LEVEL, find_feedback
+from rovid.preflight.feedback_detection import SIGNIFICANCE_LEVEL, detect_feedback
 from rovid.readers import read_campaign
 from rovid.trial.axis import AXES
 from rovid.trial.config import find_config, load_config
@@ -40,7 +40,7 @@ def test_steering_is_seen(kind: str, share: float) -> None:
 def test_twelve_pseudo_random_runs_of_a_day_are_no_autopilot() -> None:
     runs = [steered(kind, seed) for seed in range(6) for kind in ("random binary", "clocked binary")]
     trials = [replace(trial_of(run), name=f"run_{number}") for number, run in enumerate(runs)]
-    assert find_feedback(trials, LOGGED) == []
+    assert detect_feedback(trials, LOGGED) == []
 
 
 @pytest.mark.parametrize(("campaigns", "runs"), [(20, 15), slow(40, 40)])
@@ -60,7 +60,7 @@ def test_in_hard_water_too(campaigns: int, runs: int) -> None:
 def test_a_real_dive_answers_to_its_motion() -> None:
     for folder in ("bluerov2_pier59", "bluerov2_dataflash"):
         config = load_config(find_config([SAMPLES / folder]))
-        (found,) = find_feedback(read_campaign([SAMPLES / folder], config).trials, config.vehicle)
+        (found,) = detect_feedback(read_campaign([SAMPLES / folder], config).trials, config.vehicle)
         assert found.seen_in == "flow"
         assert found.chance < 1e-4
 
@@ -68,19 +68,19 @@ def test_a_real_dive_answers_to_its_motion() -> None:
 @pytest.mark.parametrize(("day", "axis"), [("rosub_tank", "yaw"), ("surge_tank", "surge"), ("pitch_tank", "pitch")])
 def test_the_sample_days_are_open_loop(day: str, axis: str) -> None:
     config = load_config(find_config([SAMPLES / day]), AXES[axis])
-    assert find_feedback(read_campaign([SAMPLES / day], config).trials, config.vehicle) == []
+    assert detect_feedback(read_campaign([SAMPLES / day], config).trials, config.vehicle) == []
 
 
 def test_a_zigzag_is_feedback_at_its_reversals_and_so_it_is_said() -> None:
     found = []
     for seed in range(2 * EACH):
         trial = trial_of(steered("zigzag by heading", seed))
-        found += [(trial, one) for one in find_feedback([trial], LOGGED) if one.seen_in == "reversals"]
-    trial, sure = next((trial, one) for trial, one in found if one.chance < LEVEL)
+        found += [(trial, one) for one in detect_feedback([trial], LOGGED) if one.seen_in == "reversals"]
+    trial, sure = next((trial, one) for trial, one in found if one.chance < SIGNIFICANCE_LEVEL)
     assert 0.0 < sure.scatter < sure.by_duration
     (told,) = [one for one in advise([trial], LOGGED, [sure]) if one.kind == "feedback"]
     assert "reversed at a heading, as in a zigzag test (within " in told.text
-    trial, open_ = next((trial, one) for trial, one in found if one.chance >= LEVEL)
+    trial, open_ = next((trial, one) for trial, one in found if one.chance >= SIGNIFICANCE_LEVEL)
     (aside,) = [one for one in advise([trial], LOGGED, [open_]) if one.kind == "reversals"]
     assert aside.weight == "aside"
     assert "So few reversals do not tell which." in aside.text
@@ -89,8 +89,8 @@ def test_a_zigzag_is_feedback_at_its_reversals_and_so_it_is_said() -> None:
 def test_logs_of_one_kind_are_judged_together() -> None:
     """A run that is too short to tell by itself is named where its like agree."""
     trials = [replace(trial_of(steered("stick", seed)), name=f"run_{seed}") for seed in range(2 * EACH)]
-    alone = [trial.name for trial in trials if find_feedback([trial], LOGGED)]
-    together = [one.name for one in find_feedback(trials, LOGGED)]
+    alone = [trial.name for trial in trials if detect_feedback([trial], LOGGED)]
+    together = [one.name for one in detect_feedback(trials, LOGGED)]
     assert set(alone) < set(together)
 
 
@@ -100,4 +100,4 @@ def test_what_cannot_be_asked_is_not() -> None:
     unknown = synthetic.trial(time, np.where(time < 1.0, np.nan, np.sin(time)), np.sin(time))
     short = synthetic.trial(time[:20], np.sin(time[:20]), np.sin(time[:20]))
     still = synthetic.trial(time, np.sign(np.sin(time)), np.zeros(len(time)))
-    assert find_feedback([held, unknown, short, still], LOGGED) == []
+    assert detect_feedback([held, unknown, short, still], LOGGED) == []

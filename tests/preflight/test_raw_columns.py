@@ -5,24 +5,24 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rovid.preflight.raw_columns import Guess, Seen, held_mean, rates
+from rovid.preflight.raw_columns import RawColumn, SignalGuess, held_mean, mean_rates
 
-HEADING = Guess(source="heading", unit="deg", why="")
+HEADING = SignalGuess(source="heading", unit="deg", reason="")
 
 
 def test_rates_go_on_over_a_whole_turn_and_over_a_stamp_of_long_ago() -> None:
     time = np.arange(0.0, 60.0, 0.1)
     values = (20.0 * time) % 360.0
     stamps = np.where(np.arange(len(time)) == 300, -1e9, time)
-    _, rate = rates(HEADING, Seen(source="heading", time=stamps, values=values))
+    _, rate = mean_rates(HEADING, RawColumn(source="heading", time=stamps, values=values))
     assert rate == pytest.approx(np.radians(20.0), rel=1e-6)
 
 
 def test_few_readings_tell_no_rate() -> None:
     time = np.arange(10.0)
-    assert rates(HEADING, Seen(source="heading", time=time, values=time))[1].size == 0
+    assert mean_rates(HEADING, RawColumn(source="heading", time=time, values=time))[1].size == 0
 
 
 def test_means_are_of_what_was_held() -> None:
-    seen = Seen(source="u", time=np.array([0.0, 1.0, 3.0]), values=np.array([2.0, 4.0, 0.0]))
+    seen = RawColumn(source="u", time=np.array([0.0, 1.0, 3.0]), values=np.array([2.0, 4.0, 0.0]))
     assert held_mean(seen, np.array([0.0, 2.0, 4.0])) == pytest.approx([3.0, 2.0])

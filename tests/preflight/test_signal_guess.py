@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from rovid.core.array_types import FloatArray
-from rovid.preflight.raw_columns import Seen
-from rovid.preflight.signal_guess import guess
+from rovid.preflight.raw_columns import RawColumn
+from rovid.preflight.signal_guess import map_columns
 
 TIME = np.arange(0.0, 400.0, 0.1)
 # Held for 20 s each, in no order.
@@ -24,20 +24,20 @@ def turned(command: FloatArray) -> FloatArray:
     return np.asarray(heading) % 360.0
 
 
-def log(**columns: FloatArray) -> dict[str, Seen]:
-    return {name: Seen(source=name, time=TIME, values=values) for name, values in columns.items()}
+def log(**columns: FloatArray) -> dict[str, RawColumn]:
+    return {name: RawColumn(source=name, time=TIME, values=values) for name, values in columns.items()}
 
 
 @pytest.mark.parametrize("way", [1, -1])
 def test_the_way_that_a_command_turns_the_vehicle_is_read_off_its_motion(way: int) -> None:
     idle = np.random.default_rng(4).choice([-1.0, 1.0], len(TIME))
-    found = guess([log(heading=turned(way * COMMAND), fore_cmd=COMMAND, aft_cmd=idle)])
-    assert {command.name: command.way for command in found.commands} == {"fore": way, "aft": 0}
-    assert not found.lacking
+    found = map_columns([log(heading=turned(way * COMMAND), fore_cmd=COMMAND, aft_cmd=idle)])
+    assert {command.name: command.direction for command in found.commands} == {"fore": way, "aft": 0}
+    assert not found.missing
 
 
 def test_a_heading_without_a_name_is_known_by_its_jumps() -> None:
-    found = guess([log(channel_7=turned(COMMAND), channel_8=np.sin(TIME), fore_cmd=COMMAND)])
+    found = map_columns([log(channel_7=turned(COMMAND), channel_8=np.sin(TIME), fore_cmd=COMMAND)])
     assert found.signals["heading"].source == "channel_7"
     assert found.signals["heading"].unit == "deg"
 
@@ -45,35 +45,37 @@ def test_a_heading_without_a_name_is_known_by_its_jumps() -> None:
 def test_a_gyro_tells_its_unit_and_sense_beside_the_heading() -> None:
     heading = turned(COMMAND)
     rate = np.gradient(np.unwrap(np.radians(heading)), TIME)
-    found = guess([log(heading=heading, yaw_rate=-rate, fore_cmd=COMMAND)])
+    found = map_columns([log(heading=heading, yaw_rate=-rate, fore_cmd=COMMAND)])
     gyro = found.signals["yaw_rate"]
     assert (gyro.unit, gyro.sign) == ("rad/s", -1)
-    found = guess([log(heading=heading, yaw_rate=np.degrees(rate), fore_cmd=COMMAND)])
+    found = map_columns([log(heading=heading, yaw_rate=np.degrees(rate), fore_cmd=COMMAND)])
     gyro = found.signals["yaw_rate"]
     assert (gyro.unit, gyro.sign) == ("deg/s", 1)
 
 
 def test_the_voltage_of_the_supply_is_no_command() -> None:
     supply = 24.0 - 0.1 * np.abs(COMMAND)
-    found = guess([log(heading=turned(COMMAND), fore_cmd=COMMAND, battery_volts=supply)])
+    found = map_columns([log(heading=turned(COMMAND), fore_cmd=COMMAND, battery_volts=supply)])
     assert found.signals["supply_voltage"].source == "battery_volts"
     assert [command.source for command in found.commands] == ["fore_cmd"]
 
 
 def test_pulses_have_their_rest_in_the_middle() -> None:
-    found = guess([log(heading=turned(COMMAND), fore_pwm=1500.0 + 100.0 * COMMAND)])
+    found = map_columns([log(heading=turned(COMMAND), fore_pwm=1500.0 + 100.0 * COMMAND)])
     assert found.commands[0].neutral == 1500.0
 
 
 def test_no_two_thrusters_get_one_name() -> None:
     # The third would be called as the second is.
-    found = guess([log(heading=turned(COMMAND), a_cmd=COMMAND, a_3_cmd=COMMAND**2, a_volts=np.roll(COMMAND, 300))])
+    found = map_columns(
+        [log(heading=turned(COMMAND), a_cmd=COMMAND, a_3_cmd=COMMAND**2, a_volts=np.roll(COMMAND, 300))]
+    )
     assert [command.name for command in found.commands] == ["a", "a_3", "a_4"]
 
 
 def test_what_is_lacking_is_said() -> None:
-    found = guess([log(depth=np.sin(TIME))])
-    assert found.lacking == ("heading", "command")
+    found = map_columns([log(depth=np.sin(TIME))])
+    assert found.missing == ("heading", "command")
 
 
 @pytest.mark.parametrize(
@@ -88,19 +90,21 @@ def test_what_is_lacking_is_said() -> None:
 def test_headings_and_their_rates_are_known_in_other_languages(heading: str, rate: str) -> None:
     angle = turned(COMMAND)
     turning = np.degrees(np.gradient(np.unwrap(np.radians(angle)), TIME))
-    found = guess([log(**{rate: turning, heading: angle, "T1": COMMAND})])
+    found = map_columns([log(**{rate: turning, heading: angle, "T1": COMMAND})])
     assert found.signals["heading"].source == heading
     assert (found.signals["yaw_rate"].source, found.signals["yaw_rate"].unit) == (rate, "deg/s")
     assert [command.source for command in found.commands] == ["T1"]
 
 
 def test_a_torque_is_known_by_its_symbol_and_before_a_hand_at_the_stick() -> None:
-    found = guess([log(heading=turned(COMMAND), N=COMMAND, joystick_x=COMMAND)])
+    found = map_columns([log(heading=turned(COMMAND), N=COMMAND, joystick_x=COMMAND)])
     assert found.signals["torque"].source == "N"
     assert not found.commands
 
 
 def test_beside_a_torque_a_voltage_is_that_of_the_supply() -> None:
-    found = guess([log(heading=turned(COMMAND), **{"thr.yaw_torque_Nm": COMMAND, "sys.tension_V": COMMAND - 0.5})])
+    found = map_columns(
+        [log(heading=turned(COMMAND), **{"thr.yaw_torque_Nm": COMMAND, "sys.tension_V": COMMAND - 0.5})]
+    )
     assert found.signals["torque"].source == "thr.yaw_torque_Nm"
     assert not found.commands

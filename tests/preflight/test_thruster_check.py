@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rovid.preflight.thruster_check import pushes
+from rovid.preflight.thruster_check import check_thrusters
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
 from tests.conftest import SAMPLES, Rovid
@@ -33,17 +33,17 @@ def vehicle(*arms: float) -> Vehicle:
 
 
 def test_thrusters_that_are_right_are_left_alone() -> None:
-    found = pushes([trial((0.4, -0.4, 0.3))], vehicle(0.4, -0.4, 0.3))
-    assert [push.sense.way for push in found] == [1, 1, 1]
-    assert not [push for push in found if push.turned_round or push.idle]
-    assert sum(push.sense.share for push in found) == pytest.approx(1.0, abs=0.3)
+    found = check_thrusters([trial((0.4, -0.4, 0.3))], vehicle(0.4, -0.4, 0.3))
+    assert [push.observed.direction for push in found] == [1, 1, 1]
+    assert not [push for push in found if push.is_reversed or push.is_ineffective]
+    assert sum(push.observed.explained_share for push in found) == pytest.approx(1.0, abs=0.3)
     assert all(abs(push.strength - 1.0) < 0.15 for push in found)
 
 
 def test_one_that_is_turned_round_and_one_that_does_nothing_are_told() -> None:
-    found = pushes([trial((0.4, -0.4, 0.0))], vehicle(0.4, 0.4, 0.4))
-    assert [push.turned_round for push in found] == [False, True, False]
-    assert [push.idle for push in found] == [False, False, True]
+    found = check_thrusters([trial((0.4, -0.4, 0.0))], vehicle(0.4, 0.4, 0.4))
+    assert [push.is_reversed for push in found] == [False, True, False]
+    assert [push.is_ineffective for push in found] == [False, False, True]
 
 
 def test_check_says_so(tmp_path: Path, rovid: Rovid) -> None:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from rovid.core.array_types import FloatArray
-from rovid.preflight.raw_columns import Guess, Seen
-from rovid.preflight.thruster_guess import Thrusting, Wanted, senses, thrusting
-from rovid.trial.vehicle_presets import profile
+from rovid.preflight.raw_columns import RawColumn, SignalGuess
+from rovid.preflight.thruster_guess import GuessHints, ThrusterCommand, command_effects, guess_thrusters
+from rovid.trial.vehicle_presets import load_preset
 
 TIME = np.arange(0.0, 60.0, 0.1)
 RNG = np.random.default_rng(5)
@@ -18,13 +18,13 @@ def held(low: float = -1.0, high: float = 1.0) -> FloatArray:
     return np.repeat(RNG.uniform(low, high, 20), 30)
 
 
-def commands(wanted: Wanted | None = None, **columns: FloatArray) -> dict[str, Thrusting]:
+def commands(wanted: GuessHints | None = None, **columns: FloatArray) -> dict[str, ThrusterCommand]:
     return of({name.replace("__", "."): values for name, values in columns.items()}, wanted)
 
 
-def of(columns: dict[str, FloatArray], wanted: Wanted | None = None) -> dict[str, Thrusting]:
-    log = {name: Seen(source=name, time=TIME, values=values) for name, values in columns.items()}
-    found = thrusting({name: [seen] for name, seen in log.items()}, [log], None, wanted or Wanted())
+def of(columns: dict[str, FloatArray], wanted: GuessHints | None = None) -> dict[str, ThrusterCommand]:
+    log = {name: RawColumn(source=name, time=TIME, values=values) for name, values in columns.items()}
+    found = guess_thrusters({name: [seen] for name, seen in log.items()}, [log], None, wanted or GuessHints())
     return {one.source: one for one in found}
 
 
@@ -55,7 +55,7 @@ def test_usual_names_are_known(names: tuple[str, str]) -> None:
     assert set(of({**other, names[0]: held(), names[1]: held()})) == set(names)
 
 
-def steered(seed: int, *, hand: bool) -> dict[str, Seen]:
+def steered(seed: int, *, hand: bool) -> dict[str, RawColumn]:
     """A slow vehicle that an autopilot holds by a noisy compass, against eddies; or one that a ``hand`` steers."""
     rng = np.random.default_rng(seed)
     time = np.arange(0.0, 240.0, 0.1)
@@ -71,29 +71,29 @@ def steered(seed: int, *, hand: bool) -> dict[str, Seen]:
             rate += 0.025 * (0.075 * thrust + eddy - 0.58 * abs(rate) * rate - 0.075 * rate)
             place += 0.025 * rate
     return {
-        "heading_deg": Seen(source="heading_deg", time=time, values=np.degrees(heading)),
-        "yaw_cmd": Seen(source="yaw_cmd", time=time, values=command),
+        "heading_deg": RawColumn(source="heading_deg", time=time, values=np.degrees(heading)),
+        "yaw_cmd": RawColumn(source="yaw_cmd", time=time, values=command),
     }
 
 
 @pytest.mark.parametrize("hand", [True, False])
 def test_who_steers_does_not_turn_a_sense_round(hand: bool) -> None:
-    heading = Guess(source="heading_deg", why="", unit="deg")
-    found = [senses({"yaw_cmd": 0.0}, [steered(seed, hand=hand)], heading)["yaw_cmd"] for seed in range(6)]
-    ways = [one.way for one in found]
+    heading = SignalGuess(source="heading_deg", reason="", unit="deg")
+    found = [command_effects({"yaw_cmd": 0.0}, [steered(seed, hand=hand)], heading)["yaw_cmd"] for seed in range(6)]
+    ways = [one.direction for one in found]
     assert ways.count(-1) <= (0 if hand else 2), found
     assert ways.count(1) >= 5 * hand
 
 
 def test_what_tells_of_the_turning_is_shared_out() -> None:
     logs = [steered(1, hand=True)]
-    heading = Guess(source="heading_deg", why="", unit="deg")
-    idle = Seen(source="idle", time=logs[0]["yaw_cmd"].time, values=np.repeat(RNG.uniform(-1.0, 1.0, 40), 60))
-    found = senses({"yaw_cmd": 0.0, "idle": 0.0}, [logs[0] | {"idle": idle}], heading)
-    assert found["yaw_cmd"].way == 1
-    assert found["idle"].way == 0
-    assert found["yaw_cmd"].share > 10.0 * abs(found["idle"].share)
-    assert "standard errors" in found["yaw_cmd"].words
+    heading = SignalGuess(source="heading_deg", reason="", unit="deg")
+    idle = RawColumn(source="idle", time=logs[0]["yaw_cmd"].time, values=np.repeat(RNG.uniform(-1.0, 1.0, 40), 60))
+    found = command_effects({"yaw_cmd": 0.0, "idle": 0.0}, [logs[0] | {"idle": idle}], heading)
+    assert found["yaw_cmd"].direction == 1
+    assert found["idle"].direction == 0
+    assert found["yaw_cmd"].explained_share > 10.0 * abs(found["idle"].explained_share)
+    assert "standard errors" in found["yaw_cmd"].text
 
 
 def test_lights_and_what_never_rests_are_no_thrusters() -> None:
@@ -106,19 +106,23 @@ def test_the_autopilots_own_torque_tells_who_takes_part() -> None:
     one, two, depth = held(-100.0, 100.0), held(-100.0, 100.0), held(-100.0, 100.0)
     outputs = {"RCOU.C1": 1500.0 - one + two, "RCOU.C2": 1500.0 + one + two, "RCOU.C5": 1500.0 + depth}
     found = of({**outputs, "RATE.YOut": one / 400.0})
-    assert {source: command.way for source, command in found.items()} == {"RCOU.C1": -1, "RCOU.C2": 1, "RCOU.C5": 0}
+    assert {source: command.direction for source, command in found.items()} == {
+        "RCOU.C1": -1,
+        "RCOU.C2": 1,
+        "RCOU.C5": 0,
+    }
 
 
 def test_a_type_of_vehicle_tells_sense_and_arm() -> None:
-    found = commands(Wanted(profile=profile("heron")), port_cmd=held(), stbd_cmd=held())
-    assert {source: command.way * command.arm for source, command in found.items()} == {
+    found = commands(GuessHints(profile=load_preset("heron")), port_cmd=held(), stbd_cmd=held())
+    assert {source: command.direction * command.arm for source, command in found.items()} == {
         "port_cmd": 0.378,
         "stbd_cmd": -0.378,
     }
 
 
 def test_what_was_named_is_taken() -> None:
-    assert set(commands(Wanted(commands=("a", "b")), a=held(), b=held(), port_cmd=held())) == {"a", "b"}
+    assert set(commands(GuessHints(commands=("a", "b")), a=held(), b=held(), port_cmd=held())) == {"a", "b"}
 
 
 def test_a_demand_of_motion_stands_back_behind_thrusters() -> None:

@@ -9,17 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rovid.control.design import Control
+from rovid.control.design import ControllerDesign
 from rovid.core.array_types import FloatArray
 from rovid.effects import Effect, effect_named
 from rovid.estimate.inertia import fit_inertia
 from rovid.estimate.steady_drag import fit_drag
 from rovid.estimate.steady_points import steady_points
-from rovid.model.simulation import TrialSimulation, compare, simulate_runs
+from rovid.model.simulation import TrialSimulation, fit_measures, simulate_runs
 from rovid.present.page import build, render
-from rovid.present.page.figures import Album, make_album
-from rovid.present.page.nested_simulations import Stage
-from rovid.present.page.report_data import Evidence
+from rovid.present.page.figures import ReportFigures, draw_figures
+from rovid.present.page.nested_simulations import NestedSimulation
+from rovid.present.page.report_data import ReportData
 from rovid.signals.preprocessing import prepare
 from rovid.store.parameter_file import Entry, Parameters
 from rovid.store.study import Study, open_study
@@ -108,7 +108,7 @@ def make_vehicle(name: str = "Test vehicle") -> Vehicle:
     return Vehicle(name=name, thrusters=thrusters, mass=100.0, length=1.2, width=0.8)
 
 
-def make_evidence(folder: Path, names: dict[str, str] | None = None, vehicle: Vehicle | None = None) -> Evidence:
+def make_evidence(folder: Path, names: dict[str, str] | None = None, vehicle: Vehicle | None = None) -> ReportData:
     """The whole day; ``names`` from a log of the programme to the name that it gets, and no other logs then."""
     vehicle = vehicle or make_vehicle()
     shown = names or {name: name for name in PROGRAMME}
@@ -116,13 +116,13 @@ def make_evidence(folder: Path, names: dict[str, str] | None = None, vehicle: Ve
     return identified(vehicle, Campaign(trials=trials, sources=(folder,)), folder)
 
 
-def identified(vehicle: Vehicle, campaign: Campaign, folder: Path) -> Evidence:
+def identified(vehicle: Vehicle, campaign: Campaign, folder: Path) -> ReportData:
     runs = prepare(campaign, vehicle)
     steady = fit_drag(steady_points(runs.items, vehicle))
     stored = Parameters(path=folder / "parameters.toml").with_estimate(steady.estimate)
-    inertia = fit_inertia(runs.items, drag=stored.drag(), rigid_body=vehicle.rigid_body_inertia)
+    inertia = fit_inertia(runs.items, drag=stored.independent_drag(), rigid_body=vehicle.rigid_body_inertia)
     stored = stored.with_estimate(inertia.estimate)
-    return Evidence(
+    return ReportData(
         vehicle=vehicle,
         parameters=stored,
         campaign=campaign,
@@ -135,7 +135,7 @@ def identified(vehicle: Vehicle, campaign: Campaign, folder: Path) -> Evidence:
     )
 
 
-def staged(day: Evidence) -> Evidence:
+def staged(day: ReportData) -> ReportData:
     """As if two causes had been found: without, with either, and with both, each with a smaller share of the error."""
     lag, bias = effect_named("thruster_lag"), effect_named("bias_torque")
     found: list[tuple[tuple[Effect, ...], tuple[float, ...]]] = [
@@ -147,8 +147,10 @@ def staged(day: Evidence) -> Evidence:
     plain, stages = day.parameters.model(), []
     for number, (effects, values) in enumerate(found, start=1):
         model = replace(plain, effects=effects, effect_values=values)
-        stages.append(Stage(model=model, simulations=tuple(nearer(item, number) for item in day.simulations)))
-    return replace(day, stages=tuple(stages))
+        stages.append(
+            NestedSimulation(model=model, simulations=tuple(nearer(item, number) for item in day.simulations))
+        )
+    return replace(day, nested=tuple(stages))
 
 
 def nearer(item: TrialSimulation, times: int) -> TrialSimulation:
@@ -156,7 +158,7 @@ def nearer(item: TrialSimulation, times: int) -> TrialSimulation:
     simulated = item.measured + (item.simulated - item.measured) / times
     position = item.run.trial.position + (item.position - item.run.trial.position) / times
     ahead = {horizon: None if error is None else error / times for horizon, error in item.position_errors.items()}
-    fit = compare(item.measured, simulated)
+    fit = fit_measures(item.measured, simulated)
     return replace(item, simulated=simulated, position=position, position_errors=ahead, fit=fit)
 
 
@@ -164,7 +166,7 @@ GAP = Remark(kind="gap", count=1, text="The heading is missing for 1.5 s from 12
 
 
 @pytest.fixture(scope="session")
-def day(tmp_path_factory: pytest.TempPathFactory) -> Evidence:
+def day(tmp_path_factory: pytest.TempPathFactory) -> ReportData:
     """Holds both ways, two sines and a step, identified."""
     return make_evidence(tmp_path_factory.mktemp("day"))
 
@@ -176,11 +178,11 @@ def silent(_: str) -> None:
     """What `build` is given where nobody watches."""
 
 
-def study_of(day: Evidence) -> Study:
+def study_of(day: ReportData) -> Study:
     return Study(paths=(), vehicle=day.vehicle, campaign=day.campaign, runs=day.runs)
 
 
-def designed(day: Evidence, **entries: Entry) -> Control:
+def designed(day: ReportData, **entries: Entry) -> ControllerDesign:
     stored = replace(day.parameters, entries={**day.parameters.entries, **entries})
     control, refusal = build.designed_control(study_of(day), stored, silent)
     assert control is not None, refusal
@@ -188,12 +190,12 @@ def designed(day: Evidence, **entries: Entry) -> Control:
 
 
 @pytest.fixture(scope="module")
-def control(day: Evidence) -> Control:
+def control(day: ReportData) -> ControllerDesign:
     return designed(day)
 
 
 @pytest.fixture(scope="module")
-def pushed(day: Evidence) -> Control:
+def pushed(day: ReportData) -> ControllerDesign:
     return designed(day, **{"bias_torque.torque": BIAS})
 
 
@@ -207,13 +209,13 @@ def lagged_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def reported(lagged_folder: Path) -> tuple[Evidence, Album]:
+def reported(lagged_folder: Path) -> tuple[ReportData, ReportFigures]:
     """What `rovid report` makes of a short day with a hidden lag, its plots blank; its page is in ``lagged_folder``."""
     write_trial_day(lagged_folder / "day", seed=3, formats="csv", truth=replace(ROSUB, hidden=(LAG,)), campaign=SHORT)
-    kept: list[tuple[Evidence, Album]] = []
+    kept: list[tuple[ReportData, ReportFigures]] = []
 
-    def draw(evidence: Evidence) -> Album:
-        kept.append((evidence, make_album(evidence)))
+    def draw(evidence: ReportData) -> ReportFigures:
+        kept.append((evidence, draw_figures(evidence)))
         return kept[-1][1]
 
     said: list[str] = []
@@ -227,12 +229,12 @@ def reported(lagged_folder: Path) -> tuple[Evidence, Album]:
 
 
 @pytest.fixture(scope="session")
-def lagged(reported: tuple[Evidence, Album]) -> Evidence:
+def lagged(reported: tuple[ReportData, ReportFigures]) -> ReportData:
     """See ``reported``."""
     return reported[0]
 
 
 @pytest.fixture(scope="session")
-def lagged_album(reported: tuple[Evidence, Album]) -> Album:
+def lagged_album(reported: tuple[ReportData, ReportFigures]) -> ReportFigures:
     """See ``reported``."""
     return reported[1]

@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from rovid.core.atomic_write import Claim
-from rovid.effects import restoring_of
+from rovid.core.atomic_write import OutputSet
+from rovid.effects import restoring_effect
 from rovid.estimate.steady_drag import fit_drag
 from rovid.estimate.steady_points import SteadyPoint
 from rovid.model.parameter_names import base_names
 from rovid.present.page import build
 from rovid.present.page.render import write_report
-from rovid.present.page.report_data import Evidence
-from rovid.present.page.residual_torque import residuals_of, sizes
+from rovid.present.page.report_data import ReportData
+from rovid.present.page.residual_torque import residual_torques, rms_sizes
 from rovid.present.page.viewer_data import viewer_document
 from rovid.present.plots import inertia, residuals, simulations, sines, steady, thrust
 from rovid.store.parameter_file import Parameters
@@ -40,7 +40,7 @@ FOREIGN = {
 
 
 @pytest.fixture(scope="module", params=LOGS)
-def shown(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Evidence, str]:
+def shown(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[ReportData, str]:
     """What a short day along an axis gave, and what a reader of its page sees and hears."""
     axis, folder = AXES[request.param], tmp_path_factory.mktemp("page")
     sample, names = LOGS[axis.name]
@@ -48,9 +48,9 @@ def shown(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     logs.mkdir()
     for name in ("rovid.toml", "thrust_curve.csv", *(f"{name}.csv" for name in names)):
         shutil.copy(SAMPLES / sample / name, logs)
-    kept: list[Evidence] = []
+    kept: list[ReportData] = []
 
-    def write(target: Path, evidence: Evidence, *, claim: Claim) -> Path:
+    def write(target: Path, evidence: ReportData, *, claim: OutputSet) -> Path:
         kept.append(evidence)
         return write_report(target, evidence, claim=claim)
 
@@ -63,7 +63,7 @@ def shown(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     return kept[0], re.sub(r"\s+", " ", html.unescape(text))
 
 
-def test_the_page_speaks_of_its_axis_and_of_no_other(shown: tuple[Evidence, str]) -> None:
+def test_the_page_speaks_of_its_axis_and_of_no_other(shown: tuple[ReportData, str]) -> None:
     evidence, text = shown
     axis = evidence.axis
     assert f"{axis.name.capitalize()}, {len(evidence.simulations)} trials" in text
@@ -72,15 +72,15 @@ def test_the_page_speaks_of_its_axis_and_of_no_other(shown: tuple[Evidence, str]
     assert re.findall(FOREIGN[axis.name], text) == []
 
 
-def test_every_base_parameter_is_in_the_table(shown: tuple[Evidence, str]) -> None:
+def test_every_base_parameter_is_in_the_table(shown: tuple[ReportData, str]) -> None:
     evidence, text = shown
     assert set(evidence.parameters.entries) == set(base_names(evidence.axis))
     assert "not determined" not in text
-    assert ("restoring stiffness K" in text) == evidence.axis.rights
-    assert ("trim θ0" in text) == evidence.axis.rights
+    assert ("restoring stiffness K" in text) == evidence.axis.self_righting
+    assert ("trim θ0" in text) == evidence.axis.self_righting
 
 
-def test_the_plots_speak_of_their_axis(shown: tuple[Evidence, str]) -> None:
+def test_the_plots_speak_of_their_axis(shown: tuple[ReportData, str]) -> None:
     evidence, _ = shown
     axis = evidence.axis
     for figure in figures(evidence):
@@ -90,7 +90,7 @@ def test_the_plots_speak_of_their_axis(shown: tuple[Evidence, str]) -> None:
         assert not re.findall(FOREIGN[axis.name], " ".join([*labels, *legends, *around]))
 
 
-def test_the_viewer_speaks_of_its_axis(shown: tuple[Evidence, str]) -> None:
+def test_the_viewer_speaks_of_its_axis(shown: tuple[ReportData, str]) -> None:
     evidence, _ = shown
     axis = evidence.axis
     words = " ".join(f"{panel['title']}, {panel['unit']}" for panel in viewer_document(evidence)["panels"])
@@ -98,33 +98,37 @@ def test_the_viewer_speaks_of_its_axis(shown: tuple[Evidence, str]) -> None:
     assert re.findall(FOREIGN[axis.name], words) == []
 
 
-def figures(evidence: Evidence) -> list[Figure]:
+def figures(evidence: ReportData) -> list[Figure]:
     """Those that every axis has, and those of drag and sines where it has them."""
     assert evidence.runs is not None
     assert evidence.inertia is not None
     model = evidence.parameters.model()
-    left = residuals_of(evidence.runs.items, model, evidence.vehicle)
-    curves = thrust.thrust_curves(evidence.vehicle, evidence.runs.items)
+    left = residual_torques(evidence.runs.items, model, evidence.vehicle)
+    curves = thrust.plot_thrust_curves(evidence.vehicle, evidence.runs.items)
     assert curves is not None
     drawn = [
         curves,
-        inertia.inertia_methods(evidence.inertia, None),
-        simulations.overview([(item, item) for item in evidence.simulations]),
-        simulations.one_trial(evidence.simulations[0]),
-        residuals.residuals(left, evidence.runs.cutoff),
+        inertia.plot_inertia_methods(evidence.inertia, None),
+        simulations.plot_overview([(item, item) for item in evidence.simulations]),
+        simulations.plot_trial(evidence.simulations[0]),
+        residuals.plot_residuals(left, evidence.runs.cutoff),
     ]
     if evidence.drag is None:
-        assert evidence.axis.rights
+        assert evidence.axis.self_righting
         return drawn
-    return [*drawn, steady.steady_torque(evidence.drag), sines.sine_runs(evidence.inertia.trials, model, evidence.axis)]
+    return [
+        *drawn,
+        steady.plot_steady_states(evidence.drag),
+        sines.plot_sine_runs(evidence.inertia.trials, model, evidence.axis),
+    ]
 
 
-def test_what_brings_the_vehicle_back_is_not_left_over(shown: tuple[Evidence, str]) -> None:
+def test_what_brings_the_vehicle_back_is_not_left_over(shown: tuple[ReportData, str]) -> None:
     evidence, text = shown
-    restoring = restoring_of(evidence.axis)
+    restoring = restoring_effect(evidence.axis)
     assert ("+ DL·r +" in text) == (restoring is not None)
     assert evidence.runs is not None
-    left, torque, _ = sizes(residuals_of(evidence.runs.items, evidence.parameters.model(), evidence.vehicle))
+    left, torque, _ = rms_sizes(residual_torques(evidence.runs.items, evidence.parameters.model(), evidence.vehicle))
     # Without the restoring torque about half of the thrusters' would be left in pitch.
     assert left < 0.2 * torque
 
@@ -132,7 +136,7 @@ def test_what_brings_the_vehicle_back_is_not_left_over(shown: tuple[Evidence, st
 def test_the_curve_of_steady_states_holds_the_net_buoyancy() -> None:
     rates = np.array([-0.5, -0.4, -0.3, 0.25, 0.35, 0.45])
     points = [point(rate, 2000.0 * abs(rate) * rate + 100.0 * rate + 60.0) for rate in rates]
-    figure = steady.steady_torque(fit_drag(points, AXES["heave"]))
+    figure = steady.plot_steady_states(fit_drag(points, AXES["heave"]))
     curve = next(line for line in figure.axes[0].get_lines() if str(line.get_label()).startswith("fit"))
     assert curve.get_label() == "fit: DQ·|r|·r + DL·r + B"
     x, y = (np.asarray(values, dtype=np.float64) for values in curve.get_data())

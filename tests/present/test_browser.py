@@ -13,10 +13,10 @@ from typing import Any
 import pytest
 
 from rovid.effects import effect_named
-from rovid.present.page.figures import Album
-from rovid.present.page.nested_simulations import Stage
+from rovid.present.page.figures import ReportFigures
+from rovid.present.page.nested_simulations import NestedSimulation
 from rovid.present.page.render import render_page
-from rovid.present.page.report_data import Evidence
+from rovid.present.page.report_data import ReportData
 from tests.conftest import SAMPLES, run_rovid
 from tests.present.conftest import make_evidence, nearer, staged
 
@@ -41,9 +41,9 @@ def sample_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def plain_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Three trials, one of an evil name, with two causes to switch; no pictures."""
     folder = tmp_path_factory.mktemp("plain")
-    evidence: Evidence = make_evidence(folder, {"hold_1.csv": NASTY, "hold_2.csv": "b.csv", "sine_a.csv": "c.csv"})
+    evidence: ReportData = make_evidence(folder, {"hold_1.csv": NASTY, "hold_2.csv": "b.csv", "sine_a.csv": "c.csv"})
     page = folder / "index.html"
-    text = render_page(staged(evidence), Album(), today=date(2026, 3, 7))
+    text = render_page(staged(evidence), ReportFigures(), today=date(2026, 3, 7))
     page.write_text(text, encoding="utf-8")
     return page
 
@@ -334,12 +334,12 @@ def test_of_many_causes_one_comes_after_another(browser: Tab, tmp_path: Path) ->
     effects = tuple(map(effect_named, ids))
     plain, stages = evidence.parameters.model(), []
     for count in range(len(effects) + 1):
-        values = tuple(parameter.null for effect in effects[:count] for parameter in effect.parameters)
+        values = tuple(parameter.neutral for effect in effects[:count] for parameter in effect.parameters)
         model = replace(plain, effects=effects[:count], effect_values=values)
         items = tuple(nearer(item, count + 1) for item in evidence.simulations)
-        stages.append(Stage(model=model, simulations=items))
+        stages.append(NestedSimulation(model=model, simulations=items))
     page = tmp_path / "index.html"
-    page.write_text(render_page(replace(evidence, stages=tuple(stages)), Album(), today=date(2026, 3, 7)))
+    page.write_text(render_page(replace(evidence, nested=tuple(stages)), ReportFigures(), today=date(2026, 3, 7)))
     opened(browser, page)
     assert stage(browser) == [True] * 4
     switch = "document.querySelectorAll('#viewer-causes input')[{}].click()"
@@ -390,9 +390,9 @@ def bottom(tab: Tab, selector: str) -> float:
 @pytest.mark.parametrize(("width", "height"), [(1280, 800), (390, 844)])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_the_first_screen_tells_wrong_why_gain_and_next(
-    browser: Tab, lagged: Evidence, lagged_folder: Path, width: int, height: int, scheme: str
+    browser: Tab, lagged: ReportData, lagged_folder: Path, width: int, height: int, scheme: str
 ) -> None:
-    assert lagged.found is not None
+    assert lagged.extended is not None
     page = lagged_folder / "report" / "index.html"
     media = [{"name": "prefers-color-scheme", "value": scheme}]
     browser.call("Emulation.setEmulatedMedia", media="", features=media)

@@ -125,7 +125,7 @@ def test_no_log_is_written_over(folder: Path, rovid: Rovid) -> None:
 
 def trials(*names: str) -> list[Trial]:
     time = np.arange(3.0)
-    return [Trial.imagined(time, np.zeros((3, 1)), name=name) for name in names]
+    return [Trial.from_commands(time, np.zeros((3, 1)), name=name) for name in names]
 
 
 def test_names_stay_apart_and_inside_the_folder(tmp_path: Path) -> None:

@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image
 
-from rovid.present.page.report_data import Evidence
-from rovid.present.page.residual_torque import residuals_of
+from rovid.present.page.report_data import ReportData
+from rovid.present.page.residual_torque import residual_torques
 from rovid.present.plots import canvas, inertia, residuals, simulations, sines, steady, thrust
 from rovid.trial.axis import YAW
 from rovid.trial.vehicle import Thruster
@@ -19,24 +19,24 @@ from rovid.trial.vehicle import Thruster
 UNITS = ("N m", "rad/s", "kg m²", ", s", "Hz", "deg", ", N", "share", "command", "autocorrelation")
 
 
-def figures(day: Evidence) -> dict[str, Figure]:
+def figures(day: ReportData) -> dict[str, Figure]:
     assert day.drag is not None
     assert day.inertia is not None
     assert day.runs is not None
     model = day.parameters.model()
-    curves = thrust.thrust_curves(day.vehicle, day.runs.items)
+    curves = thrust.plot_thrust_curves(day.vehicle, day.runs.items)
     assert curves is not None
     return {
-        "steady": steady.steady_torque(day.drag),
-        "sines": sines.sine_runs(day.inertia.trials, model, YAW),
-        "inertia": inertia.inertia_methods(day.inertia, day.vehicle.rigid_body_inertia),
-        "trial": simulations.one_trial(day.simulations[0]),
-        "residuals": residuals.residuals(residuals_of(day.runs.items, model, day.vehicle), day.runs.cutoff),
+        "steady": steady.plot_steady_states(day.drag),
+        "sines": sines.plot_sine_runs(day.inertia.trials, model, YAW),
+        "inertia": inertia.plot_inertia_methods(day.inertia, day.vehicle.rigid_body_inertia),
+        "trial": simulations.plot_trial(day.simulations[0]),
+        "residuals": residuals.plot_residuals(residual_torques(day.runs.items, model, day.vehicle), day.runs.cutoff),
         "thrust": curves,
     }
 
 
-def test_every_axis_has_a_label_with_a_unit(day: Evidence) -> None:
+def test_every_axis_has_a_label_with_a_unit(day: ReportData) -> None:
     for name, figure in figures(day).items():
         for axes in figure.axes:
             shown = [label for label in (axes.get_xlabel(), axes.get_ylabel()) if label]
@@ -44,9 +44,9 @@ def test_every_axis_has_a_label_with_a_unit(day: Evidence) -> None:
             assert all(any(unit in label.replace("\n", " ") for unit in UNITS) for label in shown), (name, shown)
 
 
-def test_no_text_leaves_the_figure(day: Evidence) -> None:
+def test_no_text_leaves_the_figure(day: ReportData) -> None:
     for name, figure in figures(day).items():
-        canvas.png(figure)
+        canvas.render_png(figure)
         box = figure.get_tightbbox()
         assert box.x0 >= 0.0, name
         assert box.y0 >= 0.0, name
@@ -54,32 +54,32 @@ def test_no_text_leaves_the_figure(day: Evidence) -> None:
         assert box.y1 <= figure.get_figheight(), name
 
 
-def test_overview_holds_every_trial(day: Evidence) -> None:
-    figure = simulations.overview([(item, item) for item in day.simulations])
+def test_overview_holds_every_trial(day: ReportData) -> None:
+    figure = simulations.plot_overview([(item, item) for item in day.simulations])
     titles = [axes.get_title(loc="left") for axes in figure.axes]
     assert [title for title in titles if title] == [item.run.trial.name for item in day.simulations]
 
 
-def test_steady_plot_marks_what_was_not_fitted(day: Evidence) -> None:
+def test_steady_plot_marks_what_was_not_fitted(day: ReportData) -> None:
     assert day.drag is not None
     point = replace(day.drag.points[0], steady=False, torque=3.0)
-    figure = steady.steady_torque(replace(day.drag, unsteady=(point,)))
+    figure = steady.plot_steady_states(replace(day.drag, unsteady=(point,)))
     labels = figure.axes[0].get_legend_handles_labels()[1]
     assert "rate still changing: not fitted" in labels
     assert "steady turn, heading growing" in labels
     assert "steady turn, heading falling" in labels
 
 
-def test_band_is_left_out_where_no_error_is_known(day: Evidence) -> None:
+def test_band_is_left_out_where_no_error_is_known(day: ReportData) -> None:
     assert day.drag is not None
     estimate = replace(day.drag.estimate, covariance=np.full((2, 2), np.nan))
-    figure = steady.steady_torque(replace(day.drag, estimate=estimate))
+    figure = steady.plot_steady_states(replace(day.drag, estimate=estimate))
     assert "95 % band" not in figure.axes[0].get_legend_handles_labels()[1]
 
 
-def test_inertia_plot_marks_bias_and_rigid_body(day: Evidence) -> None:
+def test_inertia_plot_marks_bias_and_rigid_body(day: ReportData) -> None:
     assert day.inertia is not None
-    figure = inertia.inertia_methods(day.inertia, day.vehicle.rigid_body_inertia)
+    figure = inertia.plot_inertia_methods(day.inertia, day.vehicle.rigid_body_inertia)
     labels = [label.get_text() for label in figure.axes[0].get_yticklabels()]
     assert day.inertia.peak_bias is not None
     assert labels[0] == f"peak method\n(biased: {100 * day.inertia.peak_bias:.0f} % of true)"
@@ -88,30 +88,30 @@ def test_inertia_plot_marks_bias_and_rigid_body(day: Evidence) -> None:
     assert inertia.method_interval(day.inertia, "orbit_integral") == day.inertia.estimate.interval("inertia")
 
 
-def test_a_logged_torque_has_no_curve_to_show(day: Evidence) -> None:
+def test_a_logged_torque_has_no_curve_to_show(day: ReportData) -> None:
     vehicle = replace(day.vehicle, thrusters=(Thruster(name="torque", arm=1.0, curve=None),))
-    assert thrust.thrust_curves(vehicle, ()) is None
+    assert thrust.plot_thrust_curves(vehicle, ()) is None
 
 
-def test_figures_ignore_the_users_settings_and_leave_them_alone(day: Evidence) -> None:
+def test_figures_ignore_the_users_settings_and_leave_them_alone(day: ReportData) -> None:
     assert day.drag is not None
-    plain = canvas.svg(steady.steady_torque(day.drag))
+    plain = canvas.render_svg(steady.plot_steady_states(day.drag))
     with mpl.rc_context({"font.size": 30, "axes.facecolor": "black", "svg.hashsalt": "other"}):
-        assert canvas.svg(steady.steady_torque(day.drag)) == plain
+        assert canvas.render_svg(steady.plot_steady_states(day.drag)) == plain
         assert mpl.rcParams["font.size"] == 30
 
 
-def test_png_is_white_where_nothing_is_drawn_and_small(day: Evidence) -> None:
-    data = canvas.png(simulations.one_trial(day.simulations[0]))
+def test_png_is_white_where_nothing_is_drawn_and_small(day: ReportData) -> None:
+    data = canvas.render_png(simulations.plot_trial(day.simulations[0]))
     image = Image.open(io.BytesIO(data))
     assert image.convert("RGB").getpixel((1, 1)) == (255, 255, 255)
     assert image.size[0] == 1170
     assert len(data) < 60_000
 
 
-def test_svg_holds_no_date(day: Evidence) -> None:
+def test_svg_holds_no_date(day: ReportData) -> None:
     assert day.drag is not None
-    text = canvas.svg(steady.steady_torque(day.drag)).decode()
+    text = canvas.render_svg(steady.plot_steady_states(day.drag)).decode()
     assert "dc:date" not in text
     assert "</svg>" in text
 
@@ -120,7 +120,7 @@ def test_decimation_keeps_extremes_ends_and_gaps() -> None:
     values = np.random.default_rng(3).normal(size=100_003)
     values[[1234, 77_777, -1]] = 50.0, -50.0, 40.0
     values[5_000:9_000] = np.nan
-    time, kept = canvas.extremes(np.arange(100_003.0), values)
+    time, kept = canvas.decimate_min_max(np.arange(100_003.0), values)
     assert len(kept) <= 1210
     assert (np.diff(time) >= 0).all()
     assert np.nanmax(kept) == 50.0
@@ -132,10 +132,10 @@ def test_decimation_keeps_extremes_ends_and_gaps() -> None:
 
 def test_short_series_are_left_as_they_are() -> None:
     time, values = np.arange(50.0), np.arange(50.0) ** 2
-    assert canvas.extremes(time, values)[1] is values
+    assert canvas.decimate_min_max(time, values)[1] is values
 
 
 def test_long_names_keep_their_end() -> None:
-    assert canvas.shortened("short.csv", 20) == "short.csv"
-    assert canvas.shortened("2026-03-07/tank/hold_17.csv", 13) == "…/hold_17.csv"
-    assert len(canvas.shortened("x" * 300, 22)) == 22
+    assert canvas.shorten_name("short.csv", 20) == "short.csv"
+    assert canvas.shorten_name("2026-03-07/tank/hold_17.csv", 13) == "…/hold_17.csv"
+    assert len(canvas.shorten_name("x" * 300, 22)) == 22

@@ -10,8 +10,8 @@ import pytest
 from rovid.diagnose.result import Diagnosis, Finding
 from rovid.effects import effect_named
 from rovid.estimate.estimate import Estimate
-from rovid.present.verdict import cause, gained, listed, sureness, verdict
-from rovid.trial.assumptions import Guesswork
+from rovid.present.verdict import cause_name, confidence_words, improvement_sentence, join_words, verdict_sentence
+from rovid.trial.assumptions import Assumptions
 
 LAG = Finding(
     effect=effect_named("thruster_lag"),
@@ -23,28 +23,29 @@ LAG = Finding(
         samples=100,
     ),
     gain=4004.0,
-    worth=4000.0,
+    bic_gain=4000.0,
     held_out_gain=4500.0,
-    confidence=0.97,
-    rivals=(),
-    undecided=(),
+    probability=0.97,
+    alternatives=(),
+    indistinguishable=(),
 )
 DELAY = effect_named("command_delay")
 
 
 def test_causes_are_named_in_one_sentence() -> None:
     found = Diagnosis(verdict="found", findings=(LAG, replace(LAG, effect=DELAY)))
-    assert verdict(found, Guesswork()) == "The plain model misses thruster lag and command delay."
-    suspected = Diagnosis(verdict="suspected", suspects=(replace(LAG, undecided=(DELAY,)),))
-    assert verdict(suspected, Guesswork()) == "The plain model may miss thruster lag or command delay."
-    guess = Guesswork(items=("curve of fore",), thrusters=1)
-    assert verdict(found, guess).startswith("The plain model, with a guessed thrust curve, misses")
-    assert cause(LAG) == "thruster lag"
+    assert verdict_sentence(found, Assumptions()) == "The plain model misses thruster lag and command delay."
+    suspected = Diagnosis(verdict="suspected", suspects=(replace(LAG, indistinguishable=(DELAY,)),))
+    assert verdict_sentence(suspected, Assumptions()) == "The plain model may miss thruster lag or command delay."
+    guess = Assumptions(items=("curve of fore",), thrusters=1)
+    assert verdict_sentence(found, guess).startswith("The plain model, with a guessed thrust curve, misses")
+    assert cause_name(LAG) == "thruster lag"
 
 
 def test_where_no_cause_is_named_that_is_said() -> None:
     said = {
-        verdict(Diagnosis(verdict=each), Guesswork()) for each in ("nothing_found", "unexplained", "too_little_data")
+        verdict_sentence(Diagnosis(verdict=each), Assumptions())
+        for each in ("nothing_found", "unexplained", "too_little_data")
     }
     assert len(said) == 3
 
@@ -58,18 +59,23 @@ def test_where_no_cause_is_named_that_is_said() -> None:
     ],
 )
 def test_sureness_is_a_word_and_odds(sure: float, words: str) -> None:
-    assert sureness(replace(LAG, confidence=sure)) == words
+    assert confidence_words(replace(LAG, probability=sure)) == words
 
 
 def test_what_is_gained_is_a_share_of_each_error() -> None:
     assert (
-        gained({"heading error": (40.0, 4.0), "yaw rate error": (0.02, 0.01)})
+        improvement_sentence({"heading error": (40.0, 4.0), "yaw rate error": (0.02, 0.01)})
         == "90 % of the heading error and 50 % of the yaw rate error gone, on data that the fit never saw."
     )
-    grown = gained({"heading error": (4.0, 5.0), "yaw rate error": (0.02, 0.01)})
+    grown = improvement_sentence({"heading error": (4.0, 5.0), "yaw rate error": (0.02, 0.01)})
     assert grown.startswith("50 % of the yaw rate error gone, the heading error 25 % larger")
 
 
 def test_lists_end_in_a_word() -> None:
-    assert [listed(texts) for texts in ([], ["a"], ["a", "b"], ["a", "b", "c"])] == ["", "a", "a and b", "a, b and c"]
-    assert listed(["a", "b"], "or") == "a or b"
+    assert [join_words(texts) for texts in ([], ["a"], ["a", "b"], ["a", "b", "c"])] == [
+        "",
+        "a",
+        "a and b",
+        "a, b and c",
+    ]
+    assert join_words(["a", "b"], "or") == "a or b"

@@ -37,7 +37,7 @@ def _read(there: Connection, path: Path, what: str) -> None:
     try:
         if what == "init":
             surveyed = survey([path])
-            found = " ".join([*surveyed.lacking, *(f"no {what}" for what in surveyed.open)])
+            found = " ".join([*surveyed.warnings, *(f"no {what}" for what in surveyed.unrecognised)])
         else:
             trial = read_log(path, load_config(path.with_name("rovid.toml")))
             found = f"{len(trial.time)} samples"

@@ -66,7 +66,7 @@ def test_every_number_is_pymavlinks() -> None:
     reader.data_map.close()
     reader.filehandle.close()
     with DIVE.open("rb") as file:
-        ours = bin_reader.Log(DIVE, file.read(), set(messages))
+        ours = bin_reader.DataFlashLog(DIVE, file.read(), set(messages))
     for name, theirs in messages.items():
         columns = ours.columns(name)
         for label in columns:

@@ -69,7 +69,7 @@ def assert_same(first: Trial, second: Trial) -> None:
         assert (one is None) == (other is None), name
         if one is not None:
             np.testing.assert_allclose(other, one, rtol=1e-12, atol=1e-13)
-    assert first.integrated == second.integrated
+    assert first.rate_only == second.rate_only
     assert set(first.extras) == set(second.extras)
     for name in first.extras:
         np.testing.assert_allclose(second.extras[name], first.extras[name], rtol=1e-12, atol=1e-13)

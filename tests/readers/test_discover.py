@@ -165,8 +165,8 @@ def test_when_each_trial_began_where_every_log_tells(tmp_path: Path, config: Con
         moments = [f"{begun + round(1000 * t)}Z" for t in time]
         (tmp_path / name).write_text(csv_text(standard(time_s=moments, heading_deg=heading % 360.0)))
     second, first = read_campaign([tmp_path], config).trials
-    assert (first.since, second.since) == pytest.approx((0.0, 7200.0))
-    assert second.part(slice(100, None), "part").since == pytest.approx(7200.0 + second.time[100])
+    assert (first.campaign_time, second.campaign_time) == pytest.approx((0.0, 7200.0))
+    assert second.part(slice(100, None), "part").campaign_time == pytest.approx(7200.0 + second.time[100])
 
 
 def test_where_no_log_tells_they_follow_each_other_by_name(tmp_path: Path, config: Config) -> None:
@@ -174,4 +174,4 @@ def test_where_no_log_tells_they_follow_each_other_by_name(tmp_path: Path, confi
         (tmp_path / f"run_{number}.csv").write_text(log(number, rate=3.0 + number))
     trials = read_campaign([tmp_path], config).trials
     lengths = [trial.duration for trial in trials]
-    assert [trial.since for trial in trials] == pytest.approx([0.0, lengths[0], lengths[0] + lengths[1]])
+    assert [trial.campaign_time for trial in trials] == pytest.approx([0.0, lengths[0], lengths[0] + lengths[1]])

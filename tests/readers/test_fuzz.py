@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from rovid.core.errors import RovidError
-from rovid.preflight.config_writer import toml_of
+from rovid.preflight.config_writer import config_text
 from rovid.preflight.log_survey import survey
 from rovid.readers import read_campaign, read_log
 from rovid.trial.config import Config
@@ -65,7 +65,7 @@ def survive(path: Path, data: bytes, config: Config) -> None:
         assert np.isfinite(trial.commands).all()
         assert trial.measured.sum() >= 10
     with contextlib.suppress(RovidError):
-        toml_of(survey([path]))
+        config_text(survey([path]))
 
 
 Edits = list[tuple[str, float, bytes]]

@@ -88,7 +88,7 @@ def test_small_bombs_are_one_large_one(config: Config, tmp_path: Path) -> None:
     bomb = chunk_head("zstd", len(packed), 60_000_009) + packed
     path = in_front(tmp_path / "dive.mcap", bomb * 1000)
     with pytest.raises(LogError, match="a chunk claims a size out of proportion"):
-        mcap_reader.read(path, config.of("mcap"))
+        mcap_reader.read(path, config.for_format("mcap"))
 
 
 def test_a_frame_that_wants_too_much_memory_to_be_unpacked(tmp_path: Path) -> None:

@@ -105,7 +105,7 @@ def pairs() -> Iterator[Shape]:
 
 @pytest.fixture(scope="module")
 def config(tmp_path_factory: pytest.TempPathFactory) -> Config:
-    return campaign(tmp_path_factory.mktemp("shapes")).of("mcap")
+    return campaign(tmp_path_factory.mktemp("shapes")).for_format("mcap")
 
 
 def read_bytes(data: bytes, config: Config) -> RawLog:

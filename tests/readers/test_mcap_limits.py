@@ -71,7 +71,7 @@ def test_a_message_that_is_too_large_does_not_keep_init_from_the_others(tmp_path
 def test_a_schema_or_channel_that_is_too_large(opcode: int, config: Config, tmp_path: Path) -> None:
     path = in_front(tmp_path / "dive.mcap", record(opcode, bytes(5_000_000)))
     with pytest.raises(LogError, match=r"a schema or channel is larger than 4\.2 MB"):
-        mcap_reader.read(path, config.of("mcap"))
+        mcap_reader.read(path, config.for_format("mcap"))
 
 
 def test_schemas_that_are_too_large_together(config: Config, tmp_path: Path) -> None:
@@ -80,7 +80,7 @@ def test_schemas_that_are_too_large_together(config: Config, tmp_path: Path) -> 
 
     path = in_front(tmp_path / "dive.mcap", b"".join(map(schema, range(1, 20))))
     with pytest.raises(LogError, match="its schemas and channels are larger than 67 MB"):
-        mcap_reader.read(path, config.of("mcap"))
+        mcap_reader.read(path, config.for_format("mcap"))
 
 
 @pytest.mark.parametrize("length", [2**62, 2**63 - 1, 2**63, 2**64 - 1])

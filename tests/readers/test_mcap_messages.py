@@ -65,5 +65,5 @@ def test_deep_and_recursive_messages(name: str, config: Config, tmp_path: Path) 
     with path.open("wb") as file:
         one_message(file, encoding, schema, payload)
     with pytest.raises(LogError, match=words) as caught:
-        mcap_reader.read(path, config.of("mcap"))
+        mcap_reader.read(path, config.for_format("mcap"))
     assert len(str(caught.value)) < 1000

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from rovid.core.escaping import words
-from rovid.readers.mcap_writer import Topic, mcap_bytes
+from rovid.core.escaping import field_names
+from rovid.readers.mcap_writer import OutputTopic, mcap_bytes
 from tests.hostile import NAMES
 
 
 def test_a_recording_keeps_the_commands_of_thrusters_with_names_alike() -> None:
-    fields = dict(zip(words(NAMES), np.ones((len(NAMES), 3)), strict=True))
+    fields = dict(zip(field_names(NAMES), np.ones((len(NAMES), 3)), strict=True))
     assert len(fields) == len(NAMES)
-    assert mcap_bytes([Topic(name="/commands", time=np.arange(3.0), fields=fields, units=dict.fromkeys(fields, ""))])
+    assert mcap_bytes(
+        [OutputTopic(name="/commands", time=np.arange(3.0), fields=fields, units=dict.fromkeys(fields, ""))]
+    )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rovid.readers.name_tokens import words
+from rovid.readers.name_tokens import name_words
 
 
 @pytest.mark.parametrize(
@@ -19,4 +19,4 @@ from rovid.readers.name_tokens import words
     ],
 )
 def test_words_end_where_a_reader_sees_them_end(source: str, found: set[str]) -> None:
-    assert words(source) == found
+    assert name_words(source) == found

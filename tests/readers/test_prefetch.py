@@ -14,8 +14,8 @@ from rovid.core.errors import LogError
 from rovid.readers import discover as module
 from rovid.readers import prefetch as ahead_module
 from rovid.readers import read_campaign
-from rovid.readers.discover import trials_of
-from rovid.readers.prefetch import ReadingAhead
+from rovid.readers.discover import read_trials
+from rovid.readers.prefetch import PrefetchedReader
 from rovid.trial.axis import YAW, Axis
 from rovid.trial.config import Config, find_config, load_config
 from rovid.trial.trial import Campaign, Remark, Trial
@@ -50,11 +50,11 @@ def read(day: Path, *, ahead: bool) -> tuple[Campaign, list[Path]]:
 
     def noted(path: Path, config: Config, name: str, remarks: list[Remark]) -> list[Trial]:
         here.append(path)
-        return trials_of(path, config, name, remarks)
+        return read_trials(path, config, name, remarks)
 
     config = load_config(find_config([day]), YAW)
     asked, meanwhile = lambda: ([day], YAW), lambda: done.append(None)
-    with pytest.MonkeyPatch.context() as patched, ReadingAhead(asked, meanwhile) as reading:
+    with pytest.MonkeyPatch.context() as patched, PrefetchedReader(asked, meanwhile) as reading:
         for each in (module, ahead_module):
             patched.setattr(each, "trials_of", noted)
         campaign = read_campaign([day], config, reading=reading if ahead else None)
@@ -64,7 +64,7 @@ def read(day: Path, *, ahead: bool) -> tuple[Campaign, list[Path]]:
 
 def test_where_the_copy_was_stopped_nothing_is_done_meanwhile(day: Path) -> None:
     config = load_config(find_config([day]), YAW)
-    with ReadingAhead(lambda: ([day], YAW), lambda: pytest.fail("there is no copy to wait for")) as reading:
+    with PrefetchedReader(lambda: ([day], YAW), lambda: pytest.fail("there is no copy to wait for")) as reading:
         reading.stop()
         assert len(read_campaign([day], config, reading=reading).trials) == 8
 
@@ -98,5 +98,5 @@ def test_where_the_copy_ends_all_is_read_here(day: Path) -> None:
         os._exit(1)
 
     config = load_config(find_config([day]), YAW)
-    with ReadingAhead(asks, lambda: None) as reading:
+    with PrefetchedReader(asks, lambda: None) as reading:
         assert len(read_campaign([day], config, reading=reading).trials) == 8

@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 
 from rovid.core.errors import ConfigError, LogError
-from rovid.readers.raw_log import foreign, library, mapped, require_room, sensible, time_signal, typical
+from rovid.readers.raw_log import (
+    foreign,
+    is_plausible,
+    mapped,
+    require_library,
+    require_room,
+    subsampled_median,
+    time_signal,
+)
 from rovid.trial.config import Config
 
 
@@ -26,7 +34,7 @@ def test_the_time_has_to_be_named_for_tables(config: Config) -> None:
 
 def test_a_package_that_is_not_there_is_named_with_its_extra() -> None:
     with pytest.raises(LogError, match=r"needs the package no_such_package.*rovid\[logs\]"):
-        library("no_such_package.inside", "logs", Path("a.bag"))
+        require_library("no_such_package.inside", "logs", Path("a.bag"))
 
 
 def test_a_table_beyond_the_room_of_a_log_is_refused_before_it_is_unpacked() -> None:
@@ -43,11 +51,11 @@ def test_a_foreign_file_is_told_from_an_empty_one(tmp_path: Path) -> None:
 
 
 def test_what_no_sensor_measures_is_not_sensible() -> None:
-    assert sensible(np.array([0.0, -1e9, np.nan, np.inf, 1e16])).tolist() == [True, True, False, False, False]
+    assert is_plausible(np.array([0.0, -1e9, np.nan, np.inf, 1e16])).tolist() == [True, True, False, False, False]
 
 
 def test_the_typical_value_is_near_the_median_of_many() -> None:
     values = np.random.default_rng(1).normal(5.0, 1.0, 1_000_000)
     # Of 10 000 the median is known to 0.0125 standard deviations.
-    assert typical(values) == pytest.approx(np.median(values), abs=0.06)
-    assert np.isnan(typical(np.empty(0)))
+    assert subsampled_median(values) == pytest.approx(np.median(values), abs=0.06)
+    assert np.isnan(subsampled_median(np.empty(0)))

@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from rovid.core.errors import LogError
 from rovid.readers import read_log
-from rovid.readers.tlog_reader import Log
+from rovid.readers.tlog_reader import TelemetryLog
 from rovid.trial.trial import Trial
 from tests.readers.logs import campaign, kinds, toml
 from tests.readers.recordings import HEADING, TIME, Sent, attitude_sent, servos_sent, tlog
@@ -40,7 +40,7 @@ def test_every_number_is_pymavlinks(tmp_path: Path) -> None:
     )
     text = mavlink.MAVLink_statustext_message(6, b"hello")
     (tmp_path / "a.tlog").write_bytes(tlog([*ROWS, (1.0, 1, battery), (1.0, 1, text)]))
-    log = Log(tmp_path / "a.tlog", {"BATTERY_STATUS", "STATUSTEXT"})
+    log = TelemetryLog(tmp_path / "a.tlog", {"BATTERY_STATUS", "STATUSTEXT"})
     columns = log.columns("BATTERY_STATUS")
     for field, value in battery.to_dict().items():
         if isinstance(value, list):

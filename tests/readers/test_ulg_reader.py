@@ -31,7 +31,7 @@ def test_a_first_stamp_beyond_every_clock_does_no_harm(tmp_path: Path) -> None:
     rows = [("actuator_motors", (last, 1.0, 2.0)), attitude(last, 0.0), *ROWS]
     trial = read(tmp_path, data=ulog(rows))
     assert len(trial.time) >= len(TIME)
-    assert survey([tmp_path / "a.ulg"]).open == ("command",)
+    assert survey([tmp_path / "a.ulg"]).unrecognised == ("command",)
 
 
 def test_attitude_needs_no_signals(tmp_path: Path) -> None:

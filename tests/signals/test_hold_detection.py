@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from rovid.signals.hold_detection import constant_runs
+from rovid.signals.hold_detection import find_constant_runs
 
 
 def test_a_run_ends_where_one_column_leaves_its_tolerance() -> None:
     values = np.array([[0.0, 5.0], [0.1, 5.0], [0.1, 6.0], [0.2, 6.0], [0.3, 6.0]])
-    assert constant_runs(values, np.array([0.15, 0.5])).tolist() == [0.0, 2.0, 4.0]
+    assert find_constant_runs(values, np.array([0.15, 0.5])).tolist() == [0.0, 2.0, 4.0]
 
 
 def test_a_slow_ramp_is_no_single_run() -> None:
     ramp = np.linspace(0.0, 1.0, 101)[:, None]
-    starts = constant_runs(ramp, np.array([0.1])).astype(int)
+    starts = find_constant_runs(ramp, np.array([0.1])).astype(int)
     assert len(starts) > 8
     for first, stop in zip(starts, [*starts[1:], len(ramp)], strict=True):
         assert np.ptp(ramp[first:stop]) <= 0.1
 
 
 def test_what_is_held_is_one_run() -> None:
-    assert constant_runs(np.zeros((7, 2)), np.zeros(2)).tolist() == [0.0]
+    assert find_constant_runs(np.zeros((7, 2)), np.zeros(2)).tolist() == [0.0]

@@ -10,7 +10,7 @@ import pytest
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import ConfigError, DataError
-from rovid.signals.preprocessing import channels, prepare
+from rovid.signals.preprocessing import prepare, shared_channels
 from rovid.trial.trial import Campaign, Trial
 from tests import synthetic
 
@@ -33,9 +33,9 @@ def test_torque_and_rate_go_through_one_filter() -> None:
     runs = prepare(campaign(turning()), synthetic.LOGGED, cutoff=1.0)
     run = runs.items[0]
     assert (runs.cutoff, runs.chosen, runs.remarks) == (1.0, False, ())
-    assert run.drive.shape == run.rates.rate.shape
+    assert run.filtered_torque.shape == run.rates.rate.shape
     model, rates = synthetic.ROSUB, run.rates
-    balance = model.inertia * rates.acceleration + model.drag(rates.rate) - run.drive
+    balance = model.inertia * rates.acceleration + model.drag(rates.rate) - run.filtered_torque
     # But for what the drag's bend makes of the low pass where the torque changes.
     assert np.abs(balance[run.valid]).max() < 1.0
 
@@ -65,4 +65,4 @@ def test_a_gyro_that_is_off_is_said() -> None:
 def test_a_channel_counts_that_every_trial_has_and_one_has_readings_of() -> None:
     some, none = np.ones(len(TIME)), np.full(len(TIME), np.nan)
     runs = prepare(campaign(turning(a=some, b=none, c=some), turning(a=none, b=none)), synthetic.LOGGED)
-    assert channels(runs.items) == {"a"}
+    assert shared_channels(runs.items) == {"a"}

@@ -7,7 +7,15 @@ import pytest
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
-from rovid.signals.rates import ZeroPhaseFilter, _convolve, cell_averages, choose_cutoff, on_grid, rates_of, white_noise
+from rovid.signals.rates import (
+    ZeroPhaseFilter,
+    _convolve,
+    cell_averages,
+    choose_cutoff,
+    compute_rates,
+    resample,
+    white_noise,
+)
 from rovid.trial.trial import Trial
 
 PERIOD = 0.05
@@ -67,8 +75,8 @@ def test_held_torque_keeps_step_with_the_heading_it_drives() -> None:
     rate = np.concatenate(([0.0], np.cumsum(torque[:-1]) * PERIOD))
     heading = np.concatenate(([0.0], np.cumsum(rate[:-1] * PERIOD + 0.5 * torque[:-1] * PERIOD**2)))
     record = trial(heading)
-    rates = rates_of(record, cutoff=0.5)
-    drive = rates.held(record, torque)
+    rates = compute_rates(record, cutoff=0.5)
+    drive = rates.filter_held(record, torque)
     both = rates.valid & np.isfinite(drive)
     assert drive[both] == pytest.approx(rates.acceleration[both], abs=2e-3)  # a step sampled at 20 Hz
 
@@ -76,7 +84,7 @@ def test_held_torque_keeps_step_with_the_heading_it_drives() -> None:
 def test_stated_noise_is_the_noise_that_comes_out() -> None:
     sigma = np.deg2rad(0.01)
     noise = np.random.default_rng().normal(0.0, sigma, len(TIME))
-    rates = rates_of(trial(0.1 * TIME + noise), cutoff=1.0)
+    rates = compute_rates(trial(0.1 * TIME + noise), cutoff=1.0)
     assert rates.position_noise == pytest.approx(sigma, rel=0.1)  # 6000 samples, robust estimate
     assert np.nanstd(rates.rate) == pytest.approx(rates.rate_noise, rel=0.2)  # 300 s of noise of 1 Hz
     assert np.nanstd(rates.acceleration) == pytest.approx(rates.acceleration_noise, rel=0.2)
@@ -87,7 +95,7 @@ def test_a_gap_stays_a_gap() -> None:
     gap = (TIME > 100.0) & (TIME < 110.0)
     keep = ~gap
     record = trial(heading[keep], TIME[keep])
-    rates = rates_of(record, cutoff=0.5)
+    rates = compute_rates(record, cutoff=0.5)
     inside = (rates.time > 100.0) & (rates.time < 110.0)
     assert not rates.valid[inside].any()
     assert rates.valid.sum() > 0.9 * keep.sum()
@@ -97,7 +105,7 @@ def test_a_gap_stays_a_gap() -> None:
 def test_jitter_does_not_shift_the_rate() -> None:
     rng = np.random.default_rng()
     jittered = np.sort(TIME + rng.uniform(-0.01, 0.01, len(TIME)))
-    rates = rates_of(trial(np.sin(0.3 * jittered), jittered), cutoff=1.0)
+    rates = compute_rates(trial(np.sin(0.3 * jittered), jittered), cutoff=1.0)
     expected = 0.3 * np.cos(0.3 * rates.time)
     # Linear interpolation over 50 ms of a wave of 0.09 rad/s^2 misses by 3e-5 rad, 1 Hz cut-off.
     assert np.nanmax(np.abs(rates.rate - expected)) < 3e-4
@@ -108,7 +116,7 @@ def test_tilt_turns_the_heading_rate_into_the_body_rate() -> None:
     # Constant tilt: psidot = r / (cos(phi) cos(theta)).
     heading = body_rate / (np.cos(roll) * np.cos(pitch)) * TIME
     tilted = trial(heading, roll=np.full(len(TIME), roll), pitch=np.full(len(TIME), pitch))
-    rates = rates_of(tilted, cutoff=0.5)
+    rates = compute_rates(tilted, cutoff=0.5)
     assert np.nanmean(rates.rate) == pytest.approx(body_rate, rel=1e-9)
 
 
@@ -120,7 +128,7 @@ def test_moving_tilt_against_the_rotation_matrix() -> None:
 
     attitude = Rotation.from_euler("ZYX", np.column_stack((heading, pitch, roll))).as_matrix()
     rate_matrix = np.einsum("nji,njk->nik", attitude, np.gradient(attitude, TIME, axis=0))
-    rates = rates_of(trial(heading, roll=roll, pitch=pitch), cutoff=2.0)
+    rates = compute_rates(trial(heading, roll=roll, pitch=pitch), cutoff=2.0)
     inner = slice(100, -100)
     assert rates.rate[inner] == pytest.approx(rate_matrix[inner, 1, 0], abs=1e-4)  # second-order gradient
 
@@ -149,13 +157,13 @@ def test_white_noise_ignores_motion_and_spikes() -> None:
 
 def test_a_trial_shorter_than_the_filter_is_refused() -> None:
     with pytest.raises(DataError, match="shorter than the filter"):
-        rates_of(trial(0.1 * TIME[:40], TIME[:40]), cutoff=0.1)
+        compute_rates(trial(0.1 * TIME[:40], TIME[:40]), cutoff=0.1)
 
 
 def test_on_grid_bridges_a_lost_sample_but_not_a_gap() -> None:
     keep = np.ones(len(TIME), dtype=bool)
     keep[50] = False
     keep[100:140] = False
-    out = on_grid(trial(TIME[keep], TIME[keep]), TIME[keep], TIME)
+    out = resample(trial(TIME[keep], TIME[keep]), TIME[keep], TIME)
     assert out[50] == pytest.approx(TIME[50])
     assert np.isnan(out[101:139]).all()

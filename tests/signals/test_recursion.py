@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from rovid.signals.recursion import fading_sum
+from rovid.signals.recursion import first_order_sum
 
 
 @pytest.mark.parametrize("fade", [0.0, 0.9, -0.5, 1.0])
@@ -14,4 +14,4 @@ from rovid.signals.recursion import fading_sum
 def test_each_has_what_is_left_of_those_before(fade: float, count: int) -> None:
     values = np.random.default_rng().normal(size=count)
     wanted = lfilter([1.0], [1.0, -fade], values)
-    np.testing.assert_allclose(fading_sum(values, fade), wanted, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(first_order_sum(values, fade), wanted, rtol=1e-12, atol=1e-12)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from rovid.estimate.estimate import Estimate
-from rovid.estimate.innovation_likelihood import InnovationMisfit
-from rovid.store.agreement import disagreement
+from rovid.estimate.innovation_likelihood import InnovationLikelihood
+from rovid.store.agreement import method_disagreement
 from rovid.store.parameter_file import Entry
 
 ORBIT = "orbit integral over whole periods"
@@ -29,16 +29,16 @@ def entries(inertia: float, error: float, method: str) -> Mapping[str, Entry]:
 
 @pytest.mark.parametrize(
     ("before", "now", "believed"),
-    [(ORBIT, InnovationMisfit.method, "this one"), (InnovationMisfit.method, ORBIT, "the other")],
+    [(ORBIT, InnovationLikelihood.method, "this one"), (InnovationLikelihood.method, ORBIT, "the other")],
 )
 def test_methods_far_apart_are_told_in_a_line(before: str, now: str, believed: str) -> None:
-    (text,) = disagreement(entries(67.0, 2.0, before), estimate(17.0, 1.0, now))
+    (text,) = method_disagreement(entries(67.0, 2.0, before), estimate(17.0, 1.0, now))
     assert "22 joint standard errors" in text
     assert f"Believe {believed}" in text
 
 
 def test_methods_within_their_errors_are_not_told() -> None:
-    assert disagreement(entries(67.0, 2.0, ORBIT), estimate(62.0, 1.0, InnovationMisfit.method)) == []
-    assert disagreement({}, estimate(62.0, 1.0, InnovationMisfit.method)) == []
+    assert method_disagreement(entries(67.0, 2.0, ORBIT), estimate(62.0, 1.0, InnovationLikelihood.method)) == []
+    assert method_disagreement({}, estimate(62.0, 1.0, InnovationLikelihood.method)) == []
     # The same command again, on logs that have grown.
-    assert disagreement(entries(67.0, 2.0, ORBIT), estimate(17.0, 1.0, ORBIT)) == []
+    assert method_disagreement(entries(67.0, 2.0, ORBIT), estimate(17.0, 1.0, ORBIT)) == []

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from rovid.core.atomic_write import Claim
+from rovid.core.atomic_write import OutputSet
 from rovid.core.errors import OutputError
-from rovid.store.history import history_of, latest
+from rovid.store.history import history_output, read_history
 from rovid.store.parameter_file import Parameters, Source
-from rovid.store.update import update
+from rovid.store.update import update_parameters
 from tests.conftest import Rovid
 from tests.store.test_parameter_file import estimate, written
 from tests.whole.test_bad_input import assert_one_message
@@ -21,23 +21,23 @@ from tools.programme import Hold, Run, Sine
 from tools.trial_day import write_trial_day
 
 
-def claim_for(stored: Parameters) -> Claim:
-    return Claim([stored.output, history_of(stored.path)])
+def claim_for(stored: Parameters) -> OutputSet:
+    return OutputSet([stored.output, history_output(stored.path)])
 
 
 def added(stored: Parameters, digest: str, scale: float = 1.0, seen: dict[str, float] | None = None) -> Parameters:
     source = Source(name=f"{digest}.csv", sha256=digest, samples=7)
     changed = replace(stored.with_estimate(estimate(scale=scale)), sources=(source,))
-    return update(changed, claim_for(changed), lambda _: changed, seen=seen or {})
+    return update_parameters(changed, claim_for(changed), lambda _: changed, seen=seen or {})
 
 
 def test_records_come_back_the_last_first(tmp_path: Path) -> None:
     stored = written(tmp_path)
     models = [added(stored, "a"), added(stored, "b", 2.0, {"thruster_lag": 0.1, "slew_limit": float("inf")})]
-    records = list(latest(stored.path))
+    records = list(read_history(stored.path))
     assert [record.parameters.entries for record in records] == [one.entries for one in reversed(models)]
     assert [record.digests for record in records] == [{"b"}, {"a"}]
-    assert [dict(record.seen) for record in records] == [{"thruster_lag": 0.1}, {}]
+    assert [dict(record.detection_limits) for record in records] == [{"thruster_lag": 0.1}, {}]
     assert all(record.version and record.written.startswith("20") for record in records)
 
 
@@ -45,15 +45,15 @@ def test_what_the_last_line_says_is_not_said_again(tmp_path: Path) -> None:
     stored = written(tmp_path)
     for digest in ("a", "a", "b", "a"):
         added(stored, digest)
-    assert [record.digests for record in latest(stored.path)] == [{"a"}, {"b"}, {"a"}]
+    assert [record.digests for record in read_history(stored.path)] == [{"a"}, {"b"}, {"a"}]
 
 
 def test_it_only_grows(tmp_path: Path) -> None:
     stored = written(tmp_path)
     added(stored, "a")
-    before = history_of(stored.path).path.read_text()
+    before = history_output(stored.path).path.read_text()
     added(stored, "b")
-    assert history_of(stored.path).path.read_text().startswith(before)
+    assert history_output(stored.path).path.read_text().startswith(before)
 
 
 def test_no_record_of_two_writers_is_lost(tmp_path: Path) -> None:
@@ -63,13 +63,13 @@ def test_no_record_of_two_writers_is_lost(tmp_path: Path) -> None:
         writer.start()
     for writer in writers:
         writer.join()
-    assert len(list(latest(stored.path))) == 20
+    assert len(list(read_history(stored.path))) == 20
 
 
 def test_one_that_is_damaged_grows_too(tmp_path: Path) -> None:
     stored = written(tmp_path)
     added(stored, "a")
-    path = history_of(stored.path).path
+    path = history_output(stored.path).path
     damaged = path.read_bytes() + b"\xff cut"
     path.write_bytes(damaged)
     added(stored, "b")
@@ -78,7 +78,7 @@ def test_one_that_is_damaged_grows_too(tmp_path: Path) -> None:
 
 def test_what_rovid_did_not_write_stays(tmp_path: Path) -> None:
     stored = written(tmp_path)
-    path = history_of(stored.path).path
+    path = history_output(stored.path).path
     path.write_text("mine")
     with pytest.raises(OutputError, match="is not a history"):
         claim_for(stored)
@@ -86,7 +86,7 @@ def test_what_rovid_did_not_write_stays(tmp_path: Path) -> None:
 
 
 def test_a_long_name_is_cut(tmp_path: Path) -> None:
-    output = history_of(tmp_path / ("ü" * 120 + ".toml"))
+    output = history_output(tmp_path / ("ü" * 120 + ".toml"))
     output.path.write_text("")
     assert output.path.suffix == ".history"
 

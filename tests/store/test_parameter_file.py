@@ -12,7 +12,7 @@ import pytest
 from rovid.core.errors import ConfigError
 from rovid.estimate.estimate import Estimate
 from rovid.store.load import read_parameters
-from rovid.store.parameter_file import Parameters, Source, absolute
+from rovid.store.parameter_file import Parameters, Source, absolute_paths
 
 NAMES = ("inertia", "quadratic_drag", "linear_drag")
 COVARIANCE = np.array([[100.0, -30.0, 2.0], [-30.0, 900.0, -55.0], [2.0, -55.0, 9.0]])
@@ -64,7 +64,7 @@ def test_drag_and_inertia_found_apart_have_no_covariance(tmp_path: Path) -> None
         ("linear_drag", "linear_drag"),
     }
     assert {entry.method for entry in stored.entries.values()} == {"steady turns", "orbit"}
-    drag = stored.drag()
+    drag = stored.independent_drag()
     assert drag is not None
     assert drag.covariance == pytest.approx(COVARIANCE[1:, 1:])
 
@@ -84,14 +84,14 @@ def test_a_refused_parameter_is_taken_out_and_counts_as_zero(tmp_path: Path) -> 
     assert "linear_drag" not in stored.entries
     assert stored.model().linear_drag == 0.0
     stored.write()
-    drag = read_parameters(stored.path).drag()
+    drag = read_parameters(stored.path).independent_drag()
     assert drag is not None
     assert drag.value("linear_drag") == 0.0
 
 
 def test_drag_found_together_with_the_inertia_is_no_steady_drag(tmp_path: Path) -> None:
     # `rovid fit-inertia` twice has to give the same: the first one's own drag may not judge the second's inertia.
-    assert read_parameters(written(tmp_path).path).drag() is None
+    assert read_parameters(written(tmp_path).path).independent_drag() is None
 
 
 def test_an_error_that_nothing_told_stays_unknown(tmp_path: Path) -> None:
@@ -105,7 +105,7 @@ def test_an_error_that_nothing_told_stays_unknown(tmp_path: Path) -> None:
 
 
 def test_logs_of_bytes_that_are_no_text_can_be_written(tmp_path: Path) -> None:
-    stored = Parameters(path=tmp_path / "p.toml", logs=absolute([tmp_path / os.fsdecode(b"\xff")]))
+    stored = Parameters(path=tmp_path / "p.toml", logs=absolute_paths([tmp_path / os.fsdecode(b"\xff")]))
     stored.write()
     assert read_parameters(stored.path).logs == (tmp_path / r"\udcff",)
 

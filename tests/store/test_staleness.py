@@ -9,17 +9,17 @@ from pathlib import Path
 import pytest
 
 from rovid.store.load import read_parameters
-from rovid.store.parameter_file import Origin, Parameters, absolute, source_of
-from rovid.store.staleness import standing
+from rovid.store.parameter_file import Parameters, Provenance, absolute_paths, read_source
+from rovid.store.staleness import check_freshness
 from tests.store.test_parameter_file import estimate
 from tests.trial.test_config_fingerprint import CURVE, TOML, settings
 
 
-def origin_of(folder: Path, toml: str = TOML) -> Origin:
+def origin_of(folder: Path, toml: str = TOML) -> Provenance:
     found = settings(folder, toml)
     logs = sorted(folder.glob("log*.csv"))
-    sources = tuple(source_of(log.name, log, 7) for log in logs)
-    return Origin(logs=absolute([folder]), vehicle="v", sources=sources, settings=found)
+    sources = tuple(read_source(log.name, log, 7) for log in logs)
+    return Provenance(logs=absolute_paths([folder]), vehicle="v", sources=sources, settings=found)
 
 
 @pytest.fixture
@@ -41,8 +41,8 @@ def stored(day: Path, tmp_path: Path) -> Parameters:
 
 def test_what_has_not_changed_holds(stored: Parameters, day: Path) -> None:
     for origin in (None, origin_of(day)):
-        found = standing(stored, origin)
-        assert (found.changed, found.remarks) == ((), ())
+        found = check_freshness(stored, origin)
+        assert (found.changes, found.remarks) == ((), ())
 
 
 def test_each_change_is_told(stored: Parameters, day: Path) -> None:
@@ -50,20 +50,20 @@ def test_each_change_is_told(stored: Parameters, day: Path) -> None:
     (day / "curve.csv").write_text(CURVE.replace("1000", "1001"))
     (day / "log_1.csv").write_text("another")
     (day / "log_2.csv").unlink()
-    found = standing(stored, None)
-    assert found.changed == (
+    found = check_freshness(stored, None)
+    assert found.changes == (
         "yaw_arm of fore was 0.43 and is 0.44",
         "curve of fore has changed",
         "log_1.csv has changed",
         "log_2.csv is gone",
     )
-    assert found.why.endswith("log_1.csv has changed; 1 more")
+    assert found.reason.endswith("log_1.csv has changed; 1 more")
 
 
 def test_a_log_that_came_after_the_fit_is_remarked(stored: Parameters, day: Path) -> None:
     (day / "log_3.csv").write_text("new")
-    found = standing(stored, origin_of(day))
-    assert found.changed == ()
+    found = check_freshness(stored, origin_of(day))
+    assert found.changes == ()
     (said,) = found.remarks
     assert said.startswith("log_3.csv: came after the fit")
 
@@ -74,15 +74,15 @@ def test_other_logs_may_name_their_signals_otherwise_but_not_drive_otherwise(
     other = tmp_path / "other"
     other.mkdir()
     (other / "log_9.csv").write_text("x")
-    assert standing(stored, origin_of(other, TOML.replace("heading_deg", "psi"))).changed == ()
-    driven = standing(stored, origin_of(other, TOML.replace("0.43", "0.5")))
-    assert driven.changed == ("yaw_arm of fore was 0.43 and is 0.5",)
+    assert check_freshness(stored, origin_of(other, TOML.replace("heading_deg", "psi"))).changes == ()
+    driven = check_freshness(stored, origin_of(other, TOML.replace("0.43", "0.5")))
+    assert driven.changes == ("yaw_arm of fore was 0.43 and is 0.5",)
 
 
 def test_what_moved_away_cannot_be_told(stored: Parameters, day: Path) -> None:
     shutil.rmtree(day)
-    found = standing(stored, None)
-    assert found.changed == ()
+    found = check_freshness(stored, None)
+    assert found.changes == ()
     assert "whether it holds cannot be told" in found.remarks[0]
 
 
@@ -91,17 +91,17 @@ def test_what_moved_together_holds(stored: Parameters, day: Path, tmp_path: Path
     there.mkdir()
     shutil.move(day, there / "day")
     shutil.move(stored.path, there / "parameters.toml")
-    found = standing(read_parameters(there / "parameters.toml"), None)
-    assert (found.changed, found.remarks) == ((), ())
+    found = check_freshness(read_parameters(there / "parameters.toml"), None)
+    assert (found.changes, found.remarks) == ((), ())
 
 
 def test_a_copy_of_the_file_finds_the_logs_that_it_remembers(stored: Parameters, day: Path, tmp_path: Path) -> None:
     away = replace(stored, sources=tuple(replace(s, path=tmp_path / "away" / s.name) for s in stored.sources))
-    assert standing(away, None).changed == ()
+    assert check_freshness(away, None).changes == ()
     (day / "log_1.csv").write_text("another")
     (day / "log_2.csv").unlink()
     # What is not there may never have been.
-    assert standing(away, None).changed == ("log_1.csv has changed",)
+    assert check_freshness(away, None).changes == ("log_1.csv has changed",)
 
 
 def test_of_an_older_file_logs_alone_are_known(stored: Parameters, day: Path) -> None:
@@ -109,11 +109,11 @@ def test_of_an_older_file_logs_alone_are_known(stored: Parameters, day: Path) ->
     old.write()
     read = read_parameters(old.path)
     assert "rests_on" not in old.path.read_text()
-    assert "cannot be told" in standing(read, origin_of(day)).remarks[0]
+    assert "cannot be told" in check_freshness(read, origin_of(day)).remarks[0]
     (day / "rovid.toml").write_text(TOML.replace("0.43", "0.44"))
-    assert standing(read, origin_of(day)).changed == ()
+    assert check_freshness(read, origin_of(day)).changes == ()
     (day / "log_1.csv").write_text("another")
-    assert standing(read, origin_of(day)).changed == ("log_1.csv has changed",)
+    assert check_freshness(read, origin_of(day)).changes == ("log_1.csv has changed",)
 
 
 def test_the_other_parameters_of_an_older_file_stay_of_unknown_standing(stored: Parameters, day: Path) -> None:
@@ -128,9 +128,9 @@ def test_a_file_keeps_the_logs_of_each_of_its_parameters(stored: Parameters, day
     (other / "log_9.csv").write_text("x")
     both = stored.with_estimate(estimate(("inertia",)), origin_of(other))
     assert [source.name for source in both.sources] == ["log_1.csv", "log_2.csv", "log_9.csv"]
-    found = standing(both, origin_of(other))
-    assert found.changed == ()
+    found = check_freshness(both, origin_of(other))
+    assert found.changes == ()
     assert found.remarks == ("log_1.csv, log_2.csv: parameters rest on it too, and it is not among these logs.",)
-    assert both.logs == absolute([other])
+    assert both.logs == absolute_paths([other])
     whole = both.with_estimate(estimate(), origin_of(day))
     assert [source.name for source in whole.sources] == ["log_1.csv", "log_2.csv"]

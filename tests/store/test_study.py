@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rovid.core.atomic_write import Claim, Output
+from rovid.core.atomic_write import OutputFile, OutputSet
 from rovid.core.errors import ConfigError, DataError
 from rovid.core.signatures import PLAN
 from rovid.effects import effect_named
-from rovid.store.study import Study, files_at_hand, open_study
+from rovid.store.study import Study, input_files, open_study
 from rovid.trial.axis import AXES
 from tests.conftest import SAMPLES
 
@@ -44,18 +44,18 @@ def test_logs_have_runs_and_tables_none(logs: Study, tables: Study) -> None:
 def test_the_torque_in_use_is_the_middling_one_of_those_that_acted(logs: Study, tables: Study) -> None:
     assert logs.runs is not None
     torque = np.abs(np.concatenate([run.torque for run in logs.runs.items]))
-    assert logs.torque_in_use() == np.median(torque[torque > 0.0])
-    assert tables.torque_in_use() is not None
+    assert logs.median_torque() == np.median(torque[torque > 0.0])
+    assert tables.median_torque() is not None
 
 
 def test_effects_of_what_is_not_there_are_refused(logs: Study) -> None:
-    logs.require([effect_named("thruster_lag"), effect_named("thruster_imbalance:fore")])
+    logs.require_effects([effect_named("thruster_lag"), effect_named("thruster_imbalance:fore")])
     with pytest.raises(
         ConfigError, match=r"thruster_imbalance:for: does not suit .*Nearest: 'thruster_imbalance:fore'"
     ):
-        logs.require([effect_named("thruster_imbalance:for")])
+        logs.require_effects([effect_named("thruster_imbalance:for")])
     with pytest.raises(ConfigError, match="restoring_curve: is nothing that acts in yaw"):
-        logs.require([effect_named("restoring_curve")])
+        logs.require_effects([effect_named("restoring_curve")])
     with pytest.raises(ConfigError, match="needs surge_velocity, which these logs do not all hold"):
         logs.likelihood((effect_named("speed_dependent_damping"),))
 
@@ -70,7 +70,7 @@ def test_tables_have_no_time_series(tables: Study) -> None:
 def test_what_may_be_read_is_logs_configuration_and_curves_and_no_plan(tmp_path: Path) -> None:
     for name in ("rovid.toml", "thrust_curve.csv", "hold_03.csv"):
         shutil.copy(SAMPLES / "rosub_tank" / name, tmp_path)
-    planned = Output(tmp_path / "plan.csv", PLAN)
-    Claim([planned]).write({planned: '"time_s",fore\n0,1\n'})
-    assert {path.name for path in files_at_hand([tmp_path])} == {"rovid.toml", "thrust_curve.csv", "hold_03.csv"}
-    assert files_at_hand([]) == []
+    planned = OutputFile(tmp_path / "plan.csv", PLAN)
+    OutputSet([planned]).write({planned: '"time_s",fore\n0,1\n'})
+    assert {path.name for path in input_files([tmp_path])} == {"rovid.toml", "thrust_curve.csv", "hold_03.csv"}
+    assert input_files([]) == []

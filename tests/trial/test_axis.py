@@ -7,7 +7,7 @@ import math
 import pytest
 
 from rovid.core.errors import ConfigError
-from rovid.trial.axis import AXES, YAW, axis_named, described
+from rovid.trial.axis import AXES, YAW, axis_named, other_axes
 
 
 def test_units_of_a_straight_axis_lose_their_metres_and_radians() -> None:
@@ -17,13 +17,13 @@ def test_units_of_a_straight_axis_lose_their_metres_and_radians() -> None:
 
 
 def test_people_read_angles_in_degrees_and_ways_in_metres() -> None:
-    assert YAW.in_shown(math.pi) == pytest.approx(180.0)
-    assert AXES["heave"].in_shown(2.0) == 2.0
-    assert YAW.in_shown(None) is None
+    assert YAW.to_display(math.pi) == pytest.approx(180.0)
+    assert AXES["heave"].to_display(2.0) == 2.0
+    assert YAW.to_display(None) is None
 
 
 def test_an_axis_that_there_is_not_is_refused_with_those_there_are() -> None:
-    assert axis_named("pitch").rights
+    assert axis_named("pitch").self_righting
     with pytest.raises(ConfigError, match=r"--axis: is 'yew'; one of yaw, .* Nearest: 'yaw'"):
         axis_named("yew")
 
@@ -43,4 +43,4 @@ def test_an_axis_that_there_is_not_is_refused_with_those_there_are() -> None:
     ],
 )
 def test_the_axes_that_a_rovid_toml_is_about(signals: list[str], keys: list[str], axes: list[str]) -> None:
-    assert described(signals, keys) == axes
+    assert other_axes(signals, keys) == axes

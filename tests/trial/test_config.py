@@ -62,10 +62,10 @@ def test_a_guess_ends_where_its_value_is_put_right(arm: str, guessed: bool, tmp_
 def test_guesses_of_an_older_init_are_known_as_such(tmp_path: Path) -> None:
     head = "# Written by `rovid init`, which looked at 7 logs. Each guess says why: correct what is\n# wrong.\n"
     text = head + GOOD.replace("yaw_arm = 0.43", "yaw_arm = 1.0")
-    assert load_config(written(tmp_path, text)).vehicle.guess.items == ("yaw_arm of fore",)
+    assert load_config(written(tmp_path, text)).vehicle.assumptions.items == ("yaw_arm of fore",)
     confirmed = text.replace("yaw_arm = 1.0", "yaw_arm = 1.0\nyaw_arm_guessed = false")
-    assert not load_config(written(tmp_path, confirmed)).vehicle.guess
-    assert not load_config(written(tmp_path, "\n" + text)).vehicle.guess
+    assert not load_config(written(tmp_path, confirmed)).vehicle.assumptions
+    assert not load_config(written(tmp_path, "\n" + text)).vehicle.assumptions
 
 
 def test_everything_is_read(tmp_path: Path) -> None:
@@ -78,8 +78,14 @@ def test_everything_is_read(tmp_path: Path) -> None:
     assert fore.torque(np.array([2.5]))[0] == pytest.approx(43.0)
     assert config.signals["heading"].factor == pytest.approx(-math.pi / 180.0)
     assert config.signals["yaw_rate"].factor == pytest.approx(math.pi / 180.0)
-    assert set(config.wanted("mcap")) == {"heading", "command.fore"}
-    assert set(config.wanted("csv")) == {"heading", "yaw_rate", "supply_voltage", "command.fore", "command.thruster_2"}
+    assert set(config.mapped_signals("mcap")) == {"heading", "command.fore"}
+    assert set(config.mapped_signals("csv")) == {
+        "heading",
+        "yaw_rate",
+        "supply_voltage",
+        "command.fore",
+        "command.thruster_2",
+    }
 
 
 def test_a_byte_order_mark_does_not_matter(tmp_path: Path) -> None:

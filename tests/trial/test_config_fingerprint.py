@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from rovid.trial.config import load_config
-from rovid.trial.config_fingerprint import Settings
+from rovid.trial.config_fingerprint import ConfigFingerprint
 
 TOML = """
 [vehicle]
@@ -26,10 +26,10 @@ heading = { csv = "heading_deg", unit = "deg" }
 CURVE = "command,thrust_N\n-5,-500\n0,0\n5,1000\n"
 
 
-def settings(folder: Path, toml: str = TOML, curve: str = CURVE) -> Settings:
+def settings(folder: Path, toml: str = TOML, curve: str = CURVE) -> ConfigFingerprint:
     (folder / "curve.csv").write_text(curve)
     (folder / "rovid.toml").write_text(toml)
-    return load_config(folder / "rovid.toml").settings
+    return load_config(folder / "rovid.toml").fingerprint
 
 
 @pytest.mark.parametrize(
@@ -78,6 +78,6 @@ def test_marks_of_a_guess_are_kept_and_change_nothing(tmp_path: Path) -> None:
     measured = settings(tmp_path)
     guessed = settings(tmp_path, TOML.replace("yaw_arm = 0.43", "yaw_arm = 0.43\nyaw_arm_guessed = true"))
     assert guessed.guessed == ("yaw_arm of fore",)
-    assert guessed.guess.ratios_hold
+    assert guessed.assumptions.ratios_hold
     assert guessed.changes(measured) == []
-    assert not measured.guess
+    assert not measured.assumptions

@@ -10,7 +10,7 @@ import pytest
 
 from rovid.core.errors import ConfigError
 from rovid.trial.config import load_config
-from rovid.trial.exclusions import Stretch, kept
+from rovid.trial.exclusions import Exclusion, apply_exclusions
 from tests.conftest import SAMPLES, Rovid
 from tests.synthetic import clock, trial
 
@@ -18,9 +18,11 @@ from tests.synthetic import clock, trial
 def test_what_is_between_two_stretches_is_a_trial_by_itself() -> None:
     time = clock(60.0)
     whole = trial(time, np.zeros(len(time)), 0.01 * time)
-    parts = kept(whole, [Stretch(log="*", begin=10.0, end=20.0, reason="tether"), Stretch(log="*", begin=50.0)])
-    assert [(round(part.since + 1e-9, 1), round(part.duration)) for part in parts] == [(0.0, 10), (20.1, 30)]
-    assert {part.whole for part in parts} == {whole.name}
+    parts = apply_exclusions(
+        whole, [Exclusion(log="*", begin=10.0, end=20.0, reason="tether"), Exclusion(log="*", begin=50.0)]
+    )
+    assert [(round(part.campaign_time + 1e-9, 1), round(part.duration)) for part in parts] == [(0.0, 10), (20.1, 30)]
+    assert {part.parent for part in parts} == {whole.name}
     said = [remark.text for part in parts for remark in part.remarks if remark.kind == "left out"]
     assert said == ["Left out, 10 to 20 s: tether.", "Left out, all from 50 s on, as rovid.toml says."]
 
@@ -28,10 +30,10 @@ def test_what_is_between_two_stretches_is_a_trial_by_itself() -> None:
 def test_a_log_that_is_cut_at_its_ends_keeps_its_name() -> None:
     time = clock(60.0)
     whole = trial(time, np.zeros(len(time)), 0.01 * time)
-    (part,) = kept(whole, [Stretch(log=whole.name, end=5.0)])
+    (part,) = apply_exclusions(whole, [Exclusion(log=whole.name, end=5.0)])
     assert part.name == whole.name
-    assert kept(whole, [Stretch(log="other.csv")]) == [whole]
-    assert kept(whole, [Stretch(log="*")]) == []
+    assert apply_exclusions(whole, [Exclusion(log="other.csv")]) == [whole]
+    assert apply_exclusions(whole, [Exclusion(log="*")]) == []
 
 
 def day(folder: Path, text: str) -> Path:

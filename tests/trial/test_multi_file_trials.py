@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rovid.trial.multi_file_trials import Join, parts_among
+from rovid.trial.multi_file_trials import Join, guess_parts
 
 
 @pytest.mark.parametrize(
@@ -18,7 +18,7 @@ from rovid.trial.multi_file_trials import Join, parts_among
     ],
 )
 def test_parts_are_words_in_which_files_differ(names: list[str], parts: tuple[str, ...]) -> None:
-    assert parts_among(names) == parts
+    assert guess_parts(names) == parts
 
 
 def test_files_of_a_trial_have_all_else_in_common() -> None:
@@ -30,10 +30,10 @@ def test_files_of_a_trial_have_all_else_in_common() -> None:
 
 def test_a_clock_is_given_for_a_part_or_for_a_file() -> None:
     join = Join(parts=("ins", "thr"), offset={"thr": 0.5, "run2_*.csv": -1.0}, drift={"day/run3_thr.csv": 40.0})
-    assert join.clock("run1_thr.csv") == (0.5, 0.0)
-    assert join.clock("day/run2_thr.csv") == (-1.0, 0.0)
-    assert join.clock("day/run3_thr.csv") == (0.5, 40.0)
-    assert join.clock("run1_ins.csv") == (0.0, 0.0)
+    assert join.clock_correction("run1_thr.csv") == (0.5, 0.0)
+    assert join.clock_correction("day/run2_thr.csv") == (-1.0, 0.0)
+    assert join.clock_correction("day/run3_thr.csv") == (0.5, 40.0)
+    assert join.clock_correction("run1_ins.csv") == (0.0, 0.0)
     assert join.is_of_part("run1_thr.csv")
     assert not join.is_of_part("run2_thr.csv")
     assert str(join) == "ins and thr, thr 0.5 s late, run2_*.csv -1 s late, day/run3_thr.csv slow by 40 ppm"

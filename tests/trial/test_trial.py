@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rovid.trial.axis import AXES
-from rovid.trial.trial import Remark, said_once
+from rovid.trial.trial import Remark, merged_remarks
 from tests.synthetic import assert_same_trial, clock, trial
 from tests.trial.test_vehicle import CURVE
 
@@ -37,7 +37,7 @@ def test_a_trial_from_another_process_is_as_it_was() -> None:
         axis=AXES["surge"],
         extras={"way": np.ones(21)},
         remarks=(NOTED,),
-        beside=(Path("b"),),
+        companion_files=(Path("b"),),
     )
     other = pickle.loads(pickle.dumps(record))  # noqa: S301 - of this process
     assert_same_trial(record, other)
@@ -62,10 +62,10 @@ def test_what_was_noticed_in_many_trials_is_said_once() -> None:
         replace(plain, name=name, remarks=(Remark(kind=kind, count=count, text=text),))
         for name, (kind, count, text) in texts.items()
     ]
-    assert said_once(trials) == [
+    assert merged_remarks(trials) == [
         "b: The heading has gaps (5, of 9.0 s in all). Likewise in a (2).",
         "c: pwm1 is missing in 1 samples.",
         "d: pwm2 is missing in 1 samples.",
     ]
     three = [trials[0], *(replace(trials[1], name=name) for name in "xy")]
-    assert said_once(three, most=1)[0].endswith("Likewise in y (5) and 1 more.")
+    assert merged_remarks(three, most=1)[0].endswith("Likewise in y (5) and 1 more.")

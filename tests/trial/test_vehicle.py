@@ -57,9 +57,9 @@ def test_outside_the_curve_holds_its_end_value_where_that_is_allowed() -> None:
 
 
 def test_rounding_of_the_log_is_not_outside() -> None:
-    assert CURVE.outside(np.array([2.003])) == 0.0
-    assert CURVE.outside(np.array([2.005])) == pytest.approx(0.005)
-    assert CURVE.outside(np.array([np.nan])) == 0.0
+    assert CURVE.excess(np.array([2.003])) == 0.0
+    assert CURVE.excess(np.array([2.005])) == pytest.approx(0.005)
+    assert CURVE.excess(np.array([np.nan])) == 0.0
 
 
 @pytest.mark.parametrize(
@@ -78,6 +78,6 @@ def test_rigid_body_inertia_is_a_box_unless_it_is_given(given: dict[str, Any], e
 
 def test_full_thrust_is_the_curves_or_the_largest_that_was_logged() -> None:
     trials = [log(np.array([0.0, 30.0])), log(np.array([-70.0, 5.0]))]
-    assert LOGGED.used(trials).thrusters[0].full_thrust == 70.0
-    assert LOGGED.used([log(np.zeros(2))]).thrusters[0].full_thrust == 1.0
-    assert vehicle(1.0).used(trials).thrusters[0].full_thrust == 60.0
+    assert LOGGED.with_logged_torque(trials).thrusters[0].full_thrust == 70.0
+    assert LOGGED.with_logged_torque([log(np.zeros(2))]).thrusters[0].full_thrust == 1.0
+    assert vehicle(1.0).with_logged_torque(trials).thrusters[0].full_thrust == 60.0

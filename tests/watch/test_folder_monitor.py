@@ -12,7 +12,7 @@ import pytest
 from rovid.store.study import open_study
 from rovid.trial.axis import YAW
 from rovid.watch import folder_monitor as watching
-from rovid.watch.folder_monitor import Change, Patience, Watched
+from rovid.watch.folder_monitor import FolderChange, FolderMonitor, SettleTimes
 from tests.watch.days import write_day
 
 
@@ -21,8 +21,8 @@ class Scene:
 
     def __init__(self, store: Path, path: Path, *, at_once: bool = False) -> None:
         self.store, self.path, self.now = store, path, 0.0
-        self.watched = Watched(
-            path=path, axis=YAW, patience=Patience(whole=5.0, cut=60.0), at_once=at_once, clock=lambda: self.now
+        self.watched = FolderMonitor(
+            path=path, axis=YAW, patience=SettleTimes(whole=5.0, cut=60.0), once=at_once, clock=lambda: self.now
         )
 
     def put(self, *names: str) -> None:
@@ -33,21 +33,21 @@ class Scene:
     def settings(self) -> None:
         self.put("rovid.toml", "thrust_curve.csv")
 
-    def look(self, after: float = 0.0) -> Change | None:
+    def look(self, after: float = 0.0) -> FolderChange | None:
         """What is new after so many s, in which it is looked at every other one."""
         end = self.now + after
-        while (found := self.watched.look()) is None and self.now < end:
+        while (found := self.watched.poll()) is None and self.now < end:
             self.now += 1.0
         return found
 
-    def take(self, after: float = 10.0) -> Change:
+    def take(self, after: float = 10.0) -> FolderChange:
         change = self.look(after)
         assert change is not None
-        self.watched.take(change)
+        self.watched.accept(change)
         return change
 
     def told(self) -> list[str]:
-        return [trouble.text for trouble in self.watched.troubles.told()]
+        return [trouble.text for trouble in self.watched.problems.take_new()]
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +64,7 @@ def scene(store: Path, tmp_path: Path) -> Scene:
     return made
 
 
-def names(change: Change) -> list[str]:
+def names(change: FolderChange) -> list[str]:
     return sorted(log.name for log in change.logs.values())
 
 
@@ -229,9 +229,9 @@ def test_rovid_toml_is_waited_for_while_it_is_edited(scene: Scene) -> None:
 
 def test_each_log_is_read_once(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     read: list[str] = []
-    reads: Callable[..., watching.Log] = watching._read  # noqa: SLF001 - what it costs is what is tested
+    reads: Callable[..., watching.WatchedLog] = watching._read  # noqa: SLF001 - what it costs is what is tested
 
-    def counted(*arguments: object) -> watching.Log:
+    def counted(*arguments: object) -> watching.WatchedLog:
         read.append(str(arguments[0]))
         return reads(*arguments)
 
@@ -240,7 +240,7 @@ def test_each_log_is_read_once(scene: Scene, monkeypatch: pytest.MonkeyPatch) ->
     scene.take()
     scene.put("coast.csv")
     change = scene.take()
-    open_study([scene.path], reading=change.reading, without=change.without)
+    open_study([scene.path], reading=change.reading, without=change.excluded)
     scene.look(100.0)
     assert sorted(read) == ["coast.csv", "sine.csv"]
 

@@ -9,15 +9,15 @@ from pathlib import Path
 import pytest
 
 from rovid.core.errors import LogError, OutputError
-from rovid.design.experiment_design import Plan
+from rovid.design.experiment_design import ExperimentPlan
 from rovid.diagnose.result import Diagnosis
 from rovid.estimate.estimate import Estimate
 from rovid.store.study import Study, open_study
 from rovid.trial.axis import YAW
 from rovid.watch import session as days
-from rovid.watch.folder_monitor import Patience, Trouble, Watched
-from rovid.watch.session import Day, Model, NextRun, Report, Suspects, Taken, Work
-from rovid.watch.stop_criteria import conditions
+from rovid.watch.folder_monitor import FolderMonitor, Problem, SettleTimes
+from rovid.watch.session import LogsChanged, LogsDiagnosed, ModelFitted, NextRun, Report, SessionActions, WatchSession
+from rovid.watch.stop_criteria import parse_criteria
 from tests.watch.days import write_day
 
 
@@ -38,21 +38,21 @@ def keep(study: Study, estimate: Estimate) -> None:
     pass
 
 
-def write(plan: Plan) -> Path:
+def write(plan: ExperimentPlan) -> Path:
     return Path("plan.csv")
 
 
-def day_of(folder: Path, work: Work, until: str = "") -> Day:
+def day_of(folder: Path, work: SessionActions, until: str = "") -> WatchSession:
     """A day on which every look finds whole what is there, and that has an end."""
-    watched = Watched(path=folder, axis=YAW, patience=Patience(whole=0.0, cut=0.0))
-    return Day(watched, work, conditions(until, YAW) if until else (), interval=0.0, sleep=_ends)
+    watched = FolderMonitor(path=folder, axis=YAW, patience=SettleTimes(whole=0.0, cut=0.0))
+    return WatchSession(watched, work, parse_criteria(until, YAW) if until else (), interval=0.0, sleep=_ends)
 
 
 def _ends(_seconds: float) -> None:
     raise KeyboardInterrupt
 
 
-def until_idle(day: Day) -> Iterator[object]:
+def until_idle(day: WatchSession) -> Iterator[object]:
     try:
         yield from day.events()
     except KeyboardInterrupt:
@@ -72,13 +72,15 @@ def test_a_diagnosis_gives_way_to_a_new_log_but_not_twice(folder: Path) -> None:
         return Diagnosis(verdict="nothing_found")
 
     put(folder, "hold_up.csv")
-    events = list(until_idle(day_of(folder, Work(diagnose=diagnose, keep=keep, write=write))))
+    events = list(until_idle(day_of(folder, SessionActions(diagnose=diagnose, keep=keep, write=write))))
     assert begun == [1, 2, 3, 4]
     finished = [
-        len(event.study.campaign.trials) for event in events if isinstance(event, Suspects) and event.study.campaign
+        len(event.study.campaign.trials)
+        for event in events
+        if isinstance(event, LogsDiagnosed) and event.study.campaign
     ]
     assert finished == [2, 4]
-    assert sum(isinstance(event, Model) for event in events) == 4
+    assert sum(isinstance(event, ModelFitted) for event in events) == 4
 
 
 def test_a_diagnosis_that_may_end_the_day_is_not_given_up(folder: Path) -> None:
@@ -89,9 +91,9 @@ def test_a_diagnosis_that_may_end_the_day_is_not_given_up(folder: Path) -> None:
 
     for name in ("hold_up.csv", "sine.csv", "coast.csv"):
         put(folder, name)
-    *_, last = until_idle(day_of(folder, Work(diagnose=diagnose, keep=keep, write=write), "inertia 5 %"))
-    assert isinstance(last, days.Stop)
-    assert last.why == "reached"
+    *_, last = until_idle(day_of(folder, SessionActions(diagnose=diagnose, keep=keep, write=write), "inertia 5 %"))
+    assert isinstance(last, days.SessionEnded)
+    assert last.reason == "reached"
     assert len(last.logs) == 3
 
 
@@ -103,11 +105,11 @@ def test_a_day_goes_on_where_files_cannot_be_written(folder: Path) -> None:
         raise OSError(116, "Stale file handle")
 
     put(folder, "sine.csv")
-    events = list(until_idle(day_of(folder, Work(diagnose=None, keep=away, write=refused))))
+    events = list(until_idle(day_of(folder, SessionActions(diagnose=None, keep=away, write=refused))))
     (run,) = [event for event in events if isinstance(event, NextRun)]
     assert run.plan is not None
     assert run.written is None
-    assert {event.where for event in events if isinstance(event, Trouble)} == {"parameters", "command file"}
+    assert {event.where for event in events if isinstance(event, Problem)} == {"parameters", "command file"}
 
 
 def test_a_share_that_is_gone_in_between_is_tried_again(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -122,8 +124,8 @@ def test_a_share_that_is_gone_in_between_is_tried_again(folder: Path, monkeypatc
 
     monkeypatch.setattr(days, "open_study", flaky)
     put(folder, "sine.csv")
-    work = Work(diagnose=None, keep=keep, write=write)
-    watched = Watched(path=folder, axis=YAW, patience=Patience(whole=0.0, cut=0.0))
+    work = SessionActions(diagnose=None, keep=keep, write=write)
+    watched = FolderMonitor(path=folder, axis=YAW, patience=SettleTimes(whole=0.0, cut=0.0))
     slept: list[float] = []
 
     def sleep(seconds: float) -> None:
@@ -131,11 +133,13 @@ def test_a_share_that_is_gone_in_between_is_tried_again(folder: Path, monkeypatc
         if len(slept) > 2:
             raise KeyboardInterrupt
 
-    events = list(until_idle(Day(watched, work, sleep=sleep)))
-    assert [type(event) for event in events] == [Trouble, Trouble, Taken, Model, NextRun]
+    events = list(until_idle(WatchSession(watched, work, sleep=sleep)))
+    assert [type(event) for event in events] == [Problem, Problem, LogsChanged, ModelFitted, NextRun]
 
 
-@pytest.mark.parametrize(("rows", "kinds"), [(12, [Taken, Trouble]), (400, [Taken, Model])], ids=["short", "at rest"])
+@pytest.mark.parametrize(
+    ("rows", "kinds"), [(12, [LogsChanged, Problem]), (400, [LogsChanged, ModelFitted])], ids=["short", "at rest"]
+)
 def test_what_cannot_be_fitted_is_said_and_the_day_goes_on(rows: int, kinds: list[type], folder: Path) -> None:
     put(folder, "sine.csv")
     head, *lines = (folder / "sine.csv").read_text().splitlines()
@@ -143,11 +147,11 @@ def test_what_cannot_be_fitted_is_said_and_the_day_goes_on(rows: int, kinds: lis
     for number, row in enumerate(at_rest):
         row[1:4] = [f"{10.0 + 0.01 * (number * 7 % 5):.2f}", "0.0", "0.0"]
     (folder / "sine.csv").write_text("\n".join([head, *map(",".join, at_rest)]) + "\n")
-    day = day_of(folder, Work(diagnose=None, keep=keep, write=write))
+    day = day_of(folder, SessionActions(diagnose=None, keep=keep, write=write))
     events = list(until_idle(day))
     assert [type(event) for event in events][:2] == kinds
-    assert all(event.fit is None and event.missing for event in events if isinstance(event, Model))
+    assert all(event.fit is None and event.missing for event in events if isinstance(event, ModelFitted))
     put(folder, "sine.csv")
     put(folder, "hold_up.csv")
-    models = [event for event in until_idle(day) if isinstance(event, Model)]
+    models = [event for event in until_idle(day) if isinstance(event, ModelFitted)]
     assert models[-1].fit is not None

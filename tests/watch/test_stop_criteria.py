@@ -8,12 +8,12 @@ import pytest
 from rovid.core.errors import ConfigError
 from rovid.estimate.estimate import Estimate
 from rovid.model.parameter_names import base_names
-from rovid.trial.assumptions import Guesswork
+from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import YAW, axis_named
-from rovid.watch.stop_criteria import conditions
+from rovid.watch.stop_criteria import parse_criteria
 
 
-def estimate(error: float, *, guess: Guesswork | None = None, refused: bool = False) -> Estimate:
+def estimate(error: float, *, guess: Assumptions | None = None, refused: bool = False) -> Estimate:
     return Estimate(
         names=("inertia", "thruster_lag:rotor.time_constant"),
         values=np.array([100.0, 0.5]),
@@ -21,15 +21,15 @@ def estimate(error: float, *, guess: Guesswork | None = None, refused: bool = Fa
         method="",
         samples=1,
         refused={"inertia": "nothing drives it"} if refused else {},
-        guess=guess or Guesswork(),
+        assumptions=guess or Assumptions(),
     )
 
 
 def test_each_part_is_a_name_and_a_percentage() -> None:
-    (first, second, third) = conditions(" inertia 2 %, quadratic drag 5%,thruster_lag 95 %", YAW)
-    assert (first.name, first.share, first.of_cause) == ("inertia", 0.02, False)
+    (first, second, third) = parse_criteria(" inertia 2 %, quadratic drag 5%,thruster_lag 95 %", YAW)
+    assert (first.name, first.share, first.is_effect) == ("inertia", 0.02, False)
     assert (second.name, second.share) == ("quadratic_drag", 0.05)
-    assert (third.name, third.of_cause) == ("thruster_lag", True)
+    assert (third.name, third.is_effect) == ("thruster_lag", True)
     assert str(third) == "thruster_lag 95 %"
 
 
@@ -46,35 +46,35 @@ def test_each_part_is_a_name_and_a_percentage() -> None:
 )
 def test_what_is_not_understood_is_refused(text: str, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
-        conditions(text, YAW)
+        parse_criteria(text, YAW)
 
 
 def test_names_are_those_of_the_axis() -> None:
     *_, restoring = base_names(axis_named("roll"))
-    (one,) = conditions(f"{restoring} 10 %", axis_named("roll"))
-    assert not one.of_cause
+    (one,) = parse_criteria(f"{restoring} 10 %", axis_named("roll"))
+    assert not one.is_effect
     with pytest.raises(ConfigError):
-        conditions(f"{restoring} 10 %", YAW)
+        parse_criteria(f"{restoring} 10 %", YAW)
 
 
 def test_causes_take_a_diagnosis() -> None:
     with pytest.raises(ConfigError, match="only a diagnosis"):
-        conditions("thruster_lag 90 %", YAW, diagnosed=False)
+        parse_criteria("thruster_lag 90 %", YAW, diagnosed=False)
 
 
 def test_a_parameter_is_known_as_well_as_its_interval_is_narrow() -> None:
-    (one, lag) = conditions("inertia 2 %, thruster_lag.time_constant 5 %", YAW)
+    (one, lag) = parse_criteria("inertia 2 %, thruster_lag.time_constant 5 %", YAW)
     # 1.96 standard errors to either side.
     for error, met in ((1.0, True), (1.03, False)):
-        standing = one.standing(estimate(error), None)
-        assert standing.now == pytest.approx(0.0196 * error, rel=1e-3)
+        standing = one.status(estimate(error), None)
+        assert standing.current == pytest.approx(0.0196 * error, rel=1e-3)
         assert standing.met is met
-    assert lag.standing(estimate(1.0), None).met
+    assert lag.status(estimate(1.0), None).met
 
 
 def test_what_is_not_known_is_not_reached() -> None:
-    (one,) = conditions("inertia 50 %", YAW)
-    guess = Guesswork(items=("curve of fore",), thrusters=1)
+    (one,) = parse_criteria("inertia 50 %", YAW)
+    guess = Assumptions(items=("curve of fore",), thrusters=1)
     for known in (None, estimate(1.0, refused=True), estimate(1.0, guess=guess)):
-        standing = one.standing(known, None)
-        assert (standing.now, standing.met) == (None, False)
+        standing = one.status(known, None)
+        assert (standing.current, standing.met) == (None, False)

@@ -238,7 +238,7 @@ def test_a_vehicle_let_go_of_starts_from_rest(frequency: float, logged: bool) ->
         axis=AXES["pitch"],
         restoring_values=(INERTIA * frequency**2, 0.0),
     )
-    assert abs(initial_rate(log, model.swing)) < 0.03 * 0.3 * frequency
+    assert abs(initial_rate(log, model.natural_frequency)) < 0.03 * 0.3 * frequency
 
 
 def test_thrusters_of_another_axis_stand_beside_a_force(tmp_path: Path, rovid: Rovid) -> None:

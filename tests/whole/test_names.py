@@ -22,12 +22,12 @@ from scipy.io import loadmat
 from rovid.cli import cli
 from rovid.effects import effect_named
 from rovid.export import FORMATS
-from rovid.export.export_input import Subject
-from rovid.export.export_result import Target
-from rovid.export.run_export import export, exporter_of
+from rovid.export.export_input import ExportInput
+from rovid.export.export_result import ExportResult
+from rovid.export.run_export import load_exporter, verified_export
 from rovid.export.uuv import export_yaml
 from rovid.model.model import Model
-from rovid.present.page.templating import environment_of
+from rovid.present.page.templating import template_environment
 from rovid.present.plots import canvas
 from rovid.store.parameter_file import Entry
 from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
@@ -36,7 +36,7 @@ from tests.hostile import NAMES, STEERING
 from tests.whole.test_bad_input import assert_one_message, folder  # noqa: F401 - a fixture
 
 
-def subject(names: tuple[str, ...] = NAMES) -> Subject:
+def subject(names: tuple[str, ...] = NAMES) -> ExportInput:
     curve = ThrustCurve(command=np.array([-5.0, 0.0, 5.0]), thrust=np.array([-100.0, 0.0, 200.0]))
     thrusters = tuple(Thruster(name=name, arm=0.1 + 0.01 * k, curve=curve) for k, name in enumerate(names))
     keys = [f"thruster_imbalance:{name}" for name in names if re.fullmatch(r"[\w ]+", name)]
@@ -47,7 +47,7 @@ def subject(names: tuple[str, ...] = NAMES) -> Subject:
         "linear_drag": 100.0,
         **{f"{e.key}.gain": 0.9 for e in effects},
     }
-    return Subject(
+    return ExportInput(
         model=Model(
             inertia=5000.0,
             quadratic_drag=3000.0,
@@ -107,12 +107,14 @@ READ: dict[str, Callable[[str], None] | Callable[[bytes], None]] = {
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_every_export_of_any_name_is_read_by_its_parser(name: str) -> None:
-    made: Target = exporter_of(name)(subject())
+    made: ExportResult = load_exporter(name)(subject())
     READ[name](made.content)  # type: ignore[arg-type]  # each takes what its format is
 
 
 def test_the_python_export_still_runs_with_any_name() -> None:
-    assert export(exporter_of("python-vehicle-simulator"), subject(NAMES[:16])).mismatch.percent_of_range < 0.1
+    assert (
+        verified_export(load_exporter("python-vehicle-simulator"), subject(NAMES[:16])).mismatch.percent_of_range < 0.1
+    )
 
 
 def test_the_yaml_of_uuv_holds_numbers_alone() -> None:
@@ -121,15 +123,17 @@ def test_the_yaml_of_uuv_holds_numbers_alone() -> None:
 
 @pytest.mark.parametrize("name", [*NAMES, os.fsdecode(b"\xff")])
 def test_page_and_plots_hold_any_name(name: str) -> None:
-    template = environment_of().from_string("<p title='{{ name }}'>{{ name }}</p><script>{{ name|tojson }}</script>")
+    template = template_environment().from_string(
+        "<p title='{{ name }}'>{{ name }}</p><script>{{ name|tojson }}</script>"
+    )
     page = template.render(name=name)
     page.encode()
     assert not STEERING.search(page)
     assert page.count("<script>") == page.count("</script>") == 1
     figure = Figure(figsize=(2.0, 1.0))
     figure.suptitle(name)
-    assert canvas.png(figure).startswith(b"\x89PNG")
-    ET.fromstring(canvas.svg(figure))
+    assert canvas.render_png(figure).startswith(b"\x89PNG")
+    ET.fromstring(canvas.render_svg(figure))
 
 
 def change(old: str, new: str) -> Callable[[Path], object]:

@@ -1,22 +1,22 @@
 """Compiled loops over samples. Nothing here knows of files, units or effects' names."""
 
-from rovid.model.kernels.effect_terms import ROOM
-from rovid.model.kernels.ekf3 import innovations
-from rovid.model.kernels.ekf5 import innovations_wide
-from rovid.model.kernels.multi_step import effects_along, predict
+from rovid.model.kernels.effect_terms import SCRATCH_ROWS
+from rovid.model.kernels.ekf3 import ekf3_innovations
+from rovid.model.kernels.ekf5 import ekf5_innovations
+from rovid.model.kernels.multi_step import effects_along, predict_multi_step
 from rovid.model.kernels.rk4 import advance, simulate, simulate_effects
-from rovid.model.kernels.warmup import begin, compile_now, is_compiled
+from rovid.model.kernels.warmup import compile_all, is_compiled, start_compiling
 
 __all__ = [
-    "ROOM",
+    "SCRATCH_ROWS",
     "advance",
-    "begin",
-    "compile_now",
+    "compile_all",
     "effects_along",
-    "innovations",
-    "innovations_wide",
+    "ekf3_innovations",
+    "ekf5_innovations",
     "is_compiled",
-    "predict",
+    "predict_multi_step",
     "simulate",
     "simulate_effects",
+    "start_compiling",
 ]

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rovid.jit.simd import alike, read, write
-from rovid.jit.tracing import straight
+from rovid.jit.simd import broadcast, load, store
+from rovid.jit.tracing import traced
 from rovid.model.kernels.ekf3 import NODES, WEIGHTS
 
 SIZE = 5
@@ -42,42 +42,42 @@ class Swing(NamedTuple):
     fifth_fifth: Any
 
 
-@straight
+@traced
 def add_point(powers: Any, point: int, f: Any, q: Any, series: Any) -> None:
     """Add to the ``series`` of ``powers`` what ``f`` and ``q`` are at a ``point``."""
     for n in range(POINTS):
-        weight = alike(powers[n, point])
+        weight = broadcast(powers[n, point])
         for place, at in enumerate(_MOVED):
-            write(series, POINTS * place + n, read(series, POINTS * place + n) + weight * read(f, at))
+            store(series, POINTS * place + n, load(series, POINTS * place + n) + weight * load(f, at))
         for place, at in enumerate(_GROWN, start=len(_MOVED)):
-            write(series, POINTS * place + n, read(series, POINTS * place + n) + weight * read(q, at))
+            store(series, POINTS * place + n, load(series, POINTS * place + n) + weight * load(q, at))
 
 
-@straight
+@traced
 def by_series(series: Any, damped: Any, f: Any, q: Any) -> None:
     """Write transition and noise by their ``series`` into ``f`` and ``q``, so strongly ``damped`` over a step."""
     for place, at in enumerate(_MOVED):
-        write(f, at, _polynomial(series, POINTS * place, damped))
+        store(f, at, _polynomial(series, POINTS * place, damped))
     for place, at in enumerate(_GROWN, start=len(_MOVED)):
-        write(q, at, _polynomial(series, POINTS * place, damped))
+        store(q, at, _polynomial(series, POINTS * place, damped))
 
 
-@straight
+@traced
 def _polynomial(series: Any, at: int, x: Any) -> Any:
-    total = read(series, at + POINTS - 1)
+    total = load(series, at + POINTS - 1)
     for n in range(2, POINTS + 1):
-        total = total * x + read(series, at + POINTS - n)
+        total = total * x + load(series, at + POINTS - n)
     return total
 
 
-@straight
+@traced
 def transition(swing: Any, h: float, f: Any) -> None:
     """Write exp(slopes h) into ``f``, by its series, but what a step leaves of the disturbance.
 
     Row by row: the derivative of the angle's row is the rate's, and so it is of the two states, the first of which is
     the integral of the other.
     """
-    zero, one = alike(0.0), alike(1.0)
+    zero, one = broadcast(0.0), broadcast(1.0)
     for at in (0, 3):
         is_angle = at == 0
         y0, y1, y2, y3, y4 = zero, one if is_angle else zero, zero, zero, zero if is_angle else one
@@ -102,16 +102,16 @@ def transition(swing: Any, h: float, f: Any) -> None:
         _write_row(f, at + 1, (r0, r1, r2, r3, r4))
 
 
-@straight
+@traced
 def _write_row(f: Any, row: int, x: Any) -> None:
-    write(f, SIZE * row, x[0])
-    write(f, SIZE * row + 1, x[1])
-    write(f, SIZE * row + 2, x[2])
-    write(f, SIZE * row + 3, x[3])
-    write(f, SIZE * row + 4, x[4])
+    store(f, SIZE * row, x[0])
+    store(f, SIZE * row + 1, x[1])
+    store(f, SIZE * row + 2, x[2])
+    store(f, SIZE * row + 3, x[3])
+    store(f, SIZE * row + 4, x[4])
 
 
-@straight
+@traced
 def add_noise(swing: Any, kicks: Any, h: float, q: Any) -> None:
     """Add to ``q`` what white noise that ``kicks`` the five states so much grows in ``h`` s.
 
@@ -144,15 +144,15 @@ def add_noise(swing: Any, kicks: Any, h: float, q: Any) -> None:
         _add_to_row(q, 4, weight * c4, (c0, c1, c2, c3, c4))
 
 
-@straight
+@traced
 def _add_to_row(q: Any, row: int, by: Any, c: Any) -> None:
     """Add ``by`` times ``c`` on and above the diagonal."""
     for j in range(SIZE):
         if j >= row:
-            write(q, SIZE * row + j, read(q, SIZE * row + j) + by * c[j])
+            store(q, SIZE * row + j, load(q, SIZE * row + j) + by * c[j])
 
 
-@straight
+@traced
 def congruence(f: Any, p: Any, q: Any, room: Any) -> None:
     """Write f p f^T + q into ``p``; the disturbance follows from itself alone."""
     for j in range(SIZE):
@@ -160,39 +160,39 @@ def congruence(f: Any, p: Any, q: Any, room: Any) -> None:
         p3, p4 = upper(p, 3, j), upper(p, 4, j)
         for i in range(SIZE):
             if i == 2:
-                write(room, SIZE * i + j, read(f, SIZE * i + 2) * p2)
+                store(room, SIZE * i + j, load(f, SIZE * i + 2) * p2)
             else:
-                write(room, SIZE * i + j, _times(f, i, (p0, p1, p2, p3, p4)))
+                store(room, SIZE * i + j, _times(f, i, (p0, p1, p2, p3, p4)))
     for i in range(SIZE):
         row = (
-            read(room, SIZE * i),
-            read(room, SIZE * i + 1),
-            read(room, SIZE * i + 2),
-            read(room, SIZE * i + 3),
-            read(room, SIZE * i + 4),
+            load(room, SIZE * i),
+            load(room, SIZE * i + 1),
+            load(room, SIZE * i + 2),
+            load(room, SIZE * i + 3),
+            load(room, SIZE * i + 4),
         )
         for j in range(i, SIZE):
-            total = row[2] * read(f, SIZE * j + 2) if j == 2 else _times(f, j, row)
-            write(p, SIZE * i + j, read(q, SIZE * i + j) + total)
+            total = row[2] * load(f, SIZE * j + 2) if j == 2 else _times(f, j, row)
+            store(p, SIZE * i + j, load(q, SIZE * i + j) + total)
 
 
-@straight
+@traced
 def take(p: Any, column: Any, share: Any) -> None:
     """Take a ``share`` of the square of a ``column`` of ``p`` from it."""
     for i in range(SIZE):
         for j in range(i, SIZE):
-            write(p, SIZE * i + j, read(p, SIZE * i + j) - column[i] * share * column[j])
+            store(p, SIZE * i + j, load(p, SIZE * i + j) - column[i] * share * column[j])
 
 
-@straight
+@traced
 def upper(p: Any, i: int, j: int) -> Any:
     """Entry of a symmetric matrix, which stands on or above the diagonal."""
-    return read(p, SIZE * i + j) if i <= j else read(p, SIZE * j + i)
+    return load(p, SIZE * i + j) if i <= j else load(p, SIZE * j + i)
 
 
-@straight
+@traced
 def _times(f: Any, row: int, x: Any) -> Any:
     """A row of ``f`` times a column of five."""
     at = SIZE * row
-    first = read(f, at) * x[0] + read(f, at + 1) * x[1] + read(f, at + 2) * x[2]
-    return first + read(f, at + 3) * x[3] + read(f, at + 4) * x[4]
+    first = load(f, at) * x[0] + load(f, at + 1) * x[1] + load(f, at + 2) * x[2]
+    return first + load(f, at + 3) * x[3] + load(f, at + 4) * x[4]

@@ -9,13 +9,13 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.effects.base import TERM_STATES
-from rovid.jit.decorators import inlined, lean
-from rovid.jit.simd import LANES, alike, exponential, lane, larger, largest, read, root, smaller, write
-from rovid.jit.tracing import straight
-from rovid.model.kernels.effect_terms import ROOM
+from rovid.jit.decorators import njit_inline, njit_noalloc
+from rovid.jit.simd import LANES, broadcast, exp, extract, load, maximum, minimum, reduce_max, sqrt, store
+from rovid.jit.tracing import traced
+from rovid.model.kernels.effect_terms import SCRATCH_ROWS
 from rovid.model.kernels.rk4_step import MAX_GAP_SUBSTEPS, bare_step, brakes, damping_of, shares_of, step
 from rovid.model.kernels.simd_io import beside_of, body_of, clear, each, put
-from rovid.model.kernels.warmup import long
+from rovid.model.kernels.warmup import warmed_up
 from rovid.model.packed_terms import Equation
 
 # The covariance is stepped by a transition of fourth order: good to a percent of a percent with such steps.
@@ -31,7 +31,7 @@ SAME = 1e-9
 _F02, _F12, _N02, _N12, _N00, _N01, _N11, _SERIES = 0, 4, 8, 12, 16, 23, 30, 37
 
 
-@inlined
+@njit_inline
 def filter_steps(interval: float, rate: Any, push: Any, damping: Any, pace: Any, brake: Any, share: float) -> int:
     """How many steps of no more than such a ``share`` of the shortest time constant filters take through ``interval``.
 
@@ -39,18 +39,18 @@ def filter_steps(interval: float, rate: Any, push: Any, damping: Any, pace: Any,
     """
     # How fast it may turn before the interval is over, or where drag balances the torque.
     size, turning = abs(rate), abs(push) * brake[2]
-    soon = smaller(size + interval * turning, larger(size, root(turning * pace[1])))
-    wanted = largest(interval * (larger(damping, damping_of(soon, brake)) + pace[0])) / share
+    soon = minimum(size + interval * turning, maximum(size, sqrt(turning * pace[1])))
+    wanted = reduce_max(interval * (maximum(damping, damping_of(soon, brake)) + pace[0])) / share
     return 1 if not wanted > 1.0 else min(int(wanted) + 1, MAX_GAP_SUBSTEPS)
 
 
-@straight
+@traced
 def pace_of(body: Any, fastest: Any) -> Any:
     """What `filter_steps` asks for of what disturbs at rates up to ``fastest`` 1/s; worked out once."""
-    return fastest + root(body.stiffness / body.inertia), body.inertia / (body.quadratic_drag + _TINY)
+    return fastest + sqrt(body.stiffness / body.inertia), body.inertia / (body.quadratic_drag + _TINY)
 
 
-def innovations(logged: Any, driven: Any, models: Any) -> tuple[FloatArray, FloatArray]:
+def ekf3_innovations(logged: Any, driven: Any, models: Any) -> tuple[FloatArray, FloatArray]:
     """Innovations of extended Kalman filters with a coloured disturbance torque, one in each lane.
 
     State: angle, rate r, disturbance d. ``inertia*rdot = torque + d - quadratic*|r|*r - linear*r``, angle_dot = r,
@@ -70,13 +70,13 @@ def innovations(logged: Any, driven: Any, models: Any) -> tuple[FloatArray, Floa
     """
     rows, count = TERM_STATES * len(models.terms.kinds), logged.row.max() + 1
     innovation, variance = np.empty((2, LANES, count))
-    state, work, series = np.zeros((rows, LANES)), np.zeros((3, rows + ROOM, LANES)), np.zeros((_SERIES, LANES))
+    state, work, series = np.zeros((rows, LANES)), np.zeros((3, rows + SCRATCH_ROWS, LANES)), np.zeros((_SERIES, LANES))
     _filter(logged, driven, models, state, work, series, innovation, variance)
     return innovation, variance
 
 
-@long
-@lean
+@warmed_up
+@njit_noalloc
 def _filter(  # noqa: PLR0915 - one filter, from top to bottom
     logged: Any,
     driven: Any,
@@ -89,22 +89,22 @@ def _filter(  # noqa: PLR0915 - one filter, from top to bottom
 ) -> None:
     """Through one run after the other; fills in what ``innovations`` gives."""
     time, terms, body = logged.time, models.terms, body_of(models.body)
-    sigma, tau = read(models.noise, 0), read(models.noise, 1)
-    angle_noise, rate_noise = read(models.noise, 2), read(models.noise, 3)
+    sigma, tau = load(models.noise, 0), load(models.noise, 1)
+    angle_noise, rate_noise = load(models.noise, 2), load(models.noise, 3)
     angle_noise, rate_noise, power = angle_noise * angle_noise, rate_noise * rate_noise, sigma * sigma
-    brake, restores = brakes(body), largest(body.stiffness) > 0.0
+    brake, restores = brakes(body), reduce_max(body.stiffness) > 0.0
     inverse = brake[2]
     # Damping b of the disturbance, in 1/s.
     b = 1.0 / tau
-    pace, zero = pace_of(body, b), alike(0.0)
+    pace, zero = pace_of(body, b), broadcast(0.0)
     for run in range(len(logged.begins) - 1):
         clear(state)
         begin, end = logged.begins[run], logged.begins[run + 1]
-        equation = Equation(body, terms, alike(logged.start[run]))
+        equation = Equation(body, terms, broadcast(logged.start[run]))
         origin, damping = each(driven.angles, driven.angle, begin), brake[1]
-        a, r, d = origin, alike(logged.first[run, 0]), zero
+        a, r, d = origin, broadcast(logged.first[run, 0]), zero
         p00, p01, p02 = angle_noise, zero, zero
-        p11, p12, p22 = alike(logged.first[run, 1] * logged.first[run, 1]), zero, power
+        p11, p12, p22 = broadcast(logged.first[run, 1] * logged.first[run, 1]), zero, power
         h, fade, mean, fresh, pull = 0.0, zero, zero, zero, zero
         for k in range(begin, end):
             if k > begin:
@@ -114,7 +114,7 @@ def _filter(  # noqa: PLR0915 - one filter, from top to bottom
                 # Most logs are sampled evenly, to rounding: what depends on the step alone is kept.
                 if abs(interval / steps - h) > SAME * h:
                     h = interval / steps
-                    fade = exponential(-h * b)
+                    fade = exp(-h * b)
                     mean = (1.0 - fade) * tau / h
                     fresh, pull = power * (1.0 - fade * fade), 0.5 * h * body.stiffness * inverse
                     _expand(h, b, inverse, 2.0 * power * b * h, series)
@@ -127,7 +127,7 @@ def _filter(  # noqa: PLR0915 - one filter, from top to bottom
                         r, a, damping = bare_step(r, a, push + d * mean, brake, h)
                     else:
                         for _ in range(shares):
-                            share = alike(h / shares)
+                            share = broadcast(h / shares)
                             r, a, damping = step(r, a, push, d * mean, beside, equation, state, work, share)
                     # What of it comes early in the step turns the vehicle more.
                     early = (1.0 - fade) * d * inverse * (h * h / 12.0)
@@ -140,7 +140,7 @@ def _filter(  # noqa: PLR0915 - one filter, from top to bottom
                         p12 = p12 - pull * p02
                         p01 = p01 - pull * p00
                     # One that has grown since the steps were counted would carry the series away.
-                    held = smaller(damping, 1.0 / h)
+                    held = minimum(damping, 1.0 / h)
                     part = held * h
                     slow = 1.0 - part * (0.5 - part * (1.0 / 6.0 - part * (1.0 / 24.0)))
                     f11, f01 = 1.0 - part * slow, h * slow
@@ -168,7 +168,7 @@ def _filter(  # noqa: PLR0915 - one filter, from top to bottom
                 p01 = p01 + kick * (interval / 2.0)
                 p11 = p11 + kick
             measured = each(driven.angles, driven.angle, k)
-            if not math.isnan(lane(measured, 0)):
+            if not math.isnan(extract(measured, 0)):
                 s = p00 + angle_noise
                 e = measured - a
                 put(innovation, logged.row[k, 0], e)
@@ -192,16 +192,16 @@ def _filter(  # noqa: PLR0915 - one filter, from top to bottom
                 p01, p12, p11 = kept * p01, kept * p12, kept * p11
 
 
-@lean
+@njit_noalloc
 def _expand(h: float, b: Any, inverse: Any, grown: Any, series: Any) -> None:
     """As ``_fill_in``, which is long, as a function of its own: the loop about it is better off without."""
     _fill_in(h, b, inverse, grown, series)
 
 
-@straight
+@traced
 def _fill_in(h: float, b: Any, inverse: Any, grown: Any, series: Any) -> None:
     """Fill in the ``series`` for steps of ``h`` s, a disturbance that fades at ``b`` 1/s and a noise so ``grown``."""
-    sums = [alike(0.0)] * _SERIES
+    sums = [broadcast(0.0)] * _SERIES
 
     def add(at: int, x: Any) -> None:
         sums[at] = sums[at] + x
@@ -211,7 +211,7 @@ def _fill_in(h: float, b: Any, inverse: Any, grown: Any, series: Any) -> None:
     for node in range(3):
         t, weight = NODES[node] * h, grown * WEIGHTS[node]
         angle, rate = _pushed(t, b, inverse)
-        left = exponential(-t * b)
+        left = exp(-t * b)
         for i in range(4):
             add(_N02 + i, weight * angle[i] * left)
             add(_N12 + i, weight * rate[i] * left)
@@ -220,10 +220,10 @@ def _fill_in(h: float, b: Any, inverse: Any, grown: Any, series: Any) -> None:
                 add(_N01 + i + j, weight * angle[i] * rate[j])
                 add(_N11 + i + j, weight * rate[i] * rate[j])
     for at in range(_SERIES):
-        write(series, at, sums[at])
+        store(series, at, sums[at])
 
 
-@straight
+@traced
 def _pushed(t: float, b: Any, inverse: Any) -> Any:
     """Angle and rate after ``t`` s of a unit torque that fades at ``b`` 1/s, as series in the damping a in 1/s.
 
@@ -243,15 +243,15 @@ def _pushed(t: float, b: Any, inverse: Any) -> Any:
     return angles, rates
 
 
-@straight
+@traced
 def _cubic(series: Any, at: int, x: Any) -> Any:
-    return ((read(series, at + 3) * x + read(series, at + 2)) * x + read(series, at + 1)) * x + read(series, at)
+    return ((load(series, at + 3) * x + load(series, at + 2)) * x + load(series, at + 1)) * x + load(series, at)
 
 
-@straight
+@traced
 def _sextic(series: Any, at: int, x: Any) -> Any:
     # In two halves, which do not wait for each other.
     square = x * x
-    even = (read(series, at + 6) * square + read(series, at + 4)) * square + read(series, at + 2)
-    odd = (read(series, at + 5) * square + read(series, at + 3)) * square + read(series, at + 1)
-    return even * square + odd * x + read(series, at)
+    even = (load(series, at + 6) * square + load(series, at + 4)) * square + load(series, at + 2)
+    odd = (load(series, at + 5) * square + load(series, at + 3)) * square + load(series, at + 1)
+    return even * square + odd * x + load(series, at)

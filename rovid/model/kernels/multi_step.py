@@ -8,9 +8,9 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.effects.base import TERM_STATES, Body
-from rovid.jit.decorators import lean
-from rovid.jit.simd import LANES, alike, lane, larger, largest, with_lane, within
-from rovid.model.kernels.effect_terms import ROOM, jump, torque_at
+from rovid.jit.decorators import njit_noalloc
+from rovid.jit.simd import LANES, broadcast, extract, insert, maximum, nan_unless_below, reduce_max
+from rovid.model.kernels.effect_terms import SCRATCH_ROWS, jump, torque_at
 from rovid.model.kernels.rk4_step import (
     REACH,
     bare_step,
@@ -23,7 +23,7 @@ from rovid.model.kernels.rk4_step import (
     whole_steps,
 )
 from rovid.model.kernels.simd_io import clear, each, in_lanes
-from rovid.model.kernels.warmup import long
+from rovid.model.kernels.warmup import warmed_up
 from rovid.model.packed_terms import Equation
 
 # So many times the largest rate that was measured is none of the vehicle's.
@@ -32,7 +32,7 @@ _RUNAWAY = 30.0
 _MAX_SUBSTEPS_AHEAD = 200
 
 
-def predict(
+def predict_multi_step(
     period: FloatArray,
     torque: FloatArray,
     beside: FloatArray,
@@ -69,14 +69,14 @@ def predict(
     """
     rows, most = TERM_STATES * len(terms.kinds), _RUNAWAY * float(np.fmax.reduce(np.abs(rate), initial=0.0))
     turned = np.full((len(restarts), 1 + int(reach.max(initial=0))), np.nan)
-    state, work = np.zeros((rows, LANES)), np.zeros((3, rows + ROOM, LANES))
+    state, work = np.zeros((rows, LANES)), np.zeros((3, rows + SCRATCH_ROWS, LANES))
     course, begun = (torque, beside, rate, angle, states), (restarts, reach, period, start)
     _predict(begun, course, body, terms, most, state, work, turned)
     return turned
 
 
-@long
-@lean
+@warmed_up
+@njit_noalloc
 def _predict(
     begun: Any,
     course: Any,
@@ -89,16 +89,16 @@ def _predict(
 ) -> None:
     """From all restarts, one in each lane; fills in their rows of ``turned``."""
     (restarts, reach, period, start), (torque, beside, rate, angle, states) = begun, course
-    whole, none = in_lanes(Equation(body, terms, 0.0)).body, alike(0.0)
+    whole, none = in_lanes(Equation(body, terms, 0.0)).body, broadcast(0.0)
     brake = brakes(whole)
     for first in range(0, len(restarts), LANES):
-        r, a, span, origin, longest = alike(0.0), alike(0.0), alike(1.0), alike(0.0), 0
+        r, a, span, origin, longest = broadcast(0.0), broadcast(0.0), broadcast(1.0), broadcast(0.0), 0
         for i in range(LANES):
             # Lanes beyond the last restart do as that does.
             own = min(first + i, len(restarts) - 1)
             at, longest = restarts[own], max(longest, reach[own])
-            r, a = with_lane(r, i, rate[at]), with_lane(a, i, angle[at])
-            span, origin = with_lane(span, i, period[own]), with_lane(origin, i, start[own])
+            r, a = insert(r, i, rate[at]), insert(a, i, angle[at])
+            span, origin = insert(span, i, period[own]), insert(origin, i, start[own])
             for j in range(TERM_STATES * terms.remembering):
                 state[j, i] = states[at, j]
             turned[own, 0] = 0.0
@@ -107,11 +107,14 @@ def _predict(
             push, race, surge, sway = none, none, none, none
             for i in range(LANES):
                 at = min(restarts[min(first + i, len(restarts) - 1)] + k, len(torque) - 1)
-                push, race = with_lane(push, i, torque[at]), with_lane(race, i, beside[at, 0])
-                surge, sway = with_lane(surge, i, beside[at, 1]), with_lane(sway, i, beside[at, 2])
+                push, race = insert(push, i, torque[at]), insert(race, i, beside[at, 0])
+                surge, sway = insert(surge, i, beside[at, 1]), insert(sway, i, beside[at, 2])
             wanted = wanted_steps(r, push, stiffness, span, equation)
             # One that asks for endless steps is given up.
-            r, wanted = within(r, wanted, _MAX_SUBSTEPS_AHEAD), within(wanted, wanted, _MAX_SUBSTEPS_AHEAD)
+            r, wanted = (
+                nan_unless_below(r, wanted, _MAX_SUBSTEPS_AHEAD),
+                nan_unless_below(wanted, wanted, _MAX_SUBSTEPS_AHEAD),
+            )
             steps = whole_steps(wanted)
             h, stiffness = span / steps, none
             for _ in range(steps):
@@ -119,13 +122,13 @@ def _predict(
                     r, a, damping = bare_step(r, a, push, brake, h)
                 else:
                     r, a, damping = step(r, a, push, none, (race, surge, sway), equation, state, work, h)
-                stiffness = larger(stiffness, damping)
+                stiffness = maximum(stiffness, damping)
             # So is one that runs away.
-            r = within(r, abs(r), most)
+            r = nan_unless_below(r, abs(r), most)
             for i in range(LANES):
                 own = first + i
-                if own < len(restarts) and k < reach[own] and lane(r, i) == lane(r, i):
-                    turned[own, k + 1] = lane(a, i) - lane(begin, i)
+                if own < len(restarts) and k < reach[own] and extract(r, i) == extract(r, i):
+                    turned[own, k + 1] = extract(a, i) - extract(begin, i)
 
 
 def effects_along(
@@ -153,27 +156,31 @@ def effects_along(
         Of the `rovid.model.packed_terms.Equation` of them all.
     """
     count = TERM_STATES * len(terms.kinds)
-    torque, states, room = np.zeros(len(course)), np.zeros((len(course), count)), np.zeros((4, count + ROOM, LANES))
+    torque, states, room = (
+        np.zeros(len(course)),
+        np.zeros((len(course), count)),
+        np.zeros((4, count + SCRATCH_ROWS, LANES)),
+    )
     at = np.zeros((2, LANES), dtype=np.int64)
     _follow((begins, periods, starts), (course, beside), Equation(body, terms, 0.0), at, room, torque, states)
     return torque, states
 
 
-@long
-@lean
+@warmed_up
+@njit_noalloc
 def _follow(runs: Any, measured: Any, equation: Any, at: Any, room: Any, torque: Any, states: Any) -> None:
     """The courses of all runs, one in each lane; fills in ``torque`` and ``states``."""
     (begins, periods, starts), (course, beside), terms = runs, measured, equation.terms
     state, change, there, moved, whole = room[0], room[1], room[2], room[3], in_lanes(equation).body
     for first in range(0, len(periods), LANES):
-        period, origin, longest = alike(1.0), alike(0.0), 0
+        period, origin, longest = broadcast(1.0), broadcast(0.0), 0
         for i in range(LANES):
             # Lanes beyond the last run do as that does.
             own = min(first + i, len(periods) - 1)
-            period, origin = with_lane(period, i, periods[own]), with_lane(origin, i, starts[own])
+            period, origin = insert(period, i, periods[own]), insert(origin, i, starts[own])
             longest = max(longest, begins[own + 1] - begins[own])
         abreast = Equation(whole, terms, origin)
-        steps = shares_of(largest(period), terms)
+        steps = shares_of(reduce_max(period), terms)
         h, rows = period / steps, TERM_STATES * terms.remembering
         clear(state)
         for k in range(longest):
@@ -189,7 +196,7 @@ def _follow(runs: Any, measured: Any, equation: Any, at: Any, room: Any, torque:
             given = torque_at(rate, angle, push, told, abreast, state, change)
             for i in range(min(LANES, len(periods) - first)):
                 if begins[first + i] + k < begins[first + i + 1]:
-                    torque[here[i]] = lane(given, i)
+                    torque[here[i]] = extract(given, i)
                     for j in range(states.shape[1]):
                         states[here[i], j] = state[j, i]
             faster, farther = (each(course, behind, 0) - rate) / steps, (each(course, behind, 1) - angle) / steps

@@ -9,9 +9,9 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
 from rovid.effects.base import Body
-from rovid.jit.decorators import inlined, lean
-from rovid.jit.simd import LANES, alike, lane, larger, with_lane
-from rovid.model.kernels.effect_terms import ROOM
+from rovid.jit.decorators import njit_inline, njit_noalloc
+from rovid.jit.simd import LANES, broadcast, extract, insert, maximum
+from rovid.model.kernels.effect_terms import SCRATCH_ROWS
 from rovid.model.kernels.rk4_step import bare_step, brakes, damping_of, step, wanted_steps, whole_steps
 from rovid.model.kernels.simd_io import each, in_lanes
 from rovid.model.packed_terms import Equation
@@ -46,7 +46,7 @@ def simulate(time: FloatArray, torque: FloatArray, body: Body, initial_rate: flo
     return rate, angle
 
 
-@lean
+@njit_noalloc
 def _simulate(intervals: FloatArray, torque: FloatArray, body: Body, rate: FloatArray, angle: FloatArray) -> None:
     """Fill in ``rate`` and ``angle`` behind the first."""
     quadratic, linear, brake = body.quadratic_drag, body.linear_drag, brakes(body)
@@ -76,7 +76,7 @@ def _simulate(intervals: FloatArray, torque: FloatArray, body: Body, rate: Float
         angle[k + 1] = a
 
 
-@lean
+@njit_noalloc
 def advance(
     r: float,
     a: float,
@@ -109,22 +109,22 @@ def advance(
     rate, angle, stiffness
         At the interval's end.
     """
-    told = alike(beside[0]), alike(beside[1]), alike(beside[2])
-    motion = alike(r), alike(a), alike(stiffness)
-    drive = alike(push), alike(other), alike(moment), told
-    rate, angle, fastest = _onward(motion, drive, alike(interval), in_lanes(equation), state, work)
-    return lane(rate, 0), lane(angle, 0), lane(fastest, 0)
+    told = broadcast(beside[0]), broadcast(beside[1]), broadcast(beside[2])
+    motion = broadcast(r), broadcast(a), broadcast(stiffness)
+    drive = broadcast(push), broadcast(other), broadcast(moment), told
+    rate, angle, fastest = _onward(motion, drive, broadcast(interval), in_lanes(equation), state, work)
+    return extract(rate, 0), extract(angle, 0), extract(fastest, 0)
 
 
-@inlined
+@njit_inline
 def _onward(motion: Any, drive: Any, interval: Any, equation: Any, state: Any, work: Any) -> Any:
     """Rate, angle and stiffness an ``interval`` later, all in lanes; see ``advance``."""
     (rate, angle, stiffness), (push, other, moment, beside), body = motion, drive, equation.body
     steps = whole_steps(wanted_steps(rate, push + other, stiffness, interval, equation))
-    h, fastest = interval / steps, alike(equation.terms.fastest)
+    h, fastest = interval / steps, broadcast(equation.terms.fastest)
     for _ in range(steps):
         rate, angle, damping = step(rate, angle, push, other, beside, equation, state, work, h)
-        fastest = larger(fastest, damping)
+        fastest = maximum(fastest, damping)
     # What came late in the interval has turned the vehicle less, and drag has taken less of it.
     late = moment / body.inertia
     return rate - damping_of(rate, brakes(body)) * late, angle + late, fastest
@@ -163,34 +163,34 @@ def simulate_effects(
     given = np.column_stack((intervals, *drive))
     moved = np.empty((len(time), 2))
     moved[begins[:-1]] = first
-    at, room = np.zeros((2, LANES), dtype=np.int64), np.zeros((4, states.shape[1] + ROOM, LANES))
+    at, room = np.zeros((2, LANES), dtype=np.int64), np.zeros((4, states.shape[1] + SCRATCH_ROWS, LANES))
     _simulate_effects((begins, starts, states), given, Equation(body, terms, 0.0), at, room, moved)
     rate, angle = np.ascontiguousarray(moved.T)
     return rate, angle
 
 
-@lean
+@njit_noalloc
 def _simulate_effects(runs: Any, given: FloatArray, equation: Any, at: Any, room: Any, moved: FloatArray) -> None:
     """The runs side by side, one in each lane; fills in what they ``moved`` behind the first instant of each."""
     (begins, starts, states), whole = runs, in_lanes(equation).body
     here, last, state, work = at[0], at[1], room[0], room[1:]
     for group in range(0, len(starts), LANES):
-        origin, longest = alike(0.0), 0
+        origin, longest = broadcast(0.0), 0
         for i in range(LANES):
             # Lanes beyond the last run do as that does.
             own = min(group + i, len(starts) - 1)
-            origin, here[i], last[i] = with_lane(origin, i, starts[own]), begins[own], begins[own + 1] - 1
+            origin, here[i], last[i] = insert(origin, i, starts[own]), begins[own], begins[own + 1] - 1
             longest = max(longest, last[i] - here[i])
             for j in range(states.shape[1]):
                 state[j, i] = states[own, j]
         abreast = Equation(whole, equation.terms, origin)
-        r, a, stiffness = each(moved, here, 0), each(moved, here, 1), alike(0.0)
+        r, a, stiffness = each(moved, here, 0), each(moved, here, 1), broadcast(0.0)
         for _ in range(longest):
             interval, late = each(given, here, 0), each(given, here, 2)
             told = each(given, here, 3), each(given, here, 4), each(given, here, 5)
-            drive = each(given, here, 1), alike(0.0), late, told
+            drive = each(given, here, 1), broadcast(0.0), late, told
             r, a, stiffness = _onward((r, a, stiffness), drive, interval, abreast, state, work)
             for i in range(LANES):
                 if here[i] < last[i]:
                     here[i] += 1
-                    moved[here[i], 0], moved[here[i], 1] = lane(r, i), lane(a, i)
+                    moved[here[i], 0], moved[here[i], 1] = extract(r, i), extract(a, i)

@@ -9,9 +9,9 @@ import math
 from typing import Any
 
 from rovid.effects.base import TERM_STATES
-from rovid.jit.decorators import inlined, lean
-from rovid.jit.simd import alike, larger, largest, read, root, smaller, write
-from rovid.jit.tracing import straight
+from rovid.jit.decorators import njit_inline, njit_noalloc
+from rovid.jit.simd import broadcast, load, maximum, minimum, reduce_max, sqrt, store
+from rovid.jit.tracing import traced
 from rovid.model.kernels.effect_terms import jump, torque_of
 
 # How far along the step the second to fourth stage stand, and how often each of the four counts in the mean.
@@ -26,25 +26,25 @@ MAX_GAP_SUBSTEPS = 1_000_000
 _TINY = 1e-12
 
 
-@straight
+@traced
 def brakes(body: Any) -> Any:
     """Quadratic and linear drag over the inertia, and one over the inertia: divided once, not in each stage."""
     return body.quadratic_drag / body.inertia, body.linear_drag / body.inertia, 1.0 / body.inertia
 
 
-@straight
+@traced
 def _accelerated(rate: Any, push: Any, brake: Any) -> Any:
     """In rad/s^2, by a ``push`` over the inertia, of the plain model."""
     return push - (brake[0] * abs(rate) + brake[1]) * rate
 
 
-@straight
+@traced
 def damping_of(rate: Any, brake: Any) -> Any:
     """-d(acceleration)/d(rate) of the plain model, in 1/s; see `brakes`."""
     return 2.0 * brake[0] * abs(rate) + brake[1]
 
 
-@straight
+@traced
 def bare_step(r: Any, a: Any, torque: Any, brake: Any, h: Any) -> Any:
     """One step of rate and angle without effects; also the damping half way, in 1/s.
 
@@ -63,7 +63,7 @@ def bare_step(r: Any, a: Any, torque: Any, brake: Any, h: Any) -> Any:
     return r + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4), angle, damping_of(r2, brake)
 
 
-@lean
+@njit_noalloc
 def step(
     r: Any,
     a: Any,
@@ -100,7 +100,7 @@ def step(
     rate, angle = r + nudge, a
     jump(rate, equation, state)
     copy(rows, state, there)
-    turned = gained = given = damping = alike(0.0)
+    turned = gained = given = damping = broadcast(0.0)
     for stage in range(-1, 4):
         extra = torque_of(rate, angle, push, beside, equation, there, change) * brake[2]
         if stage < 0:
@@ -111,7 +111,7 @@ def step(
         if stage == 0:
             given = (given - extra) / nudge
         if stage == 1:
-            damping = larger(damping_of(rate, brake) - given, 0.0)
+            damping = maximum(damping_of(rate, brake) - given, 0.0)
         pull = _accelerated(rate, drive + extra, brake)
         turned = turned + WEIGHT[stage] * rate
         gained = gained + WEIGHT[stage] * pull
@@ -122,14 +122,14 @@ def step(
     return r + h / 6.0 * gained, a + h / 6.0 * turned, damping
 
 
-@inlined
+@njit_inline
 def copy(rows: int, state: Any, there: Any) -> None:
     """Write the first ``rows`` of ``state`` into ``there``."""
     for j in range(rows):
-        write(there, j, read(state, j))
+        store(there, j, load(state, j))
 
 
-@inlined
+@njit_inline
 def move(stage: int, rows: int, state: Any, change: Any, h: Any, there: Any, moved: Any) -> None:
     """Move the states of effects from one stage ``there``, to the next, and behind the last stage themselves.
 
@@ -137,33 +137,33 @@ def move(stage: int, rows: int, state: Any, change: Any, h: Any, there: Any, mov
     lane if need be.
     """
     for j in range(rows):
-        change_here = read(change, j)
-        after = read(state if stage == 0 else moved, j) + (WEIGHT[stage] / 6.0) * h * change_here
+        change_here = load(change, j)
+        after = load(state if stage == 0 else moved, j) + (WEIGHT[stage] / 6.0) * h * change_here
         if stage < 3:
-            write(moved, j, after)
-            write(there, j, read(state, j) + REACH[stage] * h * change_here)
+            store(moved, j, after)
+            store(there, j, load(state, j) + REACH[stage] * h * change_here)
         else:
-            write(state, j, after)
+            store(state, j, after)
 
 
-@inlined
+@njit_inline
 def shares_of(h: float, terms: Any) -> int:
     """How many shares of ``h`` s the states of effects are moved by, one after the other."""
     fastest: float = terms.fastest
     return max(math.ceil(h * fastest / EFFECTS_STEP_SHARE), 1)
 
 
-@inlined
+@njit_inline
 def wanted_steps(r: Any, torque: Any, stiffness: Any, interval: Any, equation: Any) -> Any:
     """How many steps an interval asks for, ``stiffness`` in 1/s having been that of the one before."""
     body, size = equation.body, abs(torque)
-    balance = smaller(root(size / larger(body.quadratic_drag, _TINY)), size / larger(body.linear_drag, _TINY))
-    stiffness = larger(larger(stiffness, equation.terms.fastest), damping_of(larger(abs(r), balance), brakes(body)))
+    balance = minimum(sqrt(size / maximum(body.quadratic_drag, _TINY)), size / maximum(body.linear_drag, _TINY))
+    stiffness = maximum(maximum(stiffness, equation.terms.fastest), damping_of(maximum(abs(r), balance), brakes(body)))
     return interval * stiffness / EFFECTS_STEP_SHARE
 
 
-@inlined
+@njit_inline
 def whole_steps(wanted: Any) -> int:
     """The number of steps that does for what is ``wanted``, in all lanes."""
-    most = largest(wanted)
+    most = reduce_max(wanted)
     return 1 if not most > 1.0 else min(int(most) + 1, MAX_GAP_SUBSTEPS)

@@ -12,13 +12,13 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from rovid.core.threads import cores
+from rovid.core.threads import core_count
 from rovid.effects.base import Body
-from rovid.jit.background_compiler import Second, say
-from rovid.jit.cache_dirs import keeps_compiled
-from rovid.jit.decorators import is_kept
+from rovid.jit.background_compiler import BackgroundCompiler, report_done
+from rovid.jit.cache_dirs import can_cache
+from rovid.jit.decorators import is_cached
 from rovid.jit.simd import LANES
-from rovid.signals.recursion import fading_sum
+from rovid.signals.recursion import first_order_sum
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -29,33 +29,35 @@ _LONG: dict[str, Any] = {}
 _OWN = "rovid.model.kernels.ekf3._filter"
 # What it compiles as it waits for the second: each asked for next to nothing, until that is done.
 _MEANWHILE: deque[Callable[[], object]] = deque()
-_BEGUN: list[Second] = []
+_BEGUN: list[BackgroundCompiler] = []
 
 
 def is_compiled() -> bool:
     """Whether this machine has compiled before what takes long."""
-    return keeps_compiled() and all(map(is_kept, _LONG.values()))
+    return can_cache() and all(map(is_cached, _LONG.values()))
 
 
-def begin() -> bool:
+def start_compiling() -> bool:
     """Have a second process compile what is not compiled yet, if it can be kept and there is another core.
 
     Whether there is one.
     """
-    if not _BEGUN and keeps_compiled() and cores() > 1 and sys.executable and not is_compiled():
+    if not _BEGUN and can_cache() and core_count() > 1 and sys.executable and not is_compiled():
         with contextlib.suppress(OSError):
-            _BEGUN.append(Second(f"import {__name__} as first_use; first_use.work()", _LONG.keys() - {_OWN}))
+            _BEGUN.append(
+                BackgroundCompiler(f"import {__name__} as first_use; first_use.work()", _LONG.keys() - {_OWN})
+            )
             _MEANWHILE.extend((long_loops()[_OWN], *quick_loops()))
     return bool(_BEGUN)
 
 
-def compile_now() -> None:
+def compile_all() -> None:
     """Compile it in this process, before others are started that would each do so."""
     for loop in (*long_loops().values(), *quick_loops()):
         loop()
 
 
-def long(loop: Function) -> Function:
+def warmed_up(loop: Function) -> Function:
     """A ``loop`` that takes long to compile: where there is a second process, it waits for that to have done so."""
     name = f"{loop.__module__}.{loop.__qualname__}"
     _LONG[name] = loop
@@ -75,7 +77,7 @@ def long(loop: Function) -> Function:
 def work() -> None:
     """As the second process: compile one after the other."""
     gc.disable()  # it is over before memory is
-    say(name for name, loop in long_loops().items() if name != _OWN and loop() is not None)
+    report_done(name for name, loop in long_loops().items() if name != _OWN and loop() is not None)
 
 
 def quick_loops() -> list[Callable[[], object]]:
@@ -84,29 +86,29 @@ def quick_loops() -> list[Callable[[], object]]:
 
     two = np.arange(2.0)
     held = [functools.partial(loop, two, two, *[1.0] * more) for loop, more in actuator_dynamics.LOOPS]
-    return [*held, functools.partial(fading_sum, two, 1.0)]
+    return [*held, functools.partial(first_order_sum, two, 1.0)]
 
 
 def long_loops() -> dict[str, Callable[[], object]]:
     """In the order in which a diagnosis needs them, each asked for next to nothing in numbers as it is always given."""
     from rovid.model import kernels
-    from rovid.model.filter_batch import Abreast, Driven, Logged
-    from rovid.model.packed_terms import terms_of
-    from rovid.model.torque_input import Drive
+    from rovid.model.filter_batch import FilterData, FilterInputs, ParameterBatch
+    from rovid.model.packed_terms import pack_terms
+    from rovid.model.torque_input import TorqueInput
 
-    body, terms, drive = Body(1.0, 1.0, 1.0), terms_of([], 1.0), Drive.held(np.zeros(2))
+    body, terms, drive = Body(1.0, 1.0, 1.0), pack_terms([], 1.0), TorqueInput.held(np.zeros(2))
     begins, one, two = np.array([0, 2]), np.ones(1), np.arange(2.0)
-    grid = drive.torque, drive.beside, two, two, np.zeros((2, 0))
-    logged = Logged(begins, two, two, one, np.ones((1, 2)), np.arange(4).reshape(2, 2))
-    driven = Driven.of([drive] * LANES, [two] * LANES)
-    models = Abreast(np.ones((5, LANES)), terms, np.ones((4, LANES)), np.ones((3, LANES)))
+    grid = drive.torque, drive.effect_inputs, two, two, np.zeros((2, 0))
+    logged = FilterData(begins, two, two, one, np.ones((1, 2)), np.arange(4).reshape(2, 2))
+    driven = FilterInputs.stack([drive] * LANES, [two] * LANES)
+    models = ParameterBatch(np.ones((5, LANES)), terms, np.ones((4, LANES)), np.ones((3, LANES)))
     ends = begins[:1].copy(), begins[1:].copy(), one
     asked: dict[str, Callable[[], object]] = {
-        "prediction._predict": lambda: kernels.predict(one, *grid, *ends, body, terms),
+        "prediction._predict": lambda: kernels.predict_multi_step(one, *grid, *ends, body, terms),
         "prediction._follow": lambda: kernels.effects_along(
-            begins, one, np.zeros((2, 3)), drive.beside, one, body, terms
+            begins, one, np.zeros((2, 3)), drive.effect_inputs, one, body, terms
         ),
-        "filter._filter": lambda: kernels.innovations(logged, driven, models),
-        "wide_filter._filter": lambda: kernels.innovations_wide(logged, driven, models),
+        "filter._filter": lambda: kernels.ekf3_innovations(logged, driven, models),
+        "wide_filter._filter": lambda: kernels.ekf5_innovations(logged, driven, models),
     }
     return {f"{kernels.__name__}.{name}": loop for name, loop in asked.items()}

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import math
 
-from rovid.diagnose.next_experiment import deciding_experiment, next_experiment
-from rovid.diagnose.result import Ahead, Diagnosis, Finding, Side, not_identifiable
-from rovid.diagnose.signal_regressors import is_signal, signal_of
-from rovid.diagnose.tables import Amplitudes, Explanation, Prediction
+from rovid.diagnose.next_experiment import discriminating_experiment, next_experiment
+from rovid.diagnose.result import Diagnosis, Finding, HorizonErrors, ModelAssessment, unidentifiable_parameters
+from rovid.diagnose.signal_regressors import is_signal, signal_name
+from rovid.diagnose.tables import Explanation, SinePrediction, TableDiagnosis
 from rovid.estimate.estimate import Estimate
 from rovid.model.parameter_names import unit_of, without_form
 from rovid.present.documents.fits import (
     Document,
+    all_warnings,
     axis_document,
-    cautions,
     guess_document,
     parameter_document,
     position_errors,
-    units_of,
+    simulation_units,
 )
 from rovid.store.study import Study
 from rovid.trial.axis import Axis
@@ -37,15 +37,15 @@ def diagnosis_document(diagnosis: Diagnosis, study: Study) -> Document:
         "extended": _side(extended, axis),
         "held_out_gain": _gain(base, extended, diagnosis.noise_floor, axis),
         "unexplained": _unexplained(diagnosis),
-        "not_identifiable": list(not_identifiable(study.vehicle)),
+        "not_identifiable": list(unidentifiable_parameters(study.vehicle)),
         "detectable": _detectable(diagnosis, axis),
         "next_experiment": next_experiment(diagnosis),
         "missing": diagnosis.missing or None,
-        **guess_document(study.vehicle.guess),
+        **guess_document(study.vehicle.assumptions),
     }
-    if diagnosis.amplitudes is not None:
-        document["tables"] = _tables(diagnosis.amplitudes)
-    document["warnings"] = cautions(study.vehicle.guess, [*study.remarks(), *diagnosis.warnings])
+    if diagnosis.from_tables is not None:
+        document["tables"] = _tables(diagnosis.from_tables)
+    document["warnings"] = all_warnings(study.vehicle.assumptions, [*study.remarks(), *diagnosis.warnings])
     return document
 
 
@@ -53,7 +53,7 @@ def _unexplained(diagnosis: Diagnosis) -> Document:
     """What of the motion no effect explains, and the signals that it follows."""
     depends_on, signals = [], []
     for signal, worth in diagnosis.signals:
-        name = signal_of(signal)
+        name = signal_name(signal)
         depends_on.append(name)
         signals.append({"signal": name, "acts_as": signal.form, "log_likelihood_gain": worth})
     return {
@@ -75,16 +75,16 @@ def _detectable(diagnosis: Diagnosis, axis: Axis) -> Document:
     return document
 
 
-def _tables(amplitudes: Amplitudes) -> Document:
+def _tables(amplitudes: TableDiagnosis) -> Document:
     return {
         "predictions": [_prediction(each) for each in amplitudes.predictions],
-        "plain_model_explains": amplitudes.plain.explains,
+        "plain_model_explains": amplitudes.without_effect.explains,
         "would_explain": [_cause(cause) for cause in amplitudes.causes],
         "would_not_explain": [effect.id for effect in amplitudes.ruled_out],
     }
 
 
-def _prediction(each: Prediction) -> Document:
+def _prediction(each: SinePrediction) -> Document:
     return {
         "trial": each.trial,
         "inertia": each.inertia,
@@ -102,12 +102,12 @@ def _cause(cause: Explanation) -> Document:
         "form": effect.form or None,
         "parameters": parameters,
         "inertia": cause.model.inertia,
-        "chance_of_the_misfit": None if math.isnan(cause.chance) else cause.chance,
+        "chance_of_the_misfit": None if math.isnan(cause.p_value) else cause.p_value,
         "deciding_experiment": effect.experiment,
     }
 
 
-def _side(side: Side | None, axis: Axis) -> Document | None:
+def _side(side: ModelAssessment | None, axis: Axis) -> Document | None:
     """A model's parameters and what it makes of trials that were not fitted; None where there is no model."""
     if side is None:
         return None
@@ -116,10 +116,10 @@ def _side(side: Side | None, axis: Axis) -> Document | None:
         "parameters": _without_forms(side.estimate),
         "held_out": {
             "log_likelihood": held.log_likelihood,
-            f"{axis.rate}_r2": held.rate_r2,
-            f"{axis.rate}_rmse": held.rate_rmse,
+            f"{axis.rate_signal}_r2": held.rate_r2,
+            f"{axis.rate_signal}_rmse": held.rate_rmse,
             **position_errors(held.position_errors, axis),
-            "units": units_of(axis),
+            "units": simulation_units(axis),
         },
     }
 
@@ -129,12 +129,12 @@ def _without_forms(estimate: Estimate) -> Document:
     return {without_form(name): value for name, value in parameter_document(estimate).items()}
 
 
-def _ahead(ahead: Ahead, axis: Axis) -> Document:
+def _ahead(ahead: HorizonErrors, axis: Axis) -> Document:
     unit = "deg" if axis.angular else "m"
     return {
         "seconds": ahead.seconds,
-        f"base_{unit}": axis.in_shown(ahead.base),
-        f"extended_{unit}": axis.in_shown(ahead.extended),
+        f"base_{unit}": axis.to_display(ahead.base),
+        f"extended_{unit}": axis.to_display(ahead.extended),
     }
 
 
@@ -147,9 +147,9 @@ def _finding(finding: Finding) -> Document:
         "log_likelihood_gain": finding.gain,
         "held_out_log_likelihood_gain": finding.held_out_gain,
         "runner_up": _runner_up(finding),
-        "confidence": finding.confidence,
-        "cannot_be_told_from": [other.id for other in finding.undecided],
-        "deciding_experiment": deciding_experiment(finding),
+        "confidence": finding.probability,
+        "cannot_be_told_from": [other.id for other in finding.indistinguishable],
+        "deciding_experiment": discriminating_experiment(finding),
     }
 
 
@@ -160,24 +160,24 @@ def _own_names(parameters: Document) -> Document:
 
 def _runner_up(finding: Finding) -> Document | None:
     """The best other cause; a dependence on a signal is none."""
-    for rival in finding.rivals:
+    for rival in finding.alternatives:
         if not is_signal(rival.effect):
-            return {"effect": rival.effect.id, "gain": rival.worth}
+            return {"effect": rival.effect.id, "gain": rival.bic_gain}
     return None
 
 
-def _gain(base: Side | None, extended: Side | None, floor: float, axis: Axis) -> Document | None:
+def _gain(base: ModelAssessment | None, extended: ModelAssessment | None, floor: float, axis: Axis) -> Document | None:
     """What the simulation of trials that were not fitted gains; None where one of the two is missing."""
     if base is None or extended is None:
         return None
     one, other = base.held_out, extended.held_out
     document = {
-        f"{axis.rate}_rmse": _pair(one.rate_rmse, other.rate_rmse, axis.rate_unit) | {"noise_floor": floor},
-        f"{axis.rate}_r2": _pair(one.rate_r2, other.rate_r2, "1"),
+        f"{axis.rate_signal}_rmse": _pair(one.rate_rmse, other.rate_rmse, axis.rate_unit) | {"noise_floor": floor},
+        f"{axis.rate_signal}_r2": _pair(one.rate_r2, other.rate_r2, "1"),
     }
     for horizon, before in one.position_errors.items():
         after = other.position_errors[horizon]
-        document[f"{axis.position}_error_{horizon:.0f}s"] = _pair(before, after, axis.unit("rad"))
+        document[f"{axis.position_signal}_error_{horizon:.0f}s"] = _pair(before, after, axis.unit("rad"))
     document["log_likelihood"] = _pair(one.log_likelihood, other.log_likelihood, "1")
     return document
 

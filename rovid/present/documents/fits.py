@@ -9,18 +9,18 @@ from typing import Any
 import numpy as np
 
 from rovid.estimate.estimate import PER_INERTIA, Estimate, Ratio
-from rovid.estimate.free_decay import Reading, read_decay
+from rovid.estimate.free_decay import Quantity, analyse_free_decay
 from rovid.estimate.inertia import METHODS, InertiaFit
 from rovid.estimate.maximum_likelihood import LikelihoodFit
-from rovid.estimate.sine_inertia import Inertia
+from rovid.estimate.sine_inertia import InertiaReading
 from rovid.estimate.steady_drag import DragFit
 from rovid.estimate.steady_points import SteadyPoint
-from rovid.estimate.thrust_curve import BenchFit
+from rovid.estimate.thrust_curve import ThrustCurveFit
 from rovid.model.parameter_names import effect_ids
 from rovid.model.simulation import HORIZONS
-from rovid.signals.preprocessing import Runs
+from rovid.signals.preprocessing import PreparedRuns
 from rovid.store.study import Study
-from rovid.trial.assumptions import Guesswork
+from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import YAW, Axis
 
 Document = dict[str, Any]
@@ -43,12 +43,12 @@ def parameter_document(estimate: Estimate) -> Document:
     return document
 
 
-def guess_document(guess: Guesswork) -> Document:
+def guess_document(guess: Assumptions) -> Document:
     """What of the vehicle is a guess, by name."""
     return {"guessed": list(guess.items)}
 
 
-def cautions(guess: Guesswork, warnings: Sequence[str]) -> list[str]:
+def all_warnings(guess: Assumptions, warnings: Sequence[str]) -> list[str]:
     """The warnings, and before them what hangs on a guess."""
     return [*filter(None, [guess.caution]), *warnings]
 
@@ -65,9 +65,9 @@ def fit_document(estimate: Estimate, study: Study) -> Document:
         "not_identifiable": ["thrust_scale", *estimate.refused],
         **axis_document(estimate.axis),
         "filter": None if study.runs is None else filter_document(study.runs),
-        **guess_document(estimate.guess),
-        "ratios": {ratio.name: _ratio(ratio) for ratio in estimate.ratios if estimate.guess.ratios_hold},
-        "warnings": cautions(estimate.guess, [*study.remarks(), *estimate.warnings]),
+        **guess_document(estimate.assumptions),
+        "ratios": {ratio.name: _ratio(ratio) for ratio in estimate.ratios if estimate.assumptions.ratios_hold},
+        "warnings": all_warnings(estimate.assumptions, [*study.remarks(), *estimate.warnings]),
     }
 
 
@@ -75,15 +75,15 @@ def _ratio(ratio: Ratio) -> Document:
     return {"value": ratio.value, "standard_error": ratio.standard_error, "unit": ratio.unit}
 
 
-def filter_document(runs: Runs) -> Document:
+def filter_document(runs: PreparedRuns) -> Document:
     """The low pass and the standard deviation of the sensor noise behind it."""
     measured, rate, acceleration = runs.noise()
     axis = runs.axis
     document: Document = {"cutoff_hz": runs.cutoff, "cutoff_chosen_from_data": runs.chosen}
     # Where the rate was measured the position was integrated from it, and has no noise of its own.
-    if not runs.integrated:
-        document[f"{axis.position}_noise"] = {"value": measured, "unit": axis.unit("rad")}
-    document[f"{axis.rate}_noise"] = {"value": rate, "unit": axis.rate_unit}
+    if not runs.rate_only:
+        document[f"{axis.position_signal}_noise"] = {"value": measured, "unit": axis.unit("rad")}
+    document[f"{axis.rate_signal}_noise"] = {"value": rate, "unit": axis.rate_unit}
     document["acceleration_noise"] = {"value": acceleration, "unit": f"{axis.rate_unit}^2"}
     return document
 
@@ -124,9 +124,9 @@ def _point(point: SteadyPoint, axis: Axis) -> Document:
         "start": point.start,
         "stop": point.stop,
         "command": list(point.command),
-        axis.push: point.torque,
-        axis.rate: point.rate,
-        f"{axis.rate}_error": point.rate_error,
+        axis.force_name: point.torque,
+        axis.rate_signal: point.rate,
+        f"{axis.rate_signal}_error": point.rate_error,
         "drift": point.drift,
         "drift_error": point.drift_error,
     }
@@ -160,9 +160,9 @@ def _added_inertia(fit: InertiaFit) -> Document | None:
 def likelihood_document(fit: LikelihoodFit, study: Study) -> Document:
     """What `rovid fit --json` prints."""
     axis = fit.estimate.axis
-    measured, unit = axis.position, axis.unit("rad")
-    if fit.integrated:
-        measured, unit = axis.rate, axis.rate_unit
+    measured, unit = axis.position_signal, axis.unit("rad")
+    if fit.rate_only:
+        measured, unit = axis.rate_signal, axis.rate_unit
     return fit_document(fit.estimate, study) | {
         "log_likelihood": fit.log_likelihood,
         "disturbance": _disturbance(fit),
@@ -175,7 +175,7 @@ def likelihood_document(fit: LikelihoodFit, study: Study) -> Document:
 
 def _disturbance(fit: LikelihoodFit) -> Document:
     """Standard deviation of the disturbance and its memory in s."""
-    unit = fit.estimate.axis.push_unit
+    unit = fit.estimate.axis.force_unit
     if fit.estimate.per_inertia:
         unit += PER_INERTIA
     return {
@@ -191,12 +191,12 @@ def _decay_document(fit: LikelihoodFit, study: Study) -> Document:
     """What a decay test reports, of logs that nothing drives; nothing of others."""
     if study.runs is None or not fit.estimate.per_inertia:
         return {}
-    decay = read_decay(fit.model, fit.estimate, study.runs.items, study.vehicle)
+    decay = analyse_free_decay(fit.model, fit.estimate, study.runs.items, study.vehicle)
     document = {
-        "amplitude": {"value": decay.usual.amplitude, "unit": "rad"},
+        "amplitude": {"value": decay.rms_swing.amplitude, "unit": "rad"},
         "natural_frequency": asdict(decay.natural_frequency),
-        "natural_period": asdict(decay.usual.natural_period),
-        "damping_ratio": asdict(decay.usual.damping_ratio),
+        "natural_period": asdict(decay.rms_swing.natural_period),
+        "damping_ratio": asdict(decay.rms_swing.damping_ratio),
         "damping_terms": _readings(decay.terms),
         "over_inertia": _readings(decay.over_inertia),
         "swings": [asdict(swing) for swing in decay.swings],
@@ -204,22 +204,22 @@ def _decay_document(fit: LikelihoodFit, study: Study) -> Document:
     return {"decay": document}
 
 
-def _readings(readings: Mapping[str, Reading]) -> Document:
+def _readings(readings: Mapping[str, Quantity]) -> Document:
     return {name: asdict(reading) for name, reading in readings.items()}
 
 
 def position_errors(errors: Mapping[float, float | None], axis: Axis) -> Document:
     """Error of the position at each horizon in s, by its key."""
-    return {f"{axis.position}_error_{horizon:.0f}s": error for horizon, error in errors.items()}
+    return {f"{axis.position_signal}_error_{horizon:.0f}s": error for horizon, error in errors.items()}
 
 
-def units_of(axis: Axis) -> Document:
+def simulation_units(axis: Axis) -> Document:
     """Units of what a simulation's document holds."""
-    angles = {f"{axis.position}_error_{horizon:.0f}s": axis.unit("rad") for horizon in HORIZONS}
-    return {f"{axis.rate}_rmse": axis.rate_unit, **angles}
+    angles = {f"{axis.position_signal}_error_{horizon:.0f}s": axis.unit("rad") for horizon in HORIZONS}
+    return {f"{axis.rate_signal}_rmse": axis.rate_unit, **angles}
 
 
-def _method(name: str, inertia: Inertia, fit: InertiaFit) -> Document:
+def _method(name: str, inertia: InertiaReading, fit: InertiaFit) -> Document:
     document: Document = {
         "value": inertia.value,
         "standard_error": inertia.standard_error,
@@ -239,7 +239,7 @@ def _method(name: str, inertia: Inertia, fit: InertiaFit) -> Document:
     return document
 
 
-def bench_document(fit: BenchFit, output: str) -> Document:
+def bench_document(fit: ThrustCurveFit, output: str) -> Document:
     """What `rovid fit-thruster --json` prints."""
     thrust = fit.curve.thrust
     return {
@@ -255,7 +255,7 @@ def bench_document(fit: BenchFit, output: str) -> Document:
     }
 
 
-def _bench_readings(fit: BenchFit) -> list[Document]:
+def _bench_readings(fit: ThrustCurveFit) -> list[Document]:
     document = []
     for command, thrust, residual in zip(fit.command, fit.thrust, fit.residuals, strict=True):
         reading = {"command": command, "thrust": thrust, "residual": residual}

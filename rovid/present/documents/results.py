@@ -5,31 +5,38 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from rovid.control.design import Control, RunResult
-from rovid.design.expected_information import Worth
-from rovid.design.experiment_design import Plan, commands_by_name
+from rovid.control.design import ClosedLoopResult, ControllerDesign
+from rovid.design.expected_information import ExpectedInformation
+from rovid.design.experiment_design import ExperimentPlan, commands_by_name
 from rovid.export.resimulation import Mismatch
-from rovid.export.run_export import Exported, Loss
-from rovid.model.simulation import TrialSimulation, overall
-from rovid.preflight.check import Check, remark_document
-from rovid.preflight.clock_report import Clock
-from rovid.preflight.config_writer import guess_of
-from rovid.preflight.log_survey import Survey
-from rovid.preflight.signal_guess import Guesses
-from rovid.preflight.thruster_check import Push
-from rovid.present.documents.fits import Document, axis_document, cautions, guess_document, position_errors, units_of
+from rovid.export.run_export import ExportLoss, VerifiedExport
+from rovid.model.simulation import TrialSimulation, pooled_fit
+from rovid.preflight.check import LogCheck, remark_document
+from rovid.preflight.clock_report import ClockOffset
+from rovid.preflight.config_writer import assumptions_in
+from rovid.preflight.log_survey import LogSurvey
+from rovid.preflight.signal_guess import ColumnMapping
+from rovid.preflight.thruster_check import ThrusterCheck
+from rovid.present.documents.fits import (
+    Document,
+    all_warnings,
+    axis_document,
+    guess_document,
+    position_errors,
+    simulation_units,
+)
 from rovid.store.parameter_file import Entry, Parameters
-from rovid.trial.assumptions import Guesswork
+from rovid.trial.assumptions import Assumptions
 from rovid.trial.vehicle import Vehicle
 
 _CONTROL_UNITS = {"kp": "N m/rad", "kd": "N m s/rad", "bandwidth": "rad/s", "crossover": "rad/s", "effort": "N m"}
 
 
 def simulation_document(
-    parameters: Parameters, simulations: Sequence[TrialSimulation], warnings: Sequence[str], guess: Guesswork
+    parameters: Parameters, simulations: Sequence[TrialSimulation], warnings: Sequence[str], guess: Assumptions
 ) -> Document:
     """What `rovid simulate --json` prints; position errors in rad or m."""
-    total, axis = overall(simulations), parameters.axis
+    total, axis = pooled_fit(simulations), parameters.axis
     return {
         "schema": "rovid-simulation/1",
         **axis_document(axis),
@@ -37,18 +44,18 @@ def simulation_document(
         "effects": parameters.effects,
         "trials": [_trial_simulation(item) for item in simulations],
         "overall": {
-            f"{axis.rate}_r2": total.r2,
-            f"{axis.rate}_fit_percent": total.fit_percent,
-            f"{axis.rate}_rmse": total.rmse,
+            f"{axis.rate_signal}_r2": total.r2,
+            f"{axis.rate_signal}_fit_percent": total.fit_percent,
+            f"{axis.rate_signal}_rmse": total.rmse,
         },
-        "units": units_of(axis),
+        "units": simulation_units(axis),
         **guess_document(guess),
-        "warnings": cautions(guess, warnings),
+        "warnings": all_warnings(guess, warnings),
     }
 
 
-def _entry(entry: Entry, guess: Guesswork) -> Document:
-    placeholder = {"placeholder": True} if guess.marks(entry.unit) else {}
+def _entry(entry: Entry, guess: Assumptions) -> Document:
+    placeholder = {"placeholder": True} if guess.is_placeholder(entry.unit) else {}
     return {"value": entry.value, "standard_error": entry.standard_error, "unit": entry.unit, **placeholder}
 
 
@@ -58,43 +65,45 @@ def _trial_simulation(item: TrialSimulation) -> Document:
     return {
         "name": item.run.trial.name,
         "samples": item.fit.samples,
-        f"{axis.rate}_r2": item.fit.r2,
-        f"{axis.rate}_fit_percent": item.fit.fit_percent,
-        f"{axis.rate}_rmse": item.fit.rmse,
+        f"{axis.rate_signal}_r2": item.fit.r2,
+        f"{axis.rate_signal}_fit_percent": item.fit.fit_percent,
+        f"{axis.rate_signal}_rmse": item.fit.rmse,
         **position_errors(item.position_errors, axis),
     }
 
 
-def plan_document(plan: Plan, vehicle: Vehicle, command_file: str, picture: str, warnings: Sequence[str]) -> Document:
+def plan_document(
+    plan: ExperimentPlan, vehicle: Vehicle, command_file: str, picture: str, warnings: Sequence[str]
+) -> Document:
     """What `rovid plan --json` prints."""
     between, gain = None, "logarithm of the ratio of variances"
-    if len(plan.beliefs) > 1:
-        between = [belief.name for belief in plan.beliefs]
+    if len(plan.models) > 1:
+        between = [belief.name for belief in plan.models]
         gain = "expected log-likelihood ratio"
     return {
         "schema": "rovid-plan/1",
         **axis_document(vehicle.axis),
         "between": between,
-        "narrow": plan.narrow or None,
-        "decides": plan.decides,
+        "narrow": plan.parameter or None,
+        "decides": plan.is_decisive,
         "runs": [_run(one) for one in plan.runs],
         "gain": gain,
         "command_file": command_file,
         "picture": picture,
         "commands": commands_by_name(plan),
-        **guess_document(vehicle.guess),
-        "warnings": cautions(vehicle.guess, warnings),
+        **guess_document(vehicle.assumptions),
+        "warnings": all_warnings(vehicle.assumptions, warnings),
     }
 
 
-def _run(one: Worth) -> Document:
-    return {"run": one.run.name, "seconds": one.run.seconds, "gain": one.gain, "gain_per_minute": one.per_minute}
+def _run(one: ExpectedInformation) -> Document:
+    return {"run": one.run.name, "seconds": one.run.seconds, "gain": one.gain, "gain_per_minute": one.gain_per_minute}
 
 
-def control_document(result: Control, warnings: Sequence[str], guess: Guesswork) -> Document:
+def control_document(result: ControllerDesign, warnings: Sequence[str], guess: Assumptions) -> Document:
     """What `rovid control --json` prints; times in s, angles in deg, torques in N m, frequencies in rad/s."""
     law, margins, spread = result.law, result.margins, result.spread
-    lag = {"total": result.lag, "delay": result.setting.delay, "period": law.period, "rate_filter": law.rate_filter}
+    lag = {"total": result.lag, "delay": result.conditions.delay, "period": law.period, "rate_filter": law.rate_filter}
     return {
         "schema": "rovid-control/1",
         "gains": {"kp": law.kp, "kd": law.kd},
@@ -108,19 +117,19 @@ def control_document(result: Control, warnings: Sequence[str], guess: Guesswork)
         "sensitivity_peak": margins.sensitivity_peak,
         "lag": lag,
         "torque_limits": [law.lowest, law.highest],
-        "torque_in_use": result.setting.torque_in_use,
+        "torque_in_use": result.conditions.torque_in_use,
         "monte_carlo": None if spread is None else vars(spread),
         "effects": [effect.key for effect in result.model.effects],
         "runs": [_closed_run(run) for run in result.runs],
         "units": dict(_CONTROL_UNITS),
         **guess_document(guess),
-        "warnings": cautions(guess, warnings),
+        "warnings": all_warnings(guess, warnings),
     }
 
 
-def _closed_run(run: RunResult) -> Document:
+def _closed_run(run: ClosedLoopResult) -> Document:
     """A closed-loop run: times in s, angles in deg, effort in N m."""
-    measures = run.measures
+    measures = run.metrics
     return {
         "name": run.name,
         "effects": list(run.effects),
@@ -137,21 +146,21 @@ def _closed_run(run: RunResult) -> Document:
     }
 
 
-def export_document(name: str, file: str, made: Exported, guess: Guesswork) -> Document:
+def export_document(name: str, file: str, made: VerifiedExport, guess: Assumptions) -> Document:
     """What `rovid export --json` prints; percentages are of the range of the yaw rate on the manoeuvre."""
     return {
         "schema": "rovid-export/1",
         "format": name,
         "file": file,
         "mismatch": _mismatch(made.mismatch),
-        "mismatch_of_what_is_held": _mismatch(made.held),
+        "mismatch_of_what_is_held": _mismatch(made.kept_mismatch),
         "not_held": [_loss(loss) for loss in made.losses],
         **guess_document(guess),
-        "warnings": cautions(guess, made.warnings),
+        "warnings": all_warnings(guess, made.warnings),
     }
 
 
-def _loss(loss: Loss) -> Document:
+def _loss(loss: ExportLoss) -> Document:
     return {"what": loss.what, "why": loss.why, "yaw_rate_percent_of_range": loss.percent_of_range}
 
 
@@ -159,72 +168,78 @@ def _mismatch(mismatch: Mismatch) -> Document:
     return {"yaw_rate_percent_of_range": mismatch.percent_of_range, "rms": mismatch.rms, "unit": "rad/s"}
 
 
-def survey_document(survey: Survey, written: Sequence[Path]) -> Document:
+def survey_document(survey: LogSurvey, written: Sequence[Path]) -> Document:
     """What `rovid init --json` prints."""
     return {
         "schema": "rovid-init/1",
         "written": [str(path) for path in written],
         **axis_document(survey.axis),
         "logs": survey.logs,
-        "vehicle": None if survey.profile is None else {"type": survey.profile.id, "guessed": survey.recognised},
+        "vehicle": None if survey.profile is None else {"type": survey.profile.id, "guessed": survey.profile_guessed},
         "curve": {"file": survey.curve or None, "guessed": survey.curve_guessed},
         "joined": None if survey.join is None else list(survey.join.parts),
-        "clocks": [clock_document(clock) for clock in survey.apart.every],
-        "signals": {kind: _guessed_signals(guesses) for kind, guesses in survey.guesses.items()},
-        "commands": {kind: _guessed_commands(guesses) for kind, guesses in survey.guesses.items()},
-        "unused": {kind: list(guesses.unused) for kind, guesses in survey.guesses.items()},
-        "open": [*survey.open, *(f"sense of {source}" for source in survey.untold)],
-        **guess_document(guess_of(survey)),
-        "warnings": list(survey.lacking),
+        "clocks": [clock_document(clock) for clock in survey.clock_offsets.offsets],
+        "signals": {kind: _guessed_signals(guesses) for kind, guesses in survey.mappings.items()},
+        "commands": {kind: _guessed_commands(guesses) for kind, guesses in survey.mappings.items()},
+        "unused": {kind: list(guesses.unused) for kind, guesses in survey.mappings.items()},
+        "open": [*survey.unrecognised, *(f"sense of {source}" for source in survey.unknown_directions)],
+        **guess_document(assumptions_in(survey)),
+        "warnings": list(survey.warnings),
     }
 
 
-def _guessed_signals(guesses: Guesses) -> Document:
+def _guessed_signals(guesses: ColumnMapping) -> Document:
     document = {}
     for name, one in guesses.signals.items():
-        document[name] = {"source": one.source, "unit": one.unit or None, "sign": one.sign, "why": one.why}
+        document[name] = {"source": one.source, "unit": one.unit or None, "sign": one.sign, "why": one.reason}
     return document
 
 
-def _guessed_commands(guesses: Guesses) -> list[Document]:
+def _guessed_commands(guesses: ColumnMapping) -> list[Document]:
     document = []
     for one in guesses.commands:
-        command = {"name": one.name, "source": one.source, "turns": one.way, "arm": one.arm or None, "why": one.why}
-        command |= {"told": one.told, "lowest": one.lowest, "highest": one.highest, "rests_at": one.neutral}
-        command |= {"standard_errors": one.sense.sure, "share": one.sense.share}
+        command = {
+            "name": one.name,
+            "source": one.source,
+            "turns": one.direction,
+            "arm": one.arm or None,
+            "why": one.reason,
+        }
+        command |= {"told": one.direction_known, "lowest": one.lowest, "highest": one.highest, "rests_at": one.neutral}
+        command |= {"standard_errors": one.observed.t_statistic, "share": one.observed.explained_share}
         document.append(command)
     return document
 
 
-def check_document(checked: Check, vehicle: Vehicle) -> Document:
+def check_document(checked: LogCheck, vehicle: Vehicle) -> Document:
     """What `rovid check --json` prints; places in rad or m."""
     return {
         "schema": "rovid-check/1",
         **axis_document(vehicle.axis),
-        **guess_document(vehicle.guess),
+        **guess_document(vehicle.assumptions),
         "verdict": checked.verdict,
         "logs": [{"name": trial.name} | dict(facts) for trial, facts in checked.rows],
         "unreadable": [{"name": name, "problem": problem} for name, problem in checked.problems.items()],
         "remarks": [remark_document(remark) for remark in checked.remarks],
         "advice": [vars(one) for one in checked.advice],
         "feedback": [vars(one) for one in checked.feedback],
-        "clocks": [clock_document(clock) for clock in checked.clocks.every],
-        "thrusters": [_pushing(push) for push in checked.pushes],
+        "clocks": [clock_document(clock) for clock in checked.clocks.offsets],
+        "thrusters": [_pushing(push) for push in checked.thrusters],
     }
 
 
-def _pushing(push: Push) -> Document:
+def _pushing(push: ThrusterCheck) -> Document:
     """What the logs tell of a thruster by themselves."""
-    sense = push.sense
+    sense = push.observed
     return {
         "name": push.name,
-        "way": sense.way,
-        "standard_errors": sense.sure,
-        "share": sense.share,
+        "way": sense.direction,
+        "standard_errors": sense.t_statistic,
+        "share": sense.explained_share,
         "strength": {"value": push.strength, "standard_error": push.error},
     }
 
 
-def clock_document(clock: Clock) -> Document:
+def clock_document(clock: ClockOffset) -> Document:
     """How far the clock of a file is off: s and ppm to be added to it."""
     return {**vars(clock), "given": list(clock.given), "certain": clock.certain}

@@ -11,30 +11,30 @@ from rovid.design.experiment_design import commands_by_name
 from rovid.estimate.estimate import Estimate
 from rovid.present.documents.diagnosis import diagnosis_document
 from rovid.present.documents.fits import Document, likelihood_document, parameter_document
-from rovid.watch.folder_monitor import Log, Trouble
-from rovid.watch.session import Event, Model, NextRun, Stop, Suspects, Taken
-from rovid.watch.stop_criteria import Condition, Standing, relative_reach
+from rovid.watch.folder_monitor import Problem, WatchedLog
+from rovid.watch.session import Event, LogsChanged, LogsDiagnosed, ModelFitted, NextRun, SessionEnded
+from rovid.watch.stop_criteria import CriterionStatus, StopCriterion, relative_half_width
 
 SCHEMA = "rovid-watch/1"
 
 
-def began_document(folder: Path, until: Sequence[Condition]) -> Document:
+def watch_start_document(folder: Path, until: Sequence[StopCriterion]) -> Document:
     """That a folder is watched."""
     return _line("start", {"folder": str(folder), "until": [str(one) for one in until]})
 
 
-def event_documents(event: Event) -> list[Document]:
+def watch_documents(event: Event) -> list[Document]:
     """One of each log, else one of each event."""
-    if isinstance(event, Taken):
+    if isinstance(event, LogsChanged):
         return [_line("log", each) for each in _logs(event)]
-    if isinstance(event, Model):
+    if isinstance(event, ModelFitted):
         return [_line("model", _model(event))]
-    if isinstance(event, Suspects):
+    if isinstance(event, LogsDiagnosed):
         return [_line("suspects", _suspects(event))]
     if isinstance(event, NextRun):
         return [_line("next_run", _next_run(event))]
-    if isinstance(event, Trouble):
-        return [_line("problem", {"where": event.where, "text": event.text, "over": event.over})]
+    if isinstance(event, Problem):
+        return [_line("problem", {"where": event.where, "text": event.text, "over": event.resolved})]
     return [_line("stop", _stop(event))]
 
 
@@ -43,7 +43,7 @@ def _line(kind: str, content: Document) -> Document:
     return {"schema": SCHEMA, "event": kind, "time": now, **content}
 
 
-def _logs(event: Taken) -> list[Document]:
+def _logs(event: LogsChanged) -> list[Document]:
     change = event.change
     told = [(what, log) for what in ("removed", "replaced", "added") for log in getattr(change, what)]
     documents = [_log(what, log) for what, log in told]
@@ -53,7 +53,7 @@ def _logs(event: Taken) -> list[Document]:
     return documents
 
 
-def _log(what: str, log: Log) -> Document:
+def _log(what: str, log: WatchedLog) -> Document:
     remarks = [remark.text for trial in log.trials for remark in trial.remarks]
     return {
         "action": what,
@@ -66,30 +66,30 @@ def _log(what: str, log: Log) -> Document:
     }
 
 
-def _model(event: Model) -> Document:
+def _model(event: ModelFitted) -> Document:
     fit = event.fit
     document: Document = {
         "logs": _names(event),
         "new": list(event.new),
         "missing": event.missing or None,
-        "until": _standings(event.standings),
+        "until": _standings(event.criteria),
     }
     if fit is None:
         return document | {"effects": [], "parameters": {}, "fit": None}
     return document | {
         "effects": [effect.key for effect in fit.model.effects],
-        "parameters": beside(fit.estimate, event.before),
+        "parameters": parameters_with_previous(fit.estimate, event.before),
         "fit": likelihood_document(fit, event.study),
     }
 
 
-def beside(estimate: Estimate, before: Estimate | None) -> dict[str, Document]:
+def parameters_with_previous(estimate: Estimate, before: Estimate | None) -> dict[str, Document]:
     """Each parameter with what it was before the last logs, and how many times as narrow its interval is now."""
     now = parameter_document(estimate)
     then: Mapping[str, Any] = {} if before is None else parameter_document(before)
     for name, document in now.items():
         was = then.get(name)
-        document["relative_interval"] = relative_reach(estimate, name)
+        document["relative_interval"] = relative_half_width(estimate, name)
         document["before"] = was
         document["narrower"] = None if was is None else _width(was) / max(_width(document), 1e-300)
     return now
@@ -100,21 +100,21 @@ def _width(document: Document) -> float:
     return float(high - low)
 
 
-def _names(event: Model | Suspects) -> list[str]:
+def _names(event: ModelFitted | LogsDiagnosed) -> list[str]:
     campaign = event.study.campaign
     return [] if campaign is None else [trial.name for trial in campaign.trials]
 
 
-def _suspects(event: Suspects) -> Document:
+def _suspects(event: LogsDiagnosed) -> Document:
     document, side = diagnosis_document(event.diagnosis, event.study), event.diagnosis.extended
     return {
         "logs": _names(event),
         "verdict": document["verdict"],
         "findings": document["findings"],
         "suspects": document["suspects"],
-        "parameters": {} if side is None else beside(side.estimate, None),
+        "parameters": {} if side is None else parameters_with_previous(side.estimate, None),
         "next_experiment": document["next_experiment"],
-        "until": _standings(event.standings),
+        "until": _standings(event.criteria),
     }
 
 
@@ -124,27 +124,31 @@ def _next_run(event: NextRun) -> Document:
         "run": event.words,
         "reason": event.reason,
         "seconds": None if plan is None else plan.best.run.seconds,
-        "narrow": None if plan is None else plan.narrow or None,
-        "between": [belief.name for belief in plan.beliefs] if plan is not None and len(plan.beliefs) > 1 else None,
+        "narrow": None if plan is None else plan.parameter or None,
+        "between": [belief.name for belief in plan.models] if plan is not None and len(plan.models) > 1 else None,
         "gain": None if plan is None else plan.best.gain,
         "command_file": None if event.written is None else str(event.written),
         "commands": None if plan is None else commands_by_name(plan),
     }
 
 
-def _stop(event: Stop) -> Document:
+def _stop(event: SessionEnded) -> Document:
     study, fit, diagnosis = event.study, event.fit, event.diagnosis
     return {
-        "reason": event.why,
+        "reason": event.reason,
         "logs": [log.name for log in event.logs],
-        "until": _standings(event.standings),
+        "until": _standings(event.criteria),
         "fit": None if fit is None or study is None else likelihood_document(fit, study),
         "diagnosis": None if diagnosis is None or study is None else diagnosis_document(diagnosis, study),
     }
 
 
-def _standings(standings: Sequence[Standing]) -> list[Document]:
+def _standings(standings: Sequence[CriterionStatus]) -> list[Document]:
     return [
-        {"condition": str(one.condition), "percent": None if one.now is None else 100.0 * one.now, "met": one.met}
+        {
+            "condition": str(one.criterion),
+            "percent": None if one.current is None else 100.0 * one.current,
+            "met": one.met,
+        }
         for one in standings
     ]

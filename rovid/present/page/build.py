@@ -7,29 +7,29 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
-from rovid.control.design import Control, control_of
-from rovid.control.specs import Options, setting_of
-from rovid.core.atomic_write import Claim, Output
+from rovid.control.design import ControllerDesign, design_controller
+from rovid.control.specs import ControllerOptions, loop_conditions
+from rovid.core.atomic_write import OutputFile, OutputSet
 from rovid.core.errors import DataError
-from rovid.core.signatures import pdf_form
+from rovid.core.signatures import pdf_signature
 from rovid.diagnose.result import Diagnosis
 from rovid.effects import effect_named
 from rovid.estimate.estimate import Estimate
 from rovid.export import FORMATS
-from rovid.export.export_input import subject_of
-from rovid.export.run_export import Exported, export, exporter_of
+from rovid.export.export_input import export_input
+from rovid.export.run_export import VerifiedExport, load_exporter, verified_export
 from rovid.model.model import Model
 from rovid.model.simulation import TrialSimulation, simulate_runs
-from rovid.present.page.nested_simulations import stages_of
-from rovid.present.page.pdf import printed, require_browser
+from rovid.present.page.nested_simulations import simulate_nested_models
+from rovid.present.page.pdf import print_pdf, require_browser
 from rovid.present.page.render import claim_report, write_report
-from rovid.present.page.report_data import Evidence
-from rovid.store.agreement import WHOLE
-from rovid.store.history import history_of
+from rovid.present.page.report_data import ReportData
+from rovid.store.agreement import JOINT_METHODS
+from rovid.store.history import history_output
 from rovid.store.parameter_file import Parameters
-from rovid.store.staleness import standing
-from rovid.store.study import Study, files_at_hand
-from rovid.store.update import update
+from rovid.store.staleness import check_freshness
+from rovid.store.study import Study, input_files
+from rovid.store.update import update_parameters
 from rovid.trial.axis import YAW
 
 _T = TypeVar("_T")
@@ -47,7 +47,7 @@ def build_report(
     pdf: bool = False,
     force: bool = False,
     report: Callable[[str], None] = lambda _: None,
-) -> tuple[Path, Evidence]:
+) -> tuple[Path, ReportData]:
     """Work the evidence out anew from the logs and write the page, all of it of one model; the page, and what it shows.
 
     That is the model of the diagnosis, which goes into the parameter file in the place of what that held. Without one
@@ -73,12 +73,12 @@ def build_report(
     ConfigError
         There is no browser to print it with.
     """
-    at_hand = files_at_hand(study.paths)
-    parameters = Claim([stored.output, history_of(stored.path)], force=force, protected=at_hand)
+    at_hand = input_files(study.paths)
+    parameters = OutputSet([stored.output, history_output(stored.path)], force=force, protected=at_hand)
     protected = [*at_hand, stored.path]
     page = claim_report(folder, force=force, protected=protected)
     browser = require_browser() if pdf else ""
-    paper = Claim([printed_page(folder)] if pdf else [], force=force, protected=protected)
+    paper = OutputSet([pdf_output(folder)] if pdf else [], force=force, protected=protected)
     evidence = _identified(stored, study, parameters, report, diagnosed=diagnosed)
     evidence = _handed_on(evidence, study, report, controlled=controlled, exported=exported)
     report("Drawing and writing the page …")
@@ -86,25 +86,25 @@ def build_report(
     written = write_report(folder, evidence, claim=page)
     if pdf:
         report("Printing the page …")
-        paper.write({printed_page(folder): printed(written, browser)})
+        paper.write({pdf_output(folder): print_pdf(written, browser)})
     return written, evidence
 
 
-def printed_page(folder: Path) -> Output:
+def pdf_output(folder: Path) -> OutputFile:
     """The page of ``folder`` as PDF."""
-    return Output(folder / "report.pdf", pdf_form("report"))
+    return OutputFile(folder / "report.pdf", pdf_signature("report"))
 
 
 def _identified(
-    stored: Parameters, study: Study, claim: Claim, report: Callable[[str], None], *, diagnosed: bool
-) -> Evidence:
+    stored: Parameters, study: Study, claim: OutputSet, report: Callable[[str], None], *, diagnosed: bool
+) -> ReportData:
     """What the logs say, and the one model, which is in the parameter file by then."""
     before = stored
     stored, notes = _holding(stored, study)
     drag, drag_refusal = _or_refusal(study.drag)
     estimates = {"quadratic_drag": None if drag is None else drag.estimate}
     # A drag that was found together with the inertia cannot judge it; the steady turns of these logs can.
-    judge = _completed(stored, study, estimates).drag() or estimates["quadratic_drag"]
+    judge = _completed(stored, study, estimates).independent_drag() or estimates["quadratic_drag"]
     inertia, inertia_refusal = _or_refusal(lambda: study.inertia(judge))
     estimates["inertia"] = None if inertia is None else inertia.estimate
     diagnosis, refusal = _diagnosis(study, judge, report) if diagnosed else (None, "")
@@ -116,12 +116,12 @@ def _identified(
 
     def change(now: Parameters) -> Parameters:
         held, _ = _holding(now, study)
-        return _completed(held, study, estimates) if whole is None else held.with_estimate(whole, study.origin)
+        return _completed(held, study, estimates) if whole is None else held.with_estimate(whole, study.provenance)
 
     if whole is not None or change(stored) is not stored or not stored.path.exists():
-        seen = {} if diagnosis is None else diagnosis.seen
-        stored = update(stored, claim, change, seen=None if whole is None else seen)
-    return Evidence(
+        seen = {} if diagnosis is None else diagnosis.detectable_sizes
+        stored = update_parameters(stored, claim, change, seen=None if whole is None else seen)
+    return ReportData(
         vehicle=study.vehicle,
         parameters=stored,
         campaign=study.campaign,
@@ -138,10 +138,10 @@ def _identified(
 
 
 def _handed_on(
-    evidence: Evidence, study: Study, report: Callable[[str], None], *, controlled: bool, exported: bool
-) -> Evidence:
+    evidence: ReportData, study: Study, report: Callable[[str], None], *, controlled: bool, exported: bool
+) -> ReportData:
     """With controller and exports, which are of yaw alone, and never of what hangs on a guess."""
-    stored, guess = evidence.parameters, study.vehicle.guess
+    stored, guess = evidence.parameters, study.vehicle.assumptions
     if study.vehicle.axis is not YAW:
         return evidence
     guessed = f"{stored.path.name} {guess.refusal}" if guess else ""
@@ -154,27 +154,27 @@ def _handed_on(
     return evidence
 
 
-def _simulated(evidence: Evidence, study: Study) -> Evidence:
+def _simulated(evidence: ReportData, study: Study) -> ReportData:
     """With every trial simulated by the model, and without what was found and with some of it."""
-    stages = () if evidence.diagnosis is None else stages_of(study, evidence.diagnosis)
-    return replace(evidence, simulations=_simulations(study, evidence.parameters), stages=stages)
+    stages = () if evidence.diagnosis is None else simulate_nested_models(study, evidence.diagnosis)
+    return replace(evidence, simulations=_simulations(study, evidence.parameters), nested=stages)
 
 
 def _holding(stored: Parameters, study: Study) -> tuple[Parameters, list[str]]:
     """``stored`` without what does not hold for exactly these logs, and what is to be said of that."""
     if not stored.entries:
         return stored, []
-    origin, found = study.origin, standing(stored, study.origin)
+    origin, found = study.provenance, check_freshness(stored, study.provenance)
     # Some of the logs that it rests on are no others, wherever they are.
     known = {source.sha256 for source in stored.sources}
     other = bool(known) and any(source.sha256 not in known for source in origin.sources)
     given = set(origin.options.split())
     otherwise = any(not given <= set(entry.options.split()) for entry in stored.entries.values())
-    if not found.changed and not other and not otherwise:
+    if not found.changes and not other and not otherwise:
         return stored, list(found.remarks)
     options = f"it was fitted without {origin.options}" if otherwise else ""
-    why = found.why or ("these are other logs than those that it was fitted to" if other else options)
-    return stored.emptied(), [f"{stored.path.name} no longer held, and was fitted again: {why}."]
+    why = found.reason or ("these are other logs than those that it was fitted to" if other else options)
+    return stored.cleared(), [f"{stored.path.name} no longer held, and was fitted again: {why}."]
 
 
 def _fitted_again(before: Parameters, study: Study) -> Estimate | None:
@@ -185,7 +185,7 @@ def _fitted_again(before: Parameters, study: Study) -> Estimate | None:
     ConfigError
         An effect does not suit the vehicle any more.
     """
-    if not any(entry.method in WHOLE for entry in before.entries.values()):
+    if not any(entry.method in JOINT_METHODS for entry in before.entries.values()):
         return None
     gyro = any("--gyro" in entry.options for entry in before.entries.values())
     fit, _ = _or_refusal(lambda: study.likelihood(tuple(map(effect_named, before.effects)), gyro=gyro))
@@ -196,7 +196,7 @@ def _completed(stored: Parameters, study: Study, estimates: Mapping[str, Estimat
     """With those of the estimates by name that it lacks; itself where it lacks none."""
     for name, estimate in estimates.items():
         if estimate is not None and name not in stored.entries:
-            stored = stored.with_estimate(estimate, study.origin)
+            stored = stored.with_estimate(estimate, study.provenance)
     return stored
 
 
@@ -221,17 +221,19 @@ def _model_of(study: Study, stored: Parameters) -> Model:
     if not _whole(stored):
         raise DataError("inertia or drag is missing.")
     model = stored.model()
-    study.require(model.effects)
+    study.require_effects(model.effects)
     return model
 
 
-def designed_control(study: Study, stored: Parameters, report: Callable[[str], None]) -> tuple[Control | None, str]:
+def designed_control(
+    study: Study, stored: Parameters, report: Callable[[str], None]
+) -> tuple[ControllerDesign | None, str]:
     """What `rovid control` designs where nothing else is asked for."""
 
-    def design() -> Control:
-        model, options = _model_of(study, stored), Options()
-        setting = setting_of(options, model, study.position_noise(), study.torque_in_use())
-        return control_of(stored, study.vehicle, setting, options)
+    def design() -> ControllerDesign:
+        model, options = _model_of(study, stored), ControllerOptions()
+        setting = loop_conditions(options, model, study.position_noise(), study.median_torque())
+        return design_controller(stored, study.vehicle, setting, options)
 
     report("Closing the loop, which takes long where there are effects (--no-control leaves it out) …")
     return _or_refusal(design)
@@ -239,13 +241,13 @@ def designed_control(study: Study, stored: Parameters, report: Callable[[str], N
 
 def every_export(
     study: Study, stored: Parameters, report: Callable[[str], None]
-) -> tuple[Mapping[str, Exported] | None, str]:
+) -> tuple[Mapping[str, VerifiedExport] | None, str]:
     """What `rovid export` makes, format by format."""
 
-    def every() -> Mapping[str, Exported]:
+    def every() -> Mapping[str, VerifiedExport]:
         _model_of(study, stored)
-        subject = subject_of(stored, study)
-        return {name: export(exporter_of(name), subject) for name in FORMATS}
+        subject = export_input(stored, study)
+        return {name: verified_export(load_exporter(name), subject) for name in FORMATS}
 
     report("Simulating what simulators make of it (--no-export leaves it out) …")
     return _or_refusal(every)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from rovid.control.closed_loop import Course
-from rovid.control.design import Control
+from rovid.control.closed_loop import ClosedLoopRun
+from rovid.control.design import ControllerDesign
 from rovid.control.specs import paper_runs
 
 # Whether effects act, whether the model aids, whether the aid knows of the effects.
@@ -15,12 +15,12 @@ _WITH_EFFECTS = {
 _WITHOUT = {"aided by the model": (False, True, False), "PD alone": (False, False, False)}
 
 
-def courses_of(control: Control) -> dict[str, dict[str, Course]]:
+def paper_step_runs(control: ControllerDesign) -> dict[str, dict[str, ClosedLoopRun]]:
     """Name of each step -> what controller and plant are -> the run."""
     ways = _WITH_EFFECTS if control.model.effects else _WITHOUT
     quiet = {}
     for run in control.runs:
-        quiet[run.name, bool(run.effects), run.model_aid, run.effects_known] = run.quiet
+        quiet[run.name, bool(run.effects), run.model_aid, run.effects_known] = run.noise_free_run
     courses = {}
     for step in paper_runs():
         courses[step.name] = {way: quiet[step.name, *which] for way, which in ways.items()}

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import combinations
 
 from rovid.model.parameter_names import base_names
-from rovid.present.number_text import NOTHING, number, title
+from rovid.present.number_text import NOTHING, format_number, parameter_title
 from rovid.store.parameter_file import Parameters
 from rovid.trial.axis import Axis
 
@@ -20,7 +20,7 @@ Correlation = Callable[[str, str], float]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Matrix:
+class CorrelationTable:
     """A captioned square table: each cell with its shade, 0 for none."""
 
     caption: str
@@ -33,7 +33,7 @@ class Matrix:
         return list(zip(self.names, self.cells, strict=True))
 
 
-def of_parameters(stored: Parameters) -> Matrix | None:
+def correlation_table(stored: Parameters) -> CorrelationTable | None:
     """Of a parameter file; None where no two of its parameters were found together."""
     base = base_names(stored.axis)
     # The base model's first; a dict for a set that keeps the order.
@@ -53,13 +53,13 @@ def of_parameters(stored: Parameters) -> Matrix | None:
     return _matrix(names, correlation, stored.axis)
 
 
-def _matrix(names: Sequence[str], correlation: Correlation, axis: Axis) -> Matrix:
+def _matrix(names: Sequence[str], correlation: Correlation, axis: Axis) -> CorrelationTable:
     rows = []
     for first in names:
         cells = [_cell(correlation, first, second) for second in names]
         rows.append(tuple(cells))
-    titles = [axis.words(title(name)) for name in names]
-    return Matrix(caption=_CAPTION, names=tuple(titles), cells=tuple(rows))
+    titles = [axis.reword(parameter_title(name)) for name in names]
+    return CorrelationTable(caption=_CAPTION, names=tuple(titles), cells=tuple(rows))
 
 
 def _cell(correlation: Correlation, first: str, second: str) -> tuple[str, int]:
@@ -70,4 +70,4 @@ def _cell(correlation: Correlation, first: str, second: str) -> tuple[str, int]:
     if not math.isfinite(value):
         return NOTHING, 0
     shade = sum(abs(value) >= least for least in _SHADES)
-    return number(value, "+.2f").replace("-", "−"), shade
+    return format_number(value, "+.2f").replace("-", "−"), shade

@@ -8,25 +8,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rovid.core.threads import spread
+from rovid.core.threads import thread_map
 from rovid.diagnose.result import Diagnosis
 from rovid.diagnose.signal_regressors import is_signal
-from rovid.diagnose.splitting import parts_of
+from rovid.diagnose.splitting import split_runs
 from rovid.effects import Effect
 from rovid.model.model import Model
-from rovid.model.simulation import HORIZONS, TrialSimulation, overall, simulate_runs
+from rovid.model.simulation import HORIZONS, TrialSimulation, pooled_fit, simulate_runs
 from rovid.store.study import Study
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Stage:
+class NestedSimulation:
     """A model, and every trial simulated with it."""
 
     model: Model
     simulations: tuple[TrialSimulation, ...]
 
 
-def stages_of(study: Study, diagnosis: Diagnosis) -> tuple[Stage, ...]:
+def simulate_nested_models(study: Study, diagnosis: Diagnosis) -> tuple[NestedSimulation, ...]:
     """Of the model without what was found, those between, and the one with all of it; a single one where nothing was.
 
     Trials that were diagnosed in parts, of which each follows a signal by itself, are simulated in these.
@@ -36,22 +36,22 @@ def stages_of(study: Study, diagnosis: Diagnosis) -> tuple[Stage, ...]:
         return ()
     runs, models = study.runs, [base.model]
     if extended.model.effects:
-        models += [*diagnosis.between, extended.model]
+        models += [*diagnosis.nested_models, extended.model]
     if any(map(is_signal, extended.model.effects)):
-        runs = parts_of(runs.items, study.vehicle, runs.cutoff) or runs
+        runs = split_runs(runs.items, study.vehicle, runs.cutoff) or runs
 
-    def simulated(model: Model) -> Stage:
-        return Stage(model=model, simulations=tuple(simulate_runs(runs.items, model, study.vehicle)))
+    def simulated(model: Model) -> NestedSimulation:
+        return NestedSimulation(model=model, simulations=tuple(simulate_runs(runs.items, model, study.vehicle)))
 
-    return tuple(spread(simulated, models))
+    return tuple(thread_map(simulated, models))
 
 
-def causes_of(stages: Sequence[Stage]) -> tuple[Effect, ...]:
+def effects_of(stages: Sequence[NestedSimulation]) -> tuple[Effect, ...]:
     """What was found and a simulation shows, in the order of the models: what single stages have first."""
     found: dict[str, Effect] = {}
     for stage in stages:
         for effect in stage.model.effects:
-            if not effect.wave:
+            if not effect.is_wave:
                 found.setdefault(effect.key, effect)
     return tuple(found.values())
 
@@ -63,7 +63,7 @@ def worst_first(simulations: Sequence[TrialSimulation]) -> list[int]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Missed:
+class SimulationErrors:
     """What a simulation is off by: the rate in rad/s or m/s, and R² of it; horizon in s -> position in rad or m."""
 
     rate: float
@@ -71,10 +71,10 @@ class Missed:
     position: dict[float, float | None]
 
 
-def missed(simulations: Sequence[TrialSimulation]) -> Missed:
+def simulation_errors(simulations: Sequence[TrialSimulation]) -> SimulationErrors:
     """Of all trials together; positions as root mean squares over those that are long enough."""
-    fit, position = overall(simulations), {}
+    fit, position = pooled_fit(simulations), {}
     for horizon in HORIZONS:
         known = [error for item in simulations if (error := item.position_errors.get(horizon)) is not None]
         position[horizon] = float(np.sqrt(np.mean(np.square(known)))) if known else None
-    return Missed(rate=fit.rmse, r2=fit.r2, position=position)
+    return SimulationErrors(rate=fit.rmse, r2=fit.r2, position=position)

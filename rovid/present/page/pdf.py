@@ -13,7 +13,7 @@ from rovid.core.errors import ConfigError, OutputError
 from rovid.core.signatures import pdf_mark
 
 # On the PATH, and where macOS and Windows keep theirs.
-NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge")
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge")
 _PLACES = (
     "/Applications/Google Chrome.app/Contents/MacOS/Google Chrome",
     "/Applications/Chromium.app/Contents/MacOS/Chromium",
@@ -33,18 +33,18 @@ def require_browser() -> str:
     ConfigError
         There is none.
     """
-    found = next((path for name in NAMES if (path := shutil.which(name))), None)
+    found = next((path for name in BROWSERS if (path := shutil.which(name))), None)
     found = found or next((place for place in _PLACES if Path(place).is_file()), None)
     if found is None:
         raise ConfigError(
-            f"takes a browser; {', '.join(NAMES[:-1])} or {NAMES[-1]} was looked for, and none is there.",
+            f"takes a browser; {', '.join(BROWSERS[:-1])} or {BROWSERS[-1]} was looked for, and none is there.",
             where="--pdf",
             mend="Install one, or open the page in any browser and print it: it prints alike.",
         )
     return found
 
 
-def printed(page: Path, browser: str) -> bytes:
+def print_pdf(page: Path, browser: str) -> bytes:
     """``page`` as PDF, with the mark by which rovid knows its own.
 
     Raises

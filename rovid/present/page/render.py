@@ -11,25 +11,25 @@ from typing import Any
 import numpy as np
 
 from rovid import __version__
-from rovid.core.atomic_write import Claim, Output
+from rovid.core.atomic_write import OutputFile, OutputSet
 from rovid.core.formatting import plus_minus
-from rovid.core.signatures import PAGE, png_form
-from rovid.diagnose.next_experiment import deciding_experiment, next_experiment
+from rovid.core.signatures import PAGE, png_signature
+from rovid.diagnose.next_experiment import discriminating_experiment, next_experiment
 from rovid.diagnose.result import Diagnosis
-from rovid.effects import effect_named, restoring_of
+from rovid.effects import effect_named, restoring_effect
 from rovid.estimate.inertia import METHODS, InertiaFit
 from rovid.model.parameter_names import base_names
-from rovid.present.number_text import arm, steady_state, title, unit
+from rovid.present.number_text import arm_words, parameter_title, steady_state_words, unit_symbol
 from rovid.present.page import controller_tables, correlations
 from rovid.present.page.assets import read_assets
-from rovid.present.page.figures import Album, make_album, plots_in
-from rovid.present.page.report_data import Evidence
-from rovid.present.page.residual_torque import left_by_all, sizes
-from rovid.present.page.summary import answer_of, size_of
-from rovid.present.page.templating import environment_of
+from rovid.present.page.figures import ReportFigures, draw_figures, existing_plots
+from rovid.present.page.report_data import ReportData
+from rovid.present.page.residual_torque import rms_sizes, unexplained_torques
+from rovid.present.page.summary import size_words, summarize
+from rovid.present.page.templating import template_environment
 from rovid.present.page.viewer_data import viewer_document
 from rovid.present.tables import diagnosis, drag, exports, model
-from rovid.present.verdict import sureness
+from rovid.present.verdict import confidence_words
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Vehicle, box_inertia
 
@@ -37,7 +37,7 @@ from rovid.trial.vehicle import Vehicle, box_inertia
 _ALONG = {"roll": "long", "pitch": "wide", "yaw": "high"}
 
 
-def claim_report(folder: Path, *, force: bool = False, protected: Iterable[Path] = ()) -> Claim:
+def claim_report(folder: Path, *, force: bool = False, protected: Iterable[Path] = ()) -> OutputSet:
     """Leave to write a report into ``folder``, where other files may be as long as none is called like one of its own.
 
     Raises
@@ -47,15 +47,19 @@ def claim_report(folder: Path, *, force: bool = False, protected: Iterable[Path]
     """
     plots = folder / "plots"
     # Which plots there will be is not known yet; one stands for all that are not there.
-    outputs = dict.fromkeys((_page(folder), *plots_in(plots), Output(plots / "inertia.png", png_form("report"))))
-    return Claim(list(outputs), force=force, protected=protected)
+    outputs = dict.fromkeys(
+        (_page(folder), *existing_plots(plots), OutputFile(plots / "inertia.png", png_signature("report")))
+    )
+    return OutputSet(list(outputs), force=force, protected=protected)
 
 
-def _page(folder: Path) -> Output:
-    return Output(folder / "index.html", PAGE)
+def _page(folder: Path) -> OutputFile:
+    return OutputFile(folder / "index.html", PAGE)
 
 
-def write_report(folder: Path, evidence: Evidence, *, claim: Claim | None = None, today: date | None = None) -> Path:
+def write_report(
+    folder: Path, evidence: ReportData, *, claim: OutputSet | None = None, today: date | None = None
+) -> Path:
     """Write ``folder``/index.html and ``folder``/plots/*.png and *.svg; return the page.
 
     They change together: a page never shows what its plots do not. Plots of an older report that this one does not have
@@ -74,32 +78,32 @@ def write_report(folder: Path, evidence: Evidence, *, claim: Claim | None = None
         The folder cannot be written; a page that was there stays whole.
     """
     claim = claim or claim_report(folder)
-    album = make_album(evidence)
+    album = draw_figures(evidence)
     text = render_page(evidence, album, today=today or datetime.now(UTC).date())
     page = _page(folder)
     plots = album.files(folder / "plots")
-    older = [plot for plot in plots_in(folder / "plots") if plot not in plots]
-    stale = [plot.path for plot in older if plot.path.is_file() and plot.form.marks(plot.path)]
+    older = [plot for plot in existing_plots(folder / "plots") if plot not in plots]
+    stale = [plot.path for plot in older if plot.path.is_file() and plot.signature.matches(plot.path)]
     claim.write({**plots, page: text}, stale=stale)
     return page.path
 
 
-def render_page(evidence: Evidence, album: Album, *, today: date) -> str:
+def render_page(evidence: ReportData, album: ReportFigures, *, today: date) -> str:
     """The page as HTML, with the plots of ``album``."""
-    environment = environment_of()
+    environment = template_environment()
     # Every table asks for it: those of macros too, which see no other context.
-    environment.globals["guess"] = evidence.vehicle.guess
+    environment.globals["guess"] = evidence.vehicle.assumptions
     return environment.get_template("page.html.j2").render(_context(evidence, album, today))
 
 
-def _context(evidence: Evidence, album: Album, today: date) -> dict[str, Any]:
+def _context(evidence: ReportData, album: ReportFigures, today: date) -> dict[str, Any]:
     simulations = evidence.simulations
     return {
         "evidence": evidence,
         "axis": evidence.axis,
-        "steady": steady_state(evidence.axis),
-        "arm": arm(evidence.axis)[0],
-        "restoring": restoring_of(evidence.axis),
+        "steady": steady_state_words(evidence.axis),
+        "arm": arm_words(evidence.axis)[0],
+        "restoring": restoring_effect(evidence.axis),
         "vehicle": evidence.vehicle,
         "stored": evidence.parameters,
         "drag": evidence.drag,
@@ -107,10 +111,10 @@ def _context(evidence: Evidence, album: Album, today: date) -> dict[str, Any]:
         "runs": evidence.runs,
         "trials": _trials(evidence),
         "simulations": simulations,
-        "answer": answer_of(evidence),
+        "answer": summarize(evidence),
         "added": _added(evidence),
-        "together": correlations.of_parameters(evidence.parameters),
-        "invisible": diagnosis.invisible(evidence.vehicle),
+        "together": correlations.correlation_table(evidence.parameters),
+        "invisible": diagnosis.invisible_words(evidence.vehicle),
         "left": _left(evidence),
         "effects": [effect_named(name) for name in evidence.parameters.effects],
         "missing": list(_missing(evidence)),
@@ -126,12 +130,12 @@ def _context(evidence: Evidence, album: Album, today: date) -> dict[str, Any]:
         "controlled": evidence.control is not None or bool(evidence.control_refusal),
         "exported": bool(evidence.exports) or bool(evidence.export_refusal),
         "findings": diagnosis,
-        "size_of": size_of,
-        "sureness": sureness,
+        "size_of": size_words,
+        "sureness": confidence_words,
         "correlations": correlations,
         "controller": controller_tables,
         "exporting": exports,
-        "decides": deciding_experiment,
+        "decides": discriminating_experiment,
         "next_experiment": next_experiment,
         "grids": model,
         "drag_grids": drag,
@@ -143,7 +147,7 @@ def _context(evidence: Evidence, album: Album, today: date) -> dict[str, Any]:
     }
 
 
-def _trials(evidence: Evidence) -> tuple[Trial, ...]:
+def _trials(evidence: ReportData) -> tuple[Trial, ...]:
     if evidence.campaign is None:
         return ()
     return evidence.campaign.trials
@@ -151,25 +155,25 @@ def _trials(evidence: Evidence) -> tuple[Trial, ...]:
 
 def _looked_for(diagnosis: Diagnosis | None) -> bool:
     """Whether there is more to say of causes than the first screen does."""
-    return diagnosis is not None and (diagnosis.base is not None or diagnosis.amplitudes is not None)
+    return diagnosis is not None and (diagnosis.base is not None or diagnosis.from_tables is not None)
 
 
-def _missing(evidence: Evidence) -> Iterator[tuple[str, str]]:
+def _missing(evidence: ReportData) -> Iterator[tuple[str, str]]:
     """Each parameter that the file lacks, with the reason."""
     entries, drag = evidence.parameters.entries, evidence.drag
     for name in base_names(evidence.axis):
         if name in entries:
             continue
         # Where no torque keeps the vehicle turning all come with the inertia.
-        if name == "inertia" or evidence.axis.rights:
-            yield title(name), evidence.inertia_refusal
+        if name == "inertia" or evidence.axis.self_righting:
+            yield parameter_title(name), evidence.inertia_refusal
         elif drag is None:
-            yield title(name), evidence.drag_refusal
+            yield parameter_title(name), evidence.drag_refusal
         else:
-            yield title(name), drag.estimate.refused.get(name, "")
+            yield parameter_title(name), drag.estimate.refused.get(name, "")
 
 
-def _warnings(evidence: Evidence) -> Iterator[str]:
+def _warnings(evidence: ReportData) -> Iterator[str]:
     """What a reader has to know before using the numbers, the gravest first; each thing once."""
     said = tuple(reason for _, reason in _missing(evidence) if reason)
     for text in dict.fromkeys(_noticed(evidence)):
@@ -177,25 +181,25 @@ def _warnings(evidence: Evidence) -> Iterator[str]:
             yield text
 
 
-def _noticed(evidence: Evidence) -> Iterator[str]:
+def _noticed(evidence: ReportData) -> Iterator[str]:
     """As `_warnings`, some more than once."""
     campaign, diagnosis = evidence.campaign, evidence.diagnosis
     yield from evidence.notes
     if diagnosis is not None:
         yield from diagnosis.warnings
     for fit in (evidence.drag, evidence.inertia):
-        if fit is not None and model.is_behind(evidence, fit.estimate):
+        if fit is not None and model.is_source_of_model(evidence, fit.estimate):
             yield from fit.estimate.warnings
     for remarked in (campaign, evidence.runs):
         if remarked is not None:
             yield from (remark.text for remark in remarked.remarks)
 
 
-def _refused(evidence: Evidence) -> Iterator[tuple[str, str]]:
+def _refused(evidence: ReportData) -> Iterator[tuple[str, str]]:
     """What could not be determined, each with the reason."""
     yield from _missing(evidence)
-    if evidence.drag is None and "quadratic_drag" in evidence.parameters.entries and not evidence.axis.rights:
-        yield f"Drag from {steady_state(evidence.axis)}s", evidence.drag_refusal
+    if evidence.drag is None and "quadratic_drag" in evidence.parameters.entries and not evidence.axis.self_righting:
+        yield f"Drag from {steady_state_words(evidence.axis)}s", evidence.drag_refusal
     if evidence.inertia is None and "inertia" in evidence.parameters.entries:
         yield "Inertia from these logs", evidence.inertia_refusal
     if evidence.inertia is not None:
@@ -211,7 +215,7 @@ def _refused_methods(fit: InertiaFit) -> Iterator[tuple[str, str]]:
         yield "Inertia by " + ", by ".join(together), reason
 
 
-def _rate_range(evidence: Evidence) -> tuple[float, float] | None:
+def _rate_range(evidence: ReportData) -> tuple[float, float] | None:
     """Slowest and fastest steady state in rad/s or m/s."""
     if evidence.drag is None:
         return None
@@ -219,7 +223,7 @@ def _rate_range(evidence: Evidence) -> tuple[float, float] | None:
     return float(speeds.min()), float(speeds.max())
 
 
-def _rate_from(evidence: Evidence) -> str:
+def _rate_from(evidence: ReportData) -> str:
     """Which signal the rate comes from, in words."""
     if evidence.runs is None:
         return ""
@@ -232,28 +236,28 @@ def _rate_from(evidence: Evidence) -> str:
     return f"the {position}"
 
 
-def _noise(evidence: Evidence) -> dict[str, Any] | None:
+def _noise(evidence: ReportData) -> dict[str, Any] | None:
     """What is measured, its unit and noise; that of rate and acceleration behind the filter. Standard deviations."""
     if evidence.runs is None:
         return None
     measured, rate, acceleration = evidence.runs.noise()
-    name, shown, factor = evidence.axis.measured(integrated=evidence.runs.integrated)
+    name, shown, factor = evidence.axis.measured_quantity(integrated=evidence.runs.rate_only)
     return {"name": name, "unit": shown, "measured": factor * measured, "rate": rate, "acceleration": acceleration}
 
 
-def _left(evidence: Evidence) -> tuple[float, float, float] | None:
+def _left(evidence: ReportData) -> tuple[float, float, float] | None:
     """Root mean square in N m or N of residual torque, torque, and sensor noise; None where nothing was simulated."""
     if evidence.runs is None or not evidence.simulations:
         return None
-    return sizes(left_by_all(evidence.runs, evidence.parameters.model(), evidence.vehicle))
+    return rms_sizes(unexplained_torques(evidence.runs, evidence.parameters.model(), evidence.vehicle))
 
 
-def _added(evidence: Evidence) -> str:
+def _added(evidence: ReportData) -> str:
     """What the water adds to the rigid body's inertia, by the model; nothing where one is not known or is guessed."""
     entry, rigid = evidence.parameters.entries.get("inertia"), evidence.vehicle.rigid_body_inertia
-    if entry is None or rigid is None or evidence.vehicle.guess:
+    if entry is None or rigid is None or evidence.vehicle.assumptions:
         return ""
-    return f"{plus_minus(entry.value - rigid, entry.standard_error)} {unit(entry.unit)}"
+    return f"{plus_minus(entry.value - rigid, entry.standard_error)} {unit_symbol(entry.unit)}"
 
 
 def _box(vehicle: Vehicle) -> list[tuple[str, float]]:

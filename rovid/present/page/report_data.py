@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from rovid.control.design import Control
-from rovid.diagnose.result import Diagnosis, Side
+from rovid.control.design import ControllerDesign
+from rovid.diagnose.result import Diagnosis, ModelAssessment
 from rovid.estimate.inertia import InertiaFit
 from rovid.estimate.steady_drag import DragFit
-from rovid.export.run_export import Exported
+from rovid.export.run_export import VerifiedExport
 from rovid.model.simulation import TrialSimulation
-from rovid.present.page.nested_simulations import Stage
-from rovid.signals.preprocessing import Runs
+from rovid.present.page.nested_simulations import NestedSimulation
+from rovid.signals.preprocessing import PreparedRuns
 from rovid.store.parameter_file import Parameters
 from rovid.trial.axis import Axis
 from rovid.trial.trial import Campaign
@@ -20,7 +20,7 @@ from rovid.trial.vehicle import Vehicle
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Evidence:
+class ReportData:
     """What the logs gave; where something is missing its refusal says why.
 
     ``parameters`` are the one model's, and ``simulations`` its. ``campaign`` and ``runs`` are None where tables stood
@@ -33,18 +33,18 @@ class Evidence:
     vehicle: Vehicle
     parameters: Parameters
     campaign: Campaign | None
-    runs: Runs | None
+    runs: PreparedRuns | None
     drag: DragFit | None
     drag_refusal: str
     inertia: InertiaFit | None
     inertia_refusal: str
     simulations: tuple[TrialSimulation, ...]
-    stages: tuple[Stage, ...] = ()
+    nested: tuple[NestedSimulation, ...] = ()
     diagnosis: Diagnosis | None = None
     diagnosis_refusal: str = ""
-    control: Control | None = None
+    control: ControllerDesign | None = None
     control_refusal: str = ""
-    exports: Mapping[str, Exported] | None = None
+    exports: Mapping[str, VerifiedExport] | None = None
     export_refusal: str = ""
     notes: tuple[str, ...] = ()
 
@@ -54,17 +54,17 @@ class Evidence:
         return self.vehicle.axis
 
     @property
-    def before(self) -> tuple[TrialSimulation, ...]:
+    def simulations_without(self) -> tuple[TrialSimulation, ...]:
         """Every trial simulated without what was found; by the model where nothing was looked for."""
-        return self.stages[0].simulations if self.stages else self.simulations
+        return self.nested[0].simulations if self.nested else self.simulations
 
     @property
-    def after(self) -> tuple[TrialSimulation, ...]:
+    def simulations_with(self) -> tuple[TrialSimulation, ...]:
         """The same with all that was found."""
-        return self.stages[-1].simulations if self.stages else self.simulations
+        return self.nested[-1].simulations if self.nested else self.simulations
 
     @property
-    def found(self) -> Side | None:
+    def extended(self) -> ModelAssessment | None:
         """The model with what was found; None where nothing was."""
         side = self.diagnosis.extended if self.diagnosis else None
         return side if side is not None and side.model.effects else None

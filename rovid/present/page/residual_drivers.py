@@ -10,9 +10,9 @@ import numpy as np
 from rovid.core.array_types import FloatArray, IntArray
 from rovid.effects import Effect
 from rovid.model.model import Model
-from rovid.present.page.residual_torque import all_left, left_by_all
-from rovid.signals.preprocessing import Run, Runs, channels
-from rovid.signals.rates import on_grid
+from rovid.present.page.residual_torque import all_residuals, unexplained_torques
+from rovid.signals.preprocessing import PreparedRuns, Run, shared_channels
+from rovid.signals.rates import resample
 from rovid.trial.axis import YAW, Axis
 from rovid.trial.vehicle import Vehicle
 
@@ -24,7 +24,7 @@ _BINS = 32
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Missing:
+class MissingTorque:
     """The torque, or force, that a model misses without one of its effects.
 
     Attributes
@@ -41,21 +41,21 @@ class Missing:
     """
 
     driver: str
-    at: FloatArray
+    driver_values: FloatArray
     measured: FloatArray
     equation: FloatArray
     line: tuple[FloatArray, FloatArray]
 
 
-def missing_without(effect: Effect, runs: Runs, model: Model, vehicle: Vehicle) -> Missing | None:
+def missing_without(effect: Effect, runs: PreparedRuns, model: Model, vehicle: Vehicle) -> MissingTorque | None:
     """What ``model`` misses without ``effect``, against that of the logs which the effect follows most.
 
     Over time, in the run that shows most of it, where it follows nothing. None of a wave, whose phase nobody knows.
     """
-    if effect.wave:
+    if effect.is_wave:
         return None
-    with_it, without = (left_by_all(runs, each, vehicle) for each in (model, _less(model, effect)))
-    equation = all_left(with_it) - all_left(without)
+    with_it, without = (unexplained_torques(runs, each, vehicle) for each in (model, _less(model, effect)))
+    equation = all_residuals(with_it) - all_residuals(without)
     known = np.isfinite(equation)
     if not known.any() or not np.any(equation[known]):
         return None
@@ -65,8 +65,14 @@ def missing_without(effect: Effect, runs: Runs, model: Model, vehicle: Vehicle) 
         if share > follows + _BETTER:
             best, follows, chosen = values, share, name
     if follows < _FOLLOWS:
-        return _over_time([item.left for item in with_it], [item.left for item in without], runs)
-    return Missing(driver=chosen, at=best, measured=-all_left(without), equation=equation, line=means(best, equation))
+        return _over_time([item.residual for item in with_it], [item.residual for item in without], runs)
+    return MissingTorque(
+        driver=chosen,
+        driver_values=best,
+        measured=-all_residuals(without),
+        equation=equation,
+        line=bin_means(best, equation),
+    )
 
 
 def _less(model: Model, effect: Effect) -> Model:
@@ -87,23 +93,23 @@ def _drivers(runs: Sequence[Run], axis: Axis) -> Iterator[tuple[str, FloatArray]
     def along(name: str, values: list[FloatArray]) -> tuple[str, FloatArray]:
         return name, np.concatenate(values)
 
-    shown, factor = axis.shown
-    yield along(f"{axis.push} of the thrusters, {axis.push_unit}", [run.drive for run in runs])
+    shown, factor = axis.display_unit
+    yield along(f"{axis.force_name} of the thrusters, {axis.force_unit}", [run.filtered_torque for run in runs])
     yield along(f"{axis.rate_words}, {axis.rate_unit}", [run.rates.rate for run in runs])
-    changes = [np.gradient(run.drive, run.rates.kernel.period) for run in runs]
-    yield along(f"change of the {axis.push}, {axis.push_unit}/s", changes)
+    changes = [np.gradient(run.filtered_torque, run.rates.kernel.period) for run in runs]
+    yield along(f"change of the {axis.force_name}, {axis.force_unit}/s", changes)
     yield along(f"acceleration, {axis.rate_unit}²", [run.rates.acceleration for run in runs])
     if axis is YAW:
         yield along("heading, deg", [factor * _on_grid(run, run.trial.position) % 360.0 for run in runs])
-    turned = [factor * (_on_grid(run, run.trial.position) - run.trial.start) for run in runs]
+    turned = [factor * (_on_grid(run, run.trial.position) - run.trial.first_position) for run in runs]
     yield along(f"{axis.position_words} from the start, {shown}", turned)
     yield along("time in the trial, s", [run.rates.time for run in runs])
-    for name in sorted(channels(runs)):
+    for name in sorted(shared_channels(runs)):
         yield along(name.replace("_", " "), [_on_grid(run, run.trial.extras[name]) for run in runs])
 
 
 def _on_grid(run: Run, values: FloatArray) -> FloatArray:
-    return on_grid(run.trial, values, run.rates.time)
+    return resample(run.trial, values, run.rates.time)
 
 
 def _followed(driver: FloatArray, equation: FloatArray) -> float:
@@ -129,7 +135,9 @@ def _bin_of(x: FloatArray, bins: int) -> IntArray:
     return np.asarray(np.searchsorted(edges, x, side="right"))
 
 
-def means(driver: FloatArray, values: FloatArray, bins: int = _BINS, fewest: int = 3) -> tuple[FloatArray, FloatArray]:
+def bin_means(
+    driver: FloatArray, values: FloatArray, bins: int = _BINS, fewest: int = 3
+) -> tuple[FloatArray, FloatArray]:
     """Mean of ``driver`` and of ``values`` in bins that hold enough of them, from the least driver to the largest."""
     known = np.isfinite(driver) & np.isfinite(values)
     x, y = driver[known], values[known]
@@ -143,14 +151,14 @@ def means(driver: FloatArray, values: FloatArray, bins: int = _BINS, fewest: int
     return mean(x), mean(y)
 
 
-def _over_time(with_it: Sequence[FloatArray], without: Sequence[FloatArray], runs: Runs) -> Missing:
+def _over_time(with_it: Sequence[FloatArray], without: Sequence[FloatArray], runs: PreparedRuns) -> MissingTorque:
     """The run in which the equation gives most."""
     sizes = [float(np.nansum((one - other) ** 2)) for one, other in zip(with_it, without, strict=True)]
     most = int(np.argmax(sizes))
     time, equation = runs.items[most].rates.time, with_it[most] - without[most]
-    return Missing(
+    return MissingTorque(
         driver=f"time in {runs.items[most].trial.name}, s",
-        at=time,
+        driver_values=time,
         measured=-without[most],
         equation=equation,
         line=(time, equation),

@@ -10,9 +10,9 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
 from rovid.model.model import Model
-from rovid.model.ode import along
-from rovid.signals.preprocessing import Run, Runs, prepare
-from rovid.signals.rates import density, finite_stretches, quickly_transformed
+from rovid.model.ode import evaluate_along
+from rovid.signals.preprocessing import PreparedRuns, Run, prepare
+from rovid.signals.rates import fast_fft_length, finite_segments, power_spectral_density
 from rovid.trial.trial import Campaign, Trial
 from rovid.trial.vehicle import Vehicle
 
@@ -22,7 +22,7 @@ _BINS = 16
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Residual:
+class ResidualTorque:
     """One run's torques, or forces, all (m,), in N m (N) and behind the same filter; NaN where they are not known.
 
     Attributes
@@ -39,23 +39,25 @@ class Residual:
     """
 
     run: Run
-    drive: FloatArray
+    thruster_torque: FloatArray
     beside: FloatArray
-    left: FloatArray
-    noise: float
+    residual: FloatArray
+    noise_sd: float
 
 
-def residuals_of(runs: Sequence[Run], model: Model, vehicle: Vehicle) -> list[Residual]:
+def residual_torques(runs: Sequence[Run], model: Model, vehicle: Vehicle) -> list[ResidualTorque]:
     """What inertia, drag, weight and buoyancy leave over of the torque in each run."""
     return [_residual(run, model, vehicle) for run in runs]
 
 
-def _residual(run: Run, model: Model, vehicle: Vehicle) -> Residual:
-    held = model.drive(vehicle, run.trial).mapped(lambda series: run.rates.held(run.trial, series))
-    drive = held.torque if model.effects else run.drive
+def _residual(run: Run, model: Model, vehicle: Vehicle) -> ResidualTorque:
+    held = model.torque_input(vehicle, run.trial).mapped(lambda series: run.rates.filter_held(run.trial, series))
+    drive = held.torque if model.effects else run.filtered_torque
     noise = model.inertia * run.rates.acceleration_noise
-    item = Residual(run=run, drive=drive, beside=held.beside, left=_left(run, model, drive), noise=noise)
-    return replace(item, left=item.left + _terms_torque(item, _base(model)))
+    item = ResidualTorque(
+        run=run, thruster_torque=drive, beside=held.effect_inputs, residual=_left(run, model, drive), noise_sd=noise
+    )
+    return replace(item, residual=item.residual + _terms_torque(item, _base(model)))
 
 
 def _left(run: Run, model: Model, drive: FloatArray) -> FloatArray:
@@ -68,23 +70,23 @@ def _base(model: Model) -> Model:
     return replace(model, effects=(), effect_values=())
 
 
-def left_by_all(runs: Runs, model: Model, vehicle: Vehicle) -> list[Residual]:
+def unexplained_torques(runs: PreparedRuns, model: Model, vehicle: Vehicle) -> list[ResidualTorque]:
     """As ``residuals_of``, with every effect taken out: those in the equation of motion and the heading's deviation.
 
     A wave stays in: its phase is not a parameter.
     """
     items = []
-    for item in residuals_of(_as_turned(runs, model, vehicle), model, vehicle):
-        with_all = item.left + _terms_torque(item, model)
+    for item in residual_torques(_as_turned(runs, model, vehicle), model, vehicle):
+        with_all = item.residual + _terms_torque(item, model)
         # What weight and buoyancy do is taken out already.
         left = with_all - _terms_torque(item, _base(model))
-        items.append(replace(item, left=left))
+        items.append(replace(item, residual=left))
     return items
 
 
-def _as_turned(runs: Runs, model: Model, vehicle: Vehicle) -> Sequence[Run]:
+def _as_turned(runs: PreparedRuns, model: Model, vehicle: Vehicle) -> Sequence[Run]:
     """The runs with the headings that ``model`` takes for the true ones, behind the same filter."""
-    if not model.instrument.deviates:
+    if not model.heading_sensor.deviates:
         return runs.items
     turned = tuple(_turned(run.trial, model) for run in runs.items)
     return prepare(Campaign(trials=turned, sources=()), vehicle, cutoff=runs.cutoff).items
@@ -92,43 +94,45 @@ def _as_turned(runs: Runs, model: Model, vehicle: Vehicle) -> Sequence[Run]:
 
 def _turned(trial: Trial, model: Model) -> Trial:
     """``trial`` with the heading that ``model`` takes for the true one."""
-    heading, _ = model.instrument.as_true(trial.position)
+    heading, _ = model.heading_sensor.to_true(trial.position)
     return replace(trial, position=heading)
 
 
-def _terms_torque(item: Residual, model: Model) -> FloatArray:
+def _terms_torque(item: ResidualTorque, model: Model) -> FloatArray:
     """(m,) torque in N m of the terms in the equation of motion, along the measured rate and angle."""
     trial, rates = item.run.trial, item.run.rates
-    turned = rates.position - model.equation_in(trial).start
-    return along(model.equation_in(trial), rates.kernel.period, (rates.rate, turned, item.drive), item.beside)[0]
+    turned = rates.position - model.equation_for(trial).start
+    return evaluate_along(
+        model.equation_for(trial), rates.kernel.period, (rates.rate, turned, item.thruster_torque), item.beside
+    )[0]
 
 
-def all_left(items: Sequence[Residual]) -> FloatArray:
+def all_residuals(items: Sequence[ResidualTorque]) -> FloatArray:
     """What is left of the torque in all runs, one after another."""
-    return np.concatenate([item.left for item in items])
+    return np.concatenate([item.residual for item in items])
 
 
-def all_drives(items: Sequence[Residual]) -> FloatArray:
+def all_thruster_torques(items: Sequence[ResidualTorque]) -> FloatArray:
     """The thrusters' torques in all runs, one after another."""
-    return np.concatenate([item.drive for item in items])
+    return np.concatenate([item.thruster_torque for item in items])
 
 
-def all_rates(items: Sequence[Residual]) -> FloatArray:
+def all_rates(items: Sequence[ResidualTorque]) -> FloatArray:
     """The rates in all runs, one after another."""
     return np.concatenate([item.run.rates.rate for item in items])
 
 
-def sizes(items: Sequence[Residual]) -> tuple[float, float, float]:
+def rms_sizes(items: Sequence[ResidualTorque]) -> tuple[float, float, float]:
     """Root mean squares in N m: of what is left, of the torque, and of what the sensor's noise makes of itself."""
-    left = all_left(items)
+    left = all_residuals(items)
     known = np.isfinite(left)
-    drive, noise = all_drives(items)[known], _all_noises(items)[known]
+    drive, noise = all_thruster_torques(items)[known], _all_noises(items)[known]
     return _rms(left[known]), _rms(drive), _rms(noise)
 
 
-def _all_noises(items: Sequence[Residual]) -> FloatArray:
+def _all_noises(items: Sequence[ResidualTorque]) -> FloatArray:
     """(N,) standard deviation in N m of the noise in what is left."""
-    return np.concatenate([np.full(len(item.left), item.noise) for item in items])
+    return np.concatenate([np.full(len(item.residual), item.noise_sd) for item in items])
 
 
 def _rms(values: FloatArray) -> float:
@@ -138,7 +142,7 @@ def _rms(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def binned(driver: FloatArray, left: FloatArray, bins: int = _BINS) -> tuple[FloatArray, FloatArray]:
+def binned_means(driver: FloatArray, left: FloatArray, bins: int = _BINS) -> tuple[FloatArray, FloatArray]:
     """Mean of ``driver`` and of ``left`` in stretches of the driver's range that hold enough samples."""
     known = np.isfinite(driver) & np.isfinite(left)
     x, y = driver[known], left[known]
@@ -160,12 +164,12 @@ def _means(where: IntArray, values: FloatArray, bins: int) -> FloatArray:
     return np.where(enough, mean, np.nan)
 
 
-def spectrum(items: Sequence[Residual], cutoff: float) -> tuple[FloatArray, FloatArray]:
+def spectrum(items: Sequence[ResidualTorque], cutoff: float) -> tuple[FloatArray, FloatArray]:
     """Frequency in Hz up to the cut-off and density in (N m)^2/Hz, averaged over all stretches by their length."""
     frequency = np.linspace(0.0, cutoff, 256)[1:]
     total, weight = np.zeros(len(frequency)), 0.0
     for period, part in _stretches(items):
-        own = density(part, _SEGMENT, period, about_mean=True)
+        own = power_spectral_density(part, _SEGMENT, period, about_mean=True)
         total += np.interp(frequency, np.fft.rfftfreq(_SEGMENT, period), own) * len(part) * period
         weight += len(part) * period
     if not weight:
@@ -173,13 +177,13 @@ def spectrum(items: Sequence[Residual], cutoff: float) -> tuple[FloatArray, Floa
     return frequency, total / weight
 
 
-def autocorrelation(items: Sequence[Residual], longest: float) -> tuple[FloatArray, FloatArray]:
+def autocorrelation(items: Sequence[ResidualTorque], longest: float) -> tuple[FloatArray, FloatArray]:
     """Lag in s up to ``longest``, and the correlation of what is left with itself that much later."""
     lags = np.linspace(0.0, longest, 200)
     total = np.zeros(len(lags))
     for period, part in _stretches(items):
         # With as many zeros behind it none comes round again.
-        size = quickly_transformed(2 * len(part))
+        size = fast_fft_length(2 * len(part))
         products = np.fft.irfft(np.abs(np.fft.rfft(part, size)) ** 2, size)[: len(part)]
         own = period * np.arange(len(part))
         total += np.interp(lags, own, products, right=0.0) * period
@@ -188,9 +192,9 @@ def autocorrelation(items: Sequence[Residual], longest: float) -> tuple[FloatArr
     return lags, total / total[0]
 
 
-def _stretches(items: Sequence[Residual]) -> Iterator[tuple[float, FloatArray]]:
+def _stretches(items: Sequence[ResidualTorque]) -> Iterator[tuple[float, FloatArray]]:
     """Sampling period in s and values of every unbroken stretch long enough to speak of a spectrum."""
     for item in items:
-        for start, stop in finite_stretches(item.left):
+        for start, stop in finite_segments(item.residual):
             if stop - start >= _SHORTEST:
-                yield item.run.rates.kernel.period, item.left[start:stop]
+                yield item.run.rates.kernel.period, item.residual[start:stop]

@@ -11,11 +11,11 @@ from rovid.diagnose.next_experiment import next_experiment
 from rovid.diagnose.result import Diagnosis, Finding
 from rovid.model.parameter_names import unit_of
 from rovid.model.simulation import HORIZONS
-from rovid.present.number_text import column, like, with_unit
-from rovid.present.page.nested_simulations import missed
-from rovid.present.page.report_data import Evidence
-from rovid.present.tables.diagnosis import name_of, spaced, title_of
-from rovid.present.verdict import gained, listed, sureness, verdict
+from rovid.present.number_text import equal_decimals, number_with_unit, same_decimals
+from rovid.present.page.nested_simulations import simulation_errors
+from rovid.present.page.report_data import ReportData
+from rovid.present.tables.diagnosis import effect_name, effect_title, with_spaces
+from rovid.present.verdict import confidence_words, improvement_sentence, join_words, verdict_sentence
 from rovid.trial.axis import Axis
 from rovid.trial.vehicle import Vehicle
 
@@ -45,7 +45,7 @@ class Bar:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Gain:
+class GainBars:
     """What a simulation is off by, without and with what was found.
 
     ``floor`` is what a perfect model would be off by, and ``tick`` its share of the longest bar; empty and NaN where
@@ -59,17 +59,17 @@ class Gain:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Answer:
+class PageSummary:
     """The first screen, in words and bars."""
 
     headline: str
-    wrong: str
+    error: str
     reasons: tuple[Reason, ...]
-    why: str
-    gains: tuple[Gain, ...]
-    gained: str
-    run: str
-    because: str
+    no_cause: str
+    gains: tuple[GainBars, ...]
+    improvement: str
+    next_run: str
+    next_reason: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,33 +83,33 @@ class _Off:
     floor: float
 
 
-def answer_of(evidence: Evidence) -> Answer:
+def summarize(evidence: ReportData) -> PageSummary:
     """What the first screen says."""
     diagnosis, axis = evidence.diagnosis, evidence.axis
     off = list(_off(evidence))
     found = diagnosis is not None and bool(diagnosis.findings or diagnosis.signals)
     run, because = _next(diagnosis)
-    return Answer(
+    return PageSummary(
         headline=_headline(evidence),
-        wrong=_wrong(evidence, off, found=found),
+        error=_wrong(evidence, off, found=found),
         reasons=tuple(_reasons(diagnosis, axis)),
-        why=_why(evidence),
+        no_cause=_why(evidence),
         gains=tuple(_gain(one, found=found) for one in off),
-        gained=_gained(off) if found else "",
-        run=run,
-        because=because,
+        improvement=_gained(off) if found else "",
+        next_run=run,
+        next_reason=because,
     )
 
 
-def _headline(evidence: Evidence) -> str:
+def _headline(evidence: ReportData) -> str:
     if evidence.diagnosis is not None:
-        return verdict(evidence.diagnosis, evidence.vehicle.guess)
+        return verdict_sentence(evidence.diagnosis, evidence.vehicle.assumptions)
     if evidence.simulations:
-        return f"The model explains R² = {missed(evidence.simulations).r2:.4f} of the {evidence.axis.rate_words}."
+        return f"The model explains R² = {simulation_errors(evidence.simulations).r2:.4f} of the {evidence.axis.rate_words}."
     return "There is no simulation to judge the model by."
 
 
-def _off(evidence: Evidence) -> Iterator[_Off]:
+def _off(evidence: ReportData) -> Iterator[_Off]:
     """What the simulation is off by: of trials that were not fitted, or of all where there is no diagnosis."""
     axis, diagnosis = evidence.axis, evidence.diagnosis
     if diagnosis is not None and diagnosis.base is not None and diagnosis.extended is not None:
@@ -117,11 +117,11 @@ def _off(evidence: Evidence) -> Iterator[_Off]:
         ahead, rates = (one.position_errors, other.position_errors), (one.rate_rmse, other.rate_rmse)
         floors, floor = diagnosis.position_floors, diagnosis.noise_floor
     elif evidence.simulations:
-        plain = missed(evidence.simulations)
+        plain = simulation_errors(evidence.simulations)
         ahead, rates, floors, floor = (plain.position, plain.position), (plain.rate, plain.rate), {}, math.nan
     else:
         return
-    shown, factor = axis.shown
+    shown, factor = axis.display_unit
     for horizon in reversed(HORIZONS):
         without, with_it = (errors.get(horizon) for errors in ahead)
         if without is not None and with_it is not None:
@@ -132,7 +132,7 @@ def _off(evidence: Evidence) -> Iterator[_Off]:
     yield _Off(title=f"{axis.rate_words} error", unit=axis.rate_unit, without=rates[0], with_it=rates[1], floor=floor)
 
 
-def _wrong(evidence: Evidence, off: list[_Off], *, found: bool) -> str:
+def _wrong(evidence: ReportData, off: list[_Off], *, found: bool) -> str:
     if not off:
         missing = "there are tables, no logs" if evidence.campaign is None else "inertia or drag is missing"
         return f"Nothing was simulated: {missing}."
@@ -147,35 +147,37 @@ def _rounded(off: _Off) -> list[str]:
     """Without, with and at best, all with the decimals that the smallest wants for two digits."""
     values = (off.without, off.with_it, off.floor)
     sizes = [abs(value) for value in values if math.isfinite(value) and value]
-    (least,) = column([min(sizes, default=1.0)], 2)
-    return [like(least, value) for value in values]
+    (least,) = equal_decimals([min(sizes, default=1.0)], 2)
+    return [same_decimals(least, value) for value in values]
 
 
 def _reasons(diagnosis: Diagnosis | None, axis: Axis) -> Iterator[Reason]:
     if diagnosis is None:
         return
     for finding in (*diagnosis.findings, *diagnosis.suspects):
-        names = [name_of(effect, axis) for effect in (finding.effect, *finding.undecided)]
-        blamed = bool(finding.estimate.guess.blames(finding.effect.id))
-        yield Reason(title=listed(names, "or"), size=size_of(finding), sure=sureness(finding), blamed=blamed)
+        names = [effect_name(effect, axis) for effect in (finding.effect, *finding.indistinguishable)]
+        blamed = bool(finding.estimate.assumptions.effect_caveat(finding.effect.id))
+        yield Reason(
+            title=join_words(names, "or"), size=size_words(finding), sure=confidence_words(finding), blamed=blamed
+        )
     for signal, _ in diagnosis.signals:
-        yield Reason(title=axis.words(signal.title), size="", sure="a dependence; its cause has no name yet")
+        yield Reason(title=axis.reword(signal.title), size="", sure="a dependence; its cause has no name yet")
 
 
-def size_of(finding: Finding) -> str:
+def size_words(finding: Finding) -> str:
     """The parameters, each with its error and unit."""
     effect, estimate = finding.effect, finding.estimate
     sizes = []
     for parameter in effect.parameters:
         name = f"{effect.key}.{parameter.name}"
         value = plus_minus(estimate.value(name), estimate.standard_error(name))
-        words = estimate.axis.words(spaced(parameter.name))
+        words = estimate.axis.reword(with_spaces(parameter.name))
         its_unit = estimate.unit(name)
-        sizes.append(f"{words} {estimate.guess.marked(with_unit(value, its_unit), its_unit)}")
+        sizes.append(f"{words} {estimate.assumptions.mark_number(number_with_unit(value, its_unit), its_unit)}")
     return ", ".join(sizes)
 
 
-def _why(evidence: Evidence) -> str:
+def _why(evidence: ReportData) -> str:
     """Where there is no cause, why not."""
     diagnosis = evidence.diagnosis
     if diagnosis is None:
@@ -189,7 +191,7 @@ def _why(evidence: Evidence) -> str:
     seen = list(_seen(diagnosis, evidence.vehicle))[:_NAMED]
     if not seen:
         return "Every cause was tried and none was needed."
-    return f"Every cause was tried and none was needed. These would have shown: {listed(seen)}."
+    return f"Every cause was tried and none was needed. These would have shown: {join_words(seen)}."
 
 
 def _seen(diagnosis: Diagnosis, vehicle: Vehicle) -> Iterator[str]:
@@ -197,12 +199,12 @@ def _seen(diagnosis: Diagnosis, vehicle: Vehicle) -> Iterator[str]:
     for effect, size in diagnosis.detectable:
         plain = unit_of(f"{effect.key}.{effect.parameters[0].name}", vehicle.axis)
         if math.isfinite(size) and plain not in _BARE:
-            (text,) = column([size], 2)
-            size_of_it = vehicle.guess.marked(with_unit(text, plain), plain)
-            yield f"{title_of(effect, vehicle.axis)} from {size_of_it}"
+            (text,) = equal_decimals([size], 2)
+            size_of_it = vehicle.assumptions.mark_number(number_with_unit(text, plain), plain)
+            yield f"{effect_title(effect, vehicle.axis)} from {size_of_it}"
 
 
-def _gain(off: _Off, *, found: bool) -> Gain:
+def _gain(off: _Off, *, found: bool) -> GainBars:
     without, with_it, floor = _rounded(off)
     most = max(value for value in (off.without, off.with_it, off.floor, 1e-30) if math.isfinite(value))
 
@@ -211,7 +213,7 @@ def _gain(off: _Off, *, found: bool) -> Gain:
 
     bars = [bar("without", off.without, without), bar("with", off.with_it, with_it)]
     known = math.isfinite(off.floor)
-    return Gain(
+    return GainBars(
         title=off.title,
         bars=tuple(bars) if found else (bar("simulated", off.without, without),),
         floor=f"{floor} {off.unit}" if known else "",
@@ -220,7 +222,7 @@ def _gain(off: _Off, *, found: bool) -> Gain:
 
 
 def _gained(off: list[_Off]) -> str:
-    return gained({one.title.partition(" after")[0]: (one.without, one.with_it) for one in off})
+    return improvement_sentence({one.title.partition(" after")[0]: (one.without, one.with_it) for one in off})
 
 
 def _next(diagnosis: Diagnosis | None) -> tuple[str, str]:

@@ -1,5 +1,5 @@
 """Figures of the page, one file each."""
 
-from rovid.jit.cache_dirs import keep_fonts
+from rovid.jit.cache_dirs import configure_font_cache
 
-keep_fonts()  # before any module of this package imports matplotlib
+configure_font_cache()  # before any module of this package imports matplotlib

@@ -23,9 +23,9 @@ from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
 from rovid.core.array_types import FloatArray, IntArray
-from rovid.core.errors import visible
+from rovid.core.errors import escape_invisible
 from rovid.core.signatures import plot_mark
-from rovid.trial.assumptions import Guesswork
+from rovid.trial.assumptions import Assumptions
 
 # Okabe and Ito's palette: told apart by every kind of colour vision; markers and dashes say the same again.
 BLACK, BLUE, ORANGE, GREEN, GREY, PALE = "#111111", "#0072B2", "#D55E00", "#009E73", "#767676", "#8CBFE6"
@@ -69,7 +69,7 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
-def styled(draw: Callable[P, R]) -> Callable[P, R]:
+def report_style(draw: Callable[P, R]) -> Callable[P, R]:
     """Let ``draw`` run under the report's style, whatever the user's matplotlibrc says."""
 
     @functools.wraps(draw)
@@ -80,7 +80,7 @@ def styled(draw: Callable[P, R]) -> Callable[P, R]:
     return under_style
 
 
-def sheet(
+def panel_grid(
     rows: Sequence[tuple[float, int]],
     *,
     left: float = 0.9,
@@ -128,19 +128,21 @@ def sheet(
     return figure, panels
 
 
-@styled
-def with_guess(figure: Figure, guess: Guesswork) -> Figure:
+@report_style
+def mark_guessed(figure: Figure, guess: Assumptions) -> Figure:
     """``figure``, with what is guessed along its edge, where the label of an axis names a unit that hangs on it."""
     labels = [text for axes in figure.axes for text in (axes.get_xlabel(), axes.get_ylabel())]
     units = [label.rpartition(",")[2].strip() for label in labels]
-    if any(map(guess.marks, units)):
+    if any(map(guess.is_placeholder, units)):
         # The margin there is narrow, and no figure has anything else in it.
-        figure.text(0.999, 0.5, f"by guessed {guess.kinds}", color=RED, size=8, rotation=90, ha="right", va="center")
+        figure.text(
+            0.999, 0.5, f"by guessed {guess.quantities}", color=RED, size=8, rotation=90, ha="right", va="center"
+        )
     return figure
 
 
-@styled
-def png(figure: Figure, of: str = "report") -> bytes:
+@report_style
+def render_png(figure: Figure, of: str = "report") -> bytes:
     """The figure as PNG with a palette, a third of the size of one in full colour; ``of`` is what it belongs to."""
     canvas: Any = FigureCanvasAgg(figure)  # its methods carry no annotations
     with warnings.catch_warnings():
@@ -157,8 +159,8 @@ def png(figure: Figure, of: str = "report") -> bytes:
     return buffer.getvalue()
 
 
-@styled
-def svg(figure: Figure) -> bytes:
+@report_style
+def render_svg(figure: Figure) -> bytes:
     """The figure as SVG, text as outlines, without date: the same evidence gives the same bytes."""
     buffer = io.BytesIO()
     canvas: Any = FigureCanvasSVG(figure)  # its methods carry no annotations
@@ -168,8 +170,8 @@ def svg(figure: Figure) -> bytes:
     return buffer.getvalue()
 
 
-@styled
-def inline(figure: Figure, name: str) -> Markup:
+@report_style
+def render_inline_svg(figure: Figure, name: str) -> Markup:
     """The figure as SVG to stand in a page: text as text, colours those of the page's style, light or dark.
 
     ``name`` tells its parts from those of the page's other pictures.
@@ -202,7 +204,7 @@ def _accept_any_name(figure: Figure) -> None:
     """A log or thruster may be called anything: what is not seen becomes an escape, in which SVG is none the worse."""
     for text in _texts(figure):
         lines = text.get_text().split("\n")
-        text.set_text("\n".join(map(visible, lines)))
+        text.set_text("\n".join(map(escape_invisible, lines)))
     # A box stands for each sign of a script that the font lacks.
     warnings.filterwarnings("ignore", message=r"Glyph \d+")
 
@@ -218,13 +220,15 @@ def _texts(artist: Artist) -> Iterator[Text]:
             yield from _texts(child)
 
 
-def overlay(panel: Axes, time: FloatArray, measured: FloatArray, simulated: FloatArray, count: int = _POINTS) -> None:
+def plot_overlay(
+    panel: Axes, time: FloatArray, measured: FloatArray, simulated: FloatArray, count: int = _POINTS
+) -> None:
     """A thin dark simulation over a broad pale measurement: both show where they agree, with or without colour."""
-    panel.plot(*extremes(time, measured, count), color=PALE, linewidth=3.6, label="measured")
-    panel.plot(*extremes(time, simulated, count), color=BLACK, linewidth=1.1, label="simulated")
+    panel.plot(*decimate_min_max(time, measured, count), color=PALE, linewidth=3.6, label="measured")
+    panel.plot(*decimate_min_max(time, simulated, count), color=BLACK, linewidth=1.1, label="simulated")
 
 
-def extremes(time: FloatArray, values: FloatArray, count: int = _POINTS) -> tuple[FloatArray, FloatArray]:
+def decimate_min_max(time: FloatArray, values: FloatArray, count: int = _POINTS) -> tuple[FloatArray, FloatArray]:
     """At most about ``count`` points of a long series, with the lowest and highest of each stretch kept.
 
     A stretch without any value gives NaN, so that a gap stays a gap.
@@ -232,11 +236,11 @@ def extremes(time: FloatArray, values: FloatArray, count: int = _POINTS) -> tupl
     size = -(-2 * len(values) // count)
     if size <= 2:
         return time, values
-    rows = extreme_rows(values, size)
+    rows = min_max_indices(values, size)
     return time[rows], values[rows]
 
 
-def extreme_rows(values: FloatArray, size: int) -> IntArray:
+def min_max_indices(values: FloatArray, size: int) -> IntArray:
     """Where the lowest and highest of each stretch of ``size`` stand, in order; its first where it has no value."""
     padding = -len(values) % size
     blocks = np.pad(values, (0, padding), constant_values=np.nan).reshape(-1, size)
@@ -247,7 +251,7 @@ def extreme_rows(values: FloatArray, size: int) -> IntArray:
     return np.asarray((pick + size * np.arange(len(blocks))[:, None]).ravel())
 
 
-def shortened(name: str, length: int) -> str:
+def shorten_name(name: str, length: int) -> str:
     """The end of a long name, which tells logs in one folder apart."""
     if len(name) <= length:
         return name

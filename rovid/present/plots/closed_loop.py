@@ -7,25 +7,25 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.figure import Figure
 
-from rovid.control.closed_loop import Course
-from rovid.present.plots.canvas import BLACK, BLUE, GREY, ORANGE, extremes, sheet, styled
+from rovid.control.closed_loop import ClosedLoopRun
+from rovid.present.plots.canvas import BLACK, BLUE, GREY, ORANGE, decimate_min_max, panel_grid, report_style
 
 # In units of one over the bandwidth; after that nothing new happens in a step.
 _SHOWN = 15.0
 _LOOKS = ((BLACK, "-"), (ORANGE, "--"), (BLUE, "-."))
 
 
-@styled
-def closed_loop(courses: Mapping[str, Mapping[str, Course]], bandwidth: float) -> Figure:
+@report_style
+def plot_closed_loop(courses: Mapping[str, Mapping[str, ClosedLoopRun]], bandwidth: float) -> Figure:
     """Each step in every way; ``bandwidth`` in rad/s says how much of it is shown."""
-    figure, panels = sheet([(1.5, 2)] * len(courses), top=0.55, across=0.95, down=0.55)
+    figure, panels = panel_grid([(1.5, 2)] * len(courses), top=0.55, across=0.95, down=0.55)
     for (heading, torque), (name, ways) in zip(panels, courses.items(), strict=True):
         for (way, course), (colour, dashes) in zip(ways.items(), _LOOKS, strict=False):
             early = course.time <= _SHOWN / bandwidth
             time = course.time[early]
-            heading.plot(*extremes(time, np.degrees(course.heading[early])), dashes, color=colour, label=way)
-            torque.step(*extremes(time, course.torque[early]), dashes, where="post", color=colour)
-        heading.plot(time, np.degrees(course.wanted[early]), ":", color=GREY, linewidth=1.8, label="set point")
+            heading.plot(*decimate_min_max(time, np.degrees(course.heading[early])), dashes, color=colour, label=way)
+            torque.step(*decimate_min_max(time, course.torque[early]), dashes, where="post", color=colour)
+        heading.plot(time, np.degrees(course.setpoint[early]), ":", color=GREY, linewidth=1.8, label="set point")
         heading.set_title(name)
         heading.set_ylabel("heading, deg")
         torque.set_ylabel("torque, N m")

@@ -5,8 +5,8 @@ from __future__ import annotations
 from matplotlib.figure import Figure
 
 from rovid.diagnose.result import Finding
-from rovid.present.plots.canvas import BLACK, BLUE, GREY, ORANGE, PALE, sheet, shortened, styled
-from rovid.present.tables.diagnosis import RIVALS, name_of, standing
+from rovid.present.plots.canvas import BLACK, BLUE, GREY, ORANGE, PALE, panel_grid, report_style, shorten_name
+from rovid.present.tables.diagnosis import RIVALS, effect_name, rival_status
 
 _NAME = 40  # letters beside a bar
 _LOOKS = {
@@ -17,16 +17,16 @@ _LOOKS = {
 }
 
 
-@styled
-def rival_gains(finding: Finding) -> Figure:
+@report_style
+def plot_alternatives(finding: Finding) -> Figure:
     """Gain of what was found and of the best causes in its place; those not ruled out are hatched."""
     axis = finding.estimate.axis
-    names, gains, labels = [name_of(finding.effect, axis)], [finding.worth], ["found"]
-    for rival in finding.rivals[:RIVALS]:
-        names.append(name_of(rival.effect, axis))
-        gains.append(rival.worth)
-        labels.append(standing(finding, rival))
-    figure, ((panel,),) = sheet([(0.3 * len(gains) + 0.15, 1)], left=3.2, right=0.55)
+    names, gains, labels = [effect_name(finding.effect, axis)], [finding.bic_gain], ["found"]
+    for rival in finding.alternatives[:RIVALS]:
+        names.append(effect_name(rival.effect, axis))
+        gains.append(rival.bic_gain)
+        labels.append(rival_status(finding, rival))
+    figure, ((panel,),) = panel_grid([(0.3 * len(gains) + 0.15, 1)], left=3.2, right=0.55)
     for label, (colour, hatch) in _LOOKS.items():
         rows = [row for row, each in enumerate(labels) if each == label]
         if not rows:
@@ -34,7 +34,7 @@ def rival_gains(finding: Finding) -> Figure:
         shown = [gains[row] for row in rows]
         bars = panel.barh(rows, shown, height=0.62, color=colour, hatch=hatch, edgecolor="white", label=label)
         panel.bar_label(bars, [f"{gain:.0f}" for gain in shown], padding=3, fontsize=9)
-    panel.set_yticks(range(len(names)), [shortened(name, _NAME) for name in names])
+    panel.set_yticks(range(len(names)), [shorten_name(name, _NAME) for name in names])
     panel.set_ylim(len(names) - 0.5, -0.5)
     panel.axvline(0.0, color=BLACK, linewidth=0.8)
     panel.margins(x=0.08)

@@ -7,10 +7,10 @@ import math
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rovid.core.stats import student_t
+from rovid.core.stats import t_quantile
 from rovid.estimate.inertia import METHODS, InertiaFit
-from rovid.present.number_text import unit
-from rovid.present.plots.canvas import BLACK, BLUE, GREY, ORANGE, sheet, styled
+from rovid.present.number_text import unit_symbol
+from rovid.present.plots.canvas import BLACK, BLUE, GREY, ORANGE, panel_grid, report_style
 
 SHORT = {
     "peak": "peak method",
@@ -22,13 +22,13 @@ SHORT = {
 _CROWDED = 0.3
 
 
-@styled
-def inertia_methods(fit: InertiaFit, rigid_body: float | None) -> Figure:
+@report_style
+def plot_inertia_methods(fit: InertiaFit, rigid_body: float | None) -> Figure:
     """Each method's inertia with its 95 % interval and single runs; where they crowd, enlarged too."""
     names = list(fit.methods)
     panels = 2 if _crowded(fit) else 1
     height = 0.5 * len(fit.methods) + 0.3
-    figure, ((whole, *more),) = sheet([(height, panels)], left=1.75, across=0.4, top=0.4)
+    figure, ((whole, *more),) = panel_grid([(height, panels)], left=1.75, across=0.4, top=0.4)
     _panel(whole, fit, names)
     whole.set_yticks(range(len(names)), [_label(fit, name) for name in names])
     whole.set_xlim(left=0.0)
@@ -63,7 +63,7 @@ def method_interval(fit: InertiaFit, name: str) -> tuple[float, float] | None:
         return fit.regression.estimate.interval("inertia")
     periods = sum(trial.cycles for trial in fit.trials)
     degrees_of_freedom = periods - 1.0 if periods > 1 else math.inf
-    reach = student_t(0.975, degrees_of_freedom) * reading.standard_error
+    reach = t_quantile(0.975, degrees_of_freedom) * reading.standard_error
     return reading.value - reach, reading.value + reach
 
 
@@ -106,7 +106,7 @@ def _panel(panel: Axes, fit: InertiaFit, names: list[str]) -> None:
     for name in names:
         _one_method(panel, list(fit.methods).index(name), name, fit)
     panel.set_ylim(len(fit.methods) - 0.45, -0.55)
-    panel.set_xlabel(f"inertia, {unit(fit.estimate.unit('inertia'))}")
+    panel.set_xlabel(f"inertia, {unit_symbol(fit.estimate.unit('inertia'))}")
     panel.grid(visible=False, axis="y")
 
 

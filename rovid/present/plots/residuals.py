@@ -13,34 +13,34 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from rovid.core.array_types import FloatArray
 from rovid.present.page.residual_torque import (
-    Residual,
-    all_drives,
-    all_left,
+    ResidualTorque,
     all_rates,
+    all_residuals,
+    all_thruster_torques,
     autocorrelation,
-    binned,
+    binned_means,
     spectrum,
 )
-from rovid.present.plots.canvas import BLACK, BLUE, GREY, ORANGE, extremes, sheet, styled
+from rovid.present.plots.canvas import BLACK, BLUE, GREY, ORANGE, decimate_min_max, panel_grid, report_style
 from rovid.trial.axis import Axis
 
 _DOTS = 6000
 _LONGEST_LAG = 60.0  # s
 
 
-@styled
-def residuals(items: Sequence[Residual], cutoff: float) -> Figure:
+@report_style
+def plot_residuals(items: Sequence[ResidualTorque], cutoff: float) -> Figure:
     """Residual torque against rate, torque and time, its autocorrelation and its spectrum."""
-    figure, ((by_rate, by_torque), (course,), (lags, frequencies)) = sheet(
+    figure, ((by_rate, by_torque), (course,), (lags, frequencies)) = panel_grid(
         [(2.2, 2), (1.6, 1), (1.9, 2)], top=0.4, across=0.95
     )
     axis = items[0].run.trial.axis
-    left = all_left(items)
+    left = all_residuals(items)
     _against(by_rate, all_rates(items), left)
-    _against(by_torque, all_drives(items), left)
-    residual = f"residual {axis.push}, {axis.push_unit}"
+    _against(by_torque, all_thruster_torques(items), left)
+    residual = f"residual {axis.force_name}, {axis.force_unit}"
     by_rate.set(xlabel=f"{axis.rate_words}, {axis.rate_unit}", ylabel=residual)
-    by_torque.set(xlabel=f"{axis.push}, {axis.push_unit}", ylabel=residual)
+    by_torque.set(xlabel=f"{axis.force_name}, {axis.force_unit}", ylabel=residual)
     legend = by_rate.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.2)
     legend.get_lines()[0].set(markersize=7, alpha=1.0)
     over_time(course, items, (BLUE, GREY))
@@ -50,7 +50,7 @@ def residuals(items: Sequence[Residual], cutoff: float) -> Figure:
 
 
 def _squared(axis: Axis) -> str:
-    return f"({axis.push_unit})²" if " " in axis.push_unit else f"{axis.push_unit}²"
+    return f"({axis.force_unit})²" if " " in axis.force_unit else f"{axis.force_unit}²"
 
 
 def _against(panel: Axes, driver: FloatArray, left: FloatArray) -> None:
@@ -71,23 +71,23 @@ def _against(panel: Axes, driver: FloatArray, left: FloatArray) -> None:
         label="samples",
     )
     panel.axhline(0.0, color=BLACK, linewidth=0.8)
-    panel.plot(*binned(driver, left), color=ORANGE, marker="o", markersize=4, label="mean")
+    panel.plot(*binned_means(driver, left), color=ORANGE, marker="o", markersize=4, label="mean")
 
 
-def over_time(panel: Axes, items: Sequence[Residual], colours: Sequence[str]) -> None:
+def over_time(panel: Axes, items: Sequence[ResidualTorque], colours: Sequence[str]) -> None:
     """Residual torque of all runs one after another, in these colours by turns."""
-    clock, samples = 0.0, sum(len(item.left) for item in items)
+    clock, samples = 0.0, sum(len(item.residual) for item in items)
     for item, colour in zip(items, cycle(colours), strict=False):
         time = clock + item.run.rates.time - item.run.rates.time[0]
-        count = max(2400 * len(item.left) // samples, 20)
-        panel.plot(*extremes(time, item.left, count), color=colour, linewidth=0.7)
+        count = max(2400 * len(item.residual) // samples, 20)
+        panel.plot(*decimate_min_max(time, item.residual, count), color=colour, linewidth=0.7)
         clock = float(time[-1])
     axis = items[0].run.trial.axis
-    panel.set(xlabel="time, all trials one after another, s", ylabel=f"residual {axis.push}, {axis.push_unit}")
+    panel.set(xlabel="time, all trials one after another, s", ylabel=f"residual {axis.force_name}, {axis.force_unit}")
     panel.margins(x=0.01)
 
 
-def memory(panel: Axes, items: Sequence[Residual], **look: Any) -> None:
+def memory(panel: Axes, items: Sequence[ResidualTorque], **look: Any) -> None:
     """Autocorrelation of what is left."""
     longest = _longest_lag(items)
     panel.plot(*autocorrelation(items, longest), **look)
@@ -95,13 +95,13 @@ def memory(panel: Axes, items: Sequence[Residual], **look: Any) -> None:
     panel.set(xlabel="lag, s", ylabel="autocorrelation", xlim=(0.0, longest), ylim=(-0.6, 1.05))
 
 
-def _longest_lag(items: Sequence[Residual]) -> float:
+def _longest_lag(items: Sequence[ResidualTorque]) -> float:
     """In s: of more than half a run too few pairs of samples are left."""
     durations = [float(np.ptp(item.run.rates.time)) for item in items]
     return min(_LONGEST_LAG, 0.5 * max(durations))
 
 
-def density(panel: Axes, items: Sequence[Residual], cutoff: float, **look: Any) -> None:
+def density(panel: Axes, items: Sequence[ResidualTorque], cutoff: float, **look: Any) -> None:
     """Spectrum of what is left, over any that was drawn before."""
     panel.semilogy(*spectrum(items, cutoff), **look)
     panel.set(xlabel="frequency, Hz", ylabel=f"density, {_squared(items[0].run.trial.axis)}/Hz", xlim=(0.0, cutoff))

@@ -7,21 +7,21 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rovid.core.array_types import FloatArray
-from rovid.core.stats import student_t
-from rovid.effects import restoring_of
-from rovid.effects.restoring import columns
+from rovid.core.stats import t_quantile
+from rovid.effects import restoring_effect
+from rovid.effects.restoring import regressors
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.steady_drag import DragFit
-from rovid.present.number_text import steady_state
-from rovid.present.plots.canvas import BLACK, BLUE, GREY, ORANGE, sheet, styled
+from rovid.present.number_text import steady_state_words
+from rovid.present.plots.canvas import BLACK, BLUE, GREY, ORANGE, panel_grid, report_style
 
 _STEPS = 300
 
 
-@styled
-def steady_torque(fit: DragFit) -> Figure:
+@report_style
+def plot_steady_states(fit: DragFit) -> Figure:
     """Torque against rate with the fitted line, its 95 % band, and the residuals."""
-    figure, ((top,), (bottom,)) = sheet([(3.6, 1), (1.5, 1)], top=0.25, down=0.2, share_x=True)
+    figure, ((top,), (bottom,)) = panel_grid([(3.6, 1), (1.5, 1)], top=0.25, down=0.2, share_x=True)
     axis = fit.estimate.axis
     rate = np.array([point.rate for point in fit.points])
     torque = np.array([point.torque for point in fit.points])
@@ -34,8 +34,8 @@ def steady_torque(fit: DragFit) -> Figure:
     _each_direction(bottom, fit, line)
     if fit.directions:
         top.plot([], [], color=ORANGE, linestyle="--", label="each direction alone, below")
-    top.set_ylabel(f"{axis.push}, {axis.push_unit}")
-    bottom.set_ylabel(f"residual, {axis.push_unit}")
+    top.set_ylabel(f"{axis.force_name}, {axis.force_unit}")
+    bottom.set_ylabel(f"residual, {axis.force_unit}")
     bottom.set_xlabel(f"{axis.rate_words}, {axis.rate_unit}")
     top.legend(loc="upper left")
     return figure
@@ -68,7 +68,7 @@ def _line(fit: DragFit) -> FloatArray:
 
 def _design(estimate: Estimate, rate: FloatArray) -> FloatArray:
     """(n, p) what each of the estimate's parameters is multiplied by: those of drag, and a net buoyancy."""
-    more = columns(restoring_of(estimate.axis), np.zeros(len(rate)))
+    more = regressors(restoring_effect(estimate.axis), np.zeros(len(rate)))
     return np.column_stack((np.abs(rate) * rate, rate, more))
 
 
@@ -85,7 +85,7 @@ def _reach(estimate: Estimate, rate: FloatArray) -> FloatArray | None:
     variance = np.einsum("ni,ij,nj->n", design, estimate.covariance, design)
     # Where the line is sure round-off may leave a variance just below zero.
     errors = np.sqrt(np.maximum(variance, 0.0))
-    return np.asarray(student_t(0.975, estimate.degrees_of_freedom) * errors)
+    return np.asarray(t_quantile(0.975, estimate.degrees_of_freedom) * errors)
 
 
 def _points(panel: Axes, fit: DragFit, rate: FloatArray, values: FloatArray) -> None:
@@ -94,7 +94,7 @@ def _points(panel: Axes, fit: DragFit, rate: FloatArray, values: FloatArray) -> 
         if not rows.any():
             continue
         errors = fit.torque_error[rows] if fit.torque_error_known else None
-        label = f"{steady_state(axis)}, {axis.position_words} {text}"
+        label = f"{steady_state_words(axis)}, {axis.position_words} {text}"
         _error_bars(panel, rate[rows], values[rows], errors, filled, label)
 
 

@@ -9,16 +9,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rovid.core.array_types import FloatArray
-from rovid.present.number_text import arm
-from rovid.present.plots.canvas import BLACK, BLUE, ORANGE, sheet, shortened, styled
+from rovid.present.number_text import arm_words
+from rovid.present.plots.canvas import BLACK, BLUE, ORANGE, panel_grid, report_style, shorten_name
 from rovid.signals.preprocessing import Run
 from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
 
 _ROOM = 48  # signs of a name that fit over a single panel
 
 
-@styled
-def thrust_curves(vehicle: Vehicle, runs: Sequence[Run]) -> Figure | None:
+@report_style
+def plot_thrust_curves(vehicle: Vehicle, runs: Sequence[Run]) -> Figure | None:
     """Thrust against command; None for a vehicle whose torque was logged."""
     curves = [(k, item, item.curve) for k, item in enumerate(vehicle.thrusters) if item.curve is not None]
     if not curves:
@@ -26,11 +26,11 @@ def thrust_curves(vehicle: Vehicle, runs: Sequence[Run]) -> Figure | None:
     # Four stand two by two; no more than three beside one another.
     columns = 2 if len(curves) == 4 else min(len(curves), 3)
     rows = -(-len(curves) // columns)
-    figure, panels = sheet([(1.9, columns)] * rows, top=0.75, across=0.85, down=0.95)
+    figure, panels = panel_grid([(1.9, columns)] * rows, top=0.75, across=0.85, down=0.95)
     flat = [panel for row in panels for panel in row]
     for panel, (k, thruster, curve) in zip(flat, curves, strict=False):
         _one_curve(panel, curve, _used(runs, k))
-        panel.set_title(f"{shortened(thruster.name, _ROOM // columns)}, {_lever(vehicle, thruster)}", fontsize=9)
+        panel.set_title(f"{shorten_name(thruster.name, _ROOM // columns)}, {_lever(vehicle, thruster)}", fontsize=9)
     for panel in flat[len(curves) :]:
         panel.set_axis_off()
     handles, labels = flat[0].get_legend_handles_labels()
@@ -67,5 +67,5 @@ def _lever(vehicle: Vehicle, thruster: Thruster) -> str:
     """What the thrust acts by: a lever arm, or a share along the axis."""
     if vehicle.axis.angular:
         return f"arm {thruster.arm:.3g} m"
-    name, _ = arm(vehicle.axis)
+    name, _ = arm_words(vehicle.axis)
     return f"{name} {thruster.arm:.3g}"

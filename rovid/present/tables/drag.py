@@ -10,33 +10,33 @@ from rovid.estimate.estimate import Estimate
 from rovid.estimate.steady_drag import DragFit
 from rovid.estimate.steady_points import SteadyPoint
 from rovid.model.parameter_names import unit_of
-from rovid.present.number_text import NOTHING, in_form, steady_state, unit
-from rovid.present.tables.table import Column, Grid, Table, numbers, of_numbers, of_text, words
+from rovid.present.number_text import NOTHING, format_numbers, steady_state_words, unit_symbol
+from rovid.present.tables.table import Column, ResultTable, TableBuilder, number_column, numbers, text_column, words
 from rovid.trial.axis import Axis
 
 _DIRECTIONS = {"up": "growing", "down": "falling"}
 
 
-def steady_grid(fit: DragFit) -> Grid:
+def steady_table(fit: DragFit) -> ResultTable:
     """Steady states with residuals: torque less fit, with the error of the point's torque where that is known."""
     axis = fit.estimate.axis
     columns = (
         *_point_columns(fit.points),
         _torques(axis, fit.points),
         numbers(axis.rate_words, axis.rate_unit, _rates(fit.points)),
-        numbers("residual", axis.push_unit, _residuals(fit)),
+        numbers("residual", axis.force_unit, _residuals(fit)),
     )
-    return Grid(caption=f"{steady_state(axis).capitalize()}s that were fitted", columns=columns)
+    return ResultTable(caption=f"{steady_state_words(axis).capitalize()}s that were fitted", columns=columns)
 
 
 def _drag_units(axis: Axis) -> tuple[str, str]:
-    return unit(unit_of("quadratic_drag", axis)), unit(unit_of("linear_drag", axis))
+    return unit_symbol(unit_of("quadratic_drag", axis)), unit_symbol(unit_of("linear_drag", axis))
 
 
 def _residuals(fit: DragFit) -> list[str]:
     """With their errors, where these are known."""
     if not fit.torque_error_known:
-        return in_form(fit.residuals.tolist(), ".2f")
+        return format_numbers(fit.residuals.tolist(), ".2f")
     both = zip(fit.residuals, fit.torque_error, strict=True)
     return [f"{value:.2f} ± {error:.2f}" for value, error in both]
 
@@ -54,7 +54,7 @@ def _rate(point: SteadyPoint) -> str:
 
 def _torques(axis: Axis, points: Sequence[SteadyPoint]) -> Column:
     torques = [point.torque for point in points]
-    return numbers(axis.push, axis.push_unit, in_form(torques, ".2f"))
+    return numbers(axis.force_name, axis.force_unit, format_numbers(torques, ".2f"))
 
 
 def _point_columns(points: Sequence[SteadyPoint]) -> list[Column]:
@@ -66,16 +66,16 @@ def _point_columns(points: Sequence[SteadyPoint]) -> list[Column]:
     return columns
 
 
-def directions_grid(fit: DragFit) -> Grid:
+def directions_table(fit: DragFit) -> ResultTable:
     """Drag of each direction alone beside that of both."""
     axis = fit.estimate.axis
     quadratic, linear = _drag_units(axis)
-    table = Table(
+    table = TableBuilder(
         "Drag from each direction alone",
-        of_text("turns" if axis.angular else "direction"),
-        of_numbers(f"{steady_state(axis)}s"),
-        of_numbers("DQ", quadratic),
-        of_numbers("DL", linear),
+        text_column("turns" if axis.angular else "direction"),
+        number_column(f"{steady_state_words(axis)}s"),
+        number_column("DQ", quadratic),
+        number_column("DL", linear),
     )
     rows = {"both": fit.estimate}
     for name, each in fit.directions.items():

@@ -15,12 +15,31 @@ from rovid.estimate.estimate import Estimate
 from rovid.estimate.inertia import METHODS, InertiaFit
 from rovid.model.parameter_names import base_names
 from rovid.model.simulation import HORIZONS
-from rovid.present.number_text import NOTHING, arm, column, like, number, steady_state, title, unit, with_unit
-from rovid.present.page.report_data import Evidence
+from rovid.present.number_text import (
+    NOTHING,
+    arm_words,
+    equal_decimals,
+    format_number,
+    number_with_unit,
+    parameter_title,
+    same_decimals,
+    steady_state_words,
+    unit_symbol,
+)
+from rovid.present.page.report_data import ReportData
 from rovid.present.plots.inertia import method_interval, method_title
-from rovid.present.tables.diagnosis import ratios_of
-from rovid.present.tables.table import Column, Grid, Table, numbers, of_numbers, of_text, of_unlike, words
-from rovid.store.agreement import causes_in, off_by
+from rovid.present.tables.diagnosis import valid_ratios
+from rovid.present.tables.table import (
+    Column,
+    ResultTable,
+    TableBuilder,
+    mixed_number_column,
+    number_column,
+    numbers,
+    text_column,
+    words,
+)
+from rovid.store.agreement import effect_titles, relative_deviation
 from rovid.store.parameter_file import Entry, sha256
 from rovid.trial.trial import Campaign, Trial
 from rovid.trial.vehicle import Vehicle
@@ -28,41 +47,46 @@ from rovid.trial.vehicle import Vehicle
 _NORMAL = 1.959964  # two-sided 95 % of the normal distribution
 
 
-def parameters_grid(evidence: Evidence) -> Grid:
+def parameters_table(evidence: ReportData) -> ResultTable:
     """Every parameter of the file, and those that it lacks."""
-    axis, entries, guess = evidence.axis, evidence.parameters.entries, evidence.vehicle.guess
+    axis, entries, guess = evidence.axis, evidence.parameters.entries, evidence.vehicle.assumptions
     # Parameters of different units share no decimal point.
-    headings = of_text("parameter"), of_unlike("value ± standard error"), of_text("95 % interval"), of_text("found by")
-    table = Table("Parameters", *headings)
-    for ratio in ratios_of(evidence.parameters.together()):
+    headings = (
+        text_column("parameter"),
+        mixed_number_column("value ± standard error"),
+        text_column("95 % interval"),
+        text_column("found by"),
+    )
+    table = TableBuilder("Parameters", *headings)
+    for ratio in valid_ratios(evidence.parameters.base_estimate()):
         value = plus_minus(ratio.value, ratio.standard_error)
         reach = _NORMAL * ratio.standard_error
         interval = _from_to(value, (ratio.value - reach, ratio.value + reach))
-        table.add(title(ratio.name), with_unit(value, ratio.unit), interval, "")
+        table.add(parameter_title(ratio.name), number_with_unit(value, ratio.unit), interval, "")
     # A dict for a set that keeps the order.
     for name in dict.fromkeys((*base_names(axis), *entries)):
-        parameter = axis.words(title(name))
+        parameter = axis.reword(parameter_title(name))
         entry = entries.get(name)
         if entry is None:
             table.add(parameter, "not determined", NOTHING, NOTHING)
             continue
         value = plus_minus(entry.value, entry.standard_error)
-        shown = guess.marked(with_unit(value, entry.unit), entry.unit)
-        interval = NOTHING if guess.marks(entry.unit) else _interval(evidence, name, value)
-        table.add(parameter, shown, interval, found_by(entry))
+        shown = guess.mark_number(number_with_unit(value, entry.unit), entry.unit)
+        interval = NOTHING if guess.is_placeholder(entry.unit) else _interval(evidence, name, value)
+        table.add(parameter, shown, interval, method_words(entry))
     return table.grid()
 
 
-def found_by(entry: Entry) -> str:
+def method_words(entry: Entry) -> str:
     """The method, with its options where there were any."""
     return f"{entry.method} ({entry.options})" if entry.options else entry.method
 
 
-def _interval(evidence: Evidence, name: str, text: str) -> str:
+def _interval(evidence: ReportData, name: str, text: str) -> str:
     entry = evidence.parameters.entries[name]
     if not math.isfinite(entry.standard_error):
         return NOTHING
-    estimate = estimate_behind(evidence, name)
+    estimate = source_estimate(evidence, name)
     if estimate is not None:
         return _from_to(text, estimate.interval(name))
     reach = _NORMAL * entry.standard_error
@@ -72,10 +96,10 @@ def _interval(evidence: Evidence, name: str, text: str) -> str:
 def _from_to(text: str, interval: tuple[float, float]) -> str:
     """The interval, with the decimals of ``text``."""
     low, high = interval
-    return f"{like(text, low)} … {like(text, high)}"
+    return f"{same_decimals(text, low)} … {same_decimals(text, high)}"
 
 
-def estimate_behind(evidence: Evidence, name: str) -> Estimate | None:
+def source_estimate(evidence: ReportData, name: str) -> Estimate | None:
     """The estimate of this report that the file's parameter ``name`` is, if any."""
     value = evidence.parameters.entries[name].value
     for fit in (evidence.drag, evidence.inertia):
@@ -84,59 +108,64 @@ def estimate_behind(evidence: Evidence, name: str) -> Estimate | None:
     return None
 
 
-def is_behind(evidence: Evidence, estimate: Estimate) -> bool:
+def is_source_of_model(evidence: ReportData, estimate: Estimate) -> bool:
     """Whether any parameter of the model is that of ``estimate``."""
-    return any(estimate_behind(evidence, name) is estimate for name in evidence.parameters.entries)
+    return any(source_estimate(evidence, name) is estimate for name in evidence.parameters.entries)
 
 
-def beside(evidence: Evidence, estimate: Estimate) -> list[str]:
+def differences_from_model(evidence: ReportData, estimate: Estimate) -> list[str]:
     """What ``estimate`` says beside the model's parameters, where these come of another method, a paragraph each."""
     axis, entries = evidence.axis, evidence.parameters.entries
     known = [name for name in estimate.names if name in entries and name not in estimate.refused]
-    apart = [_apart(evidence, estimate, name) for name in known if estimate_behind(evidence, name) is None]
-    causes = axis.words(causes_in(entries))
+    apart = [_apart(evidence, estimate, name) for name in known if source_estimate(evidence, name) is None]
+    causes = axis.reword(effect_titles(entries))
     why = f" It knows nothing of {causes}." if causes else ""
     said = [f"By {estimate.method}: {', '.join(apart)}.{why}"] if apart else []
     # Of what the method noticed the model knows more.
-    return said if is_behind(evidence, estimate) else [*said, *estimate.warnings]
+    return said if is_source_of_model(evidence, estimate) else [*said, *estimate.warnings]
 
 
-def _apart(evidence: Evidence, estimate: Estimate, name: str) -> str:
+def _apart(evidence: ReportData, estimate: Estimate, name: str) -> str:
     """One parameter by another method, and how far it is from the model's."""
     entry = evidence.parameters.entries[name]
     value, error = estimate.value(name), estimate.standard_error(name)
-    size = evidence.vehicle.guess.marked(with_unit(plus_minus(value, error), entry.unit), entry.unit)
-    shown = f"{evidence.axis.words(title(name))} {size}"
+    size = evidence.vehicle.assumptions.mark_number(number_with_unit(plus_minus(value, error), entry.unit), entry.unit)
+    shown = f"{evidence.axis.reword(parameter_title(name))} {size}"
     if abs(value - entry.value) <= _NORMAL * math.hypot(error, entry.standard_error) or entry.value == 0.0:
         return f"{shown} (as the model, within their errors)"
-    return f"{shown} ({off_by(value, entry.value)})"
+    return f"{shown} ({relative_deviation(value, entry.value)})"
 
 
-def thrusters_grid(vehicle: Vehicle) -> Grid:
+def thrusters_table(vehicle: Vehicle) -> ResultTable:
     """What turns the vehicle, or drives it."""
     axis = vehicle.axis
     does = "turns" if axis.angular else "drives"
-    headings = of_text("actuator"), of_numbers(*arm(axis)), of_text("commands on the bench"), of_text("thrust")
-    table = Table(f"What {does} the vehicle", *headings)
+    headings = (
+        text_column("actuator"),
+        number_column(*arm_words(axis)),
+        text_column("commands on the bench"),
+        text_column("thrust"),
+    )
+    table = TableBuilder(f"What {does} the vehicle", *headings)
     for thruster in vehicle.thrusters:
         curve = thruster.curve
         if curve is None:
-            table.add(thruster.name, NOTHING, NOTHING, f"{axis.push} logged")
+            table.add(thruster.name, NOTHING, NOTHING, f"{axis.force_name} logged")
             continue
         commands = f"{curve.command[0]:g} … {curve.command[-1]:g}"
-        least, most = column([curve.thrust.min(), curve.thrust.max()])
+        least, most = equal_decimals([curve.thrust.min(), curve.thrust.max()])
         reach = f"{'guessed ' * thruster.arm_guessed}{thruster.arm:.4g}"
         table.add(thruster.name, reach, commands, f"{'guessed ' * thruster.curve_guessed}{least} … {most} N")
     return table.grid()
 
 
-def trials_grid(evidence: Evidence, campaign: Campaign) -> Grid:
+def trials_table(evidence: ReportData, campaign: Campaign) -> ResultTable:
     """What was measured, what it gave, and how well each trial is simulated without and with what was found."""
     trials = campaign.trials
     remarks = [" ".join(remark.text for remark in trial.remarks) or NOTHING for trial in trials]
     measured = [
-        numbers("rate", "Hz", [number(1.0 / trial.period, ".3g") for trial in trials]),
-        numbers("longest gap", "s", [number(_longest_gap(trial), ".2f") for trial in trials]),
+        numbers("rate", "Hz", [format_number(1.0 / trial.sampling_interval, ".3g") for trial in trials]),
+        numbers("longest gap", "s", [format_number(_longest_gap(trial), ".2f") for trial in trials]),
         words("noticed", remarks),
     ]
     # What is the same of all trials is said once.
@@ -144,30 +173,34 @@ def trials_grid(evidence: Evidence, campaign: Campaign) -> Grid:
     said = [f"{column.title} {column.cells[0].strip()} {column.unit}" for column in shared if column.unit]
     columns = [
         words("trial", [trial.name for trial in trials]),
-        numbers("length", "s", [number(trial.duration, ".0f") for trial in trials]),
+        numbers("length", "s", [format_number(trial.duration, ".0f") for trial in trials]),
         words("what it gave", [_gave(evidence, trial.name) for trial in trials]),
         *(_simulated(evidence, trials) if evidence.simulations else ()),
         *(column for column in measured if column not in shared or (not column.unit and remarks[0] != NOTHING)),
     ]
-    return Grid(caption=", ".join(["Trials", *said]), columns=tuple(columns))
+    return ResultTable(caption=", ".join(["Trials", *said]), columns=tuple(columns))
 
 
-def _simulated(evidence: Evidence, trials: Sequence[Trial]) -> Iterator[Column]:
+def _simulated(evidence: ReportData, trials: Sequence[Trial]) -> Iterator[Column]:
     """R² of the rate and the position's error after a minute, once or without and with what was found."""
-    axis, sides = evidence.axis, {"": evidence.after}
-    names = {item.run.trial.name for item in evidence.after}
+    axis, sides = evidence.axis, {"": evidence.simulations_with}
+    names = {item.run.trial.name for item in evidence.simulations_with}
     if any(trial.name not in names for trial in trials):
         # What was diagnosed in parts is simulated as a whole by the parameter file's model alone.
         sides = {"": evidence.simulations}
-    elif len(evidence.stages) > 1:
-        sides = {"without: ": evidence.before, "with: ": evidence.after}
+    elif len(evidence.nested) > 1:
+        sides = {"without: ": evidence.simulations_without, "with: ": evidence.simulations_with}
     for side, items in sides.items():
         by_name = {item.run.trial.name: item for item in items}
         chosen = [by_name.get(trial.name) for trial in trials]
-        shares = [NOTHING if item is None else number(item.fit.r2, ".4f") for item in chosen]
-        ahead = [None if item is None else axis.in_shown(item.position_errors.get(HORIZONS[-1])) for item in chosen]
+        shares = [NOTHING if item is None else format_number(item.fit.r2, ".4f") for item in chosen]
+        ahead = [None if item is None else axis.to_display(item.position_errors.get(HORIZONS[-1])) for item in chosen]
         yield numbers(f"{side}R²", "", shares)
-        yield numbers(f"{side}{axis.position_words} off after {HORIZONS[-1]:.0f} s", axis.shown[0], column(ahead, 2))
+        yield numbers(
+            f"{side}{axis.position_words} off after {HORIZONS[-1]:.0f} s",
+            axis.display_unit[0],
+            equal_decimals(ahead, 2),
+        )
 
 
 def _longest_gap(trial: Trial) -> float:
@@ -175,7 +208,7 @@ def _longest_gap(trial: Trial) -> float:
     return float(np.max(np.diff(trial.time[trial.measured]), initial=0.0))
 
 
-def _gave(evidence: Evidence, name: str) -> str:
+def _gave(evidence: ReportData, name: str) -> str:
     """What the trial called ``name`` served for."""
     if evidence.runs is not None and all(run.trial.name != name for run in evidence.runs.items):
         return "left out"
@@ -185,15 +218,15 @@ def _gave(evidence: Evidence, name: str) -> str:
     return "regression, simulation" if evidence.simulations else "regression"
 
 
-def _gave_drag(evidence: Evidence, name: str) -> Iterator[str]:
+def _gave_drag(evidence: ReportData, name: str) -> Iterator[str]:
     if evidence.drag is None:
         return
     count = sum(point.source == name for point in evidence.drag.points)
     if count:
-        yield _counted(count, steady_state(evidence.axis))
+        yield _counted(count, steady_state_words(evidence.axis))
 
 
-def _gave_inertia(evidence: Evidence, name: str) -> Iterator[str]:
+def _gave_inertia(evidence: ReportData, name: str) -> Iterator[str]:
     if evidence.inertia is None:
         return
     for trial in evidence.inertia.trials:
@@ -205,13 +238,13 @@ def _counted(count: int, noun: str) -> str:
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
-def methods_grid(fit: InertiaFit, rigid_body: float | None, *, used: bool) -> Grid:
+def methods_table(fit: InertiaFit, rigid_body: float | None, *, used: bool) -> ResultTable:
     """Inertia by every method."""
-    its_unit = unit(fit.estimate.unit("inertia"))
-    headings = [of_text("method"), of_numbers("inertia", its_unit), of_text(f"95 % interval, {its_unit}")]
+    its_unit = unit_symbol(fit.estimate.unit("inertia"))
+    headings = [text_column("method"), number_column("inertia", its_unit), text_column(f"95 % interval, {its_unit}")]
     if rigid_body is not None:
-        headings.append(of_numbers("over rigid body"))
-    table = Table("Inertia by each method", *headings, of_text(""))
+        headings.append(number_column("over rigid body"))
+    table = TableBuilder("Inertia by each method", *headings, text_column(""))
     for name, method in METHODS.items():
         reading = fit.methods.get(name)
         if reading is None:
@@ -242,7 +275,7 @@ def _remark(fit: InertiaFit, name: str, *, used: bool) -> str:
     return f"biased: {100.0 * fit.peak_bias:.0f} % of the true inertia on the model's own motion"
 
 
-def sine_grid(fit: InertiaFit) -> Grid:
+def sine_table(fit: InertiaFit) -> ResultTable:
     """Each sine run, and what each method reads from it."""
     readings = {}
     # A dict for a set that keeps the order.
@@ -254,11 +287,11 @@ def sine_grid(fit: InertiaFit) -> Grid:
     columns = [words("sine run", [source for source, _ in keys])]
     if len(fit.trials) == len(keys):
         columns += _sine_columns(fit)
-    its_unit = unit(fit.estimate.unit("inertia"))
+    its_unit = unit_symbol(fit.estimate.unit("inertia"))
     for name, runs in readings.items():
         cells = [runs.get(key, NOTHING) for key in keys]
         columns.append(numbers(method_title(name), its_unit, cells))
-    return Grid(caption="Inertia from each sine run", columns=tuple(columns))
+    return ResultTable(caption="Inertia from each sine run", columns=tuple(columns))
 
 
 def _sine_columns(fit: InertiaFit) -> list[Column]:
@@ -266,7 +299,7 @@ def _sine_columns(fit: InertiaFit) -> list[Column]:
     axis = fit.estimate.axis
     periods, cycles, torques, rates = [], [], [], []
     for trial in fit.trials:
-        wave = trial.wave
+        wave = trial.motion
         periods.append(f"{trial.period:.4g}")
         cycles.append(str(trial.cycles))
         torques.append(_peak(wave.over_one_period(wave.torque)))
@@ -274,8 +307,8 @@ def _sine_columns(fit: InertiaFit) -> list[Column]:
     return [
         numbers("period", "s", periods),
         numbers("periods used", "", cycles),
-        numbers(f"peak {axis.push}", axis.push_unit, column(torques, 4)),
-        numbers("peak rate", axis.rate_unit, column(rates, 3)),
+        numbers(f"peak {axis.force_name}", axis.force_unit, equal_decimals(torques, 4)),
+        numbers("peak rate", axis.rate_unit, equal_decimals(rates, 3)),
     ]
 
 
@@ -293,13 +326,13 @@ def _runs(fit: InertiaFit, name: str) -> dict[tuple[str, int], str]:
     return readings
 
 
-def sources_grid(evidence: Evidence) -> Grid | None:
+def sources_table(evidence: ReportData) -> ResultTable | None:
     """Every log that the parameters or this page rest on, with its hash."""
     fitted = {source.name: source for source in evidence.parameters.sources}
     trials = _trials_by_name(evidence)
     if not fitted and not trials:
         return None
-    table = Table("Logs and their SHA-256", of_text("log"), of_text("used for"), of_text("SHA-256"))
+    table = TableBuilder("Logs and their SHA-256", text_column("log"), text_column("used for"), text_column("SHA-256"))
     for name, source in fitted.items():
         use = "parameters, this page" if name in trials else "parameters"
         table.add(name, use, source.sha256)
@@ -312,7 +345,7 @@ def sources_grid(evidence: Evidence) -> Grid | None:
     return grid if len(set(uses.cells)) > 1 else replace(grid, columns=(log, digest))
 
 
-def _trials_by_name(evidence: Evidence) -> dict[str, Trial]:
+def _trials_by_name(evidence: ReportData) -> dict[str, Trial]:
     """Every trial of the logs; none where these are not there."""
     if evidence.campaign is None:
         return {}

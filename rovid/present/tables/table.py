@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from rovid.present.number_text import aligned
-from rovid.trial.assumptions import Guesswork
+from rovid.present.number_text import align_decimal_points
+from rovid.trial.assumptions import Assumptions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,15 +20,15 @@ class Column:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Grid:
+class ResultTable:
     """A captioned table."""
 
     caption: str
     columns: tuple[Column, ...]
 
-    def hangs_on(self, guess: Guesswork) -> bool:
+    def hangs_on(self, guess: Assumptions) -> bool:
         """Whether a number in it is a placeholder, by its unit or by its own word."""
-        if any(guess.marks(column.unit) for column in self.columns if column.numeric):
+        if any(guess.is_placeholder(column.unit) for column in self.columns if column.numeric):
             return True
         return any(cell.startswith("guessed ") for column in self.columns for cell in column.cells)
 
@@ -46,7 +46,7 @@ def words(heading: str, cells: Iterable[str]) -> Column:
 
 def numbers(heading: str, unit_text: str, cells: Sequence[str]) -> Column:
     """A column of numbers that are already rounded."""
-    return Column(title=heading, unit=unit_text, cells=tuple(aligned(cells)))
+    return Column(title=heading, unit=unit_text, cells=tuple(align_decimal_points(cells)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,22 +67,22 @@ class Heading:
         return numbers(self.title, self.unit, cells)
 
 
-def of_text(title: str) -> Heading:
+def text_column(title: str) -> Heading:
     """Over text."""
     return Heading(title=title, numeric=False)
 
 
-def of_numbers(title: str, unit: str = "") -> Heading:
+def number_column(title: str, unit: str = "") -> Heading:
     """Over numbers of one kind, whose points stand in line."""
     return Heading(title=title, unit=unit)
 
 
-def of_unlike(title: str, unit: str = "") -> Heading:
+def mixed_number_column(title: str, unit: str = "") -> Heading:
     """Over numbers of different units or sizes, which share no decimal point."""
     return Heading(title=title, unit=unit, in_line=False)
 
 
-class Table:
+class TableBuilder:
     """A grid in the making: its headings first, then row after row."""
 
     def __init__(self, caption: str, *headings: Heading) -> None:
@@ -94,10 +94,10 @@ class Table:
         """One more row, a cell for each heading."""
         self._rows.append(cells)
 
-    def grid(self) -> Grid:
+    def grid(self) -> ResultTable:
         """What was written so far."""
         columns = []
         for place, heading in enumerate(self._headings):
             cells = [row[place] for row in self._rows]
             columns.append(heading.over(cells))
-        return Grid(caption=self._caption, columns=tuple(columns))
+        return ResultTable(caption=self._caption, columns=tuple(columns))

@@ -10,8 +10,8 @@ from rich.console import Console, ConsoleOptions, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from rovid.core.errors import LINE_LENGTH, shown
-from rovid.present.terminal.wrapping import folded
+from rovid.core.errors import LINE_LENGTH, display_text
+from rovid.present.terminal.wrapping import wrap_text
 
 # Blanks between two columns.
 _GAP = 2
@@ -58,7 +58,7 @@ class Columns:
             collapse_padding=True,
             padding=(0, _GAP - 1, 0, 0),
         )
-        headings = [folded(heading, width) for heading, width in zip(self._headings, widths, strict=False)]
+        headings = [wrap_text(heading, width) for heading, width in zip(self._headings, widths, strict=False)]
         most = max(heading.plain.count("\n") for heading in headings)
         for at, (heading, width) in enumerate(zip(headings, widths, strict=True)):
             # The last words of all stand on the line.
@@ -67,12 +67,12 @@ class Columns:
         for number, (row, style) in enumerate(zip(self._rows, self._styles, strict=True)):
             if number in self._sections:
                 made.add_section()
-            made.add_row(*(folded(cell, width) for cell, width in zip(row, widths, strict=False)), style=style)
+            made.add_row(*(wrap_text(cell, width) for cell, width in zip(row, widths, strict=False)), style=style)
         yield made
         if gone := [heading.plain for heading in self._headings[len(widths) :]]:
             them = "them" if len(gone) > 1 else "it"
             said = f"No room in {options.max_width} columns: {', '.join(gone)}. A wider terminal has {them}, or --json."
-            yield folded(Text(said), options.max_width)
+            yield wrap_text(Text(said), options.max_width)
         yield Text()
 
     def _widths(self, most: int) -> list[int]:
@@ -127,7 +127,7 @@ def _grow(widths: list[int], wanted: Sequence[int], most: int) -> None:
 
 
 def _text(cell: str | Text) -> Text:
-    return cell if isinstance(cell, Text) else Text(shown(cell, LINE_LENGTH))
+    return cell if isinstance(cell, Text) else Text(display_text(cell, LINE_LENGTH))
 
 
 def _long(text: Text) -> int:

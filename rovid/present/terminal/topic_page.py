@@ -7,10 +7,10 @@ from typing import Any, ClassVar
 from rich.console import Console, ConsoleOptions, RenderResult
 from rich.markdown import Markdown, Paragraph, TableElement
 
-from rovid.present.terminal.result_tables import say
+from rovid.present.terminal.result_tables import print_text
 from rovid.present.terminal.table import Columns
-from rovid.present.terminal.topics import TOPICS, names, text, title
-from rovid.present.terminal.wrapping import folded
+from rovid.present.terminal.topics import TOPICS, topic_names, topic_text, topic_title
+from rovid.present.terminal.wrapping import wrap_text
 
 # Longer lines are hard to read.
 _WIDEST = 100
@@ -18,19 +18,19 @@ _WIDEST = 100
 
 def show_topic(console: Console, topic: str) -> None:
     """Print a page."""
-    page = _Page(text(topic), code_theme="bw", hyperlinks=False)
+    page = _Page(topic_text(topic), code_theme="bw", hyperlinks=False)
     console.print(page, width=min(console.width, _WIDEST))
 
 
 def show_topics(console: Console) -> None:
     """Print what there is to read."""
-    say(console, "`rovid help TOPIC` prints one of these pages, `rovid help COMMAND` the manual of a command.")
+    print_text(console, "`rovid help TOPIC` prints one of these pages, `rovid help COMMAND` the manual of a command.")
     console.print()
-    pages = names()
+    pages = topic_names()
     for heading, chosen in (("Pages", pages[: len(TOPICS)]), ("Effects", pages[len(TOPICS) :])):
         rows = Columns(heading, ("topic", "title"), {0, 1})
         for topic in chosen:
-            rows.add_row(topic, title(topic))
+            rows.add_row(topic, topic_title(topic))
         console.print(rows)
 
 
@@ -51,7 +51,7 @@ class _Paragraph(Paragraph):
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """What rich prints."""
-        yield folded(self.text, options.max_width)
+        yield wrap_text(self.text, options.max_width)
 
 
 class _Page(Markdown):

@@ -9,8 +9,8 @@ import re
 from pathlib import Path
 
 import rovid
-from rovid.core.errors import ConfigError, nearest
-from rovid.export import ALSO as FORMAT_WORDS
+from rovid.core.errors import ConfigError, suggestion
+from rovid.export import ALIASES as FORMAT_WORDS
 from rovid.export import FORMATS
 
 # In the order in which they are listed; the effects follow.
@@ -52,18 +52,18 @@ _PICTURE = re.compile(r"^\[?!\[[^\n]*\n+(?:Step: .*?\n\n)?", re.MULTILINE | re.D
 _LINK = re.compile(r"\[([^\]]+)\]\(([^)\s]+)\)")
 
 
-def names() -> list[str]:
+def topic_names() -> list[str]:
     """Every topic: the pages, then the effects by their ids."""
     effects = sorted(page.stem for page in (_folder() / "effects").glob("*.md") if page.stem != _INDEX)
     return [*TOPICS, *effects]
 
 
-def title(topic: str) -> str:
+def topic_title(topic: str) -> str:
     """The heading of a page."""
-    return next(line[2:] for line in text(topic).splitlines() if line.startswith("# "))
+    return next(line[2:] for line in topic_text(topic).splitlines() if line.startswith("# "))
 
 
-def text(topic: str) -> str:
+def topic_text(topic: str) -> str:
     """The page as Markdown, for reading where there are neither pictures nor links.
 
     Raises
@@ -71,11 +71,11 @@ def text(topic: str) -> str:
     ConfigError
         There is none; the nearest are offered.
     """
-    there = names()
+    there = topic_names()
     if topic not in there:
         also = _ALSO | _effect_words()
         raise ConfigError(
-            f"there is no page {topic!r}. {nearest(topic, there, also)}", mend="`rovid help` lists them all."
+            f"there is no page {topic!r}. {suggestion(topic, there, also)}", mend="`rovid help` lists them all."
         )
     page = _COMMENT.sub("", _path(topic).read_text(encoding="utf-8"))
     page = _LINK.sub(lambda link: _reference(link, topic), _PICTURE.sub("", page))
@@ -86,9 +86,9 @@ def text(topic: str) -> str:
 
 def _effect_words() -> dict[str, str]:
     # The catalogue is slow to import: only where a name was not found.
-    from rovid.effects import ALSO
+    from rovid.effects import SYNONYMS
 
-    return dict(ALSO)
+    return dict(SYNONYMS)
 
 
 def _folder() -> Path:
@@ -111,7 +111,7 @@ def _reference(link: re.Match[str], topic: str) -> str:
         return f"{words} ({target})"
     page = Path(target.partition("#")[0])
     name = "effects" if page.stem == _INDEX else page.stem
-    if page.suffix != ".md" or name in {topic, words} or name not in {*names()}:
+    if page.suffix != ".md" or name in {topic, words} or name not in {*topic_names()}:
         return words
     # An effect that is named goes by nearly the same name.
     return words if words.replace(" ", "_") == name else f"{words} (`rovid help {name}`)"

@@ -17,12 +17,12 @@ _BARE = re.compile(r"\S+\s*|\s+")
 _PIECE = re.compile(r"\s+|[^\s_./:,-]*[_./:,-]*")
 
 
-def bound(text: str) -> str:
+def bind_units(text: str) -> str:
     """``text`` for a page that folds it itself: numbers hold on to their units."""
     return _WORD.sub(lambda word: re.sub(r"\s+(?=\S)", "\u00a0", word[0]), text)
 
 
-def folded(text: Text, width: int, hang: int = 0) -> Text:
+def wrap_text(text: Text, width: int, hang: int = 0) -> Text:
     """``text`` in lines of that width, all but the first ``hang`` blanks in.
 
     They end at blanks that do not stand before a unit; else at any, or behind a sign within a name; else anywhere.

@@ -32,10 +32,10 @@ def test_too_little_data_says_what_is_missing_and_what_to_run(tables: Study) -> 
 
 def test_what_tables_say_by_themselves_is_a_part_of_its_own(tables: Study) -> None:
     diagnosis = tables.diagnosis()
-    document, amplitudes = diagnosis_document(diagnosis, tables), diagnosis.amplitudes
+    document, amplitudes = diagnosis_document(diagnosis, tables), diagnosis.from_tables
     assert amplitudes is not None
     assert len(document["tables"]["predictions"]) == len(amplitudes.predictions)
-    assert document["tables"]["plain_model_explains"] is amplitudes.plain.explains
+    assert document["tables"]["plain_model_explains"] is amplitudes.without_effect.explains
     named = [cause["effect"] for cause in document["tables"]["would_explain"]]
     assert named == [cause.model.effects[0].id for cause in amplitudes.causes]
     assert not {*named} & {*document["tables"]["would_not_explain"]}

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from rovid.estimate.estimate import Estimate
-from rovid.estimate.thrust_curve import fit_bench
+from rovid.estimate.thrust_curve import fit_thrust_curve
 from rovid.present.documents.fits import (
     axis_document,
     bench_document,
     drag_document,
     parameter_document,
     position_errors,
-    units_of,
+    simulation_units,
 )
 from rovid.store.study import open_study
 from rovid.trial.axis import AXES, YAW
@@ -40,9 +40,9 @@ def test_keys_and_units_are_those_of_the_axis() -> None:
     assert axis_document(YAW) == {}
     assert axis_document(AXES["heave"]) == {"axis": "heave"}
     assert position_errors({10.0: 0.5, 60.0: None}, YAW) == {"heading_error_10s": 0.5, "heading_error_60s": None}
-    assert units_of(AXES["surge"])["surge_velocity_rmse"] == "m/s"
-    assert units_of(AXES["surge"])["surge_position_error_10s"] == "m"
-    assert units_of(YAW)["heading_error_60s"] == "rad"
+    assert simulation_units(AXES["surge"])["surge_velocity_rmse"] == "m/s"
+    assert simulation_units(AXES["surge"])["surge_position_error_10s"] == "m"
+    assert simulation_units(YAW)["heading_error_60s"] == "rad"
 
 
 def test_what_was_refused_cannot_be_identified_and_tables_have_no_filter() -> None:
@@ -58,7 +58,7 @@ def test_what_was_refused_cannot_be_identified_and_tables_have_no_filter() -> No
 def test_a_bench_curve_says_how_far_its_readings_are_off() -> None:
     command = np.repeat(np.linspace(-5.0, 5.0, 21), 2)
     noise = np.tile([0.5, -0.5], 21)
-    fit = fit_bench(command, 4.0 * np.abs(command) * command + noise)
+    fit = fit_thrust_curve(command, 4.0 * np.abs(command) * command + noise)
     document = bench_document(fit, "curve.csv")
     assert document["curve"] == "curve.csv"
     assert document["points"] == len(fit.curve.command)

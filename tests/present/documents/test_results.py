@@ -7,24 +7,24 @@ from dataclasses import replace
 
 import numpy as np
 
-from rovid.design.candidate_runs import Planned
-from rovid.design.expected_information import Worth
-from rovid.design.experiment_design import Plan
+from rovid.design.candidate_runs import CandidateRun
+from rovid.design.expected_information import ExpectedInformation
+from rovid.design.experiment_design import ExperimentPlan
 from rovid.export.resimulation import Mismatch
-from rovid.export.run_export import Exported, Loss
+from rovid.export.run_export import ExportLoss, VerifiedExport
 from rovid.model.simulation import simulate_runs
 from rovid.preflight.advice import Advice
-from rovid.preflight.check import Check
+from rovid.preflight.check import LogCheck
 from rovid.preflight.feedback_detection import Feedback
 from rovid.present.documents.results import check_document, export_document, plan_document, simulation_document
 from rovid.store.parameter_file import Entry, Parameters
-from rovid.trial.assumptions import Guesswork
+from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import AXES
 from rovid.trial.trial import Remark
 from rovid.trial.vehicle import Vehicle
 from tests import synthetic
 
-GUESS = Guesswork(items=("yaw_arm of fore",), thrusters=1)
+GUESS = Assumptions(items=("yaw_arm of fore",), thrusters=1)
 ERROR = Entry(value=5057.0, standard_error=9.8, unit="kg m^2", method="m")
 
 
@@ -45,9 +45,11 @@ def test_a_simulation_has_each_trial_and_all_together() -> None:
 
 def test_a_plan_lists_its_commands_beside_the_times_at_which_they_change() -> None:
     commands = np.array([[0.0, 1.0], [0.0, 1.0], [2.0, 1.0], [2.0, -1.0], [2.0, -1.0]])
-    run = Planned(name="step", time=np.arange(5.0), commands=commands)
-    worth = Worth(run=run, gain=3.0, rates=np.zeros((1, 5)))
-    found = Plan(beliefs=(), narrow="inertia", runs=(worth,), thrusters=("fore", "aft"), noise_rate=0.0)
+    run = CandidateRun(name="step", time=np.arange(5.0), commands=commands)
+    worth = ExpectedInformation(run=run, gain=3.0, rates=np.zeros((1, 5)))
+    found = ExperimentPlan(
+        models=(), parameter="inertia", runs=(worth,), thrusters=("fore", "aft"), disturbance_rate=0.0
+    )
     document = plan_document(
         found, Vehicle(name="v", thrusters=(), axis=AXES["heave"]), "plan.csv", "plan.png", ["a note"]
     )
@@ -63,9 +65,9 @@ def test_a_plan_lists_its_commands_beside_the_times_at_which_they_change() -> No
 
 def test_what_a_format_does_not_hold_has_its_size() -> None:
     far, near = Mismatch(percent_of_range=5.0, rms=0.01), Mismatch(percent_of_range=0.01, rms=1e-5)
-    loss = Loss(what="wave_torque", why="random", percent_of_range=math.nan)
-    made = Exported(content="", mismatch=far, held=near, losses=(loss,), warnings=())
-    document = export_document("gz-sim", "a.sdf", made, Guesswork())
+    loss = ExportLoss(what="wave_torque", why="random", percent_of_range=math.nan)
+    made = VerifiedExport(content="", mismatch=far, kept_mismatch=near, losses=(loss,), warnings=())
+    document = export_document("gz-sim", "a.sdf", made, Assumptions())
     assert document["mismatch"] == {"yaw_rate_percent_of_range": 5.0, "rms": 0.01, "unit": "rad/s"}
     assert document["mismatch_of_what_is_held"]["rms"] == 1e-5
     assert [lost["what"] for lost in document["not_held"]] == ["wave_torque"]
@@ -74,7 +76,7 @@ def test_what_a_format_does_not_hold_has_its_size() -> None:
 def test_a_check_keeps_facts_problems_and_advice_apart() -> None:
     trial = replace(synthetic.trial(synthetic.clock(1.0), np.zeros(21)), name="a.csv")
     remark = Remark(kind="gap", count=2, text="A gap.")
-    checked = Check(
+    checked = LogCheck(
         rows=((trial, {"samples": 21}),),
         problems={"b.csv": "bad"},
         remarks=(remark,),

@@ -7,16 +7,16 @@ from pathlib import Path
 
 import pytest
 
-from rovid.core.atomic_write import Claim
+from rovid.core.atomic_write import OutputSet
 from rovid.present.page import build
-from rovid.present.page.report_data import Evidence
+from rovid.present.page.report_data import ReportData
 from rovid.store.load import read_parameters
 from rovid.store.parameter_file import Parameters
 from rovid.store.study import Study
 
 
 @pytest.fixture
-def study(day: Evidence, tmp_path: Path) -> Study:
+def study(day: ReportData, tmp_path: Path) -> Study:
     assert day.campaign is not None
     log = tmp_path / "log.csv"
     log.write_text("x\n")
@@ -25,11 +25,11 @@ def study(day: Evidence, tmp_path: Path) -> Study:
     return Study(paths=(tmp_path,), vehicle=day.vehicle, campaign=campaign, runs=day.runs)
 
 
-def gathered(stored: Parameters, study: Study, monkeypatch: pytest.MonkeyPatch) -> Evidence:
+def gathered(stored: Parameters, study: Study, monkeypatch: pytest.MonkeyPatch) -> ReportData:
     """The evidence that would go on the page."""
-    found: list[Evidence] = []
+    found: list[ReportData] = []
 
-    def keep(folder: Path, evidence: Evidence, *, claim: Claim) -> Path:
+    def keep(folder: Path, evidence: ReportData, *, claim: OutputSet) -> Path:
         found.append(evidence)
         return folder
 
@@ -48,11 +48,13 @@ def test_an_empty_file_gets_all_parameters(study: Study, tmp_path: Path, monkeyp
 
 
 def test_a_drag_found_with_the_inertia_is_kept(
-    study: Study, day: Evidence, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    study: Study, day: ReportData, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert day.inertia is not None
     assert day.inertia.regression is not None
-    stored = Parameters(path=tmp_path / "parameters.toml").with_estimate(day.inertia.regression.estimate, study.origin)
+    stored = Parameters(path=tmp_path / "parameters.toml").with_estimate(
+        day.inertia.regression.estimate, study.provenance
+    )
     stored.write()
     before = stored.path.read_bytes()
     evidence = gathered(stored, study, monkeypatch)

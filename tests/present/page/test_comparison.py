@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from rovid.compare.campaign_fit import day_of_file
+from rovid.compare.campaign_fit import campaign_from_parameters
 from rovid.compare.comparison import Comparison, compare
-from rovid.compare.difference_tests import candidates_of, changes_of
-from rovid.core.atomic_write import Claim
+from rovid.compare.difference_tests import change_candidates, test_difference
+from rovid.core.atomic_write import OutputSet
 from rovid.present.page.comparison import comparison_page, write_comparison
 from rovid.present.plots import canvas
-from rovid.present.plots.campaign_comparison import drags, ratios
-from rovid.trial.assumptions import Guesswork
+from rovid.present.plots.campaign_comparison import plot_drag, plot_ratios
+from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import YAW
 from tests.compare.files import stored_at, times
 from tests.compare.pairs import VALUES, pair
@@ -22,12 +22,12 @@ NASTY = "</script><b>x</b>"
 
 def both(folder: Path) -> Comparison:
     a, b = stored_at(folder / "a.toml"), stored_at(folder / "b.toml", times(1.1, "quadratic_drag"), log="b")
-    return compare(day_of_file(a, NASTY), day_of_file(b, "b"))
+    return compare(campaign_from_parameters(a, NASTY), campaign_from_parameters(b, "b"))
 
 
 def written(folder: Path, comparison: Comparison) -> str:
     page = comparison_page(folder / "page.html")
-    write_comparison(Claim([page]), page, comparison, Guesswork(), ["a note & more"])
+    write_comparison(OutputSet([page]), page, comparison, Assumptions(), ["a note & more"])
     return page.path.read_text(encoding="utf-8")
 
 
@@ -49,11 +49,11 @@ def test_it_is_known_again(tmp_path: Path) -> None:
 def test_pictures_have_units_and_keep_within(tmp_path: Path) -> None:
     del tmp_path
     given = pair(VALUES * [1.0, 1.1, 1.0, 1.0], seed=3)
-    changes = changes_of(given, candidates_of(given))
-    figures = [ratios(changes, {name: name for name in given.names}), drags(changes, 0.3, YAW)]
+    changes = test_difference(given, change_candidates(given))
+    figures = [plot_ratios(changes, {name: name for name in given.names}), plot_drag(changes, 0.3, YAW)]
     for figure in figures:
         assert figure is not None
-        canvas.png(figure)
+        canvas.render_png(figure)
         labels = [text for axes in figure.axes for text in (axes.get_xlabel(), axes.get_ylabel()) if text]
         assert all(any(unit in label for unit in ("share", "N m", "rad/s")) for label in labels)
         box = figure.get_tightbbox()
@@ -63,7 +63,7 @@ def test_pictures_have_units_and_keep_within(tmp_path: Path) -> None:
 
 def test_there_is_no_picture_of_what_is_not_known() -> None:
     given = pair(VALUES, count=1)
-    changes = changes_of(given, candidates_of(given))
-    assert drags(changes, 0.3, YAW) is None
+    changes = test_difference(given, change_candidates(given))
+    assert plot_drag(changes, 0.3, YAW) is None
     nothing = replace(given, a=given.a * 0.0, b=given.b * 0.0)
-    assert ratios(changes_of(nothing, candidates_of(nothing)), {}) is None
+    assert plot_ratios(test_difference(nothing, change_candidates(nothing)), {}) is None

@@ -14,18 +14,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rovid.control.design import Control
+from rovid.control.design import ControllerDesign
 from rovid.export import FORMATS
-from rovid.present.number_text import number
+from rovid.present.number_text import format_number
 from rovid.present.page import build
-from rovid.present.page.control_runs import courses_of
-from rovid.present.page.controller_tables import gains_grid, runs_grid
-from rovid.present.page.figures import Album, make_album
+from rovid.present.page.control_runs import paper_step_runs
+from rovid.present.page.controller_tables import gains_table, runs_table
+from rovid.present.page.figures import ReportFigures, draw_figures
 from rovid.present.page.render import render_page
-from rovid.present.page.report_data import Evidence
+from rovid.present.page.report_data import ReportData
 from rovid.present.plots import canvas
-from rovid.present.plots.closed_loop import closed_loop
-from rovid.present.tables.table import Grid
+from rovid.present.plots.closed_loop import plot_closed_loop
+from rovid.present.tables.table import ResultTable
 from rovid.store.parameter_file import Parameters
 from rovid.trial.vehicle import ThrustCurve, Thruster
 from tests.conftest import SAMPLES, Rovid, run_rovid
@@ -42,14 +42,14 @@ SHOWN = {
 }
 
 
-def cells(grid: Grid, title: str) -> list[str]:
+def cells(grid: ResultTable, title: str) -> list[str]:
     """A column as text, without what fills it up."""
     column = next(column for column in grid.columns if column.title == title)
     return [re.sub("[\u2007\u2008]", "", cell) for cell in column.cells]
 
 
-def shown(evidence: Evidence) -> str:
-    page = render_page(evidence, Album(), today=date(2026, 3, 7))
+def shown(evidence: ReportData) -> str:
+    page = render_page(evidence, ReportFigures(), today=date(2026, 3, 7))
     return re.sub(r"\s+", " ", html.unescape(re.sub(r"<[^>]+>", " ", page)))
 
 
@@ -87,7 +87,9 @@ def test_the_controller_on_the_page_is_that_of_rovid_control(folder: Path) -> No
     assert values["gain margin"] == f"{document['margins']['gain_db']:.1f} dB"
     assert values["phase margin"] == f"{document['margins']['phase_deg']:.0f} deg"
     assert values["delay margin"] == f"{document['margins']['delay_s']:.2f} s"
-    expected = [[run["name"], *(number(run[key], form) for key, form in SHOWN.items())] for run in document["runs"]]
+    expected = [
+        [run["name"], *(format_number(run[key], form) for key, form in SHOWN.items())] for run in document["runs"]
+    ]
     table = rows(page, "Closed-loop runs")
     assert [[row[0], *row[2:7]] for row in table] == expected
     assert "closed_loop" in {path.stem for path in (folder / "plots").glob("*.svg")}
@@ -116,7 +118,7 @@ def test_either_section_can_be_left_out(folder: Path, rovid: Rovid) -> None:
 
 
 @pytest.mark.parametrize("work", [build.designed_control, build.every_export])
-def test_without_inertia_a_sentence_stands_in_place(day: Evidence, work: Callable[..., Any], tmp_path: Path) -> None:
+def test_without_inertia_a_sentence_stands_in_place(day: ReportData, work: Callable[..., Any], tmp_path: Path) -> None:
     made, refusal = work(study_of(day), Parameters(path=tmp_path / "p.toml"), silent)
     assert made is None
     assert refusal == "inertia or drag is missing."
@@ -125,7 +127,7 @@ def test_without_inertia_a_sentence_stands_in_place(day: Evidence, work: Callabl
     assert "Nothing can be exported: inertia or drag is missing." in text
 
 
-def test_thrusters_that_turn_one_way_get_no_controller(day: Evidence) -> None:
+def test_thrusters_that_turn_one_way_get_no_controller(day: ReportData) -> None:
     curve = ThrustCurve(command=np.array([-5.0, 0.0, 5.0]), thrust=np.array([0.0, 0.0, 100.0]))
     vehicle = replace(day.vehicle, thrusters=(Thruster(name="aft", arm=0.5, curve=curve),))
     control, refusal = build.designed_control(replace(study_of(day), vehicle=vehicle), day.parameters, silent)
@@ -135,10 +137,10 @@ def test_thrusters_that_turn_one_way_get_no_controller(day: Evidence) -> None:
     )
 
 
-def test_runs_say_what_acts_and_what_the_aid_knows(control: Control, pushed: Control) -> None:
-    assert [column.title for column in runs_grid(control).columns][:2] == ["run", "aid"]
-    assert set(cells(runs_grid(control), "aid")) == {"drag", "none"}
-    grid = runs_grid(pushed)
+def test_runs_say_what_acts_and_what_the_aid_knows(control: ControllerDesign, pushed: ControllerDesign) -> None:
+    assert [column.title for column in runs_table(control).columns][:2] == ["run", "aid"]
+    assert set(cells(runs_table(control), "aid")) == {"drag", "none"}
+    grid = runs_table(pushed)
     pairs = list(zip(cells(grid, "effects"), cells(grid, "aid"), strict=True))[:5]
     assert pairs == [
         ("none", "drag"),
@@ -149,34 +151,36 @@ def test_runs_say_what_acts_and_what_the_aid_knows(control: Control, pushed: Con
     ]
 
 
-def test_an_unstable_loop_has_no_margins(control: Control) -> None:
-    grid = gains_grid(replace(control, margins=replace(control.margins, stable=False)))
+def test_an_unstable_loop_has_no_margins(control: ControllerDesign) -> None:
+    grid = gains_table(replace(control, margins=replace(control.margins, stable=False)))
     assert "gain margin" not in cells(grid, "quantity")
     assert [column.title for column in grid.columns] == ["quantity", "value"]
 
 
-def test_what_has_no_bound_is_said_in_words(control: Control) -> None:
-    grid = gains_grid(replace(control, spread=None, margins=replace(control.margins, lag_s=math.inf)))
+def test_what_has_no_bound_is_said_in_words(control: ControllerDesign) -> None:
+    grid = gains_table(replace(control, spread=None, margins=replace(control.margins, lag_s=math.inf)))
     at = cells(grid, "quantity").index("lag margin")
     assert cells(grid, "value")[at] == "without limit"
 
 
-def test_the_plot_shows_every_way_with_units(day: Evidence, control: Control, pushed: Control) -> None:
+def test_the_plot_shows_every_way_with_units(
+    day: ReportData, control: ControllerDesign, pushed: ControllerDesign
+) -> None:
     for each, ways in ((control, 2), (pushed, 3)):
-        figure = closed_loop(courses_of(each), each.bandwidth)
+        figure = plot_closed_loop(paper_step_runs(each), each.bandwidth)
         assert len(figure.axes) == 6
         assert all(axes.get_ylabel() in {"heading, deg", "torque, N m"} for axes in figure.axes)
         assert len(figure.legends[0].get_texts()) == ways + 1
-        canvas.png(figure)
+        canvas.render_png(figure)
         box = figure.get_tightbbox()
         assert min(box.x0, box.y0) >= 0.0
         assert box.x1 <= figure.get_figwidth()
 
 
-def test_a_page_with_effects_says_what_holds_against_them(day: Evidence, pushed: Control) -> None:
+def test_a_page_with_effects_says_what_holds_against_them(day: ReportData, pushed: ControllerDesign) -> None:
     evidence = replace(day, control=pushed)
     text = shown(evidence)
     assert "T = DQ·|r|·r + DL·r + hold + kp·(ψ wanted − ψ) − kd·r" in text
     assert "Effects: bias_torque." in text
-    (picture,) = make_album(replace(evidence, simulations=(), runs=None, inertia=None, drag=None)).closed_loop
+    (picture,) = draw_figures(replace(evidence, simulations=(), runs=None, inertia=None, drag=None)).closed_loop
     assert "90 to 200 deg" in picture.alt

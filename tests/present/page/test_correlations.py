@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import pytest
 
-from rovid.present.page.correlations import of_parameters
-from rovid.present.page.report_data import Evidence
+from rovid.present.page.correlations import correlation_table
+from rovid.present.page.report_data import ReportData
 from rovid.store.parameter_file import Entry
 
 
-def test_the_files_covariance_is_shown_as_correlation(day: Evidence) -> None:
-    found = of_parameters(day.parameters)
+def test_the_files_covariance_is_shown_as_correlation(day: ReportData) -> None:
+    found = correlation_table(day.parameters)
     assert found is not None
     assert found.names == ("inertia I", "quadratic drag DQ", "linear drag DL")
     assert day.drag is not None
@@ -25,7 +25,7 @@ def test_the_files_covariance_is_shown_as_correlation(day: Evidence) -> None:
 
 
 @pytest.mark.parametrize(("value", "shade"), [(0.3, 0), (-0.6, 1), (0.9, 2), (-0.99, 3)])
-def test_the_stronger_the_darker(day: Evidence, value: float, shade: int) -> None:
+def test_the_stronger_the_darker(day: ReportData, value: float, shade: int) -> None:
     entry = Entry(value=1.0, standard_error=2.0, unit="s", method="maximum likelihood")
     one, other = "inertia", "thruster_lag.time_constant"
     stored = replace(
@@ -33,11 +33,11 @@ def test_the_stronger_the_darker(day: Evidence, value: float, shade: int) -> Non
         entries={one: entry, other: entry},
         covariance={(one, one): 4.0, (other, other): 4.0, (one, other): 4.0 * value},
     )
-    found = of_parameters(stored)
+    found = correlation_table(stored)
     assert found is not None
     assert found.names == ("inertia I", "thruster lag: time constant")
     assert found.cells[1][0] == (f"{value:+.2f}".replace("-", "−"), shade)
 
 
-def test_without_any_pair_there_is_no_table(day: Evidence) -> None:
-    assert of_parameters(replace(day.parameters, covariance={})) is None
+def test_without_any_pair_there_is_no_table(day: ReportData) -> None:
+    assert correlation_table(replace(day.parameters, covariance={})) is None

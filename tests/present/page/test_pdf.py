@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from rovid.core.atomic_write import Claim, Output
+from rovid.core.atomic_write import OutputFile, OutputSet
 from rovid.core.errors import ConfigError, OutputError
-from rovid.core.signatures import pdf_form
+from rovid.core.signatures import pdf_signature
 from rovid.present.page import pdf
 from tests.conftest import SAMPLES, Rovid
 from tests.present.chromium import find_chromium
@@ -38,12 +38,12 @@ def test_the_page_is_printed_and_known_again(rovid: Rovid) -> None:
     assert path == Path("report/report.pdf")
     document = path.read_bytes()
     assert document.startswith(b"%PDF-")
-    assert pdf_form("report").marks(path)
+    assert pdf_signature("report").matches(path)
     # Nothing moved in it: the table of its parts stands where the end says.
     at = re.search(rb"startxref\s+(\d+)\s+%%EOF", document)
     assert at is not None
     assert document[int(at[1]) :].startswith(b"xref")
-    Claim([Output(path, pdf_form("report"))])  # which may be written again
+    OutputSet([OutputFile(path, pdf_signature("report"))])  # which may be written again
 
 
 def test_without_a_browser_nothing_is_begun(rovid: Rovid, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -72,9 +72,9 @@ def test_a_browser_that_prints_nothing_is_one_message(tmp_path: Path, does: str)
     page = tmp_path / "index.html"
     page.write_text("<p>x")
     with pytest.raises(OutputError, match=r"printed no PDF of .* print it from a browser"):
-        pdf.printed(page, browser_that(tmp_path, does))
+        pdf.print_pdf(page, browser_that(tmp_path, does))
     with pytest.raises(OutputError, match="printed no PDF"):
-        pdf.printed(page, str(tmp_path / "not there"))
+        pdf.print_pdf(page, str(tmp_path / "not there"))
 
 
 @posix
@@ -82,5 +82,5 @@ def test_the_mark_moves_no_byte(tmp_path: Path) -> None:
     page = tmp_path / "index.html"
     page.write_text("<p>x")
     made = rb"%PDF-1.4 <</Title (a)/Creator (Mozilla \(X11\) Chrome)/Producer (Skia/PDF m156)>> end"
-    document = pdf.printed(page, browser_that(tmp_path, f"pathlib.Path(made).write_bytes({made!r})"))
+    document = pdf.print_pdf(page, browser_that(tmp_path, f"pathlib.Path(made).write_bytes({made!r})"))
     assert document == made.replace(rb"Mozilla \(X11\) Chrome", b"rovid report".ljust(22))

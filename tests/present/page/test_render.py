@@ -15,13 +15,13 @@ from rovid import __version__
 from rovid.core import fork, spmd
 from rovid.core.errors import OutputError
 from rovid.core.formatting import plus_minus
-from rovid.present.number_text import prose
+from rovid.present.number_text import as_sentence
 from rovid.present.page import figures
-from rovid.present.page.figures import Album, make_album
+from rovid.present.page.figures import ReportFigures, draw_figures
 from rovid.present.page.render import render_page, write_report
-from rovid.present.page.report_data import Evidence
+from rovid.present.page.report_data import ReportData
 from rovid.present.plots import simulations
-from rovid.store.parameter_file import Entry, Parameters, source_of
+from rovid.store.parameter_file import Entry, Parameters, read_source
 from rovid.trial.trial import Campaign
 from tests.present.conftest import GAP, identified, make_evidence, make_vehicle
 
@@ -68,13 +68,13 @@ class Parts(HTMLParser):
         assert self.open.pop() == tag
 
 
-def written(folder: Path, evidence: Evidence) -> str:
+def written(folder: Path, evidence: ReportData) -> str:
     return write_report(folder, evidence, today=TODAY).read_text(encoding="utf-8")
 
 
-def without_plots(evidence: Evidence) -> str:
+def without_plots(evidence: ReportData) -> str:
     """The page alone, which takes a hundredth of the time of its plots."""
-    return render_page(evidence, Album(), today=TODAY)
+    return render_page(evidence, ReportFigures(), today=TODAY)
 
 
 def shown_text(page: str) -> str:
@@ -88,7 +88,7 @@ def titles(page: str) -> tuple[str, ...]:
 
 
 @pytest.fixture(scope="module")
-def folder(day: Evidence, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(day: ReportData, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("report")
     write_report(folder, day, today=TODAY)
     return folder
@@ -133,7 +133,7 @@ def test_page_opens_with_how_well_the_model_does(page: str) -> None:
     assert "rovid diagnose" in first
 
 
-def test_parameters_stand_with_their_errors_and_units(page: str, day: Evidence) -> None:
+def test_parameters_stand_with_their_errors_and_units(page: str, day: ReportData) -> None:
     model = shown_text(page.split('<section id="model"')[1].split("</section>", maxsplit=1)[0])
     for entry in day.parameters.entries.values():
         value = plus_minus(entry.value, entry.standard_error)
@@ -142,13 +142,13 @@ def test_parameters_stand_with_their_errors_and_units(page: str, day: Evidence) 
     assert "kg m²" in model
 
 
-def test_added_inertia_is_the_files_inertia_less_the_rigid_bodys(page: str, day: Evidence) -> None:
+def test_added_inertia_is_the_files_inertia_less_the_rigid_bodys(page: str, day: ReportData) -> None:
     rigid_body = 100.0 * (1.2**2 + 0.8**2) / 12.0
     entry = day.parameters.entries["inertia"]
     assert f"adds {plus_minus(entry.value - rigid_body, entry.standard_error)} kg m²" in shown_text(page)
 
 
-def test_every_trial_is_in_the_tables_and_has_its_plot(page: str, folder: Path, day: Evidence) -> None:
+def test_every_trial_is_in_the_tables_and_has_its_plot(page: str, folder: Path, day: ReportData) -> None:
     assert day.campaign is not None
     names = [trial.name for trial in day.campaign.trials]
     for name in names:
@@ -162,13 +162,13 @@ def test_every_trial_is_in_the_tables_and_has_its_plot(page: str, folder: Path, 
     assert page.count("<svg xmlns") == 2  # the worst trial, for a wide screen and for a narrow one
 
 
-def test_a_simulation_that_misses_nothing_says_so(day: Evidence) -> None:
+def test_a_simulation_that_misses_nothing_says_so(day: ReportData) -> None:
     exact = [replace(item, position_errors=dict.fromkeys(item.position_errors, 0.0)) for item in day.simulations]
     page = without_plots(replace(day, simulations=tuple(exact)))
     assert re.search(r"The simulated heading is 0\.0+ deg off after \d+ s", shown_text(page))
 
 
-def test_page_says_how_it_was_done_and_what_it_cannot_tell(page: str, day: Evidence) -> None:
+def test_page_says_how_it_was_done_and_what_it_cannot_tell(page: str, day: ReportData) -> None:
     text = shown_text(page)
     assert day.runs is not None
     assert f"low pass of {day.runs.cutoff:.3g} Hz, chosen from the data" in text
@@ -188,7 +188,7 @@ def test_parameters_that_go_together_are_shaded(page: str) -> None:
     assert table.count("<tr>") == 4
 
 
-def test_same_evidence_same_bytes(folder: Path, day: Evidence, tmp_path: Path) -> None:
+def test_same_evidence_same_bytes(folder: Path, day: ReportData, tmp_path: Path) -> None:
     write_report(tmp_path, replace(day, simulations=day.simulations[:1]), today=TODAY)
     again = [path for path in (tmp_path / "plots").iterdir() if "overview" not in path.name]
     assert len(again) == 2 * len(NAMED_PLOTS)
@@ -209,7 +209,7 @@ def test_names_are_text_not_markup_nor_mathematics(tmp_path: Path) -> None:
     assert not Parts(page).open
 
 
-def test_what_a_reader_noticed_and_what_was_left_out_is_said(day: Evidence) -> None:
+def test_what_a_reader_noticed_and_what_was_left_out_is_said(day: ReportData) -> None:
     assert day.campaign is not None
     first, *others = day.campaign.trials
     campaign = replace(
@@ -224,7 +224,7 @@ def test_what_a_reader_noticed_and_what_was_left_out_is_said(day: Evidence) -> N
     assert "b.csv was left out: it repeats a.csv." in text
 
 
-def test_other_methods_stand_beside_the_model_as_what_they_are(day: Evidence) -> None:
+def test_other_methods_stand_beside_the_model_as_what_they_are(day: ReportData) -> None:
     entry = day.parameters.entries["quadratic_drag"]
     lag = Entry(value=0.3, standard_error=0.01, unit="s", method="maximum likelihood")
     other = replace(entry, value=55.0, method="maximum likelihood")
@@ -237,7 +237,7 @@ def test_other_methods_stand_beside_the_model_as_what_they_are(day: Evidence) ->
     assert "Read this before" not in text
 
 
-def test_another_method_within_its_error_is_beside_it_too(day: Evidence) -> None:
+def test_another_method_within_its_error_is_beside_it_too(day: ReportData) -> None:
     entry = day.parameters.entries["inertia"]
     other = replace(entry, value=entry.value + 0.5 * entry.standard_error, method="maximum likelihood")
     stored = replace(day.parameters, entries={**day.parameters.entries, "inertia": other})
@@ -246,7 +246,7 @@ def test_another_method_within_its_error_is_beside_it_too(day: Evidence) -> None
     assert re.search(r"By orbit integral over whole periods: inertia I \S+ ± \S+ kg m² \(as the model, within", text)
 
 
-def test_without_holds_the_refusal_stands_in_place_of_the_drag(day: Evidence, tmp_path: Path) -> None:
+def test_without_holds_the_refusal_stands_in_place_of_the_drag(day: ReportData, tmp_path: Path) -> None:
     stored = Parameters(path=tmp_path / "p.toml", entries={"inertia": day.parameters.entries["inertia"]})
     refusal = "no held command of at least 8 s under which the vehicle turns. Hold each command longer."
     evidence = replace(day, drag=None, drag_refusal=refusal, parameters=stored, simulations=())
@@ -255,19 +255,19 @@ def test_without_holds_the_refusal_stands_in_place_of_the_drag(day: Evidence, tm
     assert "quadratic drag DQ is not determined" in text
     assert "not determined" in text
     assert "Nothing was simulated: inertia or drag is missing." in text
-    made = make_album(replace(evidence, inertia=None))
+    made = draw_figures(replace(evidence, inertia=None))
     assert not made.steady
     assert not made.overview
     assert not made.residuals
 
 
-def test_copies_draw_the_same_plots(day: Evidence, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_copies_draw_the_same_plots(day: ReportData, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     few = replace(day, inertia=None, simulations=day.simulations[:1])
     plots = []
     for cores in (1, 2):
         for module in (spmd, fork):
             monkeypatch.setattr(module, "cores", lambda: cores)  # noqa: B023 - asked within the turn
-        plots.append(make_album(few).files(tmp_path))
+        plots.append(draw_figures(few).files(tmp_path))
     assert len(plots[0]) >= 10
     assert plots[0] == plots[1]
 
@@ -279,10 +279,10 @@ def test_without_sines_the_regression_stands_alone(tmp_path: Path) -> None:
     text = shown_text(without_plots(evidence))
     assert "There is no sine run: the regression alone read the inertia." in text
     assert "Not possible here: peak method" in text
-    assert prose(evidence.inertia.refused["orbit_integral"]) in text
+    assert as_sentence(evidence.inertia.refused["orbit_integral"]) in text
 
 
-def test_without_inertia_the_refusal_stands_in_its_place(day: Evidence) -> None:
+def test_without_inertia_the_refusal_stands_in_its_place(day: ReportData) -> None:
     entries = {name: entry for name, entry in day.parameters.entries.items() if name != "inertia"}
     evidence = replace(
         day,
@@ -297,7 +297,7 @@ def test_without_inertia_the_refusal_stands_in_its_place(day: Evidence) -> None:
 
 
 def test_nothing_at_all_still_makes_a_page(tmp_path: Path) -> None:
-    evidence = Evidence(
+    evidence = ReportData(
         vehicle=replace(make_vehicle(), thrusters=()),
         parameters=Parameters(path=tmp_path / "p.toml"),
         campaign=None,
@@ -316,7 +316,7 @@ def test_nothing_at_all_still_makes_a_page(tmp_path: Path) -> None:
     assert "<img" not in page
 
 
-def test_a_gap_in_the_heading_shows_in_the_table(day: Evidence, tmp_path: Path) -> None:
+def test_a_gap_in_the_heading_shows_in_the_table(day: ReportData, tmp_path: Path) -> None:
     assert day.campaign is not None
     trials = list(day.campaign.trials)
     heading = trials[0].position.copy()
@@ -330,13 +330,13 @@ def test_a_gap_in_the_heading_shows_in_the_table(day: Evidence, tmp_path: Path) 
     assert "3.05" in row.group(0)
 
 
-def test_logs_are_listed_with_the_hash_of_their_bytes(day: Evidence, tmp_path: Path) -> None:
+def test_logs_are_listed_with_the_hash_of_their_bytes(day: ReportData, tmp_path: Path) -> None:
     assert day.campaign is not None
     log = tmp_path / "log.csv"
     log.write_text("x\n")
     trials = tuple(replace(trial, path=log) for trial in day.campaign.trials)
     campaign = replace(day.campaign, trials=trials)
-    sources = tuple(source_of(trial.name, trial.path, 7) for trial in trials[:-1])
+    sources = tuple(read_source(trial.name, trial.path, 7) for trial in trials[:-1])
     stored = replace(day.parameters, sources=sources)
     page = without_plots(replace(day, campaign=campaign, parameters=stored))
     assert page.count("73cb3858a687a8494ca3323053016282f3dad39d42cf62ca4e79dda2aac7d9ac") == len(trials)
@@ -345,7 +345,7 @@ def test_logs_are_listed_with_the_hash_of_their_bytes(day: Evidence, tmp_path: P
 
 
 def test_of_many_trials_all_are_drawn_small_and_the_worst_large(
-    day: Evidence, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    day: ReportData, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(figures, "LARGE_PLOTS", 2)
     monkeypatch.setattr(simulations, "PER_SHEET", 4)
@@ -360,7 +360,7 @@ def test_of_many_trials_all_are_drawn_small_and_the_worst_large(
     assert large == {item.run.trial.name.replace(".", "_") for item in worst}
 
 
-def test_a_further_parameter_of_the_file_is_shown(day: Evidence) -> None:
+def test_a_further_parameter_of_the_file_is_shown(day: ReportData) -> None:
     extra = Entry(value=0.31, standard_error=0.02, unit="s", method="maximum likelihood")
     stored = replace(day.parameters, entries={**day.parameters.entries, "thruster_lag.time_constant": extra})
     text = shown_text(without_plots(replace(day, parameters=stored)))
@@ -370,12 +370,12 @@ def test_a_further_parameter_of_the_file_is_shown(day: Evidence) -> None:
 
 
 @pytest.fixture
-def little(day: Evidence) -> Evidence:
+def little(day: ReportData) -> ReportData:
     """Evidence with two plots only."""
     return replace(day, runs=None, campaign=None, simulations=(), inertia=None, inertia_refusal="no logs.")
 
 
-def test_a_folder_that_cannot_be_one_is_refused(little: Evidence, tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_one_is_refused(little: ReportData, tmp_path: Path) -> None:
     blocked = tmp_path / "report"
     blocked.write_text("a file\n")
     with pytest.raises(OutputError, match="cannot be written"):
@@ -383,7 +383,7 @@ def test_a_folder_that_cannot_be_one_is_refused(little: Evidence, tmp_path: Path
     assert blocked.read_text() == "a file\n"
 
 
-def test_a_page_that_was_there_stays_whole_when_a_plot_cannot_be_written(little: Evidence, tmp_path: Path) -> None:
+def test_a_page_that_was_there_stays_whole_when_a_plot_cannot_be_written(little: ReportData, tmp_path: Path) -> None:
     (tmp_path / "index.html").write_text("the page of yesterday\n")
     (tmp_path / "plots").write_text("a file\n")
     with pytest.raises(OutputError):

@@ -17,18 +17,18 @@ import pytest
 
 from rovid.core.array_types import FloatArray
 from rovid.model.simulation import TrialSimulation
-from rovid.present.page.figures import Album
+from rovid.present.page.figures import ReportFigures
 from rovid.present.page.render import render_page
-from rovid.present.page.report_data import Evidence
-from rovid.present.page.viewer_data import COARSEST, VALUES, series_of, shares, thinned, viewer_document
+from rovid.present.page.report_data import ReportData
+from rovid.present.page.viewer_data import COARSEST, VALUES, decimate_table, fair_shares, trial_levels, viewer_document
 from tests.present.conftest import make_evidence, staged
 from tests.present.page.test_render import Parts
 
 NASTY = '</script><b>x".csv'
 
 
-def page_of(evidence: Evidence) -> str:
-    return render_page(evidence, Album(), today=date(2026, 3, 7))
+def page_of(evidence: ReportData) -> str:
+    return render_page(evidence, ReportFigures(), today=date(2026, 3, 7))
 
 
 def scripts(page: str) -> list[str]:
@@ -51,8 +51,8 @@ def spans(table: FloatArray) -> list[tuple[float, float]]:
     return [(float(np.nanmin(values)), float(np.nanmax(values))) for values in signals]
 
 
-def test_a_short_trial_is_given_as_it_is(day: Evidence) -> None:
-    for given, item in zip(series_of([day.simulations]), day.simulations, strict=True):
+def test_a_short_trial_is_given_as_it_is(day: ReportData) -> None:
+    for given, item in zip(trial_levels([day.simulations]), day.simulations, strict=True):
         (level,) = given.levels
         trial = item.run.trial
         assert given.name == trial.name
@@ -68,7 +68,7 @@ def test_a_short_trial_is_given_as_it_is(day: Evidence) -> None:
         assert level[5] == pytest.approx(np.degrees(item.position - trial.position), abs=1e-4)
 
 
-def test_each_cause_has_a_switch_and_each_combination_its_numbers(day: Evidence) -> None:
+def test_each_cause_has_a_switch_and_each_combination_its_numbers(day: ReportData) -> None:
     document = viewer_document(staged(day))
     assert document["causes"] == ["thruster lag", "constant torque"]
     assert document["stages"] == [[False, False], [True, False], [False, True], [True, True]]
@@ -78,17 +78,17 @@ def test_each_cause_has_a_switch_and_each_combination_its_numbers(day: Evidence)
         assert [numbers[-1] for numbers in trial["missed"]] == pytest.approx(expected, rel=1e-3)  # four digits
     rates = [numbers[-1] for numbers in document["missed"]]
     assert rates == pytest.approx([rates[0], rates[0] / 2, rates[0] / 3, rates[0] / 4], rel=1e-3)
-    table = series_of([stage.simulations for stage in staged(day).stages])[0].levels[0]
+    table = trial_levels([stage.simulations for stage in staged(day).nested])[0].levels[0]
     assert len(table) == 4 + 2 * 4
 
 
-def test_the_worst_trial_comes_first(day: Evidence) -> None:
+def test_the_worst_trial_comes_first(day: ReportData) -> None:
     document = viewer_document(staged(day))
     before = [trial["missed"][0][-1] for trial in document["trials"]]
     assert before == sorted(before, reverse=True)
 
 
-def test_every_panel_draws_what_it_is_given(day: Evidence) -> None:
+def test_every_panel_draws_what_it_is_given(day: ReportData) -> None:
     document = viewer_document(day)
     assert not any("guessed" in panel["title"] for panel in document["panels"])
     panels = {panel["title"]: [line["look"] for line in panel["lines"]] for panel in document["panels"]}
@@ -106,7 +106,7 @@ def test_every_panel_draws_what_it_is_given(day: Evidence) -> None:
 @pytest.mark.parametrize("count", [40, 500, 3000])
 def test_thinning_keeps_extremes_ends_and_gaps(count: int) -> None:
     table = long_table(20_000)
-    kept = thinned(table, count)
+    kept = decimate_table(table, count)
     assert kept.shape[1] <= count
     assert spans(kept) == spans(table)
     assert kept[0, 0] == table[0, 0]
@@ -120,7 +120,7 @@ def test_thinning_keeps_extremes_ends_and_gaps(count: int) -> None:
 
 def test_thinning_keeps_the_extremes_of_every_stretch() -> None:
     table = long_table(6_000)
-    kept = thinned(table, 1_500)
+    kept = decimate_table(table, 1_500)
     # Lowest and highest of eight lines are 16 rows of a stretch at the most: it is no longer than half of this.
     wide = 32 * 6_000 // kept.shape[1]
     for start in range(0, 6_000 - 2 * wide, wide):
@@ -130,18 +130,18 @@ def test_thinning_keeps_the_extremes_of_every_stretch() -> None:
         assert inside.max() >= inner.max()
 
 
-def test_a_budget_is_kept_and_every_level_has_the_extremes(day: Evidence) -> None:
+def test_a_budget_is_kept_and_every_level_has_the_extremes(day: ReportData) -> None:
     first = day.simulations[0]
     budget = 1_200 * 6
-    given = series_of([[first, *day.simulations[:3]]], values=budget)
+    given = trial_levels([[first, *day.simulations[:3]]], values=budget)
     assert sum(level.size for each in given for level in each.levels) <= budget
-    full = series_of([[first]])[0].levels[0]
+    full = trial_levels([[first]])[0].levels[0]
     for level in given[0].levels:
         assert spans(np.asarray(level, dtype=np.float64)) == spans(np.asarray(full, dtype=np.float64))
 
 
-def test_a_long_trial_has_levels_down_to_what_a_screen_shows(day: Evidence) -> None:
-    given = series_of([[stretched(day, 40_000)]], values=240_000)[0]
+def test_a_long_trial_has_levels_down_to_what_a_screen_shows(day: ReportData) -> None:
+    given = trial_levels([[stretched(day, 40_000)]], values=240_000)[0]
     counts = [level.shape[1] for level in given.levels]
     assert given.samples == 40_000
     assert 20_000 < counts[0] <= 240_000 * 3 // 4 // 6
@@ -150,7 +150,7 @@ def test_a_long_trial_has_levels_down_to_what_a_screen_shows(day: Evidence) -> N
     assert sum(counts) * 6 <= 240_000
 
 
-def stretched(day: Evidence, samples: int) -> TrialSimulation:
+def stretched(day: ReportData, samples: int) -> TrialSimulation:
     """A trial of the day, over and over, of which the simulation knows nothing."""
     item, rng = day.simulations[0], np.random.default_rng(2)
     time: FloatArray = np.arange(samples, dtype=np.float64) * 0.05
@@ -176,7 +176,7 @@ def stretched(day: Evidence, samples: int) -> TrialSimulation:
     [([5, 5], 20, [5, 5]), ([100, 2, 100], 50, [24, 2, 24]), ([30, 10], 20, [10, 10]), ([], 9, [])],
 )
 def test_short_trials_leave_what_they_do_not_want(wanted: list[int], budget: int, granted: list[int]) -> None:
-    assert shares(wanted, budget) == granted
+    assert fair_shares(wanted, budget) == granted
 
 
 def test_the_budget_leaves_room_on_a_page_of_eight_megabytes() -> None:
@@ -195,7 +195,7 @@ def test_names_from_logs_cannot_leave_the_data_block(tmp_path: Path) -> None:
     assert html.escape(NASTY).replace("&quot;", "&#34;") in page
 
 
-def test_only_the_pages_own_script_may_run_and_nothing_is_fetched(day: Evidence) -> None:
+def test_only_the_pages_own_script_may_run_and_nothing_is_fetched(day: ReportData) -> None:
     page = page_of(day)
     policy = re.search(r'Content-Security-Policy" content="([^"]*)"', page)
     assert policy is not None
@@ -204,14 +204,14 @@ def test_only_the_pages_own_script_may_run_and_nothing_is_fetched(day: Evidence)
     assert policy.group(1).startswith("default-src 'none'")
 
 
-def test_without_simulation_there_is_no_viewer(day: Evidence) -> None:
+def test_without_simulation_there_is_no_viewer(day: ReportData) -> None:
     page = page_of(replace(day, simulations=()))
     assert "<script" not in page
     assert "script-src 'none'" in page
     assert 'id="trials"' not in page
 
 
-def test_panels_that_hang_on_a_guess_say_so(day: Evidence) -> None:
+def test_panels_that_hang_on_a_guess_say_so(day: ReportData) -> None:
     def titles(*, arm: bool = False, curve: bool = False) -> list[str]:
         thrusters = tuple(replace(one, arm_guessed=arm, curve_guessed=curve) for one in day.vehicle.thrusters)
         vehicle = replace(day.vehicle, thrusters=thrusters)

@@ -14,15 +14,15 @@ import pytest
 
 from rovid.diagnose.result import Diagnosis, Finding
 from rovid.effects import effect_named
-from rovid.present.page.figures import Album, make_album
+from rovid.present.page.figures import ReportFigures, draw_figures
 from rovid.present.page.nested_simulations import worst_first
 from rovid.present.page.render import render_page
-from rovid.present.page.report_data import Evidence
-from rovid.present.page.residual_torque import left_by_all, sizes
+from rovid.present.page.report_data import ReportData
+from rovid.present.page.residual_torque import rms_sizes, unexplained_torques
 from rovid.present.plots import canvas
-from rovid.present.plots.before_after import before_after
-from rovid.present.plots.findings import rival_gains
-from rovid.present.plots.residual_torque import left_over
+from rovid.present.plots.before_after import plot_before_after
+from rovid.present.plots.findings import plot_alternatives
+from rovid.present.plots.residual_torque import plot_residual_comparison
 from rovid.present.tables import diagnosis
 from rovid.store.load import read_parameters
 from tests.conftest import SAMPLES, Rovid
@@ -31,20 +31,20 @@ NASTY = "<b>&\"'{{ 7 * 7 }}$"
 
 
 @pytest.fixture(scope="session")
-def finding(lagged: Evidence) -> Finding:
+def finding(lagged: ReportData) -> Finding:
     assert lagged.diagnosis is not None
     return lagged.diagnosis.findings[0]
 
 
-def part_of(evidence: Evidence, key: str, album: Album | None = None) -> str:
+def part_of(evidence: ReportData, key: str, album: ReportFigures | None = None) -> str:
     """The HTML of one section of the page."""
-    page = render_page(evidence, album or Album(), today=date(2026, 3, 7))
+    page = render_page(evidence, album or ReportFigures(), today=date(2026, 3, 7))
     found = re.search(rf'<section id="{key}".*?</section>', page, re.DOTALL)
     assert found is not None
     return found[0]
 
 
-def section(evidence: Evidence, album: Album | None = None) -> str:
+def section(evidence: ReportData, album: ReportFigures | None = None) -> str:
     """The HTML of what is said of causes."""
     return part_of(evidence, "diagnosis", album)
 
@@ -53,12 +53,14 @@ def text(part: str) -> str:
     return re.sub(r"\s+", " ", html.unescape(re.sub(r"<[^>]+>", " ", part)))
 
 
-def with_diagnosis(evidence: Evidence, **changes: Any) -> Evidence:
+def with_diagnosis(evidence: ReportData, **changes: Any) -> ReportData:
     assert evidence.diagnosis is not None
     return replace(evidence, diagnosis=replace(evidence.diagnosis, **changes))
 
 
-def test_a_hidden_lag_is_named_with_its_numbers(lagged: Evidence, lagged_album: Album, finding: Finding) -> None:
+def test_a_hidden_lag_is_named_with_its_numbers(
+    lagged: ReportData, lagged_album: ReportFigures, finding: Finding
+) -> None:
     shown = text(section(lagged, lagged_album))
     assert finding.effect.equation in shown
     assert finding.estimate.value("thruster_lag.time_constant") == pytest.approx(0.8, abs=0.05)
@@ -69,7 +71,9 @@ def test_a_hidden_lag_is_named_with_its_numbers(lagged: Evidence, lagged_album: 
     assert re.search(r"thruster lag: time constant, s – 0\.8\d* ± 0\.0\d+", model)
 
 
-def test_the_page_has_the_section_and_its_plots(lagged: Evidence, lagged_album: Album, lagged_folder: Path) -> None:
+def test_the_page_has_the_section_and_its_plots(
+    lagged: ReportData, lagged_album: ReportFigures, lagged_folder: Path
+) -> None:
     page = (lagged_folder / "report" / "index.html").read_text()
     assert 'href="#diagnosis"' in page
     assert lagged.diagnosis is not None
@@ -79,7 +83,7 @@ def test_the_page_has_the_section_and_its_plots(lagged: Evidence, lagged_album: 
     assert [alt.split(" ")[0] for alt in alts] == ["Missing", "Log-likelihood"]
 
 
-def test_the_page_and_the_parameter_file_are_of_the_diagnosed_model(lagged: Evidence, lagged_folder: Path) -> None:
+def test_the_page_and_the_parameter_file_are_of_the_diagnosed_model(lagged: ReportData, lagged_folder: Path) -> None:
     written = read_parameters(lagged_folder / "parameters.toml")
     assert lagged.diagnosis is not None
     assert lagged.diagnosis.extended is not None
@@ -91,30 +95,30 @@ def test_the_page_and_the_parameter_file_are_of_the_diagnosed_model(lagged: Evid
     assert all(not item.run.trial.name.endswith("part 1") for item in lagged.simulations)
 
 
-def test_the_worst_trial_is_shown_before_and_after(lagged: Evidence) -> None:
-    worst = worst_first(lagged.before)[0]
-    before, after = lagged.before[worst], lagged.after[worst]
+def test_the_worst_trial_is_shown_before_and_after(lagged: ReportData) -> None:
+    worst = worst_first(lagged.simulations_without)[0]
+    before, after = lagged.simulations_without[worst], lagged.simulations_with[worst]
     assert before.run is after.run
-    assert before.fit.rmse == max(item.fit.rmse for item in lagged.before)
+    assert before.fit.rmse == max(item.fit.rmse for item in lagged.simulations_without)
     assert after.fit.rmse < 0.5 * before.fit.rmse
-    figure = before_after(before, after, width=5.0, rows=(1.5, 1.0))
+    figure = plot_before_after(before, after, width=5.0, rows=(1.5, 1.0))
     assert [label.get_text() for label in figure.legends[0].get_texts()] == ["measured", "without", "with"]
     rate, heading = figure.axes
     assert rate.get_title(loc="left") == "yaw rate, rad/s"
     assert heading.get_title(loc="left") == "heading error, deg"
-    alone = before_after(before, before, width=5.0, rows=(1.5, 1.0))
+    alone = plot_before_after(before, before, width=5.0, rows=(1.5, 1.0))
     assert [label.get_text() for label in alone.legends[0].get_texts()] == ["measured", "simulated"]
 
 
-def test_rivals_that_are_not_ruled_out_stand_out(lagged: Evidence, finding: Finding) -> None:
-    rival = finding.rivals[0].effect
-    unsure = replace(finding, undecided=(rival,))
-    figure = rival_gains(unsure)
+def test_rivals_that_are_not_ruled_out_stand_out(lagged: ReportData, finding: Finding) -> None:
+    rival = finding.alternatives[0].effect
+    unsure = replace(finding, indistinguishable=(rival,))
+    figure = plot_alternatives(unsure)
     labels = [label.get_text() for label in figure.legends[0].get_texts()]
     assert labels == ["found", "not ruled out", "ruled out"]
     assert figure.axes[0].get_yticklabels()[0].get_text() == "thruster lag"
-    assert finding.worth > finding.rivals[0].worth
-    canvas.png(figure)
+    assert finding.bic_gain > finding.alternatives[0].bic_gain
+    canvas.render_png(figure)
     box = figure.get_tightbbox()
     assert box.x0 >= 0.0
     assert box.x1 <= figure.get_figwidth()
@@ -124,20 +128,20 @@ def test_rivals_that_are_not_ruled_out_stand_out(lagged: Evidence, finding: Find
     assert f"cannot tell it from {rival.title}. The likeliest to tell: " in shown
 
 
-def test_every_trial_is_simulated_with_what_was_found(lagged: Evidence) -> None:
-    assert [[effect.id for effect in stage.model.effects] for stage in lagged.stages] == [[], ["thruster_lag"]]
-    pairs = list(zip(lagged.before, lagged.after, strict=True))
+def test_every_trial_is_simulated_with_what_was_found(lagged: ReportData) -> None:
+    assert [[effect.id for effect in stage.model.effects] for stage in lagged.nested] == [[], ["thruster_lag"]]
+    pairs = list(zip(lagged.simulations_without, lagged.simulations_with, strict=True))
     assert all(one.run is other.run for one, other in pairs)
     assert sum(other.fit.rmse for _, other in pairs) < 0.5 * sum(one.fit.rmse for one, _ in pairs)
 
 
-def test_nothing_found_says_what_would_have_been_seen(lagged: Evidence) -> None:
+def test_nothing_found_says_what_would_have_been_seen(lagged: ReportData) -> None:
     assert lagged.diagnosis is not None
     sizes = ((effect_named("thruster_lag"), 0.0512), (effect_named("bias_torque"), 2.34))
     quiet = with_diagnosis(
         lagged, verdict="nothing_found", findings=(), extended=lagged.diagnosis.base, detectable=sizes
     )
-    quiet = replace(quiet, stages=lagged.stages[:1])
+    quiet = replace(quiet, nested=lagged.nested[:1])
     shown = text(section(quiet))
     assert "None was needed." in shown
     assert "with what was found" not in shown
@@ -149,7 +153,7 @@ def test_nothing_found_says_what_would_have_been_seen(lagged: Evidence) -> None:
     assert effect_named("bias_torque").title in shown
 
 
-def test_unexplained_signals_and_warnings_are_shown(lagged: Evidence) -> None:
+def test_unexplained_signals_and_warnings_are_shown(lagged: ReportData) -> None:
     signal = replace(effect_named("bias_torque"), id="signal depth", title="torque that follows depth")
     odd = with_diagnosis(
         lagged, verdict="unexplained", findings=(), signals=((signal, 321.4),), warnings=("something is left",)
@@ -161,7 +165,7 @@ def test_unexplained_signals_and_warnings_are_shown(lagged: Evidence) -> None:
     assert "Something is left." in text(part_of(odd, "model"))
 
 
-def test_too_little_data_is_one_sentence(day: Evidence) -> None:
+def test_too_little_data_is_one_sentence(day: ReportData) -> None:
     little = replace(day, diagnosis=Diagnosis(verdict="too_little_data", missing="there is 1 trial of 9 s."))
     shown = text(part_of(little, "summary"))
     assert "There is too little data for a diagnosis." in shown
@@ -180,13 +184,13 @@ def test_tables_alone_make_a_page_that_says_why_there_is_no_diagnosis(rovid: Rov
     assert "0.204" in page
 
 
-def test_without_a_diagnosis_there_is_no_section(day: Evidence) -> None:
-    page = render_page(day, Album(), today=date(2026, 3, 7))
+def test_without_a_diagnosis_there_is_no_section(day: ReportData) -> None:
+    page = render_page(day, ReportFigures(), today=date(2026, 3, 7))
     assert 'id="diagnosis"' not in page
     assert "#diagnosis" not in page
 
 
-def test_names_are_shown_as_they_are(lagged: Evidence, finding: Finding) -> None:
+def test_names_are_shown_as_they_are(lagged: ReportData, finding: Finding) -> None:
     # The form of this effect is a thruster's name, which the user gives.
     effect = replace(finding.effect, id="thruster_imbalance", form=NASTY, title=NASTY)
     effect = replace(effect, equation=NASTY, experiment=NASTY, fingerprint=NASTY)
@@ -195,11 +199,11 @@ def test_names_are_shown_as_they_are(lagged: Evidence, finding: Finding) -> None
         finding,
         effect=effect,
         estimate=replace(finding.estimate, names=names),
-        rivals=(replace(finding.rivals[0], effect=effect),),
-        undecided=(effect,),
+        alternatives=(replace(finding.alternatives[0], effect=effect),),
+        indistinguishable=(effect,),
     )
     evidence = with_diagnosis(lagged, findings=(strange,), signals=((effect, 1.0),), warnings=(NASTY,))
-    picture = make_album(replace(evidence, simulations=(), runs=None, drag=None, inertia=None, control=None))
+    picture = draw_figures(replace(evidence, simulations=(), runs=None, drag=None, inertia=None, control=None))
     part = section(evidence, picture)
     assert "<b>" not in part
     assert "49" not in re.sub(r"base64,[^\"]+", "", part).split("<h3")[1].split("</h3>")[0]
@@ -207,30 +211,32 @@ def test_names_are_shown_as_they_are(lagged: Evidence, finding: Finding) -> None
     assert all(re.fullmatch(r"[A-Za-z0-9_]+", name) for name in re.findall(r"plots/([^.]+)\.png", part))
 
 
-def test_less_torque_is_left_over_with_what_was_found(lagged: Evidence) -> None:
+def test_less_torque_is_left_over_with_what_was_found(lagged: ReportData) -> None:
     assert lagged.diagnosis is not None
     assert lagged.diagnosis.base is not None
     assert lagged.diagnosis.extended is not None
     assert lagged.runs is not None
     before, after = (
-        left_by_all(lagged.runs, side.model, lagged.vehicle)
+        unexplained_torques(lagged.runs, side.model, lagged.vehicle)
         for side in (lagged.diagnosis.base, lagged.diagnosis.extended)
     )
-    assert sizes(after)[0] < 0.5 * sizes(before)[0]
-    figure = left_over(before, after, lagged.runs.cutoff)
-    canvas.png(figure)
+    assert rms_sizes(after)[0] < 0.5 * rms_sizes(before)[0]
+    figure = plot_residual_comparison(before, after, lagged.runs.cutoff)
+    canvas.render_png(figure)
     box = figure.get_tightbbox()
     assert box.x0 >= 0.0
     assert box.x1 <= figure.get_figwidth()
     assert box.y1 <= figure.get_figheight()
 
 
-def test_a_change_is_given_in_percent_where_there_is_one(lagged: Evidence) -> None:
+def test_a_change_is_given_in_percent_where_there_is_one(lagged: ReportData) -> None:
     assert lagged.diagnosis is not None
     assert lagged.diagnosis.base is not None
     base = lagged.diagnosis.base.estimate
     doubled = replace(base, values=np.where(np.arange(len(base.values)) == 0, 2.0, 1.0) * base.values)
     vague = replace(base, values=np.zeros(len(base.values)))
-    change = {column.title: column for column in diagnosis.sides_grid(base, doubled, ()).columns}["change"]
+    change = {column.title: column for column in diagnosis.models_table(base, doubled, ()).columns}["change"]
     assert change.cells[0].startswith("+100.0")
-    assert {column.title: column for column in diagnosis.sides_grid(vague, base, ()).columns}["change"].cells[0] == "–"
+    assert {column.title: column for column in diagnosis.models_table(vague, base, ()).columns}["change"].cells[
+        0
+    ] == "–"

@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 
 from rovid.estimate.steady_drag import DragFit
-from rovid.present.page.report_data import Evidence
-from rovid.present.tables.drag import directions_grid, steady_grid
+from rovid.present.page.report_data import ReportData
+from rovid.present.tables.drag import directions_table, steady_table
 from tests.present.tables.test_model import cells
 
 
 @pytest.fixture(scope="module")
-def fit(day: Evidence) -> DragFit:
+def fit(day: ReportData) -> DragFit:
     assert day.drag is not None
     return day.drag
 
 
 def test_each_point_stands_with_its_residual_and_its_error(fit: DragFit) -> None:
-    grid = steady_grid(fit)
+    grid = steady_table(fit)
     assert grid.caption == "Steady turns that were fitted"
     assert cells(grid, "source") == [point.source for point in fit.points]
     for text, value, error in zip(cells(grid, "residual"), fit.residuals, fit.torque_error, strict=True):
@@ -30,13 +30,13 @@ def test_each_point_stands_with_its_residual_and_its_error(fit: DragFit) -> None
 
 
 def test_when_it_was_is_said_only_where_it_is_known(fit: DragFit) -> None:
-    known = {column.title for column in steady_grid(fit).columns}
+    known = {column.title for column in steady_table(fit).columns}
     table = [replace(point, start=np.nan, stop=np.nan) for point in fit.points]
-    of_table = {column.title for column in steady_grid(replace(fit, points=tuple(table))).columns}
+    of_table = {column.title for column in steady_table(replace(fit, points=tuple(table))).columns}
     assert known - of_table == {"from–to, s"}
 
 
 def test_both_directions_stand_first(fit: DragFit) -> None:
-    rows = cells(directions_grid(fit), "turns")
+    rows = cells(directions_table(fit), "turns")
     assert rows[0] == "both"
     assert set(rows[1:]) == {"heading growing", "heading falling"}

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from rovid.present.tables.table import Table, of_numbers, of_text, of_unlike
+from rovid.present.tables.table import TableBuilder, mixed_number_column, number_column, text_column
 
 
 def test_rows_become_columns_under_their_headings() -> None:
-    table = Table("A", of_text("name"), of_numbers("size", "m"), of_unlike("value"))
+    table = TableBuilder("A", text_column("name"), number_column("size", "m"), mixed_number_column("value"))
     table.add("one", "1.5", "100")
     table.add("two", "10", "0.25")
     grid = table.grid()
@@ -18,7 +18,7 @@ def test_rows_become_columns_under_their_headings() -> None:
 
 
 def test_points_stand_in_line_in_a_column_of_one_kind_alone() -> None:
-    table = Table("A", of_numbers("size"), of_unlike("value"))
+    table = TableBuilder("A", number_column("size"), mixed_number_column("value"))
     table.add("1.5", "1.5")
     table.add("10", "10")
     size, value = table.grid().columns
@@ -28,7 +28,7 @@ def test_points_stand_in_line_in_a_column_of_one_kind_alone() -> None:
 
 
 def test_a_row_that_is_too_short_is_a_mistake() -> None:
-    table = Table("A", of_text("name"), of_numbers("size"))
+    table = TableBuilder("A", text_column("name"), number_column("size"))
     table.add("one")
     with pytest.raises(IndexError):
         table.grid()

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from rovid.core.console import Screen
+from rovid.core.console import SafeConsole
 from rovid.preflight.advice import Advice
-from rovid.preflight.check import Check
+from rovid.preflight.check import LogCheck
 from rovid.present.terminal.check_text import show_check
 from rovid.trial.trial import Remark
 from tests import synthetic
@@ -26,8 +26,8 @@ def printed(*advice: Advice, problems: dict[str, str] | None = None, logs: int =
     remark = Remark(kind="gap", count=1, text="The heading has gaps (1, of 2.0 s in all); nothing was put in them.")
     rows = [(replace(RUN, name=f"run_{at}.csv", remarks=(replace(remark, count=at),)), FACTS) for at in range(logs)]
     out = io.StringIO()
-    checked = Check(rows=tuple(rows), problems=problems or {}, remarks=(), advice=advice)
-    show_check(Screen(file=out, width=width), checked)
+    checked = LogCheck(rows=tuple(rows), problems=problems or {}, remarks=(), advice=advice)
+    show_check(SafeConsole(file=out, width=width), checked)
     return [line.rstrip() for line in out.getvalue().splitlines()]
 
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 from rich.cells import cell_len
 
-from rovid.compare.campaign_fit import day_of_file
+from rovid.compare.campaign_fit import campaign_from_parameters
 from rovid.compare.comparison import Comparison, compare
-from rovid.core.console import Screen
-from rovid.present.terminal.comparison import headline, reasons, show_comparison
-from rovid.trial.assumptions import Guesswork
+from rovid.core.console import SafeConsole
+from rovid.present.terminal.comparison import comparison_headline, comparison_sentences, show_comparison
+from rovid.trial.assumptions import Assumptions
 from tests.compare.files import LAGGING, PLAIN, stored_at, times
 
 CASES = {
@@ -29,16 +29,16 @@ def of(case: str, folder: Path) -> Comparison:
     one, other, _ = CASES[case]
     seen = {"thruster_lag": 0.01}
     a, b = stored_at(folder / "a.toml", one), stored_at(folder / "b.toml", other, log="b")
-    return compare(day_of_file(a, "A", seen), day_of_file(b, "B", seen))
+    return compare(campaign_from_parameters(a, "A", seen), campaign_from_parameters(b, "B", seen))
 
 
 @pytest.mark.parametrize("case", CASES)
 def test_the_answer_is_a_sentence(case: str, tmp_path: Path) -> None:
-    assert CASES[case][2] in headline(of(case, tmp_path))
+    assert CASES[case][2] in comparison_headline(of(case, tmp_path))
 
 
 def test_where_nothing_changed_it_says_what_would_have_been_seen(tmp_path: Path) -> None:
-    said = " ".join(reasons(of("same", tmp_path)))
+    said = " ".join(comparison_sentences(of("same", tmp_path)))
     assert "It would have been seen from: inertia" in said
     assert "Never visible in yaw data: a common scale of all thrust" in said
 
@@ -47,7 +47,7 @@ def test_less_thrust_is_no_change_of_the_vehicle(tmp_path: Path) -> None:
     comparison = of("thrust", tmp_path)
     assert comparison.changed == ("thrust_scale",)
     out = io.StringIO()
-    show_comparison(Screen(file=out, width=120), comparison, Guesswork(), [])
+    show_comparison(SafeConsole(file=out, width=120), comparison, Assumptions(), [])
     rows = {line.split()[0]: line for line in out.getvalue().splitlines() if line}
     assert all("as thrust did" in rows[name] for name in PLAIN)
     assert "1.0000" in rows["I/DQ"]
@@ -57,7 +57,7 @@ def test_less_thrust_is_no_change_of_the_vehicle(tmp_path: Path) -> None:
 @pytest.mark.parametrize("case", CASES)
 def test_it_fits_the_terminal(case: str, width: int, tmp_path: Path) -> None:
     out = io.StringIO()
-    show_comparison(Screen(file=out, width=width), of(case, tmp_path), Guesswork(), ["a note"])
+    show_comparison(SafeConsole(file=out, width=width), of(case, tmp_path), Assumptions(), ["a note"])
     lines = out.getvalue().splitlines()
     assert max(map(cell_len, lines)) <= width
     assert lines[0].startswith(("From A", "Nothing changed"))

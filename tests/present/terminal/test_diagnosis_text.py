@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 
-from rovid.core.console import Screen
+from rovid.core.console import SafeConsole
 from rovid.diagnose.result import Diagnosis
 from rovid.effects import effect_named
 from rovid.present.terminal.diagnosis_text import show_diagnosis
@@ -15,7 +15,7 @@ from tests.synthetic import VEHICLE
 
 def told(diagnosis: Diagnosis, vehicle: Vehicle = VEHICLE) -> str:
     stream = io.StringIO()
-    show_diagnosis(Screen(file=stream, width=200), diagnosis, vehicle)
+    show_diagnosis(SafeConsole(file=stream, width=200), diagnosis, vehicle)
     return stream.getvalue()
 
 

@@ -8,8 +8,8 @@ import re
 
 import pytest
 
-from rovid.core.console import Screen, led
-from rovid.core.errors import shown
+from rovid.core.console import SafeConsole, labelled_text
+from rovid.core.errors import display_text
 from tests.hostile import NAMES, STEERING
 
 
@@ -19,13 +19,13 @@ def test_nothing_that_is_printed_steers_a_terminal(name: str) -> None:
     from rovid.present.terminal.table import table
 
     out = io.StringIO()
-    screen = Screen(file=out, force_terminal=True, color_system=None, width=4000, legacy_windows=False)
+    screen = SafeConsole(file=out, force_terminal=True, color_system=None, width=4000, legacy_windows=False)
     rows = table(name, name, "b")
-    rows.add_row(name, led("lead", name, "red"))
+    rows.add_row(name, labelled_text("lead", name, "red"))
     screen.print(rows)
     screen.print(name)
     show_warnings(screen, [name])
     text = re.sub("\x1b\\[\\d*(;\\d+)*m", "", out.getvalue()) if "\x1b[31m" not in name else out.getvalue()
     assert not STEERING.search(text)
-    assert shown(name, 2000)[:100] in text, "as it is: neither markup nor an emoji"
+    assert display_text(name, 2000)[:100] in text, "as it is: neither markup nor an emoji"
     assert len(text) < 40_000

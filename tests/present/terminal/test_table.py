@@ -9,7 +9,7 @@ import pytest
 from rich.cells import cell_len
 from rich.text import Text
 
-from rovid.core.console import Screen
+from rovid.core.console import SafeConsole
 from rovid.present.terminal.table import Columns, table
 
 HEADINGS = ("trial", "R²", "heading after 60 s, deg", "RMSE rad/s", "value ± standard error", "samples")
@@ -21,7 +21,7 @@ ROWS = (
 
 def printed(rows: Columns, width: int) -> list[str]:
     out = io.StringIO()
-    Screen(file=out, width=width).print(rows)
+    SafeConsole(file=out, width=width).print(rows)
     return [line.rstrip() for line in out.getvalue().splitlines()]
 
 

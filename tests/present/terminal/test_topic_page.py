@@ -7,7 +7,7 @@ import json
 import pytest
 
 from rovid.effects import CATALOGUE
-from rovid.present.terminal.topics import TOPICS, names
+from rovid.present.terminal.topics import TOPICS, topic_names
 from tests.conftest import Rovid
 
 
@@ -36,7 +36,7 @@ def test_a_command_has_its_manual_and_its_page(rovid: Rovid) -> None:
 
 def test_json_has_one_document(rovid: Rovid) -> None:
     listed = rovid("help", "--json").document
-    assert list(listed["topics"]) == names()
+    assert list(listed["topics"]) == topic_names()
     page = rovid("help", "logs", "--json").document
     assert (page["topic"], page["manual"]) == ("logs", None)
     assert page["text"].startswith("# Logs")

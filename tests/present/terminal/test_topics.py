@@ -18,25 +18,25 @@ DOCS = ROOT / "docs"
 
 
 def test_every_effect_has_a_page_and_all_have_titles() -> None:
-    there = topics.names()
+    there = topics.topic_names()
     assert {effect.id for effect in CATALOGUE} <= set(there)
     assert len(set(there)) == len(there)
-    assert all(re.fullmatch(r"[A-Z].{3,}", topics.title(name)) for name in there)
+    assert all(re.fullmatch(r"[A-Z].{3,}", topics.topic_title(name)) for name in there)
 
 
-@pytest.mark.parametrize("topic", topics.names())
+@pytest.mark.parametrize("topic", topics.topic_names())
 def test_a_page_cites_nothing_that_an_installed_rovid_lacks(topic: str) -> None:
-    text = topics.text(topic)
+    text = topics.topic_text(topic)
     assert not re.search(r"\]\([^)]*\.(md|png)|<!--|!\[|docs/", text)
     for named in re.findall(r"`rovid help ([\w-]+)`", text):
-        assert named in topics.names()
+        assert named in topics.topic_names()
     if "sample_logs" in text:
         assert text.rstrip().endswith("The sample logs come with rovid's sources.")
 
 
 def test_an_effect_is_told_as_its_page_tells_it() -> None:
     page = (DOCS / "effects" / "thruster_lag.md").read_text(encoding="utf-8")
-    text = topics.text("thruster_lag")
+    text = topics.topic_text("thruster_lag")
     for part in ("τ·dT'/dt + T' = T", "Work class: 0.1 to 0.3 s electric", "A BlueROV2 answers"):
         assert part in page
         assert part in text
@@ -49,7 +49,7 @@ def test_an_effect_is_told_as_its_page_tells_it() -> None:
 )
 def test_what_is_called_otherwise_is_found(asked: str, nearest: str) -> None:
     with pytest.raises(ConfigError, match=f"there is no page '{asked}'. Nearest: .*'{nearest}'"):
-        topics.text(asked)
+        topics.topic_text(asked)
 
 
 def test_a_wheel_brings_the_pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rovid: Rovid) -> None:
@@ -59,9 +59,9 @@ def test_a_wheel_brings_the_pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     for pattern in ("/docs/*.md", "/docs/effects/*.md"):
         assert pattern in build["wheel"]["include"]
         assert pattern in build["sdist"]["include"]
-    here = topics.text("logs")
+    here = topics.topic_text("logs")
     installed = tmp_path / "site-packages" / "rovid"
     shutil.copytree(DOCS, installed / "pages")
     monkeypatch.setattr(topics, "_PACKAGE", installed)
-    assert topics.text("logs") == here
+    assert topics.topic_text("logs") == here
     assert "Thruster lag" in rovid("help", "thruster_lag").out

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from rich.text import Text
 
-from rovid.present.terminal.wrapping import bound, folded
+from rovid.present.terminal.wrapping import bind_units, wrap_text
 
 SAID = (
     "sampled every 0.1 s; in all 0.88 s late, ± 12.0 kg m² of 5072.3 ± 12.0 kg m², 3548 N m s²/rad², 95 % of 7 runs, "
@@ -15,7 +15,7 @@ WHOLE = ("0.1 s;", "0.88 s", "5072.3 ± 12.0 kg m²,", "3548 N m s²/rad²,", "9
 
 
 def lines(text: str, width: int, hang: int = 0) -> list[str]:
-    return folded(Text(text), width, hang).plain.split("\n")
+    return wrap_text(Text(text), width, hang).plain.split("\n")
 
 
 @pytest.mark.parametrize("width", [20, 21, 30, 44, 60, 79, 200])
@@ -38,12 +38,13 @@ def test_what_is_longer_than_a_line_is_cut_where_it_can_be() -> None:
 
 
 def test_styles_stay() -> None:
-    text = folded(Text.assemble(("Next:", "bold"), " a run of 3 min"), 14)
+    text = wrap_text(Text.assemble(("Next:", "bold"), " a run of 3 min"), 14)
     assert text.plain == "Next: a run of\n3 min"
     assert text.spans[0].style == "bold"
 
 
 def test_a_page_that_folds_by_itself_keeps_them_too() -> None:
     assert (
-        bound("1 to 3 s a level, 5.0 ± 0.1 kg m²") == "1\u00a0to 3\u00a0s a level, 5.0\u00a0±\u00a00.1\u00a0kg\u00a0m²"
+        bind_units("1 to 3 s a level, 5.0 ± 0.1 kg m²")
+        == "1\u00a0to 3\u00a0s a level, 5.0\u00a0±\u00a00.1\u00a0kg\u00a0m²"
     )
