@@ -220,7 +220,7 @@ def reported(lagged_folder: Path) -> tuple[ReportData, ReportFigures]:
 
     said: list[str] = []
     with pytest.MonkeyPatch.context() as patch, blank_plots():
-        patch.setattr(render, "make_album", draw)
+        patch.setattr(render, "draw_figures", draw)
         stored = Parameters(path=lagged_folder / "parameters.toml")
         build.build_report(stored, open_study([lagged_folder / "day"]), lagged_folder / "report", report=said.append)
     assert said[-1] == "Drawing and writing the page …"

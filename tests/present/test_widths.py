@@ -90,10 +90,10 @@ def slow(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
         (Study, "diagnosis"),
         (Study, "likelihood"),
         (Study, "plan"),
-        (design, "control_of"),
+        (design, "design_controller"),
         (build, "build_report"),
         (run_export, "export"),
-        (planned, "picture"),
+        (planned, "plan_picture"),
         (study, "read_campaign"),
     ):
         monkeypatch.setattr(owner, name, _once(name, getattr(owner, name), kept))
