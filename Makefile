@@ -26,7 +26,7 @@ $(VENV)/installed: $(VENV)/ready
 	touch $@
 
 # The simulation, compiled once and not by each worker of the tests; where that fails it is compiled at first use.
-KERNELS := from rovid.model.kernels import compile_now, is_compiled; is_compiled() or compile_now()
+KERNELS := from rovid.model.kernels import compile_all, is_compiled; is_compiled() or compile_all()
 
 $(VENV)/compiled: $(VENV)/installed
 	-$(BIN)/python -c '$(KERNELS)'

@@ -1,4 +1,4 @@
-"""What a person at a terminal sees: text from elsewhere steers nothing there."""
+"""Terminal output, in which text from files can neither be markup nor steer the terminal."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from rovid.core.errors import LINE_LENGTH, display_text
 
 
 class SafeConsole(Console):
-    """A console that prints every string as it is, without markup and with what is not seen as an escape.
+    """A console without markup, which prints invisible characters as escapes.
 
-    Names of files, columns and thrusters come from anywhere and are printed here like everything else.
+    Names of files, columns and thrusters come from anywhere, and are printed by it like all other text.
     """
 
     def __init__(self, **options: Any) -> None:  # those of Console
         super().__init__(markup=False, emoji=False, **options)
 
     def render_str(self, text: str, **options: Any) -> Text:  # those of Console
-        """Every string that is printed, or stands in a table, comes through here."""
+        """Text of every printed string and table cell."""
         return super().render_str(display_text(text, LINE_LENGTH), **options)
 
 
-def labelled_text(lead: str, text: str = "", style: str = "bold") -> Text:
-    """``text`` behind a ``lead`` in that style."""
+def labelled_text(label: str, text: str = "", style: str = "bold") -> Text:
+    """``text`` after a ``label`` in that style."""
     return Text.assemble(
-        (display_text(lead, LINE_LENGTH), style), f" {display_text(text, LINE_LENGTH)}" if text else ""
+        (display_text(label, LINE_LENGTH), style), f" {display_text(text, LINE_LENGTH)}" if text else ""
     )

@@ -1,4 +1,4 @@
-"""What can go wrong that the user can mend: where, what was found, what was wanted, how to mend it."""
+"""Errors that the user can correct: where, what was found, what was expected, and what to do."""
 
 from __future__ import annotations
 
@@ -9,66 +9,66 @@ from collections.abc import Iterable, Mapping
 from itertools import islice
 from types import MappingProxyType
 
-# Characters that a message gives to its place, to what was found and wanted, and to how to mend it: 2000 in all.
+# Characters of a message at most: place, finding and expectation, advice. 2000 in all.
 _PLACE, _FOUND, _MEND = 490, 1000, 500
-# Of a paragraph or a cell of a table; no sentence of ours is as long.
+# Characters of a paragraph or of a table cell at most. No sentence of rovid is as long.
 LINE_LENGTH = 2000
-# Of one name; and how many names are offered, and looked through.
+# Characters of one name at most; names offered and names searched at most.
 NAME_LENGTH = 200
-_OFFERED, _LOOKED_THROUGH = 12, 10_000
-# They steer a terminal, turn the direction of text or are none at all: controls, formats, surrogates, line and
-# paragraph separators, signs that no Unicode knows.
-_UNSEEN = {"Cc", "Cf", "Cs", "Zl", "Zp", "Cn"}
-_JOINERS = "\u200c\u200d"  # zero width, and part of many scripts' spelling
+_OFFERED, _SEARCHED = 12, 10_000
+# Unicode categories of characters that steer a terminal, change the direction of text or do not show: controls,
+# formats, surrogates, line and paragraph separators, unassigned.
+_INVISIBLE = {"Cc", "Cf", "Cs", "Zl", "Zp", "Cn"}
+_JOINERS = "\u200c\u200d"  # zero width, and part of the spelling in many scripts
 
 
-def is_visible(sign: str) -> bool:
-    """Whether a character is seen for what it is."""
-    return sign in _JOINERS or unicodedata.category(sign) not in _UNSEEN
+def is_visible(character: str) -> bool:
+    """Whether a character shows as itself."""
+    return character in _JOINERS or unicodedata.category(character) not in _INVISIBLE
 
 
 def escape_invisible(text: str) -> str:
-    """``text`` with everything that is not seen for what it is as an escape, as `repr` has it."""
+    """``text`` with an escape, as in `repr`, in place of each invisible character."""
     if text.isprintable():
         return text
     return "".join(map(_escaped, text))
 
 
-def _escaped(sign: str) -> str:
-    if is_visible(sign):
-        return sign
-    return sign.encode("unicode_escape").decode()
+def _escaped(character: str) -> str:
+    if is_visible(character):
+        return character
+    return character.encode("unicode_escape").decode()
 
 
 def display_text(text: object, length: int = NAME_LENGTH) -> str:
-    """Text from elsewhere (a name, a path, a cell) as people are shown it: visible, its middle left out where long."""
+    """Text from a file (a name, a path, a cell) without invisible characters, the middle of a long one left out."""
     whole = str(text)
     if len(whole) <= 2 * length:
-        seen = escape_invisible(whole)
-        if len(seen) <= length:
-            return seen
+        escaped = escape_invisible(whole)
+        if len(escaped) <= length:
+            return escaped
     else:
-        # Only the ends of what is very long are looked at; an escape is longer than its sign.
-        seen = escape_invisible(whole[:length]) + escape_invisible(whole[-length:])
+        # Only the ends of a very long text are needed. An escape is longer than its character.
+        escaped = escape_invisible(whole[:length]) + escape_invisible(whole[-length:])
     gap = f" … ({len(whole)} characters) … "
     kept = max(length - len(gap), 2)
-    behind = kept // 2
-    return seen[: kept - behind] + gap + seen[-behind:]
+    tail = kept // 2
+    return escaped[: kept - tail] + gap + escaped[-tail:]
 
 
 class RovidError(Exception):
-    """Root of every error that the user can mend; the command line prints it and exits with 2.
+    """Root of every error that the user can correct; the command line prints it and exits with 2.
 
-    Whatever it quotes from a file is shown as `shown` does, and the whole stays below 2000 characters.
+    Quoted text appears as by `display_text`, and the whole message has less than 2000 characters.
 
     Parameters
     ----------
     message
-        What was found and what was wanted.
+        What was found and what was expected.
     where
-        File, line, column or topic; printed in front of the message.
+        File, line, column or topic; printed before the message.
     mend
-        What to do about it; printed behind the message.
+        What the user can do; printed after the message.
     """
 
     def __init__(self, message: str, *, where: object = "", mend: str = "") -> None:
@@ -78,15 +78,15 @@ class RovidError(Exception):
 
 
 class ConfigError(RovidError):
-    """rovid.toml, a thrust curve or a command-line value is not what it should be."""
+    """rovid.toml, a thrust curve or a command-line value is invalid."""
 
 
 class LogError(RovidError):
-    """A log cannot be read as what it claims to be."""
+    """A log cannot be read in its format."""
 
 
 class DataError(RovidError):
-    """The logs are readable but cannot answer the question that was asked."""
+    """The logs are readable, but do not determine the requested result."""
 
 
 class OutputError(RovidError):
@@ -94,8 +94,8 @@ class OutputError(RovidError):
 
 
 def suggestion(wanted: str, present: Iterable[str], also: Mapping[str, str] = MappingProxyType({})) -> str:
-    """Sentence that offers the names `near` to ``wanted``, or all of them when none is."""
-    names = [str(name) for name in islice(present, _LOOKED_THROUGH)]
+    """Sentence with the `close_matches` of ``wanted``, or with all names ``present`` if there are none."""
+    names = [str(name) for name in islice(present, _SEARCHED)]
     if close := close_matches(wanted, names, also):
         return f"Nearest: {quoted_list(close)}."
     if not names:
@@ -105,28 +105,33 @@ def suggestion(wanted: str, present: Iterable[str], also: Mapping[str, str] = Ma
 
 
 def close_matches(wanted: str, present: Iterable[str], also: Mapping[str, str] = MappingProxyType({})) -> list[str]:
-    """The three names at most that may be meant by ``wanted``.
+    """Up to three of the names ``present`` that the user may mean by ``wanted``.
 
-    Near is what is spelt nearly so, what has ``wanted`` as a part, as `lag` is of `thruster_lag`, or is cut down to it,
-    as `heading` to `hdg`, and what goes by another word in ``also``: word -> name.
+    These are names that contain ``wanted`` as a word (`lag` of `thruster_lag`), names with a synonym like it, names
+    that it abbreviates (`hdg` for `heading`), and names with a similar spelling.
+
+    Parameters
+    ----------
+    also
+        Synonym -> name.
     """
-    # Names are compared by their beginnings: what one thing costs must not depend on a file's longest name.
-    names = {str(name)[:NAME_LENGTH].lower(): str(name) for name in islice(present, _LOOKED_THROUGH)}
+    # Only the beginnings are compared: the cost must not depend on the longest name of a file.
+    names = {str(name)[:NAME_LENGTH].lower(): str(name) for name in islice(present, _SEARCHED)}
     asked = wanted[:NAME_LENGTH].lower()
-    parts = [name for name in names if asked in re.split(r"[\W_]+", name)]
-    other = [also[word].lower() for word in difflib.get_close_matches(asked, also, n=1, cutoff=0.8)]
-    cut = [name for name in names if len(asked) > 2 and name[:1] == asked[:1] and _runs_through(asked, name)]
-    spelt = difflib.get_close_matches(asked, names, n=3, cutoff=0.5)
-    close = dict.fromkeys(name for name in (*parts, *other, *cut, *spelt) if name in names)
+    with_word = [name for name in names if asked in re.split(r"[\W_]+", name)]
+    synonyms = [also[word].lower() for word in difflib.get_close_matches(asked, also, n=1, cutoff=0.8)]
+    abbreviated = [name for name in names if len(asked) > 2 and name[:1] == asked[:1] and _is_subsequence(asked, name)]
+    similar = difflib.get_close_matches(asked, names, n=3, cutoff=0.5)
+    close = dict.fromkeys(name for name in (*with_word, *synonyms, *abbreviated, *similar) if name in names)
     return [names[name] for name in close][:3]
 
 
-def _runs_through(letters: str, name: str) -> bool:
-    """Whether ``name`` has all the ``letters``, in that order."""
-    left = iter(name)
-    return all(letter in left for letter in letters)
+def _is_subsequence(letters: str, name: str) -> bool:
+    """Whether ``name`` contains all ``letters`` in this order."""
+    rest = iter(name)
+    return all(letter in rest for letter in letters)
 
 
 def quoted_list(names: Iterable[str]) -> str:
-    """Names from elsewhere, each in quotes."""
+    """Names from files, each in quotes, separated by commas."""
     return ", ".join(f"'{display_text(name, NAME_LENGTH // 3)}'" for name in names)

@@ -1,4 +1,4 @@
-"""Names and text from elsewhere in the files that rovid writes: one function for each format."""
+"""Names and text from files, escaped for the formats that rovid writes: one function for each format."""
 
 from __future__ import annotations
 
@@ -11,135 +11,118 @@ from html import escape
 
 from rovid.core.errors import escape_invisible, is_visible
 
-# MATLAB's limit of a field's name, the narrowest of those that take identifiers.
-_LONGEST = 63
-# Where a spreadsheet sees a formula begin: ahead of a cell, and of what some countries' settings take for one.
-_FORMULA = re.compile(r"(?:^|[;,|])\s*(?=[=+@-])")
+# Characters; MATLAB's limit for a field's name, the narrowest of all formats with identifiers.
+_MAX_LENGTH = 63
+# Where a spreadsheet may begin a formula: at the start of a cell, and after the separators of some countries' settings.
+_FORMULA_START = re.compile(r"(?:^|[;,|])\s*(?=[=+@-])")
 
 
 def encodable(text: str) -> str:
-    """``text`` with what UTF-8 cannot hold, as of a file's name in another encoding, as an escape."""
+    """``text`` with escapes for what UTF-8 cannot hold, such as parts of a file name in another encoding."""
     return text.encode("utf-8", "backslashreplace").decode()
 
 
 def json_lines(text: str) -> str:
-    """A JSON document with what is not visible in its strings as JSON's own escapes."""
+    """A JSON document with JSON escapes for the invisible characters in its strings."""
     return "\n".join(map(_json_line, text.split("\n")))
 
 
 def _json_line(line: str) -> str:
-    # Most lines are, and a look at each sign takes long.
+    # Most lines need nothing, and looking at each character takes long.
     if line.isprintable():
         return line
-    return "".join(map(_json_sign, line))
+    return "".join(map(_json_character, line))
 
 
-def _json_sign(sign: str) -> str:
-    if is_visible(sign):
-        return sign
-    return json.dumps(sign)[1:-1]
+def _json_character(character: str) -> str:
+    if is_visible(character):
+        return character
+    return json.dumps(character)[1:-1]
 
 
 def xml_attribute(text: str) -> str:
-    """An attribute's value with its quotes."""
-    return f'"{escape(_xml_signs(text))}"'
+    """An XML attribute value with its quotes."""
+    return f'"{escape(_xml_text(text))}"'
 
 
 def xml_comment(text: str) -> str:
-    """Text for a comment, which may hold no two hyphens in a row."""
-    return re.sub("-(?=-)", "- ", escape(_xml_signs(text), quote=False))
+    """Text of an XML comment, which must not contain two hyphens in a row."""
+    return re.sub("-(?=-)", "- ", escape(_xml_text(text), quote=False))
 
 
-def _xml_signs(text: str) -> str:
-    """``text`` in signs that XML can hold, and without what xacro and Stonefish would work out: ${…} and $(…)."""
+def _xml_text(text: str) -> str:
+    """``text`` in characters that XML allows, without ${…} and $(…), which xacro and Stonefish would evaluate."""
     return re.sub(r"\$(?=[{(])", "$ ", escape_invisible(text))
 
 
 def toml_text(text: str) -> str:
-    """A string with its quotes, for TOML and for YAML, which read the same escapes."""
-    return f'"{"".join(map(_toml_sign, encodable(text)))}"'
+    """A quoted string for TOML and for YAML, which have the same escapes."""
+    return f'"{"".join(map(_toml_character, encodable(text)))}"'
 
 
 def toml_key(text: str) -> str:
-    """``text`` as a key of TOML."""
+    """``text`` as a TOML key."""
     return text if text.isascii() and text.isidentifier() else toml_text(text)
 
 
-def _toml_sign(sign: str) -> str:
-    if sign in '"\\':
-        return "\\" + sign
-    if is_visible(sign):
-        return sign
-    return _code_of(sign)
-
-
-def _code_of(sign: str) -> str:
-    code = ord(sign)
-    if code < 0x10000:
-        return f"\\u{code:04X}"
-    return f"\\U{code:08X}"
+def _toml_character(character: str) -> str:
+    if character in '"\\':
+        return "\\" + character
+    if is_visible(character):
+        return character
+    code = ord(character)
+    return f"\\u{code:04X}" if code < 0x10000 else f"\\U{code:08X}"
 
 
 def python_docstring(text: str) -> str:
-    """Text within three double quotes; a name by itself is a string literal by `repr`."""
+    """Text for a Python string in three double quotes."""
     return escape_invisible(text).replace("\\", "\\\\").replace('"', "'")
 
 
 def csv_line(cells: Sequence[str]) -> str:
-    """Names as a line of CSV without its end.
-
-    One that a spreadsheet would take for a formula gets an apostrophe in front, which spreadsheets take for text.
-    """
+    """Names as a line of CSV without its end. A name that a spreadsheet would evaluate gets an apostrophe in front."""
     line = io.StringIO()
-    writer(line, lineterminator="").writerow([_csv_cell(escape_invisible(cell)) for cell in cells])
+    cells = [_FORMULA_START.sub(r"\g<0>'", escape_invisible(cell)) for cell in cells]
+    writer(line, lineterminator="").writerow(cells)
     return line.getvalue()
 
 
-def _csv_cell(text: str) -> str:
-    return _FORMULA.sub(r"\g<0>'", text)
-
-
 def identifiers(names: Sequence[str], *, taken: Collection[str] = ()) -> list[str]:
-    """Each of ``names`` as XML, YAML, topics and programs take it; no two alike, and none of those ``taken``."""
+    """``names`` as identifiers for XML, YAML, topics and programs: all different, and none of those ``taken``."""
     return _distinct([_identifier(name) for name in names], taken)
 
 
 def _identifier(name: str) -> str:
     plain = re.sub(r"[^A-Za-z0-9_]", "_", name)
-    begins_well = re.match("[A-Za-z_]", plain)
-    return plain if begins_well else f"_{plain}"
+    return plain if re.match("[A-Za-z_]", plain) else f"_{plain}"
 
 
 def field_names(names: Sequence[str], *, taken: Collection[str] = ()) -> list[str]:
-    """Each of ``names`` as a column or field, letters of any script kept; no two alike, and none of those ``taken``."""
+    """``names`` as column or field names, with letters of any script: all different, and none of those ``taken``."""
     return _distinct([re.sub(r"\W+", "_", name) for name in names], taken)
 
 
 def _distinct(names: Sequence[str], taken: Collection[str]) -> list[str]:
-    """Each of ``names``, not too long; the second of a name and what is ``taken`` with a number behind."""
-    gone = set(taken)
-    # What is another's own name stays that one's.
-    own = gone.union(names)
-    last: dict[str, int] = {}
-    given = []
+    """``names`` cut to the maximum length; a name that occurs again or is ``taken`` gets a number."""
+    used = set(taken)
+    # A numbered name must not be a later name either.
+    reserved = used.union(names)
+    last_number: dict[str, int] = {}
+    result = []
     for name in names:
-        start = one = name[:_LONGEST]
-        if one in gone:
-            # All numbers up to the last that its like got are gone.
-            one, last[start] = _numbered(start, last.get(start, 1), own)
-        gone.add(one)
-        own.add(one)
-        given.append(one)
-    return given
+        start = candidate = name[:_MAX_LENGTH]
+        if candidate in used:
+            # All numbers up to the last one of this name are used.
+            candidate, last_number[start] = _numbered(start, last_number.get(start, 1), reserved)
+        used.add(candidate)
+        reserved.add(candidate)
+        result.append(candidate)
+    return result
 
 
-def _numbered(start: str, last: int, gone: Collection[str]) -> tuple[str, int]:
-    """``start`` with the first number behind ``last`` that makes it another name, and that number."""
+def _numbered(start: str, last: int, reserved: Collection[str]) -> tuple[str, int]:
+    """``start`` with the first number above ``last`` that makes a new name, and that number."""
     number = last + 1
-    while (one := _ended(start, f"_{number}")) in gone:
+    while (candidate := f"{start[: _MAX_LENGTH - len(str(number)) - 1]}_{number}") in reserved:
         number += 1
-    return one, number
-
-
-def _ended(start: str, end: str) -> str:
-    return start[: _LONGEST - len(end)] + end
+    return candidate, number

@@ -1,4 +1,4 @@
-"""Results as text: JSON, and numbers rounded to what is known."""
+"""Results as text: JSON, and numbers rounded to their uncertainty."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from rovid.core.escaping import encodable, json_lines
 
 
 def to_json(document: Any) -> str:
-    """JSON text; numbers that are not finite become null."""
+    """JSON text. Numbers that are not finite become null."""
     return json_lines(json.dumps(_finite(document), indent=2, ensure_ascii=False))
 
 
 def to_json_line(document: Any) -> str:
-    """The same on one line, for a stream of documents."""
+    """JSON text on one line, for a stream of documents. Numbers that are not finite become null."""
     return json_lines(json.dumps(_finite(document), ensure_ascii=False))
 
 
@@ -35,14 +35,14 @@ def _finite(value: Any) -> Any:
 
 
 def plus_minus(value: float, error: float) -> str:
-    """Value and standard error, rounded to two digits of the error, three where it begins with 1 to 3."""
+    """Value and standard error, rounded to two digits of the error, three if the error begins with 1 to 3."""
     if not math.isfinite(error) or error <= 0.0:
         return significant(value, 4)
     return f"{round_to_error(value, error)} ± {round_to_error(error, error)}"
 
 
 def round_to_error(value: float, error: float) -> str:
-    """``value`` as `plus_minus` rounds it; four digits where the standard error is not known."""
+    """``value`` rounded as by `plus_minus`; to four digits if the standard error is unknown."""
     if not math.isfinite(error) or error <= 0.0:
         return significant(value, 4)
     exponent = math.floor(math.log10(error))
@@ -51,10 +51,10 @@ def round_to_error(value: float, error: float) -> str:
 
 
 def significant(value: float, digits: int) -> str:
-    """``value`` with so many digits that count, without exponent from a millionth to a million."""
+    """``value`` to so many significant digits, without exponent from a millionth to a million."""
     if value == 0.0 or not math.isfinite(value):
         return f"{value:g}"
-    # Of what it is rounded to: 0.0996 is 0.10.
+    # The exponent after rounding: 0.0996 is 0.10.
     exponent = int(f"{value:.{digits - 1}e}".partition("e")[2])
     if not -6 <= exponent < 7:
         return f"{value:.{digits}g}"
@@ -62,5 +62,5 @@ def significant(value: float, digits: int) -> str:
 
 
 def rounded(value: float, decimals: int) -> str:
-    """``value`` with that many decimals, or negative ones before the point, without exponent; never minus zero."""
+    """``value`` to so many decimals, negative ones before the point, without exponent; never minus zero."""
     return f"{round(value, decimals) + 0.0:.{max(decimals, 0)}f}"

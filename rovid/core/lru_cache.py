@@ -1,4 +1,4 @@
-"""What was worked out lately, so that it need not be again: as much of it as there is room for."""
+"""A cache with a limited number of bytes."""
 
 from __future__ import annotations
 
@@ -9,57 +9,61 @@ from typing import Any, Protocol, TypeVar
 
 
 class HasNbytes(Protocol):
-    """What says how many bytes it takes."""
+    """An object of known size, such as an array."""
 
     @property
     def nbytes(self) -> int:
-        """Bytes."""
+        """Size in bytes."""
 
 
 Value = TypeVar("Value", bound=HasNbytes)
 
 
 class SizedCache:
-    """What was made, by all that it was made of; what has not been asked for the longest goes first.
+    """Values by key, up to ``max_bytes`` in total. The value that was not used for the longest time is evicted first.
 
-    Of ``most`` bytes all together. A weak reference among what it was made of does not keep that alive. What is asked
-    for ``in_turn``, from the first to the last again and again, is asked for next when it has not been for the longest:
-    then any other goes, and the latest is kept however large it is. Threads may ask for the same at the same time, and
-    make it twice.
+    A key that holds a weak reference does not keep its object alive. Several threads may compute the same value at
+    once.
+
+    Parameters
+    ----------
+    evict_randomly
+        For keys that are used in a fixed order again and again: the least recently used value is then needed next. A
+        random value is evicted instead, and the latest is kept however large it is.
     """
 
-    def __init__(self, most: int, *, evict_randomly: bool = False) -> None:
-        self.max_bytes, self.in_turn = most, evict_randomly
-        self._made: dict[Hashable, Any] = {}
+    def __init__(self, max_bytes: int, *, evict_randomly: bool = False) -> None:
+        self.max_bytes, self.evict_randomly = max_bytes, evict_randomly
+        self._values: dict[Hashable, Any] = {}
         self._bytes = 0
         self._lock = threading.Lock()
-        self._chance = random.Random(0)  # noqa: S311 - nothing is secret
+        self._random = random.Random(0)  # noqa: S311 - nothing is secret
 
     def get_or_make(self, key: Hashable, make: Callable[[], Value]) -> Value:
-        """What is kept under ``key``, or else what ``make`` gives, which is kept where there is room for it at all."""
+        """The value under ``key``, or the value that ``make`` returns, which is kept if it fits."""
         with self._lock:
-            found: Value | None = self._taken(key)
+            found: Value | None = self._pop(key)
             if found is not None:
-                self._keep(key, found)
+                self._put(key, found)
                 return found
         made = make()
-        if made.nbytes <= self.max_bytes or self.in_turn:
+        if made.nbytes <= self.max_bytes or self.evict_randomly:
             with self._lock:
-                self._taken(key)
-                self._keep(key, made)
-                while self._bytes > self.max_bytes and len(self._made) > self.in_turn:
-                    self._taken(self._dispensable())
+                self._pop(key)
+                self._put(key, made)
+                while self._bytes > self.max_bytes and len(self._values) > self.evict_randomly:
+                    self._pop(self._next_evicted())
         return made
 
-    def _dispensable(self) -> Hashable:
-        keys = list(self._made)
-        return keys[self._chance.randrange(len(keys) - 1)] if self.in_turn else keys[0]
+    def _next_evicted(self) -> Hashable:
+        keys = list(self._values)
+        return keys[self._random.randrange(len(keys) - 1)] if self.evict_randomly else keys[0]
 
-    def _taken(self, key: Hashable) -> Any:
-        found = self._made.pop(key, None)
+    def _pop(self, key: Hashable) -> Any:
+        found = self._values.pop(key, None)
         self._bytes -= 0 if found is None else found.nbytes
         return found
 
-    def _keep(self, key: Hashable, made: Any) -> None:
-        self._made[key] = made
-        self._bytes += made.nbytes
+    def _put(self, key: Hashable, value: Any) -> None:
+        self._values[key] = value
+        self._bytes += value.nbytes

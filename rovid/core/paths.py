@@ -1,19 +1,19 @@
-"""What may be opened: regular files and folders. A pipe or a device would be waited for without end."""
+"""Checks of input paths. Only regular files and folders are opened: reading a pipe or a device might never end."""
 
 from __future__ import annotations
 
 import errno
 import os
 import stat
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from rovid.core.errors import ConfigError, RovidError, close_matches, quoted_list
 
-_LOOP = "a link in a loop"
-_ABOVE = "a link to a folder that it lies in"
-_ODD: Mapping[Callable[[int], bool], str] = {
+_LINK_LOOP = "a link in a loop"
+_LINK_UP = "a link to a folder that it lies in"
+_SPECIAL_KINDS: Mapping[Callable[[int], bool], str] = {
     stat.S_ISFIFO: "a pipe",
     stat.S_ISSOCK: "a socket",
     stat.S_ISCHR: "a device",
@@ -24,14 +24,14 @@ _ABSENT = {errno.ENOENT, errno.ENOTDIR}
 
 @dataclass(frozen=True, kw_only=True)
 class FolderContents:
-    """What a folder holds, hidden files and folders left out.
+    """Files in a folder and in the folders inside it, without hidden ones.
 
     Attributes
     ----------
     files
-        By name: regular files, and links that lead nowhere.
-    odd
-        Of everything else that is neither file nor folder: what it is.
+        Regular files and dangling links, sorted.
+    special_files
+        Path -> kind of everything that is neither a regular file nor a folder.
     """
 
     files: tuple[Path, ...]
@@ -39,38 +39,38 @@ class FolderContents:
 
 
 def special_kind(path: Path) -> str:
-    """What ``path`` is where it is neither file nor folder, as "a pipe"; empty where it is, or where nothing is."""
+    """Kind of a special file, such as "a pipe"; empty for a regular file, a folder or nothing."""
     try:
         mode = path.stat().st_mode
-    except ValueError:  # a NUL, which no name holds
+    except ValueError:  # the name contains NUL
         return ""
     except OSError as error:
-        return _LOOP if error.errno == errno.ELOOP else ""
-    for test, what in _ODD.items():
+        return _LINK_LOOP if error.errno == errno.ELOOP else ""
+    for test, kind in _SPECIAL_KINDS.items():
         if test(mode):
-            return what
+            return kind
     return ""
 
 
 def require_regular(path: Path, error: type[RovidError] = ConfigError) -> None:
-    """Refuse to open what is neither file nor folder.
+    """Refuse a path that is neither a regular file nor a folder.
 
     Raises
     ------
     RovidError
-        It is a pipe, a socket, a device, or a link in a loop.
+        The path is a pipe, a socket, a device, or a link in a loop.
     """
-    if what := special_kind(path):
-        raise error(f"is {what}; a file was expected.", where=path, mend="Write what it holds to a file first.")
+    if kind := special_kind(path):
+        raise error(f"is {kind}; a file was expected.", where=path, mend="Write its content to a file first.")
 
 
 def require_exists(path: Path, error: type[RovidError] = ConfigError) -> None:
-    """Refuse a path at which there is neither file nor folder.
+    """Refuse a path at which there is neither a regular file nor a folder.
 
     Raises
     ------
     RovidError
-        Nothing is there, it cannot be reached, or it is a pipe, a socket, a device, or a link in a loop.
+        There is nothing, it cannot be reached, or it is a pipe, a socket, a device, or a link in a loop.
     """
     require_regular(path, error)
     try:
@@ -78,12 +78,12 @@ def require_exists(path: Path, error: type[RovidError] = ConfigError) -> None:
     except OSError as reason:
         if reason.errno not in _ABSENT:
             raise error(f"cannot be read ({reason.strerror}).", where=path) from reason
-        mend = f"{_beside(path)}Give a log or the folder that holds the logs."
+        mend = f"{_nearest_names(path)}Give a log or the folder that holds the logs."
         raise error("there is no such file or folder.", where=path, mend=mend) from reason
 
 
-def _beside(path: Path) -> str:
-    """What is called nearly as ``path`` in its folder, as a sentence; empty where nothing is."""
+def _nearest_names(path: Path) -> str:
+    """A sentence with names in the folder of ``path`` that are similar to its name; empty if there are none."""
     try:
         close = close_matches(path.name, sorted(other.name for other in path.parent.iterdir()))
     except (OSError, ValueError):
@@ -91,39 +91,31 @@ def _beside(path: Path) -> str:
     return f"Nearest: {quoted_list(close)}. " if close else ""
 
 
-def list_files(path: Path, on_error: Callable[[OSError], None]) -> FolderContents:
-    """The file itself, or what the folder and those inside it hold; links to folders are not followed.
+def list_files(path: Path, unreadable: Callable[[OSError], None]) -> FolderContents:
+    """All files in a folder and the folders inside it, or the file ``path`` itself. Links to folders are not followed.
 
     Parameters
     ----------
     unreadable
-        Told of each folder inside that cannot be read.
+        Called for each inner folder that cannot be read.
     """
     if not path.is_dir():
         return FolderContents(files=(path,), special_files={})
     files: list[Path] = []
-    strange: dict[Path, str] = {}
-    for here, folders, names in os.walk(path, onerror=on_error):
-        # What os.walk is left with here is where it goes next.
-        folders[:] = sorted(_shown(folders))
-        inside = [Path(here, name) for name in _shown(names)]
-        strange |= _strange((*(Path(here, name) for name in folders), *inside))
-        files += [one for one in inside if one not in strange]
-    return FolderContents(files=tuple(sorted(files)), special_files=dict(sorted(strange.items())))
+    special: dict[Path, str] = {}
+    for folder, folders, names in os.walk(path, onerror=unreadable):
+        # os.walk goes on with the folders that are left in this list.
+        folders[:] = sorted(name for name in folders if not name.startswith("."))
+        inner = [Path(folder, name) for name in names if not name.startswith(".")]
+        for found in (*(Path(folder, name) for name in folders), *inner):
+            if kind := special_kind(found) or _upward_link(found):
+                special[found] = kind
+        files += [found for found in inner if found not in special]
+    return FolderContents(files=tuple(sorted(files)), special_files=dict(sorted(special.items())))
 
 
-def _strange(paths: Iterable[Path]) -> dict[Path, str]:
-    """Those of ``paths`` that are not to be read or followed, and what they are."""
-    whats = {path: special_kind(path) or _above(path) for path in paths}
-    return {path: what for path, what in whats.items() if what}
-
-
-def _shown(names: list[str]) -> list[str]:
-    return [name for name in names if not name.startswith(".")]
-
-
-def _above(path: Path) -> str:
-    """That ``path`` is a link to a folder in which it lies; empty where it is not."""
+def _upward_link(path: Path) -> str:
+    """A description if ``path`` is a link to a folder that contains it; otherwise empty."""
     if path.is_symlink() and path.parent.resolve().is_relative_to(path.resolve()):
-        return _ABOVE
+        return _LINK_UP
     return ""

@@ -1,4 +1,4 @@
-"""When memory that is no longer of use is looked for and given back, in a process of rovid's own."""
+"""Settings of Python's garbage collector and of the memory allocator, for processes that rovid has to itself."""
 
 from __future__ import annotations
 
@@ -6,29 +6,28 @@ import atexit
 import gc
 import sys
 
-# So many objects more are made before it is looked for those that are of no use any more.
-_MANY = 100_000
-# Names of the settings in malloc.h.
-_TRIM_THRESHOLD, _MMAP_THRESHOLD, _ARENA_MAX = -1, -3, -8
-# Bytes; smaller than what a day's logs make, and larger than what is made again and again.
+# New objects between two garbage collections.
+_GC_THRESHOLD = 100_000
+# Parameter numbers of glibc's mallopt, from malloc.h.
+_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD, _M_ARENA_MAX = -1, -3, -8
+# Bytes; less than the arrays of a day's logs, and more than arrays that are made again and again.
 _LARGE = 16_000_000
 
 
 def tune_process() -> None:
-    """Look seldom for small objects that are of no use any more, and give large arrays back when they go."""
-    # Nothing that is imported goes before the end: to look it all through again and again takes long, and so it does
-    # at the end, when all of it goes.
-    gc.set_threshold(_MANY)
+    """Collect garbage seldom, and return large arrays to the system when they are deleted."""
+    # Imported modules stay until the end. A collection would look through all of them, also the one at the end.
+    gc.set_threshold(_GC_THRESHOLD)
     atexit.register(gc.freeze)
     if sys.platform == "linux":
-        _give_back()
+        _tune_malloc()
 
 
-def _give_back() -> None:
-    """The GNU library keeps a heap for each thread, and what it takes for large grows up to 32 MB with what it sees."""
+def _tune_malloc() -> None:
+    """Let glibc use one heap for all threads, and no heap for large arrays; by itself it raises that limit to 32 MB."""
     import ctypes
 
-    setting = getattr(ctypes.CDLL(None), "mallopt", None)
-    if setting is not None:
-        for name, value in ((_ARENA_MAX, 1), (_MMAP_THRESHOLD, _LARGE), (_TRIM_THRESHOLD, _LARGE)):
-            setting(name, value)
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
+    if mallopt is not None:
+        for parameter, value in ((_M_ARENA_MAX, 1), (_M_MMAP_THRESHOLD, _LARGE), (_M_TRIM_THRESHOLD, _LARGE)):
+            mallopt(parameter, value)

@@ -1,4 +1,4 @@
-"""How each kind of output is known again: by a mark in its first kilobytes that no foreign file has by chance."""
+"""Signatures: byte patterns by which rovid recognises its own output files, and no foreign file by chance."""
 
 from __future__ import annotations
 
@@ -6,101 +6,98 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-_HEAD = 4096
+_HEAD_BYTES = 4096
 
 
 @dataclass(frozen=True, kw_only=True)
 class FileSignature:
-    """A kind of output.
+    """How files of one kind are recognised.
 
     Attributes
     ----------
-    words
-        What it is called in a sentence, as "a parameter file".
-    mark
-        Found in the beginning of each such file.
-    replaced
-        Whether a file with the mark may be replaced. A log or a rovid.toml is the user's as soon as it is written: the
-        mark only says that the same might stand there already.
-    reach
-        How many bytes of a file the mark is looked for in; -1: all of them.
+    description
+        The kind in a sentence, such as "a parameter file".
+    pattern
+        Occurs near the beginning of each such file.
+    replaceable
+        Whether a file that matches may be replaced. A log or a rovid.toml belongs to the user once it is written: a
+        match then only means that the same content might be there already.
+    head_bytes
+        How many bytes of a file are searched; -1 for all.
     """
 
     description: str
     pattern: re.Pattern[bytes]
     replaceable: bool = True
-    reach: int = _HEAD
+    head_bytes: int = _HEAD_BYTES
 
     def matches(self, path: Path) -> bool:
-        """Whether the file bears the mark."""
+        """Whether the file has this signature."""
         with path.open("rb") as stream:
-            return self.pattern.search(stream.read(self.reach)) is not None
+            return self.pattern.search(stream.read(self.head_bytes)) is not None
 
 
-def _form(words: str, mark: bytes, *, replaced: bool = True, reach: int = _HEAD) -> FileSignature:
-    return FileSignature(
-        description=words, pattern=re.compile(mark, re.MULTILINE | re.DOTALL), replaceable=replaced, reach=reach
-    )
+def _signature(
+    description: str, pattern: bytes, *, replaceable: bool = True, head_bytes: int = _HEAD_BYTES
+) -> FileSignature:
+    compiled = re.compile(pattern, re.MULTILINE | re.DOTALL)
+    return FileSignature(description=description, pattern=compiled, replaceable=replaceable, head_bytes=head_bytes)
 
 
 def export_mark(name: str) -> str:
-    """The words by which an export in the format ``name`` is known."""
+    """Text that marks an export in the format ``name``."""
     return f"Written by rovid export {name}"
 
 
 def export_signature(name: str) -> FileSignature:
-    """An export in the format ``name``."""
-    mark = rb'"schema": "rovid-model/[0-9]' if name == "json" else re.escape(export_mark(name).encode()) + rb"[^\w-]"
-    return _form(f"an export for {name}", mark)
+    """Signature of an export in the format ``name``."""
+    pattern = rb'"schema": "rovid-model/[0-9]' if name == "json" else re.escape(export_mark(name).encode()) + rb"[^\w-]"
+    return _signature(f"an export for {name}", pattern)
 
 
-def plot_mark(of: str) -> str:
-    """The words by which a picture is known; ``of`` is what it belongs to."""
-    return f"rovid {of}"
+def plot_mark(document: str) -> str:
+    """Text that marks a picture or a printed page of a ``document``, such as "report"."""
+    return f"rovid {document}"
 
 
-def png_signature(of: str) -> FileSignature:
-    """A picture as PNG."""
-    mark = re.escape(plot_mark(of).encode())
-    return _form(f"a picture of a {of}", rb"\A\x89PNG\r\n\x1a\n.*tEXtSoftware\x00" + mark)
+def png_signature(document: str) -> FileSignature:
+    """Signature of a PNG picture."""
+    mark = re.escape(plot_mark(document).encode())
+    return _signature(f"a picture of a {document}", rb"\A\x89PNG\r\n\x1a\n.*tEXtSoftware\x00" + mark)
 
 
-def svg_signature(of: str) -> FileSignature:
-    """A picture as SVG."""
-    mark = re.escape(plot_mark(of).encode())
-    return _form(f"a picture of a {of}", rb"\A<\?xml.*<dc:creator>.*<dc:title>" + mark + b"</dc:title>")
+def svg_signature(document: str) -> FileSignature:
+    """Signature of an SVG picture."""
+    mark = re.escape(plot_mark(document).encode())
+    return _signature(f"a picture of a {document}", rb"\A<\?xml.*<dc:creator>.*<dc:title>" + mark + b"</dc:title>")
 
 
-def pdf_mark(of: str) -> str:
-    """The words by which a printed page is known; ``of`` is what it belongs to."""
-    return plot_mark(of)
+def pdf_signature(document: str) -> FileSignature:
+    """Signature of a PDF page."""
+    mark = re.escape(plot_mark(document).encode())
+    return _signature(f"a {document} as PDF", rb"\A%PDF-.*/(Creator|Producer) \(" + mark + rb" *\)")
 
 
-def pdf_signature(of: str) -> FileSignature:
-    """A page as PDF."""
-    mark = re.escape(pdf_mark(of).encode())
-    return _form(f"a {of} as PDF", rb"\A%PDF-.*/(Creator|Producer) \(" + mark + rb" *\)")
-
-
-PARAMETERS = _form("a parameter file", rb'^schema = "rovid-parameters/[0-9]+"\s*$')
-HISTORY = _form("a history of parameters", rb'\A\{"schema": "rovid-history/[0-9]+"')
-PAGE = _form("a page of rovid report", rb'^<meta name="generator" content="rovid [^"]*">$')
-COMPARISON = _form("a page of rovid compare", rb'^<meta name="generator" content="rovid compare [^"]*">$')
-FLEET_PAGE = _form("a page of rovid fleet", rb'^<meta name="generator" content="rovid-fleet [^"]*">$')
-# Parquet says at its end what it is.
-FLEET_TABLE = _form("a table of rovid fleet", rb'\APAR1.*"schema": "rovid-fleet/[0-9]', reach=-1)
-CAMPAIGN = _form("a campaign's diagnosis by rovid fleet", rb'\A\{\s*"schema": "rovid-campaign/[0-9]')
-C_SOURCE = _form("a controller in C", rb"\A/\* Heading controller, .{0,80} Written by rovid ")
-PYTHON_SOURCE = _form("a controller in Python", rb'\A"""Heading controller, .{0,80} Written by rovid ')
-# The first name of the header is quoted, which it need not be, another is not: nobody else writes CSV so, all read it.
-PLAN = _form("a command file of rovid plan", rb'\A"time_s",([^\n]*,)?[^",\n]+(,[^\n]*)?\n')
-CURVE = _form("a thrust curve of rovid fit-thruster", rb'\A"command",thrust_N\n')
-# A header without profile; its library is what mcap_bytes was told.
+PARAMETERS = _signature("a parameter file", rb'^schema = "rovid-parameters/[0-9]+"\s*$')
+HISTORY = _signature("a history of parameters", rb'\A\{"schema": "rovid-history/[0-9]+"')
+PAGE = _signature("a page of rovid report", rb'^<meta name="generator" content="rovid [^"]*">$')
+COMPARISON = _signature("a page of rovid compare", rb'^<meta name="generator" content="rovid compare [^"]*">$')
+FLEET_PAGE = _signature("a page of rovid fleet", rb'^<meta name="generator" content="rovid-fleet [^"]*">$')
+# Parquet stores its metadata at the end.
+FLEET_TABLE = _signature("a table of rovid fleet", rb'\APAR1.*"schema": "rovid-fleet/[0-9]', head_bytes=-1)
+CAMPAIGN = _signature("a campaign's diagnosis by rovid fleet", rb'\A\{\s*"schema": "rovid-campaign/[0-9]')
+C_SOURCE = _signature("a controller in C", rb"\A/\* Heading controller, .{0,80} Written by rovid ")
+PYTHON_SOURCE = _signature("a controller in Python", rb'\A"""Heading controller, .{0,80} Written by rovid ')
+# rovid quotes the first name of the header, which CSV does not need, and leaves another without quotes. No other
+# program writes CSV like this, and all can read it.
+PLAN = _signature("a command file of rovid plan", rb'\A"time_s",([^\n]*,)?[^",\n]+(,[^\n]*)?\n')
+CURVE = _signature("a thrust curve of rovid fit-thruster", rb'\A"command",thrust_N\n')
+# An MCAP header without profile, with this library name.
 RECORDING_LIBRARY = "rovid simulate"
-RECORDING = _form(
+RECORDING = _signature(
     "a recording of rovid simulate",
     rb"\A\x89MCAP0\r\n\x01.{8}\0{4}" + re.escape(len(RECORDING_LIBRARY).to_bytes(4, "little")) + b"rovid simulate",
 )
-LOG = _form("this very log", rb"\A(time_s,|\x89MCAP0\r\n\x01.{8}\0{4}\x05\0{3}rovid|PAR1)", replaced=False)
-CONFIG = _form("this very rovid.toml", rb"\A# Written by `rovid init`", replaced=False)
-GUESSED_CURVE = _form("this very guessed curve", CURVE.pattern.pattern, replaced=False)
+LOG = _signature("this very log", rb"\A(time_s,|\x89MCAP0\r\n\x01.{8}\0{4}\x05\0{3}rovid|PAR1)", replaceable=False)
+CONFIG = _signature("this very rovid.toml", rb"\A# Written by `rovid init`", replaceable=False)
+GUESSED_CURVE = _signature("this very guessed curve", CURVE.pattern.pattern, replaceable=False)

@@ -1,8 +1,9 @@
-"""Copies of this process that go the same way beside it, and share with it what takes long.
+"""Forked copies of this process: workers that share a map, and a single call in the background.
 
-Threads hand one lock to each other for all that is not compiled, however many cores there are. Copies do not: each does
-for itself what is quick, and of what takes long a part, which it tells the others. So all have the same at any time,
-and nothing but results goes from one to another.
+SPMD stands for single program, multiple data. Inside `forked_workers` this process and its copies run the same
+statements. Each of them does the quick work itself, so all have the same state at any time. Only in `parallel_map` do
+they divide the items among themselves and exchange the results. Threads would not help here: Python code runs in one of
+them at a time.
 """
 
 from __future__ import annotations
@@ -10,212 +11,317 @@ from __future__ import annotations
 import contextlib
 import os
 import pickle
+import platform
+import signal
 import struct
+import threading
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import Any, BinaryIO, Generic, NoReturn, Self, TypeVar
 
-from rovid.core.fork import can_fork, fork_process, kill_child, silence_child
 from rovid.core.threads import CORES_VARIABLE, core_count, thread_map
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-# More copies find little left to share.
-_MOST = 3
-# A place among the items that are shared, and what stands behind the last of them.
-_PLACE, _NONE = struct.Struct("=I"), 2**32 - 1
+# Forked workers; more of them find little left to share.
+_MAX_WORKERS = 3
+# An index among the shared items, and the index that says that no item is left.
+_INDEX, _NO_ITEM = struct.Struct("=I"), 2**32 - 1
 
 
 def parallel_map(
-    function: Callable[[Item], Result], items: Iterable[Item], *, among_threads: bool = True
+    function: Callable[[Item], Result], items: Iterable[Item], *, use_threads: bool = True
 ) -> list[Result]:
-    """``function`` of each of ``items``, shared with the copies where there are any, and among threads otherwise.
+    """``function`` of each item: shared among the forked workers if there are any, otherwise among threads.
 
-    Results go from one process to another: they are numbers, arrays and text, and nothing that is compared by identity.
-    Where threads cannot have a part in it, it is done one after the other.
+    Results are pickled on the way from one process to another. They must not be compared by identity.
+
+    Parameters
+    ----------
+    use_threads
+        Whether threads may run ``function`` if there are no workers. If not, the items are done one after the other.
     """
     team, every = _TEAM, list(items)
     if team is not None:
-        return team.share(function, every)
-    return thread_map(function, every) if among_threads else [function(item) for item in every]
+        return team.map(function, every)
+    if use_threads:
+        return thread_map(function, every)
+    return [function(item) for item in every]
 
 
 @contextlib.contextmanager
-def forked_workers(*, wanted: bool = True) -> Iterator[bool]:
-    """Copies go through all that is inside, and end where this process goes on; whether it is that one.
+def forked_workers(*, enabled: bool = True) -> Iterator[bool]:
+    """Run the block in copies of this process too; true in the original process.
 
-    There are none where none are ``wanted``, the system makes none, no core is free for one, or other threads may be
-    at work.
+    The copies end with the block. There are none if ``enabled`` is false, on systems other than Linux, without a free
+    core, or outside the main thread.
     """
-    if not wanted or _TEAM is not None or not can_fork():
+    if not enabled or _TEAM is not None or not can_fork():
         yield True
         return
-    copies = _begin(min(core_count() - 1, _MOST))
+    workers = _start_workers(min(core_count() - 1, _MAX_WORKERS))
     try:
-        yield copies is not None
+        yield workers is not None
     finally:
-        if copies is None:
+        if workers is None:
             os._exit(0)
-        _disband()
-        for copy in copies:
-            kill_child(copy)
+        _leave_team()
+        for worker in workers:
+            kill_child(worker)
 
 
-def _begin(count: int) -> list[int] | None:
-    """So many copies begin here, or as many as there is room for; their numbers, None in a copy."""
-    places, lines, copies = os.pipe(), list[_Line](), list[int]()
-    for _ in range(count):
-        back, forth = os.pipe(), os.pipe()
-        ours, theirs = _Line(back[0], forth[1]), _Line(forth[0], back[1])
+def can_fork() -> bool:
+    """Whether this process can be copied: on Linux, from the main thread, with a free core."""
+    in_main_thread = threading.current_thread() is threading.main_thread()
+    return platform.system() == "Linux" and core_count() > 1 and in_main_thread
+
+
+def fork_process() -> int:
+    """Fork this process: the process number of the copy, 0 in the copy.
+
+    Raises
+    ------
+    OSError
+        The system has no room for another process.
+    """
+    with warnings.catch_warnings():
+        # Other threads wait for work meanwhile. They hold no lock that the copy needs.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        return os.fork()
+
+
+def silence_child() -> None:
+    """In a copy: restore the default signal handlers, and connect the standard streams to nowhere."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_DFL)
+    null = os.open(os.devnull, os.O_RDWR)
+    for standard in range(3):
+        os.dup2(null, standard)
+
+
+def kill_child(process: int) -> None:
+    """Kill the copy with this process number, and wait for its end."""
+    os.kill(process, signal.SIGKILL)
+    os.waitpid(process, 0)
+
+
+class ForkedCall(Generic[Result]):
+    """A call of ``function`` in a copy of this process, which meanwhile goes on.
+
+    The result is pickled. It is None if the process cannot be copied, or if ``function`` fails.
+    """
+
+    def __init__(self, function: Callable[[], Result]) -> None:
+        self._child: int | None = None
+        self._pipe: BinaryIO | None = None
+        if not can_fork():
+            return
+        reads, writes = os.pipe()
         try:
-            copy = fork_process()
+            self._child = fork_process()
+        except OSError:
+            os.close(reads)
+            os.close(writes)
+            return
+        if self._child == 0:
+            os.close(reads)
+            self._run_in_child(function, writes)
+        os.close(writes)
+        self._pipe = os.fdopen(reads, "rb")
+
+    @staticmethod
+    def _run_in_child(function: Callable[[], object], writes: int) -> NoReturn:
+        try:
+            silence_child()
+            with os.fdopen(writes, "wb") as pipe:
+                pickle.dump(function(), pipe, protocol=pickle.HIGHEST_PROTOCOL)
+        finally:
+            os._exit(0)
+
+    @property
+    def is_running(self) -> bool:
+        """Whether a copy was started, and its result was not fetched yet."""
+        return self._pipe is not None
+
+    def result(self) -> Result | None:
+        """Wait for the result."""
+        if self._pipe is None:
+            return None
+        data = self._pipe.read()
+        self.stop()
+        result: Result | None = None
+        with contextlib.suppress(EOFError, pickle.UnpicklingError):
+            result = pickle.loads(data)  # noqa: S301 - written by a copy of this process
+        return result
+
+    def stop(self) -> None:
+        """End the copy, finished or not."""
+        if self._pipe is None or self._child is None:
+            return
+        self._pipe.close()
+        self._pipe = None
+        kill_child(self._child)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+
+def _start_workers(count: int) -> list[int] | None:
+    """Fork up to ``count`` workers: their process numbers, None in a worker."""
+    indices, connections, workers = os.pipe(), list[_Connection](), list[int]()
+    for _ in range(count):
+        to_parent, to_worker = os.pipe(), os.pipe()
+        ours, theirs = _Connection(to_parent[0], to_worker[1]), _Connection(to_worker[0], to_parent[1])
+        try:
+            worker = fork_process()
         except OSError:
             ours.close()
             theirs.close()
             break
-        if copy == 0:
-            for line in (ours, *lines):
-                line.close()
-            os.close(places[1])
+        if worker == 0:
+            for connection in (ours, *connections):
+                connection.close()
+            os.close(indices[1])
             silence_child()
-            _join(_Team(places[0], None, [theirs]))
+            _join_team(_Team(indices[0], None, [theirs]))
             return None
         theirs.close()
-        lines.append(ours)
-        copies.append(copy)
-    team = _Team(places[0], places[1], lines)
-    if copies:
-        _join(team)
+        connections.append(ours)
+        workers.append(worker)
+    team = _Team(indices[0], indices[1], connections)
+    if workers:
+        _join_team(team)
     else:
         team.close()
-    return copies
+    return workers
 
 
 @dataclass(frozen=True, eq=False)
-class _Line:
-    """Ends of pipes to and from another process."""
+class _Connection:
+    """Pipe ends to and from another process. Each message is a pickled object behind its length in bytes."""
 
     reads: int
     writes: int
 
-    def say(self, what: object) -> None:
-        told = pickle.dumps(what, protocol=pickle.HIGHEST_PROTOCOL)
+    def send(self, message: object) -> None:
+        data = pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL)
         with os.fdopen(self.writes, "wb", closefd=False) as pipe:
-            pipe.write(_PLACE.pack(len(told)) + told)
+            pipe.write(_INDEX.pack(len(data)) + data)
 
-    def hear(self) -> Any:
-        with os.fdopen(self.reads, "rb", buffering=0, closefd=False) as pipe:
-            (length,) = _PLACE.unpack(_read(pipe, _PLACE.size))
-            return pickle.loads(_read(pipe, length))  # noqa: S301 - of a copy of this process
+    def receive(self) -> Any:
+        """The next message; `EOFError` if the other process has ended."""
+        with os.fdopen(self.reads, "rb", closefd=False) as pipe:
+            header = pipe.read(_INDEX.size)
+            if len(header) < _INDEX.size:
+                raise EOFError
+            (length,) = _INDEX.unpack(header)
+            data = pipe.read(length)
+            if len(data) < length:
+                raise EOFError
+            return pickle.loads(data)  # noqa: S301 - written by a copy of this process
 
     def close(self) -> None:
         os.close(self.reads)
         os.close(self.writes)
 
 
-def _read(pipe: Any, count: int) -> bytes:
-    told = b""
-    while len(told) < count:
-        more = pipe.read(count - len(told))
-        if not more:
-            raise EOFError
-        told += more
-    return told
-
-
 @dataclass(eq=False)
 class _Team:
-    """A process as one of those that go in step.
+    """One process among those that share the items of a map.
 
     Attributes
     ----------
-    places
-        Where each of them takes the place of its next item.
-    hands_out
-        Where the first process puts them; None in a copy.
-    lines
-        To each of the copies, or to the first process.
-    is_at_work
-        Whether it does its part of what is shared.
-    share_before
-        Its share of the cores before, as the environment had it; in a team it is one core.
+    indices
+        Pipe end from which every process reads the index of its next item.
+    index_writer
+        Pipe end to which the first process writes all indices; None in a worker.
+    connections
+        Those to the workers, or the one to the first process.
+    is_busy
+        Whether this process is doing its part of a map.
+    cores_before
+        The environment's limit on cores before. In a team each process has one core.
     """
 
-    places: int
-    hands_out: int | None
-    lines: Sequence[_Line]
-    is_at_work: bool = False
-    share_before: str | None = field(default_factory=lambda: os.environ.get(CORES_VARIABLE))
+    indices: int
+    index_writer: int | None
+    connections: Sequence[_Connection]
+    is_busy: bool = False
+    cores_before: str | None = field(default_factory=lambda: os.environ.get(CORES_VARIABLE))
 
-    def share(self, function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
-        """As `shared`; what is to be shared within that stays where it is, and one item is nothing to share."""
-        if self.is_at_work or len(items) < 2:
+    def map(self, function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
+        """``function`` of each item. A map inside ``function`` is not shared, nor is a single item."""
+        if self.is_busy or len(items) < 2:
             return [function(item) for item in items]
-        self.is_at_work = True
+        self.is_busy = True
         done: dict[int, Result] = {}
         try:
-            if self.hands_out is not None:
-                ends = [_NONE] * (1 + len(self.lines))
-                os.write(self.hands_out, b"".join(map(_PLACE.pack, (*range(len(items)), *ends))))
-            while (at := self._next()) != _NONE:
-                done[at] = function(items[at])
-            self._tell_each_other(done)
+            if self.index_writer is not None:
+                ends = [_NO_ITEM] * (1 + len(self.connections))
+                os.write(self.index_writer, b"".join(map(_INDEX.pack, (*range(len(items)), *ends))))
+            while (index := self._next_index()) != _NO_ITEM:
+                done[index] = function(items[index])
+            self._exchange(done)
         except BaseException as error:
-            if self.hands_out is None:
+            if self.index_writer is None:
                 os._exit(1)
-            _disband()
+            _leave_team()
             if not isinstance(error, OSError | EOFError):
                 raise
         finally:
-            self.is_at_work = False
-        # What one had taken that ended before its time is done here.
-        return [done[at] if at in done else function(item) for at, item in enumerate(items)]
+            self.is_busy = False
+        # Items that a killed worker had taken are done here.
+        return [done[index] if index in done else function(item) for index, item in enumerate(items)]
 
-    def _next(self) -> int:
-        """Place of the item that nobody has taken yet."""
-        told = os.read(self.places, _PLACE.size)
-        if not told:
+    def _next_index(self) -> int:
+        """Index of an item that no process has taken yet."""
+        data = os.read(self.indices, _INDEX.size)
+        if not data:
             raise EOFError
-        return int(_PLACE.unpack(told)[0])
+        return int(_INDEX.unpack(data)[0])
 
-    def _tell_each_other(self, done: dict[int, Any]) -> None:
-        """Until all have what any has ``done``: by way of the first process."""
-        if self.hands_out is None:
-            (first,) = self.lines
-            first.say(done)
-            done.update(first.hear())
+    def _exchange(self, done: dict[int, Any]) -> None:
+        """Complete ``done`` in every process. The first process collects all results and sends them out."""
+        if self.index_writer is None:
+            (first,) = self.connections
+            first.send(done)
+            done.update(first.receive())
             return
-        for line in self.lines:
-            done.update(line.hear())
-        for line in self.lines:
-            line.say(done)
+        for connection in self.connections:
+            done.update(connection.receive())
+        for connection in self.connections:
+            connection.send(done)
 
     def close(self) -> None:
-        """Whoever waits at the other ends is told that nobody comes."""
-        for line in self.lines:
-            line.close()
-        for end in (self.places, self.hands_out):
-            if end is not None:
-                os.close(end)
+        """Close all pipe ends. A process that waits at another end gets an `EOFError`."""
+        for connection in self.connections:
+            connection.close()
+        os.close(self.indices)
+        if self.index_writer is not None:
+            os.close(self.index_writer)
 
 
 _TEAM: _Team | None = None
 
 
-def _join(team: _Team) -> None:
-    global _TEAM  # noqa: PLW0603 - a process is in one team, whoever asks
+def _join_team(team: _Team) -> None:
+    global _TEAM  # noqa: PLW0603 - a process is in one team
     _TEAM = team
     os.environ[CORES_VARIABLE] = "1"
 
 
-def _disband() -> None:
+def _leave_team() -> None:
     """Go on alone, with all cores."""
     global _TEAM  # noqa: PLW0603 - as above
     if _TEAM is None:
         return
     _TEAM.close()
     del os.environ[CORES_VARIABLE]
-    if _TEAM.share_before is not None:
-        os.environ[CORES_VARIABLE] = _TEAM.share_before
+    if _TEAM.cores_before is not None:
+        os.environ[CORES_VARIABLE] = _TEAM.cores_before
     _TEAM = None

@@ -1,6 +1,7 @@
-"""Tails and quantiles of the usual distributions.
+"""Tail probabilities and quantiles of common distributions.
 
-Whoever asks first imports them: that takes a sixth of the start of a command, and most commands need none.
+scipy is imported at the first call: importing it takes a sixth of a command's start, and most commands need none of
+this.
 """
 
 from __future__ import annotations
@@ -8,50 +9,50 @@ from __future__ import annotations
 import math
 
 
-def chi2_sf(freedom: float, value: float) -> float:
-    """Probability that chi-square with so many degrees of freedom is larger."""
+def chi2_sf(dof: float, value: float) -> float:
+    """Probability that chi-square with ``dof`` degrees of freedom exceeds ``value``."""
     from scipy import special
 
-    return float(special.chdtrc(freedom, value))
+    return float(special.chdtrc(dof, value))
 
 
-def f_sf(above: float, below: float, ratio: float) -> float:
-    """Probability that Fisher's F is larger, with degrees of freedom ``above`` and ``below`` the line."""
+def f_sf(numerator_dof: float, denominator_dof: float, ratio: float) -> float:
+    """Probability that Fisher's F exceeds ``ratio``."""
     from scipy import special
 
-    return float(special.fdtrc(above, below, ratio))
+    return float(special.fdtrc(numerator_dof, denominator_dof, ratio))
 
 
-def f_cdf(above: float, below: float, ratio: float) -> float:
-    """Probability that Fisher's F is smaller; see `beyond_f`."""
+def f_cdf(numerator_dof: float, denominator_dof: float, ratio: float) -> float:
+    """Probability that Fisher's F is less than ``ratio``."""
     from scipy import special
 
-    return float(special.fdtr(above, below, ratio))
+    return float(special.fdtr(numerator_dof, denominator_dof, ratio))
 
 
-def t_cdf(freedom: float, value: float) -> float:
-    """Probability that Student's t is smaller."""
+def t_cdf(dof: float, value: float) -> float:
+    """Probability that Student's t is less than ``value``."""
     from scipy import special
 
-    return float(special.stdtr(freedom, value))
+    return float(special.stdtr(dof, value))
 
 
-def t_quantile(probability: float, freedom: float) -> float:
-    """Quantile of Student's t; of the normal distribution for infinite degrees of freedom."""
+def t_quantile(probability: float, dof: float) -> float:
+    """Quantile of Student's t; of the normal distribution if ``dof`` is infinite."""
     from scipy import special
 
-    return float(special.ndtri(probability) if math.isinf(freedom) else special.stdtrit(freedom, probability))
+    return float(special.ndtri(probability) if math.isinf(dof) else special.stdtrit(dof, probability))
 
 
 def logistic(log_odds: float) -> float:
-    """Probability of what has such odds."""
+    """Probability with these logarithmic odds."""
     from scipy import special
 
     return float(special.expit(log_odds))
 
 
 def logit(probability: float) -> float:
-    """Logarithm of the odds of what is so probable; infinite at 0 and 1."""
+    """Logarithmic odds of a probability; infinite at 0 and 1."""
     from scipy import special
 
     return float(special.logit(probability))

@@ -81,7 +81,7 @@ def diagnose(prepared: PreparedRuns, vehicle: Vehicle, report: ProgressCallback 
     if lack := missing_data(runs, prepared.cutoff):
         return Diagnosis(verdict="too_little_data", missing=lack, warnings=tuple(notes))
     preload()
-    with forked_workers(wanted=_is_shared_by_copies(prepared.items)) as is_first:
+    with forked_workers(enabled=_is_shared_by_copies(prepared.items)) as is_first:
         report = report if is_first else _unsaid
         try:
             start = fit_output_error(runs, min_sigmas=0.0)

@@ -106,7 +106,7 @@ def fit_in_parallel(misfits: Sequence[NegativeLogLikelihood], fit: Callable[[int
     order = sorted(range(len(misfits)), key=lambda at: _length(misfits[at]), reverse=True)
     # Each fit holds innovations at two points, and beside them: where these are many, threads share the passes of one.
     few = all(len(misfit.data.run_index) < _MANY for misfit in misfits)
-    found = dict(zip(order, parallel_map(numbers, order, among_threads=few), strict=True))
+    found = dict(zip(order, parallel_map(numbers, order, use_threads=few), strict=True))
     return [FitResult(misfit, *found[at]) for at, misfit in enumerate(misfits)]
 
 

@@ -291,7 +291,7 @@ def _with_effect(rows: _Rows, plain: Model) -> tuple[Explanation, ...]:
 
     # Amplitudes tell nothing of waves, nor of what acts by the heading.
     tried = [effect for effect in forms_for(rows.vehicle) if not isinstance(effect.acts, OnHeading | WaveTorque)]
-    with forked_workers(wanted=is_compiled()):
+    with forked_workers(enabled=is_compiled()):
         return _best_forms(rows.nearest(plain, tried))
 
 

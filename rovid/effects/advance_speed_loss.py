@@ -64,7 +64,7 @@ _COEFFICIENT = EffectParameter(
     low=0.0,
     high=2.0,
     initial_values=(0.05,),
-    scale="torque/race/rate",
+    scale="torque/wash/rate",
 )
 
 EFFECT: Effect = Effect(
@@ -80,7 +80,7 @@ EFFECT: Effect = Effect(
 _MEASURED = replace(
     EFFECT,
     form="measured",
-    parameters=(replace(_COEFFICIENT, scale="root/surge"),),
+    parameters=(replace(_COEFFICIENT, scale="sqrt_thrust/surge"),),
     equation="each thrust less a·√|F|·s·u, u the logged speed ahead, s the thruster's share along it",
     fingerprint="residual torque as the root of the thrust times the speed ahead; none of it while coasting",
     experiment="the same commands at several speeds ahead; coast-downs at speed, which know no thrust",

@@ -79,7 +79,7 @@ FORMS: tuple[Effect, ...] = (
         EFFECT,
         form="estimated",
         parameters=(
-            replace(_DRIFT, unit="N^0.5 m s/rad", scale="torque/root/rate"),
+            replace(_DRIFT, unit="N^0.5 m s/rad", scale="torque/sqrt_thrust/rate"),
             _FADES,
             EffectParameter(
                 name="surge_time_constant", unit="s", neutral=0.0, low=0.0, high=200.0, initial_values=(3.0, 12.0)

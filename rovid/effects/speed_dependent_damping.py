@@ -66,7 +66,7 @@ FORMS: tuple[Effect, ...] = (
         EFFECT,
         form="estimated",
         parameters=(
-            replace(_LINEAR, unit="N^0.5 m s/rad", scale="torque/root/rate"),
+            replace(_LINEAR, unit="N^0.5 m s/rad", scale="torque/sqrt_thrust/rate"),
             EffectParameter(
                 name="time_constant", unit="s", neutral=0.0, low=0.0, high=200.0, initial_values=(2.0, 10.0)
             ),

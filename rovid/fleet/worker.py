@@ -20,7 +20,7 @@ from rovid.core.threads import CORES_VARIABLE
 from rovid.fleet.campaign_record import CampaignRecord, CampaignTask
 
 # Settled first: most of what it ever makes is made by importing.
-_CODE = "from rovid.core.process_tuning import settle; settle(); from rovid.fleet.worker import main; main()"
+_CODE = "from rovid.core.process_tuning import tune_process; tune_process(); from rovid.fleet.worker import main; main()"
 
 
 def diagnose_campaign(task: CampaignTask, patience: float, cores: int) -> CampaignRecord:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from rovid.core.fork import ForkedCall
+from rovid.core.spmd import ForkedCall
 from rovid.readers.discover import are_large, find_logs, read_trials
 from rovid.trial.axis import Axis
 from rovid.trial.config import Config, find_config, load_config
@@ -34,7 +34,7 @@ class PrefetchedReader(ForkedCall[_Read]):
     def __call__(self, path: Path, config: Config, name: str, remarks: list[Remark]) -> list[Trial]:
         """What is to be used of a log; ``remarks`` grow by what there is to say of it."""
         if self._known is None:
-            if self.is_at_work:
+            if self.is_running:
                 self._meanwhile()
             self._known = self.result() or {}
         # What was read is only kept by whom it is given to.

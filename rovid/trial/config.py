@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from rovid.core.errors import NAME_LENGTH, ConfigError, suggestion
-from rovid.core.folder_lock import recover
+from rovid.core.transaction import recover
 from rovid.core.paths import require_exists, special_kind
 from rovid.core.toml import expected_number, read_toml
 from rovid.trial.axis import AXES, YAW, Axis, other_axes

@@ -107,6 +107,6 @@ def test_logs_may_be_given_one_by_one_and_twice(day: Path, rovid: Rovid) -> None
 
 def test_what_opens_logs_has_a_second_process_compile(day: Path, rovid: Rovid, monkeypatch: pytest.MonkeyPatch) -> None:
     begun: list[str] = []
-    monkeypatch.setattr("rovid.model.kernels.begin", lambda: begun.append("begun"))
+    monkeypatch.setattr("rovid.model.kernels.start_compiling", lambda: begun.append("begun"))
     assert rovid("fit-inertia", day).code == 0
     assert begun == ["begun"]

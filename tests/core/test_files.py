@@ -1,4 +1,4 @@
-"""Nothing of the user's is replaced, nothing is half written, and no result is lost."""
+"""Output files: no file of the user is replaced, no set is left half written, and no result is lost."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from pathlib import Path
 
 import pytest
 
-from rovid.core import journal as journal_module
+from rovid.core import transaction
 from rovid.core.atomic_write import OutputFile, OutputSet
 from rovid.core.errors import ConfigError, OutputError
 from rovid.core.signatures import (
@@ -32,6 +32,7 @@ from rovid.core.signatures import (
     export_signature,
     png_signature,
 )
+from rovid.core.transaction import recover
 from rovid.trial.config import find_config
 from tests.conftest import ROOT
 
@@ -41,21 +42,21 @@ FORMS = [PARAMETERS, PAGE, PLAN, CURVE, RECORDING, C_SOURCE, LOG, png_signature(
 POSIX = pytest.mark.skipif(os.name != "posix", reason="modes and signals are POSIX")
 
 
-def leavings(folder: Path) -> list[str]:
+def hidden_files(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.rglob(".*"))
 
 
-def message(claim: OutputSet, output: OutputFile, content: str) -> str:
+def message(output_set: OutputSet, output: OutputFile, content: str) -> str:
     with pytest.raises(OutputError) as refused:
-        claim.write({output: content})
+        output_set.write({output: content})
     return str(refused.value)
 
 
-def saved_in(said: str) -> Path:
-    return Path(said.rsplit(" is in ", 1)[1].rstrip("."))
+def saved_in(text: str) -> Path:
+    return Path(text.rsplit(" saved in ", 1)[1].rstrip("."))
 
 
-@pytest.mark.parametrize("form", FORMS, ids=lambda form: form.words)
+@pytest.mark.parametrize("form", FORMS, ids=lambda form: form.description)
 def test_a_foreign_file_is_refused_before_the_work(form: FileSignature, tmp_path: Path) -> None:
     path = tmp_path / "mine"
     path.write_text("time,heading\n0,1\n")
@@ -84,21 +85,21 @@ def test_another_form_of_output_is_foreign(tmp_path: Path) -> None:
         (PARAMETERS, '[notes]\nsaid = "schema = rovid-parameters/1"\n'),
     ],
 )
-def test_what_others_write_bears_no_mark(form: FileSignature, text: str, tmp_path: Path) -> None:
+def test_files_of_other_programs_do_not_match(form: FileSignature, text: str, tmp_path: Path) -> None:
     (tmp_path / "x").write_text(text)
     assert not form.matches(tmp_path / "x")
 
 
-def test_what_is_read_is_never_written_over(tmp_path: Path) -> None:
+def test_an_input_is_never_replaced(tmp_path: Path) -> None:
     log = tmp_path / "parameters.toml"
     log.write_text(SCHEMA)
     (tmp_path / "link").symlink_to(log)
     for path in (log, tmp_path / "link"):
-        with pytest.raises(OutputError, match="not written over"):
+        with pytest.raises(OutputError, match="never replaced"):
             OutputSet([OutputFile(path, PARAMETERS)], force=True, protected=[log])
 
 
-def test_an_empty_file_holds_nothing_to_lose(tmp_path: Path) -> None:
+def test_an_empty_file_may_be_replaced(tmp_path: Path) -> None:
     output = OutputFile(tmp_path / "x", PARAMETERS)
     output.path.touch()
     OutputSet([output]).write({output: SCHEMA})
@@ -112,7 +113,7 @@ def test_the_same_log_again_is_fine_and_another_is_not(tmp_path: Path) -> None:
     OutputSet([output], protected=[output.path]).write({output: "time_s,a\n0,1\n"})
     assert output.path.stat() == before
     assert "is there already" in message(OutputSet([output]), output, "time_s,a\n0,2\n")
-    assert leavings(tmp_path) == []
+    assert hidden_files(tmp_path) == []
     assert list(Path.cwd().iterdir()) == []
 
 
@@ -131,11 +132,11 @@ def test_two_outputs_in_one_place_are_refused(tmp_path: Path) -> None:
         OutputSet([OutputFile(tmp_path / "x", PLAN), OutputFile(tmp_path / "y" / ".." / "x", CURVE)])
 
 
-def test_what_came_to_stand_there_meanwhile_stays(tmp_path: Path) -> None:
+def test_a_file_written_meanwhile_stays(tmp_path: Path) -> None:
     output = OutputFile(tmp_path / "x", PARAMETERS)
-    claim = OutputSet([output])
+    output_set = OutputSet([output])
     output.path.write_text("mine\n")
-    saved = saved_in(message(claim, output, SCHEMA))
+    saved = saved_in(message(output_set, output, SCHEMA))
     assert output.path.read_text() == "mine\n"
     assert saved.read_text() == SCHEMA
 
@@ -173,25 +174,25 @@ def test_a_new_file_goes_by_the_umask(tmp_path: Path) -> None:
 
 
 def test_file_and_folder_are_on_the_disk_before_it_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    said: list[str] = []
+    text: list[str] = []
     real_fsync, real_replace = os.fsync, os.replace
 
     def fsync(handle: int) -> None:
-        said.append("folder" if stat.S_ISDIR(os.fstat(handle).st_mode) else "file")
+        text.append("folder" if stat.S_ISDIR(os.fstat(handle).st_mode) else "file")
         real_fsync(handle)
 
     def replace(source: Path, target: Path) -> None:
-        said.append("rename")
+        text.append("rename")
         real_replace(source, target)
 
     monkeypatch.setattr(os, "fsync", fsync)
     monkeypatch.setattr(os, "replace", replace)
     output = OutputFile(tmp_path / "x", PLAN)
     OutputSet([output]).write({output: "x"})
-    assert said == ["file", "rename", "folder"]
+    assert text == ["file", "rename", "folder"]
 
 
-def test_a_claim_leaves_nothing(tmp_path: Path) -> None:
+def test_the_check_before_the_work_leaves_nothing(tmp_path: Path) -> None:
     OutputSet([OutputFile(tmp_path / "new" / "folder" / "x", PLAN)])
     assert [path.name for path in tmp_path.iterdir()] == ["here"]
 
@@ -204,9 +205,9 @@ def test_a_file_in_place_of_a_folder_is_found_before_the_work(tmp_path: Path) ->
 
 def test_a_full_disk_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     outputs = [OutputFile(tmp_path / "set" / name, PARAMETERS) for name in ("a", "b/c")]
-    claim = OutputSet(outputs)
-    claim.write(dict.fromkeys(outputs, SCHEMA))
-    real = journal_module.write_synced
+    output_set = OutputSet(outputs)
+    output_set.write(dict.fromkeys(outputs, SCHEMA))
+    real = transaction.write_synced
 
     def full(path: Path, data: bytes) -> None:
         if path.is_relative_to(tmp_path / "set"):
@@ -214,10 +215,10 @@ def test_a_full_disk_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPat
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         real(path, data)
 
-    for module in ("journal", "atomic_write"):
+    for module in ("transaction", "atomic_write"):
         monkeypatch.setattr(f"rovid.core.{module}.write_synced", full)
     with pytest.raises(OutputError, match="No space left") as refused:
-        claim.write({output: f"{SCHEMA}# {output.path.name}\n" for output in outputs})
+        output_set.write({output: f"{SCHEMA}# {output.path.name}\n" for output in outputs})
     saved = saved_in(str(refused.value))
     assert saved.parent == Path.cwd()
     assert {path.name: path.read_text() for path in saved.rglob("*") if path.is_file()} == {
@@ -225,18 +226,19 @@ def test_a_full_disk_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         "c": f"{SCHEMA}# c\n",
     }
     assert [output.path.read_text() for output in outputs] == [SCHEMA, SCHEMA]
-    assert leavings(tmp_path) == []
+    assert hidden_files(tmp_path) == []
 
 
-def test_where_nothing_can_be_written_that_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_message_where_nothing_can_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     output = OutputFile(tmp_path / "x", PLAN)
-    claim = OutputSet([output])
+    output_set = OutputSet([output])
 
     def full(path: Path, data: bytes) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr("rovid.core.atomic_write.write_synced", full)
-    assert "Nor could it be saved" in message(claim, output, "x")
+    for module in ("transaction", "atomic_write"):
+        monkeypatch.setattr(f"rovid.core.{module}.write_synced", full)
+    assert "could not be saved anywhere else" in message(output_set, output, "x")
     assert list(Path.cwd().iterdir()) == []
 
 
@@ -261,10 +263,10 @@ def test_a_folder_that_is_not_ours_is_found_before_the_work(tmp_path: Path) -> N
         import sys
         from pathlib import Path
         from rovid.core.errors import OutputError
-        from rovid.core.atomic_write import Claim, Output
+        from rovid.core.atomic_write import OutputFile, OutputSet
         from rovid.core.signatures import PLAN
         try:
-            Claim([Output(Path(sys.argv[1]), PLAN)])
+            OutputSet([OutputFile(Path(sys.argv[1]), PLAN)])
         except OutputError as error:
             print(error)
     """
@@ -277,7 +279,7 @@ def test_a_folder_that_is_not_ours_is_found_before_the_work(tmp_path: Path) -> N
 SET = """
     import os, signal, sys
     from pathlib import Path
-    from rovid.core.atomic_write import Claim, Output
+    from rovid.core.atomic_write import OutputFile, OutputSet
     from rovid.core.signatures import PARAMETERS
 
     folder, text = Path(sys.argv[1]), sys.argv[2]
@@ -294,9 +296,9 @@ SET = """
 
     if function:
         setattr(os, function, counted)
-    outputs = [Output(folder / name, PARAMETERS) for name in ("a", "b", "plots/c", "plots/d")]
+    outputs = [OutputFile(folder / name, PARAMETERS) for name in ("a", "b", "plots/c", "plots/d")]
     content = 'schema = "rovid-parameters/1"\\n# ' + text + "\\n"
-    Claim(outputs).write(dict.fromkeys(outputs, content), stale=[folder / "plots" / "stale"])
+    OutputSet(outputs).write(dict.fromkeys(outputs, content), stale=[folder / "plots" / "stale"])
 """
 
 
@@ -335,12 +337,13 @@ def test_a_set_killed_at_any_instant_is_the_old_or_the_new(function: str, tmp_pa
         if done.returncode == 0:
             break
         assert done.returncode == -signal.SIGKILL, done.stderr
-        # Other programs look at once, without rovid; it has told whoever waited for all that it says.
+        # The next rovid that comes to one folder of the set completes it or undoes it.
+        recover(folder)
         seen.append(whole(folder))
         outputs = [OutputFile(folder / name, PARAMETERS) for name in ("a", "b", "plots/c", "plots/d")]
         OutputSet(outputs).write(dict.fromkeys(outputs, f"{SCHEMA}# next\n"), stale=[folder / "plots" / "stale"])
         assert whole(folder) == "next"
-        assert leavings(folder) == []
+        assert hidden_files(folder) == []
     else:
         pytest.fail("it never came to its end")
     assert len(seen) >= 4
@@ -349,15 +352,11 @@ def test_a_set_killed_at_any_instant_is_the_old_or_the_new(function: str, tmp_pa
 
 
 @POSIX
-def test_without_the_survivor_the_next_rovid_completes_the_set(tmp_path: Path) -> None:
+def test_a_set_killed_between_two_renames_is_completed_by_the_next_command(tmp_path: Path) -> None:
     outputs = [OutputFile(tmp_path / name, PARAMETERS) for name in ("a", "b")]
     OutputSet(outputs).write(dict.fromkeys(outputs, f"{SCHEMA}# old\n"))
     child = os.fork()
-    if child == 0:  # killed with its survivor, at the second rename
-
-        def no_survivor(*_: object, **__: object) -> None:
-            raise OSError
-
+    if child == 0:  # is killed at the second rename
         calls: list[Path] = []
         real = os.replace
 
@@ -367,16 +366,15 @@ def test_without_the_survivor_the_next_rovid_completes_the_set(tmp_path: Path) -
                 os.kill(os.getpid(), signal.SIGKILL)
             real(source, target)
 
-        subprocess.Popen = no_survivor  # type: ignore[misc,assignment]  # in the child alone
-        os.replace = killed  # type: ignore[assignment]  # as above
+        os.replace = killed  # type: ignore[assignment]  # in the child alone
         OutputSet(outputs).write(dict.fromkeys(outputs, f"{SCHEMA}# new\n"))
         os._exit(0)
     assert os.WTERMSIG(os.waitpid(child, 0)[1]) == signal.SIGKILL
     assert len({output.path.read_text() for output in outputs}) == 2
-    with pytest.raises(ConfigError):  # it looks for rovid.toml, and settles what it finds
+    with pytest.raises(ConfigError):  # every command looks for rovid.toml, and recovers interrupted sets there
         find_config([tmp_path])
     assert {output.path.read_text() for output in outputs} == {f"{SCHEMA}# new\n"}
-    assert leavings(tmp_path) == []
+    assert hidden_files(tmp_path) == []
 
 
 @POSIX
@@ -397,4 +395,4 @@ def test_an_interrupt_waits_for_the_renames(tmp_path: Path, monkeypatch: pytest.
     finally:
         signal.signal(signal.SIGINT, before)
     assert [output.path.read_text() for output in outputs] == [SCHEMA, SCHEMA]
-    assert leavings(tmp_path) == []
+    assert hidden_files(tmp_path) == []

@@ -12,14 +12,14 @@ import pytest
 CODE = """
 import sys
 import numpy as np
-from rovid.core.process_tuning import settle
+from rovid.core.process_tuning import tune_process
 
 def resident():
     with open("/proc/self/status") as status:
         return next(int(line.split()[1]) / 1024.0 for line in status if line.startswith("VmRSS"))
 
 if "settle" in sys.argv:
-    settle()
+    tune_process()
 before = resident()
 np.ones(30 << 17).sum()
 stays, arrays = [], []

@@ -20,14 +20,14 @@ PATIENCE = 60.0
 
 SLOW = """
 import os, time
-from rovid.jit.background_compiler import say
+from rovid.jit.background_compiler import report_done
 def parts():
     print("no part of it")
     yield "one"
     while not os.path.exists({go!r}):
         time.sleep(0.01)
     yield "two"
-say(parts())
+report_done(parts())
 """
 
 
@@ -83,9 +83,9 @@ def test_one_that_is_stopped_is_waited_for_no_longer() -> None:
 
 FIRST = """
     import os, sys, time
-    from rovid.jit.background_compiler import Second
-    code = "import time; from rovid.jit.background_compiler import say; say(time.sleep(1000) for _ in range(2))"
-    second = Second(code, ("one",))
+    from rovid.jit.background_compiler import BackgroundCompiler
+    code = "import time; from rovid.jit.background_compiler import report_done; report_done(time.sleep(1000) for _ in
+    range(2))" second = BackgroundCompiler(code, ("one",))
     print(second.pid, flush=True)
     {then}
 """

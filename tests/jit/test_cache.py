@@ -30,11 +30,11 @@ DIGESTS = """
         for name in [name for name in sys.modules if name.partition(".")[0] == "rovid"]:
             del sys.modules[name]
         sys.path[0] = folder
-        from rovid.jit.cache import made_of
+        from rovid.jit.cache import content_hash
         from rovid.model.kernels import rk4
         from rovid.model.kernels import rk4_step
         assert rk4_step.__file__.startswith(folder)
-        print(json.dumps({"step": made_of(rk4_step.step.py_func), "bare": made_of(rk4._simulate.py_func)}))
+        print(json.dumps({"step": content_hash(rk4_step.step.py_func), "bare": content_hash(rk4._simulate.py_func)}))
 """
 CHANGES = [
     # An equation is part of each step with effects, as is what it calls.
@@ -71,8 +71,8 @@ COUNT = """
     import numpy as np
     from rovid.effects.base import Body
     from rovid.model.kernels import rk4
-    from rovid.jit.decorators import is_kept
-    was = is_kept(rk4._simulate)
+    from rovid.jit.decorators import is_cached
+    was = is_cached(rk4._simulate)
     rate, _ = rk4.simulate(np.arange(3.0), np.ones(3), Body(1.0, 1.0, 1.0), 0.0)
     (missed,) = rk4._simulate.stats.cache_misses.values() or (0,)
     print(json.dumps([was, missed, rate[-1]]))

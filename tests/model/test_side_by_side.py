@@ -264,19 +264,19 @@ import json
 from dataclasses import replace
 import numpy as np
 from rovid.effects import effect_named
-from rovid.model.torque_input import Drive
-from rovid.model.kernels import innovations, innovations_wide
+from rovid.model.torque_input import TorqueInput
+from rovid.model.kernels import ekf3_innovations, ekf5_innovations
 from tests.abreast import Log, filtered
 from tests.synthetic import ROSUB
 
 time = np.array([0.0, 0.1, 0.2, 0.3, 0.5, 2.5, 2.6])
 angle = np.array([0.0, 0.01, np.nan, 0.02, 0.04, 0.2, 0.21])
 log = Log(time=time, angle=angle, rate=np.where(time > 0.4, 0.1, np.nan))
-drive, found = Drive.held(np.full(7, 80.0)), {}
+drive, found = TorqueInput.held(np.full(7, 80.0)), {}
 effects = {"oscillatory_drag": (0.5, 0.6), "entrained_swirl:annulus": (0.2, 20.0), "wave_torque": (20.0, 0.8, 0.1)}
 for key, values in {"": (), **effects}.items():
     model = replace(ROSUB, effects=(effect_named(key),) if key else (), effect_values=values)
-    kernel = innovations_wide if key == "wave_torque" else innovations
+    kernel = ekf5_innovations if key == "wave_torque" else ekf3_innovations
     tables = filtered(kernel, log, drive, model, (15.0, 4.0, 1e-3, 1e-2))
     found[key] = [np.nan_to_num(table).tolist() for table in tables]
 print(json.dumps(found))

@@ -20,21 +20,21 @@ from dataclasses import replace
 import numpy as np
 from rovid.effects import effect_named
 from rovid.model import kernels
-from rovid.model.torque_input import Drive
+from rovid.model.torque_input import TorqueInput
 from rovid.model.kernels import warmup
 from tests.abreast import Log, filtered
 from tests.synthetic import ROSUB
 
-begun, second = [], warmup.Second
-warmup.Second = lambda *told: begun.append(second(*told)) or begun[-1]
+begun, second = [], warmup.BackgroundCompiler
+warmup.BackgroundCompiler = lambda *told: begun.append(second(*told)) or begun[-1]
 {before}
-kernels.begin()
+kernels.start_compiling()
 time = 0.1 * np.arange(40)
-log, drive = Log(time=time, angle=0.01 * np.sin(time)), Drive.held(np.full(40, 80.0))
+log, drive = Log(time=time, angle=0.01 * np.sin(time)), TorqueInput.held(np.full(40, 80.0))
 found = []
 for key, values in {effects}.items():
     model = replace(ROSUB, effects=(effect_named(key),) if key else (), effect_values=values)
-    kernel = kernels.innovations_wide if key == "wave_torque" else kernels.innovations
+    kernel = kernels.ekf5_innovations if key == "wave_torque" else kernels.ekf3_innovations
     found += filtered(kernel, log, drive, model, (15.0, 4.0, 1e-3, 1e-2))
 here = np.array([0, 2]), np.ones(1), np.ones((2, 3)), np.zeros((2, 3)), np.ones(1)
 found += kernels.effects_along(*here, ROSUB.body, ROSUB.terms)
@@ -43,7 +43,7 @@ missed = sum(sum(loop.stats.cache_misses.values()) for loop in others)
 print(json.dumps([np.nan_to_num(np.concatenate([np.ravel(one) for one in found])).tolist(), missed, len(begun)]))
 """
 EVERY = {"": (), "oscillatory_drag": (0.5, 0.6), "wave_torque": (20.0, 0.8, 0.1)}
-SEVERAL, ONE = "warmup.cores = lambda: 2", "warmup.cores = lambda: 1"
+SEVERAL, ONE = "warmup.core_count = lambda: 2", "warmup.core_count = lambda: 1"
 
 
 def told(cache: Path, before: str, effects: Mapping[str, object]) -> tuple[list[float], int, int]:
@@ -83,12 +83,12 @@ def test_whatever_becomes_of_it_the_first_goes_on(tmp_path: Path, fate: str, beg
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("keeps_compiled", lambda: False), ("is_compiled", lambda: True), ("cores", lambda: 1), ("sys.executable", "")],
+    [("can_cache", lambda: False), ("is_compiled", lambda: True), ("core_count", lambda: 1), ("sys.executable", "")],
 )
 def test_it_is_not_begun_in_vain(name: str, value: object, monkeypatch: pytest.MonkeyPatch) -> None:
     begun: list[object] = []
-    monkeypatch.setattr(warmup, "Second", lambda *told: begun.append(told))
-    needed = {"keeps_compiled": lambda: True, "is_compiled": lambda: False, "cores": lambda: 2}
+    monkeypatch.setattr(warmup, "BackgroundCompiler", lambda *told: begun.append(told))
+    needed = {"can_cache": lambda: True, "is_compiled": lambda: False, "core_count": lambda: 2}
     for one, found in (needed | {name: value}).items():
         monkeypatch.setattr(sys if "." in one else warmup, one.rpartition(".")[2], found)
     warmup.start_compiling()

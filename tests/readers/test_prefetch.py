@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from rovid.core import fork
+from rovid.core import spmd
 from rovid.core.errors import LogError
 from rovid.readers import discover as module
 from rovid.readers import prefetch as ahead_module
@@ -27,7 +27,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="there are copie
 
 @pytest.fixture(autouse=True)
 def two_cores(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fork, "cores", lambda: 2)
+    monkeypatch.setattr(spmd, "core_count", lambda: 2)
 
 
 @pytest.fixture

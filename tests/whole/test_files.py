@@ -17,7 +17,7 @@ import pytest
 
 from rovid.store.load import read_parameters
 from tests.conftest import ROOT, run_rovid
-from tests.core.test_files import AS_NOBODY, NOBODY, POSIX, leavings, public_folder, run_code
+from tests.core.test_files import AS_NOBODY, NOBODY, POSIX, hidden_files, public_folder, run_code
 
 pytestmark = pytest.mark.usefixtures("here")
 
@@ -91,7 +91,7 @@ def test_no_command_writes_over_the_campaign(
     assert done.code == 2, done
     assert "Traceback" not in done.err
     assert done.err.count("\n") == 1
-    assert leavings(tmp_path) == []
+    assert hidden_files(tmp_path) == []
 
 
 def test_a_repeated_command_replaces_what_it_wrote(mine: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -117,7 +117,7 @@ def test_a_repeated_command_replaces_what_it_wrote(mine: Path, monkeypatch: pyte
         for _ in range(2):
             done = run_rovid(*command.split())
             assert done.code == 0, (command, done.err)
-    assert leavings(mine) == []
+    assert hidden_files(mine) == []
 
 
 def test_a_foreign_file_is_kept_unless_forced(mine: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -167,7 +167,7 @@ def test_a_report_takes_its_stale_plots_away_and_leaves_the_rest(day: Path, tmp_
     assert done.code == 2
     assert "trial_98_mine.png" in done.err
     assert (folder / "index.html").stat() == before
-    assert leavings(folder) == []
+    assert hidden_files(folder) == []
 
 
 WITHOUT_WORK = """
@@ -226,14 +226,14 @@ UPDATE = """
     import sys
     from dataclasses import replace
     from pathlib import Path
-    from rovid.core.atomic_write import Claim
+    from rovid.core.atomic_write import OutputSet
     from rovid.store.parameter_file import Entry, Parameters
     from rovid.store.load import read_parameters
     from rovid.store.update import update
 
     path, name = Path(sys.argv[1]), sys.argv[2]
     before = read_parameters(path) if path.exists() else Parameters(path=path)
-    claim = Claim([before.output])
+    claim = OutputSet([before.output])
     print("ready", flush=True)
     sys.stdin.readline()
     entry = Entry(value=1.0, standard_error=0.1, unit="", method="")
@@ -266,7 +266,7 @@ def test_a_hundred_pairs_of_fits_lose_nothing(day: Path, tmp_path: Path) -> None
             process.communicate(timeout=600)
             assert process.returncode == 0
         assert {"inertia", "quadratic_drag"} <= set(read_parameters(path).entries)
-    assert leavings(tmp_path) == []
+    assert hidden_files(tmp_path) == []
 
 
 COMMAND = """
@@ -348,5 +348,5 @@ def test_a_command_killed_at_each_rename(
         following = run_rovid(*command.split())
         assert following.code == 0, following.err
         assert content().keys() == new.keys()
-        assert leavings(folder) == []
+        assert hidden_files(folder) == []
     assert at == 1 + len(new)

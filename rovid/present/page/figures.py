@@ -176,7 +176,7 @@ def _album(evidence: ReportData) -> ReportFigures:
     sketches = [*itertools.chain(*sections.values()), *of_rivals.values(), *of_drivers.values()]
     guess = evidence.vehicle.assumptions
     # Matplotlib's style is that of the process, so that threads cannot draw.
-    pictures = parallel_map(lambda sketch: _picture(sketch, guess), sketches, among_threads=False)
+    pictures = parallel_map(lambda sketch: _picture(sketch, guess), sketches, use_threads=False)
     drawn = dict(zip(sketches, pictures, strict=True))
     return ReportFigures(
         worst=_worst(evidence),

@@ -10,7 +10,7 @@ import tempfile
 from pathlib import Path
 
 from rovid.core.errors import ConfigError, OutputError
-from rovid.core.signatures import pdf_mark
+from rovid.core.signatures import plot_mark
 
 # On the PATH, and where macOS and Windows keep theirs.
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge")
@@ -75,7 +75,7 @@ def _failed(page: Path, browser: str, why: str) -> OutputError:
 
 def _marked(document: bytes) -> bytes:
     """With rovid in the place of what made it, to the byte as long: a PDF knows where each of its parts begins."""
-    mark = pdf_mark("report").encode()
+    mark = plot_mark("report").encode()
     for found in _MADE_BY.finditer(document):
         if len(found[2]) >= len(mark):
             start, stop = found.span(2)

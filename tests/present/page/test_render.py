@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from rovid import __version__
-from rovid.core import fork, spmd
+from rovid.core import spmd
 from rovid.core.errors import OutputError
 from rovid.core.formatting import plus_minus
 from rovid.present.number_text import as_sentence
@@ -265,8 +265,7 @@ def test_copies_draw_the_same_plots(day: ReportData, tmp_path: Path, monkeypatch
     few = replace(day, inertia=None, simulations=day.simulations[:1])
     plots = []
     for cores in (1, 2):
-        for module in (spmd, fork):
-            monkeypatch.setattr(module, "cores", lambda: cores)  # noqa: B023 - asked within the turn
+        monkeypatch.setattr(spmd, "core_count", lambda: cores)  # noqa: B023 - called within the iteration
         plots.append(draw_figures(few).files(tmp_path))
     assert len(plots[0]) >= 10
     assert plots[0] == plots[1]
