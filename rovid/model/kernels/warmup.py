@@ -104,11 +104,11 @@ def long_loops() -> dict[str, Callable[[], object]]:
     models = ParameterBatch(np.ones((5, LANES)), terms, np.ones((4, LANES)), np.ones((3, LANES)))
     ends = begins[:1].copy(), begins[1:].copy(), one
     asked: dict[str, Callable[[], object]] = {
-        "prediction._predict": lambda: kernels.predict_multi_step(one, *grid, *ends, body, terms),
-        "prediction._follow": lambda: kernels.effects_along(
+        "multi_step._predict": lambda: kernels.predict_multi_step(one, *grid, *ends, body, terms),
+        "multi_step._follow": lambda: kernels.effects_along(
             begins, one, np.zeros((2, 3)), drive.effect_inputs, one, body, terms
         ),
-        "filter._filter": lambda: kernels.ekf3_innovations(logged, driven, models),
-        "wide_filter._filter": lambda: kernels.ekf5_innovations(logged, driven, models),
+        "ekf3._filter": lambda: kernels.ekf3_innovations(logged, driven, models),
+        "ekf5._filter": lambda: kernels.ekf5_innovations(logged, driven, models),
     }
     return {f"{kernels.__name__}.{name}": loop for name, loop in asked.items()}
