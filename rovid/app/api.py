@@ -35,7 +35,8 @@ from rovid.preflight.raw_columns import RawColumn
 from rovid.present.documents.results import check_document, survey_document
 from rovid.present.terminal.check_text import VERDICTS, check_notes, check_tasks
 from rovid.readers.formats import READERS
-from rovid.trial.config import FILE_NAME, SIGNAL_UNITS, load_config
+from rovid.trial.config import FILE_NAME, load_config
+from rovid.trial.signal_names import SIGNAL_UNITS
 from rovid.trial.vehicle_presets import load_preset, preset_names
 
 Document = dict[str, Any]

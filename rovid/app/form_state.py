@@ -13,7 +13,7 @@ from rovid.core.errors import NAME_LENGTH, ConfigError
 from rovid.preflight.log_survey import LogSurvey, all_commands
 from rovid.preflight.raw_columns import SignalGuess
 from rovid.preflight.user_overrides import UserOverrides
-from rovid.trial.exclusions import Exclusion
+from rovid.trial.trial import Exclusion
 
 _SIZES = ("mass", "length", "width")
 # By these lines a file of ours is known again, and what was chosen is read back.

@@ -16,7 +16,7 @@ from typing import BinaryIO
 
 from rovid.core.errors import ConfigError, OutputError, RovidError, is_visible
 from rovid.core.paths import list_files
-from rovid.trial.log_formats import FORMATS
+from rovid.trial.log_files import FORMATS
 
 # Bytes of one file that is dropped on the page.
 LARGEST = 4 << 30

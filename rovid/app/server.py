@@ -25,7 +25,7 @@ from rovid.app.jobs import JobQueue
 from rovid.app.sandbox import RootFolder, Upload, clean_name
 from rovid.core.errors import ConfigError, OutputError, RovidError
 from rovid.core.signatures import PAGE
-from rovid.trial.log_formats import FORMATS
+from rovid.trial.log_files import FORMATS
 
 # Bytes of what the page sends but for logs.
 _LARGEST = 4 << 20

@@ -10,8 +10,8 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.preflight.raw_columns import FEWEST, RawColumn, SignalGuess, finite_values
 from rovid.preflight.thruster_guess import COMMAND, SIDED
-from rovid.readers.name_tokens import name_words
 from rovid.trial.axis import Axis
+from rovid.trial.signal_names import name_words
 
 # What a name must not speak of: what is wished for, what is derived, and what belongs to the instrument.
 _NOT_MEASURED = {"set", "setpoint", "desired", "target", "ref", "reference", "error", "err", "std", "sigma", "cmd"}

@@ -24,8 +24,9 @@ from rovid.readers.csv_dialect import read_layout
 from rovid.readers.formats import READERS
 from rovid.readers.raw_log import Channel, LogContents, is_plausible
 from rovid.trial.axis import YAW, Axis
-from rovid.trial.config import FILE_NAME, Config, Signal
-from rovid.trial.multi_file_trials import Join, guess_parts
+from rovid.trial.config import FILE_NAME, Config
+from rovid.trial.log_files import Join, guess_parts
+from rovid.trial.signal_names import Signal
 from rovid.trial.tables import CURVE_COLUMNS, read_curve
 from rovid.trial.vehicle import ThrustCurve, Vehicle
 from rovid.trial.vehicle_presets import VehiclePreset, load_preset
@@ -248,7 +249,7 @@ def _joined(looked: LogsRead, axis: Axis) -> Join | None:
         files: dict[str, list[Mapping[str, RawColumn]]] = {}
         for name, log in zip(names, logs, strict=True):
             if join.part(name):
-                files.setdefault(join.trial(name), []).append(log)
+                files.setdefault(join.trial_key(name), []).append(log)
         trials = {name: _one_clock(parts, found) for name, parts in files.items()}
         whole = [name for name, log in trials.items() if _holds(log, found)]
         if not whole:

@@ -22,8 +22,8 @@ from rovid.preflight.thruster_guess import (
     guess_thrusters,
     is_torque,
 )
-from rovid.readers.name_tokens import HEADING_WORDS, YAW_RATE_WORDS, is_per_second, name_words
 from rovid.trial.axis import YAW
+from rovid.trial.signal_names import HEADING_WORDS, YAW_RATE_WORDS, is_per_second, name_words
 
 _UNITS = {"deg": "deg", "degrees": "deg", "grad": "deg", "rad": "rad", "radians": "rad", "dps": "deg/s", "rps": "rad/s"}
 _NOT_MEASURED = {"set", "setpoint", "desired", "target", "ref", "reference", "wanted", "error", "err", "std", "sigma"}

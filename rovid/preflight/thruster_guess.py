@@ -19,8 +19,8 @@ from rovid.preflight.raw_columns import (
     mean_rates,
     position_at,
 )
-from rovid.readers.name_tokens import CLOCK_WORDS, HEADING_WORDS, YAW_RATE_WORDS, name_words
 from rovid.trial.axis import YAW, Axis
+from rovid.trial.signal_names import CLOCK_WORDS, HEADING_WORDS, YAW_RATE_WORDS, name_words
 from rovid.trial.vehicle_presets import SIDE_WORDS, VehiclePreset
 
 COMMAND = {"cmd", "command", "pwm", "throttle", "thruster", "thrusters", "motor", "motors", "servo", "esc", "output"}

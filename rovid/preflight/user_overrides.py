@@ -10,7 +10,7 @@ import numpy as np
 from rovid.preflight.raw_columns import SignalGuess
 from rovid.preflight.signal_guess import ColumnMapping
 from rovid.preflight.thruster_guess import ThrusterCommand
-from rovid.trial.exclusions import Exclusion
+from rovid.trial.trial import Exclusion
 
 CHOSEN = "chosen by hand"
 

@@ -1,7 +1,7 @@
 """From files to frozen trials: one file a format, one time base for all.
 
 A reader is a function ``read(path, config) -> RawLog`` that hands over channels as logged. A new format is one such
-file, one line in `rovid.trial.log_formats` and one in docs/logs.md; ordering, units, unwrapping, outliers, gaps and the
+file, one line in `rovid.trial.log_files` and one in docs/logs.md; ordering, units, unwrapping, outliers, gaps and the
 common time base are the same for all (`rovid.readers.build_trial`).
 """
 

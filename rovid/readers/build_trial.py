@@ -27,7 +27,8 @@ from rovid.readers.raw_log import Channel, RawLog, subsampled_median
 from rovid.readers.resampling import TimeBase, TimedSeries, common_base
 from rovid.readers.unit_checks import refuse_wrong_heading, told_by_gyro
 from rovid.trial.axis import YAW, Axis
-from rovid.trial.config import Config, Signal
+from rovid.trial.config import Config
+from rovid.trial.signal_names import Signal
 from rovid.trial.trial import Remark, Trial
 
 _TILTS = ("roll", "pitch")

@@ -19,7 +19,8 @@ from rovid.core.signatures import LOG
 from rovid.readers import read_log
 from rovid.readers.mcap_writer import OutputTopic, mcap_bytes, name_with_unit
 from rovid.readers.raw_log import require_library
-from rovid.trial.config import ANGLE_UNITS, SIGNAL_UNITS, Config
+from rovid.trial.config import Config
+from rovid.trial.signal_names import ANGLE_UNITS, SIGNAL_UNITS
 from rovid.trial.trial import Trial
 
 _TOPIC = "/trial"

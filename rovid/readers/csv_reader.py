@@ -20,10 +20,10 @@ import pandas as pd
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import LogError
 from rovid.readers.csv_dialect import Layout, last_whole_line, read_layout, refuse_long_lines
-from rovid.readers.name_tokens import CLOCK_WORDS, NOT_CLOCK, name_words
 from rovid.readers.raw_log import Channel, LogContents, RawLog, mapped, time_signal
 from rovid.readers.timestamps import column_to_seconds, epoch_of
-from rovid.trial.config import Config, Signal
+from rovid.trial.config import Config
+from rovid.trial.signal_names import CLOCK_WORDS, NOT_CLOCK, Signal, name_words
 from rovid.trial.trial import Remark
 
 KIND = "csv"

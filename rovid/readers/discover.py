@@ -18,9 +18,8 @@ from rovid.core.paths import list_files, require_exists
 from rovid.core.signatures import PLAN
 from rovid.readers.formats import READERS, read_log, trial_files
 from rovid.trial.config import Config
-from rovid.trial.exclusions import apply_exclusions
 from rovid.trial.tables import CURVE_COLUMNS, SINE_COLUMNS, STEADY_COLUMNS
-from rovid.trial.trial import Campaign, Remark, Trial
+from rovid.trial.trial import Campaign, Remark, Trial, apply_exclusions
 
 # Progress is worth a bar from here on.
 _LARGE = 20_000_000

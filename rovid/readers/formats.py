@@ -14,7 +14,7 @@ from rovid.core.errors import LogError
 from rovid.core.paths import require_regular
 from rovid.readers.raw_log import LogContents, RawLog
 from rovid.trial.config import Config
-from rovid.trial.log_formats import FORMATS
+from rovid.trial.log_files import FORMATS
 from rovid.trial.trial import Trial
 
 

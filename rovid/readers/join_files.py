@@ -11,8 +11,9 @@ import numpy as np
 from rovid.core.errors import LogError
 from rovid.readers.formats import READERS
 from rovid.readers.raw_log import Channel, RawLog
-from rovid.trial.config import Config, Signal
-from rovid.trial.multi_file_trials import Join
+from rovid.trial.config import Config
+from rovid.trial.log_files import Join
+from rovid.trial.signal_names import Signal
 from rovid.trial.trial import Remark
 
 
@@ -30,7 +31,7 @@ def companions(path: Path, config: Config) -> list[Path]:
     # Names are compared before any file is looked at: a folder may hold many.
     logs = [file for file in near if file.suffix.lower() in READERS and join.part(f"{file.parent.name}/{file.name}")]
     names = {file.resolve().relative_to(root).as_posix(): file for file in logs if file.is_file()}
-    return [names[name] for name in join.of_trial(here.relative_to(root).as_posix(), names)]
+    return [names[name] for name in join.files_of_trial(here.relative_to(root).as_posix(), names)]
 
 
 def read_joined(path: Path, config: Config) -> RawLog:
@@ -172,7 +173,7 @@ def _said(read: list[tuple[Path, RawLog]], config: Config) -> Iterator[Remark]:
         if offset or drift:
             given = True
             # What is said of a part is the same in all trials, and then said once.
-            clock = join.part(name) if join.is_of_part(name) else file.name
+            clock = join.part(name) if join.is_corrected_by_part(name) else file.name
             more = f" and {drift:g} ppm more as it goes" if drift else ""
             text = f"The clock of {clock} was put {offset:+g} s on{more}, as [join] in rovid.toml says."
             yield Remark(kind="clock", count=1, text=text)

@@ -14,7 +14,8 @@ from rovid.readers.mcap_container import LARGEST, Recording
 from rovid.readers.mcap_messages import decoder
 from rovid.readers.raw_log import LogContents, RawLog, mapped
 from rovid.readers.topic_extractor import Handler, Listing, Topics
-from rovid.trial.config import Config, Signal
+from rovid.trial.config import Config
+from rovid.trial.signal_names import Signal
 from rovid.trial.trial import Remark
 
 KIND = "mcap"

@@ -16,7 +16,7 @@ from rovid.core.errors import LogError, suggestion
 from rovid.readers.field_access import ANGLES, euler
 from rovid.readers.raw_log import Channel, RawLog
 from rovid.readers.timestamps import to_seconds
-from rovid.trial.config import Signal
+from rovid.trial.signal_names import Signal
 from rovid.trial.trial import Remark
 
 _SENSOR = re.compile(r"(.*)\[(\d+)\]$")

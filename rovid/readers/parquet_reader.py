@@ -13,7 +13,6 @@ import pandas as pd
 
 from rovid.core.array_types import BoolArray, FloatArray
 from rovid.core.errors import LogError, suggestion
-from rovid.readers.name_tokens import CLOCK_WORDS, name_words
 from rovid.readers.raw_log import (
     Channel,
     LogContents,
@@ -26,6 +25,7 @@ from rovid.readers.raw_log import (
 )
 from rovid.readers.timestamps import column_to_seconds, epoch_of, to_datetimes
 from rovid.trial.config import Config
+from rovid.trial.signal_names import CLOCK_WORDS, name_words
 
 KIND = "parquet"
 EXTRA = "parquet"

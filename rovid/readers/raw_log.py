@@ -12,7 +12,8 @@ import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray
 from rovid.core.errors import ConfigError, LogError
-from rovid.trial.config import Config, Signal
+from rovid.trial.config import Config
+from rovid.trial.signal_names import Signal
 from rovid.trial.trial import Remark
 
 # Bytes that the numbers of one log may take.

@@ -26,7 +26,7 @@ from rovid.readers.field_access import (
 )
 from rovid.readers.raw_log import Channel, LogContents, RawLog
 from rovid.readers.timestamps import EPOCH_FROM, to_seconds
-from rovid.trial.config import Signal
+from rovid.trial.signal_names import Signal
 from rovid.trial.trial import Remark
 
 Decoder = Callable[[bytes], Any]

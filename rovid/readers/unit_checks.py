@@ -9,7 +9,7 @@ import numpy as np
 from rovid.core.array_types import FloatArray, IntArray
 from rovid.core.errors import LogError
 from rovid.readers.raw_log import Channel, is_plausible
-from rovid.trial.config import Signal
+from rovid.trial.signal_names import Signal
 
 _DEGREES = 180.0 / math.pi
 _TURN_RAD, _TURN_DEG = 2.0 * math.pi, 360.0

@@ -1,4 +1,4 @@
-"""The degrees of freedom: what each is measured by, and in what units."""
+"""Degrees of freedom: the signals that measure each of them, and their units."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ class Axis:
 
     Attributes
     ----------
-    positions
-        Signals in rovid.toml that measure the position along it, any of which will do. Its sense is that in which
-        this signal grows.
-    rate
-        The signal that measures its rate.
-    arm
-        Key of a thruster's lever in rovid.toml: m for an angle, the share of the thrust along it otherwise.
-    fixes
-        Signals that tell the position together: where on the map the vehicle is, and its heading.
+    position_signals
+        Signals in rovid.toml that measure the position along the axis. One of them is enough. The position is positive
+        in the direction in which this signal grows.
+    rate_signal
+        Signal that measures the rate.
+    arm_key
+        Key of a thruster's lever in rovid.toml: m for an angle, otherwise the share of the thrust along the axis.
+    fix_signals
+        Signals that determine the position together: north, east and heading.
     angular
-        Whether it is an angle.
-    rights
-        Whether gravity brings the vehicle back, so that a constant torque tilts it and no more.
+        Whether the position is an angle.
+    self_righting
+        Whether gravity returns the vehicle, so that a constant torque gives a constant tilt.
     """
 
     name: str
@@ -39,39 +39,39 @@ class Axis:
     self_righting: bool = False
 
     def __reduce__(self) -> tuple[Callable[[str], Axis], tuple[str]]:
-        # There is one of each, wherever it goes.
+        # Unpickling returns the one instance of each axis: axes are compared by identity.
         return axis_named, (self.name,)
 
     @property
     def position_signal(self) -> str:
-        """What the position is called, in text and in keys of JSON."""
+        """Name of the position, in text and in JSON keys."""
         return self.position_signals[0]
 
     @property
     def position_words(self) -> str:
-        """As ``position``, for people."""
+        """Name of the position in text for people."""
         return self.position_signal.replace("_", " ")
 
     @property
     def rate_words(self) -> str:
-        """As ``rate``, for people."""
+        """Name of the rate in text for people."""
         return self.rate_signal.replace("_", " ")
 
     @property
     def required_signals(self) -> str:
-        """Keys of rovid.toml that hold what is measured, for messages."""
+        """Keys of rovid.toml that hold the measured signal, for messages."""
         if self.angular:
             return self.position_signal
         return f"{self.position_signal} or {self.rate_signal}"
 
     @property
     def motion_verb(self) -> str:
-        """What a vehicle does that goes along it."""
+        """Verb for a motion along the axis."""
         return "turns" if self.angular else "moves"
 
     @property
     def force_name(self) -> str:
-        """What drives it."""
+        """Name of the generalised force: torque or force."""
         return "torque" if self.angular else "force"
 
     @property
@@ -81,50 +81,47 @@ class Axis:
 
     @property
     def force_unit(self) -> str:
-        """Unit of what drives it."""
+        """Unit of the generalised force."""
         return self.unit("N m")
 
     def reword(self, text: str) -> str:
-        """``text`` that was written of a torque."""
+        """``text``, written for a torque, for this axis."""
         return text.replace("torque", self.force_name)
 
     @property
     def display_unit(self) -> tuple[str, float]:
-        """Unit in which people read positions, and how many of it are one of SI."""
+        """Unit in which people read positions, and its number in one SI unit."""
         return ("deg", 180.0 / math.pi) if self.angular else ("m", 1.0)
 
     def to_display(self, position: float | None) -> float | None:
-        """A position in SI in the unit in which people read it."""
+        """Convert a position from SI to the display unit."""
         return None if position is None else position * self.display_unit[1]
 
     def measured_quantity(self, *, integrated: bool) -> tuple[str, str, float]:
-        """Name of what is measured, the unit in which people read it, and how many of it are one of SI.
+        """Name of the measured quantity, its display unit, and the number of display units in one SI unit.
 
-        ``integrated`` where that is the rate alone.
+        ``integrated``: only the rate was measured.
         """
         if integrated:
             return self.rate_words, self.rate_unit, 1.0
         return self.position_words, *self.display_unit
 
     def unit(self, angular: str) -> str:
-        """The unit along this axis of what has the unit ``angular`` in yaw.
-
-        Frequencies have to be left out: theirs is rad/s along any axis.
-        """
+        """Unit along this axis of a quantity that has the unit ``angular`` in yaw; not for frequencies."""
         if self.angular:
             return angular
-        for turning, straight in _STRAIGHT.items():
+        for turning, straight in _LINEAR_UNITS.items():
             angular = angular.replace(turning, straight)
         return angular
 
 
-# In this order: a torque over an angle loses its metre first.
-_STRAIGHT: Mapping[str, str] = {"kg m^2": "kg", "kg m²": "kg", "N m": "N", "(N)^": "N^", "rad": "m", "deg": "m"}
+# Unit in yaw -> unit along a straight axis. The order matters: a torque per angle loses its metre first.
+_LINEAR_UNITS: Mapping[str, str] = {"kg m^2": "kg", "kg m²": "kg", "N m": "N", "(N)^": "N^", "rad": "m", "deg": "m"}
 
 YAW = Axis(name="yaw", position_signals=("heading",), rate_signal="yaw_rate", arm_key="yaw_arm", angular=True)
 
 
-def _level(name: str) -> Axis:
+def _horizontal(name: str) -> Axis:
     """Surge or sway."""
     return Axis(
         name=name,
@@ -150,8 +147,8 @@ def _tilt(name: str) -> Axis:
 
 AXES: Mapping[str, Axis] = {
     "yaw": YAW,
-    "surge": _level("surge"),
-    "sway": _level("sway"),
+    "surge": _horizontal("surge"),
+    "sway": _horizontal("sway"),
     "heave": Axis(
         name="heave",
         position_signals=("depth", "heave_position"),
@@ -164,8 +161,8 @@ AXES: Mapping[str, Axis] = {
 }
 
 
-# What people call them besides -> axis.
-_ALSO = {"heading": "yaw", "ahead": "surge", "sideways": "sway", "depth": "heave", "heel": "roll", "trim": "pitch"}
+# Other name -> axis, for suggestions.
+_SYNONYMS = {"heading": "yaw", "ahead": "surge", "sideways": "sway", "depth": "heave", "heel": "roll", "trim": "pitch"}
 
 
 def axis_named(name: str) -> Axis:
@@ -174,27 +171,28 @@ def axis_named(name: str) -> Axis:
     Raises
     ------
     ConfigError
-        There is none.
+        There is no such axis.
     """
     if name not in AXES:
         raise ConfigError(
-            f"is {name!r}; one of {', '.join(AXES)} was expected.", where="--axis", mend=suggestion(name, AXES, _ALSO)
+            f"is {name!r}; one of {', '.join(AXES)} was expected.",
+            where="--axis",
+            mend=suggestion(name, AXES, _SYNONYMS),
         )
     return AXES[name]
 
 
 def other_axes(signals: Collection[str], keys: Collection[str]) -> list[str]:
-    """Names of the axes but yaw that a rovid.toml is about.
+    """Names of the axes, yaw excepted, that a rovid.toml describes.
 
-    One of its ``signals`` measures the motion along them, and a force or one of its thrusters, whose ``keys`` name
-    their levers, drives it; where there are no thrusters, gravity may.
+    One of ``signals`` must measure the motion, and a force or one of the thrusters' ``keys`` must drive it. Gravity may
+    drive a self-righting axis where there are no thrusters.
     """
     found = []
     for axis in AXES.values():
-        fixed = bool(axis.fix_signals) and set(axis.fix_signals) <= set(signals)
-        measured = fixed or not {*axis.position_signals, axis.rate_signal}.isdisjoint(signals)
-        pushed = axis.arm_key in keys or axis.force_name in signals
-        swings = axis.self_righting and not keys
-        if axis is not YAW and measured and (pushed or swings):
+        has_fix = bool(axis.fix_signals) and set(axis.fix_signals) <= set(signals)
+        is_measured = has_fix or not {*axis.position_signals, axis.rate_signal}.isdisjoint(signals)
+        is_driven = axis.arm_key in keys or axis.force_name in signals or (axis.self_righting and not keys)
+        if axis is not YAW and is_measured and is_driven:
             found.append(axis.name)
     return found

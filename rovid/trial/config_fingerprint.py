@@ -1,4 +1,4 @@
-"""What of rovid.toml results rest on, in words: told again later, it says whether they still hold."""
+"""Settings of rovid.toml that results depend on; a parameter file stores them to detect later changes."""
 
 from __future__ import annotations
 
@@ -7,25 +7,25 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from rovid.trial.assumptions import Assumptions
-from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
+from rovid.trial.vehicle import Vehicle
 
 _DIGEST = "sha256 "
 
 
 @dataclass(frozen=True, kw_only=True)
 class ConfigFingerprint:
-    """What a vehicle's torque, or force, and its signals were read by; comments and the order of lines are no part.
+    """Settings that torque, or force, and signals were read with; comments and the order of lines do not count.
 
     Attributes
     ----------
     drive
-        What it is -> its value, as "yaw_arm of fore" -> "0.43"; of a thrust curve the digest of its points.
+        Setting -> value, as "yaw_arm of fore" -> "0.43"; for a thrust curve the digest of its points.
     signals
-        Name of each signal of the motion -> where it stands, its unit and sense.
+        Signal of the motion -> source, unit and sense.
     further
-        The same of channels that are carried along.
+        The same for further channels.
     guessed
-        What of ``drive`` is a guess of `rovid init`.
+        Keys of ``drive`` that are guesses of `rovid init`.
     """
 
     drive: Mapping[str, str] = field(default_factory=dict)
@@ -35,61 +35,51 @@ class ConfigFingerprint:
 
     @property
     def assumptions(self) -> Assumptions:
-        """The same of a vehicle that is not at hand."""
+        """Guessed values of the vehicle."""
         thrusters = sum(name.startswith("curve of ") for name in self.drive)
         return Assumptions(items=self.guessed, thrusters=thrusters)
 
     def changes(self, now: ConfigFingerprint, *, drive_alone: bool = False) -> list[str]:
-        """What is not as here any more; a further channel that is new changes nothing."""
-        found = [*_changes(self.drive, now.drive), *_new(self.drive, now.drive)]
+        """Differences of ``now`` from this fingerprint; a new further channel is no change."""
+        found = [*_changes(self.drive, now.drive), *_additions(self.drive, now.drive)]
         if not drive_alone:
-            found += [*_changes(self.signals, now.signals), *_new(self.signals, now.signals)]
+            found += [*_changes(self.signals, now.signals), *_additions(self.signals, now.signals)]
             found += _changes(self.further, now.further)
         return list(dict.fromkeys(found))
 
 
-def _new(before: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]:
+def _subject(name: str) -> str:
+    """Thruster of a setting such as "yaw_arm of fore"; a signal's own name."""
+    return name.partition(" of ")[2] or name
+
+
+def _additions(before: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]:
     for name in now:
         if name not in before:
-            yield f"{_thruster_of(name)} is new"
-
-
-def _thruster_of(name: str) -> str:
-    """The thruster that "yaw_arm of fore" is of; a signal by its own name."""
-    return name.partition(" of ")[2] or name
+            yield f"{_subject(name)} is new"
 
 
 def _changes(before: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]:
     for name, value in before.items():
         if name not in now:
-            yield f"{_thruster_of(name)} is gone"
+            yield f"{_subject(name)} is gone"
         elif now[name] != value:
             yield f"{name} has changed" if value.startswith(_DIGEST) else f"{name} was {value} and is {now[name]}"
 
 
 def config_fingerprint(vehicle: Vehicle, signals: Mapping[str, str], further: Mapping[str, str]) -> ConfigFingerprint:
-    """What torques of ``vehicle``, these ``signals`` and ``further`` channels rest on."""
+    """Fingerprint of ``vehicle`` with these ``signals`` and ``further`` channels."""
+    axis = vehicle.axis
     drive: dict[str, str] = {}
     for thruster in vehicle.thrusters:
-        drive |= _thruster(thruster, vehicle)
+        if thruster.curve is None:
+            drive[axis.force_name] = "logged"
+            continue
+        points = zip(thruster.curve.command.tolist(), thruster.curve.thrust.tolist(), strict=True)
+        text = "\n".join(f"{command!r},{thrust!r}" for command, thrust in points)
+        drive[f"{axis.arm_key} of {thruster.name}"] = f"{thruster.arm:.12g}"
+        drive[f"curve of {thruster.name}"] = _DIGEST + hashlib.sha256(text.encode()).hexdigest()
+        drive[f"outside of {thruster.name}"] = "clamp" if thruster.clamp else "refuse"
+        if thruster.surge_share:
+            drive[f"surge of {thruster.name}"] = f"{thruster.surge_share:.12g}"
     return ConfigFingerprint(drive=drive, signals=signals, further=further, guessed=vehicle.assumptions.items)
-
-
-def _thruster(thruster: Thruster, vehicle: Vehicle) -> dict[str, str]:
-    axis, name = vehicle.axis, thruster.name
-    if thruster.curve is None:
-        return {axis.force_name: "logged"}
-    told = {
-        f"{axis.arm_key} of {name}": f"{thruster.arm:.12g}",
-        f"curve of {name}": _digest(thruster.curve),
-        f"outside of {name}": "clamp" if thruster.clamp else "refuse",
-    }
-    if thruster.surge_share:
-        told[f"surge of {name}"] = f"{thruster.surge_share:.12g}"
-    return told
-
-
-def _digest(curve: ThrustCurve) -> str:
-    points = zip(curve.command.tolist(), curve.thrust.tolist(), strict=True)
-    text = "\n".join(f"{command!r},{thrust!r}" for command, thrust in points)
-    return _DIGEST + hashlib.sha256(text.encode()).hexdigest()

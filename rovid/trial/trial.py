@@ -1,4 +1,4 @@
-"""Frozen records of what was measured, in SI units and radians."""
+"""Trials and campaigns as measured, in SI units and radians."""
 
 from __future__ import annotations
 
@@ -15,10 +15,14 @@ from numpy.typing import ArrayLike
 
 from rovid.core.array_types import BoolArray, FloatArray
 from rovid.trial.axis import YAW, Axis
+from rovid.trial.log_files import is_called
+
+# Measured positions that a part of a log needs to be kept.
+_MIN_READINGS = 10
 
 
 def read_only(values: ArrayLike) -> FloatArray:
-    """``values`` as float64 that nobody can write to, copied where anybody could."""
+    """``values`` as a read-only float64 array; a writeable array is copied."""
     array = np.asarray(values, dtype=np.float64)
     if array.flags.writeable:
         array = array.copy()
@@ -28,11 +32,10 @@ def read_only(values: ArrayLike) -> FloatArray:
 
 @dataclass(frozen=True, kw_only=True)
 class Remark:
-    """One thing that a reader noticed in a log and what it did about it.
+    """A fault that a reader found in a log, and its treatment.
 
-    ``kind`` is a stable word (duplicate, backward, missing, outlier, frozen, gap, truncated, extrapolated,
-    repeated, start, stale, skipped); ``count`` how many samples (or bytes, for truncated) it touches; ``text``
-    a full sentence.
+    ``kind`` is a stable word (duplicate, backward, missing, outlier, frozen, gap, truncated, extrapolated, repeated,
+    start, stale, skipped, ...); ``count`` the number of affected samples (bytes, for truncated); ``text`` a sentence.
     """
 
     kind: str
@@ -44,42 +47,41 @@ class Remark:
 class Trial:
     """One run of the vehicle.
 
-    All arrays have one row for each instant of ``time``, which is the union of the instants at which the
-    position was measured and those at which a command changed. A position that was not measured at an instant
-    is NaN; a command holds its value until the next instant.
+    All arrays have one row for each instant of ``time``: the union of the instants at which the position was measured
+    and those at which a command changed. The position is NaN where it was not measured. A command holds its value until
+    the next instant.
 
     Attributes
     ----------
     name
         Path of the log, relative to the campaign.
     path
-        The file itself.
+        The log file.
     time
         (n,) s, strictly increasing from 0.
     position
-        (n,) along ``axis``, in yaw the heading: rad, unwrapped, or m; positive in the sense in which the log's grows.
-        NaN where not measured.
+        (n,) along ``axis``: rad, unwrapped, or m; positive in the sense of the logged signal. In yaw the heading. NaN
+        where not measured.
     commands
-        (n, k) each actuator's command in the unit of its thrust curve (N m for a logged torque), held.
+        (n, k) command of each actuator in the unit of its thrust curve (N m for a logged torque), held.
     rate, roll, pitch
-        (n,) rad/s or m/s, rad, rad or None where not logged; linear between neighbours where they have a clock of
-        their own, NaN where those are farther apart than a gap.
+        (n,) rad/s or m/s, rad, rad; None where not logged. Interpolated linearly, NaN in gaps.
     extras
-        Any further mapped channel, (n,), held, in the unit of the log.
+        Further mapped channels, (n,), held, in the unit of the log.
     reference
         Median of each further channel over the whole campaign.
     remarks
-        What the reader noticed.
-    integrated
-        Whether the rate alone was measured, of which ``position`` is then the integral.
-    began
-        s since 1970 at time 0; None where the log does not tell.
-    since
-        s from the beginning of the campaign's first trial to that of this one.
-    whole
-        Name of the trial that this one is a part of; empty where it is none.
-    beside
-        Further files that it was read from.
+        Faults found by the reader.
+    rate_only
+        Only the rate was measured; ``position`` is its integral.
+    start_epoch
+        s since 1970 at time 0; None where the log has no absolute time.
+    campaign_time
+        s from the beginning of the campaign's first trial to the beginning of this one.
+    parent
+        Name of the trial that this one is a part of; else empty.
+    companion_files
+        Further files of the trial.
     """
 
     name: str
@@ -112,7 +114,7 @@ class Trial:
             raise ValueError(msg)
 
     def __reduce__(self) -> tuple[Callable[[], Self], tuple[()]]:
-        # Made anew, for arrays come out of a pickle writeable.
+        # The constructor makes the arrays read-only again: unpickled arrays are writeable.
         given = {item.name: getattr(self, item.name) for item in fields(self)}
         return partial(type(self), **given | {"extras": dict(self.extras)}), ()
 
@@ -120,10 +122,7 @@ class Trial:
     def from_commands(
         cls, time: FloatArray, commands: FloatArray, *, name: str = "", reference: Mapping[str, float] | None = None
     ) -> Self:
-        """A trial that was never run, at rest at zero, of (n,) instants in s and (n, k) commands.
-
-        Each further channel stands at its ``reference``.
-        """
+        """Trial that was not run, at rest at zero; (n,) instants in s, (n, k) commands, channels at ``reference``."""
         channels = reference or {}
         return cls(
             name=name,
@@ -136,31 +135,31 @@ class Trial:
             reference=channels,
         )
 
-    def part(self, where: slice, name: str) -> Self:
-        """The stretch ``where`` as a trial by itself, its time from 0."""
+    def part(self, rows: slice, name: str) -> Self:
+        """The ``rows`` as a trial of its own, with time from 0."""
 
         def cut(values: FloatArray | None) -> FloatArray | None:
-            return None if values is None else values[where]
+            return None if values is None else values[rows]
 
-        start = float(self.time[where][0])
+        start = float(self.time[rows][0])
         return replace(
             self,
             name=name,
             parent=self.parent or self.name,
-            time=self.time[where] - self.time[where][0],
-            position=self.position[where],
-            commands=self.commands[where],
+            time=self.time[rows] - self.time[rows][0],
+            position=self.position[rows],
+            commands=self.commands[rows],
             rate=cut(self.rate),
             roll=cut(self.roll),
             pitch=cut(self.pitch),
-            extras={channel: values[where] for channel, values in self.extras.items()},
+            extras={channel: values[rows] for channel, values in self.extras.items()},
             start_epoch=None if self.start_epoch is None else self.start_epoch + start,
             campaign_time=self.campaign_time + start,
         )
 
     @property
     def has_actuators(self) -> bool:
-        """Whether anything drives the vehicle along the axis; else it was let go of, tilted."""
+        """Whether an actuator drives the vehicle along the axis; otherwise it was released from a tilt."""
         return bool(self.commands.shape[1])
 
     @property
@@ -177,20 +176,20 @@ class Trial:
 
     @cached_property
     def first_position(self) -> float:
-        """The first position that was measured, rad or m."""
+        """First measured position, rad or m."""
         return float(self.position[int(np.argmax(self.measured))])
 
     @cached_property
     def body_position(self) -> FloatArray:
-        """(n,) the integral of the body's rate along the axis: of the position itself, but in yaw where tilt is logged.
+        """(n,) integral of the body rate along the axis; NaN where not measured.
 
-        There d(angle) = cos(phi) cos(theta) dpsi - sin(phi) dtheta (Fossen 2011, eq. 2.28 solved for r). NaN where
-        nothing was measured.
+        Equal to the position, except in yaw where the tilt is logged. There
+        d(angle) = cos(phi) cos(theta) dpsi - sin(phi) dtheta (Fossen 2011, eq. 2.28 solved for r).
         """
         if self.axis is not YAW or self.roll is None or self.pitch is None:
             return self.position
         known = self.measured
-        roll, pitch = self._bridged(self.roll)[known], self._bridged(self.pitch)[known]
+        roll, pitch = self._filled(self.roll)[known], self._filled(self.pitch)[known]
         level = np.cos(roll) * np.cos(pitch)
         position = self.position[known]
         steps = 0.5 * (level[1:] + level[:-1]) * np.diff(position)
@@ -200,8 +199,8 @@ class Trial:
         angle.flags.writeable = False
         return angle
 
-    def _bridged(self, values: FloatArray) -> FloatArray:
-        """(n,) ``values`` with straight lines where they are not known; zero where none is."""
+    def _filled(self, values: FloatArray) -> FloatArray:
+        """(n,) ``values`` with gaps interpolated linearly; zeros where no value is known."""
         finite = np.isfinite(values)
         if not finite.any():
             return np.zeros(len(values))
@@ -215,7 +214,7 @@ class Trial:
 
 @dataclass(frozen=True, kw_only=True)
 class Campaign:
-    """The trials of one vehicle, in the order of their names, and what was noticed across them."""
+    """The trials of one vehicle, ordered by name, and the remarks on the whole campaign."""
 
     trials: tuple[Trial, ...]
     sources: tuple[Path, ...]
@@ -227,24 +226,83 @@ class Campaign:
         return int(sum(trial.measured.sum() for trial in self.trials))
 
 
-# A number by itself, which two remarks on the same thing may differ in.
+@dataclass(frozen=True, kw_only=True)
+class Exclusion:
+    """An interval of a log that rovid.toml excludes: a caught tether, a hand on the vehicle.
+
+    Attributes
+    ----------
+    log
+        Name of the log, or a pattern such as "hold_*.csv".
+    begin, end
+        s from the beginning of the log.
+    reason
+        Text for people; may be empty.
+    """
+
+    log: str
+    begin: float = 0.0
+    end: float = np.inf
+    reason: str = ""
+
+    def __str__(self) -> str:
+        """The interval, as "12 to 30.5 s"."""
+        if np.isfinite(self.end):
+            return f"{self.begin:g} to {self.end:g} s"
+        return f"all from {self.begin:g} s on" if self.begin > 0.0 else "all of it"
+
+    def applies_to(self, name: str) -> bool:
+        """Whether the log ``name`` is meant, with or without its folder."""
+        return is_called(name, self.log)
+
+    def covers(self, time: FloatArray) -> BoolArray:
+        """(n,) whether each of the (n,) instants in s lies in the interval."""
+        return (self.begin <= time) & (time <= self.end)
+
+
+def apply_exclusions(trial: Trial, exclusions: Sequence[Exclusion]) -> list[Trial]:
+    """The rest of ``trial``: one trial for each interval between exclusions; none if all is excluded."""
+    own = [exclusion for exclusion in exclusions if exclusion.applies_to(trial.name)]
+    if not own:
+        return [trial]
+    excluded = np.zeros(len(trial.time), dtype=bool)
+    remarks = list(trial.remarks)
+    for exclusion in own:
+        covered = exclusion.covers(trial.time)
+        excluded |= covered
+        reason = f": {exclusion.reason.rstrip('.')}." if exclusion.reason else ", as rovid.toml says."
+        text = f"Left out, {exclusion}{reason}"
+        remarks.append(Remark(kind="left out", count=int(covered.sum()), text=text))
+    edges = np.flatnonzero(np.diff(np.concatenate(([True], excluded, [True])).astype(int))).reshape(-1, 2)
+    kept = [slice(first, end) for first, end in edges.tolist() if trial.measured[first:end].sum() >= _MIN_READINGS]
+    if len(kept) == 1:
+        return [replace(trial.part(kept[0], trial.name), remarks=tuple(remarks))]
+    parts: list[Trial] = []
+    for rows in kept:
+        span = trial.time[rows]
+        part = trial.part(rows, f"{trial.name}, {span[0]:.1f} to {span[-1]:.1f} s")
+        # The first part carries the remarks.
+        parts.append(replace(part, remarks=() if parts else tuple(remarks)))
+    return parts
+
+
+# A number on its own: the only difference that two remarks on the same fault may have.
 _NUMBER = re.compile(r"(?<![\w.])\d+(?:[.,:]\d+)*(?!\w)")
 
 
-def merged_remarks(trials: Sequence[Trial], most: int = 5) -> list[str]:
-    """What was noticed in ``trials``, the same in several of them once, with the log where there is most of it."""
-    same: dict[tuple[str, str], list[tuple[Remark, str]]] = {}
+def merged_remarks(trials: Sequence[Trial], limit: int = 5) -> list[str]:
+    """Remarks on ``trials``; equal remarks are merged, led by the log with the largest count, with ``limit`` others."""
+    groups: dict[tuple[str, str], list[tuple[Remark, str]]] = {}
     for trial in trials:
         for remark in trial.remarks:
-            same.setdefault((remark.kind, _NUMBER.sub("", remark.text)), []).append((remark, trial.name))
-    return [_with_others(sorted(each, key=lambda one: -one[0].count), most) for each in same.values()]
-
-
-def _with_others(noticed: Sequence[tuple[Remark, str]], most: int) -> str:
-    (first, name), *others = noticed
-    text = f"{name}: {first.text}"
-    if not others:
-        return text
-    listed = ", ".join(f"{where} ({remark.count})" for remark, where in others[:most])
-    more = f" and {len(others) - most} more" if len(others) > most else ""
-    return f"{text} Likewise in {listed}{more}."
+            groups.setdefault((remark.kind, _NUMBER.sub("", remark.text)), []).append((remark, trial.name))
+    texts = []
+    for group in groups.values():
+        (first, name), *others = sorted(group, key=lambda pair: -pair[0].count)
+        text = f"{name}: {first.text}"
+        if others:
+            listed = ", ".join(f"{log} ({remark.count})" for remark, log in others[:limit])
+            more = f" and {len(others) - limit} more" if len(others) > limit else ""
+            text += f" Likewise in {listed}{more}."
+        texts.append(text)
+    return texts

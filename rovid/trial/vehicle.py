@@ -15,7 +15,7 @@ from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import YAW, Axis
 from rovid.trial.trial import Trial, read_only
 
-# A bench curve ends at the last command tried on the bench; rounding of the log may step just outside.
+# Share of the curve's width by which rounding in the log may exceed the bench curve.
 _ROUNDING = 1e-3
 
 
@@ -48,7 +48,7 @@ class ThrustCurve:
         return float(self.command[-1] - self.command[0])
 
     def excess(self, command: FloatArray) -> float:
-        """How far the farthest of ``command`` lies outside the curve; 0 when all are inside or missing."""
+        """Largest distance of ``command`` outside the curve; 0 when all are inside or missing."""
         finite = command[np.isfinite(command)]
         if not finite.size:
             return 0.0
@@ -60,15 +60,22 @@ class ThrustCurve:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Thruster:
-    """One actuator: ``torque = arm * curve(command)``; positive torque turns the position up.
+    """One actuator: ``torque = arm * curve(command)``; a positive torque increases the position.
 
-    Along an axis that is no angle the arm is the share of the thrust, and a torque is a force.
-
-    A logged torque is an actuator whose ``curve`` is None: its command is the torque in N m, its arm 1.
-    ``ahead`` is the share of its thrust that drives the vehicle ahead, 0 where that is not told.
-
-    ``clamp`` allows commands outside the curve, at the curve's end values; ``most`` is the largest size of a logged
-    torque; ``arm_guessed`` and ``curve_guessed`` say what of it `rovid init` made up, and nobody put right since.
+    Attributes
+    ----------
+    arm
+        m; along a linear axis the share of the thrust, and the torque is a force.
+    curve
+        None for a logged torque: its command is the torque in N m, and its arm is 1.
+    clamp
+        Whether commands outside the curve are allowed, at the curve's end values.
+    max_logged_torque
+        N m, largest magnitude of a logged torque.
+    surge_share
+        Share of the thrust that drives the vehicle ahead; 0 where unknown.
+    arm_guessed, curve_guessed
+        Whether the value is an unconfirmed guess of `rovid init`.
     """
 
     name: str
@@ -82,7 +89,7 @@ class Thruster:
 
     @property
     def full_thrust(self) -> float:
-        """N; the largest that the curve gives, or N m that a log of the torque holds."""
+        """Largest thrust of the curve in N, or largest logged torque in N m."""
         if self.curve is None:
             return self.max_logged_torque
         return float(np.max(np.abs(self.curve.thrust)))
@@ -92,31 +99,27 @@ class Thruster:
         return self.arm * (command if self.curve is None else self.curve(command))
 
     def command_range(self) -> float:
-        """Width of the commands that the curve knows; NaN for a logged torque."""
+        """Width of the tested commands; NaN for a logged torque."""
         return float("nan") if self.curve is None else self.curve.span
 
-    def with_logged_torque(self, most: float) -> Self:
-        """With the largest torque that was logged, where that stands in the place of a curve."""
-        return self if self.curve is not None else replace(self, max_logged_torque=most or 1.0)
 
-
-# Total over rigid-body yaw inertia; published vehicles lie between 1.1 and 2.5, a closed hull full of water at 4.
+# Plausible total over rigid-body yaw inertia. Published vehicles: 1.1 to 2.5; a closed hull full of water: 4.
 PLAUSIBLE_INERTIA_RATIO = (0.9, 8.0)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Vehicle:
-    """What rovid.toml says of the vehicle.
+    """The vehicle of a rovid.toml.
 
     Attributes
     ----------
-    rigid_body_inertia
-        kg m^2 about the axis, or kg along it; None where neither it nor mass and size are given. What is given is
-        about the vertical axis.
     thrusters
         In the order of the columns of ``Trial.commands``.
+    rigid_body_inertia
+        kg m^2 about the axis, or kg along it; None where unknown. A given value is that of yaw; otherwise the
+        inertia of a uniform box of the vehicle's mass and size.
     axis
-        The degree of freedom that all this is about.
+        The degree of freedom.
     """
 
     name: str
@@ -130,52 +133,52 @@ class Vehicle:
 
     def __post_init__(self) -> None:
         if self.axis is not YAW or self.rigid_body_inertia is None:
-            object.__setattr__(self, "rigid_body_inertia", self._inertia())
+            object.__setattr__(self, "rigid_body_inertia", self._inertia_of_box())
 
     @property
     def surge_shares(self) -> FloatArray:
-        """(k,) share of each thrust that drives the vehicle ahead; zeros where that is not known.
+        """(k,) share of each thrust that drives the vehicle ahead; zeros where unknown.
 
-        Where it is not told, thrusters of a yaw on both sides of the middle are taken to push ahead, as twin screws do.
+        Yaw thrusters on both sides of the middle, without a given share, are taken as twin screws: all push ahead.
         """
-        told = np.array([thruster.surge_share for thruster in self.thrusters])
+        given = np.array([thruster.surge_share for thruster in self.thrusters])
         arms = np.array([thruster.arm for thruster in self.thrusters])
-        both_sides = self.axis is YAW and bool(np.any(arms > 0.0) and np.any(arms < 0.0))
-        if both_sides and not told.any():
-            return np.ones(len(told))
-        return told
+        on_both_sides = self.axis is YAW and bool(np.any(arms > 0.0) and np.any(arms < 0.0))
+        if on_both_sides and not given.any():
+            return np.ones(len(given))
+        return given
 
     @property
     def assumptions(self) -> Assumptions:
-        """What of its thrusters is no measurement."""
+        """Guessed values of the thrusters."""
         items: list[str] = []
         for thruster in self.thrusters:
             items += [f"{self.axis.arm_key} of {thruster.name}"] * thruster.arm_guessed
             items += [f"curve of {thruster.name}"] * thruster.curve_guessed
         return Assumptions(items=tuple(items), thrusters=len(self.thrusters))
 
-    def _inertia(self) -> float | None:
-        """Of the body alone, if it were a uniform box."""
+    def _inertia_of_box(self) -> float | None:
         if not self.axis.angular or self.mass is None:
             return self.mass
-        across = {"yaw": (self.length, self.width), "pitch": (self.length, self.height)}
-        first, second = across.get(self.axis.name, (self.width, self.height))
+        sides = {"yaw": (self.length, self.width), "pitch": (self.length, self.height)}
+        first, second = sides.get(self.axis.name, (self.width, self.height))
         if first is None or second is None:
             return None
         return box_inertia(self.mass, first, second)
 
     @property
     def reference_inertia(self) -> float | None:
-        """The rigid body's inertia where a fitted inertia may be held against it; None beside guessed arms."""
+        """Rigid-body inertia to compare a fitted inertia with; None where arms or curves are guessed."""
         return None if self.assumptions else self.rigid_body_inertia
 
     def with_logged_torque(self, trials: Sequence[Trial]) -> Self:
-        """With what a logged torque comes to in ``trials``."""
-        most = np.max([np.max(np.abs(trial.commands), axis=0) for trial in trials], axis=0).tolist()
-        thrusters = tuple(
-            thruster.with_logged_torque(size) for thruster, size in zip(self.thrusters, most, strict=True)
-        )
-        return replace(self, thrusters=thrusters)
+        """The vehicle with the largest torque that is logged in ``trials``."""
+        largest = np.max([np.max(np.abs(trial.commands), axis=0) for trial in trials], axis=0).tolist()
+        thrusters = []
+        for thruster, torque in zip(self.thrusters, largest, strict=True):
+            known = thruster.curve is not None
+            thrusters.append(thruster if known else replace(thruster, max_logged_torque=torque or 1.0))
+        return replace(self, thrusters=tuple(thrusters))
 
     def thrust(self, commands: FloatArray) -> FloatArray:
         """(n, k) thrust in N for (n, k) commands; the torque itself for a logged torque."""

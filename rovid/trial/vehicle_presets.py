@@ -1,4 +1,4 @@
-"""Vehicles of known types: what is published of them, for a first rovid.toml. One file a type, in vehicles/."""
+"""Published data of known vehicle types, for a first rovid.toml. The folder vehicles/ holds one file a type."""
 
 from __future__ import annotations
 
@@ -10,98 +10,48 @@ from typing import Any
 
 from rovid.core.errors import ConfigError, suggestion
 from rovid.core.toml import read_toml
+from rovid.trial.signal_names import word_set
 
 _FOLDER = Path(__file__).parent / "vehicles"
 _NUMBERS = ("mass", "length", "width", "supply")
 _KEYS = ("name", *_NUMBERS, "curve", "sources", "arms", "senses_alone")
-# What the thrusters of a vehicle are called -> the words for that side in the columns of logs.
+# Side that a thruster is named by -> words for it in the names of columns.
 SIDE_WORDS: Mapping[str, frozenset[str]] = {
-    "port": frozenset(
-        {"port", "left", "links", "bb", "backbord", "babord", "bâbord", "gauche", "babor", "sinistra", "sinistro"}
+    "port": word_set("port left links bb backbord babord bâbord gauche babor sinistra sinistro"),
+    "starboard": word_set(
+        "starboard stbd right rechts stb steuerbord tribord droite estribor styrbord dritta destra destro"
     ),
-    "starboard": frozenset(
-        {
-            "starboard",
-            "stbd",
-            "right",
-            "rechts",
-            "stb",
-            "steuerbord",
-            "tribord",
-            "droite",
-            "estribor",
-            "styrbord",
-            "dritta",
-            "destra",
-            "destro",
-        }
+    "bow": word_set(
+        """bow fore fwd forward front bug vorn avant proue proa baug etrave étrave bugstrahl bugstrahler bugstrahlruder
+        baugthruster forre"""
     ),
-    "bow": frozenset(
-        {
-            "bow",
-            "fore",
-            "fwd",
-            "forward",
-            "front",
-            "bug",
-            "vorn",
-            "avant",
-            "proue",
-            "proa",
-            "baug",
-            "etrave",
-            "étrave",
-            "bugstrahl",
-            "bugstrahler",
-            "bugstrahlruder",
-            "baugthruster",
-            "forre",
-        }
-    ),
-    "stern": frozenset(
-        {
-            "stern",
-            "aft",
-            "rear",
-            "heck",
-            "achtern",
-            "arriere",
-            "arrière",
-            "poupe",
-            "popa",
-            "poppa",
-            "heckstrahl",
-            "heckstrahler",
-            "heckstrahlruder",
-            "hekkthruster",
-            "hekk",
-            "akter",
-            "aktre",
-        }
+    "stern": word_set(
+        """stern aft rear heck achtern arriere arrière poupe popa poppa heckstrahl heckstrahler heckstrahlruder
+        hekkthruster hekk akter aktre"""
     ),
 }
 
 
 @dataclass(frozen=True, kw_only=True)
 class VehiclePreset:
-    """What is published of a type of vehicle.
+    """Published data of a vehicle type.
 
     Attributes
     ----------
     id
-        By which it is asked for.
+        Name on the command line.
     mass, length, width
-        kg, m, m; None where nothing is published.
+        kg, m, m; None where not published.
     arms
-        Thruster -> yaw arm in m; the thruster is the number of the motor, or the side that it stands on.
+        Thruster -> yaw arm in m. A thruster is named by its motor number or its side.
     senses_alone
-        Whether of the arms nothing is known but their signs.
+        Whether only the signs of the arms are known.
     curve
-        A thrust curve, command in us; None where there is none.
+        Thrust curve, command in us; None where not published.
     supply
-        V at which the curve was measured.
+        Supply voltage of the curve in V.
     sources
-        Where the figures come from.
+        References for the numbers.
     """
 
     id: str
@@ -116,7 +66,7 @@ class VehiclePreset:
     sources: tuple[str, ...] = field(default=())
 
     def label(self, words: set[str]) -> str:
-        """The thruster that a column with these words in its name commands; empty if none."""
+        """Thruster commanded by a column with these words in its name; empty if none."""
         for label in self.arms:
             if label in words or words & SIDE_WORDS.get(label, frozenset()):
                 return label
@@ -124,17 +74,17 @@ class VehiclePreset:
 
 
 def preset_names() -> list[str]:
-    """Types that rovid brings with it."""
+    """Names of the built-in types."""
     return sorted(path.stem for path in _FOLDER.glob("*.toml"))
 
 
 def load_preset(name: str) -> VehiclePreset:
-    """The type that is called ``name``, or that the file of that name describes.
+    """The built-in type ``name``, or the type described by the file ``name``.toml.
 
     Raises
     ------
     ConfigError
-        There is no such type or file, or the file is none of a vehicle.
+        There is no such type or file, or the file does not describe a vehicle.
     """
     own = Path(name)
     if own.suffix == ".toml":
@@ -144,7 +94,7 @@ def load_preset(name: str) -> VehiclePreset:
     if found is None:
         raise ConfigError(
             f"there is no vehicle {name!r}. {suggestion(name, preset_names())}",
-            mend=f"Known are {', '.join(preset_names())}; or give a file of your own, as my_rov.toml.",
+            mend=f"Known vehicles: {', '.join(preset_names())}. You can also give a file of your own, as my_rov.toml.",
         )
     return _read(_FOLDER / f"{found}.toml", found)
 
@@ -153,7 +103,7 @@ def _read(path: Path, name: str) -> VehiclePreset:
     document = read_toml(path)
     for key in document:
         if key not in _KEYS:
-            raise ConfigError(f"has the key {key!r}, which no vehicle has. {suggestion(key, _KEYS)}", where=path)
+            raise ConfigError(f"has the unknown key {key!r}. {suggestion(key, _KEYS)}", where=path)
     arms = document.get("arms")
     if not isinstance(arms, dict) or not arms or not all(map(_is_number, arms.values())):
         raise ConfigError(
@@ -164,10 +114,10 @@ def _read(path: Path, name: str) -> VehiclePreset:
             raise ConfigError(f"{key} is {document[key]!r}; a positive number was expected.", where=path)
     curve = document.get("curve")
     if curve is not None and not (isinstance(curve, str) and (path.parent / curve).is_file()):
-        raise ConfigError(f"curve is {curve!r}; the name of a file beside it was expected.", where=path)
+        raise ConfigError(f"curve is {curve!r}; the name of a file in the same folder was expected.", where=path)
     sources = document.get("sources", [])
     if not isinstance(sources, list) or not all(isinstance(one, str) for one in sources):
-        raise ConfigError("sources are to be a list of texts.", where=path)
+        raise ConfigError("sources must be a list of texts.", where=path)
     return VehiclePreset(
         id=name,
         name=str(document.get("name", name)),

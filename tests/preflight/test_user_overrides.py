@@ -9,7 +9,7 @@ from rovid.preflight.log_survey import LogSurvey, SurveyOptions, read_logs, surv
 from rovid.preflight.raw_columns import SignalGuess
 from rovid.preflight.user_overrides import CHOSEN, UserOverrides
 from rovid.trial.config import load_config
-from rovid.trial.exclusions import Exclusion
+from rovid.trial.trial import Exclusion
 from tests.app.conftest import logs_into
 
 

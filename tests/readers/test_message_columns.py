@@ -9,7 +9,7 @@ import pytest
 
 from rovid.core.errors import LogError
 from rovid.readers.message_columns import Columns, channels_of, numeric_sources, of_sensor, split_sensor
-from rovid.trial.config import Signal
+from rovid.trial.signal_names import Signal
 from rovid.trial.trial import Remark
 
 LOG = Path("a.bin")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rovid.readers.name_tokens import name_words
+from rovid.trial.signal_names import name_words
 
 
 @pytest.mark.parametrize(

@@ -39,7 +39,7 @@ def test_of_a_wrong_shape_nothing_holds(guess: Assumptions) -> None:
 
 def test_the_caution_says_what_is_guessed_and_what_ratios_ask_for() -> None:
     assert ARMS.caution.startswith("Guessed by rovid init, not measured: yaw_arm of fore and aft. ")
-    assert "if these arms are of one size" in ARMS.caution
+    assert "if these arms are equal in size" in ARMS.caution
     assert ALONE.caution.endswith("ratios and times hold.")
     assert CURVE.listing == "yaw_arm and curve of fore"
     assert (

@@ -49,7 +49,7 @@ def test_marks_of_guesses_are_read(tmp_path: Path) -> None:
     text = GOOD.replace("yaw_arm = 0.43", "yaw_arm = 0.43\nyaw_arm_guessed = true\ncurve_guessed = true")
     fore, aft = load_config(written(tmp_path, text)).vehicle.thrusters
     assert (fore.arm_guessed, fore.curve_guessed, aft.arm_guessed) == (True, True, False)
-    with pytest.raises(ConfigError, match=r"'fore' yaw_arm_guessed: is 'yes'; the value of yaw_arm that was guessed"):
+    with pytest.raises(ConfigError, match=r"'fore' yaw_arm_guessed: is 'yes'; the guessed value of yaw_arm"):
         load_config(written(tmp_path, text.replace("yaw_arm_guessed = true", "yaw_arm_guessed = 'yes'")))
 
 
@@ -116,7 +116,7 @@ def test_a_logged_torque_takes_the_place_of_thrusters(tmp_path: Path) -> None:
         ('unit = "deg", sign = -1', 'unit = "turns"', "is 'turns'; one of deg, rad"),
         ("sign = -1", "sign = 2", "1 or -1"),
         ("heading = {", "course = {", "has no heading"),
-        ("[signals]", '[signals]\ntorque = "T"', "stands beside [[thrusters]]"),
+        ("[signals]", '[signals]\ntorque = "T"', "is given in addition to [[thrusters]]"),
         ("[vehicle]", "[vehicles]", "'vehicles' is not known here. Nearest: 'vehicle'"),
         ("[vehicle]", "[vehicle", "is not valid TOML"),
         ("[[thrusters]]", "[thrusters]", "TOML"),

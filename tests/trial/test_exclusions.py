@@ -10,7 +10,7 @@ import pytest
 
 from rovid.core.errors import ConfigError
 from rovid.trial.config import load_config
-from rovid.trial.exclusions import Exclusion, apply_exclusions
+from rovid.trial.trial import Exclusion, apply_exclusions
 from tests.conftest import SAMPLES, Rovid
 from tests.synthetic import clock, trial
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rovid.trial.multi_file_trials import Join, guess_parts
+from rovid.trial.log_files import Join, guess_parts
 
 
 @pytest.mark.parametrize(
@@ -24,7 +24,7 @@ def test_parts_are_words_in_which_files_differ(names: list[str], parts: tuple[st
 def test_files_of_a_trial_have_all_else_in_common() -> None:
     join = Join(parts=("ins", "thr"))
     names = ["run2_thr.csv", "run1_thr.csv", "run1_ins.csv", "run1_gps.csv"]
-    assert join.of_trial("run1_thr.csv", names) == ["run1_ins.csv", "run1_thr.csv"]
+    assert join.files_of_trial("run1_thr.csv", names) == ["run1_ins.csv", "run1_thr.csv"]
     assert not join.part("run1_gps.csv")
 
 
@@ -34,6 +34,6 @@ def test_a_clock_is_given_for_a_part_or_for_a_file() -> None:
     assert join.clock_correction("day/run2_thr.csv") == (-1.0, 0.0)
     assert join.clock_correction("day/run3_thr.csv") == (0.5, 40.0)
     assert join.clock_correction("run1_ins.csv") == (0.0, 0.0)
-    assert join.is_of_part("run1_thr.csv")
-    assert not join.is_of_part("run2_thr.csv")
+    assert join.is_corrected_by_part("run1_thr.csv")
+    assert not join.is_corrected_by_part("run2_thr.csv")
     assert str(join) == "ins and thr, thr 0.5 s late, run2_*.csv -1 s late, day/run3_thr.csv slow by 40 ppm"

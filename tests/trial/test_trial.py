@@ -68,4 +68,4 @@ def test_what_was_noticed_in_many_trials_is_said_once() -> None:
         "d: pwm2 is missing in 1 samples.",
     ]
     three = [trials[0], *(replace(trials[1], name=name) for name in "xy")]
-    assert merged_remarks(three, most=1)[0].endswith("Likewise in y (5) and 1 more.")
+    assert merged_remarks(three, limit=1)[0].endswith("Likewise in y (5) and 1 more.")

@@ -38,7 +38,7 @@ def test_thrusters_are_known_by_number_or_side() -> None:
         ("[arms]\nport = 'far'\n", "has no [arms]"),
         ("mass = -3\n[arms]\nport = 0.3\n", "a positive number was expected"),
         ("weight = 3\n[arms]\nport = 0.3\n", "'weight'"),
-        ("curve = 'none.csv'\n[arms]\nport = 0.3\n", "the name of a file beside it"),
+        ("curve = 'none.csv'\n[arms]\nport = 0.3\n", "the name of a file in the same folder"),
         ("sources = 3\n[arms]\nport = 0.3\n", "a list of texts"),
     ],
 )
