@@ -1,4 +1,4 @@
-"""The page of `rovid open`: from a folder of logs to rovid.toml and the report, on this machine alone.
+"""The web page of `rovid open`: from a folder of logs to rovid.toml and the report, on this machine only.
 
-What it shows comes of the same functions as the command line's; what it does is a rovid.toml or a command.
+The page uses the functions of the command line. It writes a rovid.toml or runs a command.
 """

@@ -1,4 +1,4 @@
-"""What the page asks for: a look at the logs, a rovid.toml of what was chosen, what `rovid check` says of it."""
+"""The requests of the page: list the logs, draft and save rovid.toml, and run `rovid check`."""
 
 from __future__ import annotations
 
@@ -40,291 +40,283 @@ from rovid.trial.signal_names import SIGNAL_UNITS
 from rovid.trial.vehicle_presets import load_preset, preset_names
 
 Document = dict[str, Any]
-# Bytes of columns that are kept for the next look at them.
-_ROOM = 400 << 20
+_FileKey = tuple[Any, ...]
+# Bytes of columns that stay in memory.
+_CACHE_SIZE = 400 << 20
 
 
 @dataclass(kw_only=True)
 class Api:
-    """One user's work; what is read is kept until the files change."""
+    """The requests of one user. Logs that were read are cached until the files change."""
 
-    top: RootFolder
-    _lock: threading.Lock = field(default_factory=threading.Lock)
-    _reading: threading.Lock = field(default_factory=threading.Lock)
-    _checking: threading.Lock = field(default_factory=threading.Lock)
+    root: RootFolder
+    _survey_lock: threading.Lock = field(default_factory=threading.Lock)
+    _columns_lock: threading.Lock = field(default_factory=threading.Lock)
+    _check_lock: threading.Lock = field(default_factory=threading.Lock)
     _checks: int = 0
-    _looks: dict[tuple[Any, ...], LogsRead] = field(default_factory=dict)
-    _surveys: dict[tuple[Any, ...], LogSurvey] = field(default_factory=dict)
-    _columns: dict[tuple[Any, ...], Mapping[str, RawColumn]] = field(default_factory=dict)
+    _logs_read: dict[_FileKey, LogsRead] = field(default_factory=dict)
+    _surveys: dict[tuple[_FileKey, SurveyOptions], LogSurvey] = field(default_factory=dict)
+    _columns: dict[_FileKey, Mapping[str, RawColumn]] = field(default_factory=dict)
 
     def look(self, names: Sequence[str]) -> Document:
-        """What there is: logs, types of vehicles, a rovid.toml, and what was chosen for it."""
+        """The logs, the vehicle types, and the rovid.toml with its choices if there is one."""
         paths = self.paths(names)
-        folder = _folder(paths)
+        folder = config_folder(paths)
         files = [file for file in log_files(paths, []) if not is_thrust_curve(file)]
         if not files:
             raise DataError("holds no logs.", where=folder, mend=f"Choose a folder with {', '.join(READERS)}.")
-        there, theirs = self._existing(folder), self.foreign_config(paths)
-        known = None if there is None or theirs else read_form_data(_text_of(there))
+        config = self.config_file(paths)
+        text = None if config is None else _read_text(config)
+        own = text is not None and self.foreign_config(paths) is None
+        data = read_form_data(text) if own and text is not None else None
         return {
-            "folder": self.top.name(folder),
-            "logs": [self._log(file, paths) for file in files],
-            "vehicles": [_type_document(name) for name in preset_names()],
+            "folder": self.root.name(folder),
+            "logs": [self._log_document(file, paths) for file in files],
+            "vehicles": list(map(_preset_document, preset_names())),
             "units": {name: list(units) for name, units in SIGNAL_UNITS.items()},
-            "existing": None if there is None else {"file": self.top.name(there), "text": _text_of(there)},
-            "chosen": None if known is None else known[0],
+            "existing": None if config is None else {"file": self.root.name(config), "text": text},
+            "chosen": None if data is None else data[0],
         }
 
     def columns(self, name: str, needed: Sequence[str], begin: float, end: float, bins: int) -> Document:
-        """Every column of one log, as it is drawn."""
-        path = self.top.path(name)
+        """The columns of one log for plots; see `columns_document`."""
+        path = self.root.path(name)
         require_exists(path)
-        with self._reading:
-            return columns_document(self._columns_of(path), needed, begin, end, min(max(bins, 10), 5000))
+        with self._columns_lock:
+            return columns_document(self._read_columns(path), needed, begin, end, min(max(bins, 10), 5000))
 
     def draft(self, document: object) -> Document:
-        """rovid.toml of what was chosen, what is open, and the commands that do the same."""
-        choice = parse_form(document)
-        paths = self.paths(choice.logs)
-        with self._lock:
-            guessed, found = self._survey(paths, choice)
-        files = config_files(found)
-        config, *beside = files
-        headings, commands = choice.differs(guessed)
+        """The rovid.toml for the choices, the open questions, and equivalent commands."""
+        form = parse_form(document)
+        paths = self.paths(form.logs)
+        with self._survey_lock:
+            guessed, survey = self._survey(paths, form)
+        files = config_files(survey)
+        config, *curves = files
         return {
             "text": files[config],
-            "file": self.top.name(config.path),
-            "beside": [self.top.name(output.path) for output in beside],
-            "survey": survey_document(found, []),
-            "commands": self._commands(choice, _folder(paths), headings, commands),
+            "file": self.root.name(config.path),
+            "beside": [self.root.name(output.path) for output in curves],
+            "survey": survey_document(survey, []),
+            "commands": self._commands(form, config_folder(paths), guessed),
         }
 
     def check(self, document: object) -> Document:
-        """What `rovid check` says of what was chosen; of a rovid.toml of the user's own where that is what counts."""
-        choice = parse_form(document)
-        paths = self.paths(choice.logs)
+        """The result of `rovid check` for the choices, or for the user's own rovid.toml if there is one."""
+        form = parse_form(document)
+        paths = self.paths(form.logs)
         self._checks += 1
-        own = self._checks
-        with self._checking:
-            if own != self._checks:
-                return {"stale": True}  # another change has come since, and a check may take long
-            if (theirs := self.foreign_config(paths)) is not None:
-                return self._checked(paths, theirs)
-            with self._lock:
-                _, found = self._survey(paths, choice)
+        number = self._checks
+        with self._check_lock:
+            if number != self._checks:
+                return {"stale": True}  # A newer request is waiting, and a check may take long.
+            if (config := self.foreign_config(paths)) is not None:
+                return _check(paths, config, config)
+            with self._survey_lock:
+                _, survey = self._survey(paths, form)
             with tempfile.TemporaryDirectory(prefix="rovid-") as name:
-                place = Path(name)
-                for output, text in config_files(found).items():
-                    (place / output.path.name).write_text(text, encoding="utf-8")
-                if found.curve and not (place / found.curve).exists():
-                    shutil.copyfile(found.folder / found.curve, place / found.curve)
-                return self._checked(paths, place / FILE_NAME, found.folder / FILE_NAME)
+                folder = Path(name)
+                for output, text in config_files(survey).items():
+                    (folder / output.path.name).write_text(text, encoding="utf-8")
+                if survey.curve and not (folder / survey.curve).exists():
+                    shutil.copyfile(survey.folder / survey.curve, folder / survey.curve)
+                return _check(paths, folder / FILE_NAME, survey.folder / FILE_NAME)
 
     def save(self, document: object) -> Document:
-        """Write rovid.toml, and the curve where there is none; over nothing but what the page wrote itself."""
-        choice = parse_form(document)
-        paths = self.paths(choice.logs)
-        with self._lock:
-            _, found = self._survey(paths, choice)
-        files = config_files(found)
-        config, *beside = files
-        contents = {output: files[output].encode() for output in beside}
-        text = with_form_data(files[config], choice, {output.path.name: data for output, data in contents.items()})
-        OutputSet([*files], force=self._may_replace(files)).write({config: text, **contents})
-        return {"written": [self.top.name(output.path) for output in files]}
+        """Write rovid.toml and the guessed thrust curve; only files that the page wrote are replaced."""
+        form = parse_form(document)
+        with self._survey_lock:
+            _, survey = self._survey(self.paths(form.logs), form)
+        files = config_files(survey)
+        config, *curves = files
+        contents = {output: files[output].encode() for output in curves}
+        text = with_form_data(files[config], form, {output.path.name: data for output, data in contents.items()})
+        OutputSet([*files], force=_may_replace(files)).write({config: text, **contents})
+        return {"written": [self.root.name(output.path) for output in files]}
 
     def foreign_config(self, paths: Sequence[Path]) -> Path | None:
-        """A rovid.toml that counts for these logs and that the page did not write for them; None if none does."""
-        folder = _folder(paths)
-        there = self._existing(folder)
-        own = there is not None and there.parent == folder and read_form_data(_text_of(there)) is not None
-        return None if own else there
+        """The rovid.toml of these logs if the page did not write it for them; else None."""
+        config = self.config_file(paths)
+        if config is None:
+            return None
+        own = config.parent == config_folder(paths) and read_form_data(_read_text(config)) is not None
+        return None if own else config
 
     def config_file(self, paths: Sequence[Path]) -> Path | None:
-        """The rovid.toml that counts for these logs."""
-        return self._existing(_folder(paths))
-
-    def config_folder(self, paths: Sequence[Path]) -> Path:
-        """Where their rovid.toml stands, or will."""
-        return _folder(paths)
+        """The rovid.toml of these logs: the nearest one, not above the root folder."""
+        folder = config_folder(paths)
+        for here in (folder, *folder.parents):
+            config = here / FILE_NAME
+            if not here.is_relative_to(self.root.folder):
+                return None
+            if config.is_file():
+                if not self.root.contains(config):
+                    raise ConfigError("is a link that leads out of the folder.", where=config)
+                self._require_curves_inside(config)
+                return config
+        return None
 
     def paths(self, names: Sequence[str]) -> list[Path]:
-        """The logs that the page names.
+        """Paths of the logs that the page names.
 
         Raises
         ------
         RovidError
-            One is not there, or not below the top.
+            A log is missing or outside of the root folder.
         """
         if not names:
             raise ConfigError("no logs were chosen.")
-        paths = [self.top.path(name) for name in names]
+        paths = [self.root.path(name) for name in names]
         for path in paths:
             require_exists(path)
-        # Beside a log its curve is looked for, and what is joined with it.
-        self.top.require([_folder(paths), *paths])
+        # The folder is included because rovid also reads thrust curves and joined logs next to a log.
+        self.root.require([config_folder(paths), *paths])
         return paths
 
-    def _existing(self, folder: Path) -> Path | None:
-        """The nearest rovid.toml, not above the top."""
-        for here in (folder, *folder.parents):
-            if not here.is_relative_to(self.top.folder):
-                return None
-            if (here / FILE_NAME).is_file():
-                if not self.top.contains(here / FILE_NAME):
-                    raise ConfigError("is a link that leads out of the folder.", where=here / FILE_NAME)
-                self._require_inside(here / FILE_NAME)
-                return here / FILE_NAME
-        return None
-
-    def _require_inside(self, config: Path) -> None:
-        """Refuse thrust curves that lie elsewhere."""
+    def _require_curves_inside(self, config: Path) -> None:
+        """Refuse thrust curves outside of the root folder."""
         try:
             blocks = read_toml(config).get("thrusters", [])
         except RovidError:
-            return  # to read it says what is wrong
+            return  # The error is reported when the file is loaded.
         for block in blocks if isinstance(blocks, list) else []:
             curve = block.get("curve") if isinstance(block, dict) else None
-            if isinstance(curve, str) and ("\0" in curve or not self.top.contains(config.parent / curve)):
+            if isinstance(curve, str) and ("\0" in curve or not self.root.contains(config.parent / curve)):
                 raise ConfigError(
-                    f"curve is {curve!r}, outside of {self.top.folder}.",
+                    f"curve is {curve!r}, outside of {self.root.folder}.",
                     where=config,
-                    mend="Put the curve beside the logs, or use the command line.",
+                    mend="Put the curve next to the logs, or use the command line.",
                 )
 
-    def _log(self, file: Path, paths: Sequence[Path]) -> Document:
-        root = paths[0] if paths[0].is_dir() else file.parent
-        name = file.relative_to(root).as_posix() if file.is_relative_to(root) else file.name
+    def _log_document(self, file: Path, paths: Sequence[Path]) -> Document:
+        folder = paths[0] if paths[0].is_dir() else file.parent
+        name = file.relative_to(folder).as_posix() if file.is_relative_to(folder) else file.name
         kind = READERS[file.suffix.lower()].kind
-        return {"path": self.top.name(file), "name": name, "kind": kind, "bytes": file.stat().st_size}
+        return {"path": self.root.name(file), "name": name, "kind": kind, "bytes": file.stat().st_size}
 
-    def _looked(self, paths: Sequence[Path]) -> tuple[tuple[Any, ...], LogsRead]:
-        key = tuple((file, *_stamp(file)) for file in log_files(paths, []))
-        if key not in self._looks:
-            # One folder at a time: its logs may be large.
-            self._looks.clear()
+    def _survey(self, paths: Sequence[Path], form: FormState) -> tuple[LogSurvey, LogSurvey]:
+        """The survey by rovid's guesses alone, and the survey with the user's choices."""
+        key = tuple(map(_file_key, log_files(paths, [])))
+        if key not in self._logs_read:
+            # Only one folder is kept, because its logs may be large.
+            self._logs_read.clear()
             self._surveys.clear()
-            self._looks[key] = read_logs(paths)
-        return key, self._looks[key]
+            self._logs_read[key] = read_logs(paths)
+        guessed = self._cached_survey(key, SurveyOptions(vehicle=form.vehicle, interactive=True))
+        headings, commands = form.changes(guessed)
+        options = SurveyOptions(vehicle=form.vehicle, headings=headings, commands=commands, interactive=True)
+        # This survey also determines the sign of the chosen columns, which takes time.
+        self._cached_survey(key, options)
+        return guessed, survey_read_logs(self._logs_read[key], options, form.overrides)
 
-    def _survey(self, paths: Sequence[Path], choice: FormState) -> tuple[LogSurvey, LogSurvey]:
-        """What rovid guesses by itself, and with what was chosen."""
-        key, looked = self._looked(paths)
-        guessed = self._asked(key, looked, SurveyOptions(vehicle=choice.vehicle, interactive=True))
-        headings, commands = choice.differs(guessed)
-        # What was chosen is looked at for its sense too, which takes its time.
-        asked = SurveyOptions(vehicle=choice.vehicle, headings=headings, commands=commands, interactive=True)
-        self._asked(key, looked, asked)
-        return guessed, survey_read_logs(looked, asked, choice.hand)
+    def _cached_survey(self, key: _FileKey, options: SurveyOptions) -> LogSurvey:
+        if (key, options) not in self._surveys:
+            self._surveys[key, options] = survey_read_logs(self._logs_read[key], options)
+        return self._surveys[key, options]
 
-    def _asked(self, key: tuple[Any, ...], looked: LogsRead, asked: SurveyOptions) -> LogSurvey:
-        whole = (key, asked)
-        if whole not in self._surveys:
-            self._surveys[whole] = survey_read_logs(looked, asked)
-        return self._surveys[whole]
-
-    def _columns_of(self, path: Path) -> Mapping[str, RawColumn]:
-        key = (path, *_stamp(path))
+    def _read_columns(self, path: Path) -> Mapping[str, RawColumn]:
+        key = _file_key(path)
         if key not in self._columns:
             _, columns, _ = read_columns(path)
             self._columns[key] = columns
-            while len(self._columns) > 1 and sum(map(_bytes, self._columns.values())) > _ROOM:
+            while len(self._columns) > 1 and sum(map(_size_in_memory, self._columns.values())) > _CACHE_SIZE:
                 self._columns.pop(next(iter(self._columns)))
         return self._columns[key]
 
-    def _may_replace(self, files: Mapping[OutputFile, str]) -> bool:
-        """Whether rovid.toml is what the page wrote, and nobody changed it since.
-
-        Raises
-        ------
-        OutputError
-            It is, and somebody changed a curve beside it.
-        """
-        config, *beside = files
-        known = read_form_data(_text_of(config.path)) if config.path.is_file() else None
-        if known is None:
-            return False
-        for output in beside:
-            there = output.path.read_bytes() if output.path.is_file() else b""
-            if there and there != files[output].encode() and not matches_digest(there, known[1].get(output.path.name)):
-                raise OutputError(
-                    "is there already, and not as rovid wrote it.",
-                    where=output.path,
-                    mend="If it is a bench curve by now, give it another name: then it is taken for one.",
-                )
-        return True
-
-    def _checked(self, paths: Sequence[Path], config: Path, place: Path | None = None) -> Document:
-        """What `rovid check` says of ``config``, which will be at ``place`` once it is saved."""
-        try:
-            loaded = load_config(config)
-            loaded = replace(loaded, path=place or config)
-            checked = check_logs(paths, loaded)
-        except RovidError as error:
-            text = str(error).replace(str(config.parent), str((place or config).parent))
-            return {"verdict": "no_go", "words": "No go: rovid.toml is not whole yet.", "tasks": [text], "notes": []}
-        document = check_document(checked, loaded.vehicle)
-        lead, words, _ = VERDICTS[checked.verdict]
-        return {
-            "verdict": checked.verdict,
-            "words": f"{lead} {words}",
-            "tasks": list(check_tasks(checked)),
-            "notes": check_notes(checked),
-            "caution": loaded.vehicle.assumptions.caution,
-            "document": document,
-        }
-
-    def _commands(
-        self, choice: FormState, folder: Path, headings: Sequence[str], commands: Sequence[str]
-    ) -> list[Document]:
-        """The command lines that do the same from the folder in which `rovid open` was started."""
-        logs = [shell_word(name) for name in choice.logs]
+    def _commands(self, form: FormState, folder: Path, guessed: LogSurvey) -> list[Document]:
+        """Command lines that do the same, for the folder in which `rovid open` was started."""
+        logs = list(map(shell_word, form.logs))
+        headings, commands = form.changes(guessed)
         init = ["rovid", "init", *logs]
-        if choice.vehicle:
-            init += ["--vehicle", choice.vehicle]
+        if form.vehicle:
+            init += ["--vehicle", form.vehicle]
         if len(headings) == 1:
             init += ["--heading", headings[0]]
         if commands and not any("," in source for source in commands):
             init += ["--command", ",".join(commands)]
-        kept, page = output_paths(self.top.name(folder))
-        return [
-            {"what": "A first rovid.toml, before what is put in by hand", "line": shlex.join(init)},
-            {"what": "What is in the logs and wrong with them", "line": shlex.join(["rovid", "check", *logs])},
-            {"what": "The diagnosis alone", "line": shlex.join(["rovid", "diagnose", *logs, "-p", kept])},
-            {"what": "Everything on one page", "line": shlex.join(["rovid", "report", *logs, "-p", kept, "-o", page])},
-        ]
+        parameters, page = output_paths(self.root.name(folder))
+        lines = {
+            "A first rovid.toml, without the values entered by hand": init,
+            "Content and problems of the logs": ["rovid", "check", *logs],
+            "Diagnosis only": ["rovid", "diagnose", *logs, "-p", parameters],
+            "Report with all results": ["rovid", "report", *logs, "-p", parameters, "-o", page],
+        }
+        return [{"what": purpose, "line": shlex.join(words)} for purpose, words in lines.items()]
 
 
-def output_paths(folder: str) -> tuple[str, str]:
-    """Where parameter file and page of the logs in ``folder`` go."""
-    ahead = f"{shell_word(folder)}/" if folder else ""
-    return f"{ahead}parameters.toml", f"{ahead}report"
+def _check(paths: Sequence[Path], config: Path, place: Path) -> Document:
+    """Result of `rovid check` with the file ``config``, which will be saved as ``place``."""
+    try:
+        loaded = replace(load_config(config), path=place)
+        checked = check_logs(paths, loaded)
+    except RovidError as error:
+        text = str(error).replace(str(config.parent), str(place.parent))
+        return {"verdict": "no_go", "words": "No go: rovid.toml is not complete yet.", "tasks": [text], "notes": []}
+    lead, words, _ = VERDICTS[checked.verdict]
+    return {
+        "verdict": checked.verdict,
+        "words": f"{lead} {words}",
+        "tasks": list(check_tasks(checked)),
+        "notes": check_notes(checked),
+        "caution": loaded.vehicle.assumptions.caution,
+        "document": check_document(checked, loaded.vehicle),
+    }
 
 
-def shell_word(name: str) -> str:
-    """The name of a log or folder as a command line takes it for nothing else."""
-    return f"./{name}" if name.startswith("-") else name or "."
+def _may_replace(files: Mapping[OutputFile, str]) -> bool:
+    """Whether the existing rovid.toml was written by the page and not changed since.
+
+    Raises
+    ------
+    OutputError
+        A thrust curve of the page was changed.
+    """
+    config, *curves = files
+    data = read_form_data(_read_text(config.path)) if config.path.is_file() else None
+    if data is None:
+        return False
+    for output in curves:
+        content = output.path.read_bytes() if output.path.is_file() else b""
+        if content and content != files[output].encode() and not matches_digest(content, data[1].get(output.path.name)):
+            raise OutputError(
+                "exists already and was changed since rovid wrote it.",
+                where=output.path,
+                mend="If it is a measured curve now, rename it: rovid then uses it as one.",
+            )
+    return True
 
 
-def _folder(paths: Sequence[Path]) -> Path:
+def config_folder(paths: Sequence[Path]) -> Path:
+    """Folder of the rovid.toml for these logs."""
     config, _ = output_files(paths)
     return config.path.parent
 
 
-def _stamp(file: Path) -> tuple[int, int]:
-    there = file.stat()
-    return there.st_mtime_ns, there.st_size
+def output_paths(folder: str) -> tuple[str, str]:
+    """Names of the parameter file and of the report for the logs in ``folder``."""
+    prefix = f"{shell_word(folder)}/" if folder else ""
+    return f"{prefix}parameters.toml", f"{prefix}report"
 
 
-def _bytes(columns: Mapping[str, RawColumn]) -> int:
-    return sum(one.values.nbytes + one.time.nbytes for one in columns.values())
+def shell_word(name: str) -> str:
+    """A path that a command line does not read as an option."""
+    return f"./{name}" if name.startswith("-") else name or "."
 
 
-def _text_of(path: Path) -> str:
+def _file_key(file: Path) -> _FileKey:
+    status = file.stat()
+    return file, status.st_mtime_ns, status.st_size
+
+
+def _size_in_memory(columns: Mapping[str, RawColumn]) -> int:
+    return sum(column.values.nbytes + column.time.nbytes for column in columns.values())
+
+
+def _read_text(path: Path) -> str:
     return path.read_text(encoding="utf-8", errors="replace")
 
 
-def _type_document(name: str) -> Document:
-    known = load_preset(name)
-    size = {key: getattr(known, key) for key in ("mass", "length", "width")}
-    return {"id": name, "name": known.name, "arms": dict(known.arms), **size}
+def _preset_document(name: str) -> Document:
+    preset = load_preset(name)
+    sizes = {key: getattr(preset, key) for key in ("mass", "length", "width")}
+    return {"id": name, "name": preset.name, "arms": dict(preset.arms), **sizes}

@@ -1,11 +1,17 @@
-"""Who may talk to the page: this machine's browser, at the address that holds the token; all else learns nothing."""
+"""Access control of the page: only this machine's browser, with the address that holds the token, gets an answer."""
 
 from __future__ import annotations
 
+import atexit
 import hmac
 import secrets
+import shutil
+import tempfile
+import threading
+import webbrowser
 from collections.abc import Awaitable, Callable, MutableMapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 ADDRESS = "127.0.0.1"
@@ -18,7 +24,7 @@ _POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
     "frame-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-# Of every answer; a page that has a policy of its own keeps it.
+# Headers of every answer, unless the answer sets them itself.
 _HEADERS = {
     b"content-security-policy": _POLICY.encode(),
     b"cross-origin-opener-policy": b"same-origin",
@@ -32,19 +38,17 @@ _REFUSED = b"Forbidden\n"
 
 @dataclass(frozen=True, kw_only=True)
 class TokenGuard:
-    """Lets through what names this very address and port, comes of no other site, and knows the token.
+    """ASGI wrapper that admits requests to this address and port, from no other site, with the token.
 
-    The token is the first part of each path, and no cookie: cookies do not tell one port from another, so that a
-    browser would hand one to whatever another user of this machine serves.
+    The token is the first part of each path. A cookie would not do: browsers send cookies to every port of a machine,
+    also to a server of another user.
 
     Attributes
     ----------
     app
-        What answers, with the token taken off the path.
-    port
-        At which it is served.
+        The wrapped application; its paths are without the token.
     tickets
-        Each may be used once in the place of the token, by a browser that was sent here by a file of ours.
+        Single-use tokens for a browser that is sent here by a local file.
     """
 
     app: Asgi
@@ -54,66 +58,81 @@ class TokenGuard:
 
     @property
     def origin(self) -> str:
-        """Where the page is, without the token."""
+        """Origin of the page, without the token."""
         return f"http://{ADDRESS}:{self.port}"
 
     @property
     def address(self) -> str:
-        """What a browser is to be given."""
+        """Address of the page for a browser."""
         return f"{self.origin}/{self.token}/"
 
     def ticket(self) -> str:
-        """An address that leads to the page once."""
-        self.tickets.add(made := secrets.token_urlsafe(32))
-        return f"{self.origin}/{made}"
+        """A single-use address that leads to the page."""
+        self.tickets.add(ticket := secrets.token_urlsafe(32))
+        return f"{self.origin}/{ticket}"
 
     async def __call__(self, scope: Message, receive: Receive, send: Send) -> None:
-        """Answer, or refuse."""
+        """Answer or refuse a request."""
         if scope["type"] != "http":
             return
         first, slash, rest = scope["path"].removeprefix("/").partition("/")
-        if not self._addressed(scope):
+        if not self._has_our_host(scope):
             await _answer(send, 403, _REFUSED)
-        elif slash and self._is_own(scope) and hmac.compare_digest(first.encode(), self.token.encode()):
+        elif slash and self._is_same_site(scope) and hmac.compare_digest(first.encode(), self.token.encode()):
             inside = {**scope, "path": f"/{rest}", "raw_path": f"/{rest}".encode(), "root_path": ""}
-            await self.app(inside, receive, _headed(send))
-        elif not slash and scope["method"] == "GET" and self._redeemed(first):
-            # From here on the browser comes of this very origin.
+            await self.app(inside, receive, _with_headers(send))
+        elif not slash and scope["method"] == "GET" and self._redeem(first):
+            # After this redirect the browser's requests have our own origin.
             page = f'<!doctype html><meta http-equiv="refresh" content="0;url=/{self.token}/"><title>rovid</title>'
             await _answer(send, 200, page.encode(), b"text/html; charset=utf-8")
         else:
             await _answer(send, 403, _REFUSED)
 
-    def _addressed(self, scope: Message) -> bool:
-        """Whether it was meant for this server: another site's name may be made to lead here."""
+    def _has_our_host(self, scope: Message) -> bool:
+        """Whether the host header is ours: another site's name may resolve to this machine (DNS rebinding)."""
         return _values(scope, b"host") == [self.origin.removeprefix("http://").encode()]
 
-    def _is_own(self, scope: Message) -> bool:
-        """Whether no other site asks; what is typed or followed from outside a browser has no site."""
+    def _is_same_site(self, scope: Message) -> bool:
+        """Whether no other site sent the request; a typed address has no site."""
         origins, sites = _values(scope, b"origin"), _values(scope, b"sec-fetch-site")
         return set(origins) <= {self.origin.encode()} and set(sites) <= {b"same-origin", b"none"}
 
-    def _redeemed(self, given: str) -> bool:
-        known = next((one for one in self.tickets if hmac.compare_digest(one.encode(), given.encode())), None)
-        self.tickets.discard(known or "")
-        return known is not None
+    def _redeem(self, given: str) -> bool:
+        """Use up a ticket."""
+        known = [ticket for ticket in self.tickets if hmac.compare_digest(ticket.encode(), given.encode())]
+        self.tickets.difference_update(known)
+        return bool(known)
 
 
 def _values(scope: Message, name: bytes) -> list[bytes]:
     return [value for key, value in scope["headers"] if key.lower() == name]
 
 
-def _headed(send: Send) -> Send:
-    async def headed(message: Message) -> None:
+def _with_headers(send: Send) -> Send:
+    async def send_with_headers(message: Message) -> None:
         if message["type"] == "http.response.start":
-            there = {key.lower() for key, _ in message["headers"]}
-            message["headers"] = [*message["headers"], *((k, v) for k, v in _HEADERS.items() if k not in there)]
+            present = {key.lower() for key, _ in message["headers"]}
+            message["headers"] = [*message["headers"], *((k, v) for k, v in _HEADERS.items() if k not in present)]
         await send(message)
 
-    return headed
+    return send_with_headers
 
 
 async def _answer(send: Send, status: int, body: bytes, kind: bytes = b"text/plain") -> None:
-    own = [(b"content-type", kind), (b"content-length", str(len(body)).encode())]
-    await _headed(send)({"type": "http.response.start", "status": status, "headers": own})
+    headers = [(b"content-type", kind), (b"content-length", str(len(body)).encode())]
+    await _with_headers(send)({"type": "http.response.start", "status": status, "headers": headers})
     await send({"type": "http.response.body", "body": body})
+
+
+def show_in_browser(address: str) -> None:
+    """Open a browser at ``address`` through a file that only this user can read.
+
+    All users of a machine can read the command lines of its processes, so the address must not be on one.
+    """
+    folder = Path(tempfile.mkdtemp(prefix="rovid-open-"))  # mode 0700
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    page = folder / "rovid.html"
+    refresh = f'<meta http-equiv="refresh" content="0;url={address}">'
+    page.write_text(f"<!doctype html>\n<title>rovid</title>\n{refresh}\n", encoding="utf-8")
+    # A text browser blocks until it is closed.
+    threading.Thread(target=webbrowser.open, args=(page.as_uri(),), daemon=True).start()

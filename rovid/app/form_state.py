@@ -1,4 +1,4 @@
-"""What was chosen on the page, as it comes from there and as it is kept in rovid.toml."""
+"""The user's choices on the page: parsed from the page's JSON and stored in rovid.toml."""
 
 from __future__ import annotations
 
@@ -16,86 +16,82 @@ from rovid.preflight.user_overrides import UserOverrides
 from rovid.trial.trial import Exclusion
 
 _SIZES = ("mass", "length", "width")
-# By these lines a file of ours is known again, and what was chosen is read back.
+# These lines mark a rovid.toml that the page wrote, and hold the choices.
 _HINT = "# Written by `rovid open`, which takes it up again as long as nobody changes it by hand:"
 _SEAL = "# chosen = "
 
 
 @dataclass(frozen=True, kw_only=True)
 class FormState:
-    """What the page sends.
+    """The choices that the page sends.
 
     Attributes
     ----------
     logs
-        Names of files or folders below the top.
+        Names of files or folders below the root folder.
     vehicle
-        Type of vehicle; empty where none was chosen.
+        Type of vehicle; empty if none was chosen.
     signals
-        Format -> name -> what it is taken from; None as long as all is as guessed.
+        Format -> signal -> column; None: as guessed.
     document
-        All of it as it came.
+        The JSON document of the page.
     """
 
     logs: tuple[str, ...]
     vehicle: str
     signals: Mapping[str, Mapping[str, SignalGuess]] | None
-    hand: UserOverrides
+    overrides: UserOverrides
     document: Mapping[str, Any]
 
-    def differs(self, guessed: LogSurvey) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """Headings, and commands, that are not among those ``guessed``; nothing where all are."""
+    def changes(self, guessed: LogSurvey) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Chosen heading columns that differ from the guess, and all command columns if any of them differs."""
         headings: list[str] = []
         for kind, signals in (self.signals or {}).items():
-            own = guessed.mappings[kind].signals.get("heading") if kind in guessed.mappings else None
+            guess = guessed.mappings[kind].signals.get("heading") if kind in guessed.mappings else None
             chosen = signals.get("heading")
-            if chosen is not None and (own is None or own.source != chosen.source):
+            if chosen is not None and (guess is None or guess.source != chosen.source):
                 headings.append(chosen.source)
-        wanted = self.hand.commands or frozenset()
+        commands = self.overrides.commands or frozenset()
         known = {command.source for command in all_commands(guessed.mappings)}
-        return tuple(headings), () if wanted <= known else tuple(sorted(wanted))
+        return tuple(headings), () if commands <= known else tuple(sorted(commands))
 
 
 def parse_form(document: object) -> FormState:
-    """What the page sent, checked.
+    """Check and convert the JSON document of the page.
 
     Raises
     ------
     ConfigError
-        It is not what the page sends.
+        The document has another form.
     """
     try:
         if not isinstance(document, dict):
             raise TypeError("no object")
-        commands = document.get("commands")
-        signals = document.get("signals")
-        every = [one for those in (commands or {}).values() for one in those]
-        hand = UserOverrides(
+        commands, signals = document.get("commands"), document.get("signals")
+        sizes = {key: value for key, value in document.get("size", {}).items() if key in _SIZES and value is not None}
+        every = [command for group in (commands or {}).values() for command in group]
+        overrides = UserOverrides(
             name=_text(document.get("name", "")),
-            size={key: _number(document["size"][key], least=1e-6) for key in _SIZES if _given(document, key)},
-            signals=None if signals is None else {kind: _signals(those) for kind, those in signals.items()},
-            commands=None if commands is None else frozenset(_text(one["source"]) for one in every),
+            size={key: _number(sizes[key], least=1e-6) for key in _SIZES if key in sizes},
+            signals=None if signals is None else {kind: _signals(group) for kind, group in signals.items()},
+            commands=None if commands is None else frozenset(_text(command["source"]) for command in every),
             arms={_text(one["source"]): _number(one["arm"]) for one in every if one.get("arm") is not None},
             names={_text(one["source"]): _text(one["name"]) for one in every if one.get("name")},
-            exclusions=tuple(map(_stretch, document.get("leave_out", []))),
+            exclusions=tuple(map(_exclusion, document.get("leave_out", []))),
         )
         return FormState(
             logs=tuple(map(str, document["logs"])),
             vehicle=_vehicle(document.get("vehicle", "")),
-            signals=hand.signals,
-            hand=hand,
+            signals=overrides.signals,
+            overrides=overrides,
             document=document,
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise ConfigError(f"the page sent what is no choice ({error}).", mend="Load the page again.") from error
-
-
-def _given(document: Mapping[str, Any], key: str) -> bool:
-    return document.get("size", {}).get(key) is not None
+        raise ConfigError(f"the page sent an invalid choice ({error}).", mend="Load the page again.") from error
 
 
 def _vehicle(name: object) -> str:
-    # A file of the user's own is for the command line: the page reads nothing outside its folder.
+    # A preset file of the user is for the command line only: the page reads nothing outside of its folder.
     if not isinstance(name, str) or name.endswith(".toml"):
         raise ValueError("vehicle")
     return name
@@ -109,23 +105,20 @@ def _text(value: object) -> str:
 
 def _number(value: object, least: float = -math.inf) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value) or value < least:
-        raise ValueError(f"{value!r} is no number that can be")
+        raise ValueError(f"{value!r} is not a valid number")
     return float(value)
 
 
-def _signals(those: Mapping[str, Any]) -> dict[str, SignalGuess]:
-    return {
-        _text(name): SignalGuess(
-            source=_text(one["source"]),
-            unit=_text(one.get("unit") or ""),
-            sign=-1 if one.get("sign", 1) < 0 else 1,
-            reason="",
-        )
-        for name, one in those.items()
-    }
+def _signals(group: Mapping[str, Any]) -> dict[str, SignalGuess]:
+    signals = {}
+    for name, one in group.items():
+        sign = -1 if one.get("sign", 1) < 0 else 1
+        unit = _text(one.get("unit") or "")
+        signals[_text(name)] = SignalGuess(source=_text(one["source"]), unit=unit, sign=sign, reason="")
+    return signals
 
 
-def _stretch(one: Mapping[str, Any]) -> Exclusion:
+def _exclusion(one: Mapping[str, Any]) -> Exclusion:
     end = one.get("to")
     return Exclusion(
         log=_text(one["log"]),
@@ -135,26 +128,27 @@ def _stretch(one: Mapping[str, Any]) -> Exclusion:
     )
 
 
-def with_form_data(text: str, choice: FormState, beside: Mapping[str, bytes]) -> str:
-    """The ``text`` of rovid.toml with what was chosen, and by what it and the files ``beside`` it are known again."""
-    own = {key: value for key, value in choice.document.items() if key != "logs"}
-    kept = {"sha256": {"": _digest(text.encode()), **{n: _digest(data) for n, data in beside.items()}}, "choice": own}
-    return f"{text}\n{_HINT}\n{_SEAL}{json.dumps(kept)}\n"
+def with_form_data(text: str, form: FormState, curves: Mapping[str, bytes]) -> str:
+    """The ``text`` of rovid.toml with the choices and the digests of the text and of the ``curves``, by file name."""
+    choice = {key: value for key, value in form.document.items() if key != "logs"}
+    digests = {"": _digest(text.encode()), **{name: _digest(data) for name, data in curves.items()}}
+    return f"{text}\n{_HINT}\n{_SEAL}{json.dumps({'sha256': digests, 'choice': choice})}\n"
 
 
 def read_form_data(text: str) -> tuple[Mapping[str, Any], Mapping[str, str]] | None:
-    """What was chosen and the digests beside it, where nobody changed the file since; None of any other file."""
+    """Choices and digests in a rovid.toml that the page wrote; None for other and for changed files."""
     body, hint, seal = text.partition(f"\n{_HINT}\n{_SEAL}")
     try:
-        kept = json.loads(seal) if hint else {}
-        whole = kept["sha256"][""] == _digest(body.encode())
-        return (kept["choice"], kept["sha256"]) if whole else None
+        data = json.loads(seal) if hint else {}
+        if data["sha256"][""] == _digest(body.encode()):
+            return data["choice"], data["sha256"]
     except (KeyError, TypeError, ValueError):
-        return None
+        pass
+    return None
 
 
 def matches_digest(data: bytes, digest: str | None) -> bool:
-    """Whether ``data`` is what was written."""
+    """Whether ``data`` has this SHA-256 digest."""
     return _digest(data) == digest
 
 

@@ -1,4 +1,4 @@
-"""A command that runs beside the page: told step by step, and cancelled when asked."""
+"""A rovid command that runs next to the page: its progress, its result and its cancellation."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any, Literal
 
-_PATIENCE = 5.0  # s, until what does not end is killed
+# Time in s between SIGTERM and SIGKILL.
+_PATIENCE = 5.0
 
 
 @dataclass(kw_only=True)
@@ -26,9 +27,11 @@ class Job:
     Attributes
     ----------
     key
-        By which its page is asked for.
+        Random identifier.
     steps
-        What it said that it does, each with the s after which it said so.
+        Progress messages, each with its time in s since the start.
+    result
+        The JSON document that the command printed.
     """
 
     arguments: tuple[str, ...]
@@ -40,50 +43,45 @@ class Job:
     result: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Begin."""
+        """Start the process."""
         self._began = time.monotonic()
         self._ended = 0.0
-        environment = {**os.environ, "ROVID_PROGRESS": "lines", "PYTHONIOENCODING": "utf-8"}
-        # A log folder may hold a file that is called as a module.
-        environment["PYTHONSAFEPATH"] = "1"
-        # A group of its own: what it begins in turn ends with it, and a Ctrl-C is for us to pass on.
-        own: dict[str, Any] = {"start_new_session": True} if os.name == "posix" else {}
+        # PYTHONSAFEPATH: a folder of logs may hold a file with the name of a module.
+        settings = {"ROVID_PROGRESS": "lines", "PYTHONIOENCODING": "utf-8", "PYTHONSAFEPATH": "1"}
         self.process = subprocess.Popen(  # noqa: S603 - our own program, and names of logs
             [sys.executable, "-m", "rovid", *self.arguments, "--json"],
             cwd=self.folder,
-            env=environment,
+            env={**os.environ, **settings},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             encoding="utf-8",
             errors="replace",
-            **own,
+            # A process group of its own, so that cancelling also ends the child processes, and Ctrl-C does not.
+            start_new_session=os.name == "posix",
         )
-        self._watch = threading.Thread(target=self._follow, daemon=True)
-        self._watch.start()
+        self._follower = threading.Thread(target=self._follow, daemon=True)
+        self._follower.start()
 
     @property
     def seconds(self) -> float:
-        """How long it takes, or took."""
+        """Run time in s."""
         return (self._ended or time.monotonic()) - self._began
 
     def cancel(self) -> None:
-        """End it, with whatever it has begun."""
+        """End the process and its child processes."""
         if self.state == "running":
             self.state = "cancelled"
         self._signal(signal.SIGTERM)
-        try:
+        with contextlib.suppress(subprocess.TimeoutExpired):
             self.process.wait(_PATIENCE)
-        except subprocess.TimeoutExpired:
-            self._signal(getattr(signal, "SIGKILL", signal.SIGTERM))
-        else:
-            # Its own workers may have outlived it.
-            self._signal(getattr(signal, "SIGKILL", signal.SIGTERM))
+        # Also after a regular end, because child processes may still run.
+        self._signal(getattr(signal, "SIGKILL", signal.SIGTERM))
         self.process.wait()
-        self._watch.join(_PATIENCE)
+        self._follower.join(_PATIENCE)
 
     def document(self) -> dict[str, Any]:
-        """How far it is."""
+        """Progress and result for the page."""
         return {
             "key": self.key,
             "state": self.state,
@@ -102,19 +100,19 @@ class Job:
                 self.process.terminate()
 
     def _follow(self) -> None:
-        said: list[str] = []
+        """Read the process' output until it ends."""
         process = self.process
         if process.stdout is None or process.stderr is None:
             raise RuntimeError("no pipes")
         printed: list[str] = []
         reader = threading.Thread(target=_read, args=(process.stdout, printed), daemon=True)
         reader.start()
+        lines: list[str] = []
         for line in process.stderr:
-            said.append(line.rstrip())
-            if said[-1].endswith("…"):
-                # Behind a colon stands what of it is at work.
-                _, _, step = said[-1].rpartition("): ")
-                self.steps.append((self.seconds, step))
+            lines.append(line.rstrip())
+            if lines[-1].endswith("…"):
+                # The text after the colon is the current step.
+                self.steps.append((self.seconds, lines[-1].rpartition("): ")[2]))
         code = process.wait()
         reader.join()
         for stream in (process.stdout, process.stderr):
@@ -126,8 +124,8 @@ class Job:
             self.result = json.loads("".join(printed) or "{}")
             self.state = "done"
             return
-        told = [line for line in said if line.startswith("rovid: ")]
-        self.error = told[-1].removeprefix("rovid: ") if told else "\n".join([*said[-3:], f"It ended with {code}."])
+        messages = [line.removeprefix("rovid: ") for line in lines if line.startswith("rovid: ")]
+        self.error = messages[-1] if messages else "\n".join([*lines[-3:], f"The run ended with status {code}."])
         self.state = "failed"
 
 
@@ -137,19 +135,19 @@ def _read(stream: IO[str], into: list[str]) -> None:
 
 @dataclass(kw_only=True)
 class JobQueue:
-    """The runs of one page, one at a time."""
+    """The jobs of one page, one at a time."""
 
     current: Job | None = None
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def start(self, arguments: Sequence[str], folder: Path) -> Job:
-        """Begin one; what still runs is cancelled."""
+        """Cancel the running job and start a new one."""
         with self._lock:
             self.close()
             self.current = Job(arguments=tuple(arguments), folder=folder)
             return self.current
 
     def close(self) -> None:
-        """End what runs."""
+        """Cancel the running job."""
         if self.current is not None and self.current.state == "running":
             self.current.cancel()

@@ -1,4 +1,4 @@
-"""Which files the page may see: what lies below one folder; and where logs go that are dropped on it."""
+"""File access of the page, limited to one folder, and uploads of dropped logs into it."""
 
 from __future__ import annotations
 
@@ -14,68 +14,74 @@ from datetime import datetime
 from pathlib import Path
 from typing import BinaryIO
 
-from rovid.core.errors import ConfigError, OutputError, RovidError, is_visible
+from rovid.core.errors import ConfigError, OutputError, is_visible
 from rovid.core.paths import list_files
 from rovid.trial.log_files import FORMATS
 
-# Bytes of one file that is dropped on the page.
+# Maximum size of an uploaded file in bytes.
 LARGEST = 4 << 30
 _PART = ".rovid-upload-"
+# Free disk space in bytes that an upload leaves.
 _SPARE = 200 << 20
+# Limits of an uploaded file's name: letters of a part, number of parts.
 _LONGEST = 120
 _DEEPEST = 8
-# What some system takes for more than a part of a name, and what Windows takes for devices.
+# Characters that are special on some system, and names of devices on Windows.
 _SPECIAL = re.compile(r'[\\/:*?"<>|]')
 _DEVICES = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)(\..*)?")
 
 
 @dataclass(frozen=True, kw_only=True)
 class RootFolder:
-    """The folder below which everything is that the page reads or writes."""
+    """The folder that contains every file the page may read or write."""
 
     folder: Path
 
     @classmethod
     def for_logs(cls, logs: Sequence[Path]) -> RootFolder:
-        """The working folder, if ``logs`` are in it; else what holds them."""
+        """The working folder if it contains all ``logs``, else their common parent."""
         here = Path.cwd().resolve()
-        real = [log.resolve() for log in logs]
-        if all(one.is_relative_to(here) and all(map(_is_plain, one.relative_to(here).parts)) for one in real):
+        paths = [log.resolve() for log in logs]
+        if all(path.is_relative_to(here) and all(map(_is_plain, path.relative_to(here).parts)) for path in paths):
             return cls(folder=here)
-        folders = [one if one.is_dir() else one.parent for one in real]
+        folders = [path if path.is_dir() else path.parent for path in paths]
         return cls(folder=Path(os.path.commonpath(folders)))
 
     def path(self, name: str) -> Path:
-        """What ``name``, with / between its parts, stands for.
+        """Path of ``name``, which separates its parts by /.
 
         Raises
         ------
         RovidError
-            It is not below the folder, or hidden.
+            The path is outside of the folder, or hidden.
         """
         parts = [part for part in name.split("/") if part not in {"", "."}]
-        odd = name.startswith(("/", "~")) or any(not _is_plain(part) for part in parts)
-        if odd or len(parts) > 100:
-            raise self._outside(name)
-        # What Path makes of it might be another drive, and a link might lead anywhere.
-        path = self.folder.joinpath(*parts)
-        if not path.is_relative_to(self.folder) or not self.contains(path):
-            raise self._outside(name)
+        path = self.folder
+        plain = not name.startswith(("/", "~")) and all(map(_is_plain, parts)) and len(parts) <= 100
+        if plain:
+            path = path.joinpath(*parts)
+        # The joined path may still be on another drive, and a link may lead anywhere.
+        if not plain or not path.is_relative_to(self.folder) or not self.contains(path):
+            raise ConfigError(
+                f"is not below {self.folder}, or is hidden.",
+                where=name,
+                mend="Start `rovid open` with the folder that holds the logs.",
+            )
         return path
 
     def contains(self, path: Path) -> bool:
-        """Whether ``path`` is below the folder wherever links lead."""
+        """Whether ``path`` is below the folder after all links are resolved."""
         try:
             return path.resolve().is_relative_to(self.folder)
         except (OSError, RuntimeError):  # a loop of links
             return False
 
     def name(self, path: Path) -> str:
-        """``path`` as the page knows it."""
+        """Name of ``path`` relative to the folder."""
         return "" if path == self.folder else path.relative_to(self.folder).as_posix()
 
     def require(self, paths: Sequence[Path]) -> None:
-        """Refuse logs of which one is a link that leads out of the folder.
+        """Refuse logs that are links out of the folder.
 
         Raises
         ------
@@ -92,13 +98,12 @@ class RootFolder:
                     )
 
     def folders(self, name: str) -> list[tuple[str, int]]:
-        """Names of the folders in one, and how many logs lie in each."""
-        here = self.path(name)
-        inside = sorted(item for item in _listed(here) if item.is_dir() and self.contains(item))
-        return [(self.name(item), sum(map(_is_log, _listed(item)))) for item in inside]
+        """Names of the subfolders of a folder, each with its number of logs."""
+        inside = sorted(item for item in _visible_items(self.path(name)) if item.is_dir() and self.contains(item))
+        return [(self.name(item), sum(map(_is_log, _visible_items(item)))) for item in inside]
 
     def new_folder(self) -> Path:
-        """A folder for logs that are dropped on the page."""
+        """Make a folder for uploaded logs."""
         name = f"logs_{datetime.now().astimezone():%Y-%m-%d_%H%M}"
         for number in range(1, 1000):
             folder = self.folder / (name if number == 1 else f"{name}_{number}")
@@ -107,19 +112,12 @@ class RootFolder:
                 return folder
         raise OutputError("no further folder can be made.", where=self.folder)
 
-    def _outside(self, name: str) -> RovidError:
-        return ConfigError(
-            f"is not below {self.folder}, or is hidden.",
-            where=name,
-            mend="Start `rovid open` with the folder that holds the logs.",
-        )
-
 
 def _is_plain(part: str) -> bool:
     return not part.startswith(".") and "\\" not in part and "\0" not in part
 
 
-def _listed(folder: Path) -> list[Path]:
+def _visible_items(folder: Path) -> list[Path]:
     try:
         return [item for item in folder.iterdir() if not item.name.startswith(".")]
     except OSError:
@@ -131,35 +129,35 @@ def _is_log(path: Path) -> bool:
 
 
 def clean_name(name: str) -> Path:
-    """Where a file that is dropped goes in its new folder: its name without what no file is called.
+    """Relative path for an uploaded file, without characters that are not allowed in file names.
 
     Raises
     ------
     RovidError
-        It is called as no log.
+        The suffix is not that of a log.
     """
     parts = [_clean(part) for part in re.split(r"[\\/]", name) if part not in {"", ".", ".."}]
     path = Path(*parts[-_DEEPEST:]) if parts else Path("log")
-    if path.suffix.lower() not in FORMATS:
+    if not _is_log(path):
         raise ConfigError(
             f"is no log that rovid reads; {', '.join(FORMATS)} were expected.",
             where=name,
-            mend="Drop logs alone; rovid.toml is made here.",
+            mend="Drop only logs. This page writes rovid.toml itself.",
         )
     return path
 
 
 def _clean(part: str) -> str:
-    seen = "".join(sign for sign in unicodedata.normalize("NFC", part) if is_visible(sign))
-    plain = _SPECIAL.sub("_", seen).strip(". ")
+    visible = "".join(filter(is_visible, unicodedata.normalize("NFC", part)))
+    plain = _SPECIAL.sub("_", visible).strip(". ")
     stem, dot, suffix = plain.rpartition(".")
-    kept = f"{stem[: _LONGEST - len(suffix)]}{dot}{suffix}"[-_LONGEST:]
-    return f"_{kept}" if not kept or _DEVICES.fullmatch(kept) else kept
+    short = f"{stem[: _LONGEST - len(suffix)]}{dot}{suffix}"[-_LONGEST:]
+    return f"_{short}" if not short or _DEVICES.fullmatch(short) else short
 
 
 @dataclass(kw_only=True)
 class Upload:
-    """A file on its way: written beside its place, and put there whole; nothing is replaced."""
+    """A file being uploaded: written to a temporary file and then moved to a free name."""
 
     name: Path
     home: Path
@@ -169,52 +167,52 @@ class Upload:
 
     @classmethod
     def start(cls, folder: Path, name: Path) -> Upload:
-        """Make room for it."""
+        """Open the temporary file."""
         home = (folder / name).parent
         home.mkdir(parents=True, exist_ok=True)
         part = home / f"{_PART}{secrets.token_hex(8)}"
         return cls(name=name, home=home, part=part, stream=part.open("xb"))
 
     def check_size(self, size: str) -> None:
-        """Refuse at once what says that it is too large."""
+        """Refuse a file whose announced size is too large."""
         if size.isdigit():
             self._require_room(int(size))
 
     def write(self, data: bytes) -> None:
-        """The next part of it."""
+        """Append the next part."""
         self.size += len(data)
         self._require_room(self.size)
         self.stream.write(data)
 
     def _require_room(self, size: int) -> None:
         if size - self.size > shutil.disk_usage(self.home).free - _SPARE:
-            raise OutputError("does not fit on the disk.", where=self.name, mend="Make room there.")
+            raise OutputError("does not fit on the disk.", where=self.name, mend="Free some space there.")
         if size > LARGEST:
             raise OutputError(
-                f"is larger than {LARGEST >> 30} GB, which is the most that the page takes.",
+                f"is larger than {LARGEST >> 30} GB, the largest file that the page takes.",
                 where=self.name,
-                mend="Copy it into a folder, and start `rovid open` with that.",
+                mend="Copy it into a folder, and start `rovid open` with that folder.",
             )
 
     def finish(self) -> Path:
-        """Put it in its place, or beside what is there by now."""
+        """Move the file to its name, or to a free name like it."""
         self.stream.close()
         for number in range(1, 10_000):
-            place = self.home / (self.name.name if number == 1 else f"{self.name.stem}_{number}{self.name.suffix}")
+            path = self.home / (self.name.name if number == 1 else f"{self.name.stem}_{number}{self.name.suffix}")
             try:
-                os.link(self.part, place)
+                os.link(self.part, path)
             except FileExistsError:
                 continue
             except OSError:  # a file system without links
-                if place.exists():
+                if path.exists():
                     continue
-                self.part.rename(place)
-            return place
+                self.part.rename(path)
+            return path
         raise OutputError("no further name is free.", where=self.name)
 
     def close(self) -> None:
-        """Take away what is left of it."""
+        """Remove the temporary file, and the folder if it is empty."""
         self.stream.close()
         self.part.unlink(missing_ok=True)
         with contextlib.suppress(OSError):
-            self.home.rmdir()  # where nothing came into it
+            self.home.rmdir()

@@ -67,7 +67,7 @@ def open(  # noqa: A001 - the command's name
             f"`rovid open` needs the package{'s' * (len(missing) > 1)} {' and '.join(missing)}.",
             mend="Install what it needs with `pip install 'rovid[app]'`.",
         )
-    from rovid.app.browser import show_in_browser
+    from rovid.app.auth import show_in_browser
     from rovid.app.server import listen, serve
 
     def said(guard: TokenGuard, top: RootFolder) -> None:

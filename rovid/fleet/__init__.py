@@ -1,1 +1,1 @@
-"""Many campaigns, each diagnosed in a process of its own: a table of all, and a page."""
+"""Diagnosis of many campaigns, each in a process of its own, summarised in a table and on a page."""

@@ -1,4 +1,4 @@
-"""What is kept of a campaign: its diagnosis, or why there is none, and what that comes of."""
+"""The record of one campaign: its diagnosis, or the reason why there is none, with a digest of the input."""
 
 from __future__ import annotations
 
@@ -20,20 +20,16 @@ SCHEMA = "rovid-campaign/1"
 
 @dataclass(frozen=True, kw_only=True)
 class CampaignTask:
-    """A campaign to be diagnosed.
+    """A campaign to diagnose.
 
     Attributes
     ----------
-    name
-        What it is called.
     folder
-        Absolute.
-    axis
-        Degree of freedom.
+        Absolute path.
     cutoff
-        Hz; None: chosen from the data.
+        Low-pass cut-off in Hz; None: chosen from the data.
     digest
-        Of all that the diagnosis comes of; empty where that cannot be read.
+        Digest of everything the diagnosis depends on; empty if the input cannot be read.
     """
 
     name: str
@@ -45,26 +41,26 @@ class CampaignTask:
 
 @dataclass(frozen=True, kw_only=True)
 class CampaignRecord:
-    """What came of it; the fields are the keys of its file.
+    """The outcome of one campaign. The field names are the keys of its JSON file.
 
     Attributes
     ----------
     start
-        s since 1970 when the first log begins; None where no log tells.
+        Start of the first log, in s since 1970; None if unknown.
     seconds
-        Of all logs together; None where they are tables.
+        Total duration of the logs; None for tables.
     took
-        s that the diagnosis took.
+        Duration of the diagnosis in s.
     peak_memory
-        Bytes that its process took at most; None where that is not known.
+        Largest memory of the process in bytes; None if unknown.
     error
-        Why there is no diagnosis; None where there is one.
+        Reason why there is no diagnosis; None if there is one.
     failure
-        "input" where the error will be the same the next time; "timeout", "crash", or None.
+        "input" (a retry gives the same error), "timeout", "crash" or None.
     patience
-        s that were given to it.
+        Time limit of the run in s.
     diagnosis
-        As `rovid diagnose --json` prints it.
+        The document of `rovid diagnose --json`.
     """
 
     campaign: str
@@ -83,31 +79,33 @@ class CampaignRecord:
 
     @property
     def text(self) -> str:
-        """The file's content."""
+        """The JSON file."""
         return to_json({"schema": SCHEMA, **asdict(self)}) + "\n"
 
     @property
     def reduced(self) -> CampaignRecord:
-        """It with that alone of its diagnosis which the table and the page need: of many not all is kept in memory."""
+        """The record with only those parts of the diagnosis that table and page need, to save memory."""
         if self.diagnosis is None:
             return self
-        lean = {key: self.diagnosis[key] for key in ("verdict", "guessed")}
+        reduced = {key: self.diagnosis[key] for key in ("verdict", "guessed")}
         for kind in ("findings", "suspects"):
-            lean[kind] = [{"effect": one["effect"]} for one in self.diagnosis[kind]]
+            reduced[kind] = [{"effect": finding["effect"]} for finding in self.diagnosis[kind]]
         for side in ("base", "extended"):
-            known = self.diagnosis[side]
-            lean[side] = known and {"parameters": known["parameters"]}
-        return replace(self, diagnosis=lean)
+            model = self.diagnosis[side]
+            reduced[side] = model and {"parameters": model["parameters"]}
+        return replace(self, diagnosis=reduced)
 
     def is_valid_for(self, task: CampaignTask, patience: float) -> bool:
-        """Whether the diagnosis would come to the same again, as far as that can be told."""
+        """Whether a new diagnosis with this time limit in s would give the same result."""
         if not task.digest or self.digest != task.digest:
             return False
-        return self.failure in {None, "input"} or (self.failure == "timeout" and patience <= (self.patience or 0.0))
+        if self.failure == "timeout":
+            return patience <= (self.patience or 0.0)
+        return self.failure in {None, "input"}
 
 
 def read_record(path: Path) -> CampaignRecord | None:
-    """The record in a file; None where there is none, or it is damaged or another version's."""
+    """Read a record; None if the file is missing, damaged or of another schema."""
     try:
         document = json.loads(path.read_bytes())
         if document.pop("schema") != SCHEMA:
@@ -118,15 +116,13 @@ def read_record(path: Path) -> CampaignRecord | None:
 
 
 def campaign_digest(folder: Path, axis: str, cutoff: float | None) -> str:
-    """Digest of every file that a diagnosis reads, of rovid's version and of the options; empty where one is hidden."""
+    """Digest of the input files, the version of rovid and the options; empty if a file cannot be read."""
+    parts = []
     try:
         files = {os.path.relpath(path, folder): path for path in input_files([folder])}
-        parts = [[name, _digest(files[name])] for name in sorted(files)]
+        for name in sorted(files):
+            with files[name].open("rb") as stream:
+                parts.append([name, hashlib.file_digest(stream, "sha256").hexdigest()])
     except (OSError, RovidError):
         return ""
     return hashlib.sha256(json.dumps([__version__, axis, cutoff, parts]).encode()).hexdigest()
-
-
-def _digest(path: Path) -> str:
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()

@@ -1,4 +1,4 @@
-"""Which campaigns there are in the folders that are given, and what each is called."""
+"""Search for the campaigns of a fleet, and their names."""
 
 from __future__ import annotations
 
@@ -17,38 +17,38 @@ from rovid.trial.config import FILE_NAME
 
 @dataclass(frozen=True)
 class CampaignFolder:
-    """A campaign: what it is called, which is told from all others, and its folder, absolute."""
+    """A campaign: its unique name and its absolute path."""
 
     name: str
     folder: Path
 
 
 def find_campaigns(folders: Sequence[Path], out: Path) -> list[CampaignFolder]:
-    """The campaigns of ``folders`` by name: each folder that holds a rovid.toml is one, with all that is below it.
+    """Campaigns in ``folders``, sorted by name.
 
-    A folder without one is looked through for those that do. What is beside them there and holds logs is a campaign
-    too, of which it will be said what it lacks; so is a folder in which there is nothing at all. ``out``, where the
-    results go, is none.
+    A folder with a rovid.toml is one campaign, including its subfolders. Any other folder is searched for such
+    folders. A folder with logs outside of every campaign counts as a campaign too, because its record then reports
+    the missing rovid.toml. So does a given folder without any campaign. The output folder ``out`` is skipped.
 
     Raises
     ------
     ConfigError
-        ``out`` lies in a campaign, which would take the results for logs; or none of the folders is there.
+        ``out`` lies in a campaign, or none of the folders exists.
     """
     if not any(folder.exists() for folder in folders):
         raise ConfigError("there is no such folder.", where=folders[0], mend="Give folders of campaigns.")
     out = _absolute(out)
-    found = dict.fromkeys(one for folder in folders for one in _below(_absolute(folder), out))
+    found = dict.fromkeys(campaign for folder in folders for campaign in _search(_absolute(folder), out))
     for folder in found:
         if out.resolve().is_relative_to(folder.resolve()):
             raise ConfigError(
-                f"lies in the campaign {folder}, which would take the results for its logs.",
+                f"lies in the campaign {folder}. The results would be read as logs of that campaign.",
                 where=f"-o {out}",
-                mend="Choose a folder outside of it.",
+                mend="Choose a folder outside of the campaign.",
             )
-    # A link to a folder that is there too is no second campaign.
-    once = {folder.resolve(): folder for folder in reversed(found)}
-    names = _names(list(once.values()))
+    # A link to another folder of the list is not a second campaign.
+    unique = {folder.resolve(): folder for folder in reversed(found)}
+    names = _names(list(unique.values()))
     return [CampaignFolder(name, names[name]) for name in sorted(names)]
 
 
@@ -56,33 +56,28 @@ def _absolute(path: Path) -> Path:
     return Path(os.path.normpath(path.absolute()))
 
 
-def _below(folder: Path, out: Path) -> Iterator[Path]:
-    """The campaigns in one folder that was given."""
-    if not folder.is_dir() or _is_campaign(folder):
-        yield folder
-        return
-    campaigns, logs = [], []
-    for here, inside, files in os.walk(folder):
-        place = Path(here)
-        if _is_campaign(place):
-            campaigns.append(place)
-            inside.clear()
-            continue
-        inside[:] = sorted(name for name in inside if not name.startswith(".") and place / name != out)
-        if any(Path(name).suffix.lower() in READERS and not name.startswith(".") for name in files):
-            logs.append(place)
+def _search(folder: Path, out: Path) -> Iterator[Path]:
+    """Campaigns in one given folder."""
+    campaigns: list[Path] = []
+    log_folders: list[Path] = []
+    if folder.is_dir() and not _is_campaign(folder):
+        for name, subfolders, files in os.walk(folder):
+            here = Path(name)
+            if _is_campaign(here):
+                campaigns.append(here)
+                subfolders.clear()
+                continue
+            subfolders[:] = sorted(name for name in subfolders if not name.startswith(".") and here / name != out)
+            if any(Path(name).suffix.lower() in READERS and not name.startswith(".") for name in files):
+                log_folders.append(here)
     if not campaigns:
         yield folder
         return
     yield from campaigns
-    yield from _lacking(folder, campaigns, logs)
-
-
-def _lacking(folder: Path, campaigns: Sequence[Path], logs: Sequence[Path]) -> Iterator[Path]:
-    """Folders with logs that belong to no campaign: the highest below ``folder`` in which there is none."""
-    for place in logs:
-        above = [one for one in (place, *place.parents) if one != folder and one.is_relative_to(folder)]
-        free = [one for one in above if not any(other.is_relative_to(one) for other in campaigns)]
+    # Folders of logs without a rovid.toml: the highest folder above each that contains no campaign.
+    for here in log_folders:
+        parents = [parent for parent in (here, *here.parents) if parent != folder and parent.is_relative_to(folder)]
+        free = [parent for parent in parents if not any(campaign.is_relative_to(parent) for campaign in campaigns)]
         if free:
             yield free[-1]
 
@@ -92,13 +87,13 @@ def _is_campaign(folder: Path) -> bool:
 
 
 def _names(folders: Sequence[Path]) -> dict[str, Path]:
-    """Each by the end of its path, as much of it as tells it from all others."""
-    ends = dict.fromkeys(folders, 1)
+    """Folders by the shortest end of their path that is unique."""
+    lengths = dict.fromkeys(folders, 1)
     while True:
-        names = {folder: encodable("/".join(folder.parts[1:][-count:])) or "campaign" for folder, count in ends.items()}
-        often = Counter(names.values())
-        same = [folder for folder, name in names.items() if often[name] > 1]
-        if not same:
+        names = {folder: encodable("/".join(folder.parts[1:][-n:])) or "campaign" for folder, n in lengths.items()}
+        counts = Counter(names.values())
+        ambiguous = [folder for folder, name in names.items() if counts[name] > 1]
+        if not ambiguous:
             return {name: folder for folder, name in names.items()}
-        for folder in same:
-            ends[folder] += 1
+        for folder in ambiguous:
+            lengths[folder] += 1

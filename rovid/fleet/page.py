@@ -1,4 +1,4 @@
-"""A fleet as a page: what was found when, each parameter's history, causes that come and go, what is out of line."""
+"""The fleet as an HTML page: findings over time, parameter histories, changes of causes and outliers."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import pairwise
-from typing import Any
 from urllib.parse import quote
 
 from markupsafe import Markup
@@ -16,9 +15,8 @@ from rovid.core.errors import escape_invisible
 from rovid.core.formatting import plus_minus, significant
 from rovid.effects import CATALOGUE
 from rovid.fleet.campaign_record import CampaignRecord
-from rovid.fleet.outliers import RULE, Outlier, outliers
 from rovid.fleet.plots import VERDICTS, history, timeline
-from rovid.fleet.results import Fleet, causes, guessed, verdict
+from rovid.fleet.results import RULE, Fleet, Outlier, causes, guessed, outliers, verdict
 from rovid.fleet.shrinkage import ShrunkParameter
 from rovid.present.number_text import NOTHING, parameter_title, unit_symbol
 from rovid.present.page.templating import template_environment
@@ -30,115 +28,111 @@ from rovid.trial.axis import axis_named
 
 _TITLES = {effect.id: effect.title for effect in CATALOGUE}
 FOUND, SUSPECTED, ABSENT = "found", "suspected", "·"
+# Number of campaigns named in the caution about guesses.
+_NAMED = 5
 
 
 @dataclass(frozen=True, kw_only=True)
 class PageFigure:
-    """A picture in the page, in words too."""
+    """A figure of the page with its alternative text."""
 
     svg: Markup
     alt: str
 
 
 def fleet_page(fleet: Fleet, means: Sequence[ShrunkParameter]) -> str:
-    """The page as HTML; it needs no other file, and links each campaign's own diagnosis beside it."""
-    far = outliers(fleet)
+    """The page as self-contained HTML, with links to the diagnosis of each campaign."""
+    found = outliers(fleet)
     environment = template_environment("rovid.fleet")
     environment.globals["guess"] = Assumptions()
     return environment.get_template("fleet.html.j2").render(
         fleet=fleet,
         version=__version__,
         axis=axis_named(fleet.axis).name,
-        span=_span(fleet),
+        span=_date_range(fleet),
         headline=headline(fleet),
         changes=list(cause_changes(fleet)),
         caution=caution(fleet),
-        far=far,
+        far=found,
         rule=RULE,
-        campaigns=_campaigns(fleet),
+        campaigns=_campaign_table(fleet),
         timeline=_timeline(fleet),
-        histories=list(_histories(fleet, far, means)),
-        causes=_causes(fleet),
-        outliers=_outliers(far),
-        means=_means(fleet, means),
+        histories=list(_histories(fleet, found, means)),
+        causes=_cause_table(fleet),
+        outliers=_outlier_table(found),
+        means=_mean_table(fleet, means),
     )
 
 
 def headline(fleet: Fleet) -> str:
-    """All of it in a line."""
-    parts = [f"{_count(len(fleet.records), 'campaign')} of {_count(len(fleet.vehicles), 'vehicle')}"]
-    said = [verdict(record) for record in fleet.done]
-    for key, (*_, words) in VERDICTS.items():
-        if key in said:
-            parts.append(f"{words} in {said.count(key)}")
+    """Summary of the verdicts in one line."""
+    counts = f"{_count(len(fleet.records), 'campaign')} of {_count(len(fleet.vehicles), 'vehicle')}"
+    verdicts = list(map(verdict, fleet.done))
+    parts = [f"{words} in {verdicts.count(key)}" for key, (*_, words) in VERDICTS.items() if key in verdicts]
     if fleet.failed:
         parts.append(f"no diagnosis of {len(fleet.failed)}")
-    return f"{parts[0]}: {', '.join(parts[1:])}." if len(parts) > 1 else f"{parts[0]}."
+    return f"{counts}: {', '.join(parts)}." if parts else f"{counts}."
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def caution(fleet: Fleet) -> str:
-    """Which campaigns hang on guesses, as `rovid diagnose` says it of one; empty where none does."""
+    """Warning about campaigns with guessed arms or thrust curves; empty if there are none."""
     names = [record.campaign for record in fleet.done if guessed(record)]
     if not names:
         return ""
-    more = f" and {len(names) - 5} more" if len(names) > 5 else ""
-    found = f"Arms or thrust curves are guesses in {', '.join(names[:5])}{more}"
-    return f"{found}: inertia and drag there are placeholders, and are compared with no other's."
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}{'' if number == 1 else 's'}"
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    return (
+        f"Arms or thrust curves are guesses in {', '.join(names[:_NAMED])}{more}: inertia and drag there are "
+        "placeholders and are not compared with other campaigns."
+    )
 
 
 def cause_changes(fleet: Fleet) -> Iterator[str]:
-    """Causes that come and go: each vehicle's, from one campaign to the next that was diagnosed."""
+    """Sentences on causes that appear or disappear between consecutive campaigns of a vehicle."""
     for vehicle, records in fleet.vehicles.items():
         for before, after in pairwise(records):
-            was, now = set(causes(before, "findings")), set(causes(after, "findings"))
-            for words, those in (("came", now - was), ("went", was - now)):
-                if those:
-                    names = join_words([_words(fleet, effect) for effect in sorted(those)])
-                    yield f"{vehicle or 'No name'}: {names} {words} between {before.campaign} and {after.campaign}."
+            old, new = set(causes(before, "findings")), set(causes(after, "findings"))
+            for verb, effects in (("appeared", new - old), ("disappeared", old - new)):
+                if effects:
+                    names = join_words([_effect_title(fleet, effect) for effect in sorted(effects)])
+                    yield f"{vehicle or 'No name'}: {names} {verb} between {before.campaign} and {after.campaign}."
 
 
-def _words(fleet: Fleet, effect: str) -> str:
+def _effect_title(fleet: Fleet, effect: str) -> str:
     return axis_named(fleet.axis).reword(_TITLES[effect])
 
 
-def _span(fleet: Fleet) -> str:
-    """From when to when."""
+def _date_range(fleet: Fleet) -> str:
     starts = [record.start for record in fleet.done if record.start is not None]
     if not starts:
         return ""
-    first, last = (datetime.fromtimestamp(start, UTC) for start in (min(starts), max(starts)))
-    return f"{first:%Y-%m-%d}" if first.date() == last.date() else f"{first:%Y-%m-%d} to {last:%Y-%m-%d}"
+    first, last = (f"{datetime.fromtimestamp(start, UTC):%Y-%m-%d}" for start in (min(starts), max(starts)))
+    return first if first == last else f"{first} to {last}"
 
 
-def _campaigns(fleet: Fleet) -> ResultTable:
-    """Every campaign, vehicle by vehicle in the order of time, and those that failed."""
+def _campaign_table(fleet: Fleet) -> ResultTable:
+    """All campaigns by vehicle and date, then those without a diagnosis."""
     table = TableBuilder(
-        "Every campaign; its name leads to its whole diagnosis.",
+        "All campaigns. Each name links to the full diagnosis.",
         *map(text_column, ("campaign", "vehicle", "start, UTC", "verdict", "causes", "suspects")),
     )
-    for record in _in_order(fleet):
-        said = verdict(record)
-        words = VERDICTS[said][-1] if said else "no diagnosis"
-        why = record.error or ", ".join(_words(fleet, effect) for effect in causes(record, "findings")) or NOTHING
-        may_be = ", ".join(_words(fleet, effect) for effect in causes(record, "suspects")) or NOTHING
-        table.add(_link(record), record.vehicle or NOTHING, _start(record), words, why, may_be)
+    for record in (*(record for records in fleet.vehicles.values() for record in records), *fleet.failed):
+        key = verdict(record)
+        words = VERDICTS[key][-1] if key else "no diagnosis"
+        found, suspected = (
+            ", ".join(_effect_title(fleet, effect) for effect in causes(record, kind)) or NOTHING
+            for kind in ("findings", "suspects")
+        )
+        start = NOTHING if record.start is None else f"{datetime.fromtimestamp(record.start, UTC):%Y-%m-%d %H:%M}"
+        table.add(_link(record), record.vehicle or NOTHING, start, words, record.error or found, suspected)
     return table.grid()
 
 
-def _in_order(fleet: Fleet) -> list[CampaignRecord]:
-    return [*(record for records in fleet.vehicles.values() for record in records), *fleet.failed]
-
-
-def _start(record: CampaignRecord) -> str:
-    return NOTHING if record.start is None else f"{datetime.fromtimestamp(record.start, UTC):%Y-%m-%d %H:%M}"
-
-
 def _link(record: CampaignRecord) -> Markup:
-    """A campaign's name, which leads to its file."""
+    """The campaign's name, linked to its JSON file."""
     place = quote(f"campaigns/{record.campaign}.json")
     return Markup('<a href="{}">{}</a>').format(place, escape_invisible(record.campaign))
 
@@ -146,49 +140,46 @@ def _link(record: CampaignRecord) -> Markup:
 def _timeline(fleet: Fleet) -> PageFigure | None:
     if all(record.start is None for record in fleet.done):
         return None
-    alt = "A row for each vehicle, a mark for each campaign at its date; the table below says the same."
+    alt = "A row for each vehicle and a mark for each campaign at its date. The table below shows the same."
     return PageFigure(svg=render_inline_svg(timeline(fleet), "timeline"), alt=alt)
 
 
-def _histories(fleet: Fleet, far: Sequence[Outlier], means: Sequence[ShrunkParameter]) -> Iterator[PageFigure]:
-    by_name = {one.name: one for one in means}
-    for place, name in enumerate(fleet.parameters):
-        out_of_line = {one.campaign for one in far if one.name == name}
+def _histories(fleet: Fleet, found: Sequence[Outlier], means: Sequence[ShrunkParameter]) -> Iterator[PageFigure]:
+    by_name = {mean.name: mean for mean in means}
+    for number, name in enumerate(fleet.parameters):
+        marked = {outlier.campaign for outlier in found if outlier.name == name}
         alt = f"{parameter_title(name)} of each campaign with its 95 % interval, vehicle by vehicle."
         yield PageFigure(
-            svg=render_inline_svg(history(fleet, name, out_of_line, by_name.get(name)), f"history{place}"), alt=alt
+            svg=render_inline_svg(history(fleet, name, marked, by_name.get(name)), f"history{number}"), alt=alt
         )
 
 
-def _causes(fleet: Fleet) -> ResultTable | None:
-    """Which cause was named where; None where none was anywhere."""
+def _cause_table(fleet: Fleet) -> ResultTable | None:
+    """Causes found or suspected in each campaign; None if there are none."""
     kinds = ("findings", "suspects")
     effects = sorted({effect for record in fleet.done for kind in kinds for effect in causes(record, kind)})
     if not effects:
         return None
-    heads = [text_column(_words(fleet, effect)) for effect in effects]
+    heads = [text_column(_effect_title(fleet, effect)) for effect in effects]
     table = TableBuilder(
-        "Causes by campaign, in the order of time.", text_column("vehicle"), text_column("campaign"), *heads
+        "Causes by campaign, in order of time.", text_column("vehicle"), text_column("campaign"), *heads
     )
     for vehicle, records in fleet.vehicles.items():
         for record in records:
-            found, suspected = (causes(record, kind) for kind in kinds)
-            cells = [FOUND if one in found else SUSPECTED if one in suspected else ABSENT for one in effects]
-            table.add(vehicle, _link(record), *cells)
+            cells = dict.fromkeys(effects, ABSENT)
+            cells |= dict.fromkeys(causes(record, "suspects"), SUSPECTED)
+            cells |= dict.fromkeys(causes(record, "findings"), FOUND)
+            table.add(vehicle, _link(record), *cells.values())
     return table.grid()
 
 
-def _outliers(far: Sequence[Outlier]) -> ResultTable:
+def _outlier_table(found: Sequence[Outlier]) -> ResultTable:
     table = TableBuilder(
-        "Out of line with the fleet, the farthest first.",
-        text_column("campaign"),
-        text_column("vehicle"),
-        text_column("parameter"),
-        mixed_number_column("value"),
-        mixed_number_column("median"),
-        mixed_number_column("distance"),
+        "Outliers, the farthest first.",
+        *map(text_column, ("campaign", "vehicle", "parameter")),
+        *map(mixed_number_column, ("value", "median", "distance")),
     )
-    for one in far:
+    for one in found:
         value = f"{plus_minus(one.value.value, one.value.error)} {unit_symbol(one.value.unit)}".strip()
         table.add(
             one.campaign,
@@ -201,34 +192,20 @@ def _outliers(far: Sequence[Outlier]) -> ResultTable:
     return table.grid()
 
 
-def _means(fleet: Fleet, means: Sequence[ShrunkParameter]) -> ResultTable | None:
-    """The hierarchical means; None where none was asked for, or can be had."""
+def _mean_table(fleet: Fleet, means: Sequence[ShrunkParameter]) -> ResultTable | None:
+    """Hierarchical means and scatters; None if there are none."""
     if not means:
         return None
     table = TableBuilder(
-        "The fleet's means, and how its vehicles scatter about them.",
+        "Fleet means and scatter of the vehicles about them.",
         text_column("parameter"),
-        mixed_number_column("mean"),
-        mixed_number_column("between vehicles"),
-        mixed_number_column("between a vehicle's campaigns"),
+        *map(mixed_number_column, ("mean", "between vehicles", "between a vehicle's campaigns")),
     )
     for one in means:
-        table.add(
-            parameter_title(one.name),
-            f"{plus_minus(one.mean.value, one.mean.error)} {unit_symbol(fleet.units[one.name])}".strip(),
-            *(
-                f"{100.0 * each:.2g} %" if one.logarithmic else significant(each, 2)
-                for each in (one.between, one.within)
-            ),
-        )
+        mean = f"{plus_minus(one.mean.value, one.mean.error)} {unit_symbol(fleet.units[one.name])}".strip()
+        scatters = [
+            f"{100.0 * scatter:.2g} %" if one.logarithmic else significant(scatter, 2)
+            for scatter in (one.between, one.within)
+        ]
+        table.add(parameter_title(one.name), mean, *scatters)
     return table.grid()
-
-
-def summary(fleet: Fleet) -> dict[str, Any]:
-    """What `rovid fleet --json` says of the fleet as a whole."""
-    return {
-        "changes": list(cause_changes(fleet)),
-        "outliers": [
-            {"campaign": one.campaign, "parameter": one.name, "distance": one.distance} for one in outliers(fleet)
-        ],
-    }

@@ -1,21 +1,36 @@
-"""All campaigns together: what each says, by vehicle and in the order of time."""
+"""Results of all campaigns by vehicle and date, and campaigns that differ from the rest of the fleet."""
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 import statistics
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+
+import numpy as np
 
 from rovid.fleet.campaign_record import CampaignRecord
 from rovid.model.parameter_names import base_names
 from rovid.trial.axis import axis_named
 
-# Vehicles whose medians differ by more than this factor are no sisters.
+# Ratio of the vehicles' medians above which vehicles are compared only with themselves; a decision.
 UNLIKE = 3.0
+# Minimum number of campaigns with the parameter for an outlier test.
+LEAST = 5
+# Robust standard deviations beyond which a campaign is an outlier (Iglewicz and Hoaglin 1993).
+LIMIT = 3.5
+# Standard deviation of a normal distribution over its median absolute deviation.
+_NORMAL = 1.4826
+RULE = (
+    f"A campaign is an outlier if its parameter lies more than {LIMIT:g} times √(S² + s²) from the fleet's median. "
+    f"S is {_NORMAL} times the median absolute deviation, s is the campaign's own standard error. Parameters that are "
+    f"positive in all campaigns are compared by their logarithms. The test needs at least {LEAST} campaigns with the "
+    f"parameter. If the vehicles' medians differ by more than a factor of {UNLIKE:g}, each vehicle is compared with "
+    "itself only."
+)
 
 
 @dataclass(frozen=True)
@@ -25,9 +40,9 @@ class ParameterValue:
     Attributes
     ----------
     error
-        Standard error; NaN where it is not known.
+        Standard error; NaN if unknown.
     placeholder
-        Whether it hangs on a guessed arm or thrust curve, and compares with no other.
+        Whether the value depends on a guessed arm or thrust curve.
     """
 
     value: float
@@ -37,104 +52,162 @@ class ParameterValue:
 
     @property
     def is_comparable(self) -> bool:
-        """Whether it can be held against another campaign's."""
+        """Whether the value can be compared with other campaigns."""
         return self.error > 0.0 and not self.placeholder
 
 
 @dataclass(frozen=True, kw_only=True)
 class Fleet:
-    """The records of all campaigns, by name."""
+    """The records of all campaigns, sorted by name."""
 
     axis: str
     records: tuple[CampaignRecord, ...]
 
     @cached_property
     def values(self) -> Mapping[str, Mapping[str, ParameterValue]]:
-        """Campaign -> parameter -> what its last model says: that with the causes found, or the plain one."""
+        """Campaign -> parameter -> value in the final model: with the causes found, or the plain model."""
         return {record.campaign: _values(record) for record in self.records}
 
     @cached_property
     def parameters(self) -> tuple[str, ...]:
-        """Every parameter of any campaign: the plain model's first, then those of causes by name."""
+        """Names of all parameters: the plain model's first, then the effects' by name."""
         known = {name for values in self.values.values() for name in values}
         plain = [name for name in base_names(axis_named(self.axis)) if name in known]
         return (*plain, *sorted(known.difference(plain)))
 
     @cached_property
     def units(self) -> Mapping[str, str]:
-        """Parameter -> its unit, where all campaigns have the same; else nothing."""
+        """Parameter -> unit; empty where the campaigns have different units."""
         units: dict[str, str] = {}
         for values in self.values.values():
-            for name, one in values.items():
-                units[name] = one.unit if units.setdefault(name, one.unit) == one.unit else ""
+            for name, parameter in values.items():
+                if units.setdefault(name, parameter.unit) != parameter.unit:
+                    units[name] = ""
         return units
 
     @cached_property
     def vehicles(self) -> Mapping[str, tuple[CampaignRecord, ...]]:
-        """Vehicle -> its campaigns in the order of time, those without a date last; no vehicle has what failed."""
-        done = sorted(self.done, key=lambda one: (one.start is None, one.start or 0.0, one.campaign))
-        names = sorted({one.vehicle or "" for one in done}, key=_counted)
-        return {name: tuple(one for one in done if (one.vehicle or "") == name) for name in names}
+        """Vehicle -> its diagnosed campaigns by date, those without a date last."""
+        done = sorted(self.done, key=lambda record: (record.start is None, record.start or 0.0, record.campaign))
+        vehicles: dict[str, list[CampaignRecord]] = {}
+        for record in done:
+            vehicles.setdefault(record.vehicle or "", []).append(record)
+        return {name: tuple(vehicles[name]) for name in sorted(vehicles, key=_natural_order)}
 
     def campaigns_with(self, name: str) -> Mapping[str, list[tuple[CampaignRecord, ParameterValue]]]:
-        """Vehicle -> its campaigns that have the parameter, in the order of time."""
+        """Vehicle -> its campaigns that have the parameter, by date, with its value."""
         groups = {}
         for vehicle, records in self.vehicles.items():
-            known = [(record, one) for record in records if (one := self.values[record.campaign].get(name)) is not None]
-            if known:
-                groups[vehicle] = known
+            known = [(record, self.values[record.campaign].get(name)) for record in records]
+            present = [(record, value) for record, value in known if value is not None]
+            if present:
+                groups[vehicle] = present
         return groups
 
     def dissimilar_medians(self, name: str) -> Mapping[str, float]:
-        """Vehicle -> its median, where these are so far apart that the vehicles are no sisters; else nothing."""
-        every = {vehicle: [one for _, one in known] for vehicle, known in self.campaigns_with(name).items()}
-        medians = {vehicle: median_of(values) for vehicle, values in every.items()}
+        """Vehicle -> median of the parameter if the medians differ by more than `UNLIKE`; else empty."""
+        groups = self.campaigns_with(name)
+        medians = {vehicle: median_of(value for _, value in known) for vehicle, known in groups.items()}
         sizes = [abs(median) for median in medians.values()]
-        return medians if sizes and min(sizes) > 0.0 and max(sizes) > UNLIKE * min(sizes) else {}
+        if sizes and min(sizes) > 0.0 and max(sizes) > UNLIKE * min(sizes):
+            return medians
+        return {}
 
     @property
     def done(self) -> tuple[CampaignRecord, ...]:
-        """The campaigns that were diagnosed."""
+        """Campaigns with a diagnosis."""
         return tuple(record for record in self.records if record.diagnosis is not None)
 
     @property
     def failed(self) -> tuple[CampaignRecord, ...]:
-        """The others."""
+        """Campaigns without a diagnosis."""
         return tuple(record for record in self.records if record.diagnosis is None)
 
 
 def median_of(values: Iterable[ParameterValue]) -> float:
-    """Of those that compare with other campaigns, or of all where none does; there are some."""
+    """Median of the comparable values, or of all values if none is comparable."""
     known = list(values)
-    return statistics.median(one.value for one in [one for one in known if one.is_comparable] or known)
+    return statistics.median(value.value for value in [one for one in known if one.is_comparable] or known)
 
 
 def causes(record: CampaignRecord, kind: str) -> list[str]:
     """Ids of the "findings" or the "suspects" of a campaign."""
-    return [] if record.diagnosis is None else [str(one["effect"]) for one in record.diagnosis[kind]]
+    if record.diagnosis is None:
+        return []
+    return [str(finding["effect"]) for finding in record.diagnosis[kind]]
 
 
 def verdict(record: CampaignRecord) -> str | None:
-    """The diagnosis in a word; None where there is none."""
+    """Verdict of the diagnosis; None without a diagnosis."""
     return None if record.diagnosis is None else str(record.diagnosis["verdict"])
 
 
 def guessed(record: CampaignRecord) -> list[str]:
-    """What of the vehicle `rovid init` made up, by name."""
+    """Names of the vehicle's properties that `rovid init` guessed."""
     return [] if record.diagnosis is None else list(record.diagnosis["guessed"])
 
 
-def _counted(name: str) -> list[tuple[int, str]]:
-    """By what names are sorted, their numbers as numbers: 2 before 10."""
+def _natural_order(name: str) -> list[tuple[int, str]]:
+    """Sort key with numbers in numeric order: 2 before 10."""
     return [(int(part), "") if part.isdecimal() else (0, part) for part in re.split(r"(\d+)", name)]
 
 
-def _values(record: CampaignRecord) -> Mapping[str, ParameterValue]:
+def _values(record: CampaignRecord) -> dict[str, ParameterValue]:
     diagnosis = record.diagnosis or {}
     side = diagnosis.get("extended") or diagnosis.get("base") or {"parameters": {}}
-    return {name: _value(one) for name, one in side["parameters"].items() if one["value"] is not None}
+    values = {}
+    for name, entry in side["parameters"].items():
+        if entry["value"] is not None:
+            error = math.nan if entry["standard_error"] is None else entry["standard_error"]
+            values[name] = ParameterValue(entry["value"], error, entry["unit"], entry.get("placeholder", False))
+    return values
 
 
-def _value(one: Mapping[str, Any]) -> ParameterValue:
-    error = math.nan if one["standard_error"] is None else one["standard_error"]
-    return ParameterValue(one["value"], error, one["unit"], one.get("placeholder", False))
+@dataclass(frozen=True, kw_only=True)
+class Outlier:
+    """A parameter far from the fleet's median; ``distance`` is signed, in robust standard deviations."""
+
+    campaign: str
+    vehicle: str
+    name: str
+    value: ParameterValue
+    median: float
+    distance: float
+
+
+def outliers(fleet: Fleet) -> list[Outlier]:
+    """All outliers by `RULE`, the farthest first."""
+    found: list[Outlier] = []
+    for name in fleet.parameters:
+        groups = fleet.campaigns_with(name).values()
+        comparable = [[(record, value) for record, value in known if value.is_comparable] for known in groups]
+        if not fleet.dissimilar_medians(name):
+            comparable = [list(itertools.chain.from_iterable(comparable))]
+        for group in comparable:
+            found += _outliers_among(group, name)
+    return sorted(found, key=lambda outlier: (-abs(outlier.distance), outlier.campaign, outlier.name))
+
+
+def _outliers_among(group: Sequence[tuple[CampaignRecord, ParameterValue]], name: str) -> list[Outlier]:
+    if len(group) < LEAST:
+        return []
+    values = np.array([value.value for _, value in group])
+    errors = np.array([value.error for _, value in group])
+    median = float(np.median(values))
+    if (values > 0.0).all():
+        values, errors = np.log(values), errors / values
+    deviations = values - np.median(values)
+    scatter = _NORMAL * float(np.median(np.abs(deviations)))
+    distances = deviations / np.sqrt(scatter**2 + errors**2)
+    return [
+        Outlier(
+            campaign=record.campaign,
+            vehicle=record.vehicle or "",
+            name=name,
+            value=value,
+            median=median,
+            distance=float(distance),
+        )
+        for (record, value), distance in zip(group, distances, strict=True)
+        if abs(distance) > LIMIT
+    ]

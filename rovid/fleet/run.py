@@ -1,4 +1,4 @@
-"""All campaigns of a fleet: those that are done already, and the others on all cores or on a cluster."""
+"""Diagnosis of all campaigns of a fleet, on all cores or on a cluster. Valid earlier results are kept."""
 
 from __future__ import annotations
 
@@ -16,33 +16,33 @@ from rovid.core.signatures import CAMPAIGN, FLEET_PAGE, FLEET_TABLE
 from rovid.core.threads import core_count, thread_map
 from rovid.fleet.campaign_record import CampaignRecord, CampaignTask, campaign_digest, read_record
 from rovid.fleet.folders import CampaignFolder, find_campaigns
+from rovid.fleet.output import FleetOutput, parquet_table
 from rovid.fleet.page import fleet_page
 from rovid.fleet.results import Fleet
 from rovid.fleet.shrinkage import ShrunkParameter, shrink
-from rovid.fleet.table import parquet_table
 from rovid.fleet.worker import diagnose_campaign
 
-# s to find a cluster.
-_KNOCKING = 20.0
+# Time limit for the connection to a cluster, in s.
+_CONNECT_TIMEOUT = 20.0
 _EXTRA = "Install it with `pip install 'rovid[fleet]'`."
 
 
 @dataclass(frozen=True, kw_only=True)
 class FleetOptions:
-    """How a fleet is diagnosed.
+    """Options of a fleet run.
 
     Attributes
     ----------
     axis, cutoff
         As for one campaign.
     jobs
-        Campaigns at a time; None: as many as there are cores.
+        Number of campaigns at a time; None: one per core.
     cluster
         Address of a Dask scheduler; empty: this machine.
     patience
-        s that each campaign is given.
+        Time limit for each campaign, in s.
     shrink
-        Whether sister vehicles are taken to be like each other.
+        Whether to compute hierarchical means of sister vehicles.
     """
 
     axis: str = "yaw"
@@ -51,16 +51,6 @@ class FleetOptions:
     cluster: str = ""
     patience: float = 3600.0
     shrink: bool = False
-
-
-@dataclass(frozen=True, kw_only=True)
-class FleetOutput:
-    """What a fleet came to, and where it is; ``anew`` counts the campaigns that were not done already."""
-
-    fleet: Fleet
-    table: Path
-    page: Path
-    diagnosed_anew: int
 
 
 def run_fleet(
@@ -73,113 +63,106 @@ def run_fleet(
 ) -> FleetOutput:
     """Diagnose every campaign of ``folders`` and write the table and the page into ``out``.
 
-    Each campaign's diagnosis is written as soon as it is there, and is not made again.
+    Each diagnosis is written as soon as it is finished. A later run does not repeat it.
 
     Raises
     ------
     ConfigError
-        A library is missing, there is no such folder, or no such cluster.
+        A library, the folder or the cluster is missing.
     OutputError
         ``out`` cannot be written, or holds other files of these names.
     """
     for package in ("joblib", "pyarrow"):
         _require(package, f"-o {out}")
-    places = find_campaigns(folders, out)
-    files = {place.name: OutputFile(out / "campaigns" / f"{place.name}.json", CAMPAIGN) for place in places}
+    campaigns = find_campaigns(folders, out)
+    files = {one.name: OutputFile(out / "campaigns" / f"{one.name}.json", CAMPAIGN) for one in campaigns}
     table, page = OutputFile(out / "fleet.parquet", FLEET_TABLE), OutputFile(out / "index.html", FLEET_PAGE)
     claim = OutputSet([table, page, *files.values()], force=force)
-    report("Looking for what is done already …")
-    tasks = thread_map(lambda place: _task(place, options), places)
-    records = {record.campaign: record for record in _done(tasks, files, out, claim, options.patience)}
+    report("Looking for earlier results …")
+    tasks = thread_map(lambda campaign: _task(campaign, options), campaigns)
+    records = {record.campaign: record for record in _valid_records(tasks, files, out, claim, options.patience)}
     todo = [task for task in tasks if task.name not in records]
-    for count, record in enumerate(_diagnosed(todo, options, report), 1):
+    for count, record in enumerate(_diagnose(todo, options, report), 1):
         claim.write({files[record.campaign]: record.text})
         records[record.campaign] = record.reduced
         report(f"{count} of {len(todo)} campaigns: {record.campaign} took {record.took:.0f} s …")
-    fleet = Fleet(axis=options.axis, records=tuple(records[place.name] for place in places))
+    fleet = Fleet(axis=options.axis, records=tuple(records[campaign.name] for campaign in campaigns))
     means: tuple[ShrunkParameter, ...] = shrink(fleet) if options.shrink else ()
     report("Writing the table and the page …")
     claim.write({table: parquet_table(fleet, means), page: fleet_page(fleet, means)})
     return FleetOutput(fleet=fleet, table=table.path, page=page.path, diagnosed_anew=len(todo))
 
 
-def _done(
-    tasks: Sequence[CampaignTask], files: Mapping[str, OutputFile], out: Path, claim: OutputSet, patience: float
-) -> list[CampaignRecord]:
-    """What holds already, lean; of a campaign by another name than last time it is written under the new one."""
-    there = sorted(out.rglob("*.json"))
-    by_digest = {record.digest: path for path in there if (record := read_record(path)) is not None}
-    held, moved = [], {}
-    for task in tasks:
-        own = files[task.name]
-        for path in (own.path, by_digest.get(task.digest, own.path)):
-            record = read_record(path)
-            if record is not None and record.is_valid_for(task, patience):
-                now = replace(record, campaign=task.name, folder=task.folder)
-                if now != record or path != own.path:
-                    moved[own] = now.text
-                held.append(now.reduced)
-                break
-    # Not before all are read: two campaigns may have changed their names with each other.
-    if moved:
-        claim.write(moved)
-    return held
-
-
-def _task(place: CampaignFolder, options: FleetOptions) -> CampaignTask:
-    folder = place.folder
+def _task(campaign: CampaignFolder, options: FleetOptions) -> CampaignTask:
     return CampaignTask(
-        name=place.name,
-        folder=str(folder),
+        name=campaign.name,
+        folder=str(campaign.folder),
         axis=options.axis,
         cutoff=options.cutoff,
-        digest=campaign_digest(folder, options.axis, options.cutoff),
+        digest=campaign_digest(campaign.folder, options.axis, options.cutoff),
     )
 
 
-def _diagnosed(
+def _valid_records(
+    tasks: Sequence[CampaignTask], files: Mapping[str, OutputFile], out: Path, claim: OutputSet, patience: float
+) -> list[CampaignRecord]:
+    """Reduced records that are still valid; the record of a renamed campaign is written again under its new name."""
+    paths = sorted(out.rglob("*.json"))
+    by_digest = {record.digest: path for path in paths if (record := read_record(path)) is not None}
+    valid, renamed = [], {}
+    for task in tasks:
+        output = files[task.name]
+        for path in (output.path, by_digest.get(task.digest, output.path)):
+            record = read_record(path)
+            if record is not None and record.is_valid_for(task, patience):
+                current = replace(record, campaign=task.name, folder=task.folder)
+                if current != record or path != output.path:
+                    renamed[output] = current.text
+                valid.append(current.reduced)
+                break
+    # Written after all records are read, because two campaigns may have swapped their names.
+    if renamed:
+        claim.write(renamed)
+    return valid
+
+
+def _diagnose(
     tasks: Sequence[CampaignTask], options: FleetOptions, report: Callable[[str], None]
 ) -> Iterator[CampaignRecord]:
-    """Each as soon as it is there."""
+    """Records in the order in which the diagnoses finish."""
     if not tasks:
         return
-    from joblib import Parallel, delayed
+    from joblib import Parallel, delayed, parallel_config
 
-    jobs = options.jobs or core_count()
+    jobs, cores_each = options.jobs or core_count(), 1
     with contextlib.ExitStack() as stack:
         if options.cluster:
-            jobs, each = stack.enter_context(_cluster(options)), 1
+            jobs = stack.enter_context(_cluster(options))
         else:
-            stack.enter_context(_here())
-            each = max(1, core_count() // min(jobs, len(tasks)))
+            # The threads only wait for the processes that do the work.
+            stack.enter_context(parallel_config(backend="threading"))
+            cores_each = max(1, core_count() // min(jobs, len(tasks)))
             _compile(report)
         report(f"Diagnosing {len(tasks)} campaigns, {jobs} at a time …")
-        # The work is done by processes that the threads wait for.
         parallel = Parallel(n_jobs=jobs, batch_size=1, pre_dispatch="2*n_jobs", return_as="generator_unordered")
-        yield from parallel(delayed(diagnose_campaign)(task, options.patience, each) for task in tasks)
-
-
-def _here() -> Any:
-    from joblib import parallel_config
-
-    return parallel_config(backend="threading")
+        yield from parallel(delayed(diagnose_campaign)(task, options.patience, cores_each) for task in tasks)
 
 
 @contextlib.contextmanager
 def _cluster(options: FleetOptions) -> Iterator[int]:
-    """The cluster in the place of this machine's cores; how many campaigns it does at a time.
+    """Use the Dask cluster instead of this machine; yield the number of campaigns it diagnoses at a time.
 
     Raises
     ------
     ConfigError
-        It is not there, has no worker, or one of another version.
+        There is no scheduler or no worker, or a worker has another version of rovid.
     """
     where = f"--cluster {options.cluster}"
     distributed = _require("distributed", where)
     from joblib import parallel_config
 
     try:
-        client = distributed.Client(options.cluster, timeout=_KNOCKING, set_as_default=True)
+        client = distributed.Client(options.cluster, timeout=_CONNECT_TIMEOUT, set_as_default=True)
     except (OSError, ValueError, TimeoutError) as error:
         mend = "Give the address that `dask scheduler` prints, as tcp://127.0.0.1:8786."
         raise ConfigError("there is no Dask scheduler.", where=where, mend=mend) from error
@@ -192,12 +175,12 @@ def _cluster(options: FleetOptions) -> Iterator[int]:
                 found = f"rovid {version}" if version else "no rovid"
                 raise ConfigError(f"worker {worker} has {found}; {__version__} was expected.", where=where)
         most = sum(threads.values())
-        with parallel_config(backend="dask", wait_for_workers_timeout=_KNOCKING):
+        with parallel_config(backend="dask", wait_for_workers_timeout=_CONNECT_TIMEOUT):
             yield min(most, options.jobs or most)
 
 
 def _version() -> str:
-    """The version of rovid that a worker has; empty where it has none."""
+    """Version of rovid on a worker; empty if rovid is not installed there."""
     try:
         import rovid
     except ImportError:
@@ -213,7 +196,7 @@ def _require(package: str, where: str) -> Any:
 
 
 def _compile(report: Callable[[str], None]) -> None:
-    """Once for all of the processes to come, each of which would do it by itself."""
+    """Compile once, because otherwise each process would compile."""
     from rovid.model.kernels import compile_all, is_compiled
 
     if not is_compiled():

@@ -1,11 +1,11 @@
-"""Sister vehicles told by each other: every estimate drawn towards the fleet's mean by as much as it is vague.
+"""Hierarchical (empirical Bayes) means of sister vehicles: each estimate is shrunk towards the fleet's mean.
 
 An estimate y with standard error s, of campaign i of vehicle v, is
 
     y = m + a_v + b_i + e,   a_v ~ N(0, between²), b_i ~ N(0, within²), e ~ N(0, s²)
 
-with m flat. Both scatters are integrated over (flat in the standard deviation, Gelman 2006, Bayesian Analysis 1:515),
-so that a fleet of few is not taken for more alike than it is known to be.
+with m flat. Both scatters are integrated over, with a flat prior of the standard deviation (Gelman 2006, Bayesian
+Analysis 1:515). A few campaigns therefore do not imply that the vehicles are alike.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ import numpy as np
 from rovid.core.array_types import FloatArray, IntArray
 from rovid.fleet.results import Fleet, ParameterValue
 
-# Campaigns that have the parameter; of fewer nobody knows how they scatter.
+# Minimum number of campaigns with the parameter; fewer do not determine the scatter.
 LEAST = 4
-# Scatters that are tried, in standard deviations of the estimates: from none to far more than there is.
+# Grid of scatters, in standard deviations of the estimates, from none to far more than the data show.
 _SCATTERS = np.concatenate(([0.0], np.geomspace(0.01, 4.0, 48)))
-# A positive parameter is taken by its logarithm where each is known to a third of itself.
-_KNOWN = 3.0
+# Standard errors from zero above which a positive parameter is treated by its logarithm.
+_FROM_ZERO = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,13 +34,13 @@ class ShrunkParameter:
     Attributes
     ----------
     logarithmic
-        Whether the scatters are relative: of the logarithm.
+        Whether the scatters are relative (of the logarithm).
     mean
-        Of the fleet, with its standard error.
+        Fleet mean with its standard error.
     between, within
-        Scatter of the vehicles about the mean, and of a vehicle's campaigns about their own; standard deviations.
+        Standard deviation between vehicles, and between the campaigns of one vehicle.
     values
-        Campaign -> what it is by itself and by the others.
+        Campaign -> shrunk value.
     """
 
     name: str
@@ -52,76 +52,74 @@ class ShrunkParameter:
 
 
 def shrink(fleet: Fleet) -> tuple[ShrunkParameter, ...]:
-    """Each parameter that `LEAST` campaigns or more have."""
-    return tuple(one for name in fleet.parameters if (one := _shrunk(fleet, name)) is not None)
+    """Shrunk values of each parameter that at least `LEAST` campaigns have."""
+    results = [_shrink(fleet, name) for name in fleet.parameters]
+    return tuple(result for result in results if result is not None)
 
 
-def _shrunk(fleet: Fleet, name: str) -> ShrunkParameter | None:
+def _shrink(fleet: Fleet, name: str) -> ShrunkParameter | None:
     known = {
-        record.campaign: (vehicle, fleet.values[record.campaign][name])
-        for vehicle, records in fleet.vehicles.items()
-        for record in records
-        if name in fleet.values[record.campaign] and fleet.values[record.campaign][name].is_comparable
+        record.campaign: (vehicle, value)
+        for vehicle, campaigns in fleet.campaigns_with(name).items()
+        for record, value in campaigns
+        if value.is_comparable
     }
     unit = fleet.units[name]
     if len(known) < LEAST or not unit:
         return None
-    values = np.array([one.value for _, one in known.values()])
-    errors = np.array([one.error for _, one in known.values()])
+    values = np.array([value.value for _, value in known.values()])
+    errors = np.array([value.error for _, value in known.values()])
     vehicles = np.unique([vehicle for vehicle, _ in known.values()], return_inverse=True)[1]
-    logarithmic = bool((values > _KNOWN * errors).all())
+    logarithmic = bool((values > _FROM_ZERO * errors).all())
     if logarithmic:
         values, errors = np.log(values), errors / values
     scale = float(np.std(values)) or float(np.median(errors))
-    found = _posterior(values / scale, errors / scale, vehicles)
-    centre, doubt, mean, between, within = (scale * each for each in found)
+    posterior = _posterior(values / scale, errors / scale, vehicles)
+    centres, deviations, mean, between, within = (scale * each for each in posterior)
 
-    def back(value: float, error: float) -> ParameterValue:
-        return (
-            ParameterValue(math.exp(value), math.exp(value) * error, unit)
-            if logarithmic
-            else ParameterValue(value, error, unit)
-        )
+    def rescaled(value: float, error: float) -> ParameterValue:
+        if logarithmic:
+            return ParameterValue(math.exp(value), math.exp(value) * error, unit)
+        return ParameterValue(value, error, unit)
 
     return ShrunkParameter(
         name=name,
         logarithmic=logarithmic,
-        mean=back(float(mean[0]), float(mean[1])),
+        mean=rescaled(float(mean[0]), float(mean[1])),
         between=float(between),
         within=float(within),
-        values={campaign: back(float(c), float(d)) for campaign, c, d in zip(known, centre, doubt, strict=True)},
+        values=dict(zip(known, map(rescaled, centres.tolist(), deviations.tolist()), strict=True)),
     )
 
 
 def _posterior(
     y: FloatArray, s: FloatArray, vehicle: IntArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """(n,) means and (n,) standard deviations of what y (n,) measures, the (2,) fleet's, and both scatters."""
+    """(n,) posterior means and (n,) standard deviations of the true values, (2,) fleet mean, both scatters."""
     widths = np.gradient(_SCATTERS)
-    one_vehicle = vehicle.max() == 0
-    tried = [
-        (between, within, wide * broad)
-        for between, wide in ([(0.0, 1.0)] if one_vehicle else zip(_SCATTERS, widths, strict=True))
-        for within, broad in zip(_SCATTERS, widths, strict=True)
-    ]
-    likelihoods, results = [], []
-    for between, within, weight in tried:
-        likelihood, centre, variance, mean, of_mean = _given(y, s, vehicle, between**2, within**2)
-        likelihoods.append(likelihood + math.log(weight))
-        results.append(np.concatenate((centre, variance + centre**2, [mean, of_mean + mean**2, between, within])))
-    chance = np.exp(np.array(likelihoods) - max(likelihoods))
-    average = (chance / chance.sum()) @ np.stack(results)
+    between_grid = list(zip(_SCATTERS, widths, strict=True))
+    if vehicle.max() == 0:  # A single vehicle does not determine the scatter between vehicles.
+        between_grid = [(0.0, 1.0)]
+    log_weights, moments = [], []
+    for between, between_width in between_grid:
+        for within, within_width in zip(_SCATTERS, widths, strict=True):
+            likelihood, centre, variance, mean, mean_variance = _conditional(y, s, vehicle, between**2, within**2)
+            log_weights.append(likelihood + math.log(between_width * within_width))
+            fleet = [mean, mean_variance + mean**2, between, within]
+            moments.append(np.concatenate((centre, variance + centre**2, fleet)))
+    weights = np.exp(np.array(log_weights) - max(log_weights))
+    average = (weights / weights.sum()) @ np.stack(moments)
     n = len(y)
     centre, square, (mean, mean_square, between, within) = average[:n], average[n : 2 * n], average[2 * n :]
-    spread = np.sqrt(np.maximum(square - centre**2, 0.0))
-    of_fleet = np.array([mean, math.sqrt(max(mean_square - mean**2, 0.0))])
-    return centre, spread, of_fleet, np.asarray(between), np.asarray(within)
+    deviation = np.sqrt(np.maximum(square - centre**2, 0.0))
+    fleet_mean = np.array([mean, math.sqrt(max(mean_square - mean**2, 0.0))])
+    return centre, deviation, fleet_mean, np.asarray(between), np.asarray(within)
 
 
-def _given(
+def _conditional(
     y: FloatArray, s: FloatArray, vehicle: IntArray, between: float, within: float
 ) -> tuple[float, FloatArray, FloatArray, float, float]:
-    """Log-likelihood of two variances; means and variances of what y measures, and of the fleet's mean."""
+    """Log-likelihood of the variances; means and variances of the true values and of the fleet's mean given both."""
     d = s**2 + within
     p, q = np.bincount(vehicle, 1.0 / d), np.bincount(vehicle, y / d)
     k = 1.0 + between * p
@@ -129,8 +127,9 @@ def _given(
     mean = float(np.sum(q / k)) / precision
     misfit = np.sum(y**2 / d) - np.sum(between * q**2 / k) - precision * mean**2
     likelihood = -0.5 * float(np.sum(np.log(d)) + np.sum(np.log(k)) + math.log(precision) + misfit)
-    # Each vehicle's own mean, then each campaign's own value.
-    own = ((between * q + mean) / k)[vehicle]
-    doubt = (between / k + 1.0 / (precision * k**2))[vehicle]
+    # Each vehicle's mean, then each campaign's value.
+    vehicle_mean = ((between * q + mean) / k)[vehicle]
+    vehicle_variance = (between / k + 1.0 / (precision * k**2))[vehicle]
     share = s**2 / d
-    return likelihood, (1.0 - share) * y + share * own, within * share + share**2 * doubt, mean, 1.0 / precision
+    values = (1.0 - share) * y + share * vehicle_mean
+    return likelihood, values, within * share + share**2 * vehicle_variance, mean, 1.0 / precision

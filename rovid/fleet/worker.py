@@ -1,4 +1,4 @@
-"""One campaign in a process of its own: whatever becomes of that, the others go on, and its memory is given back."""
+"""Diagnosis of one campaign in a process of its own: a crash does not stop the fleet, and its memory is released."""
 
 from __future__ import annotations
 
@@ -19,22 +19,24 @@ from rovid.core.errors import RovidError
 from rovid.core.threads import CORES_VARIABLE
 from rovid.fleet.campaign_record import CampaignRecord, CampaignTask
 
-# Settled first: most of what it ever makes is made by importing.
-_CODE = "from rovid.core.process_tuning import tune_process; tune_process(); from rovid.fleet.worker import main; main()"
+# The process settings come first, because the imports allocate most of the long-lived objects.
+_CODE = (
+    "from rovid.core.process_tuning import tune_process; tune_process(); from rovid.fleet.worker import main; main()"
+)
 
 
 def diagnose_campaign(task: CampaignTask, patience: float, cores: int) -> CampaignRecord:
-    """What comes of ``task`` in a process that has ``patience`` s and so many ``cores``; never raises for the task."""
+    """Diagnose ``task`` in a process with a time limit of ``patience`` s; errors of the task go into the record."""
     began = time.monotonic()
     command = [sys.executable, "-c", f"import sys; sys.path[:] = {sys.path!r}; {_CODE}", json.dumps(asdict(task))]
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", CORES_VARIABLE: str(cores)}
-    with tempfile.TemporaryFile() as said, tempfile.TemporaryFile() as complaint:
-        # It ends when its input does, so that it does not outlive this process either.
+    with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as errors:
+        # The process ends when its standard input closes, so it cannot outlive this one.
         with subprocess.Popen(  # noqa: S603 - Python itself
             command,
             stdin=subprocess.PIPE,
-            stdout=said,
-            stderr=complaint,
+            stdout=output,
+            stderr=errors,
             env=environment,
             creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
         ) as process:
@@ -42,26 +44,23 @@ def diagnose_campaign(task: CampaignTask, patience: float, cores: int) -> Campai
                 status = process.wait(patience)
             except subprocess.TimeoutExpired:
                 process.kill()
-                text = f"no diagnosis within {patience:g} s; --timeout gives it longer."
-                return _failed(task, text, "timeout", patience, time.monotonic() - began)
+                error = f"no diagnosis within {patience:g} s. Increase the limit with --timeout."
+                return _failed(task, error, "timeout", patience, time.monotonic() - began)
             except BaseException:
                 process.kill()
                 raise
         took = time.monotonic() - began
         if status:
-            return _failed(task, _crash(status, _read(complaint).decode("utf-8", "replace")), "crash", patience, took)
-        return replace(CampaignRecord(**_document(_read(said))), took=round(took, 3), patience=patience)
+            error = _crash_message(status, _read(errors).decode("utf-8", "replace"))
+            return _failed(task, error, "crash", patience, took)
+        document = json.loads(_read(output))
+        del document["schema"]
+        return replace(CampaignRecord(**document), took=round(took, 3), patience=patience)
 
 
 def _read(file: IO[bytes]) -> bytes:
     file.seek(0)
     return file.read()
-
-
-def _document(text: bytes) -> dict[str, Any]:
-    document: dict[str, Any] = json.loads(text)
-    del document["schema"]
-    return document
 
 
 def _failed(task: CampaignTask, error: str, failure: str, patience: float, took: float) -> CampaignRecord:
@@ -76,53 +75,49 @@ def _failed(task: CampaignTask, error: str, failure: str, patience: float, took:
     )
 
 
-def _crash(status: int, complaint: str) -> str:
-    """How its process ended, in a sentence."""
-    lines = complaint.strip().splitlines()
+def _crash_message(status: int, errors: str) -> str:
+    lines = errors.strip().splitlines()
     last = f": {lines[-1].strip()}" if lines else ""
-    if status < 0:
-        return f"its process was ended by {_signal(-status)}{last}."
-    return f"its process ended with status {status}{last}"
-
-
-def _signal(number: int) -> str:
+    if status >= 0:
+        return f"its process ended with status {status}{last}"
     try:
-        return signal.Signals(number).name
+        name = signal.Signals(-status).name
     except ValueError:
-        return f"signal {number}"
+        name = f"signal {-status}"
+    return f"its process was ended by {name}{last}."
 
 
 def main() -> None:
-    """As that process: diagnose the campaign of the first argument, and print the record."""
-    out, sys.stdout = sys.stdout, sys.stderr
-    threading.Thread(target=_end_with_the_first, daemon=True).start()
-    record = campaign_record(CampaignTask(**json.loads(sys.argv[1])))
-    out.write(record.text)
-    out.flush()
-    # Threads that wait, and second processes, are of no use any more.
+    """Diagnose the campaign of the first argument and print the record; the entry point of the process."""
+    output, sys.stdout = sys.stdout, sys.stderr
+    threading.Thread(target=_exit_with_parent, daemon=True).start()
+    output.write(campaign_record(CampaignTask(**json.loads(sys.argv[1]))).text)
+    output.flush()
+    # Threads and helper processes that still wait are not needed any more.
     os._exit(0)
 
 
-def _end_with_the_first() -> None:
-    # Nothing is ever written there.
+def _exit_with_parent() -> None:
+    # The parent never writes: the read ends when the pipe closes.
     sys.stdin.read()
     os._exit(1)
 
 
 def campaign_record(task: CampaignTask) -> CampaignRecord:
-    """The campaign's diagnosis, or what its user has to mend."""
+    """Record with the campaign's diagnosis, or with the user's error."""
     folder = Path(task.folder)
     try:
-        facts = _diagnosis(folder, task)
+        result = _diagnose(folder, task)
     except RovidError as error:
-        # As seen from the campaign: the same wherever the fleet lies.
+        # Paths relative to the campaign: the message does not depend on the folder of the fleet.
         text = str(error).replace(f"{folder}{os.sep}", "").replace(str(folder), task.name)
-        facts = {"error": text, "failure": "input"}
-    peak = _peak_memory()
-    return CampaignRecord(campaign=task.name, folder=task.folder, digest=task.digest, peak_memory=peak, **facts)
+        result = {"error": text, "failure": "input"}
+    return CampaignRecord(
+        campaign=task.name, folder=task.folder, digest=task.digest, peak_memory=_peak_memory(), **result
+    )
 
 
-def _diagnosis(folder: Path, task: CampaignTask) -> Mapping[str, Any]:
+def _diagnose(folder: Path, task: CampaignTask) -> Mapping[str, Any]:
     from rovid.present.documents.diagnosis import diagnosis_document
     from rovid.store.study import open_study
     from rovid.trial.axis import axis_named
@@ -130,17 +125,16 @@ def _diagnosis(folder: Path, task: CampaignTask) -> Mapping[str, Any]:
     study = open_study([folder], cutoff=task.cutoff, axis=axis_named(task.axis))
     diagnosis = study.diagnosis()
     trials = () if study.campaign is None else study.campaign.trials
-    began = [trial.start_epoch for trial in trials if trial.start_epoch is not None]
     return {
         "vehicle": study.vehicle.name,
-        "start": min(began, default=None),
+        "start": min((trial.start_epoch for trial in trials if trial.start_epoch is not None), default=None),
         "seconds": sum(trial.duration for trial in trials) if trials else None,
         "diagnosis": diagnosis_document(diagnosis, study),
     }
 
 
 def _peak_memory() -> int | None:
-    """Bytes that this process has taken at most; None where the system does not say."""
+    """Largest memory of this process in bytes; None where the system does not report it."""
     try:
         import resource
     except ImportError:  # Windows

@@ -1,1 +1,1 @@
-"""A trial day as it goes on: which logs are whole, what each added, and whether that is enough."""
+"""A trial day in progress: complete logs, what each log added to the model, and the stop criteria."""

@@ -1,4 +1,4 @@
-"""The trial day: after each log what it added, what is suspected, the run to make next, and whether to go on."""
+"""The trial day: after each log the updated model, the suspected causes, the next run and the stop criteria."""
 
 from __future__ import annotations
 
@@ -17,33 +17,34 @@ from rovid.estimate.estimate import Estimate
 from rovid.estimate.maximum_likelihood import LikelihoodFit
 from rovid.model.parameter_names import without_form
 from rovid.store.study import Study, open_study
-from rovid.watch.folder_monitor import FolderChange, FolderMonitor, Problem, WatchedLog
+from rovid.watch.folder_monitor import FolderMonitor, Problem
 from rovid.watch.stop_criteria import CriterionStatus, StopCriterion
+from rovid.watch.watched_log import FolderChange, WatchedLog
 
 Report = Callable[[str], None]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LogsChanged:
-    """Logs that are gone by now, and what became of others."""
+    """Event: logs came, changed or went."""
 
     change: FolderChange
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModelFitted:
-    """The fit to all logs, beside the one before it.
+    """Event: the model was fitted to all logs.
 
     Attributes
     ----------
-    fit
-        None where there is too little to fit.
-    missing
-        Of what, then.
-    before
-        What was known before the last log; None where nothing was.
     new
-        Names of the logs that came, or came anew.
+        Names of the new or replaced logs.
+    fit
+        None if the data do not suffice.
+    missing
+        What the fit lacks in that case.
+    before
+        Estimate before the last logs; None for the first fit.
     """
 
     study: Study
@@ -56,7 +57,7 @@ class ModelFitted:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LogsDiagnosed:
-    """What the diagnosis of all logs says; ``fit`` is what was known before it."""
+    """Event: all logs were diagnosed; ``fit`` is the fit before the diagnosis."""
 
     study: Study
     diagnosis: Diagnosis
@@ -66,16 +67,16 @@ class LogsDiagnosed:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NextRun:
-    """The run to make next.
+    """Event: the recommended next run.
 
     Attributes
     ----------
     words, reason
-        In a line each.
+        The run and its reason in one line each.
     plan
-        With its commands; None where it is known in words alone.
+        The run with its commands; None if only its description is known.
     written
-        Where the command file is; None where none was written.
+        Path of the command file; None if none was written.
     """
 
     words: str
@@ -86,16 +87,16 @@ class NextRun:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SessionEnded:
-    """The end.
+    """Event: the end of the session.
 
     Attributes
     ----------
-    why
-        reached, interrupted or once.
+    reason
+        "reached", "interrupted" or "once".
     logs
-        Those that were fitted.
+        The fitted logs.
     diagnosis
-        Of all ``logs``; None where there is none of them all.
+        Diagnosis of these logs; None if there is none.
     """
 
     reason: str
@@ -111,16 +112,18 @@ Event = LogsChanged | ModelFitted | LogsDiagnosed | NextRun | Problem | SessionE
 
 @dataclass(frozen=True, kw_only=True)
 class SessionActions:
-    """What is done with the logs.
+    """What a session does with the logs.
 
     Attributes
     ----------
     diagnose
-        Of a study, told how to report; None where there is to be none.
+        Function that diagnoses a study and reports its progress; None: no diagnosis.
     keep
-        Called with what is known after each log.
+        Called with the estimate after each log.
     write
-        Puts a plan where the user wants it, and says where that is.
+        Writes the command file of a plan and returns its path.
+    cutoff
+        Low-pass cut-off in Hz; None: chosen from the data.
     """
 
     diagnose: Callable[[Study, Report], Diagnosis] | None
@@ -131,34 +134,32 @@ class SessionActions:
 
 
 class _OvertakenError(Exception):
-    """Another log came while the diagnosis went on."""
+    """A new log came during the diagnosis."""
 
 
 class WatchSession:
-    """What happens in a folder, until enough is known.
+    """The events in a folder until all stop criteria are met.
 
     Parameters
     ----------
-    until
-        What has to be known; all of it.
     interval
-        s between two looks.
+        Time between two polls in s.
     report
-        Told what is being done.
+        Called with progress messages.
     """
 
     def __init__(
         self,
-        watched: FolderMonitor,
-        work: SessionActions,
+        monitor: FolderMonitor,
+        actions: SessionActions,
         until: Sequence[StopCriterion] = (),
         *,
         interval: float = 2.0,
         report: Report = lambda _: None,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        self._watched = watched
-        self._work = work
+        self._monitor = monitor
+        self._actions = actions
         self._until = tuple(until)
         self._interval = interval
         self._report = report
@@ -171,179 +172,177 @@ class WatchSession:
         self._overtaken = False
 
     def events(self) -> Iterator[Event]:
-        """What happens, as it does; the last is a `Stop`."""
+        """Events as they happen; the last one is a `SessionEnded`."""
         while True:
-            change = self._watched.poll()
-            yield from self._watched.problems.take_new()
+            change = self._monitor.poll()
+            yield from self._monitor.problems.take_new()
             if change is not None:
-                self._watched.accept(change)
-                yield from self._step(change)
-                if self._met():
+                self._monitor.accept(change)
+                yield from self._process(change)
+                if self._are_criteria_met():
                     yield self.ended("reached")
                     return
-            elif self._watched.once:
+            elif self._monitor.once:
                 yield self.ended("once")
                 return
             else:
-                self._report(self._waiting())
+                self._report(f"Waiting for {'another' if self._monitor.logs else 'a'} log …")
                 self._sleep(self._interval)
 
-    def ended(self, why: str) -> SessionEnded:
-        """The end, for this reason."""
+    def ended(self, reason: str) -> SessionEnded:
+        """The final event."""
         return SessionEnded(
-            reason=why,
-            criteria=self._standings(),
+            reason=reason,
+            criteria=self._criteria(),
             logs=self._logs,
             study=self._study,
             fit=self._fit,
             diagnosis=self._diagnosis,
         )
 
-    def _waiting(self) -> str:
-        count = len(self._watched.logs)
-        return f"Waiting for {'another' if count else 'a'} log …"
-
-    def _step(self, change: FolderChange) -> Iterator[Event]:
-        """Everything that is worked out anew."""
-        troubles, path = self._watched.problems, self._watched.path
+    def _process(self, change: FolderChange) -> Iterator[Event]:
+        """Fit and diagnose the changed logs, and plan the next run."""
+        problems = self._monitor.problems
         self._report("Fitting …")
         before = self._estimate()
         try:
             study = open_study(
-                [path],
-                cutoff=self._work.cutoff,
-                axis=self._watched.axis,
+                [self._monitor.path],
+                cutoff=self._actions.cutoff,
+                axis=self._monitor.axis,
                 reading=change.reading,
                 without=change.excluded,
             )
-            # Its logs' digests are taken while they are there.
+            # The digests of the logs are computed now, while the files are there.
             _ = study.provenance
         except (RovidError, OSError) as error:
             if isinstance(error, OSError) or isinstance(error.__cause__, OSError):
-                self._again(error)
+                self._try_again(error)
             else:
                 yield LogsChanged(change=change)
-                troubles.report("logs", str(error))
+                problems.report("logs", str(error))
             return
-        troubles.resolve("logs")
+        problems.resolve("logs")
         yield LogsChanged(change=change)
         self._study, self._fit, self._diagnosis = study, None, None
         self._logs = tuple(change.logs.values())
         missing = ""
         try:
-            self._fit = self._fitted(study)
+            self._fit = self._fit_model(study)
         except RovidError as error:
             missing = str(error)
         new = tuple(log.name for log in (*change.added, *change.replaced))
-        standings = self._standings()
-        yield ModelFitted(study=study, new=new, fit=self._fit, missing=missing, before=before, criteria=standings)
-        yield from self._diagnosed(study)
-        yield from troubles.take_new()
+        criteria = self._criteria()
+        yield ModelFitted(study=study, new=new, fit=self._fit, missing=missing, before=before, criteria=criteria)
+        yield from self._diagnose(study)
+        yield from problems.take_new()
 
-    def _again(self, error: Exception) -> None:
-        """A log, or all of a share, is gone in between: the folder is looked at anew."""
-        self._watched.problems.report(self._watched.path, str(error))
-        self._watched.revert()
+    def _try_again(self, error: Exception) -> None:
+        """Return to the previous state after a file, or a whole network share, disappeared."""
+        self._monitor.problems.report(self._monitor.path, str(error))
+        self._monitor.revert()
         self._sleep(self._interval)
 
-    def _fitted(self, study: Study) -> LikelihoodFit:
-        """With what the last diagnosis found, as far as these logs know of it."""
+    def _fit_model(self, study: Study) -> LikelihoodFit:
+        """Fit with the effects of the last diagnosis, if these logs hold their signals."""
         try:
             return study.likelihood(self._effects)
         except ConfigError:
             self._effects = ()
             return study.likelihood()
 
-    def _diagnosed(self, study: Study) -> Iterator[Event]:
-        """The diagnosis where there is to be one, and the next run."""
-        if self._work.diagnose is not None:
+    def _diagnose(self, study: Study) -> Iterator[Event]:
+        """Diagnose the logs if required, keep the estimate, and plan the next run."""
+        if self._actions.diagnose is not None:
             self._report("Diagnosing …")
             try:
-                self._diagnosis = self._work.diagnose(study, self._unless_overtaken)
+                self._diagnosis = self._actions.diagnose(study, self._report_unless_overtaken)
             except _OvertakenError:
                 self._overtaken = True
                 return
             except OSError as error:
-                self._again(error)
+                self._try_again(error)
                 return
             self._overtaken = False
             self._effects = tuple(finding.effect for finding in self._diagnosis.findings)
-            yield LogsDiagnosed(study=study, diagnosis=self._diagnosis, fit=self._fit, criteria=self._standings())
-        known = self._estimate()
-        if known is not None:
-            self._keep(study, known)
-        if not self._met():
-            self._report("Trying runs …")
-            yield from self._next(study)
+            yield LogsDiagnosed(study=study, diagnosis=self._diagnosis, fit=self._fit, criteria=self._criteria())
+        estimate = self._estimate()
+        if estimate is not None:
+            try:
+                self._actions.keep(study, estimate)
+            except (RovidError, OSError) as error:
+                self._monitor.problems.report("parameters", str(error))
+            else:
+                self._monitor.problems.resolve("parameters")
+        if not self._are_criteria_met():
+            self._report("Comparing candidate runs …")
+            yield from self._next_run(study)
 
-    def _unless_overtaken(self, words: str) -> None:
-        """Pass on how far the diagnosis is; end it where another log came, but not the second time, nor the last."""
+    def _report_unless_overtaken(self, words: str) -> None:
+        """Report progress, and end the diagnosis if a new log came.
+
+        A diagnosis goes on if the previous one was ended, or if the stop criteria are met.
+        """
         self._report(words)
-        if not self._overtaken and not self._met() and self._watched.poll() is not None:
+        if not self._overtaken and not self._are_criteria_met() and self._monitor.poll() is not None:
             raise _OvertakenError
 
-    def _keep(self, study: Study, estimate: Estimate) -> None:
+    def _next_run(self, study: Study) -> Iterator[Event]:
+        """Recommend the run that discriminates between causes, or else the run that narrows a parameter."""
+        problems = self._monitor.problems
+        advice = None if self._diagnosis is None else next_experiment(self._diagnosis)
         try:
-            self._work.keep(study, estimate)
-        except (RovidError, OSError) as error:
-            self._watched.problems.report("parameters", str(error))
-        else:
-            self._watched.problems.resolve("parameters")
-
-    def _next(self, study: Study) -> Iterator[Event]:
-        """The run that decides between causes; else the one that makes surer what is asked for, or least sure."""
-        found = None if self._diagnosis is None else next_experiment(self._diagnosis)
-        reason = found["reason"] if found else "it makes a parameter surer"
-        try:
-            best = self._deciding() or self._narrowing(study)
+            plan = self._discriminating_plan() or self._narrowing_plan(study)
         except RovidError as error:
-            if found:
-                yield NextRun(words=found["run"], reason=reason, plan=None, written=None)
+            if advice:
+                yield NextRun(words=advice["run"], reason=advice["reason"], plan=None, written=None)
             else:
-                self._watched.problems.report("next run", str(error))
+                problems.report("next run", str(error))
             return
-        self._watched.problems.resolve("next run")
+        problems.resolve("next run")
         written = None
         try:
-            written = self._work.write(best)
+            written = self._actions.write(plan)
         except OutputError as error:
-            self._watched.problems.report("command file", str(error))
+            problems.report("command file", str(error))
         else:
-            self._watched.problems.resolve("command file")
-        if best.parameter:
-            reason = f"it makes {best.parameter} surer"
-        yield NextRun(words=best.best.run.name, reason=reason, plan=best, written=written)
+            problems.resolve("command file")
+        reason = advice["reason"] if advice else "it narrows the interval of a parameter"
+        if plan.parameter:
+            reason = f"it narrows the interval of {plan.parameter}"
+        yield NextRun(words=plan.best.run.name, reason=reason, plan=plan, written=written)
 
-    def _deciding(self) -> ExperimentPlan | None:
-        """Of the diagnosis, where a run is expected to tell two causes apart."""
+    def _discriminating_plan(self) -> ExperimentPlan | None:
+        """The diagnosis' plan for a run that is expected to discriminate between two causes."""
         if self._diagnosis is None:
             return None
-        plans = [one.plan for one in (*self._diagnosis.findings, *self._diagnosis.suspects) if one.plan is not None]
-        return next((one for one in plans if one.is_decisive), None)
+        plans = [cause.plan for cause in (*self._diagnosis.findings, *self._diagnosis.suspects)]
+        return next((plan for plan in plans if plan is not None and plan.is_decisive), None)
 
-    def _narrowing(self, study: Study) -> ExperimentPlan:
-        """For the first parameter that is asked for and not known well enough; else for the least sure."""
+    def _narrowing_plan(self, study: Study) -> ExperimentPlan:
+        """Plan for the first parameter whose criterion is not met, or else for the least certain parameter."""
         if self._fit is None or study.campaign is None:
-            raise DataError("there is too little for a plan.")
+            raise DataError("there are too few data for a plan.")
         if {effect.key for effect in self._effects} != {effect.key for effect in self._fit.model.effects}:
             self._fit = study.likelihood(self._effects)
         names = self._fit.model.names
-        wanted = [one.criterion.name for one in self._standings() if not one.met and not one.criterion.is_effect]
-        full = [name for want in wanted for name in names if without_form(name) == want]
-        belief = candidate_model(self._fit, "the model")
-        return plan_experiment([belief], study.vehicle, study.campaign.trials, self._work.limits, next(iter(full), ""))
+        wanted = [one.criterion.name for one in self._criteria() if not one.met and not one.criterion.is_effect]
+        parameters = [name for parameter in wanted for name in names if without_form(name) == parameter]
+        models = [candidate_model(self._fit, "the model")]
+        trials, limits = study.campaign.trials, self._actions.limits
+        return plan_experiment(models, study.vehicle, trials, limits, next(iter(parameters), ""))
 
     def _estimate(self) -> Estimate | None:
-        """What is known: by the diagnosis where there is one of all logs, else by the fit."""
+        """Estimate of the diagnosis, or else of the fit."""
         if self._diagnosis is not None and self._diagnosis.extended is not None:
             return self._diagnosis.extended.estimate
         return None if self._fit is None else self._fit.estimate
 
-    def _standings(self) -> tuple[CriterionStatus, ...]:
+    def _criteria(self) -> tuple[CriterionStatus, ...]:
         estimate = self._estimate()
-        return tuple(one.status(estimate, self._diagnosis) for one in self._until)
+        return tuple(criterion.status(estimate, self._diagnosis) for criterion in self._until)
 
-    def _met(self) -> bool:
-        """Whether there is something to be reached, and all of it is."""
-        standings = self._standings()
-        return bool(standings) and all(one.met for one in standings)
+    def _are_criteria_met(self) -> bool:
+        """Whether there are criteria and all of them are met."""
+        criteria = self._criteria()
+        return bool(criteria) and all(status.met for status in criteria)

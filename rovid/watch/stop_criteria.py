@@ -1,9 +1,8 @@
-"""When to stop: what has to be known, and how well."""
+"""Stop criteria of a trial day: required precision of parameters and probability of causes."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rovid.core.errors import ConfigError, suggestion
@@ -13,21 +12,22 @@ from rovid.estimate.estimate import Estimate
 from rovid.model.parameter_names import base_names, without_form
 from rovid.trial.axis import Axis
 
-_ONE = re.compile(r"\s*([A-Za-z_][\w.:@ -]*?)\s+(?:to\s+)?(\d+(?:\.\d+)?)\s*%\s*")
+_CRITERION = re.compile(r"\s*([A-Za-z_][\w.:@ -]*?)\s+(?:to\s+)?(\d+(?:\.\d+)?)\s*%\s*")
+_OPTION = "--until"
 
 
 @dataclass(frozen=True, kw_only=True)
 class StopCriterion:
-    """A parameter known within a share of its value, by its 95 % interval; or a cause as sure as a share.
+    """A required relative half width of a parameter's 95 % interval, or a required probability of a cause.
 
     Attributes
     ----------
     name
-        Of a parameter, or the id of an effect.
+        Name of a parameter, or id of an effect.
     share
-        1 for 100 %.
-    of_cause
-        Whether it is an effect's.
+        Limit; 1 is 100 %.
+    is_effect
+        Whether ``name`` is an effect.
     """
 
     name: str
@@ -35,19 +35,23 @@ class StopCriterion:
     is_effect: bool
 
     def __str__(self) -> str:
-        """As it is given."""
+        """The criterion as the user writes it."""
         return f"{self.name} {100.0 * self.share:g} %"
 
     def status(self, estimate: Estimate | None, diagnosis: Diagnosis | None) -> CriterionStatus:
-        """How far it is met by what is known now."""
-        now = _sure_of(self.name, diagnosis) if self.is_effect else _within(self.name, estimate)
-        met = now is not None and (now >= self.share if self.is_effect else now <= self.share)
-        return CriterionStatus(criterion=self, current=now, met=met)
+        """Current value and whether the criterion is met."""
+        if self.is_effect:
+            current = _probability(self.name, diagnosis)
+            met = current is not None and current >= self.share
+        else:
+            current = _half_width(self.name, estimate)
+            met = current is not None and current <= self.share
+        return CriterionStatus(criterion=self, current=current, met=met)
 
 
 @dataclass(frozen=True, kw_only=True)
 class CriterionStatus:
-    """How far a condition is met; ``now`` is None where nothing is known."""
+    """Progress of a criterion; ``current`` is None if unknown."""
 
     criterion: StopCriterion
     current: float | None
@@ -55,50 +59,47 @@ class CriterionStatus:
 
 
 def parse_criteria(text: str, axis: Axis, *, diagnosed: bool = True) -> tuple[StopCriterion, ...]:
-    """What ``text``, as "inertia 2 %, quadratic_drag 5 %", asks for; of causes only where there is a diagnosis.
+    """Criteria in ``text``, as "inertia 2 %, quadratic_drag 5 %"; causes are only allowed with a diagnosis.
 
     Raises
     ------
     ConfigError
-        It is not understood, or names no parameter and no effect.
+        The text cannot be parsed, or a name is neither a parameter nor an effect.
     """
     found = []
     for part in text.split(","):
-        one = _ONE.fullmatch(part)
-        if one is None:
+        match = _CRITERION.fullmatch(part)
+        if match is None:
             raise ConfigError(
                 f"is {part.strip()!r}; a name and a percentage were expected.",
-                where="--until",
+                where=_OPTION,
                 mend='As in --until "inertia 2 %, quadratic_drag 5 %".',
             )
-        found.append(_condition(one[1], float(one[2]) / 100.0, axis, diagnosed=diagnosed))
+        found.append(_criterion(match[1], float(match[2]) / 100.0, axis, diagnosed=diagnosed))
     return tuple(dict.fromkeys(found))
 
 
-def _condition(words: str, share: float, axis: Axis, *, diagnosed: bool) -> StopCriterion:
+def _criterion(words: str, share: float, axis: Axis, *, diagnosed: bool) -> StopCriterion:
     name = re.sub(r"[ -]+", "_", words)
     known = {*base_names(axis), *EFFECTS}
     key, _, parameter = name.rpartition(".")
     if key:
-        parameters = [one.name for one in effect_named(key).parameters]
-        if parameter not in parameters:
-            raise ConfigError(
-                f"{parameter!r} is no parameter of {key}. {suggestion(parameter, parameters)}", where="--until"
-            )
+        names = [one.name for one in effect_named(key).parameters]
+        if parameter not in names:
+            raise ConfigError(f"{parameter!r} is no parameter of {key}. {suggestion(parameter, names)}", where=_OPTION)
     elif name not in known:
-        raise ConfigError(f"{name!r} is no parameter and no effect. {suggestion(name, sorted(known))}", where="--until")
-    of_cause = not key and name not in base_names(axis)
-    if of_cause and not diagnosed:
-        raise ConfigError(
-            f"asks for {name}, which only a diagnosis finds.", where="--until", mend="Leave --no-diagnosis out."
-        )
-    if share <= 0.0 or (of_cause and share >= 1.0):
-        raise ConfigError(f"{name} {100.0 * share:g} % cannot be reached.", where="--until")
-    return StopCriterion(name=name, share=share, is_effect=of_cause)
+        text = f"{name!r} is no parameter and no effect. {suggestion(name, sorted(known))}"
+        raise ConfigError(text, where=_OPTION)
+    is_effect = not key and name not in base_names(axis)
+    if is_effect and not diagnosed:
+        raise ConfigError(f"needs a diagnosis to find {name}.", where=_OPTION, mend="Leave --no-diagnosis out.")
+    if share <= 0.0 or (is_effect and share >= 1.0):
+        raise ConfigError(f"{name} {100.0 * share:g} % cannot be reached.", where=_OPTION)
+    return StopCriterion(name=name, share=share, is_effect=is_effect)
 
 
-def _within(name: str, estimate: Estimate | None) -> float | None:
-    """How well a parameter is known; None where no size is."""
+def _half_width(name: str, estimate: Estimate | None) -> float | None:
+    """Relative half width of the first parameter of this name; None if it is unknown or a placeholder."""
     if estimate is None:
         return None
     for full in estimate.names:
@@ -108,16 +109,16 @@ def _within(name: str, estimate: Estimate | None) -> float | None:
 
 
 def relative_half_width(estimate: Estimate, name: str) -> float | None:
-    """The farther end of the 95 % interval from the value, as a share of it; None of nothing."""
+    """Larger distance of the 95 % interval's ends from the value, relative to the value; None for a value of zero."""
     value = estimate.value(name)
-    reach = max(abs(end - value) for end in estimate.interval(name))
-    return reach / abs(value) if value else None
+    if not value:
+        return None
+    return max(abs(end - value) for end in estimate.interval(name)) / abs(value)
 
 
-def _sure_of(name: str, diagnosis: Diagnosis | None) -> float | None:
+def _probability(name: str, diagnosis: Diagnosis | None) -> float | None:
+    """Probability of the effect; 0 if the diagnosis does not name it, None without a diagnosis."""
     if diagnosis is None:
         return None
-    every: Sequence[float] = [
-        one.probability for one in (*diagnosis.findings, *diagnosis.suspects) if one.effect.id == name
-    ]
-    return max(every, default=0.0)
+    causes = (*diagnosis.findings, *diagnosis.suspects)
+    return max((float(cause.probability) for cause in causes if cause.effect.id == name), default=0.0)

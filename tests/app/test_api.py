@@ -17,7 +17,7 @@ from tests.conftest import run_rovid
 
 
 def desk(top: Path) -> Api:
-    return Api(top=RootFolder(folder=top))
+    return Api(root=RootFolder(folder=top))
 
 
 def chosen(folder: str = "day", **more: Any) -> dict[str, Any]:

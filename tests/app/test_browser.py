@@ -10,7 +10,7 @@ from urllib.parse import unquote, urlsplit
 
 import pytest
 
-from rovid.app.browser import show_in_browser
+from rovid.app.auth import show_in_browser
 
 
 def test_it_is_told_by_way_of_a_file_that_is_the_users_own(monkeypatch: pytest.MonkeyPatch) -> None:

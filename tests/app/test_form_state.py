@@ -22,7 +22,7 @@ WHOLE: dict[str, Any] = {
 
 
 def test_it_is_read_as_it_was_meant() -> None:
-    hand = parse_form(WHOLE).hand
+    hand = parse_form(WHOLE).overrides
     assert hand.signals is not None
     heading = hand.signals["csv"]["heading"]
     assert (heading.source, heading.unit, heading.sign) == ("a", "deg", -1)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from rovid.fleet.outliers import outliers
 from rovid.fleet.page import fleet_page
+from rovid.fleet.results import outliers
 from rovid.fleet.shrinkage import shrink
 from tests.fleet.conftest import Made, fleet_of
 

@@ -9,8 +9,7 @@ import pytest
 
 from rovid.core.console import SafeConsole
 from rovid.fleet.campaign_record import CampaignRecord
-from rovid.fleet.output import fleet_document, show_fleet
-from rovid.fleet.run import FleetOutput
+from rovid.fleet.output import FleetOutput, fleet_document, show_fleet
 from tests.conftest import ROOT
 from tests.fleet.conftest import Made, fleet_of
 

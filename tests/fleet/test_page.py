@@ -33,8 +33,8 @@ def seasons(made: Made) -> Fleet:
 
 def test_causes_come_and_go_in_the_order_of_time(made: Made) -> None:
     assert list(cause_changes(seasons(made)))[:2] == [
-        "one: thruster lag came between one/0 and one/1.",
-        "one: thruster lag went between one/2 and one/3.",
+        "one: thruster lag appeared between one/0 and one/1.",
+        "one: thruster lag disappeared between one/2 and one/3.",
     ]
 
 
@@ -89,7 +89,7 @@ def test_a_name_does_nothing_there(made: Made) -> None:
 
 
 def test_a_fleet_without_dates_or_diagnoses_has_a_page_too(made: Made) -> None:
-    assert "The logs tell no date" in fleet_page(fleet_of(made("a", {"inertia": (1.0, 0.0)})), ())
+    assert "The logs hold no date" in fleet_page(fleet_of(made("a", {"inertia": (1.0, 0.0)})), ())
     assert "No campaign says what they are." in fleet_page(
         fleet_of(CampaignRecord(campaign="a", folder="", digest="", error="no logs")), ()
     )

@@ -29,7 +29,7 @@ def test_vehicles_that_are_unlike_are_each_held_against_their_own_median(made: M
     marks = [float(np.asarray(line.get_ydata())[0]) for line in panel.lines if line.get_marker() == "o"]
     assert np.allclose(sorted(marks), [-2.0, 0.0, 0.0, 0.0, 2.0])
     assert {text.get_text() for text in panel.texts} == {"large 5000", "small 0.500"}
-    assert "% from each vehicle's own median" in figure.texts[0].get_text()
+    assert "deviation from each vehicle's median in %" in figure.texts[0].get_text()
 
 
 def test_what_was_found_when_has_a_row_for_each_vehicle(made: Made) -> None:

@@ -191,7 +191,7 @@ def test_a_process_that_dies_or_takes_too_long_costs_its_own_row(
     document = run_rovid("fleet", *fleet, "-o", out, "--timeout", 4, "--json").document
     errors = {one["campaign"]: one["error"] for one in document["campaigns"]}
     assert errors["alpha/summer"] == "its process was ended by SIGKILL."
-    assert errors["spring"] == "no diagnosis within 4 s; --timeout gives it longer."
+    assert errors["spring"] == "no diagnosis within 4 s. Increase the limit with --timeout."
     assert errors["beta/summer"] == "its process ended with status 3"
     # What was ended from outside is tried again; what was too slow only if it is given longer.
     monkeypatch.setattr(worker, "_CODE", "raise SystemExit('tried')")
@@ -230,7 +230,7 @@ def test_the_row_of_a_folder_that_is_not_there_says_so(
 def test_what_cannot_be_is_refused_in_a_line(
     arguments: tuple[str, ...], said: str, sea: Path, here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rovid.fleet.run._KNOCKING", 0.5)
+    monkeypatch.setattr("rovid.fleet.run._CONNECT_TIMEOUT", 0.5)
     (here / "sea").symlink_to(sea)
     for name, text in (("taken/fleet.parquet", "PAR1 of somebody"), ("reported/index.html", REPORT)):
         (here / name).parent.mkdir()

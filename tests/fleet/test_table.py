@@ -10,9 +10,9 @@ import pyarrow.parquet as pq
 
 from rovid.core.signatures import FLEET_TABLE, LOG
 from rovid.fleet.campaign_record import CampaignRecord
+from rovid.fleet.output import parquet_table
 from rovid.fleet.results import Fleet
 from rovid.fleet.shrinkage import shrink
-from rovid.fleet.table import parquet_table
 from tests.fleet.conftest import Made, fleet_of
 
 LOST = CampaignRecord(campaign="z", folder="", digest="", error="no logs", failure="input")

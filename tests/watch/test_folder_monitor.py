@@ -11,8 +11,9 @@ import pytest
 
 from rovid.store.study import open_study
 from rovid.trial.axis import YAW
-from rovid.watch import folder_monitor as watching
-from rovid.watch.folder_monitor import FolderChange, FolderMonitor, SettleTimes
+from rovid.watch import folder_monitor
+from rovid.watch.folder_monitor import FolderMonitor, SettleTimes
+from rovid.watch.watched_log import FolderChange, WatchedLog, read_watched_log
 from tests.watch.days import write_day
 
 
@@ -229,13 +230,13 @@ def test_rovid_toml_is_waited_for_while_it_is_edited(scene: Scene) -> None:
 
 def test_each_log_is_read_once(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     read: list[str] = []
-    reads: Callable[..., watching.WatchedLog] = watching._read  # noqa: SLF001 - what it costs is what is tested
+    reads: Callable[..., WatchedLog] = read_watched_log
 
-    def counted(*arguments: object) -> watching.WatchedLog:
+    def counted(*arguments: object) -> WatchedLog:
         read.append(str(arguments[0]))
         return reads(*arguments)
 
-    monkeypatch.setattr(watching, "_read", counted)
+    monkeypatch.setattr(folder_monitor, "read_watched_log", counted)
     scene.put("sine.csv")
     scene.take()
     scene.put("coast.csv")

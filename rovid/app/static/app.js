@@ -1,5 +1,5 @@
-// The page of `rovid open`: what was chosen is kept here, sent to the server after each change, and shown as it comes
-// back: rovid.toml, what is open, what `rovid check` says. Nothing is worked out here that the command line works out.
+// The page of `rovid open`. It holds the user's choices, sends them to the server after each change and shows the answer:
+// rovid.toml, open questions and the result of `rovid check`. All computations are done by the server.
 import { Plots } from "./plots.js";
 import { armOf, Sketch, standing } from "./sketch.js";
 import { ask, byId, copy, element, hear, isOf, literally, soon, tidy, typed } from "./tools.js";
@@ -10,10 +10,10 @@ const ROLES = {
 };
 const SIZES = ["mass", "length", "width"];
 
-let logs = []; // as the server knows them
-let look = null; // what it said of them
+let logs = []; // names of the chosen logs, as the server knows them
+let look = null; // the server's description of these logs
 let columns = new Map(); // "format|source" -> {kind, source, role, name, unit, sign}
-let thrusters = new Map(); // name -> {x, y, angle, arm, hand}, hand: whether a person said so
+let thrusters = new Map(); // name -> {x, y, angle, arm, hand}; hand: whether the user placed the thruster
 let vehicle = "", title = "", size = {}, stretches = [];
 let draft = null, checked = null, saved = "", running = false;
 
@@ -52,7 +52,7 @@ async function choose(names) {
   headline("Reading the logs …", true);
   try {
     const found = await ask(`look?${new URLSearchParams(names.map((name) => ["log", name]))}`);
-    if (own !== choosing) return; // another folder was chosen meanwhile
+    if (own !== choosing) return; // the user chose another folder meanwhile
     look = found;
   } catch (error) {
     headlines();
@@ -88,7 +88,7 @@ async function choose(names) {
   byId("now").scrollIntoView({ block: "start" });
 }
 
-// What was chosen the last time.
+// Restore the choices that are stored in rovid.toml.
 function recall(chosen) {
   [vehicle, title, size, stretches] = [chosen.vehicle ?? "", chosen.name ?? "", chosen.size ?? {}, chosen.leave_out ?? []];
   for (const [name, place] of Object.entries(chosen.places ?? {})) thrusters.set(name, place);
@@ -105,7 +105,7 @@ function put(kind, source, role, more = {}) {
   columns.set(key(kind, source), { kind, source, role: known, name: known === "extra" ? role : "", unit: "", sign: 1, ...more });
 }
 
-// ---- what was chosen
+// ---- the user's choices
 
 function choice(asGuessed = false) {
   const document = { logs, vehicle, name: title, size, leave_out: stretches, places: Object.fromEntries(thrusters) };
@@ -122,7 +122,7 @@ function choice(asGuessed = false) {
   return { ...document, signals, commands };
 }
 
-// The draft of what was chosen; where nothing was yet, what rovid guesses becomes the choice.
+// Get the draft of rovid.toml for the choices. With `asGuessed`, rovid's guesses become the choices.
 async function refresh(asGuessed = false, signal = undefined) {
   draft = await ask("draft", { body: choice(asGuessed), signal });
   const { signals, commands } = draft.survey;
@@ -133,7 +133,7 @@ async function refresh(asGuessed = false, signal = undefined) {
     }
     const turning = Object.values(commands).flat().some(({ turns }) => turns);
     for (const [kind, those] of Object.entries(commands)) {
-      // Where some are known to turn the vehicle, the others wait for the user to say so.
+      // If some commands are known to turn the vehicle, the user has to choose the others.
       for (const { source, name, turns, told } of those) if (turns || !told || !turning) put(kind, source, "command", { name });
     }
   }
@@ -142,7 +142,7 @@ async function refresh(asGuessed = false, signal = undefined) {
   check();
 }
 
-// Thrusters of which nobody said where they are stand where rovid's arms would have them.
+// Thrusters that the user did not place get a position that fits the arm rovid assumes.
 function adoptArms() {
   const named = Object.values(draft.survey.commands).flat();
   const inUse = new Set([...columns.values()].filter(({ role }) => role === "command").map(({ name }) => name));
@@ -180,7 +180,7 @@ const plots = new Plots(byId("rows"), {
     byId("leave-to").value = String(+to.toFixed(2));
     byId("leave-reason").focus();
     byId("leave").scrollIntoView({ block: "center" });
-    hear(`${from.toFixed(1)} to ${to.toFixed(1)} s. Give a reason, and leave it out.`);
+    hear(`${from.toFixed(1)} to ${to.toFixed(1)} s. Type a reason, then press Leave out.`);
   },
   stretches: () => stretches.filter(({ log }) => current() && isOf(current().name, log)).map(({ from, to }) => [from, to ?? Infinity]),
   needed: () => [...columns.values()].filter(({ role }) => role === "heading" || role === "command").sort((a) => (a.role === "heading" ? -1 : 1)).map(({ source }) => source),
@@ -198,7 +198,7 @@ function listColumns() {
   const roleOf = ({ source }) => columns.get(key(kind, source))?.role ?? "";
   const used = shownColumns.filter((column) => roleOf(column));
   const list = all || !used.length ? [...used, ...shownColumns.filter((column) => !roleOf(column))] : used;
-  byId("columns-said").textContent = `${list.length} of ${shownColumns.length} columns of this log are shown, ${used.length} are in use.`;
+  byId("columns-said").textContent = `${list.length} of ${shownColumns.length} columns of this log are shown; ${used.length} are in use.`;
   byId("rows").replaceChildren(...list.map((column) => columnRow(kind, column)));
   plots.place(document.querySelectorAll("#rows .chart"));
 }
@@ -225,17 +225,17 @@ function columnRow(kind, { source, samples, lowest, highest }) {
   }
   if (own.role && !["command", "extra", "supply_voltage"].includes(own.role)) {
     const label = element("label", "", line), turned = element("input", "", label, { type: "checkbox", checked: own.sign < 0 });
-    label.append(" turned around");
+    label.append(" sign reversed");
     turned.addEventListener("change", () => { columns.get(id).sign = turned.checked ? -1 : 1; changed(); });
   }
   const declared = own.unit || "";
-  const range = samples ? `${tidy(lowest)} to ${tidy(highest)}, ${samples} readings` : "no number in this log";
+  const range = samples ? `${tidy(lowest)} to ${tidy(highest)}, ${samples} readings` : "no numbers in this log";
   element("p", why(kind, source) || range, side, { class: "why soft" });
   element("div", "", row, { class: "chart", "data-source": source, "data-used": own.role, "data-unit": declared, role: "img", "aria-label": `${source} over time: ${range}` });
   return row;
 }
 
-// A row anew in its place: rows do not run about while somebody chooses.
+// Replace a row in place, because the rows must not move while the user chooses.
 function renewRow(kind, source) {
   const before = [...document.querySelectorAll("#rows .row")].find((row) => row.querySelector(".chart").dataset.source === source);
   if (!before) return;
@@ -244,19 +244,19 @@ function renewRow(kind, source) {
   plots.swap(before.querySelector(".chart"), row.querySelector(".chart"));
 }
 
-// Why rovid takes a column for what it is.
+// rovid's reason for the role of a column.
 function why(kind, source) {
   const { signals, commands } = draft.survey;
   const one = [...Object.values(signals[kind] ?? {}), ...(commands[kind] ?? [])].find((each) => each.source === source);
   return columns.get(key(kind, source))?.role ? one?.why ?? "" : "";
 }
 
-// Make a column what it was chosen for; the columns that are something else by that.
+// Give a column a role. Returns the columns with a changed role.
 function turn(kind, source, role) {
   const before = columns.get(key(kind, source)), others = [source];
   columns.delete(key(kind, source));
   if (role) {
-    // One heading, one gyro: who had the part before is free.
+    // There is one heading and one gyro: the previous column of this role becomes unused.
     if (!["command", "extra"].includes(role)) {
       for (const [id, one] of columns) {
         if (one.kind === kind && one.role === role && columns.delete(id)) others.push(one.source);
@@ -265,7 +265,7 @@ function turn(kind, source, role) {
     const name = role === "command" || role === "extra" ? nameFor(source) : "";
     put(kind, source, role, { name, unit: look.units[role]?.[0] ?? "" });
   }
-  hear(`${source}: ${ROLES[role]}${before?.role ? `, ${ROLES[before.role]} before` : ""}.`);
+  hear(`${source}: ${ROLES[role]}${before?.role ? `, previously ${ROLES[before.role]}` : ""}.`);
   changed();
   return others;
 }
@@ -308,7 +308,7 @@ function drawSketch() {
 function showThrusters() {
   drawSketch();
   const body = document.querySelector("#thrusters tbody"), names = [...thrusters.keys()];
-  // While the thrusters are the same their fields stay, so that nobody is thrown out of one.
+  // The fields stay while the thrusters are the same, because the user may be typing in one.
   if (names.join("\n") !== [...body.rows].map(({ dataset }) => dataset.name).join("\n")) {
     body.replaceChildren(...names.map(thrusterRow));
   }
@@ -317,10 +317,10 @@ function showThrusters() {
   const every = Object.values(draft?.survey.commands ?? {}).flat();
   for (const [name, one] of thrusters) {
     const told = every.find((each) => each.name === name);
-    const arm = one.hand ? "arm put in by hand" : told?.arm ? "arm of its type" : "arm not known: 1 m stands in for it";
+    const arm = one.hand ? "arm entered by you" : told?.arm ? "arm from the vehicle type" : "arm unknown: 1 m is used as a placeholder";
     notes.push(element("li", `${name}: ${arm}${told ? `; ${told.why}` : ""}`));
   }
-  if (!notes.length) notes.push(element("li", "None yet: say above which columns command thrusters."));
+  if (!notes.length) notes.push(element("li", "No thrusters yet: choose above which columns command thrusters."));
   byId("senses").replaceChildren(...notes);
   byId("thrusters").hidden = !thrusters.size;
 }
@@ -398,19 +398,19 @@ byId("leave-form").addEventListener("submit", (event) => {
   const from = typed(byId("leave-from").value) ?? 0, to = typed(byId("leave-to").value);
   const fine = Number.isFinite(from) && (to === null || to > from);
   for (const id of ["leave-from", "leave-to"]) byId(id).setAttribute("aria-invalid", String(!fine));
-  if (!fine) return trouble("Leave out from one time to a later one, in s from the beginning of the log.");
+  if (!fine) return trouble("The end has to be later than the beginning, both in s from the beginning of the log.");
   stretches.push({ log: byId("leave-log").value, from, to, reason: byId("leave-reason").value.trim() });
   for (const id of ["leave-from", "leave-to", "leave-reason"]) byId(id).value = "";
-  hear("Left out.");
+  hear("The interval is left out.");
   showStretches();
   return changed();
 });
 
 function showStretches() {
   byId("leave-list").replaceChildren(...stretches.map((one, k) => {
-    const end = one.to === null ? "its end" : `${one.to} s`;
+    const end = one.to === null ? "end of log" : `${one.to} s`;
     const item = element("li", `${one.log}: ${one.from} s to ${end}${one.reason ? `, ${one.reason}` : ""} `);
-    element("button", "Take back", item, { type: "button", "aria-label": `Take back ${one.log} ${one.from} s to ${end}` }).addEventListener("click", () => {
+    element("button", "Undo", item, { type: "button", "aria-label": `Undo ${one.log} ${one.from} s to ${end}` }).addEventListener("click", () => {
       stretches.splice(k, 1);
       showStretches();
       changed();
@@ -441,7 +441,7 @@ function showCheck() {
   if (document?.logs.length) logTable(document.logs, more);
   if (notes.length) {
     const folded = element("details", "", more);
-    element("summary", `${notes.length} more to know`, folded);
+    element("summary", `${notes.length} more remarks`, folded);
     const items = element("ul", "", folded);
     for (const note of notes) element("li", note, items);
   }
@@ -474,11 +474,11 @@ function showToml() {
   button.disabled = Boolean(theirs()) || saved !== "";
   button.textContent = saved ? "Saved" : "Save rovid.toml";
   byId("save-words").textContent = theirs()
-    ? `${look.existing.file} is yours: rovid did not write it, or somebody changed it since. It is used as it stands here, and not replaced. To work on it here, move it away.`
-    : `It goes to ${[draft.file, ...draft.beside].join(" and ")}. Marked is what is open, and what is a guess.`;
+    ? `${look.existing.file} is your own file: this page did not write it, or the file was changed later. The page uses the file and does not replace it. To set up a new file here, move this one away.`
+    : `Save writes ${[draft.file, ...draft.beside].join(" and ")}. Open questions and guesses are highlighted.`;
 }
 
-const openWords = (what) => (what === "heading" ? "Which column is the heading?" : what === "command" ? "Which columns command thrusters?" : `Which way ${what.replace("sense of ", "")} turns the vehicle, if at all, no log tells: place that thruster, or say that it is not used.`);
+const openWords = (what) => (what === "heading" ? "Which column is the heading?" : what === "command" ? "Which columns command thrusters?" : `The logs do not show which way ${what.replace("sense of ", "")} turns the vehicle. Place that thruster, or mark its column as not used.`);
 
 byId("save-button").addEventListener("click", async () => {
   byId("save-said").textContent = "";
@@ -510,7 +510,7 @@ async function watch() {
 }
 
 function showWork({ key: begun, state, seconds, steps, error, warnings, report, page }) {
-  const words = { running: `Running for ${Math.round(seconds)} s`, done: `Done in ${Math.round(seconds)} s`, failed: "It ended without a result", cancelled: "Cancelled", none: "" };
+  const words = { running: `Running for ${Math.round(seconds)} s`, done: `Done in ${Math.round(seconds)} s`, failed: "The run failed", cancelled: "Cancelled", none: "" };
   const said = byId("run-said");
   if (said.dataset.state !== state || state === "running") said.textContent = words[state];
   said.dataset.state = state;
@@ -561,14 +561,14 @@ byId("run-button").addEventListener("click", async () => {
 });
 byId("cancel-button").addEventListener("click", () => ask("cancel", { body: {} }));
 
-// ---- what is shown
+// ---- display
 
 function headline(text, busy = false) {
   byId("now-title").textContent = text;
   byId("now-title").className = busy ? "busy" : "";
 }
 
-// The answer first: what is to be done next.
+// The first lines of the page: the next step for the user.
 function headlines() {
   const list = [], next = byId("now-next"), link = byId("now-link");
   const go = (place, words) => { next.hidden = false; link.href = `#${place}`; link.textContent = words; };
@@ -577,12 +577,12 @@ function headlines() {
   const work = byId("run-said").dataset.state;
   if (!draft) headline("Choose the folder that holds your logs.");
   else if (open.length) {
-    headline(open.length > 1 ? `${open.length} things are open.` : "One thing is open.");
+    headline(open.length > 1 ? `${open.length} questions are open.` : "One question is open.");
     list.push(...open.map(openWords));
     go(open.some((what) => what === "heading" || what === "command") ? "columns" : "vehicle", "Go there");
   } else if (running) {
     headline("Fitting and diagnosing …", true);
-    go("run", "See how far it is");
+    go("run", "Show the progress");
   } else if (work === "done" && saved) {
     headline("Done: here is the report.");
     go("run", "To the report");
@@ -590,9 +590,9 @@ function headlines() {
   else {
     headline(checked.words);
     list.push(...checked.tasks.slice(0, 3));
-    if (checked.verdict === "no_go") go("check", "See all that is wrong");
+    if (checked.verdict === "no_go") go("check", "Show all problems");
     else if (saved || theirs()) go("run", "Fit and diagnose");
-    else go("save", "Look at rovid.toml, and save it");
+    else go("save", "Read and save rovid.toml");
   }
   byId("now-list").replaceChildren(...list.map((text) => element("li", text)));
 }
@@ -615,11 +615,11 @@ function show() {
     if (text) row.querySelector(".why").textContent = text;
   }
   const { file, guessed } = draft.survey.curve;
-  const what = draft.survey.vehicle?.guessed && file !== "thrust_guess.csv" ? "that of its type, which is a guess" : "a guess: thrust in proportion to the command";
-  const mend = "Put a CSV with the columns command,thrust_N beside the logs, and look at the folder again.";
+  const what = draft.survey.vehicle?.guessed && file !== "thrust_guess.csv" ? "the curve of the vehicle type, which is a guess" : "a guess: thrust proportional to the command";
+  const mend = "To replace it, put a CSV with the columns command,thrust_N next to the logs and look at the folder again.";
   byId("curve").textContent = file ? `Thrust curve: ${file}${guessed ? `, ${what}. ${mend}` : "."}` : "";
   const type = !vehicle && look.vehicles.find(({ id }) => id === draft.survey.vehicle?.type);
-  byId("type").options[0].textContent = type ? `as the logs have it: ${type.name}` : "not one of these";
+  byId("type").options[0].textContent = type ? `from the logs: ${type.name}` : "not one of these";
   byId("not-read").replaceChildren(...draft.survey.warnings.map((text) => element("li", text)));
   byId("theirs").hidden = !theirs();
   showToml();
@@ -659,7 +659,7 @@ async function upload(dropped) {
   let folder = "", count = 0;
   const isLog = ({ name }) => begun.formats.some((suffix) => name.toLowerCase().endsWith(suffix));
   const files = dropped.filter(isLog), refused = dropped.filter((each) => !isLog(each)).map(({ name }) => name);
-  const said = [refused.length ? `No logs, and left: ${refused.slice(0, 5).join(", ")}${refused.length > 5 ? ", …" : ""}.` : ""];
+  const said = [refused.length ? `Not copied, because these are not logs: ${refused.slice(0, 5).join(", ")}${refused.length > 5 ? ", …" : ""}.` : ""];
   for (const { name, file } of files) {
     byId("drop-said").textContent = `Copying ${name} (${count + 1} of ${files.length}) …`;
     try {

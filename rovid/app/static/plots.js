@@ -1,11 +1,11 @@
-// The columns of a log as plots one under another, which zoom and pan together. The server hands over the lowest and
-// the highest of each stretch of time in view, so that ten hours are as light as a minute.
+// Plots of the columns of a log, one below another, with a common zoom. The server sends the minimum and the maximum of
+// each time bin in view, so the amount of data does not grow with the length of the log.
 import { ask, byId, tidy } from "./tools.js";
 
 const HEIGHT = 104;
 
 export class Plots {
-  // `picked(from, to)` is told of a stretch that was dragged over where a drag is to leave out; `stretches()` are shaded.
+  // `picked(from, to)` is called for an interval dragged in the mode "leave out"; the intervals `stretches()` are shaded.
   constructor(stage, { picked, stretches, needed }) {
     Object.assign(this, { stage, picked, stretches, needed, charts: new Map(), data: new Map(), view: null, whole: [0, 1] });
     this.seen = new IntersectionObserver((entries) => {
@@ -66,7 +66,7 @@ export class Plots {
 
   all() { this.show(...this.whole); }
 
-  // The places, one a column, in which plots are drawn once they are in sight.
+  // The chart elements, one a column. Each plot is drawn when it comes into view.
   place(targets) {
     for (const chart of this.charts.values()) chart.destroy();
     this.charts.clear();
@@ -75,7 +75,7 @@ export class Plots {
     for (const target of targets) this.seen.observe(target);
   }
 
-  // One place in the place of another.
+  // Replace one chart element by another.
   swap(before, after) {
     this.charts.get(before)?.destroy();
     this.charts.delete(before);
@@ -99,7 +99,7 @@ export class Plots {
     if (this.charts.has(target) || !column || !target.clientWidth) return;
     target.replaceChildren();
     if (!column.samples) {
-      target.textContent = "No number in this log.";
+      target.textContent = "No numbers in this log.";
       return;
     }
     const chart = new uPlot(this.options(target), [column.time, column.high, column.low], target);

@@ -1,14 +1,14 @@
-// The vehicle from above, bow up: each thruster where it stands, with an arrow the way it pushes the vehicle. Body axes:
-// x ahead, y to starboard, angles from the bow to starboard.
+// Sketch of the vehicle from above, bow up: each thruster at its position, with an arrow in the direction of its thrust.
+// Body axes: x ahead, y to starboard, angles from the bow to starboard.
 import { tidy } from "./tools.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 const RADIANS = Math.PI / 180;
 
-// The arm of a thrust of 1: x·Fy − y·Fx.
+// Yaw arm of a thrust of 1: x·Fy − y·Fx.
 export const armOf = ({ x, y, angle }) => x * Math.sin(angle * RADIANS) - y * Math.cos(angle * RADIANS);
 
-// Somewhere to stand for a thruster of which the arm alone is known, clear of the `before` on its side.
+// A position for a thruster with a known arm only, clear of the thrusters `before` on the same side.
 export function standing(name, arm, before = []) {
   const size = Math.abs(arm);
   if (/bow|fore|fwd|front|bug/i.test(name)) return { x: size, y: 0, angle: arm < 0 ? -90 : 90 };
@@ -27,7 +27,7 @@ function svg(name, attributes, parent) {
 }
 
 export class Sketch {
-  // `moved(name, place)` is told where a thruster was put.
+  // `moved(name, place)` is called when the user moves a thruster.
   constructor(root, moved) {
     Object.assign(this, { root, moved, thrusters: [], size: [1, 0.7] });
     root.addEventListener("pointermove", (event) => this.drag(event));
@@ -41,7 +41,7 @@ export class Sketch {
     const l = length || 1.4 * (width || 0), w = width || 0.7 * (length || 0);
     const far = Math.max(...thrusters.map(({ x, y }) => Math.max(Math.abs(x), Math.abs(y))), 0.05);
     const hull = l ? [l, w] : [2.2 * far, 1.7 * far];
-    // While one is dragged the picture stands still.
+    // The scale does not change while a thruster is dragged.
     if (!this.held) this.half = 0.75 * Math.max(hull[0], hull[1], 2.1 * far);
     const h = this.half, unit = h / 100;
     this.root.replaceChildren();
@@ -84,7 +84,7 @@ export class Sketch {
     text.textContent = one.name;
     group.addEventListener("pointerdown", (event) => {
       this.held = one.name;
-      // Once drawn anew the group is another one: the sketch itself stays.
+      // Drawing replaces the group, so the sketch itself captures the pointer.
       this.root.setPointerCapture(event.pointerId);
       group.focus({ preventScroll: true });
       event.preventDefault();

@@ -1,4 +1,4 @@
-// What the page's parts share: elements, numbers, and questions to the server, which is this machine's own.
+// Shared tools of the page: elements, numbers and requests to the server, which runs on this machine.
 
 export const byId = (id) => document.getElementById(id);
 
@@ -15,7 +15,7 @@ export function element(name, text = "", parent = null, attributes = {}) {
 
 export const tidy = (value, digits = 4) => String(+value.toPrecision(digits)).replace("-", "−");
 
-// A number as people type it, with a comma or a true minus too; null where nothing stands, NaN where it is none.
+// Parse a number; a decimal comma and a true minus sign are accepted. null for an empty field, NaN for other text.
 export function typed(text) {
   const plain = text.trim().replace("−", "-").replace(",", ".");
   return plain === "" ? null : Number(plain);
@@ -32,14 +32,14 @@ export async function ask(path, { body, raw, signal } = {}) {
     answer = await fetch(`api/${path}`, options);
   } catch (error) {
     if (error.name === "AbortError") throw error;
-    throw new Error("rovid does not answer. Is it still running in its terminal?");
+    throw new Error("rovid does not answer. Check that `rovid open` is still running in its terminal.");
   }
   const document = await answer.json().catch(() => ({}));
-  if (!answer.ok) throw new Error(document.error ?? `rovid refused that (${answer.status}).`);
+  if (!answer.ok) throw new Error(document.error ?? `rovid refused the request (status ${answer.status}).`);
   return document;
 }
 
-// Calls `act` once things have been quiet for so many ms; what it was asked before and has not ended is dropped.
+// Debounce: call `act` once no call came for this many ms. A call that is still running is aborted.
 export function soon(act, quiet) {
   let timer, running;
   return () => {
@@ -72,7 +72,7 @@ export async function copy(text, button) {
   setTimeout(() => { button.textContent = was; }, 1500);
 }
 
-// Whether a log is one of those that `pattern` names, as rovid.toml has it: *, ? and [...].
+// Whether a log's name matches `pattern`, with *, ? and [...] as in rovid.toml.
 export function isOf(name, pattern) {
   const parts = pattern.match(/\[!?\]?[^\]]*\]|[\s\S]/g) ?? [];
   const text = parts.map((part) => {
@@ -89,5 +89,5 @@ export function isOf(name, pattern) {
   }
 }
 
-// A log's name as a pattern that means it alone.
+// A pattern that matches this log only.
 export const literally = (name) => name.replace(/[[*?]/g, "[$&]");

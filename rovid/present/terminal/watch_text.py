@@ -15,9 +15,10 @@ from rovid.present.documents.watch import parameters_with_previous
 from rovid.present.terminal.result_tables import print_text, show_caution, show_warnings, table_number
 from rovid.present.terminal.table import Columns, table
 from rovid.present.verdict import cause_name, confidence_words, join_words, verdict_sentence
-from rovid.watch.folder_monitor import Problem, WatchedLog
+from rovid.watch.folder_monitor import Problem
 from rovid.watch.session import Event, LogsChanged, LogsDiagnosed, ModelFitted, NextRun, SessionEnded
 from rovid.watch.stop_criteria import CriterionStatus, StopCriterion
+from rovid.watch.watched_log import WatchedLog
 
 # Times as narrow: less is not worth a word.
 _NARROWER = 1.05
