@@ -145,7 +145,7 @@ def test_a_guessed_curve_that_was_measured_since_is_never_replaced(tmp_path: Pat
     curve = folder / "thrust_guess.csv"
     curve.write_text('"command",thrust_N\n-9,-50\n0,0\n9,50\n')
     before = [path.read_bytes() for path in (curve, folder / "rovid.toml")]
-    with pytest.raises(RovidError, match=r"thrust_guess\.csv: is there already, .* another name"):
+    with pytest.raises(RovidError, match=r"thrust_guess\.csv: exists already and was changed .* rename it"):
         one.save(document | {"name": "another"})
     assert [path.read_bytes() for path in (curve, folder / "rovid.toml")] == before
 

@@ -65,7 +65,7 @@ def test_from_a_folder_without_rovid_toml_to_a_diagnosed_page(browser: Browser, 
     with served(top) as server, opened(browser, server) as page:
         headline(page, "Choose the folder")
         page.get_by_role("button", name="day (4 files)").click()
-        headline(page, "2 things are open")
+        headline(page, "2 questions are open")
         role(page, "a").select_option("heading")
         for name in "bc":
             role(page, name).select_option("command")

@@ -137,7 +137,7 @@ def test_what_is_dropped_replaces_nothing(server: Served, top: Path) -> None:
     texts = {path.relative_to(top).as_posix(): path.read_text() for path in top.glob("logs_*/**/*.csv")}
     assert texts == {first["name"]: "one", again["name"]: "two", other["name"]: "three"}
     # Folders that were there before are nobody's to drop into.
-    assert "was not made for logs" in server.upload("b.csv", b"x", "day").error
+    assert "is not a folder of dropped logs" in server.upload("b.csv", b"x", "day").error
     assert not list(top.rglob(".rovid-upload-*"))
 
 

@@ -67,7 +67,7 @@ def test_what_is_sent_wrong_is_told_and_harms_nothing(server: Served) -> None:
     for body in (b"", b"{", b"[" * 100_000, b"\xff", b"3"):
         answer = server.ask(f"/{token}/api/draft", "POST", {}, body)
         assert "the page sent" in answer.error
-    assert "too much" in server.ask(f"/{token}/api/draft", "POST", {}, b" " * (5 << 20)).error
+    assert "more than" in server.ask(f"/{token}/api/draft", "POST", {}, b" " * (5 << 20)).error
     assert server.get("api/columns", ("log", "day/hold_03.csv"), ("bins", "many")).error
     assert server.get("api/columns", ("log", "day/no.csv")).error
     for target, method in (("api/draft", "GET"), ("api/look", "POST"), ("api/start", "DELETE")):
@@ -82,7 +82,7 @@ def test_logs_from_elsewhere_take_no_uploads(tmp_path: Path) -> None:
         begun = server.get("api/start").document
         assert (begun["uploads"], begun["logs"]) == (False, [""])
         assert len(server.get("api/look", ("log", "")).document["logs"]) == 2
-        assert "where `rovid open` was started" in server.upload("a.csv", b"x").error
+        assert "in which `rovid open` was started" in server.upload("a.csv", b"x").error
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")

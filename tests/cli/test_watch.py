@@ -225,7 +225,7 @@ def test_what_is_there_is_told_in_any_width(
     ("arguments", "said"),
     [
         (("store", "--until", "inertai 2 %"), "'inertia'"),
-        (("store", "--until", "thruster_lag 90 %", "--no-diagnosis"), "only a diagnosis"),
+        (("store", "--until", "thruster_lag 90 %", "--no-diagnosis"), "needs a diagnosis"),
         (("store", "-o", "notes.csv"), "is there already and is not a command file"),
         (("store", "-o", "store/sine.csv"), "is an input of this command"),
         (("notes.csv",), "a folder was expected"),

@@ -69,7 +69,9 @@ def test_the_page_is_its_own_alone(compared: tuple[Done, Path], before: Path, la
     assert_one_message(done, "mine.html", "is there already", "--force")
     assert foreign.read_text() == "mine"
     log = next(before.glob("*.csv"))
-    assert_one_message(run_rovid("compare", before, lagging, "-o", log, "--force"), log.name, "is an input of this command")
+    assert_one_message(
+        run_rovid("compare", before, lagging, "-o", log, "--force"), log.name, "is an input of this command"
+    )
 
 
 @pytest.mark.slow

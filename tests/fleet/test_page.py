@@ -90,7 +90,7 @@ def test_a_name_does_nothing_there(made: Made) -> None:
 
 def test_a_fleet_without_dates_or_diagnoses_has_a_page_too(made: Made) -> None:
     assert "The logs hold no date" in fleet_page(fleet_of(made("a", {"inertia": (1.0, 0.0)})), ())
-    assert "No campaign says what they are." in fleet_page(
+    assert "No campaign determines a parameter." in fleet_page(
         fleet_of(CampaignRecord(campaign="a", folder="", digest="", error="no logs")), ()
     )
 

@@ -58,7 +58,7 @@ def test_names_are_those_of_the_axis() -> None:
 
 
 def test_causes_take_a_diagnosis() -> None:
-    with pytest.raises(ConfigError, match="only a diagnosis"):
+    with pytest.raises(ConfigError, match="needs a diagnosis"):
         parse_criteria("thruster_lag 90 %", YAW, diagnosed=False)
 
 
