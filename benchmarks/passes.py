@@ -72,16 +72,16 @@ class Reference:
 
     def prepared(self, misfit: InnovationLikelihood, points: Sets) -> Callable[[], list[Innovations]]:
         """One pass over the log of ``misfit`` with as many ``points`` as there are lanes."""
-        (readings,) = misfit.data.run_data
-        (portion,) = misfit.data.chunks
-        drive = portion.torque_input(misfit.parametrization.model(points[0]))
+        (time,), (angle,) = misfit.data.times, misfit.data.angles
+        ((known, _),) = misfit.data.innovation_samples
+        (chunk,) = misfit.data.chunks
+        drive = chunk.torque_input(misfit.parametrization.model(points[0]))
         sets = np.column_stack([_set(misfit, x) for x in points])
-        log = readings.time, drive.torque, drive.timing_moment, readings.angle
-        innovation, variance = (np.empty((len(readings.time), self.lanes)) for _ in range(2))
+        log = time, drive.torque, drive.timing_moment, angle
+        innovation, variance = (np.empty((len(time), self.lanes)) for _ in range(2))
 
         def run() -> list[Innovations]:
             self.function(len(innovation), *log, sets, innovation, variance)
-            known = readings.known_positions
             return [Innovations(innovation[known, k], variance[known, k]) for k in range(self.lanes)]
 
         return run

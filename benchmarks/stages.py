@@ -41,7 +41,7 @@ STAGES = {
     "rovid.diagnose.stepwise.screen": SCREENING,
     "rovid.diagnose.stepwise.shortlist": "shortlist",
     "rovid.diagnose.stepwise.fit_all": CLIMBS,
-    "rovid.estimate.fit_result.climb": CLIMBS,
+    "rovid.estimate.fit_result.minimize": CLIMBS,
     "rovid.diagnose.validation.Work.holds": "testing what was found",
     "rovid.diagnose.validation.Work.decided": "testing what was found",
     "rovid.diagnose.validation.cross_validate": "cross-validation",
@@ -50,8 +50,8 @@ STAGES = {
 }
 # What asks the model, and how often by what it is given: once a set of parameters.
 PASSES: dict[str, Callable[..., int]] = {
-    "rovid.estimate.innovation_likelihood._side_by_side": len,
-    "rovid.estimate.multi_step_likelihood.predictions": lambda *_: 1,
+    "rovid.estimate.innovation_likelihood._evaluate_batch": len,
+    "rovid.estimate.multi_step_likelihood.prediction_errors": lambda *_: 1,
 }
 
 Function = Callable[..., Any]

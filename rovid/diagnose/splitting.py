@@ -9,9 +9,9 @@ import numpy as np
 
 from rovid.core.array_types import IntArray
 from rovid.core.errors import DataError
+from rovid.estimate.dataset import rms_rate
 from rovid.estimate.multi_step_data import time_constant
 from rovid.estimate.output_error import fit_output_error
-from rovid.estimate.scaling import rms_rate
 from rovid.signals.preprocessing import PreparedRuns, Run, prepare
 from rovid.signals.rates import highest_cutoff
 from rovid.trial.trial import Campaign, Trial

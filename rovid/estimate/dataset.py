@@ -1,7 +1,8 @@
-"""What was measured, as a fit takes it."""
+"""The data that an objective evaluates: runs, RMS values, and scales of the parameters."""
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -11,28 +12,33 @@ from typing import ClassVar
 import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
+from rovid.effects.actuator_inputs import SPEEDS, actuator_inputs, neutral_commands
 from rovid.effects.base import Scales
 from rovid.estimate.input_cache import InputCache
-from rovid.estimate.scaling import effect_scales, rms_nonzero, rms_rate
 from rovid.model.model import Model
 from rovid.model.torque_input import TorqueInput
 from rovid.signals.preprocessing import Run
 from rovid.trial.axis import Axis
+from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Vehicle
 
-ANGLE_NOISE_FLOOR = 1e-5  # rad; no heading is better, and one from an autopilot's filter would claim to be
+# Least standard deviation of a measured angle, rad. The output of an autopilot's filter would claim less.
+ANGLE_NOISE_FLOOR = 1e-5
+# Least RMS value, because scales are divided by.
+_LEAST_RMS = 1e-9
+_HOUR = 3600.0
 
 
 @dataclass(frozen=True, eq=False)
 class FitData(ABC):
-    """What a misfit looks at in some runs, worked out once.
+    """Runs with all that an objective needs of them, computed once.
 
     Attributes
     ----------
-    start
-        A model to start from and to take scales from.
+    initial_model
+        Start of the fit, and source of the scales.
     gyro
-        Whether logged rates are looked at besides the positions.
+        Whether logged rates are used besides the positions.
     """
 
     runs: Sequence[Run]
@@ -40,42 +46,42 @@ class FitData(ABC):
     initial_model: Model
     gyro: bool = False
 
-    # Of what drives the runs, as in `Driving`.
+    # As in `InputCache`.
     means_only: ClassVar[bool] = False
 
     @property
     @abstractmethod
     def interval(self) -> float:
-        """Readings nearer to each other, in s, are passed over; 0 for none."""
+        """Least time between readings in s; closer readings are skipped. 0 for none."""
 
     @property
     @abstractmethod
     def steps(self) -> list[IntArray] | None:
-        """(n,) of each run, at which of the log's instants it is looked; None for all."""
+        """For each run, the (n,) sample numbers between which the model is stepped; None for all samples."""
 
     @property
     @abstractmethod
     def innovation_spans(self) -> list[tuple[FloatArray, FloatArray]]:
-        """Of each run the (n,) s at which each innovation begins and ends to tell of the motion."""
+        """For each run, the (n,) s at which each innovation begins and ends to depend on the motion."""
 
     @property
     @abstractmethod
     def block_seconds(self) -> float:
-        """Length of a stretch of time whose innovations are taken together."""
+        """Length in s of a block, within which innovations may be correlated."""
 
     @property
     def axis(self) -> Axis:
-        """The degree of freedom that is looked at."""
+        """Degree of freedom of the runs."""
         return self.runs[0].trial.axis
 
     @property
     def rate_only(self) -> bool:
-        """Whether the rate alone was measured."""
+        """Whether only the rate was measured."""
         return self.runs[0].trial.rate_only
 
     @property
     def has_actuators(self) -> bool:
-        """Whether anything drives the vehicle; else all torques, and the inertia, are those of 1 kg m^2."""
+        """Whether actuators drive the vehicle; else the inertia is 1 kg m^2 and all torques are per kg m^2."""
         return self.runs[0].trial.has_actuators
 
     @cached_property
@@ -86,7 +92,7 @@ class FitData(ABC):
 
     @cached_property
     def block_index(self) -> IntArray:
-        """(N,) number of the stretch of time of each innovation."""
+        """(N,) number of the block of each innovation."""
         length = self.block_seconds
         blocks, before = [], 0
         for begin, _ in self.innovation_spans:
@@ -97,41 +103,38 @@ class FitData(ABC):
 
     @cached_property
     def rms_rate(self) -> float:
-        """Root mean square of the rate, rad/s or m/s."""
+        """RMS rate, rad/s or m/s."""
         return rms_rate(self.runs)
 
     @cached_property
     def rms_torque(self) -> float:
-        """Root mean square of the torque in use, N m."""
+        """RMS of the torque in use, N m; of the restoring torque where there are no actuators."""
         if self.has_actuators:
             return rms_nonzero(np.concatenate([run.torque for run in self.runs]))
-        return rms_nonzero(self._restoring_torque())
-
-    def _restoring_torque(self) -> FloatArray:
-        """(N,) of what brings the vehicle back, at each measured position, N m."""
         tilt = np.concatenate([run.trial.position[run.trial.measured] for run in self.runs])
-        return np.asarray(self.initial_model.stiffness * np.sin(tilt - self.initial_model.restoring_values[1]))
+        model = self.initial_model
+        return rms_nonzero(np.asarray(model.stiffness * np.sin(tilt - model.restoring_values[1])))
 
     @cached_property
     def drag_scale(self) -> FloatArray:
-        """Quadratic and linear drag that would each brake as much as all drag does."""
+        """(2,) quadratic and linear drag, each of which alone gives the total drag at the RMS rate."""
         drag = self.initial_model.quadratic_drag * self.rms_rate + self.initial_model.linear_drag
         return np.array([drag / self.rms_rate, drag])
 
     @cached_property
     def scales(self) -> Scales:
-        """Of the effects' parameters."""
+        """Scales of the effects' parameters."""
         trials = [run.trial for run in self.runs]
         return effect_scales(trials, self.vehicle, self.rms_torque, self.rms_rate, has_actuators=self.has_actuators)
 
     @cached_property
     def position_noise(self) -> float:
-        """Standard deviation of the noise of what is measured, before any fit."""
+        """Standard deviation of the measurement noise before any fit."""
         noise = [run.rates.position_noise for run in self.runs]
         return max(float(np.median(noise)), ANGLE_NOISE_FLOOR)
 
     @cached_property
-    def _driving(self) -> InputCache:
+    def _inputs(self) -> InputCache:
         return InputCache(
             runs=self.runs,
             vehicle=self.vehicle,
@@ -142,5 +145,68 @@ class FitData(ABC):
         )
 
     def torque_inputs(self, model: Model) -> Iterator[TorqueInput]:
-        """What drives each run, at all instants of its log."""
-        return self._driving.at_samples(model)
+        """Torque input of each run at all instants of its log."""
+        return self._inputs.at_samples(model)
+
+
+def rms(series: Sequence[FloatArray]) -> float:
+    """Root mean square of all finite values, but never zero."""
+    values = np.concatenate(series)
+    return max(float(np.sqrt(np.nanmean(values**2))), _LEAST_RMS)
+
+
+def rms_rate(runs: Sequence[Run]) -> float:
+    """RMS rate of all runs, rad/s or m/s."""
+    return rms([run.rates.rate for run in runs])
+
+
+def rms_nonzero(values: FloatArray) -> float:
+    """Root mean square of the nonzero ``values``; 1 where all are zero."""
+    nonzero = values[np.abs(values) > 0.0]
+    return float(np.sqrt(np.mean(nonzero**2))) if nonzero.size else 1.0
+
+
+def effect_scales(
+    trials: Sequence[Trial], vehicle: Vehicle | None, torque: float, rate: float, *, has_actuators: bool
+) -> Scales:
+    """Scales of the effects' parameters, from the RMS ``torque`` in N m, the RMS ``rate`` and the logged channels."""
+    wash, sqrt_thrust, load = math.sqrt(torque), math.sqrt(torque), 1.0
+    if vehicle is not None and has_actuators:
+        wash, sqrt_thrust, load = _thruster_scales(trials, vehicle)
+    neutral = 0.0 if vehicle is None else neutral_commands(vehicle)
+    largest_commands = [np.max(np.abs(trial.commands - neutral), initial=0.0) for trial in trials]
+    surge, sway = (_rms_speed(trials, name) for name in SPEEDS)
+    spans = [float(np.ptp(trial.time)) for trial in trials]
+    ends = [trial.campaign_time + span for trial, span in zip(trials, spans, strict=True)]
+    return Scales(
+        command=float(max(largest_commands)),
+        torque=torque,
+        rate=rate,
+        wash=wash,
+        sqrt_thrust=sqrt_thrust,
+        surge=surge,
+        sway=sway,
+        load=load,
+        longest=max([0.0, *spans]) / _HOUR,
+        day=max([0.0, *ends]) / _HOUR,
+    )
+
+
+def _thruster_scales(trials: Sequence[Trial], vehicle: Vehicle) -> tuple[float, float, float]:
+    """RMS wash in N^0.5 m^2, RMS of the root of the thrust in N^0.5, and the largest load as a share of full thrust."""
+    thrusts = [vehicle.thrust(trial.commands) for trial in trials]
+    washes = [actuator_inputs(vehicle, trial).wash(thrust) for trial, thrust in zip(trials, thrusts, strict=True)]
+    wash, sqrt_thrust = rms_nonzero(np.concatenate(washes)), rms_nonzero(np.sqrt(np.abs(np.concatenate(thrusts))))
+    full_thrust = sum(thruster.full_thrust for thruster in vehicle.thrusters)
+    loads = [np.abs(thrust).sum(axis=1) for thrust in thrusts]
+    largest = max([0.0, *(float(load.max(initial=0.0)) for load in loads)])
+    return wash, sqrt_thrust, largest / full_thrust or 1.0
+
+
+def _rms_speed(trials: Sequence[Trial], name: str) -> float:
+    """RMS of a logged speed, m/s; 1 where it is not logged."""
+    logged = np.concatenate([trial.extras.get(name, np.zeros(0)) for trial in trials])
+    known = logged[np.isfinite(logged)]
+    if not known.any():
+        return 1.0
+    return float(np.sqrt(np.mean(known**2)))

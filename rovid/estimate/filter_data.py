@@ -1,4 +1,4 @@
-"""The readings of each run, one after the other, as a Kalman filter takes them."""
+"""Readings of all runs, one after the other, as the Kalman filter takes them."""
 
 from __future__ import annotations
 
@@ -6,79 +6,201 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
 from rovid.core.lru_cache import SizedCache
-from rovid.estimate.data_chunk import DataChunk, RunData
 from rovid.estimate.dataset import FitData
+from rovid.estimate.input_cache import InputCache
+from rovid.model.filter_batch import FilterData
+from rovid.model.heading_sensor import HeadingSensor
+from rovid.model.model import Model
 from rovid.model.ode import initial_rate
+from rovid.model.torque_input import TorqueInput
+from rovid.signals.preprocessing import Run
 
-_RATE_NOISE_FLOOR = 1e-5  # rad/s; no gyro is better
-# Of the usual rate: how well the first rate of a trial is known.
+# Least standard deviation of a measured rate, rad/s.
+_RATE_NOISE_FLOOR = 1e-5
+# Standard deviation of the initial rate of a trial, as a share of the RMS rate.
 _RATE_ERROR = 0.2
-# s, and into how many at least all time is cut.
+# Length of a block in s, and the least number of blocks.
 _BLOCK_SECONDS, _BLOCKS = 40.0, 12
-# Bytes of headings without their deviation that are kept.
-_KEPT = 16_000_000
-# Instants of logs that are gone through at once.
-_AT_ONCE = 200_000
+# Bytes of cached angles that are corrected for the heading sensor's deviation.
+_CACHE_BYTES = 16_000_000
+# Largest number of log samples in a chunk of several runs; bounds the memory of a filter pass.
+_CHUNK_SAMPLES = 200_000
+
+
+class CorrectedAngle(NamedTuple):
+    """(n,) measured angle without the heading sensor's deviation, and d(measured)/d(true), None for a true sensor."""
+
+    angle: FloatArray
+    gain: FloatArray | None
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes."""
+        return self.angle.nbytes + (0 if self.gain is None else self.gain.nbytes)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DataChunk:
+    """Runs that one filter pass goes through.
+
+    Attributes
+    ----------
+    runs
+        Each run with the samples at which the filter has its steps.
+    angle
+        (n,) measured angle along the body's axis, all runs one after the other.
+    filter_data
+        The same readings as the filter takes them.
+    innovation_index
+        (N,) twice the sample of each innovation, plus one for an innovation of the rate.
+    rows
+        Rows of these innovations among those of all chunks.
+    inputs
+        Torque inputs of the runs.
+    cache
+        Corrected angles of all chunks.
+    """
+
+    runs: Sequence[tuple[Run, IntArray | slice]]
+    angle: FloatArray
+    filter_data: FilterData
+    innovation_index: IntArray
+    rows: slice
+    inputs: InputCache
+    cache: SizedCache
+
+    def torque_input(self, model: Model) -> TorqueInput:
+        """Torque input of all runs, from each filter step to the next."""
+        return self.inputs.between_steps(model)
+
+    def corrected_angle(self, model: Model) -> CorrectedAngle:
+        """The angle that the filter takes, corrected for the deviation of the heading sensor of ``model``."""
+        sensor = model.heading_sensor
+        if not sensor.deviates:
+            return CorrectedAngle(self.angle, None)
+        return self.cache.get_or_make((self.rows.start, sensor.cache_key), lambda: self._correct(sensor))
+
+    def _correct(self, sensor: HeadingSensor) -> CorrectedAngle:
+        position = np.concatenate([run.trial.position[at] for run, at in self.runs])
+        true, gain = sensor.to_true(position)
+        return CorrectedAngle(self.angle - (position - true), gain)
 
 
 @dataclass(frozen=True, eq=False)
 class InnovationData(FitData):
-    """The next reading of each run, time and again.
+    """Data of the innovation likelihood: each reading is predicted from all readings before it.
 
     Attributes
     ----------
     interval
-        Headings nearer to each other, in s, are passed over; 0 for none. A quick look needs no more.
+        Least time between readings in s; closer readings are skipped, which is enough for a coarse fit. 0 for none.
     """
 
     interval: float = 0.0
 
     @cached_property
     def steps(self) -> list[IntArray] | None:
-        """(n,) of each run, where the filter steps to; None for all instants."""
+        """For each run, the (n,) sample numbers of the filter's steps; None for all samples."""
         if self.interval <= 0.0:
             return None
-        return [_spaced(run.trial.time, np.flatnonzero(run.trial.measured), self.interval) for run in self.runs]
+        return [_thinned(run.trial.time, np.flatnonzero(run.trial.measured), self.interval) for run in self.runs]
 
     @cached_property
-    def run_data(self) -> list[RunData]:
-        """What is looked at in each run."""
-        every: Sequence[IntArray | slice] = [slice(None)] * len(self.runs) if self.steps is None else self.steps
-        pairs = zip(self.runs, every, strict=True)
-        return [RunData.from_run(run, at, gyro=self.gyro) for run, at in pairs]
+    def _runs(self) -> list[tuple[Run, IntArray | slice]]:
+        steps: Sequence[IntArray | slice] = self.steps or [slice(None)] * len(self.runs)
+        return list(zip(self.runs, steps, strict=True))
+
+    @cached_property
+    def times(self) -> list[FloatArray]:
+        """For each run, the (n,) s of the filter's steps."""
+        return [run.trial.time[at] for run, at in self._runs]
+
+    @cached_property
+    def angles(self) -> list[FloatArray]:
+        """For each run, the (n,) measured angle along the body's axis, rad or m.
+
+        Where only the rate was measured, all but the first are NaN.
+        """
+        angles = [run.trial.body_position[at] for run, at in self._runs]
+        if not self.rate_only:
+            return angles
+        return [np.where(np.arange(len(angle)) == 0, angle, np.nan) for angle in angles]
+
+    @cached_property
+    def gyro_rates(self) -> list[FloatArray]:
+        """For each run, the (n,) measured rate less the gyro's offset; NaN where the rate is not used."""
+        rates = []
+        for (run, at), time in zip(self._runs, self.times, strict=True):
+            rate = np.broadcast_to(np.nan, len(time))
+            if run.trial.rate is not None and (self.gyro or run.trial.rate_only):
+                rate = run.trial.rate[at] - np.nan_to_num(run.rates.gyro_offset)
+            rates.append(rate)
+        return rates
+
+    @cached_property
+    def innovation_samples(self) -> list[tuple[IntArray, IntArray]]:
+        """For each run, the sample numbers of the innovations of the angle and of the rate.
+
+        The filter starts at the first angle, which has no innovation.
+        """
+        pairs = zip(self.angles, self.gyro_rates, strict=True)
+        return [(np.flatnonzero(np.isfinite(angle))[1:], np.flatnonzero(np.isfinite(rate))) for angle, rate in pairs]
 
     @property
     def innovation_spans(self) -> list[tuple[FloatArray, FloatArray]]:
-        """Of each run the (n,) s of each innovation, at which it begins and ends to tell of the motion."""
-        return [(readings.innovation_times, readings.innovation_times) for readings in self.run_data]
+        """For each run, the (n,) s of each innovation, twice: of the angles, followed by the rates."""
+        pairs = zip(self.times, self.innovation_samples, strict=True)
+        instants = [np.concatenate((time[angles], time[rates])) for time, (angles, rates) in pairs]
+        return [(one, one) for one in instants]
 
     @property
     def block_seconds(self) -> float:
-        """Length of a stretch of time: 40 s, or less of short runs."""
-        total = sum(float(np.ptp(readings.time)) for readings in self.run_data)
+        """Length of a block: 40 s, or less in short runs."""
+        total = sum(float(np.ptp(time)) for time in self.times)
         return min(_BLOCK_SECONDS, total / _BLOCKS)
 
     @cached_property
     def chunks(self) -> list[DataChunk]:
-        """All runs, some after the others: what a pass takes of memory is what it takes for so many."""
-        ends = np.cumsum([len(begin) for begin, _ in self.innovation_spans])
-        recent, portions = SizedCache(_KEPT), list[DataChunk]()
-        for place in _portions([len(run.trial.time) for run in self.runs]):
-            rates = [(rate, _RATE_ERROR * self.rms_rate) for rate in self.initial_rates[place]]
-            portion = DataChunk(
-                run_data=self.run_data[place],
-                initial_rates=np.array(rates, dtype=float),
-                inputs=self._driving.subset(place),
-                rows=slice(portions[-1].rows.stop if portions else 0, int(ends[place.stop - 1])),
-                cache=recent,
-            )
-            portions.append(portion)
-        return portions
+        """All runs, in chunks of bounded size."""
+        cache, chunks, begin = SizedCache(_CACHE_BYTES), list[DataChunk](), 0
+        for place in _chunk_slices([len(run.trial.time) for run in self.runs]):
+            chunks.append(self._chunk(place, begin, cache))
+            begin = chunks[-1].rows.stop
+        return chunks
+
+    def _chunk(self, place: slice, begin: int, cache: SizedCache) -> DataChunk:
+        """The chunk of the runs at ``place``, with its first innovation at row ``begin``."""
+        times = self.times[place]
+        offsets = np.cumsum([0, *map(len, times)])
+        index = []
+        for offset, (angles, rates) in zip(offsets[:-1], self.innovation_samples[place], strict=True):
+            index += [2 * (offset + angles), 2 * (offset + rates) + 1]
+        innovation_index = np.concatenate(index)
+        row = np.full(2 * offsets[-1], -1)
+        row[innovation_index] = np.arange(len(innovation_index))
+        filter_data = FilterData(
+            begins=offsets,
+            time=np.concatenate(times),
+            rate=np.concatenate(self.gyro_rates[place]),
+            start=np.array([run.trial.first_position for run in self.runs[place]]),
+            first=np.array([(rate, _RATE_ERROR * self.rms_rate) for rate in self.initial_rates[place]], dtype=float),
+            row=row.reshape(-1, 2),
+        )
+        return DataChunk(
+            runs=self._runs[place],
+            angle=np.concatenate(self.angles[place]),
+            filter_data=filter_data,
+            innovation_index=innovation_index,
+            rows=slice(begin, begin + len(innovation_index)),
+            inputs=self._inputs.subset(place),
+            cache=cache,
+        )
 
     @cached_property
     def initial_rates(self) -> list[float]:
@@ -87,27 +209,27 @@ class InnovationData(FitData):
 
     @cached_property
     def gyro_noise(self) -> float:
-        """Standard deviation of the gyro's white noise, rad/s, from its differences; 1 where there is none."""
-        bends = np.concatenate([np.diff(readings.gyro_rate, n=2) for readings in self.run_data])
-        if not np.isfinite(bends).any():
+        """Standard deviation of the gyro's white noise, rad/s, from second differences; 1 where there is no gyro."""
+        differences = np.concatenate([np.diff(rate, n=2) for rate in self.gyro_rates])
+        if not np.isfinite(differences).any():
             return 1.0
         # The second difference of white noise has six times its variance.
-        return max(float(np.sqrt(np.nanmean(bends**2) / 6.0)), _RATE_NOISE_FLOOR)
+        return max(float(np.sqrt(np.nanmean(differences**2) / 6.0)), _RATE_NOISE_FLOOR)
 
 
-def _spaced(time: FloatArray, known: IntArray, interval: float) -> IntArray:
-    """The first of ``known`` in each cell of a grid of ``interval`` s, and the last of all."""
+def _thinned(time: FloatArray, known: IntArray, interval: float) -> IntArray:
+    """The first of the ``known`` samples in each cell of a grid of ``interval`` s, and the last of all."""
     cell = np.floor((time[known] - time[known[0]]) / interval + 1e-6)
     first = np.concatenate(([True], cell[1:] != cell[:-1]))
     first[-1] = True
     return np.asarray(known[first])
 
 
-def _portions(lengths: Sequence[int]) -> list[slice]:
-    """Runs of such lengths one after the other, as many together as are not longer than is gone through at once."""
+def _chunk_slices(lengths: Sequence[int]) -> list[slice]:
+    """Consecutive runs of these ``lengths``, cut into chunks of no more samples than the limit where possible."""
     begins, length = [0], 0
     for place, one in enumerate(lengths):
-        if length and length + one > _AT_ONCE:
+        if length and length + one > _CHUNK_SAMPLES:
             begins.append(place)
             length = 0
         length += one

@@ -1,4 +1,4 @@
-"""What innovations cost, and the slopes of that cost, which Fisher scoring asks for."""
+"""Negative log-likelihood of innovations, its gradient and Fisher information, and covariances from them."""
 
 from __future__ import annotations
 
@@ -10,43 +10,54 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
+from rovid.core.stats import chi2_sf
 
-# Innovations beyond so many standard deviations count in proportion, not squared (Huber 1964).
+# Standard deviations beyond which an innovation counts in proportion instead of squared (Huber 1964).
 OUTLIER = 5.0
-_FARTHEST = 1e100
-# Innovations that are taken at once where sums are all that is asked for: a core's cache holds them.
-_AT_ONCE = 8192
-_WORST = 1e12
+# Largest normalised innovation; its square stays far below infinity.
+_MAX_Z = 1e100
+# Innovations that are processed at once where only sums are needed: as many as a core's cache holds.
+_CHUNK = 8192
+# Negative log-likelihood of a model that diverges: finite, and worse than any other.
+_DIVERGED = 1e12
+# Least eigenvalue of the scaled information, relative to the largest, which is about one. Below it the likelihood is
+# flat.
+_FLAT = 1e-9
+# Ljung-Box test: lags, least p-value of white innovations; and the largest excess kurtosis of light tails.
+_LAGS, _MIN_P, _MAX_KURTOSIS = 20, 1e-3, 1.0
 
 
 class Innovations(NamedTuple):
-    """(N,) errors of predictions, in the unit of what is predicted, and the variances that they are taken to have."""
+    """(N,) prediction errors in the unit of the prediction, and the variances that the model expects of them."""
 
     error: FloatArray
     variance: FloatArray
 
     def select(self, rows: slice) -> Self:
-        """Those of some ``rows``."""
+        """The innovations of some ``rows``."""
         return type(self)(self.error[rows], self.variance[rows])
 
     @classmethod
     def empty(cls, count: int) -> Self:
-        """Room for so many."""
+        """Uninitialised arrays of ``count`` innovations."""
         return cls(np.empty(count), np.empty(count))
 
 
 @dataclass(frozen=True, eq=False)
 class Jacobian:
-    """The cost of some innovations about a point.
+    """Derivatives of normalised residuals by the p coordinates, for n of the N innovations.
+
+    The negative log-likelihood of an innovation is half the sum of squares of two residuals to second order: the
+    normalised innovation, and (1 - z^2)/sqrt(2), which carries the derivative by the variance.
 
     Attributes
     ----------
     rows
-        Which n of the N innovations they are.
+        Rows of the n among the N innovations.
     residual
-        (2n,) normalised innovations above, and what their squares are short of one below.
+        (2n,) the n normalised innovations, followed by the n variance residuals.
     matrix
-        (2n, p) slopes of the same.
+        (2n, p) derivatives of ``residual``.
     """
 
     rows: slice
@@ -55,87 +66,56 @@ class Jacobian:
 
     @property
     def gradient(self) -> FloatArray:
-        """(p,) of the cost."""
+        """(p,) gradient of the negative log-likelihood."""
         with np.errstate(over="ignore", invalid="ignore"):
             return np.asarray(self.matrix.T @ self.residual)
 
     @property
     def information(self) -> FloatArray:
-        """(p, p) curvature that the cost is expected to have (Fisher scoring)."""
-        # A model that runs away has none, which whoever asks can see.
+        """(p, p) Fisher information; not finite where the model diverges."""
         with np.errstate(over="ignore", invalid="ignore"):
             return np.asarray(self.matrix.T @ self.matrix)
 
     def cross_information(self, others: Jacobian) -> FloatArray:
-        """(p, s) what the information has between these p coordinates and s others of the same innovations."""
+        """(p, s) Fisher information between these p coordinates and s others of the same innovations."""
         with np.errstate(over="ignore", invalid="ignore"):
             return np.asarray(self.matrix.T @ others.matrix)
 
     @property
     def scores(self) -> FloatArray:
-        """(n, p) gradient of what each innovation adds to the cost."""
+        """(n, p) contribution of each innovation to the gradient."""
         above, below = np.split(self.matrix * self.residual[:, None], 2)
         return np.asarray(above + below)
 
 
 class NormalEquations(NamedTuple):
-    """(p,) gradient and (p, p) information of the cost of all innovations about a point."""
+    """(p,) gradient and (p, p) Fisher information of the negative log-likelihood of all innovations."""
 
     gradient: FloatArray
     information: FloatArray
 
     @classmethod
     def from_jacobians(cls, pieces: Iterable[Jacobian]) -> Self:
-        """The sums over all ``pieces``."""
+        """Sums over all ``pieces``."""
         return cls.sum_of(cls(piece.gradient, piece.information) for piece in pieces)
 
     @classmethod
     def sum_of(cls, each: Iterable[Self]) -> Self:
-        """Of all innovations, of some of them each."""
+        """Sums over the equations of several parts of the innovations."""
         gradient, information = (sum(every) for every in zip(*each, strict=True))
         return cls(np.asarray(gradient), np.asarray(information))
 
 
-def negative_log_likelihoods(error: FloatArray, variance: FloatArray) -> FloatArray:
-    """(N,) what each innovation costs, its variance included."""
-    # A filter that runs away has no likelihood, which whoever asks can see.
-    with np.errstate(over="ignore", invalid="ignore"):
-        square = _robust_square(error / np.sqrt(variance))
-        return np.asarray(0.5 * (np.log(2.0 * np.pi * variance) + square))
-
-
-def _robust_square(z: FloatArray) -> FloatArray:
-    """(N,) squares of normalised innovations, beyond the outliers' limit in proportion."""
-    # No innovation is so far out that its square could not be told from infinity.
-    size = np.minimum(np.abs(z), _FARTHEST)
-    return np.where(size > OUTLIER, OUTLIER * (2.0 * size - OUTLIER), size * size)
-
-
-def total_negative_log_likelihood(here: Innovations, weight: float | FloatArray) -> float:
-    """Negative log-likelihood of innovations that count with this ``weight`` each; large, but finite, of a runaway."""
-    weights = np.broadcast_to(weight, here.error.shape)
-    total = sum(
-        float(np.sum(weights[rows] * negative_log_likelihoods(*here.select(rows))))
-        for rows in _pieces(len(weights), _AT_ONCE)
-    )
-    return total if math.isfinite(total) else _WORST
-
-
-def _pieces(count: int, at_once: int) -> list[slice]:
-    """So many innovations, some after the other; one piece if there is none."""
-    return [slice(begin, min(begin + at_once, count)) for begin in range(0, max(count, 1), at_once)]
-
-
 @dataclass(frozen=True, eq=False)
 class GroupedScores:
-    """The information about a point, and how the gradient scatters, which may be more.
+    """Fisher information, and the gradient of each group of innovations.
 
     Attributes
     ----------
     information
         (p, p) of all innovations.
     scores
-        Of each grouping of the innovations the (m, p) gradients of the cost over each of m groups.
+        For each grouping, the (m, p) gradients of its m groups.
     """
 
     information: FloatArray
@@ -143,7 +123,7 @@ class GroupedScores:
 
     @classmethod
     def of(cls, pieces: Iterable[Jacobian], groupings: Sequence[IntArray]) -> Self:
-        """By (N,) numbers of groups, of which there may be several ways to group them."""
+        """From the (N,) group numbers of each grouping."""
         numbered = [np.unique(groups, return_inverse=True) for groups in groupings]
         information, scores = np.zeros(()), [np.zeros(()) for _ in groupings]
         for piece in pieces:
@@ -155,40 +135,128 @@ class GroupedScores:
         return cls(information, scores)
 
 
+def negative_log_likelihoods(error: FloatArray, variance: FloatArray) -> FloatArray:
+    """(N,) negative log-likelihood of each innovation, with Huber's limit on outliers; docs/method.md, (12)."""
+    # A model that diverges gives infinities, which the caller can see.
+    with np.errstate(over="ignore", invalid="ignore"):
+        size = np.minimum(np.abs(error / np.sqrt(variance)), _MAX_Z)
+        square = np.where(size > OUTLIER, OUTLIER * (2.0 * size - OUTLIER), size * size)
+        return np.asarray(0.5 * (np.log(2.0 * np.pi * variance) + square))
+
+
+def total_negative_log_likelihood(here: Innovations, weight: float | FloatArray) -> float:
+    """Weighted sum of the negative log-likelihoods; large, but finite, where the model diverges."""
+    weights = np.broadcast_to(weight, here.error.shape)
+    pieces = _pieces(len(weights), _CHUNK)
+    total = sum(float(np.sum(weights[rows] * negative_log_likelihoods(*here.select(rows)))) for rows in pieces)
+    return total if math.isfinite(total) else _DIVERGED
+
+
+def _pieces(count: int, at_once: int) -> list[slice]:
+    """Slices of up to ``at_once`` rows that cover ``count`` rows; one empty slice for no rows."""
+    return [slice(begin, min(begin + at_once, count)) for begin in range(0, max(count, 1), at_once)]
+
+
 def jacobian_chunks(
     centre: Innovations,
     sides: Sequence[Innovations],
     step: FloatArray,
     weight: float | FloatArray,
-    at_once: int = _AT_ONCE,
+    at_once: int = _CHUNK,
     first: int = 0,
 ) -> Iterator[Jacobian]:
-    """Slopes from the innovations at a point and one ``step`` aside along each coordinate, some after the other.
+    """Jacobians by finite differences, up to ``at_once`` innovations each.
 
-    These are those of all from the ``first`` on.
+    Parameters
+    ----------
+    centre, sides
+        Innovations at a point, and one ``step`` away along each of p coordinates.
+    step
+        (p,) signed lengths of the steps.
+    weight
+        Weight of the innovations, one or (N,).
+    first
+        Row of the first of these innovations among all.
     """
     weights = np.broadcast_to(weight, centre.error.shape)
     for rows in _pieces(len(weights), at_once):
         here, *there = (one.select(rows) for one in (centre, *sides))
-        yield _slopes(slice(first + rows.start, first + rows.stop), here, there, step, weights[rows])
+        yield _jacobian(slice(first + rows.start, first + rows.stop), here, there, step, weights[rows])
 
 
-def _slopes(
+def _jacobian(
     rows: slice, centre: Innovations, sides: Sequence[Innovations], step: FloatArray, weight: FloatArray
 ) -> Jacobian:
     error, variance = centre
     root = np.sqrt(variance)
     z = error / root
-    # So that squares have the weights.
+    # Residuals carry the square root of the weight.
     share = np.sqrt(weight)
     robust = share * np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(np.abs(z), 1e-300)))
-    # A column is written and read as a whole.
+    # Columns are written and read as a whole.
     matrix = np.empty((2 * len(z), len(sides)), order="F")
-    # A model that runs away has no slopes, which whoever asks can see.
+    # A model that diverges gives infinities, which the caller can see.
     with np.errstate(over="ignore", invalid="ignore"):
-        of_error, of_variance = robust / root, share / (math.sqrt(2.0) * variance)
-        for k, (side, scatter) in enumerate(sides):
-            matrix[: len(z), k] = of_error / step[k] * (side - error)
-            matrix[len(z) :, k] = of_variance / step[k] * (scatter - variance)
-    short = (share - (robust * z) ** 2 / share) / math.sqrt(2.0)
-    return Jacobian(rows, np.concatenate((robust * z, short)), matrix)
+        by_error, by_variance = robust / root, share / (math.sqrt(2.0) * variance)
+        for k, side in enumerate(sides):
+            matrix[: len(z), k] = by_error / step[k] * (side.error - error)
+            matrix[len(z) :, k] = by_variance / step[k] * (side.variance - variance)
+    variance_residual = (share - (robust * z) ** 2 / share) / math.sqrt(2.0)
+    return Jacobian(rows, np.concatenate((robust * z, variance_residual)), matrix)
+
+
+def inverse_information(information: FloatArray) -> FloatArray:
+    """(p, p) inverse of the Fisher information; a flat direction of the likelihood gets a large variance."""
+    power = np.diag(information)
+    size = np.sqrt(np.where(power > 0.0, power, 1.0))
+    # Scaling makes the threshold of flatness independent of units.
+    scale = np.outer(size, size)
+    values, vectors = np.linalg.eigh(information / scale)
+    scaled = (vectors / np.maximum(values, _FLAT)) @ vectors.T
+    return np.asarray(scaled / scale)
+
+
+def sandwich_covariance(bread: FloatArray, scores: FloatArray) -> FloatArray:
+    """(p, p) sandwich covariance from the inverse information and the (m, p) group scores; docs/method.md, (15)."""
+    scores = scores - scores.mean(axis=0)
+    count = len(scores)
+    scatter = scores.T @ scores * count / (count - 1)
+    return np.asarray(bread @ scatter @ bread)
+
+
+def whitening_gain(series: Sequence[FloatArray]) -> float:
+    """Log-likelihood gain of an autoregression of ``series``, which a model with white innovations gains at least.
+
+    Half the count times the logarithm of the variance ratio (Ljung 1999, section 16.4).
+    """
+    from scipy import linalg
+
+    power = np.array([_lagged_product(series, lag) for lag in range(_LAGS + 1)])
+    if power[0] <= 0.0:
+        return 0.0
+    # A little white noise keeps the equations of an exactly periodic series solvable.
+    noise = 1e-9 * power[0] * (np.arange(_LAGS) == 0)
+    predictor = linalg.solve_toeplitz(power[:-1] + noise, power[1:])
+    left = 1.0 - float(predictor @ power[1:]) / power[0]
+    count = sum(map(len, series))
+    return -0.5 * count * math.log(max(left, 1e-12))
+
+
+def _lagged_product(series: Sequence[FloatArray], lag: int) -> float:
+    """Sum of the products of values ``lag`` places apart."""
+    return sum(float(z[lag:] @ z[: len(z) - lag]) for z in series if len(z) > lag)
+
+
+def is_white(series: Sequence[FloatArray]) -> bool:
+    """Whether normalised innovations pass the Ljung-Box test (1978) over all trials and have no heavy tails.
+
+    Isolated spikes leave innovations white, so the kurtosis is tested too.
+    """
+    count = sum(map(len, series))
+    power = sum(float(z @ z) for z in series)
+    statistic = 0.0
+    for lag in range(1, _LAGS + 1):
+        statistic += (_lagged_product(series, lag) / power) ** 2 / (count - lag)
+    chi2 = count * (count + 2.0) * statistic
+    fourth = sum(float(np.sum(z**4)) for z in series) * count / power**2
+    return chi2_sf(_LAGS, chi2) > _MIN_P and fourth - 3.0 < _MAX_KURTOSIS

@@ -11,12 +11,16 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.effects import Effect
-from rovid.estimate.covariance import inverse_information, sandwich_covariance
 from rovid.estimate.dataset import FitData
-from rovid.estimate.fisher_information import GroupedScores
+from rovid.estimate.fisher_information import (
+    GroupedScores,
+    inverse_information,
+    is_white,
+    sandwich_covariance,
+    whitening_gain,
+)
 from rovid.estimate.levenberg_marquardt import ITERATIONS, TOLERANCE, minimize
 from rovid.estimate.objective import Key, NegativeLogLikelihood
-from rovid.estimate.whiteness import is_white, whitening_gain
 from rovid.model.model import Model
 from rovid.model.simulation import fit_measures, simulated_rate
 from rovid.trial.vehicle import PLAUSIBLE_INERTIA_RATIO

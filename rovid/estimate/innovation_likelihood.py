@@ -1,4 +1,4 @@
-"""The misfit of each next reading: innovations of an extended Kalman filter."""
+"""Negative log-likelihood of the innovations of an extended Kalman filter."""
 
 from __future__ import annotations
 
@@ -14,8 +14,7 @@ from rovid.core.array_types import FloatArray
 from rovid.core.spmd import parallel_map
 from rovid.core.threads import thread_map
 from rovid.effects.base import Term
-from rovid.estimate.data_chunk import DataChunk
-from rovid.estimate.filter_data import InnovationData
+from rovid.estimate.filter_data import DataChunk, InnovationData
 from rovid.estimate.fisher_information import Innovations
 from rovid.estimate.objective import NegativeLogLikelihood
 from rovid.estimate.parametrization import COMMON, DISTURBANCE, MEMORY, NOISE, Parametrization
@@ -24,22 +23,22 @@ from rovid.model.filter_batch import FilterInputs, ParameterBatch
 from rovid.model.model import Model
 
 One = TypeVar("One")
-# A disturbance is at its limit where its logarithm is nearer to that.
-_NEAR = 1e-3
-# By so much log-likelihood, as nineteen of twenty have it.
-_LESS_LIKELY = 2.0
+# Distance of the logarithm of the disturbance from its limit within which it counts as at the limit.
+_LIMIT_TOLERANCE = 1e-3
+# Loss of log-likelihood (nats) at half the disturbance that shows the limit to be active; about a 95 % interval.
+_LOSS_AT_HALF = 2.0
 
 
 @dataclass(frozen=True, eq=False)
 class InnovationLikelihood(NegativeLogLikelihood):
-    """Negative log-likelihood of each next reading, predicted from all before it.
+    """Negative log-likelihood of each reading, predicted from all readings before it; docs/method.md, (12).
 
-    The filter passes over readings that do not count all the same.
+    Masked readings still update the filter.
 
     Attributes
     ----------
-    portion
-        Which portion of the records is looked at; None for all.
+    chunk
+        Number of the chunk of the data that is evaluated; None for all.
     """
 
     data: InnovationData
@@ -53,19 +52,19 @@ class InnovationLikelihood(NegativeLogLikelihood):
 
     @cached_property
     def parametrization(self) -> Parametrization:
-        """Within physical bounds, and the disturbance below its limit."""
+        """Coordinates within physical bounds, and the disturbance below its limit."""
         return Parametrization.of(self.data, self.effects, self.limit)
 
     @cached_property
     def chunks(self) -> list[Self]:
-        """The same of each portion of the records."""
+        """The objective of each chunk of the data."""
         if len(self.data_chunks) == 1:
             return [self]
         return [replace(self, chunk=number) for number in range(len(self.data_chunks))]
 
     @cached_property
     def rows(self) -> slice:
-        """Which of the innovations that count these are."""
+        """Rows of these innovations among the used ones."""
         begin, end = self.data_chunks[0].rows.start, self.data_chunks[-1].rows.stop
         if self.mask is None:
             return slice(begin, end)
@@ -74,13 +73,13 @@ class InnovationLikelihood(NegativeLogLikelihood):
 
     @property
     def data_chunks(self) -> list[DataChunk]:
-        """Portions of the records, one after the other."""
-        portions = self.data.chunks
-        return portions if self.chunk is None else [portions[self.chunk]]
+        """The chunks of the data that are evaluated."""
+        chunks = self.data.chunks
+        return chunks if self.chunk is None else [chunks[self.chunk]]
 
     @property
     def weight(self) -> float:
-        """One: each innovation is news."""
+        """1: innovations are independent."""
         return 1.0
 
     @property
@@ -88,31 +87,48 @@ class InnovationLikelihood(NegativeLogLikelihood):
         """None."""
         return ()
 
+    @cached_property
+    def batch_key(self) -> Hashable:
+        """The filter and the kinds of terms, which all lanes of a pass share."""
+        model = self.parametrization.model(self.parametrization.initial())
+        return self.has_oscillator, len(model.wave_parameters), *model.terms.kinds.tolist()
+
+    @property
+    def has_oscillator(self) -> bool:
+        """Whether the filter has two more states for an oscillating effect."""
+        return any(effect.oscillatory for effect in self.effects)
+
+    def noise_parameters(self, x: FloatArray) -> FloatArray:
+        """(4,) as in `rovid.model.filter_batch.ParameterBatch`."""
+        sizes = np.exp(x[DISTURBANCE:COMMON])
+        return np.array([*sizes, sizes[2] if self.data.rate_only else self.data.gyro_noise])
+
     def evaluate(self, points: Sequence[FloatArray]) -> list[Innovations]:
-        """Of each of the (p,) ``points``, (N,) innovations in rad or m, and rad/s or m/s, with their variances."""
+        """For each of the (p,) ``points``, (N,) innovations in rad or m, and rad/s or m/s, with their variances."""
         pairs = [(self, x) for x in points]
-        return [one for few in _by(LANES, pairs) for one in _side_by_side(few)]
+        return [one for few in _groups(LANES, pairs) for one in _evaluate_batch(few)]
 
     def evaluate_nearby(
         self, x: FloatArray, near: Sequence[FloatArray], centre: Innovations | None = None
     ) -> list[Innovations]:
-        """As `innovations_of`, of ``x`` and points so ``near`` that differences count; at ``x`` they are ``centre``.
+        """As `evaluate`, at ``x`` and at ``near`` points for finite differences; ``centre`` is the known value at x.
 
-        Filters side by side take the same steps. So each few points have ``x`` beside them, and what they differ from
-        it by is free of what a step more or less would make of them.
+        All lanes of a pass take the same integration steps. So ``x`` is one lane of each pass, and differences are
+        taken within the pass, where a changed number of steps cancels.
         """
         if not near:
             return [self.innovations(x) if centre is None else centre]
-        groups = _by(LANES - 1, near)
-        # Where a pass takes long its results are sooner told to another process than worked out by it.
-        among = parallel_map if self._is_slow else thread_map
-        found = among(lambda few: _side_by_side([(self, point) for point in (x, *few)]), groups)
+        groups = _groups(LANES - 1, near)
+        # A slow pass is worth sending its results between processes.
+        slow = self.has_oscillator or any(isinstance(effect.acts, Term) for effect in self.effects)
+        run = parallel_map if slow else thread_map
+        found = run(lambda few: _evaluate_batch([(self, point) for point in (x, *few)]), groups)
         first = found[0][0] if centre is None else centre
-        # Of a model that runs away both may be infinite.
+        # Both may be infinite where the model diverges.
         with np.errstate(over="ignore", invalid="ignore"):
-            for own, *others in found[0 if first is not found[0][0] else 1 :]:
+            for own, *others in found[1 if centre is None else 0 :]:
                 for side in others:
-                    # In place: there are many of them, and nobody else has them.
+                    # In place: the arrays are large, and nothing else refers to them.
                     for here, there, series in zip(own, first, side, strict=True):
                         np.subtract(series, here, out=series)
                         np.add(series, there, out=series)
@@ -120,124 +136,102 @@ class InnovationLikelihood(NegativeLogLikelihood):
 
     @classmethod
     def evaluate_each(cls, pairs: Sequence[tuple[Self, FloatArray]]) -> list[Innovations]:
-        """As `innovations_of`, of misfits of the same records, each at a point of its own; on all cores at once."""
-        alike: dict[Hashable, list[int]] = {}
-        for at, (misfit, _) in enumerate(pairs):
-            alike.setdefault(misfit.batch_key, []).append(at)
-        groups = [few for places in alike.values() for few in _by(LANES, places)]
+        """As `evaluate`, of objectives of the same data, each at a point of its own, on all cores."""
+        by_key: dict[Hashable, list[int]] = {}
+        for at, (objective, _) in enumerate(pairs):
+            by_key.setdefault(objective.batch_key, []).append(at)
+        groups = [few for places in by_key.values() for few in _groups(LANES, places)]
         found: dict[int, Innovations] = {}
-        every = thread_map(lambda few: _side_by_side([pairs[at] for at in few]), groups)
+        every = thread_map(lambda few: _evaluate_batch([pairs[at] for at in few]), groups)
         for few, series in zip(groups, every, strict=True):
             found.update(zip(few, series, strict=True))
         return [found[at] for at in range(len(pairs))]
 
-    @cached_property
-    def batch_key(self) -> Hashable:
-        """The filter and the terms, which all lanes of a pass share."""
-        model = self.parametrization.model(self.parametrization.initial())
-        return self.has_oscillator, len(model.wave_parameters), *model.terms.kinds.tolist()
-
-    @property
-    def has_oscillator(self) -> bool:
-        """Whether two states more have to be filtered."""
-        return any(effect.oscillatory for effect in self.effects)
-
-    @cached_property
-    def _is_slow(self) -> bool:
-        """Whether a pass takes much longer than that of the plain model."""
-        return self.has_oscillator or any(isinstance(effect.acts, Term) for effect in self.effects)
-
-    def noise_parameters(self, x: FloatArray) -> FloatArray:
-        """(4,) as `rovid.model.filter_batch.Abreast` takes it."""
-        sizes = np.exp(x[DISTURBANCE:COMMON])
-        return np.array([*sizes, sizes[2] if self.data.rate_only else self.data.gyro_noise])
-
     def held_out_values(self, tests: Sequence[Self], fits: Sequence[FloatArray]) -> list[float]:
-        """Cost of each of ``tests`` with the coordinates that were fitted to others."""
-        costs = np.zeros(len(tests))
-        for portions in zip(*(test.chunks for test in tests), strict=True):
-            found = self.evaluate_each(list(zip(portions, fits, strict=True)))
-            costs += [portion.cost_of(here) for portion, here in zip(portions, found, strict=True)]
-        return costs.tolist()
+        """Value of each of the ``tests`` at coordinates fitted to other innovations."""
+        values = np.zeros(len(tests))
+        for chunks in zip(*(test.chunks for test in tests), strict=True):
+            found = self.evaluate_each(list(zip(chunks, fits, strict=True)))
+            values += [chunk.value_of(here) for chunk, here in zip(chunks, found, strict=True)]
+        return values.tolist()
 
-    def reweighted(self, model: Model) -> Self:  # noqa: ARG002 - as every misfit
-        """Itself: each innovation is news."""
+    def reweighted(self, model: Model) -> Self:  # noqa: ARG002 - as every objective
+        """Itself: innovations are independent."""
         return self
 
     def split_horizons(self) -> None:
-        """None: all look at the next reading."""
+        """None: all are one-step predictions."""
 
     def at_limit(self, x: FloatArray) -> bool:
-        """Whether the disturbance would be larger if it might: it is at its limit, and half of that is less likely.
+        """Whether the disturbance is at its limit and half of it is less likely.
 
-        Where waves or an effect explain all, any size does.
+        Where waves or an effect explain everything, any size of the disturbance is as likely.
         """
-        if x[DISTURBANCE] <= self.parametrization.high[DISTURBANCE] - _NEAR:
+        if x[DISTURBANCE] <= self.parametrization.high[DISTURBANCE] - _LIMIT_TOLERANCE:
             return False
         half = x - math.log(2.0) * (np.arange(len(x)) == DISTURBANCE)
         here, there = self.values([x, half])
-        return there - here > _LESS_LIKELY
+        return there - here > _LOSS_AT_HALF
 
     def disturbance(self, x: FloatArray) -> tuple[float, float]:
-        """Standard deviation of the disturbance torque in N m, and its memory in s."""
+        """Standard deviation of the disturbance torque in N m, and its correlation time in s."""
         return math.exp(x[DISTURBANCE]), math.exp(x[MEMORY])
 
     def disturbance_rate_std(self, x: FloatArray) -> float:
-        """Standard deviation of the rate that the disturbance drives, about the usual rate."""
+        """Standard deviation of the rate that the disturbance causes, at the RMS rate."""
         torque, memory = self.disturbance(x)
         return torque * self.parametrization.model(x).rate_std_per_torque(self.data.rms_rate, memory)
 
     def position_noise(self, x: FloatArray) -> float:
-        """Standard deviation of the noise of what is measured."""
+        """Standard deviation of the measurement noise."""
         return math.exp(x[NOISE])
 
 
-def _by(count: int, every: Sequence[One]) -> list[Sequence[One]]:
-    """Cut into so many each."""
+def _groups(count: int, every: Sequence[One]) -> list[Sequence[One]]:
+    """Consecutive groups of up to ``count`` elements."""
     return [every[first : first + count] for first in range(0, len(every), count)]
 
 
-def _side_by_side(pairs: Sequence[tuple[InnovationLikelihood, FloatArray]]) -> list[Innovations]:
-    """Innovations of up to LANES models of the same terms and the same records, by one pass over the readings."""
-    portions = [misfit.chunks for misfit, _ in pairs]
-    if len(portions[0]) == 1:
-        return _passed(pairs)
-    joined = [Innovations.empty(misfit.rows.stop) for misfit, _ in pairs]
+def _evaluate_batch(pairs: Sequence[tuple[InnovationLikelihood, FloatArray]]) -> list[Innovations]:
+    """Innovations of up to LANES models with the same terms and the same data, by one pass over all readings."""
+    chunks = [objective.chunks for objective, _ in pairs]
+    if len(chunks[0]) == 1:
+        return _filter_chunk(pairs)
+    joined = [Innovations.empty(objective.rows.stop) for objective, _ in pairs]
 
-    def passed(each: Sequence[InnovationLikelihood]) -> None:
-        few = [(portion, x) for portion, (_, x) in zip(each, pairs, strict=True)]
-        for portion, all_of_it, found in zip(each, joined, _passed(few), strict=True):
-            all_of_it.error[portion.rows], all_of_it.variance[portion.rows] = found
+    def fill(each: Sequence[InnovationLikelihood]) -> None:
+        few = [(chunk, x) for chunk, (_, x) in zip(each, pairs, strict=True)]
+        for chunk, whole, found in zip(each, joined, _filter_chunk(few), strict=True):
+            whole.error[chunk.rows], whole.variance[chunk.rows] = found
 
-    thread_map(passed, list(zip(*portions, strict=True)))
+    thread_map(fill, list(zip(*chunks, strict=True)))
     return joined
 
 
-def _passed(pairs: Sequence[tuple[InnovationLikelihood, FloatArray]]) -> list[Innovations]:
-    """As `_side_by_side`, of misfits of one portion."""
+def _filter_chunk(pairs: Sequence[tuple[InnovationLikelihood, FloatArray]]) -> list[Innovations]:
+    """As `_evaluate_batch`, of objectives of one chunk."""
     from rovid.model.kernels import ekf3_innovations, ekf5_innovations
 
     first = pairs[0][0]
-    (portion,) = first.data_chunks
-    # What is left over is worked out again beside the last.
-    every = [pairs[min(at, len(pairs) - 1)] for at in range(LANES)]
-    models = [misfit.parametrization.model(x) for misfit, x in pairs]
+    (chunk,) = first.data_chunks
+    # Unused lanes repeat the last model.
+    filled = [pairs[min(at, len(pairs) - 1)] for at in range(LANES)]
+    models = [objective.parametrization.model(x) for objective, x in pairs]
     models += models[-1:] * (LANES - len(pairs))
-    seen = [portion.corrected_angle(model) for model in models]
-    driven = FilterInputs.stack([portion.torque_input(model) for model in models], [one.angle for one in seen])
-    abreast = ParameterBatch.stack(models, [misfit.noise_parameters(x) for misfit, x in every])
-    errors, variances = (ekf5_innovations if first.has_oscillator else ekf3_innovations)(
-        portion.filter_data, driven, abreast
-    )
+    corrected = [chunk.corrected_angle(model) for model in models]
+    inputs = FilterInputs.stack([chunk.torque_input(model) for model in models], [one.angle for one in corrected])
+    batch = ParameterBatch.stack(models, [objective.noise_parameters(x) for objective, x in filled])
+    kernel = ekf5_innovations if first.has_oscillator else ekf3_innovations
+    errors, variances = kernel(chunk.filter_data, inputs, batch)
     found = []
-    for (misfit, _), error, variance, (_, slope) in zip(pairs, errors, variances, seen, strict=False):
+    for (objective, _), error, variance, (_, slope) in zip(pairs, errors, variances, corrected, strict=False):
         if slope is not None:
-            # The density is that of the measured heading, whatever it deviates by.
-            told = portion.innovation_index
-            gain = np.where(told % 2, 1.0, slope[told // 2])
+            # The likelihood is that of the measured heading, including its deviation.
+            index = chunk.innovation_index
+            gain = np.where(index % 2, 1.0, slope[index // 2])
             error, variance = error * gain, variance * gain**2  # noqa: PLW2901 - of the same innovations
-        if misfit.mask is not None:
-            counted = misfit.mask[portion.rows]
-            error, variance = error[counted], variance[counted]  # noqa: PLW2901 - likewise
+        if objective.mask is not None:
+            used = objective.mask[chunk.rows]
+            error, variance = error[used], variance[used]  # noqa: PLW2901 - likewise
         found.append(Innovations(error, variance))
     return found

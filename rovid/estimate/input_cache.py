@@ -1,4 +1,4 @@
-"""What drives the runs of a campaign, worked out once for a model."""
+"""Torque inputs of all runs, with the resolved commands cached between models."""
 
 from __future__ import annotations
 
@@ -20,45 +20,46 @@ from rovid.signals.preprocessing import Run
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Vehicle
 
-# Of the position's noise: so much of an angle may be lost by a mean torque.
-_LOST = 0.1
-# What was commanded, as finely as models asked for it: that of logs of hours takes more than there is room for.
-_GIVEN = SizedCache(96_000_000, evict_randomly=True)
-# For so many steps at least a change of a command is looked at closely, or so many times as long, or as long again.
-_FRESH, _LONGER = 5.0, 4.0
+# Largest error of an angle from averaging the torque over an interval, as a share of the position noise.
+_MAX_ANGLE_ERROR = 0.1
+# Resolved commands of all input caches. Those of logs of hours take more than there is room for.
+_COMMANDS = SizedCache(96_000_000, evict_randomly=True)
+# Shortest transient after a change of a command that is resolved finely, in steps, and the factor between the
+# transients that are distinguished. Few distinct transients let models share commands.
+_LEAST_TRANSIENT, _TRANSIENT_FACTOR = 5.0, 4.0
 
 
-class _Given(NamedTuple):
-    """What was commanded, and between which steps it drives; None for between its instants."""
+class _StepCommands(NamedTuple):
+    """Commands of all runs, and the intervals between steps; None for those between the commands' own instants."""
 
-    commanded: CommandSeries
+    commands: CommandSeries
     between: Intervals | None
 
     @property
     def nbytes(self) -> int:
-        """Bytes, about."""
-        return self.commanded.nbytes + (0 if self.between is None else self.between.nbytes)
+        """Bytes, approximately."""
+        return self.commands.nbytes + (0 if self.between is None else self.between.nbytes)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class InputCache:
-    """What drives some runs.
+    """Torque inputs of some runs.
 
     Attributes
     ----------
     vehicle
-        None where effects between command and torque have nothing to act on.
+        None where no effect may act between command and torque.
     inertia
-        kg m^2, about.
+        Approximate inertia, kg m^2.
     position_noise
-        Standard deviation of the noise of what is measured.
+        Standard deviation of the measured position.
     steps
-        (n,) of each run, at which of the log's instants it is looked at; None for all.
-    means_alone
-        Whether the mean torque from each of some instants to the next is all that is wanted, see `chosen`; else that
-        from each step to the next is, and when in between it acts.
-    among
-        That of all runs, where these are some of them: how finely it is looked is told by all.
+        For each run, the (n,) sample numbers of the steps; None for all samples.
+    means_only
+        Whether only mean torques are needed, see `chosen_rows`; else the torque from each step to the next and its
+        timing within.
+    parent
+        The cache of all runs, where this is a subset; it decides on the resolution.
     """
 
     runs: Sequence[Run]
@@ -71,16 +72,16 @@ class InputCache:
     _chosen: dict[int, list[IntArray]] = field(default_factory=dict, init=False, repr=False)
 
     def subset(self, place: slice) -> Self:
-        """Of some of the runs."""
+        """The inputs of some of the runs."""
         steps = None if self.steps is None else self.steps[place]
-        return replace(self, runs=self.runs[place], steps=steps, parent=self._all)
+        return replace(self, runs=self.runs[place], steps=steps, parent=self._root)
 
     @property
-    def _all(self) -> Self:
+    def _root(self) -> Self:
         return self if self.parent is None else self.parent
 
     def at_samples(self, model: Model) -> Iterator[TorqueInput]:
-        """Of each run, at all instants of its log."""
+        """Torque input of each run at all samples of its log."""
         for run in self.runs:
             if self.vehicle is None or model.actuators.is_plain:
                 yield TorqueInput.held(run.torque)
@@ -88,95 +89,92 @@ class InputCache:
                 yield model.torque_input(self.vehicle, run.trial)
 
     def between_steps(self, model: Model) -> TorqueInput:
-        """Of all runs, from each of their steps to the next."""
+        """Torque input of all runs, from each step to the next."""
         if self.vehicle is None or model.actuators.is_plain:
-            return self._held_between
-        return model.actuators.torque_inputs(*self._given(self.vehicle, model))
+            return self._plain
+        return model.actuators.torque_inputs(*self._commands(self.vehicle, model))
 
-    def _given(self, vehicle: Vehicle, model: Model) -> _Given:
-        """What was commanded, as finely as ``model`` asks for."""
-        train, every = model.actuators, self._all
-        parts = 1 if self.means_only and train.has_exact_means else min(every.parts, train.subdivision)
-        fresh_for = every.transient_seconds(train.settling_time(every.change))
-        return _GIVEN.get_or_make((ref(self), parts, fresh_for), lambda: self._commanded(vehicle, parts, fresh_for))
-
-    def _commanded(self, vehicle: Vehicle, parts: int, fresh_for: float) -> _Given:
-        """With intervals cut into so many ``parts`` as long as a change of commands is fresh."""
-        fresh, steps = [_fresh(run.trial, fresh_for) for run in self.runs], self.steps
-        at, cut = self._at(fresh), fresh
-        if at is not None:
-            cut = [here[chosen] for here, chosen in zip(fresh, at, strict=True)]
-            if self.means_only:
-                self._chosen[sum(map(len, at))] = at
-            if steps is not None:
-                steps = [np.searchsorted(here, step) for here, step in zip(at, steps, strict=True)]
-        trials = [run.trial for run in self.runs]
-        commanded = CommandSeries.from_trials(vehicle, trials, parts, at, cut if parts > 1 else None)
-        return _Given(commanded, None if steps is None or self.means_only else commanded.intervals_between(steps))
-
-    def chosen_rows(self, count: int) -> list[IntArray]:
-        """Of each run the instants that a drive of so many in all is of, where they are not all that there are."""
-        return self._chosen[count]
-
-    def _at(self, fresh: Sequence[BoolArray]) -> list[IntArray] | None:
-        """Of each run its ends, its steps and whatever is ``fresh``; None for all instants."""
-        if self.steps is None:
-            return None
-        at = []
-        for here, steps in zip(fresh, self.steps, strict=True):
-            telling = here.copy()
-            telling[[0, -1]] = telling[steps] = True
-            at.append(np.flatnonzero(telling))
-        return None if sum(map(len, at)) == sum(map(len, fresh)) else at
-
-    def transient_seconds(self, settles: float) -> float:
-        """How long a change of commands is looked at closely, in s: as long as it takes, or longer.
-
-        There are few such times, so that much is shared by models that are compared.
-        """
-        least = _FRESH * self._apart
-        if settles <= least:
-            return least
-        return least * _LONGER ** math.ceil(math.log(settles / least, _LONGER)) if settles < math.inf else settles
+    def _commands(self, vehicle: Vehicle, model: Model) -> _StepCommands:
+        """Commands at the resolution that ``model`` needs."""
+        actuators, root = model.actuators, self._root
+        parts = 1 if self.means_only and actuators.has_exact_means else min(root.parts, actuators.subdivision)
+        transient = root.transient_seconds(actuators.settling_time(root.largest_change))
+        return _COMMANDS.get_or_make((ref(self), parts, transient), lambda: self._resolve(vehicle, parts, transient))
 
     @cached_property
-    def _apart(self) -> float:
-        """How far apart steps are, in s, mostly."""
-        if self.steps is None:
-            return float(np.median([run.trial.sampling_interval for run in self.runs]))
-        pairs = zip(self.runs, self.steps, strict=True)
-        return float(np.median(np.concatenate([np.diff(run.trial.time[at]) for run, at in pairs])))
-
-    @cached_property
-    def change(self) -> float:
-        """The most by which a command may change."""
-        commands = [run.trial.commands for run in self.runs]
-        return max(float(np.max(np.ptp(here, axis=0), initial=0.0)) for here in commands)
-
-    @cached_property
-    def _held_between(self) -> TorqueInput:
+    def _plain(self) -> TorqueInput:
+        """Torque input by the bench curves."""
         torques = [run.torque for run in self.runs]
         held = np.concatenate(torques)
         if self.steps is None or self.means_only:
             return TorqueInput.held(held, begins=np.cumsum([0, *map(len, torques)]))
         return TorqueInput.averaged_over(Intervals.from_times([run.trial.time for run in self.runs], self.steps), held)
 
+    def _resolve(self, vehicle: Vehicle, parts: int, transient: float) -> _StepCommands:
+        """Commands with intervals cut into ``parts`` for ``transient`` s after each change."""
+        fresh, steps = [_is_transient(run.trial, transient) for run in self.runs], self.steps
+        rows, cut = self._needed_rows(fresh), fresh
+        if rows is not None:
+            cut = [here[chosen] for here, chosen in zip(fresh, rows, strict=True)]
+            if self.means_only:
+                self._chosen[sum(map(len, rows))] = rows
+            if steps is not None:
+                steps = [np.searchsorted(here, step) for here, step in zip(rows, steps, strict=True)]
+        trials = [run.trial for run in self.runs]
+        commands = CommandSeries.from_trials(vehicle, trials, parts, rows, cut if parts > 1 else None)
+        return _StepCommands(commands, None if steps is None or self.means_only else commands.intervals_between(steps))
+
+    def _needed_rows(self, fresh: Sequence[BoolArray]) -> list[IntArray] | None:
+        """For each run, the samples at its ends, at its steps and in a transient; None for all samples."""
+        if self.steps is None:
+            return None
+        rows = []
+        for here, steps in zip(fresh, self.steps, strict=True):
+            needed = here.copy()
+            needed[[0, -1]] = needed[steps] = True
+            rows.append(np.flatnonzero(needed))
+        return None if sum(map(len, rows)) == sum(map(len, fresh)) else rows
+
+    def chosen_rows(self, count: int) -> list[IntArray]:
+        """For each run, the samples of a torque input with ``count`` values in all, fewer than the log has."""
+        return self._chosen[count]
+
+    def transient_seconds(self, settling_time: float) -> float:
+        """Time in s after a change of commands that is resolved finely: the ``settling_time`` or longer."""
+        least = _LEAST_TRANSIENT * self._step_seconds
+        if settling_time <= least:
+            return least
+        if math.isinf(settling_time):
+            return settling_time
+        return least * _TRANSIENT_FACTOR ** math.ceil(math.log(settling_time / least, _TRANSIENT_FACTOR))
+
+    @cached_property
+    def _step_seconds(self) -> float:
+        """Median interval between steps, s."""
+        if self.steps is None:
+            return float(np.median([run.trial.sampling_interval for run in self.runs]))
+        pairs = zip(self.runs, self.steps, strict=True)
+        return float(np.median(np.concatenate([np.diff(run.trial.time[at]) for run, at in pairs])))
+
+    @cached_property
+    def largest_change(self) -> float:
+        """Largest possible change of a command."""
+        commands = [run.trial.commands for run in self.runs]
+        return max(float(np.max(np.ptp(here, axis=0), initial=0.0)) for here in commands)
+
     @cached_property
     def parts(self) -> int:
-        """How finely a torque that changes between two samples has to be known.
-
-        What a mean in its place does to the angle is to be lost in the position's noise.
-        """
+        """Parts per sampling interval that keep the angle's error from averaging the torque below the noise."""
         period = float(np.median([run.trial.sampling_interval for run in self.runs]))
-        most = max(float(np.max(np.abs(run.torque))) for run in self.runs)
-        # A parabola over the interval and its chord are so far apart in the middle.
-        lost = most / self.inertia * period**2 / 8.0
-        parts = math.ceil(math.sqrt(lost / (_LOST * self.position_noise)))
+        largest = max(float(np.max(np.abs(run.torque))) for run in self.runs)
+        # Distance in the middle between a parabola over the interval and its chord.
+        error = largest / self.inertia * period**2 / 8.0
+        parts = math.ceil(math.sqrt(error / (_MAX_ANGLE_ERROR * self.position_noise)))
         return int(np.clip(parts, 1, MAX_SUBDIVISION))
 
 
-def _fresh(trial: Trial, seconds: float) -> BoolArray:
-    """(n,) which instants of ``trial`` are no later than so many after a change of a command."""
+def _is_transient(trial: Trial, seconds: float) -> BoolArray:
+    """(n,) whether each sample of ``trial`` is at most so many ``seconds`` after a change of a command."""
     count = len(trial.time)
     changed = np.concatenate(([False], (np.diff(trial.commands, axis=0) != 0.0).any(axis=1)))
     latest = np.maximum.accumulate(np.where(changed, np.arange(count), -1))

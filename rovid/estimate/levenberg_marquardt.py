@@ -1,4 +1,20 @@
-"""How to climb a likelihood: Fisher scoring with Levenberg-Marquardt steps, within bounds."""
+"""Fisher scoring with Levenberg-Marquardt damping and bounds.
+
+One step s from x solves the damped normal equations (docs/method.md, (13))
+
+    (J_FF + lambda diag(J_FF)) s_F = -g_F,        s_i = 0 for i not in F,
+
+with g the gradient and J the Fisher information of the negative log-likelihood at x, and lambda the damping of
+Marquardt (1963). F is the active set of free coordinates: a coordinate at its lower (upper) bound is not in F where -g
+or the solved step points below (above) that bound. Solving and removing such coordinates repeat until no coordinate
+leaves its bounds. The step is shortened until no logarithmic coordinate changes by more than one, and x + s is clipped
+to the bounds.
+
+J is corrected by BFGS updates over the last steps (docs/method.md, (14); Nocedal and Wright 2006, equation 6.19), since
+the Fisher information underestimates the curvature far from white innovations. lambda falls tenfold after a step whose
+gain exceeds three quarters of the expected gain -(g's + s'Js/2), and rises tenfold after a smaller gain than 0.4 of it
+(Nocedal and Wright 2006, section 10.3).
+"""
 
 from __future__ import annotations
 
@@ -18,45 +34,46 @@ from rovid.estimate.parametrization import LOGARITHMS
 if TYPE_CHECKING:
     from rovid.estimate.objective import NegativeLogLikelihood
 
+# Steps, and the least gain of log-likelihood (nats) for which another step is taken.
 ITERATIONS, TOLERANCE = 60, 0.01
-# Share of the information's diagonal that is added to it (Marquardt): at first, at least, and where a step is given up.
-_FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-7, 1e6
-# So many times as much after a step that failed or gained little, and after one that gained what it promised.
+# Damping lambda: of the first step, the least, and the largest that is tried.
+_FIRST_DAMPING, _LEAST_DAMPING, _MAX_DAMPING = 1e-3, 1e-7, 1e6
+# Factors on the damping after a poor and after a good step.
 _MORE_DAMPING, _LESS_DAMPING = 10.0, 0.1
-# What a step gains, by what was expected of it: above the one the slopes are believed more, below the other less.
-_AS_PROMISED, _TOO_LITTLE = 0.75, 0.4
-# No step changes a logarithm by more: far from the top the slopes promise too much.
-_LONGEST = 1.0
-# Curvature of less than this share of the promised is noise of the slopes.
+# Ratios of the actual to the expected gain above which a step is good and below which it is poor.
+_GOOD_STEP, _POOR_STEP = 0.75, 0.4
+# Largest change of a logarithmic coordinate in one step.
+_MAX_LOG_CHANGE = 1.0
+# Least ratio of the measured to the expected curvature for a BFGS update. Below it the difference is noise.
 _LEAST_CURVATURE = 1e-3
-# A goal that so many steps like the last would not reach is out of reach.
-_OUT_OF_REACH = 10.0
-# Even a coordinate along which nothing changes has to be solved for: by this share of the largest.
+# A goal is unreachable if this many steps like the last would not reach it.
+_STEPS_TO_GOAL = 10.0
+# Floor of the diagonal, relative to its largest element, which keeps coordinates without information solvable.
 _FLOOR = 1e-12
 
 
 class StopReason(Enum):
-    """Why a climb ended."""
+    """Why the optimiser stopped."""
 
-    CONVERGED = "no more than the tolerance is left to gain"
-    NO_PROGRESS = "no step gains anything, though the slopes promise it"
-    MAX_ITERATIONS = "as many steps as were allowed were taken"
-    GOAL_UNREACHABLE = "so much is lacking to a goal that many such steps would not reach it"
-    DIVERGED = "the model runs away: there are no slopes"
+    CONVERGED = "the gain still expected is below the tolerance"
+    NO_PROGRESS = "no step reduces the objective although the gradient promises it"
+    MAX_ITERATIONS = "the maximum number of steps was taken"
+    GOAL_UNREACHABLE = "ten more steps like the last would not reach the goal"
+    DIVERGED = "the model diverges, so there is no gradient"
 
 
 @dataclass(frozen=True, eq=False)
 class OptimizeResult:
-    """Where a climb ended and why.
+    """Result of `minimize`.
 
     Attributes
     ----------
     x
         (p,) coordinates.
-    cost
+    value
         Negative log-likelihood there.
-    left
-        So much of it at most is taken to be still to be gained from there on.
+    remaining_gain
+        Upper estimate of the log-likelihood still to be gained.
     """
 
     x: FloatArray
@@ -67,97 +84,93 @@ class OptimizeResult:
 
 @dataclass(eq=False)
 class _Point:
-    """Coordinates with what is known there, and the damping of the step from there."""
+    """Coordinates, their evaluations (None once used), the objective, and the damping of the next step."""
 
     x: FloatArray
     known: tuple[Innovations, list[Innovations]] | None
-    cost: float
+    value: float
     damping: float
-
-    @classmethod
-    def at(cls, misfit: NegativeLogLikelihood, x: FloatArray, damping: float) -> _Point:
-        known = misfit.evaluate_with_spare(x)
-        return cls(x, known, misfit.value_of(known[0]), damping)
 
 
 def minimize(
-    misfit: NegativeLogLikelihood,
+    objective: NegativeLogLikelihood,
     start: FloatArray,
     *,
     iterations: int = ITERATIONS,
     tolerance: float = TOLERANCE,
     goal: float = math.inf,
 ) -> OptimizeResult:
-    """Most likely coordinates from (p,) ``start``, by Fisher scoring within the bounds.
+    """Minimise the negative log-likelihood within its bounds, from (p,) ``start``; see the module for the algorithm.
 
-    Ends when less than ``tolerance`` of log-likelihood is still to be gained, or where the cost will not come down to
-    the ``goal``.
+    Stops when the expected gain falls below ``tolerance``, or when the value will not reach the ``goal``.
     """
-    bounds = misfit.parametrization.bounds
-    here, end = _Point.at(misfit, np.clip(start, *bounds), _FIRST_DAMPING), StopReason.MAX_ITERATIONS
-    gained = math.inf
-    # Points and gradients of before.
-    been: list[tuple[FloatArray, FloatArray]] = []
+    (here,) = _evaluate(objective, [np.clip(start, *objective.parametrization.bounds)], [_FIRST_DAMPING])
+    stop_reason, gained = StopReason.MAX_ITERATIONS, math.inf
+    # Points and gradients of the last steps.
+    history: list[tuple[FloatArray, FloatArray]] = []
     for _ in range(iterations):
-        gradient, information = NormalEquations.from_jacobians(misfit.jacobian(here.x, here.known))
-        # Of long logs it takes much, and has served.
+        gradient, information = NormalEquations.from_jacobians(objective.jacobian(here.x, here.known))
+        # Evaluations of long logs take much memory and are not needed again.
         here.known = None
         if not np.isfinite(information).all():
-            end = StopReason.DIVERGED
+            stop_reason = StopReason.DIVERGED
             break
-        been = [*been, (here.x, gradient)][-misfit.bfgs_pairs - 1 :]
-        information = with_bfgs_updates(information, been)
-        ahead = _step(misfit, here, gradient, information, tolerance)
+        history = [*history, (here.x, gradient)][-objective.bfgs_pairs - 1 :]
+        information = with_bfgs_updates(information, history)
+        ahead = _step(objective, here, gradient, information, tolerance)
         if isinstance(ahead, StopReason):
-            end = ahead
+            stop_reason = ahead
             break
-        gained, here = here.cost - ahead.cost, ahead
+        gained, here = here.value - ahead.value, ahead
         if gained < tolerance:
-            end = StopReason.CONVERGED
+            stop_reason = StopReason.CONVERGED
             break
-        if here.cost - goal > _OUT_OF_REACH * gained:
-            end = StopReason.GOAL_UNREACHABLE
+        if here.value - goal > _STEPS_TO_GOAL * gained:
+            stop_reason = StopReason.GOAL_UNREACHABLE
             break
-    # Where no step gained anything or there were no slopes, none will; and short steps tell little of what is left.
-    more = _OUT_OF_REACH * gained if here.damping <= _FIRST_DAMPING else math.inf
-    left = {StopReason.CONVERGED: tolerance, StopReason.NO_PROGRESS: 0.0, StopReason.DIVERGED: 0.0}.get(end, more)
-    return OptimizeResult(here.x, here.cost, end, left)
+    # The gain of a strongly damped step says little about the remaining gain.
+    more = _STEPS_TO_GOAL * gained if here.damping <= _FIRST_DAMPING else math.inf
+    stopped = {StopReason.CONVERGED: tolerance, StopReason.NO_PROGRESS: 0.0, StopReason.DIVERGED: 0.0}
+    return OptimizeResult(here.x, here.value, stop_reason, stopped.get(stop_reason, more))
 
 
 def _step(
-    misfit: NegativeLogLikelihood, here: _Point, gradient: FloatArray, information: FloatArray, tolerance: float
+    objective: NegativeLogLikelihood, here: _Point, gradient: FloatArray, information: FloatArray, tolerance: float
 ) -> _Point | StopReason:
-    """A point that costs less; where no step is worth it, why the climb ends."""
-    bounds, damping, count = misfit.parametrization.bounds, here.damping, 1
-    while damping < _MOST_DAMPING:
+    """The next point, or why no step is worth taking."""
+    bounds, damping, count = objective.parametrization.bounds, here.damping, 1
+    while damping < _MAX_DAMPING:
         dampings = [damping * _MORE_DAMPING**more for more in range(count)]
         steps = [_shortened(bounded_step(here.x, gradient, information, one, bounds)) for one in dampings]
-        ahead = _points(misfit, [np.clip(here.x + step, *bounds) for step in steps], dampings)
-        at = min(range(count), key=lambda at: ahead[at].cost)
-        best, promised = ahead[at], [-float(gradient @ step) for step in steps]
-        if best.cost < here.cost:
-            expected = promised[at] - 0.5 * float(steps[at] @ information @ steps[at])
-            ratio = (here.cost - best.cost) / max(expected, 1e-300)
+        ahead = _evaluate(objective, [np.clip(here.x + step, *bounds) for step in steps], dampings)
+        at = min(range(count), key=lambda at: ahead[at].value)
+        best, linear_gains = ahead[at], [-float(gradient @ step) for step in steps]
+        if best.value < here.value:
+            expected = linear_gains[at] - 0.5 * float(steps[at] @ information @ steps[at])
+            ratio = (here.value - best.value) / max(expected, 1e-300)
             return replace(best, damping=updated_damping(best.damping, ratio))
-        if promised[-1] < tolerance:
+        if linear_gains[-1] < tolerance:
             return StopReason.CONVERGED
-        # Several steps are tried at once where they come free with one.
-        damping, count = dampings[-1] * _MORE_DAMPING, 1 + misfit.simd_slots_left
+        # After a failure, as many dampings are tried as one SIMD pass evaluates.
+        damping, count = dampings[-1] * _MORE_DAMPING, 1 + objective.simd_slots_left
     return StopReason.NO_PROGRESS
 
 
-def _points(misfit: NegativeLogLikelihood, every: Sequence[FloatArray], dampings: Sequence[float]) -> list[_Point]:
-    """The one with all that comes free with it; of several their innovations alone are known."""
-    if len(every) == 1:
-        return [_Point.at(misfit, every[0], dampings[0])]
-    each = zip(every, misfit.evaluate(every), dampings, strict=True)
-    return [_Point(x, (here, []), misfit.value_of(here), damping) for x, here, damping in each]
+def _evaluate(
+    objective: NegativeLogLikelihood, points: Sequence[FloatArray], dampings: Sequence[float]
+) -> list[_Point]:
+    """The points evaluated; a single point with as many derivatives as one SIMD pass evaluates."""
+    if len(points) == 1:
+        known = objective.evaluate_with_spare(points[0])
+        return [_Point(points[0], known, objective.value_of(known[0]), dampings[0])]
+    each = zip(points, objective.evaluate(points), dampings, strict=True)
+    return [_Point(x, (here, []), objective.value_of(here), damping) for x, here, damping in each]
 
 
 def _shortened(step: FloatArray) -> FloatArray:
-    """(p,) ``step``, its share that changes no logarithm by more than is trusted."""
+    """(p,) ``step``, scaled down until no logarithmic coordinate changes by more than its limit."""
     longest = float(np.max(np.abs(step[LOGARITHMS])))
-    return step * min(1.0, _LONGEST / max(longest, 1e-300))
+    return step * min(1.0, _MAX_LOG_CHANGE / max(longest, 1e-300))
 
 
 def bounded_step(
@@ -167,8 +180,8 @@ def bounded_step(
     damping: float,
     bounds: tuple[FloatArray, FloatArray],
 ) -> FloatArray:
-    """Levenberg-Marquardt step from ``x``; coordinates that would leave their lower and upper ``bounds`` stay."""
-    free = ~_outward(x, -gradient, bounds)
+    """(p,) Levenberg-Marquardt step from ``x`` within lower and upper ``bounds``; docs/method.md, (13)."""
+    free = ~_leaves_bounds(x, -gradient, bounds)
     step = np.zeros(len(x))
     size = np.diag(information)
     floor = _FLOOR * float(size.max()) + _FLOOR
@@ -179,40 +192,39 @@ def bounded_step(
         matrix = information[part] + np.diag(damping * size[free] + floor)
         step[:] = 0.0
         step[free] = np.linalg.lstsq(matrix, -gradient[free], rcond=None)[0]
-        # A coordinate at its bound that the others press outward is held there too.
-        out = free & _outward(x, step, bounds)
+        # A coordinate at its bound that the coupled step moves outwards is fixed as well.
+        out = free & _leaves_bounds(x, step, bounds)
         if not out.any():
             break
         free &= ~out
     return step
 
 
-def _outward(x: FloatArray, way: FloatArray, bounds: tuple[FloatArray, FloatArray]) -> BoolArray:
-    """(p,) which coordinates of ``x`` stand at a bound that they would leave this ``way``."""
+def _leaves_bounds(x: FloatArray, direction: FloatArray, bounds: tuple[FloatArray, FloatArray]) -> BoolArray:
+    """(p,) whether each coordinate of ``x`` stands at a bound that the ``direction`` would leave."""
     low, high = bounds
-    return np.asarray(((x <= low) & (way < 0.0)) | ((x >= high) & (way > 0.0)))
+    return np.asarray(((x <= low) & (direction < 0.0)) | ((x >= high) & (direction > 0.0)))
 
 
 def updated_damping(damping: float, ratio: float) -> float:
-    """Damping of the next step, by the ``ratio`` of what the last one gained to what was expected of it."""
-    if ratio > _AS_PROMISED:
+    """Damping of the next step, from the ``ratio`` of the last step's gain to its expected gain."""
+    if ratio > _GOOD_STEP:
         return max(damping * _LESS_DAMPING, _LEAST_DAMPING)
-    if ratio < _TOO_LITTLE:
+    if ratio < _POOR_STEP:
         return damping * _MORE_DAMPING
     return damping
 
 
-def with_bfgs_updates(information: FloatArray, been: Sequence[tuple[FloatArray, FloatArray]]) -> FloatArray:
-    """``information`` with the curvature between the points and gradients of before, last of all the latest.
+def with_bfgs_updates(information: FloatArray, history: Sequence[tuple[FloatArray, FloatArray]]) -> FloatArray:
+    """(p, p) ``information`` with a BFGS update for each step between the points and gradients of the ``history``.
 
-    Far from white innovations the information promises too little of it, and scoring alone crawls. It is told by
-    differences of gradients (BFGS: Nocedal & Wright 2006, section 6.1), which change nothing where it is right.
+    The update changes nothing where the information already predicts the change of the gradient; docs/method.md, (14).
     """
     matrix = information.copy()
-    for (x, gradient), (following, slope) in itertools.pairwise(been):
-        step, change = following - x, slope - gradient
-        expected = matrix @ step
-        met, promised = float(step @ change), float(step @ expected)
-        if met > _LEAST_CURVATURE * promised > 0.0:
-            matrix += np.outer(change, change) / met - np.outer(expected, expected) / promised
+    for (x, gradient), (next_x, next_gradient) in itertools.pairwise(history):
+        step, change = next_x - x, next_gradient - gradient
+        expected_change = matrix @ step
+        measured, expected = float(step @ change), float(step @ expected_change)
+        if measured > _LEAST_CURVATURE * expected > 0.0:
+            matrix += np.outer(change, change) / measured - np.outer(expected_change, expected_change) / expected
     return matrix

@@ -1,9 +1,8 @@
-"""Predictions some time ahead, for models that miss too much to be judged by the next reading.
+"""Multi-step predictions, for models whose errors are too large for one-step predictions.
 
-A user means by a wrong model that it predicts a wrong heading some time ahead. So the position is predicted from many
-restarts over horizons from half to eight time constants of the vehicle. Short horizons say much the same as the next
-reading, long ones as the free run; a restart takes away what drifts, and waves average out. Each horizon counts alike,
-whatever the size of its errors: theirs are the logarithms of mean squares that are added.
+The position is predicted from many restarts over horizons from half to eight time constants of the vehicle. Short
+horizons resemble one-step predictions, long ones the free-running simulation. Restarts remove drift, and waves average
+out. Each horizon has its own error variance, so all horizons count alike.
 """
 
 from __future__ import annotations
@@ -17,28 +16,36 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
 from rovid.estimate.dataset import FitData
-from rovid.estimate.interval_means import IntervalMeans, held_rows
-from rovid.estimate.restart_grid import HORIZONS, MOST_RESTARTS, RESTARTS, GriddedRun, GriddedRuns, Trajectory, grid_run
+from rovid.estimate.restart_grid import (
+    HORIZONS,
+    MAX_RESTARTS,
+    RESTARTS,
+    GriddedRun,
+    IntervalMeans,
+    RestartGrid,
+    Trajectory,
+    held_rows,
+)
 from rovid.model.model import Model
 from rovid.model.torque_input import TorqueInput
 from rovid.signals.rates import resample
 
-# Time constants that a stretch lasts whose errors are taken together.
+# Length of a block in time constants, and the least number of blocks.
 _BLOCK, _BLOCKS = 8.0, 12
-# However long the logs are, what a model's form misses returns in all of them: so many readings are there at most.
-_MOST = 200.0
+# Largest effective number of predictions. The errors of an incomplete model recur however long the logs are.
+_MAX_COUNT = 200.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MultiStepData(FitData):
-    """Predictions of the position from restarts.
+    """Data of the multi-step likelihood: predictions of the position from restarts.
 
     Attributes
     ----------
     time_constant
-        s, of the vehicle; its unit of all times here.
-    share
-        (q,) how much each prediction over a horizon counts, for its neighbours tell much the same.
+        Time constant of the vehicle in s, the unit of horizons.
+    weights
+        (q,) weight of the predictions over each horizon; below 1 because neighbouring predictions are correlated.
     """
 
     time_constant: float
@@ -47,84 +54,105 @@ class MultiStepData(FitData):
     means_only: ClassVar[bool] = True
 
     @classmethod
-    def from_data(cls, records: FitData, model: Model) -> Self:
-        """With the shares that the errors of ``model`` leave."""
-        constant = time_constant(records.initial_model, records.rms_rate)
+    def from_data(cls, data: FitData, model: Model) -> Self:
+        """Predictions along the runs of ``data``, weighted by the correlation of the errors of ``model``."""
         fresh = cls(
-            runs=records.runs,
-            vehicle=records.vehicle,
-            initial_model=records.initial_model,
-            gyro=records.gyro,
-            time_constant=constant,
+            runs=data.runs,
+            vehicle=data.vehicle,
+            initial_model=data.initial_model,
+            gyro=data.gyro,
+            time_constant=time_constant(data.initial_model, data.rms_rate),
             weights=np.ones(len(HORIZONS)),
         )
         return fresh.reweighted(model)
 
     def reweighted(self, model: Model) -> Self:
-        """The same with the shares that the errors of ``model`` leave."""
+        """The same predictions, weighted by the correlation of the errors of ``model``."""
         errors = prediction_errors(self, model, self.torque_between_steps(model))
-        return replace(self, weights=_shares(self, errors))
+        return replace(self, weights=_weights(self.gridded_runs, errors))
 
     @property
     def interval(self) -> float:
-        """Zero: no reading is passed over."""
+        """0: no reading is skipped."""
         return 0.0
 
     @cached_property
     def steps(self) -> list[IntArray]:
-        """(n,) of each run, which of the log's instants what the grid has is held since."""
-        pairs = [(course.run.trial.time, course.time) for course in self.gridded.runs]
-        return [held_rows(time, grid) for time, grid in pairs]
+        """For each run, the (n,) samples that are held at the grid instants."""
+        return [held_rows(gridded.run.trial.time, gridded.time) for gridded in self.gridded_runs]
+
+    @cached_property
+    def gridded_runs(self) -> list[GriddedRun]:
+        """Measured motion of each run on its grid."""
+        total = sum(float(np.ptp(run.trial.time)) for run in self.runs)
+        apart = max(RESTARTS * self.time_constant, total / MAX_RESTARTS)
+        return [GriddedRun.of(run, self.time_constant, apart) for run in self.runs]
+
+    @cached_property
+    def grid(self) -> RestartGrid:
+        """Predictions of all runs."""
+        return RestartGrid.of(self.gridded_runs)
+
+    @cached_property
+    def trajectory(self) -> Trajectory:
+        """Measured motion of all runs, one after the other."""
+        return Trajectory.concatenated([gridded.trajectory for gridded in self.gridded_runs])
+
+    @cached_property
+    def torque(self) -> FloatArray:
+        """(m,) mean torque by the bench curves over each grid interval, N m."""
+        return self.interval_means(np.concatenate([run.torque for run in self.runs]))
+
+    @cached_property
+    def first_positions(self) -> FloatArray:
+        """(r,) first measured position of each run, rad or m."""
+        return np.array([run.trial.first_position for run in self.runs])
 
     def torque_between_steps(self, model: Model) -> TorqueInput:
-        """What drives the runs from each instant that is looked at to the next."""
-        return self._driving.between_steps(model)
+        """Torque input of all runs, from each step to the next."""
+        return self._inputs.between_steps(model)
 
     def interval_means(self, series: FloatArray) -> FloatArray:
-        """(m,) means from each instant of the grids to the next, of an (n,) series at all or at the chosen instants."""
-        if len(series) not in self._means:
-            at = self._driving.chosen_rows(len(series))
-            times = [run.trial.time[here] for run, here in zip(self.runs, at, strict=True)]
-            self._means[len(series)] = IntervalMeans.between_grids(times, [course.time for course in self.gridded.runs])
-        return self._means[len(series)].apply(series)
+        """(m,) means over the grid intervals, of an (n,) series at all samples or at the chosen ones."""
+        count = len(series)
+        if count not in self._interval_means:
+            times = [run.trial.time for run in self.runs]
+            if count != sum(map(len, times)):
+                chosen = self._inputs.chosen_rows(count)
+                times = [time[rows] for time, rows in zip(times, chosen, strict=True)]
+            grids = [gridded.time for gridded in self.gridded_runs]
+            self._interval_means[count] = IntervalMeans.between_grids(times, grids)
+        return self._interval_means[count].apply(series)
 
     @cached_property
-    def _means(self) -> dict[int, IntervalMeans]:
-        """By how many instants they are of."""
-        whole = self.gridded.interval_means
-        return {len(whole.length): whole}
-
-    @cached_property
-    def gridded(self) -> GriddedRuns:
-        """What was measured of each run."""
-        total = sum(float(np.ptp(run.trial.time)) for run in self.runs)
-        between = max(RESTARTS * self.time_constant, total / MOST_RESTARTS)
-        return GriddedRuns([grid_run(run, self.time_constant, between) for run in self.runs])
+    def _interval_means(self) -> dict[int, IntervalMeans]:
+        """By the number of samples of the series."""
+        return {}
 
     @cached_property
     def innovation_spans(self) -> list[tuple[FloatArray, FloatArray]]:
-        """Of each run the (n,) s at which each prediction begins and ends."""
-        return [(course.time[course.grid.starts], course.time[course.grid.ends]) for course in self.gridded.runs]
+        """For each run, the (n,) s at which each prediction begins and ends."""
+        return [(gridded.time[gridded.starts], gridded.time[gridded.ends]) for gridded in self.gridded_runs]
 
     @cached_property
     def horizon(self) -> IntArray:
         """(N,) index of the horizon of each prediction."""
-        return np.concatenate([course.horizon for course in self.gridded.runs])
+        return np.concatenate([gridded.horizon for gridded in self.gridded_runs])
 
     @property
     def effective_count(self) -> float:
-        """How many predictions count."""
+        """Number of independent predictions."""
         return float(self.weights[self.horizon].sum())
 
     @property
     def block_seconds(self) -> float:
-        """Length of a stretch whose predictions are taken together."""
-        total = sum(float(np.ptp(course.time)) for course in self.gridded.runs)
+        """Length in s of a block, within which predictions may be correlated."""
+        total = sum(float(np.ptp(gridded.time)) for gridded in self.gridded_runs)
         return min(_BLOCK * self.time_constant, total / _BLOCKS)
 
 
 def time_constant(model: Model, rate: float) -> float:
-    """Seconds in which a motion at ``rate`` dies out, or a third of a swing to and fro where that is less."""
+    """Time constant in s of the decay of a motion at ``rate``, or a third of the natural period where that is less."""
     slope = 2.0 * model.quadratic_drag * rate + model.linear_drag
     constant = model.inertia / max(slope, 1e-12)
     if model.natural_frequency > 0.0:
@@ -132,115 +160,117 @@ def time_constant(model: Model, rate: float) -> float:
     return constant
 
 
-def prediction_errors(records: MultiStepData, model: Model, drive: TorqueInput) -> FloatArray:
-    """(N,) predicted less measured position of every prediction, in rad or m, under the ``drive``."""
+def prediction_errors(data: MultiStepData, model: Model, torque_input: TorqueInput) -> FloatArray:
+    """(N,) predicted minus measured position at the end of every prediction, in rad or m."""
     from rovid.model.kernels import predict_multi_step
 
-    courses, grid = records.gridded, records.gridded.grid
+    grid = data.grid
     if not grid.starts.size:
         return np.empty(0)
-    motion = courses.trajectory
+    measured = data.trajectory
     if model.heading_sensor.deviates:
-        motion = Trajectory.concatenated([_true_motion(course, model) for course in courses.runs])
-    torque = courses.torque if model.actuators.is_plain else records.interval_means(drive.torque)
-    beside = _beside(records, drive)
-    here = (torque, beside, motion.rate, motion.angle, _states(courses, model, motion, torque, beside))
-    start = courses.starts[grid.run]
-    moved = predict_multi_step(grid.period, *here, grid.restarts, grid.reach, start, model.body, model.terms)
-    ahead = moved[grid.restart_number, grid.ends - grid.starts]
-    measured = motion.angle[grid.ends] - motion.angle[grid.starts]
-    # What is predicted is the position as it is measured, whatever that deviates by.
-    return np.asarray((ahead - measured) * motion.slope[grid.ends])
+        measured = Trajectory.concatenated([_true_trajectory(gridded, model) for gridded in data.gridded_runs])
+    torque = data.torque if model.actuators.is_plain else data.interval_means(torque_input.torque)
+    effect_inputs = np.zeros((len(torque), torque_input.effect_inputs.shape[1]))
+    if torque_input.has_effect_inputs:
+        for column, series in zip(effect_inputs.T, torque_input.effect_inputs.T, strict=True):
+            if series.any():
+                column[:] = data.interval_means(series)
+    predicted = predict_multi_step(
+        grid.period,
+        torque,
+        effect_inputs,
+        measured.rate,
+        measured.angle,
+        _term_states(data, model, measured, torque, effect_inputs),
+        grid.restarts,
+        grid.reach,
+        data.first_positions[grid.run],
+        model.body,
+        model.terms,
+    )[grid.restart_number, grid.ends - grid.starts]
+    # The likelihood is that of the measured position, including the sensor's deviation.
+    error = predicted - (measured.angle[grid.ends] - measured.angle[grid.starts])
+    return np.asarray(error * measured.slope[grid.ends])
 
 
-def _true_motion(course: GriddedRun, model: Model) -> Trajectory:
-    """What was measured of it, without the deviation of the heading."""
-    trial, rates = course.run.trial, course.run.rates
+def _true_trajectory(gridded: GriddedRun, model: Model) -> Trajectory:
+    """Measured motion of a run without the deviation of the heading sensor."""
+    trial, rates = gridded.run.trial, gridded.run.rates
     true, slopes = model.heading_sensor.to_true(trial.position)
-    off = resample(trial, true - trial.position, rates.time)
-    every = round(course.period / rates.kernel.period)
-    slope = np.interp(course.time, trial.time, slopes)
-    return Trajectory.of(course.time, course.angle + off[::every], course.trajectory.rate / slope, slope)
+    correction = resample(trial, true - trial.position, rates.time)[:: gridded.stride]
+    slope = np.interp(gridded.time, trial.time, slopes)
+    return Trajectory.of(gridded.time, gridded.angle + correction, gridded.trajectory.rate / slope, slope)
 
 
-def _beside(records: MultiStepData, drive: TorqueInput) -> FloatArray:
-    """(n, m) what acts beside the thrusters, on the grid."""
-    beside = np.zeros((len(records.gridded.torque), drive.effect_inputs.shape[1]))
-    if not drive.has_effect_inputs:
-        return beside
-    for column, series in zip(beside.T, drive.effect_inputs.T, strict=True):
-        if series.any():
-            column[:] = records.interval_means(series)
-    return beside
-
-
-def _states(
-    courses: GriddedRuns, model: Model, motion: Trajectory, torque: FloatArray, beside: FloatArray
+def _term_states(
+    data: MultiStepData, model: Model, measured: Trajectory, torque: FloatArray, effect_inputs: FloatArray
 ) -> FloatArray:
-    """(n, k * TERM_STATES) of the terms of ``model``, on the grid."""
+    """(m, k * TERM_STATES) states of the terms of ``model`` along the measured motion."""
     from rovid.model.kernels import effects_along
 
     if not model.terms.remembering:
         return np.zeros((len(torque), 0))
-    course = np.column_stack((motion.bridged_rate, motion.angle, torque))
-    begins = courses.interval_means.grid_begins
-    _, states = effects_along(begins, courses.periods, course, beside, courses.starts, model.body, model.terms)
-    return np.asarray(states)
+    motion = np.column_stack((measured.bridged_rate, measured.angle, torque))
+    runs = data.gridded_runs
+    offsets = np.cumsum([0, *(len(gridded.time) for gridded in runs)])
+    periods = np.array([gridded.period for gridded in runs])
+    start = data.first_positions
+    return np.asarray(effects_along(offsets, periods, motion, effect_inputs, start, model.body, model.terms)[1])
 
 
-def _shares(records: MultiStepData, errors: FloatArray) -> FloatArray:
-    """(q,) how much each prediction counts: neighbours in time, and horizons from one restart, tell much the same."""
-    count = len(HORIZONS)
-    share, readings = np.zeros(count), np.zeros(count)
-    tables = _tables(records, errors)
-    for number in range(count):
-        series = [table[:, number] for table in tables]
-        readings[number] = sum(np.isfinite(one).sum() for one in series)
-        share[number] = 1.0 / (2.0 * _memory(series))
-    together = _alike(np.concatenate(tables))
-    independent = float(share @ readings) * together
-    return share * together / (1.0 + independent / _MOST)
+def _weights(runs: Sequence[GriddedRun], errors: FloatArray) -> FloatArray:
+    """(q,) weight of the predictions over each horizon.
 
-
-def _tables(records: MultiStepData, errors: FloatArray) -> list[FloatArray]:
-    """Of each run the (restarts, horizons) errors; NaN where there is none."""
-    tables, at = [], 0
-    for course in records.gridded.runs:
-        grid = course.grid
-        mine = errors[at : at + len(grid.starts)]
-        at += len(grid.starts)
-        table = np.full((len(grid.restarts), len(HORIZONS)), np.nan)
-        table[grid.restart_number, course.horizon] = mine
+    One over twice the integral of the autocorrelation between neighbouring predictions, times the share of the horizons
+    that are independent of each other; docs/method.md, "Predictions some time ahead".
+    """
+    tables, begin = [], 0
+    for run in runs:
+        restarts, number = run.restarts
+        table = np.full((len(restarts), len(HORIZONS)), np.nan)
+        table[number, run.horizon] = errors[begin : begin + len(number)]
         tables.append(table)
-    return tables
+        begin += len(number)
+    weights, counts = np.zeros(len(HORIZONS)), np.zeros(len(HORIZONS))
+    for horizon in range(len(HORIZONS)):
+        series = [table[:, horizon] for table in tables]
+        counts[horizon] = sum(np.isfinite(one).sum() for one in series)
+        weights[horizon] = 1.0 / (2.0 * _correlation_length(series))
+    independent = _independent_share(np.concatenate(tables))
+    count = float(weights @ counts) * independent
+    return weights * independent / (1.0 + count / _MAX_COUNT)
 
 
-def _memory(series: Sequence[FloatArray]) -> float:
-    """Integral of the autocorrelation up to where it first vanishes, in restarts; a half where there is none."""
+def _correlation_length(series: Sequence[FloatArray]) -> float:
+    """Integral of the autocorrelation to its first zero, in restarts; 0.5 for uncorrelated errors."""
     longest = max((len(one) for one in series), default=0)
-    total, square = np.zeros(max(longest, 1)), 0.0
+    total, power = np.zeros(max(longest, 1)), 0.0
     for one in series:
         known = one[np.isfinite(one)]
         if not known.size:
             continue
-        full = np.correlate(known, known, mode="full")[len(known) - 1 :]
-        total[: len(full)] += full
-        square += full[0]
-    if square <= 0.0:
+        products = np.correlate(known, known, mode="full")[len(known) - 1 :]
+        total[: len(products)] += products
+        power += products[0]
+    if power <= 0.0:
         return 0.5
-    ratio = total / square
-    crossing = int(np.argmax(ratio <= 0.0)) or len(ratio)
-    return float(0.5 + ratio[1:crossing].sum())
+    correlation = total / power
+    crossing = int(np.argmax(correlation <= 0.0)) or len(correlation)
+    return float(0.5 + correlation[1:crossing].sum())
 
 
-def _alike(table: FloatArray) -> float:
-    """Share of the horizons that are told by themselves: the participation ratio of their correlations' eigenvalues."""
+def _independent_share(table: FloatArray) -> float:
+    """Effective number of independent horizons over their number, by the eigenvalues' participation ratio.
+
+    ``table`` is (restarts, horizons) errors, NaN where there is no prediction.
+    """
     known = np.isfinite(table).any(axis=0)
     table = table[:, known]
     if table.shape[1] < 2:
         return 1.0
-    usual = np.sqrt(np.nanmean(table**2, axis=0))
-    scaled = np.nan_to_num(table / np.maximum(usual, 1e-300))
+    size = np.sqrt(np.nanmean(table**2, axis=0))
+    scaled = np.nan_to_num(table / np.maximum(size, 1e-300))
     paired = np.isfinite(table).astype(float)
-    matrix = (scaled.T @ scaled) / np.maximum(paired.T @ paired, 1.0)
-    return float(np.trace(matrix) ** 2 / np.sum(matrix**2) / len(matrix))
+    correlation = (scaled.T @ scaled) / np.maximum(paired.T @ paired, 1.0)
+    return float(np.trace(correlation) ** 2 / np.sum(correlation**2) / len(correlation))

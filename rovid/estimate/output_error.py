@@ -11,8 +11,8 @@ from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
 from rovid.core.spmd import parallel_map
 from rovid.effects import restoring_effect
+from rovid.estimate.dataset import rms, rms_rate
 from rovid.estimate.instrumental_variables import fit_free_swings, fit_regression
-from rovid.estimate.scaling import rms, rms_rate
 from rovid.model.model import Model
 from rovid.model.simulation import fit_measures, simulated_rate
 from rovid.model.torque_input import TorqueInput

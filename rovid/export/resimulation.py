@@ -13,7 +13,7 @@ from rovid.effects.actuator_inputs import neutral_commands
 from rovid.export.curves import ThrusterCurve
 from rovid.export.export_input import ExportInput
 from rovid.model.model import Model
-from rovid.signals.recursion import first_order_sum
+from rovid.signals.numba_loops import first_order_sum
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Thruster
 

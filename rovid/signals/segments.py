@@ -1,4 +1,4 @@
-"""Where a command is held, where it is a sine, and where the vehicle swings after it was let go of."""
+"""Segments of a trial: held commands, sine-shaped torque, and free swings after a release."""
 
 from __future__ import annotations
 
@@ -11,31 +11,30 @@ from rovid.core.array_types import FloatArray
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Vehicle
 
-# A command that stays within this share of its bench range is held: a 12-bit output moves by less.
+# Tolerance of a held command, as a share of its bench range. A 12-bit output flickers by less.
 _HELD_SHARE = 0.005
-# A logged torque has no bench range; it is held within this share of the largest torque of the trial.
+# Tolerance of a held logged torque, which has no bench range, as a share of the largest torque of the trial.
 _HELD_TORQUE_SHARE = 0.02
 MIN_HOLD_SECONDS = 8.0
 
-# Two waves belong to the same sine when their periods and amplitudes agree this well.
-_SAME_PERIOD = 0.06
-_SAME_AMPLITUDE = 0.1
-# Share of the torque's variance that the fundamental of a sine must hold. A sine squared with its sign kept and a
-# dead zone reaches 0.93, with equal volts on a thruster half as strong in reverse 0.85 to 0.91, a square wave 0.81.
+# Relative differences of period and amplitude below which two waves belong to the same sine.
+_SAME_PERIOD, _SAME_AMPLITUDE = 0.06, 0.1
+# Minimum share of the torque's variance in the fundamental of a sine. A sine squared with its sign kept and a dead zone
+# reaches 0.93, with equal volts on a thruster half as strong in reverse 0.85 to 0.91, a square wave 0.81.
 _SINE_SHARE = 0.83
 MIN_CYCLES = 2
 
-# A half swing that is so much larger than both before it was pushed; one that falls behind them by so much more than
-# those before it was held up.
+# A half swing this many times as large as both before was pushed. A ratio below this share of the median ratio of the
+# half swings before was held up.
 _GROWS, _CUT_SHORT = 1.1, 0.6
-# Of the largest tilt: what is smaller counts as rest.
-_SWINGS = 0.05
-_FEWEST_HALF_SWINGS = 4
+# Share of the largest tilt below which the vehicle counts as at rest.
+_AT_REST = 0.05
+_MIN_HALF_SWINGS = 4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Hold:
-    """A stretch of constant ``command`` and ``torque`` in N m, from ``start`` to ``stop`` in s."""
+    """A segment of constant ``command`` and ``torque`` in N m, from ``start`` to ``stop`` in s."""
 
     trial: Trial
     start: float
@@ -62,9 +61,9 @@ class SineRun:
 
 
 def find_holds(trial: Trial, vehicle: Vehicle, torque: FloatArray) -> list[Hold]:
-    """Find the stretches of at least ``MIN_HOLD_SECONDS`` in which no command moves."""
-    # Compiled code is imported where it is used, so that commands which need none start at once.
-    from rovid.signals.hold_detection import find_constant_runs
+    """Segments of at least ``MIN_HOLD_SECONDS`` in which no command moves beyond its tolerance."""
+    # Imported here because commands that find no holds must not load compiled code.
+    from rovid.signals.numba_loops import find_constant_runs
 
     starts = find_constant_runs(np.ascontiguousarray(trial.commands), _tolerance(vehicle, torque)).astype(np.intp)
     stops = np.append(starts[1:], len(trial.time) - 1)
@@ -73,21 +72,21 @@ def find_holds(trial: Trial, vehicle: Vehicle, torque: FloatArray) -> list[Hold]
         if trial.time[stop] - trial.time[start] < MIN_HOLD_SECONDS:
             continue
         rows = slice(start, max(stop, start + 1))
-        command, push = np.median(trial.commands[rows], axis=0), float(np.median(torque[rows]))
+        command, median_torque = np.median(trial.commands[rows], axis=0), float(np.median(torque[rows]))
         begin, end = float(trial.time[start]), float(trial.time[stop])
-        holds.append(Hold(trial=trial, start=begin, stop=end, command=command, torque=push))
+        holds.append(Hold(trial=trial, start=begin, stop=end, command=command, torque=median_torque))
     return holds
 
 
 def _tolerance(vehicle: Vehicle, torque: FloatArray) -> FloatArray:
-    """(k,) how far each command may move and still be held."""
+    """(k,) tolerance of each command within which it counts as held."""
     ranges = np.array([thruster.command_range() for thruster in vehicle.thrusters])
     logged = _HELD_TORQUE_SHARE / _HELD_SHARE * float(np.max(np.abs(torque), initial=0.0))
     return np.asarray(_HELD_SHARE * np.where(np.isfinite(ranges), ranges, logged))
 
 
 def find_sines(trial: Trial, torque: FloatArray) -> list[SineRun]:
-    """Find the stretches of at least ``MIN_CYCLES`` equal sine-like waves of torque, cut to whole periods."""
+    """Segments of at least ``MIN_CYCLES`` equal sine-like waves of torque, cut to whole periods."""
     crossings = _rising_crossings(trial.time, torque)
     if len(crossings) < MIN_CYCLES:
         return []
@@ -96,18 +95,48 @@ def find_sines(trial: Trial, torque: FloatArray) -> list[SineRun]:
     runs = []
     first = 0
     for last in range(1, len(periods) + 1):
-        if last < len(periods) and _alike(periods, amplitudes, first, last):
+        if last < len(periods) and _continues(periods, amplitudes, first, last):
             continue
         start, stop, cycles = _extended(trial, torque, crossings[first], crossings[last], last - first)
-        run = _sine(trial, torque, start, stop, cycles) if cycles >= MIN_CYCLES else None
+        run = _fit_sine(trial, torque, start, stop, cycles) if cycles >= MIN_CYCLES else None
         if run is not None:
             runs.append(run)
         first = last
     return runs
 
 
+def _rising_crossings(time: FloatArray, torque: FloatArray) -> FloatArray:
+    """Instants in s at which the torque turns positive, with a hysteresis of a fifth of its 90th percentile."""
+    level = 0.2 * float(np.percentile(np.abs(torque), 90))
+    state = np.where(torque > level, 1, np.where(torque < -level, -1, 0))
+    known = np.flatnonzero(state)
+    if not known.size:
+        return np.empty(0)
+    # From the negative side straight to the positive one.
+    rises = np.diff(state[known]) == 2
+    turns, before = known[1:][rises], known[:-1][rises]
+    # The crossing lies midway between leaving the negative and entering the positive side. A dead zone then stays in
+    # the middle of the crossing, and periods stay whole.
+    found = []
+    for first, last in zip(before, turns, strict=True):
+        wave = torque[first : last + 1]
+        negative = first + np.flatnonzero(wave < 0.0)[-1]
+        positive = first + np.flatnonzero(wave > 0.0)[0]
+        found.append(0.5 * (time[negative + 1] + time[positive]))
+    return np.array(found, dtype=np.float64)
+
+
+def _continues(periods: FloatArray, amplitudes: FloatArray, first: int, last: int) -> bool:
+    """Whether wave ``last`` has the period and amplitude of the up to ten waves before it."""
+    recent = slice(max(first, last - 10), last)
+    period, amplitude = np.median(periods[recent]), np.median(amplitudes[recent])
+    same_period = abs(periods[last] - period) < _SAME_PERIOD * period
+    same_amplitude = abs(amplitudes[last] - amplitude) < _SAME_AMPLITUDE * amplitude
+    return bool(same_period and same_amplitude)
+
+
 def _extended(trial: Trial, torque: FloatArray, start: float, stop: float, cycles: int) -> tuple[float, float, int]:
-    """Add the first and the last wave: from rest there is no rising crossing, nor is there at the end."""
+    """Add the first and the last wave, which begin or end at rest and so have no rising crossing."""
     period = (stop - start) / cycles
     if _repeats(trial, torque, start, -period, period):
         start, cycles = start - period, cycles + 1
@@ -129,38 +158,9 @@ def _repeats(trial: Trial, torque: FloatArray, start: float, shift: float, perio
 
 
 def _held_at(trial: Trial, torque: FloatArray, instants: FloatArray) -> FloatArray:
-    """The held ``torque`` at ``instants`` in s; a little late, so that rounding finds no sample before its time."""
+    """The held ``torque`` at ``instants`` in s, with a nanosecond's margin for rounding."""
     at = np.searchsorted(trial.time, instants + 1e-9, side="right") - 1
     return torque[np.clip(at, 0, len(torque) - 1)]
-
-
-def _alike(periods: FloatArray, amplitudes: FloatArray, first: int, last: int) -> bool:
-    recent = slice(max(first, last - 10), last)
-    period, amplitude = np.median(periods[recent]), np.median(amplitudes[recent])
-    same_period = abs(periods[last] - period) < _SAME_PERIOD * period
-    same_amplitude = abs(amplitudes[last] - amplitude) < _SAME_AMPLITUDE * amplitude
-    return bool(same_period and same_amplitude)
-
-
-def _rising_crossings(time: FloatArray, torque: FloatArray) -> FloatArray:
-    """Instants in s at which the torque turns positive, with a hysteresis of a fifth of its usual size."""
-    level = 0.2 * float(np.percentile(np.abs(torque), 90))
-    state = np.where(torque > level, 1, np.where(torque < -level, -1, 0))
-    known = np.flatnonzero(state)
-    if not known.size:
-        return np.empty(0)
-    # From the negative side straight to the positive one.
-    rises = np.diff(state[known]) == 2
-    turns, before = known[1:][rises], known[:-1][rises]
-    # The wave crosses zero midway between leaving the negative and entering the positive side: this keeps a
-    # dead zone in the middle of the crossing, and with it whole periods.
-    found = []
-    for first, last in zip(before, turns, strict=True):
-        wave = torque[first : last + 1]
-        negative = first + np.flatnonzero(wave < 0.0)[-1]
-        positive = first + np.flatnonzero(wave > 0.0)[0]
-        found.append(0.5 * (time[negative + 1] + time[positive]))
-    return np.array(found, dtype=np.float64)
 
 
 def _rows(trial: Trial, start: float, stop: float) -> slice:
@@ -172,7 +172,8 @@ def _amplitude(wave: FloatArray) -> float:
     return float(np.ptp(wave)) / 2.0
 
 
-def _sine(trial: Trial, torque: FloatArray, start: float, stop: float, cycles: int) -> SineRun | None:
+def _fit_sine(trial: Trial, torque: FloatArray, start: float, stop: float, cycles: int) -> SineRun | None:
+    """The segment as a sine run, or None where its fundamental holds too little of the variance."""
     rows = _rows(trial, start, stop)
     period = (stop - start) / cycles
     phase = 2.0 * np.pi * (trial.time[rows] - start) / period
@@ -193,37 +194,37 @@ def _sine(trial: Trial, torque: FloatArray, start: float, stop: float, cycles: i
 
 
 def find_releases(trial: Trial) -> list[slice]:
-    """Where the vehicle swings freely: from a largest tilt on, until its swings grow again or are cut short by hand."""
+    """Rows of each free swing: from a largest tilt until the swings grow again or are cut short by hand."""
     known = np.flatnonzero(trial.measured)
     tilt = trial.position[known] - np.median(trial.position[known])
     peaks = [begin + int(np.argmax(np.abs(tilt[begin:end]))) for begin, end in _half_swings(tilt)]
-    # One side may be larger than the other where the level is not known well: like with like.
+    # A wrong level makes one side larger than the other, so each half swing is compared with those on its own side.
     sizes = np.concatenate(([0.0, 0.0], np.abs(tilt[peaks])))
     found = list[slice]()
     k = 0
     while k < len(peaks):
         first, k = k, _end_of_decay(sizes, k)
-        if k - first >= _FEWEST_HALF_SWINGS:
+        if k - first >= _MIN_HALF_SWINGS:
             found.append(slice(int(known[peaks[first]]), int(known[peaks[k - 1]]) + 1))
     return found
 
 
 def _end_of_decay(sizes: FloatArray, first: int) -> int:
-    """Number of the peak behind a decay that begins with peak ``first``; (m + 2,) ``sizes`` begin with two zeros."""
-    k, shares = first + 1, list[float]()
+    """Number of the peak after a decay that begins with peak ``first``; (m + 2,) ``sizes`` begin with two zeros."""
+    k, ratios = first + 1, list[float]()
     while k + 2 < len(sizes) and sizes[k + 2] <= _GROWS * sizes[k : k + 2].max():
-        share = sizes[k + 2] / max(sizes[k], sizes[k + 1])
-        if shares and share < _CUT_SHORT * float(np.median(shares)):
+        ratio = sizes[k + 2] / max(sizes[k], sizes[k + 1])
+        if ratios and ratio < _CUT_SHORT * float(np.median(ratios)):
             break
-        shares.append(share)
+        ratios.append(ratio)
         k += 1
     return k
 
 
 def _half_swings(tilt: FloatArray) -> list[tuple[int, int]]:
-    """First and last row of each stretch on one side that reaches beyond a share of the largest ``tilt``."""
+    """First row and end of each stretch on one side whose ``tilt`` exceeds the rest level."""
     size = np.abs(tilt)
-    side = np.where(size > _SWINGS * np.max(size), np.sign(tilt), 0.0)
+    side = np.where(size > _AT_REST * np.max(size), np.sign(tilt), 0.0)
     beyond = np.flatnonzero(side)
     starts = beyond[np.flatnonzero(np.diff(side[beyond], prepend=0.0))]
     return list(pairwise([*starts.tolist(), len(tilt)]))

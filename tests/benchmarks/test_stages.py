@@ -13,12 +13,12 @@ from rovid.store import study
 
 
 def test_every_stage_is_there_and_let_go_again() -> None:
-    before, passes = study.open_study, innovation_likelihood._side_by_side  # noqa: SLF001 - what is counted
+    before, passes = study.open_study, innovation_likelihood._evaluate_batch  # noqa: SLF001 - what is counted
     with Profile().watching():
         assert study.open_study is not before
-        assert innovation_likelihood._side_by_side is not passes  # noqa: SLF001 - as above
+        assert innovation_likelihood._evaluate_batch is not passes  # noqa: SLF001 - as above
     assert study.open_study is before
-    assert innovation_likelihood._side_by_side is passes  # noqa: SLF001 - as above
+    assert innovation_likelihood._evaluate_batch is passes  # noqa: SLF001 - as above
 
 
 def test_passes_count_once_in_the_stage_that_waits_for_them() -> None:

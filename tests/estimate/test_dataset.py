@@ -1,12 +1,16 @@
-"""What every record of runs knows of them: the sizes in use, and which innovation is of which stretch of time."""
+"""RMS values, blocks and scales of the data."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from rovid.estimate.dataset import effect_scales, rms, rms_nonzero
 from rovid.estimate.filter_data import InnovationData
 from tests import synthetic
+from tests.synthetic import VEHICLE, clock, trial
 
 TIME = synthetic.clock(300.0)
 RUNS = [synthetic.run(TIME, torque) for torque in (np.full(len(TIME), 100.0), np.where(TIME < 150.0, 0.0, -200.0))]
@@ -36,3 +40,32 @@ def test_no_stretch_of_time_is_of_two_runs() -> None:
 def test_no_heading_is_known_better_than_a_compass_could() -> None:
     # These have no noise at all.
     assert READINGS.position_noise > 0.0
+
+
+SHORT = clock(100.0)
+TRIAL = trial(SHORT, np.where(SHORT < 50.0, 2.0, -4.0))
+
+
+def test_the_usual_size_is_of_what_is_known_and_never_nothing() -> None:
+    assert rms([np.array([3.0, np.nan]), np.array([-3.0])]) == 3.0
+    assert rms([np.zeros(3)]) > 0.0
+    assert rms_nonzero(np.array([0.0, 0.0, 4.0, -4.0])) == 4.0
+    assert rms_nonzero(np.zeros(3)) == 1.0
+
+
+def test_scales_are_those_of_commands_speeds_and_hours() -> None:
+    logged = replace(TRIAL, campaign_time=3500.0, extras={"surge_velocity": np.full(len(SHORT), -2.0)})
+    scales = effect_scales([TRIAL, logged], VEHICLE, 100.0, 0.1, has_actuators=True)
+    assert scales.command == 4.0
+    assert scales.surge == 2.0
+    assert scales.sway == 1.0
+    assert scales.longest == pytest.approx(100.0 / 3600.0)
+    assert scales.day == pytest.approx(1.0)
+    # 400 N of 500 N.
+    assert scales.load == pytest.approx(0.8)
+
+
+def test_a_vehicle_that_nothing_drives_has_no_load() -> None:
+    scales = effect_scales([TRIAL], None, 100.0, 0.1, has_actuators=False)
+    assert scales.load == 1.0
+    assert scales.wash == scales.sqrt_thrust == 10.0

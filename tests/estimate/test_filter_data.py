@@ -1,19 +1,28 @@
-"""The readings of each run, as a filter takes them."""
+"""The data of the Kalman filter, and likelihoods of data in chunks."""
 
 from __future__ import annotations
 
+import tracemalloc
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from rovid.core.array_types import FloatArray
+from rovid.diagnose.score_test import screen
 from rovid.effects import effect_named
+from rovid.estimate import filter_data
 from rovid.estimate.filter_data import InnovationData
+from rovid.estimate.fisher_information import NormalEquations
+from rovid.estimate.fit_result import FitResult
+from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from rovid.signals.preprocessing import Run
 from tests import synthetic
+from tests.predictions import NOISE, TIME, TORQUE
 
-TIME = synthetic.clock(120.0)
-RUN = synthetic.run(TIME, np.where(TIME < 60.0, 100.0, -100.0))
+SECONDS = synthetic.clock(120.0)
+RUN = synthetic.run(SECONDS, np.where(SECONDS < 60.0, 100.0, -100.0))
 
 
 def readings(run: Run, *, interval: float = 0.0, gyro: bool = False) -> InnovationData:
@@ -21,46 +30,169 @@ def readings(run: Run, *, interval: float = 0.0, gyro: bool = False) -> Innovati
 
 
 def test_a_quick_look_passes_over_readings_but_for_the_last() -> None:
-    every = readings(RUN).run_data[0]
-    assert len(every.time) == len(TIME)
-    quick = readings(RUN, interval=1.0).run_data[0]
-    assert np.diff(quick.time) == pytest.approx(1.0)
-    assert quick.time[-1] == TIME[-1]
+    (every,) = readings(RUN).times
+    assert len(every) == len(SECONDS)
+    (quick,) = readings(RUN, interval=1.0).times
+    assert np.diff(quick) == pytest.approx(1.0)
+    assert quick[-1] == SECONDS[-1]
 
 
 def test_the_filter_starts_at_the_first_reading_and_is_told_of_the_others() -> None:
     gap = RUN.trial.position.copy()
     gap[100:200] = np.nan
-    one = readings(replace(RUN, trial=replace(RUN.trial, position=gap))).run_data[0]
-    assert len(one.known_positions) == len(TIME) - 1 - 100
-    assert len(one.innovation_times) == len(one.known_positions)
+    data = readings(replace(RUN, trial=replace(RUN.trial, position=gap)))
+    ((angles, _),) = data.innovation_samples
+    assert len(angles) == len(SECONDS) - 1 - 100
+    ((begin, _),) = data.innovation_spans
+    assert len(begin) == len(angles)
 
 
 def test_a_gyro_is_looked_at_only_where_it_is_asked_for() -> None:
-    noise = 1e-3 * np.random.default_rng(1).normal(size=len(TIME))
-    run = replace(RUN, trial=replace(RUN.trial, rate=np.gradient(RUN.trial.position, TIME) + noise))
-    assert not len(readings(run).run_data[0].known_rates)
+    noise = 1e-3 * np.random.default_rng(1).normal(size=len(SECONDS))
+    run = replace(RUN, trial=replace(RUN.trial, rate=np.gradient(RUN.trial.position, SECONDS) + noise))
+    ((_, rates),) = readings(run).innovation_samples
+    assert not len(rates)
     assert readings(run).gyro_noise == 1.0
     asked = readings(run, gyro=True)
-    assert len(asked.run_data[0].known_rates) == len(TIME)
+    ((_, rates),) = asked.innovation_samples
+    assert len(rates) == len(SECONDS)
     # Of 2400 differences the size is known to two percent.
     assert asked.gyro_noise == pytest.approx(1e-3, rel=0.1)
 
 
 def test_where_the_rate_alone_was_measured_a_position_is_known_at_the_start_alone() -> None:
-    integrated = replace(RUN.trial, rate=np.gradient(RUN.trial.position, TIME), rate_only=True)
-    one = readings(replace(RUN, trial=integrated)).run_data[0]
-    assert not len(one.known_positions)
-    assert len(one.known_rates) == len(TIME)
+    integrated = replace(RUN.trial, rate=np.gradient(RUN.trial.position, SECONDS), rate_only=True)
+    ((angles, rates),) = readings(replace(RUN, trial=integrated)).innovation_samples
+    assert not len(angles)
+    assert len(rates) == len(SECONDS)
 
 
 def test_headings_are_freed_of_the_same_deviation_once() -> None:
-    off, (portion,) = effect_named("heading_deviation"), readings(RUN).chunks
+    off, (chunk,) = effect_named("heading_deviation"), readings(RUN).chunks
     models = [replace(synthetic.ROSUB, effects=(off,), effect_values=(size, 0.3)) for size in (0.05, 0.05, 0.06)]
-    first, same, other = (portion.corrected_angle(model) for model in models)
+    first, same, other = (chunk.corrected_angle(model) for model in models)
     assert first is same
     assert not np.array_equal(first.angle, other.angle)
     assert first.gain is not None
-    plain = portion.corrected_angle(synthetic.ROSUB)
-    assert plain.angle is portion.corrected_angle(synthetic.ROSUB).angle
+    plain = chunk.corrected_angle(synthetic.ROSUB)
+    assert plain.angle is chunk.corrected_angle(synthetic.ROSUB).angle
     assert plain.gain is None
+
+
+KEYS = (
+    "",
+    "thruster_lag",
+    "supply_sag:drift",
+    "wave_torque",
+    "tank_seiche",
+    "heading_deviation",
+    "bias_torque:trials run 0|run 1|run 2",
+)
+# Of a torque in N m; a run begins s after the first.
+PIECES = [(0, 700, 0.0), (500, 1300, 900.0), (300, 700, 4000.0)]
+
+
+def run(number: int, begin: int, end: int, since: float) -> Run:
+    time, torque = TIME[begin:end] - TIME[begin], TORQUE[begin:end]
+    made = synthetic.run(time, torque, noise=NOISE[begin:end])
+    commands = torque[:, None] / 100.0
+    return replace(made, trial=replace(made.trial, name=f"run {number}", campaign_time=since, commands=commands))
+
+
+RUNS = [run(number, *piece) for number, piece in enumerate(PIECES)]
+
+
+def misfit_of(
+    monkeypatch: pytest.MonkeyPatch, at_once: int, key: str, interval: float = 0.0, runs: Sequence[Run] = RUNS
+) -> InnovationLikelihood:
+    """With so many instants gone through at once at most."""
+    monkeypatch.setattr(filter_data, "_CHUNK_SAMPLES", at_once)
+    records = InnovationData(runs, synthetic.VEHICLE, synthetic.ROSUB, interval=interval)
+    misfit = InnovationLikelihood(records, 0.05, (effect_named(key),) if key else ())
+    assert len(misfit.chunks) == (1 if at_once > 2000 else len(runs))
+    return misfit
+
+
+def point(misfit: InnovationLikelihood) -> FloatArray:
+    """(p,) coordinates with some of every effect."""
+    x = misfit.parametrization.initial()
+    for _, place in misfit.parametrization.effect_slices():
+        x[place] += 0.1
+    return np.clip(x, *misfit.parametrization.bounds)
+
+
+@pytest.mark.parametrize("interval", [0.0, 0.4], ids=["all", "few"])
+@pytest.mark.parametrize("key", KEYS)
+def test_portions_say_what_all_runs_say_at_once(monkeypatch: pytest.MonkeyPatch, key: str, interval: float) -> None:
+    whole = misfit_of(monkeypatch, 10_000, key, interval)
+    cut = misfit_of(monkeypatch, 100, key, interval)
+    x = point(whole)
+    here, there = whole.innovations(x), cut.innovations(x)
+    # Filters of one chunk take the steps that it needs, and no more.
+    scatter = np.sqrt(here.variance)
+    assert np.max(np.abs(there.error - here.error) / scatter) < 1e-3
+    assert np.max(np.abs(np.sqrt(there.variance) / scatter - 1.0)) < 1e-3
+    assert cut.value(x) == pytest.approx(whole.value(x), abs=1e-2)
+    assert cut.value(x) == pytest.approx(sum(chunk.value(x) for chunk in cut.chunks))
+    one, other = (NormalEquations.from_jacobians(misfit.jacobian(x)) for misfit in (whole, cut))
+    size = np.sqrt(np.diag(one.information))
+    np.testing.assert_allclose(
+        other.information / np.outer(size, size), one.information / np.outer(size, size), atol=1e-3
+    )
+    np.testing.assert_allclose(other.gradient / size, one.gradient / size, atol=0.02)
+
+
+def test_what_is_known_of_all_runs_is_not_worked_out_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    cut = misfit_of(monkeypatch, 100, "bias_torque")
+    x = point(cut)
+    known, anew = (
+        NormalEquations.from_jacobians(cut.jacobian(x, known)) for known in (cut.evaluate_with_spare(x), None)
+    )
+    assert known.gradient == pytest.approx(anew.gradient)
+    assert known.information == pytest.approx(anew.information)
+
+
+def test_innovations_that_do_not_count_are_left_out_of_each_portion(monkeypatch: pytest.MonkeyPatch) -> None:
+    cut = misfit_of(monkeypatch, 100, "bias_torque")
+    x, every = point(cut), cut.innovations(point(cut))
+    counted = np.arange(len(every.error)) % 3 == 0
+    some = cut.with_effects(cut.effects, counted)
+    assert some.innovations(x).error == pytest.approx(every.error[counted])
+    assert [chunk.rows.stop - chunk.rows.start for chunk in some.chunks] == [
+        int(counted[chunk.rows].sum()) for chunk in cut.chunks
+    ]
+    assert some.value(x) == pytest.approx(some.value_of(some.innovations(x)))
+    costs = some.held_out_values([some, cut], [x, x])
+    assert costs == pytest.approx([some.value(x), cut.value(x)])
+    rows = [piece.rows for piece in some.robust_jacobian(x)]
+    assert [row.start for row in rows] == [0, *(row.stop for row in rows[:-1])]
+
+
+def test_slopes_take_the_memory_of_one_portion(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside what is known of all: a side for each coordinate would be there of all runs at once."""
+    many = [run(number, *PIECES[number % len(PIECES)]) for number in range(30)]
+    taken = []
+    for at_once in (100_000, 100):
+        misfit = misfit_of(monkeypatch, at_once, "supply_sag:drift", runs=many)
+        x = point(misfit)
+        known = misfit.evaluate_with_spare(x)
+        # What is kept of the logs is there already.
+        NormalEquations.from_jacobians(misfit.jacobian(x, known))
+        tracemalloc.start()
+        NormalEquations.from_jacobians(misfit.jacobian(x, known))
+        taken.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    whole, cut = taken
+    assert cut < 0.3 * whole
+
+
+def test_slopes_promise_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    forms = [effect_named(key) for key in KEYS[1:]]
+    every = []
+    for at_once in (10_000, 100):
+        misfit = misfit_of(monkeypatch, at_once, "")
+        every.append(screen(FitResult.at(misfit, misfit.parametrization.initial()), forms))
+    for one, other in zip(*every, strict=True):
+        assert other.gain == pytest.approx(one.gain, rel=0.01, abs=0.01)
+        assert other.tried.outright == pytest.approx(one.tried.outright, rel=1e-3, abs=0.02)
+        assert other.start == pytest.approx(one.start, rel=0.02, abs=1e-3)

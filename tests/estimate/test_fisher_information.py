@@ -1,4 +1,4 @@
-"""What an innovation costs."""
+"""Negative log-likelihood of innovations, covariances from the Fisher information, and whiteness."""
 
 from __future__ import annotations
 
@@ -7,9 +7,17 @@ import warnings
 
 import numpy as np
 import pytest
+from scipy import signal
 from scipy.stats import norm
 
-from rovid.estimate.fisher_information import OUTLIER, negative_log_likelihoods
+from rovid.estimate.fisher_information import (
+    OUTLIER,
+    inverse_information,
+    is_white,
+    negative_log_likelihoods,
+    sandwich_covariance,
+    whitening_gain,
+)
 
 
 def test_costs_are_those_of_a_normal_distribution_but_for_outliers() -> None:
@@ -31,3 +39,58 @@ def test_a_filter_that_ran_away_has_no_likelihood_and_warns_of_nothing() -> None
         runaway, sound = negative_log_likelihoods(np.ones(2), np.array([-1.0, 1.0]))
     assert math.isnan(runaway)
     assert math.isfinite(sound)
+
+
+UNITS = np.diag((1e6, 1e-3))
+SHAPE = np.array([[2.0, 0.5], [0.5, 1.0]])
+
+
+def test_units_have_no_say_in_the_inverse() -> None:
+    assert inverse_information(UNITS @ SHAPE @ UNITS) == pytest.approx(np.linalg.inv(UNITS @ SHAPE @ UNITS), rel=1e-6)
+
+
+def test_a_flat_direction_is_uncertain_and_no_infinity() -> None:
+    flat = inverse_information(np.array([[1.0, 1.0], [1.0, 1.0]]))
+    assert np.isfinite(flat).all()
+    # The sum of both is known, their difference is not.
+    along, across = np.array([1.0, 1.0]), np.array([1.0, -1.0])
+    assert along @ flat @ along == pytest.approx(1.0, rel=1e-6)
+    assert across @ flat @ across > 1e6
+
+
+def test_scores_that_scatter_as_the_information_says_change_nothing() -> None:
+    rng = np.random.default_rng(1)
+    scores = rng.multivariate_normal([0.0, 0.0], SHAPE, 20_000)
+    bread = np.linalg.inv(SHAPE * len(scores))
+    # Scatter of so many is known to one percent.
+    assert sandwich_covariance(bread, scores) == pytest.approx(bread, rel=0.05)
+    assert sandwich_covariance(bread, 2.0 * scores) == pytest.approx(4.0 * sandwich_covariance(bread, scores))
+
+
+@pytest.mark.parametrize("name", ["coloured", "spiky"])
+def test_what_is_not_white_is_seen(name: str) -> None:
+    rng = np.random.default_rng()
+    white = rng.normal(size=20_000)
+    series = {
+        "coloured": white[1:] + 0.1 * white[:-1],
+        "spiky": np.where(rng.random(20_000) < 0.005, 20.0, 1.0) * white,
+    }[name]
+    assert not is_white([series])
+
+
+def test_white_is_seldom_called_coloured() -> None:
+    rng = np.random.default_rng()
+    trials = rng.normal(size=(200, 25, 200))
+    # One in a thousand expected: more than three of 200 happens once in 15 000 runs.
+    assert sum(not is_white(list(series)) for series in trials) <= 3
+
+
+def test_whitening_gains_what_an_autoregression_does() -> None:
+    """Of a first-order autoregression of unit variance: half the count times -log(1 - a^2)."""
+    rng, memory, count = np.random.default_rng(3), 0.6, 20000
+    noise = rng.normal(size=count) * math.sqrt(1.0 - memory**2)
+    series = signal.lfilter([1.0], [1.0, -memory], noise)
+    assert whitening_gain([series]) == pytest.approx(-0.5 * count * math.log(1.0 - memory**2), rel=0.03)
+    assert whitening_gain([rng.normal(size=count)]) < 30.0
+    assert whitening_gain([np.zeros(50)]) == 0.0
+    assert math.isfinite(whitening_gain([np.ones(50)]))

@@ -78,7 +78,7 @@ def test_what_has_settled_need_not_be_looked_at_closely(run: Run, effect: Effect
     given = CommandSeries.from_trials(synthetic.VEHICLE, [run.trial], parts)
     true = model.actuators.torque_inputs(given, given.intervals_between([steps]) if few else None)
     # What is looked at is no more than what may change.
-    looked_at, _ = here._given(synthetic.VEHICLE, model)  # noqa: SLF001 - what it is for
+    looked_at, _ = here._commands(synthetic.VEHICLE, model)  # noqa: SLF001 - what it is for
     assert len(looked_at.inputs.time) < 0.8 * len(given.inputs.time) or (parts == 1 and not few)
     most = np.max(np.abs(true.torque))
     np.testing.assert_allclose(found.torque, true.torque, atol=2e-4 * most, rtol=0.0)

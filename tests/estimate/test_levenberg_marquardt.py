@@ -50,26 +50,26 @@ class Overpromising:
     """Stands for a misfit of which one coordinate tells, and whose slopes promise too much; four points cost as one."""
 
     asked: list[int]
-    spare: int = 3
-    remembered: int = 0
+    simd_slots_left: int = 3
+    bfgs_pairs: int = 0
 
     @property
-    def coordinates(self) -> SimpleNamespace:
+    def parametrization(self) -> SimpleNamespace:
         return SimpleNamespace(bounds=(np.full(6, -np.inf), np.full(6, np.inf)))
 
-    def innovations_of(self, points: Sequence[FloatArray]) -> list[Innovations]:
+    def evaluate(self, points: Sequence[FloatArray]) -> list[Innovations]:
         self.asked.append(len(points))
         # Away from nought its slope promises what lies far beyond that.
         return [Innovations(np.arctan(10.0 * x[1:2]), np.ones(1)) for x in points]
 
-    def cost_of(self, here: Innovations) -> float:
+    def value_of(self, here: Innovations) -> float:
         return 0.5 * float(here.error @ here.error)
 
-    def looked(self, x: FloatArray) -> tuple[Innovations, list[Innovations]]:
-        (here,) = self.innovations_of([x])
+    def evaluate_with_spare(self, x: FloatArray) -> tuple[Innovations, list[Innovations]]:
+        (here,) = self.evaluate([x])
         return here, []
 
-    def slopes(self, x: FloatArray, known: tuple[Innovations, list[Innovations]]) -> Iterator[Jacobian]:
+    def jacobian(self, x: FloatArray, known: tuple[Innovations, list[Innovations]]) -> Iterator[Jacobian]:
         slope = np.zeros((2, 6))
         slope[0, 1] = 10.0 / (1.0 + (10.0 * x[1]) ** 2)
         yield Jacobian(slice(0, 1), np.array([known[0].error[0], 0.0]), slope)

@@ -59,7 +59,7 @@ def test_errors_that_are_alike_count_as_few() -> None:
 
 def test_a_long_log_costs_no_more_predictions() -> None:
     few, many = records(), records(runs=6)
-    assert sum(len(course.grid.restarts) for course in many.gridded.runs) <= 700
+    assert sum(len(gridded.restarts[0]) for gridded in many.gridded_runs) <= 700
     assert len(many.horizon) < 3 * len(few.horizon)
 
 

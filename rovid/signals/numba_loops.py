@@ -1,4 +1,4 @@
-"""Compiled: where nothing changes by more than its tolerance."""
+"""Compiled loops over samples."""
 
 from __future__ import annotations
 
@@ -6,6 +6,16 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.jit.decorators import compiled
+
+
+@compiled
+def first_order_sum(values: FloatArray, fade: float) -> FloatArray:
+    """(n,) first-order recursion y[k] = values[k] + fade * y[k - 1]. Importing scipy.signal for this takes longer."""
+    out, total = np.empty(len(values)), 0.0
+    for k in range(len(values)):
+        total = values[k] + fade * total
+        out[k] = total
+    return out
 
 
 @compiled

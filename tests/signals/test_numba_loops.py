@@ -1,10 +1,12 @@
-"""Where nothing changes by more than its tolerance."""
+"""Compiled loops over samples."""
 
 from __future__ import annotations
 
 import numpy as np
+import pytest
+from scipy.signal import lfilter
 
-from rovid.signals.hold_detection import find_constant_runs
+from rovid.signals.numba_loops import find_constant_runs, first_order_sum
 
 
 def test_a_run_ends_where_one_column_leaves_its_tolerance() -> None:
@@ -22,3 +24,11 @@ def test_a_slow_ramp_is_no_single_run() -> None:
 
 def test_what_is_held_is_one_run() -> None:
     assert find_constant_runs(np.zeros((7, 2)), np.zeros(2)).tolist() == [0.0]
+
+
+@pytest.mark.parametrize("fade", [0.0, 0.9, -0.5, 1.0])
+@pytest.mark.parametrize("count", [0, 1, 500])
+def test_each_has_what_is_left_of_those_before(fade: float, count: int) -> None:
+    values = np.random.default_rng().normal(size=count)
+    wanted = lfilter([1.0], [1.0, -fade], values)
+    np.testing.assert_allclose(first_order_sum(values, fade), wanted, rtol=1e-12, atol=1e-12)
