@@ -1,7 +1,8 @@
-"""Maximum likelihood: all parameters from all trials at once."""
+"""Maximum likelihood of all parameters from all trials at once."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -17,49 +18,56 @@ from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from rovid.estimate.instrumental_variables import require_inertia
-from rovid.estimate.misspecification import COARSE_ITERATIONS, misspecification_covariance
 from rovid.estimate.multi_step_data import MultiStepData
 from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
 from rovid.estimate.output_error import MIN_INERTIA_SIGMAS, fit_output_error, free_run_r2
 from rovid.model.model import Model
+from rovid.model.parameter_names import unit_of
 from rovid.signals.preprocessing import Run
 from rovid.trial.vehicle import Vehicle
 
-# Upper limits of the disturbance, as shares of the torque in use. Without a limit the disturbance explains whatever
-# the model does not, and the parameters go where they like.
+# Upper limits of the disturbance, as shares of the torque in use. Without a limit the disturbance takes up whatever the
+# model misses, and the parameters become arbitrary.
 DISTURBANCE_LIMITS = (0.05, 0.02, 0.01, 0.005)
-# Where the free-running simulation of the plain model is worse than this, the model misses so much that no limit of
-# the disturbance is right: the simulation itself is then what is fitted.
+# Least free-running R^2 of the plain model for the innovation likelihood. Below it the model is so incomplete that no
+# limit of the disturbance is right, and multi-step predictions are fitted instead.
 INNOVATIONS_R2 = 0.93
-# The free-running simulation may lose this much R^2 against the fit that looks at nothing else.
-_R2_LOSS = 0.01
-# Where the disturbance is at its limit, the fit is tried again with this many times as much.
+# Largest loss of free-running R^2 against the output-error fit, or against a tighter limit of the disturbance.
+_MAX_R2_LOSS = 0.01
+# Factor on the limit of an active disturbance, for the effect of the limit on the parameters.
 _LOOSER = 2.5
-_TRIALS = 8
+# Number of starts that are kept while effects are added.
+_STARTS = 8
+# Steps of a coarse fit.
+_COARSE_ITERATIONS = 4
+# Joint standard errors between the answers of short and of long horizons that are reported.
+_DISAGREE_SIGMAS = 3.0
+# Share of the difference between the two answers by which either may be wrong.
+_HALF = 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LikelihoodFit:
-    """Maximum-likelihood estimate and what it says of the disturbance.
+    """Maximum-likelihood estimate and the disturbance that goes with it.
 
     Attributes
     ----------
     log_likelihood
         Of the innovations of all trials.
     disturbance, correlation_time
-        Standard deviation of the disturbance torque in N m and its memory in s.
+        Standard deviation of the disturbance torque in N m and its correlation time in s.
     position_noise
-        Standard deviation of the white noise of what is measured.
-    integrated
-        Whether that is the rate alone.
+        Standard deviation of the white measurement noise.
+    rate_only
+        Whether only the rate was measured.
     limit
-        Share of the torque in use that the disturbance was allowed.
+        Upper limit of the disturbance as a share of the torque in use.
     at_limit
-        Whether it would take more.
+        Whether the likelihood grows with the disturbance at its limit.
     white
-        Whether the normalised innovations are white (Ljung-Box) and free of heavy tails.
+        Whether the normalised innovations are white (Ljung-Box) and without heavy tails.
     free_run_r2, simulation_r2
-        R^2 of the free-running rate with this model, and with the fit that looks at nothing else.
+        R^2 of the free-running rate with this model, and with the output-error fit.
     """
 
     estimate: Estimate
@@ -81,19 +89,19 @@ def fit_likelihood(
 ) -> LikelihoodFit:
     """Estimate inertia, drag, effects, disturbance and measurement noise together by the prediction-error method.
 
-    The likelihood of the innovations of an extended Kalman filter (Ljung 1999, section 7.4; Schweppe 1965) with a
-    first-order Gauss-Markov disturbance torque is right under feedback, with gaps and at any sampling. It starts
-    from the free-running fit. The disturbance is limited; the limit is tightened until the free-running simulation
-    is as good as that of the fit that looks at nothing else. Effects are put in after that, from each of their starts,
-    and the limit is loosened as far as the simulation with them bears.
+    The likelihood of the innovations of an extended Kalman filter (Schweppe 1965; Ljung 1999, section 7.4) with a
+    first-order Gauss-Markov disturbance torque is consistent under feedback, with gaps and at any sampling. The fit
+    starts from the output-error fit. The limit of the disturbance is tightened until the free-running simulation is as
+    good as that of the output-error fit. Then the effects are added, from each of their initial values, and the limit
+    is loosened as far as the simulation stays as good.
 
     Parameters
     ----------
     vehicle
-        Needed by effects that act between command and torque.
+        Needed by effects between command and torque.
     gyro
-        Whether logged rates are looked at too. They should come of an instrument of their own: a heading out of
-        the same filter is not independent of them.
+        Whether logged rates are used too. They should come from an instrument of their own: the errors of a rate and a
+        heading from the same filter are correlated.
 
     Raises
     ------
@@ -108,86 +116,85 @@ def fit_likelihood(
             mend=f"Map {axis.rate_signal} in [signals] of rovid.toml, or leave it out.",
         )
     start = fit_output_error(runs, min_sigmas=0.0 if effects else MIN_INERTIA_SIGMAS)
-    records = InnovationData(runs, vehicle, start, gyro=gyro)
-    simulation_r2 = free_run_r2(runs, records.initial_model)
-    fitted = fit_innovations(records, simulation_r2) if simulation_r2 >= INNOVATIONS_R2 else fit_multi_step(records)
+    data = InnovationData(runs, vehicle, start, gyro=gyro)
+    simulation_r2 = free_run_r2(runs, start)
+    fitted = fit_innovations(data, simulation_r2) if simulation_r2 >= INNOVATIONS_R2 else _fit_multi_step(data)
     if effects:
         fitted = add_effects(fitted, effects)
     return _result(fitted, simulation_r2)
 
 
-def fit_innovations(records: InnovationData, simulation_r2: float) -> FitResult:
-    """Without effects, under the first limit of the disturbance whose free-running R^2 is near ``simulation_r2``.
+def fit_innovations(data: InnovationData, simulation_r2: float) -> FitResult:
+    """Fit without effects, under the widest limit of the disturbance with a free-running R^2 near ``simulation_r2``.
 
-    Where there is none, under that whose R^2 is best.
+    If no limit gives that, the fit with the best free-running R^2.
     """
     tried = []
     for limit in DISTURBANCE_LIMITS:
-        misfit = InnovationLikelihood(records, limit)
-        fitted = fit(misfit, misfit.parametrization.initial())
+        objective = InnovationLikelihood(data, limit)
+        fitted = fit(objective, objective.parametrization.initial())
         tried.append(fitted)
-        if fitted.simulated_r2 >= simulation_r2 - _R2_LOSS:
+        if fitted.simulated_r2 >= simulation_r2 - _MAX_R2_LOSS:
             break
     return max(tried, key=lambda one: one.simulated_r2)
 
 
-def fit_multi_step(records: FitData) -> FitResult:
-    """Without effects, by predictions some time ahead."""
-    misfit = MultiStepLikelihood(MultiStepData.from_data(records, records.initial_model))
-    return fit(misfit, misfit.parametrization.initial())
+def _fit_multi_step(data: FitData) -> FitResult:
+    """Fit of multi-step predictions without effects."""
+    objective = MultiStepLikelihood(MultiStepData.from_data(data, data.initial_model))
+    return fit(objective, objective.parametrization.initial())
 
 
-def add_effects(bare: FitResult, effects: tuple[Effect, ...]) -> FitResult:
-    """Continue from the fit without effects: the likeliest of all starts, its disturbance then limited anew."""
-    misfit, better = bare.objective, [bare.common_coordinates]
+def add_effects(base: FitResult, effects: tuple[Effect, ...]) -> FitResult:
+    """Fit with effects, from the most likely of their initial values, then with the disturbance's limit loosened."""
+    objective, starts = base.objective, [base.common_coordinates]
     for count in range(1, len(effects) + 1):
-        misfit = bare.objective.with_effects(effects[:count], bare.objective.mask)
-        begins = [
-            np.concatenate((begin, start)) for begin in better for start in misfit.parametrization.initial_values()
-        ]
-        better = misfit.most_likely(begins, _TRIALS)
-    # A few steps tell which of the better starts leads lowest.
-    tried = [fit(misfit, begin, iterations=COARSE_ITERATIONS) for begin in better]
-    nearest = min(tried, key=lambda one: one.value)
-    best = fit(misfit, nearest.x)
-    # What the effects explain made errors correlate: now more of them may count.
-    recounted = misfit.reweighted(best.model)
-    if recounted is not misfit:
-        best = fit(recounted, best.x)
+        objective = base.objective.with_effects(effects[:count], base.objective.mask)
+        begins = [np.concatenate((x, start)) for x in starts for start in objective.parametrization.initial_values()]
+        starts = objective.most_likely(begins, _STARTS)
+    coarse = [fit(objective, start, iterations=_COARSE_ITERATIONS) for start in starts]
+    best = fit(objective, min(coarse, key=lambda one: one.value).x)
+    # With the effects the errors are less correlated, and more predictions count.
+    reweighted = objective.reweighted(best.model)
+    if reweighted is not objective:
+        best = fit(reweighted, best.x)
     return loosen_limit(best)
 
 
 def loosen_limit(fitted: FitResult) -> FitResult:
-    """``fitted`` anew under the widest limit at which the free-running simulation stays as good."""
+    """Fit anew under the widest limit of the disturbance at which the free-running simulation stays as good."""
     wider = [limit for limit in DISTURBANCE_LIMITS if limit > fitted.objective.limit]
     for limit in wider:
         loose = fit(fitted.objective.with_limit(limit), fitted.x)
-        if loose.simulated_r2 >= fitted.simulated_r2 - _R2_LOSS:
+        if loose.simulated_r2 >= fitted.simulated_r2 - _MAX_R2_LOSS:
             return loose
     return fitted
 
 
 def _result(best: FitResult, simulation_r2: float) -> LikelihoodFit:
     fitted = best.canonical()
-    model, records = fitted.model, fitted.data
-    doubt, said = misspecification_covariance(fitted)
+    model, data = fitted.model, fitted.data
+    added, misspecification_warnings = misspecification_covariance(fitted)
     covariance = fitted.covariance(sandwich=not fitted.is_white)
     if fitted.at_limit:
-        covariance = covariance + _by_limit(fitted)
+        # The limit is a choice: the errors include the change of the parameters under a looser one.
+        looser = fit(fitted.objective.with_limit(_LOOSER * fitted.objective.limit), fitted.x)
+        shift = looser.model.values - model.values
+        covariance = covariance + np.outer(shift, shift)
     estimate = Estimate(
         names=model.names,
         axis=model.axis,
         values=model.values,
         covariance=covariance,
         method=fitted.objective.method,
-        samples=sum(int(run.trial.measured.sum()) for run in records.runs),
-        warnings=(*_warnings(fitted), *said),
+        samples=sum(int(run.trial.measured.sum()) for run in data.runs),
+        warnings=(*_warnings(fitted), *misspecification_warnings),
     )
-    if not records.has_actuators:
+    if not data.has_actuators:
         estimate = estimate.undriven()
     require_inertia(estimate, MIN_INERTIA_SIGMAS)
-    # The vehicle was excited; how far another form would move the answer is another matter.
-    estimate = replace(estimate, covariance=estimate.covariance + doubt)
+    # Added after the check of the excitation, which misspecification says nothing about.
+    estimate = replace(estimate, covariance=estimate.covariance + added)
     estimate = estimate.with_thrust_scale_uncertainty(fitted.thrust_scale_uncertainty)
     disturbance, memory = fitted.disturbance
     return LikelihoodFit(
@@ -197,7 +204,7 @@ def _result(best: FitResult, simulation_r2: float) -> LikelihoodFit:
         disturbance=disturbance,
         correlation_time=memory,
         position_noise=fitted.objective.position_noise(fitted.x),
-        rate_only=records.rate_only,
+        rate_only=data.rate_only,
         limit=fitted.objective.limit,
         at_limit=fitted.at_limit,
         white=fitted.is_white,
@@ -206,35 +213,59 @@ def _result(best: FitResult, simulation_r2: float) -> LikelihoodFit:
     )
 
 
-def _by_limit(fitted: FitResult) -> FloatArray:
-    """(p, p) what the limit of the disturbance adds, which is a choice: what a looser one would change."""
-    looser = fit(fitted.objective.with_limit(_LOOSER * fitted.objective.limit), fitted.x)
-    shift = looser.model.values - fitted.model.values
-    return np.outer(shift, shift)
-
-
 def _warnings(fitted: FitResult) -> list[str]:
     texts = []
     if fitted.at_limit:
-        texts.append(_at_limit(fitted))
+        axis, limit = fitted.data.axis, fitted.objective.limit
+        per_inertia = "" if fitted.data.has_actuators else PER_INERTIA
+        most = f"{significant(limit * fitted.data.rms_torque, 3)} {axis.force_unit}{per_inertia}"
+        texts.append(
+            f"The disturbance {axis.force_name} would exceed its limit of {100 * limit:.2g} % of the "
+            f"{axis.force_name} in use ({most}): the model misses an effect that these data show. The standard errors "
+            f"include the change of the parameters under a limit {_LOOSER:g} times as high."
+        )
     texts += fitted.objective.caveats
     if not fitted.is_white:
         texts.append(
-            "The innovations are not white: the standard errors come from the scatter between stretches of the "
-            "logs, not from the curvature of the likelihood."
+            "The innovations are not white. The standard errors come from the scatter between blocks of the logs, not "
+            "from the curvature of the likelihood."
         )
-    drags = ("quadratic_drag", "linear_drag")
-    texts += [f"{name} is held at zero, its lower bound." for name in drags if getattr(fitted.model, name) == 0.0]
+    drags = {"quadratic_drag": fitted.model.quadratic_drag, "linear_drag": fitted.model.linear_drag}
+    texts += [f"{name} is held at zero, its lower bound." for name, value in drags.items() if value == 0.0]
     return texts
 
 
-def _at_limit(fitted: FitResult) -> str:
-    """What is said where the disturbance would be larger than it may be."""
-    axis, limit = fitted.data.axis, fitted.objective.limit
-    per_inertia = "" if fitted.data.has_actuators else PER_INERTIA
-    most = f"{significant(limit * fitted.data.rms_torque, 3)} {axis.force_unit}{per_inertia}"
-    return (
-        f"The disturbance {axis.force_name} would exceed {100 * limit:.2g} % of the {axis.force_name} in use "
-        f"({most}): the model misses something that these data show. The standard errors include what "
-        f"a limit {_LOOSER:g} times as high would change."
+def misspecification_covariance(fitted: FitResult) -> tuple[FloatArray, list[str]]:
+    """(p, p) addition to the sandwich covariance for an incomplete model, and warnings.
+
+    Errors of multi-step predictions recur in every block, so the scores of blocks scatter too little: the variance is
+    at least that of the information. And a correct model has the same parameters for short and for long horizons. Half
+    of the difference beyond chance is the error by the choice of horizons.
+    """
+    parts = fitted.objective.split_horizons()
+    if parts is None:
+        count = len(fitted.model.names)
+        return np.zeros((count, count)), []
+    scatter = np.diag(fitted.covariance(sandwich=True))
+    least = np.diag(fitted.covariance(sandwich=False))
+    added = np.diag(np.maximum(least - scatter, 0.0))
+    if min(part.effective_count for part in parts) <= len(fitted.x):
+        return added, []
+    short, long = (fit(part, fitted.x, iterations=2 * _COARSE_ITERATIONS) for part in parts)
+    variance = np.diag(short.covariance(sandwich=True)) + np.diag(long.covariance(sandwich=True))
+    difference = short.model.values - long.model.values
+    half = _HALF * np.sign(difference) * np.sqrt(np.maximum(difference**2 - variance, 0.0))
+    added = added + np.outer(half, half)
+    # Inertia and drags.
+    worst = int(np.argmax(np.abs(difference[:3]) / np.sqrt(np.maximum(variance[:3], 1e-300))))
+    if abs(difference[worst]) <= _DISAGREE_SIGMAS * math.sqrt(variance[worst]):
+        return added, []
+    name = fitted.model.names[worst]
+    words, unit = name.replace("_", " "), unit_of(name, fitted.data.axis)
+    near, far = (f"{significant(one.model.values[worst], 3)} {unit}" for one in (short, long))
+    warning = (
+        f"Predictions up to one time constant ahead give another {words} ({near}) than predictions from four time "
+        f"constants on ({far}): the model misses an effect. If the commands follow the motion (autopilot), use the "
+        "value of the short predictions. The standard errors include half of the difference."
     )
+    return added, [warning]
