@@ -63,6 +63,6 @@ def test_nothing_is_divided_by_what_may_be_zero() -> None:
 
 
 def test_what_goes_with_thrust_is_a_placeholder_beside_a_guessed_arm() -> None:
-    lag = replace(base(guess=GUESS), names=("inertia", "thruster_lag.time_constant", "bias_torque.torque"))
+    lag = replace(base(assumptions=GUESS), names=("inertia", "thruster_lag.time_constant", "bias_torque.torque"))
     assert [lag.is_placeholder(name) for name in lag.names] == [True, False, True]
     assert not any(base().is_placeholder(name) for name in NAMES)

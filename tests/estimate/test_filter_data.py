@@ -194,5 +194,5 @@ def test_slopes_promise_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
         every.append(screen(FitResult.at(misfit, misfit.parametrization.initial()), forms))
     for one, other in zip(*every, strict=True):
         assert other.gain == pytest.approx(one.gain, rel=0.01, abs=0.01)
-        assert other.tried.outright == pytest.approx(one.tried.outright, rel=1e-3, abs=0.02)
+        assert other.directions.gains_unfitted == pytest.approx(one.directions.gains_unfitted, rel=1e-3, abs=0.02)
         assert other.start == pytest.approx(one.start, rel=0.02, abs=1e-3)

@@ -97,7 +97,7 @@ def test_a_motion_that_does_not_die_out_is_no_release() -> None:
     time = np.arange(0.0, 60.0, 0.05)
     beats = 0.2 * np.sin(2.0 * time) * np.sin(0.9 * time)
     assert find_releases(log_of(beats)) == []
-    with pytest.raises(DataError, match="they hold no swings that die out"):
+    with pytest.raises(DataError, match="they hold no decaying swings"):
         prepare(Campaign(trials=(log_of(beats),), sources=()), Vehicle(name="ship", thrusters=(), axis=AXES["roll"]))
 
 
@@ -107,7 +107,7 @@ def test_period_damping_and_ratios_come_back(tmp_path: Path, rovid: Rovid) -> No
     fit = rovid("fit", "day", "--axis", "roll", "--json").document
     assert {name: entry["unit"] for name, entry in fit["parameters"].items()} == UNITS
     assert "inertia" in fit["not_identifiable"]
-    (used,) = (text for text in fit["warnings"] if text.startswith("Free swings, all that is used"))
+    (used,) = (text for text in fit["warnings"] if text.startswith("Only the free swings"))
     assert "both.csv (" in used
     assert "one.csv (" in used
     decay = fit["decay"]
