@@ -1,8 +1,7 @@
 """Write the pages and pictures of docs/effects from the catalogue of effects and docs/effects/notes.toml.
 
-Run from the checkout as ``python docs/make_effects.py``. With the ids of effects behind it, it draws the pictures of
-those alone, and writes all pages none the less, for they speak of each other. The pages are text alone, so that a test
-can compare them.
+Run from the checkout as ``python docs/make_effects.py``. Arguments are the ids of the effects to draw; all effects without
+arguments. All pages are written in any case, because they refer to each other. A test compares the text of the pages.
 """
 
 from __future__ import annotations
@@ -53,11 +52,11 @@ _RESIDUAL = "T − I·ṙ − DQ·|r|·r − DL·r"
 _MADE = "<!-- Made by docs/make_effects.py from the catalogue and notes.toml. Edit those and run it again. -->"
 
 _PLACES = {
-    OnCommand: "acts on each command, ahead of the thrust curve",
-    OnThrust: "acts on each thruster's thrust, behind the bench curve",
-    OnTorque: "acts on the torque of all thrusters together",
+    OnCommand: "acts on each command, before the thrust curve",
+    OnThrust: "acts on each thruster's thrust, after the bench curve",
+    OnTorque: "acts on the total torque of the thrusters",
     Term: "a torque in the equation of motion",
-    OnHeading: "acts on the measured heading; the motion is as without it",
+    OnHeading: "acts on the measured heading; the motion is unchanged",
     WaveTorque: "a torque in the equation of motion, of random phase",
 }
 _AXES = {
@@ -74,7 +73,7 @@ _AXES = {
 
 @dataclass(frozen=True, kw_only=True)
 class Note:
-    """What is told of an effect beside its entry in the catalogue; see notes.toml."""
+    """Hand-written notes on an effect; see notes.toml."""
 
     text: str
     sizes: tuple[str, ...]
@@ -90,15 +89,15 @@ class Note:
 
 
 _KEYS = tuple(key.name for key in fields(Note))
-# Those without which there is no page.
+# Required keys.
 _WANTED = tuple(key.name for key in fields(Note) if key.default is MISSING)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Course:
-    """One simulated run, (n,) each, with the effect and without it.
+    """One simulated run with the effect and without it, arrays (n,).
 
-    ``left`` is the residual torque in N m, the mean until the next instant; ``torque`` that of the bench curve.
+    ``left`` is the residual torque in N m, mean over each interval. ``torque`` is the torque of the bench curve.
     """
 
     time: FloatArray
@@ -111,22 +110,22 @@ class Course:
 
 
 def notes() -> dict[str, Note]:
-    """The hand-written part, by id.
+    """Hand-written notes by effect id.
 
     Raises
     ------
     ConfigError
-        An effect has no entry or half of one, or an entry is of no effect.
+        An effect has no entry or an incomplete one, or an entry has an unknown id.
     """
     with NOTES.open("rb") as file:
         document = tomllib.load(file)
     ids = [effect.id for effect in CATALOGUE]
     for name in ids:
         if name not in document:
-            raise _refused(f"has no entry [{name}], which is to hold {_listed(_WANTED)}.")
+            raise _refused(f"has no entry [{name}] with the keys {_listed(_WANTED)}.")
     for name in document:
         if name not in ids:
-            raise _refused(f"[{name}] is the id of no effect. {suggestion(name, ids)}")
+            raise _refused(f"[{name}] is not the id of an effect. {suggestion(name, ids)}")
     return {name: _note(name, entry) for name, entry in document.items()}
 
 
@@ -139,7 +138,7 @@ def _note(name: str, entry: dict[str, Any]) -> Note:
         raise _refused(f"[{name}] has {unknown[0]}. {suggestion(unknown[0], _KEYS)}")
     wanted = [parameter.name for parameter in _plain(name).parameters]
     if list(entry["values"]) != wanted:
-        raise _refused(f"[{name}]: values are of {_listed(entry['values'])}; the parameters are {_listed(wanted)}.")
+        raise _refused(f"[{name}]: values has {_listed(entry['values'])}; the parameters are {_listed(wanted)}.")
     if entry["against"] not in _AXES:
         raise _refused(f"[{name}]: against is {entry['against']!r}. {suggestion(entry['against'], _AXES)}")
     plain = entry | {"text": " ".join(entry["text"].split()), "sizes": tuple(entry["sizes"])}
@@ -161,7 +160,7 @@ def _plain(name: str) -> Effect:
 
 
 def forms_of(effect: Effect) -> list[Effect]:
-    """Every form of a cause, the plain one first."""
+    """Forms of an effect, the default form first."""
     if effect.per_thruster:
         return [for_thruster("NAME"), for_thruster("NAME" + WITH_OTHERS)]
     return [form for form in FORMS if form.id == effect.id]
@@ -171,7 +170,7 @@ def forms_of(effect: Effect) -> list[Effect]:
 
 
 def runs_with(effect: Effect, note: Note) -> tuple[Course, Course]:
-    """The step and the sine with ``effect`` at the size of its picture."""
+    """Step and sine with ``effect`` at the size of its plot."""
     vehicle = load_config(_CONFIG).vehicle
     acting = for_thruster(_THRUSTER) if effect.per_thruster else effect
     step, sine = _step_commands(note), _sine_commands(note.period)
@@ -179,12 +178,12 @@ def runs_with(effect: Effect, note: Note) -> tuple[Course, Course]:
 
 
 def reverse(volts: float) -> float:
-    """The command in V that gives the torque of ``volts`` in reverse."""
+    """Reverse command in V with the same torque as ``volts`` forward."""
     return -(_DEAD_ZONE + (volts - _DEAD_ZONE) * _REVERSE_SHARE)
 
 
 def _axis(effect: Effect) -> Axis:
-    """Along which the picture shows it."""
+    """Axis of the plot."""
     return YAW if not effect.axes or YAW.name in effect.axes else AXES[effect.axes[0]]
 
 
@@ -199,7 +198,7 @@ def _step_commands(note: Note) -> FloatArray:
 def _sine_commands(period: float) -> FloatArray:
     wave = np.sin(2.0 * np.pi / period * np.arange(0.0, _PERIODS * period, _STEP))
     volts = np.where(wave > 0.0, _SINE, -reverse(_SINE)) * wave
-    # Every sample of the sine is a command of its own; the rest before it shows what acts without one.
+    # Every sample of the sine is a command. The rest before the sine shows effects that act without a command.
     return np.tile(np.concatenate((np.zeros(round(_REST / _STEP)), volts))[:, None], (1, 2))
 
 
@@ -249,7 +248,7 @@ def _course(vehicle: Vehicle, effect: Effect, note: Note, commands: FloatArray) 
 
 @report_style
 def picture(effect: Effect, note: Note) -> Figure:
-    """What ``effect`` does to a step, to a sine and to the residual torque."""
+    """Plot of a step, a sine and the residual torque with ``effect``."""
     step, sine = runs_with(effect, note)
     figure, ((first, second, third),) = panel_grid(
         [(1.95, 3)], left=0.72, right=0.15, top=0.6, bottom=0.52, across=0.82
@@ -263,7 +262,7 @@ def picture(effect: Effect, note: Note) -> Figure:
             title=name,
             xlim=(course.time[0], course.time[-1]),
         )
-    # Steps hold few commands: dots. Elsewhere a broad line under a thin one, as both may be the same.
+    # Steps have few commands: dots. Otherwise a broad line under a thin line, because both may coincide.
     dots = note.against in {"command", "torque"}
     both = note.against != "time" and not isinstance(effect.acts, OnHeading)
     look: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 5.0, "markeredgewidth": 0.0}
@@ -276,7 +275,7 @@ def picture(effect: Effect, note: Note) -> Figure:
     if note.against == "time":
         third.set_xlim(step.time[0], step.time[-1])
     low, high = third.get_ylim()
-    # A constant residual is to look constant.
+    # Keep a constant residual flat.
     reach = 0.15 * max(abs(low), abs(high))
     third.set_ylim(min(low, -reach), max(high, reach))
     handles, labels = first.get_legend_handles_labels()
@@ -288,7 +287,7 @@ def picture(effect: Effect, note: Note) -> Figure:
 
 
 def _residual(course: Course, against: str) -> tuple[FloatArray, FloatArray]:
-    """Horizontal and vertical values; NaN where a line would join what does not follow on each other."""
+    """Horizontal and vertical values; NaN between samples that a line should not join."""
     if against == "time":
         return course.time, course.left
     drivers = {
@@ -307,7 +306,7 @@ def _residual(course: Course, against: str) -> tuple[FloatArray, FloatArray]:
 
 
 def _swept(rate: FloatArray) -> FloatArray:
-    """Angle in rad since the rate last changed its sign."""
+    """Angle in rad since the last change of sign of the rate."""
     total = np.cumsum(np.abs(rate)) * _STEP
     reversed_at = np.flatnonzero(np.diff(np.sign(rate)) != 0.0) + 1
     last = np.searchsorted(reversed_at, np.arange(len(rate)), side="right") - 1
@@ -319,7 +318,7 @@ def _swept(rate: FloatArray) -> FloatArray:
 
 
 def page(effect: Effect, note: Note) -> str:
-    """The markdown of one effect's page."""
+    """Markdown text of the page of one effect."""
     parts = [
         _MADE,
         f"# {_capital(effect.title)}",
@@ -329,7 +328,7 @@ def page(effect: Effect, note: Note) -> str:
         _wrapped(note.text),
         "## Equation",
         *_forms(effect),
-        "## In the residuals",
+        "## Signature in the residuals",
         *_fingerprints(effect),
         "## Confused with",
         "\n".join(_rivals(effect)),
@@ -337,7 +336,7 @@ def page(effect: Effect, note: Note) -> str:
         "\n".join(_item(size) for size in note.sizes),
     ]
     if note.left_out:
-        parts.append(_wrapped(f"Left out of the model ([simulated]({INDEX}#sizes)): {note.left_out}"))
+        parts.append(_wrapped(f"Error without this effect ([simulated]({INDEX}#sizes)): {note.left_out}"))
     return "\n\n".join(parts) + "\n"
 
 
@@ -350,27 +349,27 @@ def _caption(effect: Effect, note: Note) -> str:
     torque = max(float(np.max(np.abs(course.torque))) for course in (step, sine))
     peak = max(float(np.max(np.abs(course.left))) for course in (step, sine))
     legs = (
-        f"{note.volts:g} V on the {_THRUSTER} thruster alone, on the other alone"
+        f"{note.volts:g} V on the {_THRUSTER} thruster only, then on the other only"
         if note.alone
         else f"{note.volts:g} V forward, {_number(round(reverse(note.volts), 2))} V reverse"
     )
     text = (
-        f"Step: {legs}, no command, {note.hold:g} s each. Drawn with {sizes}{_of(effect)}{_beside(note)}; residual "
-        f"torque up to {_rounded(peak)} N m, where the thrusters give up to {_rounded(torque)} N m. "
-        f"[How the pictures are made]({INDEX}#pictures)."
+        f"Step: {legs}, no command, {note.hold:g} s each. Size: {sizes}{_of(effect)}{_beside(note)}. The residual torque "
+        f"is up to {_rounded(peak)} N m, the torque of the thrusters up to {_rounded(torque)} N m. "
+        f"[How the plots are made]({INDEX}#pictures)."
     )
     return _wrapped(text)
 
 
 def _beside(note: Note) -> str:
-    """What the picture takes besides."""
+    """Speeds and stiffness in the plot."""
     ways = [
         f"{_number(speed)} m/s {way}"
         for speed, way in zip(note.speeds, ("ahead", "to starboard"), strict=True)
         if speed
     ]
     held = f", at {' and '.join(ways)}" if ways else ""
-    return held + (f", beside K = {note.stiffness:g} N m/rad" if note.stiffness else "")
+    return held + (f", with K = {note.stiffness:g} N m/rad" if note.stiffness else "")
 
 
 def _of(effect: Effect) -> str:
@@ -388,13 +387,13 @@ def _forms(effect: Effect) -> Iterator[str]:
             yield "\n".join(_rows(form.parameters))
         before = form.parameters
     if effect.per_thruster:
-        yield "NAME is that of a thruster in `rovid.toml`."
+        yield "NAME is the name of a thruster in `rovid.toml`."
 
 
 def _rows(parameters: Sequence[EffectParameter]) -> list[str]:
     rows = ["| parameter | unit | no effect at | range |", "|---|---|---|---|"]
     for index, parameter in enumerate(parameters):
-        # The first is the size; so is what has a size of its own beside it.
+        # The first parameter is a size, and so are further parameters with these names.
         sizes = index == 0 or any(part in parameter.name for part in _SIZES)
         null = _null(parameter) if sizes else "–"
         rows.append(f"| {parameter.name} | {_unit(parameter.unit)} | {null} | {_range(parameter)} |")
@@ -406,7 +405,7 @@ def _null(parameter: EffectParameter) -> str:
 
 
 def _range(parameter: EffectParameter) -> str:
-    """Bounds in the parameter's own unit; where they follow the vehicle's scale, their sign at most."""
+    """Bounds in the parameter's unit. Bounds that depend on the vehicle's scale: only the sign."""
     if parameter.name.endswith("phase"):
         return "any"
     if parameter.scale == "one":
@@ -421,31 +420,31 @@ def _fingerprints(effect: Effect) -> Iterator[str]:
     for form in forms_of(effect)[1:]:
         if form.fingerprint != effect.fingerprint:
             yield _wrapped(f"`{form.key}`: {form.fingerprint}.")
-    yield _wrapped(f"The run that shows it best: {effect.experiment}.")
+    yield _wrapped(f"The best run to reveal the effect: {effect.experiment}.")
     for form in forms_of(effect)[1:]:
         if form.experiment != effect.experiment:
             yield _wrapped(f"`{form.key}`: {form.experiment}.")
 
 
 def _rivals(effect: Effect) -> Iterator[str]:
-    yield "| effect | run that tells them apart |"
+    yield "| effect | run that separates the two |"
     yield "|---|---|"
     for name in effect.rivals:
         yield f"| {_link(name)} | {_cell(_run(effect, _plain(name)))} |"
     others = [other.id for other in CATALOGUE if effect.id in other.rivals and other.id not in effect.rivals]
     if others:
         yield ""
-        yield f"It is also taken for {' and '.join(_link(name) for name in others)}."
+        yield f"The effect is also confused with {' and '.join(_link(name) for name in others)}."
 
 
 def _run(effect: Effect, rival: Effect) -> str:
-    """What separates the two best; where nothing is known to, the runs that show either."""
+    """Run that separates the two; if unknown, the runs that reveal either."""
     runs = dict.fromkeys((effect.experiment, rival.experiment))
     return DISCRIMINATING_RUNS.get(frozenset({effect.id, rival.id}), "; ".join(runs))
 
 
 def index() -> str:
-    """The markdown of the gallery."""
+    """Markdown text of the index."""
     rows = ["| effect | looks like | confused with |", "|---|---|---|"]
     rows += [
         f"| {_link(effect.id)} | {_cell(effect.fingerprint)} | {', '.join(_link(name) for name in effect.rivals)} |"
@@ -456,46 +455,45 @@ def index() -> str:
     ]
     parts = [
         _MADE,
-        "# What a yaw model may miss",
+        "# Effects",
         _wrapped(
-            f"rovid's base model is {_BASE}. It knows {len(CATALOGUE)} effects beyond that, each with a page: the "
-            "equation of every form, what it leaves in the residuals, what it is confused with, the run that decides, "
-            "and typical sizes. `rovid fit --effect ID` estimates one with inertia and drag; a form other than the "
-            "plain one is named as `ID:form`."
+            f"rovid's base model is {_BASE}. The catalogue contains {len(CATALOGUE)} effects that extend it. Each effect "
+            "has a page: the equation of every form, its signature in the residuals, confusable effects, the run that "
+            "decides, and typical sizes. `rovid fit --effect ID` estimates an effect with inertia and drag. Name a form "
+            "other than the default as `ID:form`."
         ),
         "\n".join(rows),
         "## Reading an equation",
         _wrapped(
             "u is a thruster's command, F its thrust, T the yaw torque of all thrusters, r the yaw rate, ψ the "
-            "heading, I the inertia with added inertia, DQ and DL quadratic and linear drag. A primed quantity is what "
-            "acts in place of the plain one. An equation that begins with a sign is a torque on the right-hand side of "
-            f"{_BASE}. In roll and pitch r is their rate, θ the tilt, and K·sin(θ − θ0) stands on the left besides. "
-            "“No effect at” is the value at which the effect is gone; a dash stands where the parameter does "
-            "nothing without the first. Ranges are those of a fit."
+            "heading, I the inertia with added inertia, DQ and DL quadratic and linear drag. A primed quantity replaces "
+            "the unprimed one. An equation that begins with a sign is a torque on the right-hand side of "
+            f"{_BASE}. In roll and pitch r is the rate of the axis, θ the tilt, and the left-hand side also contains "
+            "K·sin(θ − θ0). “No effect at” is the neutral value; a dash marks a parameter without influence if the first "
+            "parameter is neutral. Ranges are the bounds of a fit."
         ),
         "## Pictures",
         _wrapped(
-            f"All are simulated with I = {_INERTIA:g} kg m², DQ = {_QUADRATIC:g} N m s²/rad², DL = {_LINEAR:g} "
-            "N m s/rad and the thrust curve of `sample_logs/rosub_tank`, without noise. The effect is larger than it "
-            "mostly is. Both thrusters get the same command, unless stated; in reverse it is the one that gives the "
-            f"torque of the forward one. The sine goes to {_SINE:g} and {_number(round(reverse(_SINE), 2))} V. Times "
-            "count from the first command."
+            f"All plots are simulations with I = {_INERTIA:g} kg m², DQ = {_QUADRATIC:g} N m s²/rad², DL = {_LINEAR:g} "
+            "N m s/rad and the thrust curve of `sample_logs/rosub_tank`, without noise. The effects are larger than "
+            "their typical sizes. Both thrusters get the same command, unless stated otherwise; the reverse command "
+            f"gives the same torque as the forward command. The sine has peaks of {_SINE:g} and "
+            f"{_number(round(reverse(_SINE), 2))} V. Time starts at the first command."
         ),
         _wrapped(
-            f"The residual torque is {_RESIDUAL} of the run with the effect, T by the bench curve: above zero the base "
-            "model has too much torque. Inertia and drag are the true ones. A fit to the run would move them and so "
-            "take up a part of what is shown."
+            f"The residual torque is {_RESIDUAL} of the run with the effect, with T of the bench curve. A positive value "
+            "means that the base model has too much torque. Inertia and drag are the true values. A fit to the run would "
+            "change them and absorb part of the residual."
         ),
         "## Sizes",
         _wrapped(
-            "“Work class” is a vehicle like ROSUB 6000: 5000 kg m², some 126 N m in use at 0.17 rad/s. A BlueROV2 has "
-            "0.3 to 0.6 kg m² and 1.5 N m at 1 rad/s. An estimate is marked as one; the rest was measured, published "
+            "“Work class” is a vehicle like ROSUB 6000: 5000 kg m² and 126 N m in use at 0.17 rad/s. A BlueROV2 has "
+            "0.3 to 0.6 kg m² and 1.5 N m at 1 rad/s. Estimates are marked; the other values were measured, published "
             "or computed as stated."
         ),
         _wrapped(
-            "“Left out of the model” says by how much the fitted inertia and drag are wrong when a ROSUB-like vehicle "
-            "has the effect and the model does not: noise-free simulation, five forward steps of 150 s and two sines "
-            "of 40 s."
+            "“Error without this effect” is the error of the fitted inertia and drag if a ROSUB-like vehicle has the "
+            "effect and the model does not: noise-free simulation, five forward steps of 150 s and two sines of 40 s."
         ),
         "## Gallery",
         *gallery,
@@ -504,7 +502,7 @@ def index() -> str:
 
 
 def pages() -> dict[str, str]:
-    """Text of every page by the name of its file."""
+    """Text of every page by file name."""
     told = notes()
     return {INDEX: index()} | {f"{effect.id}.md": page(effect, told[effect.id]) for effect in CATALOGUE}
 
@@ -518,7 +516,7 @@ def _capital(text: str) -> str:
 
 
 def _cell(text: str) -> str:
-    """Text of a table's cell, where a bar would begin the next one."""
+    """Text of a table cell, with escaped bars."""
     return text.replace("|", "\\|")
 
 
@@ -555,15 +553,15 @@ def _item(text: str) -> str:
 
 
 def main() -> None:
-    """Write all pages, and the pictures of the effects that are named, or of all."""
+    """Write all pages, and the plots of the named effects, or of all."""
     ids = [effect.id for effect in CATALOGUE]
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("ids", nargs="*", metavar="ID", help="effects whose pictures are drawn; all without any")
+    parser.add_argument("ids", nargs="*", metavar="ID", help="effects to draw; default: all")
     chosen = parser.parse_args().ids or ids
     try:
         for name in chosen:
             if name not in ids:
-                raise ConfigError(f"is {name!r}, the id of no effect. {suggestion(name, ids)}", where="ID")
+                raise ConfigError(f"{name!r} is not the id of an effect. {suggestion(name, ids)}", where="ID")
         told, texts = notes(), pages()
     except RovidError as error:
         parser.exit(2, f"{error}\n")
