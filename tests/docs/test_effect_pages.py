@@ -82,11 +82,11 @@ def test_no_page_or_picture_is_of_an_effect_that_is_gone(made: dict[str, str]) -
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("[tank_seiche]", "[tank_seich]", r"has no entry \[tank_seiche\], which is to hold text, sizes, values, hold,"),
-        ("[tank_seiche]", "[another]\n[tank_seiche]", r"\[another\] is the id of no effect. There are: "),
+        ("[tank_seiche]", "[tank_seich]", r"has no entry \[tank_seiche\] with the keys text, sizes, values, hold,"),
+        ("[tank_seiche]", "[another]\n[tank_seiche]", r"\[another\] is not the id of an effect\. There are: "),
         ("hold = ", "held = ", r"\[thruster_deadband\] has no hold\. "),
         ("hold = ", "volt = 2.0\nhold = ", r"\[thruster_deadband\] has volt\. Nearest: 'volts'"),
-        ("{ deadband =", "{ width =", r"\[thruster_deadband\]: values are of width; the parameters are deadband\."),
+        ("{ deadband =", "{ width =", r"\[thruster_deadband\]: values has width; the parameters are deadband\."),
         ('against = "command"', 'against = "rates"', r"\[thruster_deadband\]: against is 'rates'\. Nearest: 'rate'"),
     ],
 )
