@@ -91,30 +91,31 @@ def _head(records: Sequence[Record], seed: int) -> str:
     nothing = [record for record in done if not record["truth"]["hidden"]]
     false = sum(bool(record["said"]["findings"]) for record in nothing)
     return f"""\
-# Calibration: whether intervals and odds hold
+# Calibration of intervals and odds
 
-{len(records)} campaigns, seed {seed}, each drawn anew: vehicle, water, instruments, runs and what is hidden.
-`rovid fleet` diagnosed them. The simulator shares no code with rovid, which sees files alone. Standard errors of shares
-say what so many campaigns can tell. What was drawn and said of each is in `benchmarks/records/calibration.jsonl`.
+{len(records)} campaigns, seed {seed}, each with randomly drawn vehicle, water, instruments, runs and hidden
+cause. `rovid fleet` diagnosed them. The simulator shares no code with rovid. rovid reads only the files. The
+standard errors of the shares follow from the number of campaigns. The drawn values and the results of all
+campaigns are in `benchmarks/records/calibration.jsonl`.
 
 | drawn | from |
 |---|---|
-| vehicle | work class, observation class, small: each as likely |
-| inertia, quadratic drag | that of the vehicle times a log-normal factor, standard deviation 0.2 of the logarithm |
+| vehicle | work class, observation class, small; equal probabilities |
+| inertia, quadratic drag | value of the vehicle times a log-normal factor, standard deviation 0.2 of the logarithm |
 | linear drag, disturbance, noise of the heading | likewise 0.4, 0.4, 0.5 |
 | runs | 6 to 12 of the eighteen of a [trial day](tutorial.md): holds, sines, staircase, coasts, steps |
-| hidden | nothing in one of three, else one of the catalogue's causes in its own form, each as likely |
-| its size | from 0.7 of the sweep's weak to 1.3 of its strong one, flat in the logarithm |
+| hidden | no cause in one of three, else one of the catalogue's effects in its default form; equal probabilities |
+| its size | from 0.7 of the sweep's weak size to 1.3 of its strong size, uniform in the logarithm |
 
-Something was hidden in {len(hidden)}, and named in {named}, by itself or among those that it could not be told from.
-Of {len(nothing)} with nothing hidden {false} {"has" if false == 1 else "have"} a false finding.
+{len(hidden)} campaigns have a hidden cause, and {named} of these causes are named, alone or among indistinguishable
+causes. Of {len(nothing)} campaigns without a hidden cause {false} {"has" if false == 1 else "have"} a false finding.
 
 <!-- test: not run; it takes a night -->
 ```sh
 python -m benchmarks.calibration --state benchmarks/records/calibration.jsonl --page docs/calibration.md
 ```
 
-goes on with the campaigns, of which 2000 are asked for, and writes this page; without the file it begins anew."""
+continues the campaigns up to 2000 and writes this page. Without the file the command starts again."""
 
 
 def _coverage(readings: Sequence[Record]) -> str:
@@ -122,16 +123,16 @@ def _coverage(readings: Sequence[Record]) -> str:
     for group in GROUPS:
         rows += [_row(f"{group}: {name.replace('_', ' ')}", _of(readings, name, group)) for name in PLAIN]
     rows += [
-        _row(f"**{name.replace('_', ' ')}**, where nothing is hidden or it is named", _of(readings, name, *GROUPS[:2]))
+        _row(f"**{name.replace('_', ' ')}**, no hidden cause, or cause named", _of(readings, name, *GROUPS[:2]))
         for name in PLAIN
     ]
-    rows.append(_row("**a cause's size**, where it is named", [one for one in readings if one["group"] == "size"]))
+    rows.append(_row("**a cause's size**, cause named", [one for one in readings if one["group"] == "size"]))
     text = """\
 ## Coverage
 
-How many truths lie within the intervals that are meant to hold them, in %, with the standard error of that count.
-rovid prints intervals of 95 %; those of 50 and 80 % are the same, narrower by the normal law. Where a cause is hidden
-and not named inertia and drag take over what they can of it, and no interval knows."""
+Share of true values within the intervals, in %, with the standard error of the share. rovid prints 95 %
+intervals. The 50 % and 80 % intervals are computed from them by the normal distribution. If a hidden cause is
+not named, inertia and drag absorb part of it, and no interval includes this bias."""
     return f"{text}\n\n{_table(['', 'number', *(f'{100 * level:.0f} %' for level in LEVELS)], rows)}"
 
 
@@ -158,11 +159,12 @@ def _ranks() -> str:
     return """\
 ## Ranks
 
-Where in its distribution each truth lies: in a tenth of the campaigns within each tenth, were all of it true. Heaps at
-the ends say that intervals are too narrow, one in the middle that they are too wide, a slope that estimates are biased.
-Grey is where 95 % of the bars would be by chance. Only campaigns with nothing hidden, or whose cause was named.
+Rank of each true value in its estimated distribution. With correct distributions each tenth contains a tenth of
+the campaigns. Peaks at the ends mean intervals that are too narrow, a peak in the middle means intervals that
+are too wide, and a slope means biased estimates. The grey band contains 95 % of the bars by chance. Only
+campaigns without a hidden cause, or with a named cause, are included.
 
-![How often the truth lies in each tenth of what rovid says](pictures/calibration_ranks.png)"""
+![Share of true values in each tenth of the estimated distribution](pictures/calibration_ranks.png)"""
 
 
 def _odds(odds: Sequence[tuple[float, bool]]) -> str:
@@ -176,8 +178,8 @@ def _odds(odds: Sequence[tuple[float, bool]]) -> str:
     text = """\
 ## Odds
 
-Of each finding and suspect: its confidence, and whether it is what was hidden, by itself or among those that it is said
-not to be told from. The odds are held against [hard water](hard.md), where more than one thing acts."""
+Confidence of each finding and suspect, and whether it is the hidden cause, alone or among the causes that rovid
+reports as indistinguishable. The odds were calibrated on [hard water](hard.md), where several causes act."""
     picture = "![Confidence against outcomes](pictures/calibration_odds.png)"
     return f"{text}\n\n{_table(['confidence', 'number', 'mean', 'right'], rows)}\n\n{picture}"
 
@@ -188,8 +190,8 @@ def _causes(readings: Sequence[Record]) -> str:
         some = [one for one in readings if one["name"] == name]
         apart = float(np.median([one["relative"] for one in some]))
         rows.append([name, str(len(some)), *(covered(some, level) for level in LEVELS), f"{100 * apart:.1f} %"])
-    head = ["", "number", *(f"{100 * level:.0f} %" for level in LEVELS), "middle error"]
-    return f"## Sizes of causes\n\nOf each cause that was hidden and named.\n\n{_table(head, rows)}"
+    head = ["", "number", *(f"{100 * level:.0f} %" for level in LEVELS), "median error"]
+    return f"## Sizes of causes\n\nAll causes that were hidden and named.\n\n{_table(head, rows)}"
 
 
 def _failures(records: Sequence[Record]) -> str:

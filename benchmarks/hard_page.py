@@ -48,21 +48,23 @@ def _head(records: list[dict[str, Any]]) -> str:
     seconds = [record["diagnosis_seconds"] for record in records] or [np.nan]
     low, high = np.percentile(r2, [10, 90])
     return (
-        f"# Hard water: what the diagnosis names where nothing is easy\n\n{len(records)} campaigns, seed "
-        f"{', '.join(map(str, seeds))}. Five simulated vehicles move in surge, sway and yaw through waves, gusts and "
-        "eddies; rotors with their own dynamics, an autopilot, a zigzag, a programme or a person drive them; a "
-        "compass, a gyro and a DVL with noise, rounding, jitter and gaps look at them. One to eight runs of 40 to 180 "
-        "time constants make a campaign. In two of three a cause is hidden, in a form that need not be rovid's. The "
-        "simulator shares no code with rovid, which sees files alone.\n\n*Visible* is by how much the cause, were "
-        "it known exactly, would lower the heading error of held-out blocks, half to eight time constants ahead. R² of "
-        f"the plain model's yaw rate is {low:.2f} to {high:.2f} in eight campaigns of ten. A diagnosis took "
-        f"{np.median(seconds):.0f} s in the middle, {np.max(seconds):.0f} s at most.\n\n"
-        "Right is the name that was hidden, or one of its class, which such logs cannot tell apart, or one that is "
-        "said not to be told from it. Right, too, is what always acts and can be seen: waves from a hundredth of the "
-        "torque in use on, the rotors' own lag and loss to advance where the size is within three stated errors of "
-        "theirs, all else that lowers the heading error by a twentieth or more once it is known, by itself or beside "
-        "what else is there: the moment of sway above all. *Counted strictly* a cause is right where its own name was "
-        "hidden, or lowers the heading error so."
+        f"# Hard water: the diagnosis in difficult conditions\n\n{len(records)} campaigns, seed "
+        f"{', '.join(map(str, seeds))}. Five simulated vehicles move in surge, sway and yaw through waves, gusts "
+        "and eddies. Rotors with their own dynamics drive them. The commands come from an autopilot, a zigzag, a "
+        "programme or a pilot. A compass, a gyro and a DVL measure the motion with noise, rounding, jitter and "
+        "gaps. A campaign has one to eight runs of 40 to 180 time constants. Two of three campaigns have a "
+        "hidden cause, and its form may differ from rovid's. The simulator shares no code with rovid. rovid "
+        "reads only the files.\n\n*Visible* is the relative reduction of the heading error of held-out blocks, "
+        "half to eight time constants ahead, if the cause were known exactly. R² of "
+        f"the plain model's yaw rate is {low:.2f} to {high:.2f} in eight campaigns of ten. The diagnosis time was "
+        f"{np.median(seconds):.0f} s at the median, {np.max(seconds):.0f} s at most.\n\n"
+        "A finding is right if its name is the hidden cause, a cause of the same class that such logs cannot "
+        "separate, or a cause that rovid reports as indistinguishable from it. A finding is also right if the "
+        "cause always acts and is visible. These causes are waves of at least a hundredth of the torque in use, "
+        "and the rotors' own lag and advance loss with a size within three standard errors of the truth. Any "
+        "other cause counts as visible if it reduces the heading error by a twentieth or more, alone or together "
+        "with the others; the moment of sway is the most frequent. *Counted strictly*, a finding is right only "
+        "if its own name was hidden or reduces the heading error by that amount."
     )
 
 
@@ -74,11 +76,11 @@ def _names(scores: list[dict[str, Any]]) -> str:
             rows.append(_name_row(name, some))
     visible = [one for one in scores if one["visibility"] in ROWS[:2]]
     rows.append(_name_row("**a quarter or more**", visible))
-    rows.append(_name_row("those by a speed that is not logged", [one for one in visible if one["unlogged"]]))
+    rows.append(_name_row("by a speed that is not logged", [one for one in visible if one["unlogged"]]))
     everything = [one for one in scores if one["hidden"]]
     rows.append(_name_row("**all**", everything))
     head = ["visible", "campaigns", "established, right", "established, wrong", "right, or first suspect", "no answer"]
-    return "## A cause is hidden\n\n" + _table(head, rows)
+    return "## Campaigns with a hidden cause\n\n" + _table(head, rows)
 
 
 def _name_row(name: str, some: list[dict[str, Any]]) -> list[str]:
@@ -101,9 +103,9 @@ def _nothing(scores: list[dict[str, Any]]) -> str:
     right = sum(worth != "wrong" for worth in causes)
     strictly = [right for one in scores for right in one["strictly"]]
     return (
-        "## Nothing is hidden\n\n"
+        "## Campaigns without a hidden cause\n\n"
         + _table(
-            ["campaigns", "a false cause established", "what is always there established", "suspects", "no answer"],
+            ["campaigns", "a false cause established", "a permanent cause established", "suspects", "no answer"],
             [[str(len(nothing)), _share(wrong, len(nothing)), str(there), str(suspected), str(silent)]],
         )
         + f"\n\nOf {len(causes)} causes established in all campaigns {_share(right, len(causes))} are right. "
@@ -136,7 +138,7 @@ def _by_effect(scores: list[dict[str, Any]]) -> str:
             str(sum(one["established_wrong"] for one in some)),
         ])  # fmt: skip
     head = ["hidden", "campaigns", "visible", "established", "its class", "or first suspect", "wrong, of all"]
-    return "## By cause\n\n*Visible* by a quarter or more.\n\n" + _table(head, rows) if rows else ""
+    return "## By cause\n\nCampaigns with *visible* of a quarter or more.\n\n" + _table(head, rows) if rows else ""
 
 
 def _odds(odds: Odds, with_picture: bool) -> str:
@@ -149,9 +151,10 @@ def _odds(odds: Odds, with_picture: bool) -> str:
     ]
     picture = "\n\n![Reliability diagram](pictures/hard_reliability.png)" if with_picture else ""
     return (
-        "## Odds\n\nOf each finding and suspect: its confidence, and whether it acts, by two judges. One counts what "
-        "it is not told from and its class, as the confidence does; the other counts it by itself alone, where it was "
-        f"hidden or moves the heading error by a twentieth. Brier score by the first {brier:.3f}, {len(odds)} of "
+        "## Odds\n\nConfidence of each finding and suspect, and whether the cause acts, by two criteria. The "
+        "first criterion includes indistinguishable causes and the class, as the confidence does. The second "
+        "criterion counts only the cause itself, if it was hidden or changes the heading error by a twentieth. "
+        f"Brier score by the first criterion: {brier:.3f}, {len(odds)} of "
         "them.\n\n" + _table(["confidence", "number", "mean", "it or its class acts", "it acts"], rows) + picture
     )
 
@@ -183,11 +186,13 @@ def _parameters(scores: list[dict[str, Any]]) -> str:
                 ])  # fmt: skip
     head = ["", "parameter", "campaigns", "over the hull's", "hull's within two", "best fit's within two"]
     return (
-        "## Parameters\n\nOf the extended model, or of the plain one where nothing was found: over the hull's own "
-        "value (tenth, half, nine tenths of campaigns lie below); within two stated errors of it; within two of what a "
-        "fit to the heading gives that knows the cause and the waves, and the rotors where a lateness was named. A "
-        "cause that lowers the heading error by less than a tenth is one that inertia and drag can take over: no "
-        "heading tells, and their errors cannot know.\n\n" + _table(head, rows)
+        "## Parameters\n\nParameters of the extended model, or of the plain model if nothing was found. The "
+        "columns are: the ratio to the hull's true value (10th, 50th and 90th percentile of the campaigns); the "
+        "share within two standard errors of the true value; the share within two standard errors of the best "
+        "fit. The best fit is a fit to the heading with the true cause and the true waves, and with the true "
+        "rotors if a lag or delay was named. Inertia and drag can absorb a cause that reduces the heading error "
+        "by less than a tenth. Heading data do not reveal this bias, and the standard errors do not include it.\n\n"
+        + _table(head, rows)
     )
 
 
@@ -206,8 +211,8 @@ def _failures(records: list[dict[str, Any]], scores: list[dict[str, Any]]) -> st
     if not rows:
         return "## Failures\n\nNone."
     return (
-        "## Failures\n\nA wrong cause established, a visible one missed, no answer. "
-        "`python -m benchmarks.hard --seed SEED --only NUMBER --keep FOLDER --state FILE` makes one again.\n\n"
+        "## Failures\n\nCampaigns with a false established cause, a missed visible cause, or no answer. "
+        "`python -m benchmarks.hard --seed SEED --only NUMBER --keep FOLDER --state FILE` repeats a campaign.\n\n"
         + _table(["seed", "number", "vehicle", "hidden", "visible", "verdict", "established", "suspected"], rows)
     )
 

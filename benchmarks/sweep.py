@@ -395,19 +395,19 @@ def page(results: Sequence[Result], today: str) -> str:
     parts = [
         score_card(results),
         introduction(results, today),
-        "## One effect hidden\n",
+        "## One hidden effect\n",
         totals(effects, "effect", lambda r: r.size),
         FORM_WORDS,
         totals(effects, "effect", lambda r: "plain" if r.plain else "other", by="form"),
         WORDS,
-        "## What was taken for what\n",
+        "## Confusion matrix\n",
         confusion(results),
-        "## Two and three effects hidden\n",
+        "## Two and three hidden effects\n",
         *(several(results, kind) for kind in TOGETHER),
-        "## Causes that are in no catalogue\n",
+        "## Causes outside the catalogue\n",
         OUTSIDE_WORDS,
         totals(of_kind(results, "outside"), "outside", lambda r: r.size),
-        "## Nothing hidden\n",
+        "## No hidden cause\n",
         NOTHING_WORDS,
         totals(
             of_kind(results, "nothing"), "nothing", lambda r: "decoys" if "decoys" in r.name else "usual", by="logged"
@@ -435,39 +435,38 @@ def introduction(results: Sequence[Result], today: str) -> str:
 ## How it was measured
 
 {len(results)} campaigns, {seeds}, {today}. Each is a day of {len(CAMPAIGN)} runs (holds, sines, steps, coasting,
-each thruster alone) of a simulated vehicle with something hidden in it, a random disturbance torque of about 2 % of
-the middling torque, and the noise and rounding of real instruments. The simulator shares no code with rovid.
-`rovid diagnose` was given the logs and the thrust curves, and its JSON was scored against what had been hidden. The
-vehicles:
+each thruster alone) of a simulated vehicle with hidden causes, a random disturbance torque of about 2 % of the
+average torque, and the noise and rounding of real instruments. The simulator shares no code with rovid. `rovid
+diagnose` had the logs and the thrust curves, and its JSON was scored against the hidden causes. The vehicles:
 
 {vehicles}
 
-"Weak" is a few times what the disturbance hides in such a campaign, "strong" is plain to see.
+A "weak" cause is a few times the detection limit given by the disturbance, a "strong" cause is clearly visible.
 """
 
 
 def score_card(results: Sequence[Result]) -> str:
     """How often right, how often a wrong name: in this sweep, and on the pages on hard water and on real logs."""
-    head = ["what was asked", "of", "right", "wrong", "neither"]
+    head = ["test", "of", "right", "wrong", "neither"]
     rows = [*in_short(results), *in_hard_water(), *of_real_logs()]
     return f"""\
-# What the diagnosis names, and what it gets wrong
+# Hit rates and errors of the diagnosis
 
 {table(head, rows)}
-Calm water does only what its equation says, and a whole programme was run in it: nothing is easier. [Hard
-water](hard.md) has waves, an autopilot or a person at the stick, and few runs; [real logs](real.md) are what they are.
-Expect of yours what it did there.
+Calm water follows the model equation exactly, and each campaign has a complete programme of runs. This is the
+easiest case. [Hard water](hard.md) has waves, an autopilot or a pilot, and few runs; [real logs](real.md) have
+their own difficulties. Expect similar hit rates for your own logs as in these two.
 """
 
 
 def in_short(results: Sequence[Result]) -> Iterator[list[str]]:
     """A row for each kind of campaign."""
     labels: Mapping[Kind, str] = {
-        "effect": "calm water, simulated: one cause hidden",
-        "pair": "two causes hidden",
-        "triple": "three causes hidden",
-        "outside": "a cause that is in no catalogue: its signal, no name",
-        "nothing": "nothing hidden: nothing found",
+        "effect": "calm water, simulated: one hidden cause",
+        "pair": "two hidden causes",
+        "triple": "three hidden causes",
+        "outside": "a cause outside the catalogue: its signal, no name",
+        "nothing": "no hidden cause: nothing found",
     }
     right, wrong = ("exact", "right", "clean"), ("extra", "wrong", "named", "false finding")
     for kind, label in labels.items():
@@ -489,7 +488,7 @@ def in_hard_water() -> Iterator[list[str]]:
         raise SystemExit(f"{DOCS / 'hard.md'} does not say how many were right.")
     good, whole = int(causes[1]), int(causes[2])
     yield [
-        "hard water, simulated: causes called established",
+        "hard water, simulated: established causes",
         str(whole),
         share(good, whole),
         share(whole - good, whole),
@@ -497,14 +496,14 @@ def in_hard_water() -> Iterator[list[str]]:
     ]
     good, whole = int(visible[1]), int(visible[2])
     yield [
-        "causes that matter: established, or the first suspect",
+        "visible causes: established, or the first suspect",
         str(whole),
         share(good, whole),
         "",
         share(whole - good, whole),
     ]
     bad, whole = int(false[1]), int(false[2])
-    yield ["nothing hidden: no false cause", str(whole), share(whole - bad, whole), share(bad, whole), "0"]
+    yield ["no hidden cause: no false cause", str(whole), share(whole - bad, whole), share(bad, whole), "0"]
 
 
 def of_real_logs() -> Iterator[list[str]]:
@@ -512,40 +511,41 @@ def of_real_logs() -> Iterator[list[str]]:
     text = (DOCS / "real.md").read_text(encoding="utf-8")
     rows = [line.split("|")[2:8] for line in text.splitlines() if line.startswith("| [")]
     sums = [sum(int(row[column]) for row in rows) for column in range(6)]
-    for label, counts in (("real logs: what is known of them", sums[:3]), ("causes called established", sums[3:])):
+    for label, counts in (("real logs: known facts", sums[:3]), ("real logs: established causes", sums[3:])):
         whole = sum(counts)
         yield [label, str(whole), *(share(each, whole) for each in counts)]
 
 
 FORM_WORDS = """\
-By the form in which it was hidden: the plain one is that of the contract's equation, any other is physics of the same
-name with another law.
+Results by the hidden form: "plain" is the default equation of the effect; "other" is the same physical effect
+with another law.
 """
 WORDS = """\
-- exact: everything that was hidden was named, nothing else, and no rival was left open;
-- class: what was hidden is among the names given, but a rival could not be told from it, or was named first;
-- extra: what was hidden was named, and something besides that was not there;
-- wrong: a name that is not right, without the right one among its rivals, and something hidden left unnamed;
-- partial: of several, some named rightly and some not named;
-- unexplained: said to be there, not named; missed: said not to be there;
+- exact: all hidden causes were named, no others, and no rival was left open;
+- class: the hidden cause is among the names, but a rival is indistinguishable from it or was named first;
+- extra: the hidden cause was named, and also a cause that does not act;
+- wrong: a false name without the correct name among its rivals, and a hidden cause was not named;
+- partial: some of several hidden causes were named, some were not;
+- unexplained: an error was detected but not named; missed: no error was detected;
 - no answer: an error, or too little data.
 """
 OUTSIDE_WORDS = """\
-A torque or a drag that depends on a logged signal, in a way no effect of the catalogue does; other signals that have
-nothing to do with it are logged as well. Right: left unexplained, with the true driver first. Listed: the driver is
-among the signals given, not first. Other driver: unexplained, without the true signal. Named: an effect of the
+A torque or a drag depends on a logged signal in a way that no effect of the catalogue has. Unrelated signals
+are also logged. Right: reported as unexplained, with the true driver first. Listed: the driver is among the
+listed signals, but not first. Other driver: unexplained, without the true signal. Named: an effect of the
 catalogue was named, wrongly.
 """
 NOTHING_WORDS = """\
-Clean: nothing was found. Unexplained: no effect was named, but something was said to be missing. Every second campaign
-logs further signals on which nothing depends, as decoys.
+Clean: nothing was found. Unexplained: no effect was named, but a model error was reported. Every second
+campaign also logs unrelated signals, as decoys.
 """
 PARAMETER_WORDS = """\
-The last model's parameters against the truth. Good is within 2 % or within 2 standard errors. Of standard errors that
-hold, 68 % of the truths are within one and 95 % within two. Two forms share the drag out in another way than rovid's
-equations do, and the truth is put into rovid's terms there: what Cummins's memory brakes at a steady rate counts as
-linear drag, and a power law's quadratic drag is that of 0.3 rad/s. A bent thrust curve, or a thrust that follows the
-supply's voltage, leaves the scale of all thrust open; the stated errors of inertia and drag have that in them.
+Parameters of the final model compared with the truth. Good: within 2 % or within 2 standard errors. With
+correct standard errors 68 % of the truths are within one and 95 % within two. Two hidden forms divide the drag
+differently from rovid's equations. Their truth is converted: the steady damping of Cummins's memory term counts
+as linear drag, and the quadratic drag of a power law is evaluated at 0.3 rad/s. A bent thrust curve, or a
+thrust that follows the supply voltage, leaves the scale of all thrust undetermined; the standard errors of
+inertia and drag include this uncertainty.
 """
 
 
@@ -588,7 +588,7 @@ def several(results: Sequence[Result], kind: Kind) -> str:
     hidden = sum(len(result.expected) for result in chosen)
     named = sum(len(frozenset(result.expected) & named_by(result)) for result in chosen)
     intro = (
-        f"{kind.capitalize()}s: of {hidden} effects hidden, {share(named, hidden)} were named or among the rivals.\n"
+        f"{kind.capitalize()}s: of {hidden} hidden effects, {share(named, hidden)} were named or among the rivals.\n"
     )
     return f"{intro}\n{totals(chosen, kind, lambda r: r.size)}"
 
@@ -610,9 +610,10 @@ def confusion(results: Sequence[Result]) -> str:
             counts = Counter(name for result in chosen for name in columns_of(result))
             rows.append([label, str(len(chosen)), *(str(counts[each] or "·") for each in (*EFFECTS, *last))])
     text = (
-        "Campaigns with one effect, an outside cause or nothing hidden. The columns have the numbers of the rows.\n"
-        "Class: the right one is among several that could not be told apart. A campaign in which two effects were\n"
-        "named counts in two columns.\n\n"
+        "Campaigns with one hidden effect, a cause outside the catalogue, or no hidden cause. Column numbers "
+        "refer to the rows.\n"
+        "Class: the correct cause is among several indistinguishable ones. A campaign with two named effects counts\n"
+        "in two columns.\n\n"
     )
     return text + table(["hidden", "campaigns", *(str(k) for k in range(1, len(EFFECTS) + 1)), *last], rows)
 

@@ -1,7 +1,7 @@
 """Write the pages and pictures of docs/effects from the catalogue of effects and docs/effects/notes.toml.
 
-Run from the checkout as ``python docs/make_effects.py``. Arguments are the ids of the effects to draw; all effects without
-arguments. All pages are written in any case, because they refer to each other. A test compares the text of the pages.
+Run from the checkout as ``python docs/make_effects.py``. Arguments are the ids of the effects to draw (default: all).
+The command writes all pages in any case, because the pages refer to each other. A test compares the text of the pages.
 """
 
 from __future__ import annotations
@@ -354,8 +354,8 @@ def _caption(effect: Effect, note: Note) -> str:
         else f"{note.volts:g} V forward, {_number(round(reverse(note.volts), 2))} V reverse"
     )
     text = (
-        f"Step: {legs}, no command, {note.hold:g} s each. Size: {sizes}{_of(effect)}{_beside(note)}. The residual torque "
-        f"is up to {_rounded(peak)} N m, the torque of the thrusters up to {_rounded(torque)} N m. "
+        f"Step: {legs}, no command, {note.hold:g} s each. Size: {sizes}{_of(effect)}{_beside(note)}. The residual "
+        f"torque is up to {_rounded(peak)} N m, the torque of the thrusters up to {_rounded(torque)} N m. "
         f"[How the plots are made]({INDEX}#pictures)."
     )
     return _wrapped(text)
@@ -457,20 +457,20 @@ def index() -> str:
         _MADE,
         "# Effects",
         _wrapped(
-            f"rovid's base model is {_BASE}. The catalogue contains {len(CATALOGUE)} effects that extend it. Each effect "
-            "has a page: the equation of every form, its signature in the residuals, confusable effects, the run that "
-            "decides, and typical sizes. `rovid fit --effect ID` estimates an effect with inertia and drag. Name a form "
-            "other than the default as `ID:form`."
+            f"rovid's base model is {_BASE}. The catalogue contains {len(CATALOGUE)} effects that extend it. Each "
+            "effect has a page: the equation of every form, its signature in the residuals, confusable effects, the run "
+            "that decides, and typical sizes. `rovid fit --effect ID` estimates an effect with inertia and drag. Name a "
+            "form other than the default as `ID:form`."
         ),
         "\n".join(rows),
         "## Reading an equation",
         _wrapped(
             "u is a thruster's command, F its thrust, T the yaw torque of all thrusters, r the yaw rate, ψ the "
-            "heading, I the inertia with added inertia, DQ and DL quadratic and linear drag. A primed quantity replaces "
-            "the unprimed one. An equation that begins with a sign is a torque on the right-hand side of "
+            "heading, I the inertia with added inertia, DQ and DL quadratic and linear drag. A primed quantity "
+            "replaces the unprimed one. An equation that begins with a sign is a torque on the right-hand side of "
             f"{_BASE}. In roll and pitch r is the rate of the axis, θ the tilt, and the left-hand side also contains "
-            "K·sin(θ − θ0). “No effect at” is the neutral value; a dash marks a parameter without influence if the first "
-            "parameter is neutral. Ranges are the bounds of a fit."
+            "K·sin(θ − θ0). “No effect at” is the neutral value; a dash marks a parameter without influence if the "
+            "first parameter is neutral. Ranges are the bounds of a fit."
         ),
         "## Pictures",
         _wrapped(
@@ -481,9 +481,9 @@ def index() -> str:
             f"{_number(round(reverse(_SINE), 2))} V. Time starts at the first command."
         ),
         _wrapped(
-            f"The residual torque is {_RESIDUAL} of the run with the effect, with T of the bench curve. A positive value "
-            "means that the base model has too much torque. Inertia and drag are the true values. A fit to the run would "
-            "change them and absorb part of the residual."
+            f"The residual torque is {_RESIDUAL} of the run with the effect, with T of the bench curve. A positive "
+            "value means that the base model has too much torque. Inertia and drag are the true values. A fit to the run "
+            "would change them and absorb part of the residual."
         ),
         "## Sizes",
         _wrapped(

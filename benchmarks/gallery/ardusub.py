@@ -14,8 +14,8 @@ _SOURCE = (
     "licence, Copyright (c) 2023-2025 Clyde McQueen. "
 )
 _VOLTAGE = {
-    WRONG: "What is taken for the voltage is another number about the battery.",
-    UNDECIDED: "To leave it out is no harm.",
+    WRONG: "Another battery quantity counts as the voltage.",
+    UNDECIDED: "The omission does no harm.",
 }
 
 
@@ -33,20 +33,21 @@ def _first_look(key: str, log: str) -> tuple[Step, ...]:
 TLOG = RealSet(
     key="ardusub_tlog",
     title="ArduSub telemetry: small.tlog",
-    about="263 s of telemetry of a BlueROV2 Heavy: attitude at 20 Hz, the outputs to the thrusters at 2 Hz. It turns "
-    "by 107 deg in all, nearly all of it while its thrusters rest; they push for some seconds near the end, in bursts "
-    "that two readings hold. There is no physics of yaw in it: the question is what rovid says.",
-    source=_SOURCE + "The messages that rovid reads come with it as `sample_logs/ardusub_small/small.tlog`.",
+    about="263 s of telemetry of a BlueROV2 Heavy: attitude at 20 Hz, the outputs to the thrusters at 2 Hz. The "
+    "vehicle turns by 107 deg in total, almost entirely while its thrusters rest. The thrusters run for some "
+    "seconds near the end, in bursts of two readings. The file contains no usable yaw dynamics. It tests rovid's "
+    "messages.",
+    source=_SOURCE + "The messages that rovid reads come with rovid as `sample_logs/ardusub_small/small.tlog`.",
     logs="ardusub_small/small.tlog",
     steps=_first_look("ardusub_tlog", "small.tlog"),
     claims=(
         Claim(
-            known="Outputs 1 to 8 are thrusters, 12 and 13 are lights: the log's own parameters SERVO1_FUNCTION to "
-            "SERVO8_FUNCTION are 33 to 40 (motors 1 to 8), SERVO12_FUNCTION and SERVO13_FUNCTION are 60 and 59 (an "
-            "input of the pilot handed through)",
+            known="Outputs 1 to 8 are thrusters, 12 and 13 are lights: in the log the parameters SERVO1_FUNCTION "
+            "to SERVO8_FUNCTION are 33 to 40 (motors 1 to 8), SERVO12_FUNCTION and SERVO13_FUNCTION are 60 and "
+            "59 (a pass-through of a pilot input)",
             step="init",
             judge=commands_within(_TELEMETRY),
-            remarks={WRONG: "A light is taken for a thruster. Who reads `rovid.toml` before going on can see it."},
+            remarks={WRONG: "A light counts as a thruster. Users who check `rovid.toml` can see the error."},
         ),
         Claim(
             known="The battery's voltage is in SYS_STATUS.voltage_battery and BATTERY_STATUS.voltages: 16.2 V",
@@ -55,15 +56,16 @@ TLOG = RealSet(
             remarks=_VOLTAGE,
         ),
         Claim(
-            known="No drag can be read from it: wherever the thrusters hold a command, they rest",
+            known="The log does not determine drag: every held command is zero thrust",
             step="fit-drag",
             judge=refuses,
             remarks={
-                WRONG: "The one hold that it uses is a light's; the thrusters rest, the vehicle drifts at 0.4 deg/s."
+                WRONG: "The only hold in use is a command of a light; the thrusters rest, and the vehicle drifts "
+                "at 0.4 deg/s."
             },
         ),
-        Claim(known="No inertia can be read from it", step="fit", judge=refuses),
-        Claim(known="No cause can be named from it", step="diagnose", judge=refuses),
+        Claim(known="The log does not determine inertia", step="fit", judge=refuses),
+        Claim(known="The log does not determine any cause", step="diagnose", judge=refuses),
     ),
     pictures=(
         Picture(
@@ -76,20 +78,20 @@ TLOG = RealSet(
             ),
         ),
     ),
-    ours="The right answer to this file is a refusal in plain words, and a `rovid.toml` that somebody can go on with.",
+    ours="The right result for this file is a clear error message, and a `rovid.toml` that a user can complete.",
 )
 
 FLASH = RealSet(
     key="ardusub_bin",
     title="ArduSub DataFlash: small.BIN",
-    about="24 s of the log of a BlueROV2 with six thrusters, at rest: the heading stays within 0.2 deg, and the pulses "
-    "within 8 us of neutral, where a T200 does not push.",
-    source=_SOURCE + "It comes with rovid as `sample_logs/ardusub_small/small.BIN`.",
+    about="24 s of the log of a BlueROV2 with six thrusters, at rest. The heading stays within 0.2 deg, and the "
+    "pulses within 8 us of neutral, where a T200 has no thrust.",
+    source=_SOURCE + "The file comes with rovid as `sample_logs/ardusub_small/small.BIN`.",
     logs="ardusub_small/small.BIN",
     steps=_first_look("ardusub_bin", "small.BIN"),
     claims=(
         Claim(
-            known="Outputs 1 to 6 are thrusters: the log's own parameters SERVO1_FUNCTION to SERVO6_FUNCTION are 33 "
+            known="Outputs 1 to 6 are thrusters: in the log the parameters SERVO1_FUNCTION to SERVO6_FUNCTION are 33 "
             "to 38 (motors 1 to 6)",
             step="init",
             judge=commands_within(_FLASH),
@@ -100,9 +102,9 @@ FLASH = RealSet(
             judge=guesses("supply_voltage", ("BAT.Volt",)),
             remarks=_VOLTAGE,
         ),
-        Claim(known="No drag can be read from it", step="fit-drag", judge=refuses),
-        Claim(known="No inertia can be read from it", step="fit", judge=refuses),
-        Claim(known="No cause can be named from it", step="diagnose", judge=refuses),
+        Claim(known="The log does not determine drag", step="fit-drag", judge=refuses),
+        Claim(known="The log does not determine inertia", step="fit", judge=refuses),
+        Claim(known="The log does not determine any cause", step="diagnose", judge=refuses),
     ),
     pictures=(
         Picture(
@@ -113,5 +115,5 @@ FLASH = RealSet(
             ),
         ),
     ),
-    ours="The right answer to this file is a refusal in plain words.",
+    ours="The right result for this file is a clear error message.",
 )

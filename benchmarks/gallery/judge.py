@@ -269,8 +269,8 @@ def judge_cause(named: Document, *, established: bool, causes: Sequence[Cause]) 
         return Judgement(WRONG if said else UNDECIDED, own.why)
     rival = next((cause for cause in causes if cause.acts and _meant(named) & set(cause.effects)), None)
     if rival is not None:
-        return Judgement(RIGHT, f"It is named as one of a class. {rival.why}")
-    return Judgement(UNDECIDED, own.why if own is not None else "Nothing is known for it or against it.")
+        return Judgement(RIGHT, f"The cause is named as a member of a class. {rival.why}")
+    return Judgement(UNDECIDED, own.why if own is not None else "No independent evidence for or against the cause.")
 
 
 def sizes(named: Document) -> str:

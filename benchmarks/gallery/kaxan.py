@@ -8,8 +8,8 @@ from benchmarks.gallery.judge import WRONG, Claim, Document, Reader, Reading, nu
 
 _KEY, _THRUSTERS = "kaxan", ("kaxan_520", "kaxan_540")
 _NO_READING = (
-    "Between -0.14 V and 0.93 V there is no reading; the zone is ended at the last one within, not where the curve "
-    "begins to rise."
+    "There is no reading between -0.14 V and 0.93 V; rovid ends the zone at the last reading inside, not where "
+    "the curve begins to rise."
 )
 
 
@@ -35,10 +35,10 @@ def _zone(thruster: str, which: int, known: str, remark: str = "") -> Claim:
 BENCH = RealSet(
     key=_KEY,
     title="KAXAN: bench readings of two thrusters",
-    about="Command in V against thrust in N of two thrusters of the ROV KAXAN, 47 readings each, without a header. "
-    "Near zero they scatter by half a newton and do not rise in order; they look as if read off a plot.",
+    about="Command in V and thrust in N of two thrusters of the ROV KAXAN, 47 readings each, without a header. "
+    "Near zero the readings scatter by half a newton and are not monotonic. They were probably read from a plot.",
     source="[Kaxan](https://github.com/enricoande/Kaxan) at 8f24f17; MIT licence, Copyright (c) 2018 Enrico "
-    "Anderlini. They come with rovid as `sample_logs/thruster_bench`.",
+    "Anderlini. The files come with rovid as `sample_logs/thruster_bench`.",
     logs="thruster_bench/kaxan_5*.csv",
     steps=tuple(
         Step(name=key, words=f"fit-thruster {_KEY}/{key}.csv --unit N -o {key}_curve.csv") for key in _THRUSTERS
@@ -47,15 +47,15 @@ BENCH = RealSet(
         _zone(
             "kaxan_520",
             1,
-            "Both have a dead zone of about 1 V on either side, 0.5 to 1.5 V: within it the readings scatter about "
-            "nothing. The upper end of 520",
+            "Both have a dead zone of about 1 V on each side, 0.5 to 1.5 V: within the zone the readings scatter "
+            "about zero. The upper end of 520",
             _NO_READING,
         ),
         _zone("kaxan_520", 0, "The lower end of 520"),
         _zone("kaxan_540", 1, "The upper end of 540"),
         _zone("kaxan_540", 0, "The lower end of 540"),
         Claim(
-            known="520 pushes much less in reverse: the outermost readings are -63.11 N and 96.33 N",
+            known="Thruster 520 has much less thrust in reverse: the outermost readings are -63.11 N and 96.33 N",
             step="kaxan_520",
             judge=number(ratio(_end("thrust_range", 0), _end("thrust_range", 1)), -63.12 / 96.32, -63.10 / 96.34),
         ),
@@ -63,10 +63,9 @@ BENCH = RealSet(
     pictures=(
         Picture(
             name="real_kaxan.png",
-            caption="The readings, and the curves that rovid makes of them.",
+            caption="The readings, and rovid's curves.",
             draw=lambda room, _: pictures.benches(room, _KEY, _THRUSTERS),
         ),
     ),
-    ours="A thrust curve is a table that every later command trusts. What is most worth checking is where it says that "
-    "nothing pushes.",
+    ours="Every later command relies on the thrust curve. Its dead zone is the most important part to check.",
 )

@@ -95,23 +95,22 @@ def _head(done: Sequence[Done]) -> str:
     cores = max((record.cores for _, record in done), default=0)
     return f"""{_MADE}
 
-# Real logs: what is known, what rovid says, right or wrong
+# Real logs: known facts, rovid's results, right or wrong
 
-Nearly everything else that these pages measure was made by a simulator. Here are real logs: of a dive, of ships'
-models, of files that were made for other purposes. For each set there is what is known of it without rovid, the
-commands that rovid was given, what it said, and whether that is right. The failures stand beside the successes. What is
-known, and from where, is written by hand; verdicts, numbers and the three words below are filled in by
-`benchmarks/real.py` from rovid's JSON.
+Most other results in these pages come from simulated data. This page uses real logs: a dive, model ships, and files
+recorded for other purposes. For each set the page lists the facts known without rovid, the commands, rovid's
+results, and a judgement. Failures are listed next to successes. The facts and their sources are written by hand.
+Verdicts, numbers and the three words below are filled in by `benchmarks/real.py` from rovid's JSON.
 
-* **right**: a number that meets what is known within two of its standard errors; a cause that is known to act, by
-  itself or as one of a class; a refusal where there is nothing to be found.
-* **wrong**: a number that does not; a cause that is known not to act, established or with a confidence of {LIKELY:g} or
-  more; a cause that plainly acts, left out by a diagnosis that ended; an answer where there can be none.
-* **undecided**: nobody can know; or rovid was too vague to be held to it (a cause that plainly acts is neither
-  established, nor the first of its suspects, nor one of a confidence of {LIKELY:g}), or did not end in time.
+* **right**: a number agrees with the fact within two standard errors; a named cause is known to act, alone or as a
+  member of a class; or rovid refuses and there is nothing to find.
+* **wrong**: a number does not agree; a cause known not to act is established or has a confidence of {LIKELY:g} or more;
+  a completed diagnosis omits a cause that clearly acts; or rovid gives a result and none is possible.
+* **undecided**: the truth is unknown; the result is too imprecise (a cause that clearly acts is not established,
+  not the first suspect, and has a confidence below {LIKELY:g}); or the command did not end in time.
 
-Times are by the clock on the wall, and those of the processor beside them, of {cores} cores that others used too: the
-smaller of the two is what a quiet machine takes at most. By that a command may take {SECONDS_A_MINUTE:g} s for each
+The tables list elapsed time and processor time on {cores} cores shared with other processes. The smaller of the
+two times is an upper limit for an idle machine. By this measure a command may take {SECONDS_A_MINUTE:g} s for each
 minute of logs, or {SECONDS_AT_LEAST:g} s if that is more; a refusal {SECONDS_AT_LEAST:g} s."""
 
 
@@ -130,8 +129,8 @@ def _summary(done: Sequence[Done]) -> str:
     kinds = ["right", "wrong", "undecided"]
     head = ["set", *kinds, *(f"causes {kind}" for kind in kinds), "suspects", "slowest", "s a minute"]
     return (
-        "## In short\n\nThe first three columns count what is known of each set; the next three the causes that rovid "
-        "established.\n\n" + _table(head, rows)
+        "## In short\n\nThe first three columns count the facts of each set, the next three columns the causes "
+        "that rovid established.\n\n" + _table(head, rows)
     )
 
 
@@ -170,14 +169,14 @@ def _asked(record: Record) -> str:
     refusals = [_prose(answer.message) for answer in answers if answer.code == REFUSED]
     minutes = "" if record.minutes is None else f" The logs last {record.minutes:.1f} minutes."
     parts = [
-        "### What rovid was asked",
+        "### Commands",
         _config(record),
         "<!-- test: not run; benchmarks/real.py runs it, on logs that are not all here -->\n```sh\n"
         + commands
         + "\n```",
-        f"Each with `--json` besides.{minutes}",
+        f"Each command also had `--json`.{minutes}",
         _table(["command", "end", "s", "s of processor", "s a minute of logs", "in time"], rows),
-        "What it refused, in its words:\n\n```text\n" + "\n\n".join(refusals) + "\n```" if refusals else "",
+        "Error messages of the refusals:\n\n```text\n" + "\n\n".join(refusals) + "\n```" if refusals else "",
     ]
     return "\n\n".join(part for part in parts if part)
 
@@ -202,7 +201,7 @@ def _config(record: Record) -> str:
     """rovid.toml, or what `init` guessed where it wrote that."""
     init = record.answers.get("init")
     if init is None:
-        return f"By this `rovid.toml`:\n\n```toml\n{record.config.strip()}\n```" if record.config else ""
+        return f"Configuration, `rovid.toml`:\n\n```toml\n{record.config.strip()}\n```" if record.config else ""
     if init.document is None:
         return ""
     rows = [
@@ -212,7 +211,7 @@ def _config(record: Record) -> str:
     ]
     commands = [command for guesses in init.document["commands"].values() for command in guesses]
     rows += [["command", f"`{command['source']}`", command["why"]] for command in commands]
-    return "What `init` guessed, and wrote into `rovid.toml`:\n\n" + _table(["signal", "taken from", "why"], rows)
+    return "Guesses of `init`, written to `rovid.toml`:\n\n" + _table(["signal", "taken from", "why"], rows)
 
 
 def _claims(real: RealSet, record: Record) -> str:
@@ -221,9 +220,7 @@ def _claims(real: RealSet, record: Record) -> str:
         asked = next(step.words.split()[0] for step in real.steps if step.name == claim.step)
         remark = claim.remarks.get(judgement.word, "")
         rows.append([claim.known, f"`{asked}`", judgement.said, _word(judgement.word), remark])
-    return "### What is known, and what rovid says\n\n" + _table(
-        ["known without rovid", "asked by", "rovid says", "", "remark"], rows
-    )
+    return "### Facts and results\n\n" + _table(["known without rovid", "asked by", "rovid says", "", "remark"], rows)
 
 
 def _causes(real: RealSet, record: Record) -> str:
@@ -235,10 +232,8 @@ def _causes(real: RealSet, record: Record) -> str:
         for kind, cause, judgement in named(real, record)
     ]
     if not rows:
-        return "### Each cause that it named\n\nNone."
-    return "### Each cause that it named\n\n" + _table(
-        ["cause", "as", "confidence", "size", "", "what is known of it"], rows
-    )
+        return "### Named causes\n\nNone."
+    return "### Named causes\n\n" + _table(["cause", "as", "confidence", "size", "", "what is known of it"], rows)
 
 
 def _key(cause: Document) -> str:
@@ -263,7 +258,7 @@ def _said(document: Document) -> str:
         if left["share_of_torque_variance"] is not None:
             follows = ", ".join(f"`{name}`" for name in left["depends_on"])
             parts.append(
-                f"Left unexplained: {100 * left['share_of_torque_variance']:.2g} % of the torque's variance"
+                f"Unexplained: {100 * left['share_of_torque_variance']:.2g} % of the torque's variance"
                 + (f", which follows {follows}." if follows else ".")
             )
     # What is wrong with a log is told by `check` already, and begins with its name.
@@ -277,7 +272,7 @@ def _parameters(document: Document) -> str:
     for name in {**base, **extended}:
         unit = (base.get(name) or extended[name])["unit"]
         rows.append([f"`{name}`", *(_value(side.get(name)) for side in (base, extended)), unit])
-    return _table(["parameter", "plain model", "with what was found", "unit"], rows)
+    return _table(["parameter", "plain model", "extended model", "unit"], rows)
 
 
 def _value(reading: Document | None) -> str:
@@ -294,7 +289,7 @@ def _better(document: Document) -> str:
         if sides[0] is not None:
             shown = ["–" if side is None else f"{side:.3g}" for side in sides]
             rows.append([f"`{name}`", *shown, "" if gain["unit"] == "1" else gain["unit"]])
-    head = ["on parts not fitted", "plain model", "with what was found", "noise floor", "unit"]
+    head = ["held-out error", "plain model", "extended model", "noise floor", "unit"]
     return _table(head, rows) if rows else ""
 
 
@@ -304,7 +299,7 @@ def _horizons(document: Document) -> str:
         [f"{one['seconds']:.3g} s", *("–" if one[side] is None else f"{one[side]:.3g}" for side in sides)]
         for one in document.get("horizons", [])
     ]
-    return _table(["error ahead by", "plain model, deg", "with what was found, deg"], rows) if rows else ""
+    return _table(["prediction horizon", "plain model, deg", "extended model, deg"], rows) if rows else ""
 
 
 def _table(head: list[str], rows: list[list[str]]) -> str:

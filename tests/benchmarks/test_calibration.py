@@ -71,5 +71,5 @@ def test_coverage_is_counted_by_what_was_hidden_and_named(tmp_path: Path) -> Non
     for share, level in zip(shares, (50.0, 80.0, 95.0), strict=True):
         assert abs(float(share.split()[0]) - level) < 3.5
     assert rows["cause not named: inertia"][3].split()[0] == "0.0"
-    assert rows["**a cause's size**, where it is named"][1].split()[0] == "100.0"
+    assert rows["**a cause's size**, cause named"][1].split()[0] == "100.0"
     assert "nothing hidden 0 have a false finding" in " ".join(text.split())

@@ -115,13 +115,18 @@ def test_a_class_is_not_a_name_where_that_is_wanted() -> None:
     [
         (cause("command_delay"), True, RIGHT, "It acts."),
         (cause("command_delay", 0.2), False, RIGHT, "It acts."),
-        (cause("slew_limit", rivals=("thruster_lag",)), True, RIGHT, "It is named as one of a class. It acts."),
+        (
+            cause("slew_limit", rivals=("thruster_lag",)),
+            True,
+            RIGHT,
+            "The cause is named as a member of a class. It acts.",
+        ),
         (cause("tank_seiche", 0.99), True, WRONG, "It does not."),
         (cause("tank_seiche", rivals=("thruster_lag",)), True, WRONG, "It does not."),
         (cause("tank_seiche", 0.6), False, WRONG, "It does not."),
         (cause("tank_seiche", 0.3), False, UNDECIDED, "It does not."),
         (cause("wave_torque", 0.99), True, UNDECIDED, "Nobody knows."),
-        (cause("bias_torque", 0.99), True, UNDECIDED, "Nothing is known for it or against it."),
+        (cause("bias_torque", 0.99), True, UNDECIDED, "No independent evidence for or against the cause."),
     ],
 )
 def test_each_cause_that_is_named_is_judged(found: dict[str, Any], established: bool, word: str, why: str) -> None:
