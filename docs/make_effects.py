@@ -458,9 +458,9 @@ def index() -> str:
         "# Effects",
         _wrapped(
             f"rovid's base model is {_BASE}. The catalogue contains {len(CATALOGUE)} effects that extend it. Each "
-            "effect has a page: the equation of every form, its signature in the residuals, confusable effects, the run "
-            "that decides, and typical sizes. `rovid fit --effect ID` estimates an effect with inertia and drag. Name a "
-            "form other than the default as `ID:form`."
+            "effect has a page: the equation of every form, its signature in the residuals, confusable effects, the "
+            "run that decides, and typical sizes. `rovid fit --effect ID` estimates an effect with inertia and drag. "
+            "Name a form other than the default as `ID:form`."
         ),
         "\n".join(rows),
         "## Reading an equation",
@@ -482,8 +482,8 @@ def index() -> str:
         ),
         _wrapped(
             f"The residual torque is {_RESIDUAL} of the run with the effect, with T of the bench curve. A positive "
-            "value means that the base model has too much torque. Inertia and drag are the true values. A fit to the run "
-            "would change them and absorb part of the residual."
+            "value means that the base model has too much torque. Inertia and drag are the true values. A fit to the "
+            "run would change them and absorb part of the residual."
         ),
         "## Sizes",
         _wrapped(

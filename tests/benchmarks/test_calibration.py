@@ -72,4 +72,4 @@ def test_coverage_is_counted_by_what_was_hidden_and_named(tmp_path: Path) -> Non
         assert abs(float(share.split()[0]) - level) < 3.5
     assert rows["cause not named: inertia"][3].split()[0] == "0.0"
     assert rows["**a cause's size**, cause named"][1].split()[0] == "100.0"
-    assert "nothing hidden 0 have a false finding" in " ".join(text.split())
+    assert "without a hidden cause 0 have a false finding" in " ".join(text.split())
