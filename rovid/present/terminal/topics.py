@@ -31,6 +31,8 @@ TOPICS = (
     "fleet",
     "confusion",
     "hard",
+    "troubleshooting",
+    "glossary",
     "effects",
 )
 _INDEX = "README"
