@@ -193,7 +193,7 @@ def test_a_log_of_the_new_format_is_read(copy: Path, tmp_path: Path) -> None:
     for name, content in (("run", whole[:-5]), ("empty", b""), ("picture", b"\x89PNG\r\n")):
         (tmp_path / f"{name}.jsonl").write_bytes(content)
     found = json.loads(run(copy, "-m", "rovid", "check", ".", "--json", cwd=tmp_path, code=2))
-    assert f"Line {len(table)} is no JSON object" in json.dumps(found["logs"])
+    assert f"Line {len(table)} is not a JSON object" in json.dumps(found["logs"])
     assert [one["problem"].count("is not a file of JSON lines") for one in found["unreadable"]] == [1, 1]
 
 
@@ -213,4 +213,4 @@ def test_a_command_runs_and_has_a_page(copy: Path) -> None:
     assert run(copy, "-m", "rovid", "axes", "--angular").split() == ["yaw", "roll", "pitch"]
     page = run(copy, "-m", "rovid", "axes", "--help")
     assert "Usage: rovid axes" in page
-    assert "Those that turn" in page
+    assert "Rotational axes" in page
