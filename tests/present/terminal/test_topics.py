@@ -37,7 +37,7 @@ def test_a_page_cites_nothing_that_an_installed_rovid_lacks(topic: str) -> None:
 def test_an_effect_is_told_as_its_page_tells_it() -> None:
     page = (DOCS / "effects" / "thruster_lag.md").read_text(encoding="utf-8")
     text = topics.topic_text("thruster_lag")
-    for part in ("τ·dT'/dt + T' = T", "Work class: 0.1 to 0.3 s electric", "A BlueROV2 has a time constant"):
+    for part in ("τ·dT'/dt + T' = T", "Work class: 0.1 to 0.3 s electric", "0.15 s about +45 %"):
         assert part in page
         assert part in text
     assert "Drawn with" not in text
