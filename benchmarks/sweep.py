@@ -685,7 +685,7 @@ def case_table(results: Sequence[Result]) -> str:
 
 def group_table(results: Sequence[Result]) -> str:
     rows = [[result.vehicle, result.name, answer_in_words(result)] for result in results]
-    return table(["vehicle", "hidden", "said"], sorted(rows), left=3)
+    return table(["vehicle", "hidden", "result"], sorted(rows), left=3)
 
 
 def answer_in_words(result: Result) -> str:

@@ -1,1 +1,1 @@
-"""The documentation's pages and what makes them."""
+"""Pages of the documentation and their generators."""

@@ -1,6 +1,7 @@
-"""How Sphinx builds the documentation: ``make docs``, or ``sphinx-build -W -b html docs build/docs``.
+"""Sphinx configuration: ``make docs``, or ``sphinx-build -W -b html docs build/docs``.
 
-The pages are read offline too, from a USB stick aboard: nothing may come from the network, so formulas are drawn here.
+The pages are also read offline, for example from a USB stick aboard. They load nothing from the
+network, and formulas are drawn at build time.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from pathlib import Path
 ROOT = Path(__file__).parent.parent
 sys.path.insert(0, str(ROOT))
 
-import rovid  # noqa: E402 - found by the line above
+import rovid  # noqa: E402 - needs the path above
 
 project = "rovid"
 author = "the rovid developers"

@@ -1,7 +1,7 @@
-"""Run the commands of docs/tutorial.md and keep the pictures that the page shows.
+"""Run the commands of docs/tutorial.md and store the plots shown there.
 
-Run from the checkout as ``python -m docs.make_pictures``. A test compares them with what the commands draw. What a
-reader sees of the page is taken by a browser, where the machine has one.
+Run from the checkout as ``python -m docs.make_pictures``. A test compares the stored plots with new ones. A browser, if
+installed, takes the screenshots of the page.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pathlib import Path
 
 HERE = Path(__file__).parent
 FOLDER = HERE / "pictures"
-# Picture -> where the commands of the tutorial write it.
+# Picture -> output path of the tutorial's commands.
 PICTURES: Mapping[str, str] = {
     "misfit.png": "hidden/plots/diagnosis_gain.png",
     "missing_lag.png": "hidden/plots/missing_thruster_lag.png",
@@ -28,27 +28,27 @@ PICTURES: Mapping[str, str] = {
     "sine_40s_a.png": "report/plots/trial_14_sine_40s_a_csv.png",
     "plan.png": "plan.png",
 }
-# Picture -> what is done on the page first, and the part of the page that it shows.
+# Screenshot -> JavaScript to run first, and selector of the element to show.
 SCREENS: Mapping[str, tuple[str, str]] = {
     "page.png": ("", "#summary"),
     "switches.png": ("document.querySelector('#viewer-causes input').click()", "#viewer-root"),
 }
 PAGE = "hidden/index.html"
-# Picture of the page of `rovid open`, how high it is, and the logs of the sample day that it is of.
+# Screenshot of `rovid open`: file, height in pixels, logs of the sample day.
 OPEN = ("open.png", 1500, ("hold_02.csv", "hold_03.csv", "sine_40s_a.csv", "staircase.csv", "thrust_curve.csv"))
 
 
 def has_browser() -> bool:
-    """Whether there is one that can be driven from here."""
+    """Whether a browser with remote control is available."""
     try:
         from tests.present.chromium import find_chromium
-    except ImportError:  # it is driven over a pipe of POSIX
+    except ImportError:  # remote control needs POSIX pipes
         return False
     return find_chromium() is not None
 
 
 def screens(page: Path, folder: Path) -> None:
-    """Take the pictures of ``page`` as a browser shows it, into ``folder``."""
+    """Write screenshots of ``page`` into ``folder``."""
     from tests.present.chromium import chromium
 
     with tempfile.TemporaryDirectory() as profile, chromium(Path(profile), "--hide-scrollbars") as tab:
@@ -66,7 +66,7 @@ def screens(page: Path, folder: Path) -> None:
 
 
 def screen_of_open(folder: Path) -> None:
-    """Take the picture of the page of `rovid open`, into ``folder``."""
+    """Write the screenshot of `rovid open` into ``folder``."""
     from tests.app.served import served
     from tests.present.chromium import chromium
 
@@ -82,7 +82,7 @@ def screen_of_open(folder: Path) -> None:
             tab.call("Emulation.setEmulatedMedia", media="", features=features)
             tab.call("Page.navigate", url=server.address)
             tab.until("document.querySelectorAll('#check-said .verdict, .chart canvas').length > 6")
-            # Where it was made concerns nobody.
+            # Hide the path of this machine.
             tab.ask("for (const id of ['where', 'top']) document.getElementById(id).textContent = '/home/me/trials'")
             tab.ask("scrollTo(0, 0); new Promise(requestAnimationFrame)")
             taken = tab.call("Page.captureScreenshot", format="png")
@@ -90,7 +90,7 @@ def screen_of_open(folder: Path) -> None:
 
 
 def main() -> None:
-    """Write all of them anew."""
+    """Write all plots and screenshots."""
     text = (HERE / "tutorial.md").read_text(encoding="utf-8")
     FOLDER.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory() as name:
@@ -106,7 +106,7 @@ def main() -> None:
             screens(folder / PAGE, FOLDER)
             screen_of_open(FOLDER)
         else:
-            sys.stdout.write(f"no browser: {', '.join((*SCREENS, OPEN[0]))} stay as they are\n")
+            sys.stdout.write(f"no browser: {', '.join((*SCREENS, OPEN[0]))} are unchanged\n")
 
 
 if __name__ == "__main__":

@@ -1,1 +1,1 @@
-"""What Sphinx does not bring for these pages."""
+"""Sphinx extensions for these pages."""

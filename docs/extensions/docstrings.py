@@ -1,6 +1,6 @@
-"""Docstrings as they are written here, for Sphinx: plain bars in formulas, several attributes on one line.
+"""Adapt docstrings for Sphinx: plain bars in formulas, several attributes on one line.
 
-Signatures are given with the short names that the sources use.
+Signatures use the short type names of the sources.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from sphinx.util.typing import ExtensionMetadata
 
 _LITERAL = re.compile(r"(``.*?``|`.*?`)")
 _SEVERAL = re.compile(r"\w+(?:, \w+)+")
-# Stands for the blank between two names until all is read: before a blank Sphinx looks for a type.
+# Placeholder for the blank between two names while Sphinx parses: Sphinx interprets the word before a blank as a type.
 _BLANK = "\ue000"
 
 
-# What annotations look like once Python has evaluated them -> what stands in the sources.
+# Evaluated annotation -> short name in the sources.
 _ARRAY = r"~?(?:numpy\.)?ndarray\[tuple\[~?(?:typing\.)?Any, \.\.\.\], ~?(?:numpy\.)?dtype\[~?(?:numpy\.)?"
 _SHORT = {
     re.compile(_ARRAY + r"float64\]\]"): "FloatArray",
@@ -29,7 +29,7 @@ _SHORT = {
 
 
 def plain_bars(line: str) -> str:
-    """``line`` with every bar outside code taken as a bar: |r| asks for no substitution."""
+    """``line`` with escaped bars outside code, because Sphinx reads |r| as a substitution."""
     parts = _LITERAL.split(line)
     return "".join(part if number % 2 else part.replace("|", r"\|") for number, part in enumerate(parts))
 
@@ -54,7 +54,7 @@ def _restore(_app: Sphinx, doctree: nodes.document) -> None:
 
 
 def setup(app: Sphinx) -> ExtensionMetadata:
-    """Prepare before anything else looks at the docstring."""
+    """Connect the handlers, with the docstring handler first."""
     app.connect("autodoc-process-docstring", _prepare, priority=1)
     app.connect("autodoc-process-signature", _shorten)
     app.connect("doctree-read", _restore)

@@ -1,6 +1,6 @@
-"""Formulas as drawings that every browser shows alike: no script, no font, no network.
+"""Formulas as SVG drawings that look the same in every browser, without scripts, fonts or network.
 
-MathML would do without a drawing, but where no font for mathematics is installed the dot of a derivative is lost.
+MathML would need no drawing, but without a mathematics font browsers lose the dot of a derivative.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from rovid.core.array_types import FloatArray
 
 _SIZE = 100.0  # drawing units in 1 em
 _LETTERS = {Path.MOVETO: "M", Path.LINETO: "L", Path.CURVE3: "Q", Path.CURVE4: "C", Path.CLOSEPOLY: "Z"}
-# The letters of STIX are a little smaller than those of the text beside them.
+# STIX letters are slightly smaller than the letters of the text.
 _EM = 1.1
 
 
 @cache
 def drawing(formula: str, *, display: bool) -> str:
-    """``formula`` as an SVG that takes the colour of the text and stands on its line."""
+    """``formula`` as an SVG in the colour of the text and on its baseline."""
     text = f"${formula.replace(chr(10), ' ')}$"
     if display:
         text = text.replace(r"\frac", r"\dfrac")
-    # A size in points at 72 dots per inch is one in dots.
+    # At 72 dots per inch a size in points equals a size in dots.
     font = FontProperties(size=_SIZE, math_fontfamily="stix")
     maker = TextToPath()
     width, height, depth = maker.get_text_width_height_descent(text, font, ismath=True)
@@ -51,7 +51,7 @@ def drawing(formula: str, *, display: bool) -> str:
 
 
 def _numbers(points: FloatArray) -> str:
-    """Pairs of coordinates, those of SVG going down."""
+    """Pairs of coordinates, with the y axis of SVG downwards."""
     return " ".join(f"{x:.0f} {-y:.0f}" for x, y in points.reshape(-1, 2))
 
 

@@ -1,4 +1,4 @@
-"""What pages take from the program itself, at build time, so that they cannot drift from it."""
+"""Page content generated from the program at build time."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ _COLUMNS = 84
 
 
 def command_reference() -> str:
-    """The help of every command, as it is printed, as Markdown."""
-    # Newer versions of typer bring a click of their own, whose types are none of ours.
+    """Help of every command as Markdown."""
+    # Newer versions of typer contain their own copy of click, with incompatible types.
     group: Any = get_command(rovid)
     parent = group.context_class(group, info_name="rovid")
     return "\n".join(_help(command, parent) for command in group.commands.values())
@@ -29,16 +29,16 @@ def _help(command: Any, parent: Any) -> str:
 
 
 def _complete(_app: Sphinx, name: str, source: list[str]) -> None:
-    """Put into a page what the program knows."""
+    """Insert the generated parts into a page."""
     if name == "commands":
         source[0] = source[0].replace(_COMMANDS, command_reference())
     elif name == "effects/README":
-        # The page is read on its own too, where a table of contents would show as text.
+        # The page is also read outside Sphinx, where a table of contents would appear as text.
         pages = "\n".join(effect.id for effect in CATALOGUE)
         source[0] += f"\n```{{toctree}}\n:hidden:\n\n{pages}\n```\n"
 
 
 def setup(app: Sphinx) -> ExtensionMetadata:
-    """Complete the pages as they are read."""
+    """Connect the handler to the reading of pages."""
     app.connect("source-read", _complete)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
