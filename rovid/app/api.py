@@ -20,17 +20,8 @@ from rovid.core.paths import require_exists
 from rovid.core.toml import read_toml
 from rovid.preflight.check import check_logs
 from rovid.preflight.config_writer import config_files
-from rovid.preflight.log_survey import (
-    LogsRead,
-    LogSurvey,
-    SurveyOptions,
-    is_thrust_curve,
-    log_files,
-    output_files,
-    read_columns,
-    read_logs,
-    survey_read_logs,
-)
+from rovid.preflight.log_reading import LogsRead, is_thrust_curve, log_files, read_columns, read_logs
+from rovid.preflight.log_survey import LogSurvey, SurveyOptions, output_files, survey_read_logs
 from rovid.preflight.raw_columns import RawColumn
 from rovid.present.documents.results import check_document, survey_document
 from rovid.present.terminal.check_text import VERDICTS, check_notes, check_tasks

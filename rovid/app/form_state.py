@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from rovid.core.errors import NAME_LENGTH, ConfigError
-from rovid.preflight.log_survey import LogSurvey, all_commands
+from rovid.preflight.log_survey import LogSurvey, UserOverrides, all_commands
 from rovid.preflight.raw_columns import SignalGuess
-from rovid.preflight.user_overrides import UserOverrides
 from rovid.trial.trial import Exclusion
 
 _SIZES = ("mass", "length", "width")

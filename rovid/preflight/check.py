@@ -1,4 +1,4 @@
-"""What each log holds, and what is wrong with it."""
+"""`rovid check`: facts and problems of each log, and advice before a fit."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import numpy as np
 
 from rovid.core.errors import RovidError
 from rovid.preflight.advice import Advice, advise
+from rovid.preflight.clock_alignment import ClockOffsets
 from rovid.preflight.clock_offsets import estimate_clock_offsets
-from rovid.preflight.clock_report import ClockOffsets
+from rovid.preflight.command_effects import ThrusterCheck, check_thrusters
 from rovid.preflight.feedback_detection import Feedback, detect_feedback
-from rovid.preflight.thruster_check import ThrusterCheck, check_thrusters
 from rovid.readers import find_logs, read_trials
 from rovid.readers.duplicates import without_duplicates
 from rovid.signals.rates import white_noise
@@ -25,10 +25,10 @@ from rovid.trial.trial import Remark, Trial
 
 @dataclass(frozen=True, kw_only=True)
 class LogCheck:
-    """A row of facts for each readable log, a problem for each other one, and what holds for the folder.
+    """Facts of each readable log, problems of the others, and findings on all logs together.
 
-    ``advice`` is what to mind before a fit, the gravest first; ``feedback`` what it says of feedback rests on,
-    ``clocks`` what it says of the clocks of files that were joined, ``pushes`` of each thruster.
+    ``advice`` is sorted by severity. It rests on ``feedback``, on the ``clocks`` of joined files and on the check of
+    each of the ``thrusters``.
     """
 
     rows: tuple[tuple[Trial, dict[str, Any]], ...]
@@ -41,7 +41,7 @@ class LogCheck:
 
     @property
     def verdict(self) -> Literal["go", "care", "no_go"]:
-        """Whether these logs are ready for a fit."""
+        """Whether the logs are ready for a fit."""
         weights = {one.weight for one in self.advice}
         if self.problems or not self.rows or "grave" in weights:
             return "no_go"
@@ -49,7 +49,7 @@ class LogCheck:
 
 
 def check_logs(paths: Sequence[Path], config: Config) -> LogCheck:
-    """Read every log on its own, so that one bad log does not hide the others."""
+    """Check all logs; each is read by itself, so that an unreadable log does not hide the others."""
     found, remarks = find_logs(paths, config)
     rows: list[tuple[Trial, dict[str, Any]]] = []
     problems = {}
@@ -58,19 +58,18 @@ def check_logs(paths: Sequence[Path], config: Config) -> LogCheck:
             rows += [(trial, _facts(trial, config)) for trial in read_trials(path, config, name, remarks)]
         except RovidError as error:
             problems[name] = str(error)
-    # One recording in two formats is one run.
     trials = without_duplicates([trial for trial, _ in rows], remarks)
     feedback = detect_feedback(trials, config.vehicle)
     clocks = estimate_clock_offsets(trials, config)
-    pushing = check_thrusters(trials, config.vehicle)
+    thrusters = check_thrusters(trials, config.vehicle)
     return LogCheck(
         rows=tuple(rows),
         problems=problems,
         remarks=tuple(remarks),
-        advice=tuple(advise(trials, config.vehicle, feedback, clocks, pushing, all_read=not problems)),
+        advice=tuple(advise(trials, config.vehicle, feedback, clocks, thrusters, all_read=not problems)),
         feedback=tuple(feedback),
         clocks=clocks,
-        thrusters=tuple(pushing),
+        thrusters=tuple(thrusters),
     )
 
 
@@ -95,5 +94,5 @@ def _facts(trial: Trial, config: Config) -> dict[str, Any]:
 
 
 def remark_document(remark: Remark) -> dict[str, Any]:
-    """One remark of a reader."""
+    """JSON document of one remark of a reader."""
     return {"kind": remark.kind, "count": remark.count, "text": remark.text}

@@ -1,46 +1,150 @@
-"""How far two clocks are apart that saw the same: a heading or a yaw rate in both files, or one command twice."""
+"""Offset and drift between two clocks from signals in both files: a heading, a yaw rate, or a copy of a command."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.preflight.raw_columns import FEWEST, RawColumn
-from rovid.preflight.signal_guess import is_yaw_rate, turn_of_heading
-from rovid.preflight.thruster_guess import is_thruster_command
+from rovid.core.escaping import toml_key
+from rovid.core.formatting import plus_minus, round_to_error
+from rovid.preflight.raw_columns import MIN_SAMPLES, RawColumn, is_thruster_command, is_yaw_rate
+from rovid.preflight.signal_guess import turn_of_heading
 
-# What is alike goes together to this degree at the best shift; a copy of a command to that.
-_ALIKE, _COPY = 0.9, 0.999
-# s by which clocks may be apart, no more than this share of what both saw.
-_LONGEST, _SHARE = 30.0, 0.25
-# Intervals of the coarser series over which a rate is a mean; of these the one that tells most is taken. Others tell
-# about as much whose standard error is no more than so many of its own.
-_SPANS, _ABOUT = (2.0, 5.0, 12.0, 30.0), 2.0
-# The surest of several is a little too sure: by so much in `benchmarks.clocks`.
-_TOO_SURE = 1.4
-# Stretches whose scatter tells how sure it is: errors go on for a while.
-_STRETCHES, _FEWEST_STRETCHES = 24, 8
-_STEPS, _MOST_DRIFT = 12, 0.01
+# Standard errors of a significant offset or drift, and s, the smallest offset that matters; decision.
+SIGNIFICANT, _RELEVANT = 3.0, 0.02
+# Number of clocks that one sentence lists.
+_MAX_LISTED = 8
+# Minimum correlation of two motions, and of two copies of a command.
+_CORRELATED, _COPIED = 0.9, 0.999
+# s and share of the common time, largest offsets.
+_MAX_OFFSET, _MAX_SHARE = 30.0, 0.25
+# Averaging windows, in sampling intervals of the coarser series. Alignments are compared with the best one up to this
+# multiple of its standard error.
+_WINDOWS, _COMPARABLE = (2.0, 5.0, 12.0, 30.0), 2.0
+# Ratio of true to estimated standard error of the best alignment, from `benchmarks.clocks`.
+_SELECTION_BIAS = 1.4
+# Number of blocks for the standard error under autocorrelation, at most and at least.
+_BLOCKS, _MIN_BLOCKS = 24, 8
+_ITERATIONS, _MAX_DRIFT = 12, 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClockOffset:
+    """Offset of the clock of a file, or of one part of every trial.
+
+    Attributes
+    ----------
+    name
+        File, or part, as in [join].
+    offset, error
+        s to be added to the clock, besides the setting in [join], at the beginning of the file if the clock drifts;
+        standard error.
+    drift, drift_error
+        ppm; 0 where not significant.
+    by
+        Columns that were compared; empty for an estimate from the response of the vehicle.
+    given
+        s and ppm that [join] adds already.
+    middle
+        s from the beginning of the file to where the offset holds; 0 if the clock drifts.
+    """
+
+    name: str
+    offset: float
+    error: float
+    drift: float = 0.0
+    drift_error: float = 0.0
+    by: str = ""
+    given: tuple[float, float] = (0.0, 0.0)
+    middle: float = 0.0
+
+    @property
+    def certain(self) -> bool:
+        """Whether the offset is significant and cannot be a delay of the thrusters."""
+        return self.is_significant and (bool(self.by) or self.offset < 0.0)
+
+    @property
+    def is_significant(self) -> bool:
+        """Whether the offset is significant and relevant, or the clock drifts."""
+        return abs(self.offset) > max(SIGNIFICANT * self.error, _RELEVANT) or (bool(self.by) and bool(self.drift))
+
+    @property
+    def join_settings(self) -> dict[str, str]:
+        """Lines for the tables "offset" and "drift" of [join]."""
+        key = toml_key(self.name)
+        settings = {"offset": f"{key} = {round_to_error(self.given[0] + self.offset, self.error)}"}
+        if self.drift:
+            settings["drift"] = f"{key} = {round_to_error(self.given[1] + self.drift, self.drift_error)}"
+        return settings
+
+    @property
+    def text(self) -> str:
+        """One sentence for people."""
+        size = f"{plus_minus(abs(self.offset), self.error)} s"
+        if self.by:
+            drift = f" and {plus_minus(self.drift, self.drift_error)} ppm" if self.drift else ""
+            side = "behind" if self.offset > 0.0 else "ahead"
+            return f"The clock of {self.name} is {size} {side}{drift}, by {self.by} in both files."
+        if self.certain:
+            return (
+                f"The vehicle responds {size} before the commands in {self.name}, which is impossible: that clock is "
+                "ahead by as much, and by the delay of the thrusters in addition."
+            )
+        if self.is_significant:
+            return (
+                f"The vehicle responds {size} after the commands in {self.name}: a delay, or a clock that is behind. "
+                "The logs do not show which."
+            )
+        offset = plus_minus(self.offset, self.error)
+        return f"Clock offset between the commands in {self.name} and the motion: {offset} s (none seen)."
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClockOffsets:
+    """Offsets of all joined files; ``lag`` is the time constant of the thrusters in s, 0 if not significant."""
+
+    offsets: tuple[ClockOffset, ...] = ()
+    lag: float = 0.0
+
+    @property
+    def groups(self) -> list[tuple[ClockOffset, ...]]:
+        """Clocks with the same kind of finding."""
+        kinds: dict[tuple[bool, ...], list[ClockOffset]] = {}
+        for clock in self.offsets:
+            kinds.setdefault((clock.certain, clock.is_significant, bool(clock.by)), []).append(clock)
+        return [tuple(clocks) for clocks in kinds.values()]
+
+    def text(self, clocks: Sequence[ClockOffset]) -> str:
+        """Sentences on one of the groups."""
+        first, *others = clocks
+        text = first.text
+        if self.lag and not first.by:
+            text += f" In addition, thrust seems to lag the command by {self.lag:.2g} s."
+        if others:
+            listed = [f"{other.name} {plus_minus(other.offset, other.error)}" for other in others[:_MAX_LISTED]]
+            more = f" and {len(others) - _MAX_LISTED} more" if len(others) > _MAX_LISTED else ""
+            text += f" Likewise, s to be added: {', '.join(listed)}{more}."
+        return text
 
 
 @dataclass(frozen=True, kw_only=True)
 class ClockAlignment:
-    """What brings a clock onto another one.
+    """Correction of one clock to another one.
 
     Attributes
     ----------
     offset, error
-        s to be added to it in the middle of the log, with its standard error.
+        s to be added in the middle of the log, with standard error.
     drift, drift_error
-        The same that comes with each s, as a share.
+        Further s per s.
     middle
-        s from the beginning to that.
-    by
-        Columns that told it, for people.
+        s from the beginning of the log to its middle.
+    columns
+        Columns that were compared, for people.
     """
 
     offset: float
@@ -52,147 +156,136 @@ class ClockAlignment:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Course:
-    """A running integral, so that its mean rate over any window is known: (n,) s and values."""
+class _Integral:
+    """Integral of a signal at (n,) times in s, which gives the mean rate over any window."""
 
     source: str
     time: FloatArray
-    total: FloatArray
-    command: bool = False
-    gyro: bool = False
+    values: FloatArray
+    is_command: bool = False
+    is_gyro: bool = False
 
     @property
     def interval(self) -> float:
         return float(np.median(np.diff(self.time)))
 
-    def rate(self, instants: FloatArray, span: float) -> FloatArray:
-        """(m,) mean rates over ``span`` s around ``instants``."""
-        ends = (np.interp(instants + way * 0.5 * span, self.time, self.total) for way in (1.0, -1.0))
-        return np.asarray(np.subtract(*ends) / span)
+    def rate(self, instants: FloatArray, window: float) -> FloatArray:
+        """(m,) mean rates over ``window`` s around ``instants``."""
+        after = np.interp(instants + 0.5 * window, self.time, self.values)
+        return np.asarray((after - np.interp(instants - 0.5 * window, self.time, self.values)) / window)
 
-    def slope(self, instants: FloatArray, span: float) -> FloatArray:
-        """(m,) how that rate changes there."""
-        apart = 0.5 * span
-        return np.asarray((self.rate(instants + apart, span) - self.rate(instants - apart, span)) / (2.0 * apart))
+    def slope(self, instants: FloatArray, window: float) -> FloatArray:
+        """(m,) time derivatives of that rate."""
+        step = 0.5 * window
+        return np.asarray((self.rate(instants + step, window) - self.rate(instants - step, window)) / (2.0 * step))
 
 
 def align_clocks(reference: Mapping[str, RawColumn], other: Mapping[str, RawColumn]) -> ClockAlignment | None:
-    """What brings the clock of ``other`` onto that of ``reference``; None where they hold nothing that is alike."""
-    pairs = [
-        (one, two)
-        for one in _courses(reference)
-        for two in _courses(other)
-        if one.command is two.command and _overlap(one, two) > 0.0
-    ]
-    found = sorted((each for one, two in pairs for each in _by_spans(one, two)), key=lambda each: each.error)
+    """Correction of the clock of ``other`` to that of ``reference``; None without a signal in both."""
+    found: list[ClockAlignment] = []
+    for one in _integrals(reference):
+        for two in _integrals(other):
+            if one.is_command is two.is_command and _common_time(one, two) > 0.0:
+                step = max(one.interval, two.interval)
+                for window in (step * factor for factor in _WINDOWS):
+                    offset = _coarse_offset(one, two, step, window)
+                    alignment = None if offset is None else _refined(one, two, window, offset)
+                    if alignment is not None:
+                        found.append(alignment)
     if not found:
         return None
-    best = found[0]
-    # What tells about as much tells how far another choice would move it.
-    near = [each for each in found if each.error <= _ABOUT * best.error]
-    doubt, more = (float(np.std([getattr(each, what) for each in near])) for what in ("offset", "drift"))
-    error, drift_error = math.hypot(best.error, doubt), math.hypot(best.drift_error, more)
-    return replace(best, error=_TOO_SURE * error, drift_error=_TOO_SURE * drift_error)
+    best = min(found, key=lambda alignment: alignment.error)
+    # The scatter of comparable alignments is a part of the error.
+    near = [alignment for alignment in found if alignment.error <= _COMPARABLE * best.error]
+    error = math.hypot(best.error, float(np.std([alignment.offset for alignment in near])))
+    drift_error = math.hypot(best.drift_error, float(np.std([alignment.drift for alignment in near])))
+    return replace(best, error=_SELECTION_BIAS * error, drift_error=_SELECTION_BIAS * drift_error)
 
 
-def _courses(log: Mapping[str, RawColumn]) -> Iterator[_Course]:
-    for source, seen in log.items():
-        known = np.isfinite(seen.values) & np.isfinite(seen.time)
-        time, values = seen.time[known], seen.values[known]
-        if len(time) < 4 * FEWEST or not np.ptp(values) > 0.0 or not (np.diff(time) > 0.0).all():
+def _integrals(log: Mapping[str, RawColumn]) -> Iterator[_Integral]:
+    for source, column in log.items():
+        known = np.isfinite(column.values) & np.isfinite(column.time)
+        time, values = column.time[known], column.values[known]
+        if len(time) < 4 * MIN_SAMPLES or not np.ptp(values) > 0.0 or not (np.diff(time) > 0.0).all():
             continue
-        if (turn := turn_of_heading(seen)) is not None:
-            yield _Course(source=source, time=time, total=np.unwrap(values * (2.0 * np.pi / turn)))
+        if (turn := turn_of_heading(column)) is not None:
+            yield _Integral(source=source, time=time, values=np.unwrap(values * (2.0 * np.pi / turn)))
         elif is_yaw_rate(source):
             steps = 0.5 * (values[1:] + values[:-1]) * np.diff(time)
-            yield _Course(source=source, time=time, total=np.concatenate(([0.0], np.cumsum(steps))), gyro=True)
+            yield _Integral(source=source, time=time, values=np.append(0.0, np.cumsum(steps)), is_gyro=True)
         elif is_thruster_command(source):
-            held = np.concatenate(([0.0], np.cumsum(values[:-1] * np.diff(time))))
-            yield _Course(source=source, time=time, total=held, command=True)
+            held = np.append(0.0, np.cumsum(values[:-1] * np.diff(time)))
+            yield _Integral(source=source, time=time, values=held, is_command=True)
 
 
-def _overlap(one: _Course, two: _Course) -> float:
-    """S that both saw, as their clocks have it."""
+def _common_time(one: _Integral, two: _Integral) -> float:
+    """Time in s that both cover, by their clocks."""
     return float(min(one.time[-1], two.time[-1]) - max(one.time[0], two.time[0]))
 
 
-def _by_spans(one: _Course, two: _Course) -> Iterator[ClockAlignment]:
-    """By each window that tells."""
-    step = max(one.interval, two.interval)
-    for span in _SPANS:
-        for coarse in _coarse(one, two, step, span):
-            found = _refined(one, two, span * step, coarse)
-            if found is not None:
-                yield found
-
-
-def _coarse(one: _Course, two: _Course, step: float, spans: float) -> Iterator[float]:
-    """S to be added to the clock of ``two``, to a ``step``, where both then go together."""
-    longest = min(_LONGEST, _SHARE * _overlap(one, two))
+def _coarse_offset(one: _Integral, two: _Integral, step: float, window: float) -> float | None:
+    """Offset in s of the clock of ``two``, to one ``step``, at the largest correlation of the mean rates."""
+    longest = min(_MAX_OFFSET, _MAX_SHARE * _common_time(one, two))
     grid = np.arange(max(one.time[0], two.time[0]), min(one.time[-1], two.time[-1]), step)
-    if len(grid) < 4 * FEWEST:
-        return
-    a, b = (course.rate(grid, spans * step) for course in (one, two))
+    if len(grid) < 4 * MIN_SAMPLES:
+        return None
+    a, b = one.rate(grid, window), two.rate(grid, window)
     a, b = a - a.mean(), b - b.mean()
     size = float(np.sqrt((a @ a) * (b @ b)))
     if not size > 0.0:
-        return
-    # By Fourier transforms, long enough that no end meets the other.
-    long = 2 * len(grid)
-    together = np.fft.irfft(np.fft.rfft(a, long) * np.conj(np.fft.rfft(b, long)), long) / size
-    shifts = np.fft.fftfreq(long, 1.0 / long) * step
+        return None
+    # Zero padding avoids circular correlation.
+    count = 2 * len(grid)
+    products = np.fft.irfft(np.fft.rfft(a, count) * np.conj(np.fft.rfft(b, count)), count) / size
+    shifts = np.fft.fftfreq(count, 1.0 / count) * step
     near = np.abs(shifts) <= longest
-    # The clocks' overlap takes its share of what goes together.
-    fair = together[near] * len(grid) / np.maximum(len(grid) - np.abs(shifts[near]) / step, 1.0)
-    at = int(np.argmax(np.abs(fair)))
-    # A shift as long as any that was looked for is none that was found.
-    if abs(fair[at]) >= _ALIKE - 0.1 and abs(shifts[near][at]) < longest - step:
-        yield float(shifts[near][at])
+    # Unbiased for the shorter overlap at larger shifts.
+    correlation = products[near] * len(grid) / np.maximum(len(grid) - np.abs(shifts[near]) / step, 1.0)
+    at = int(np.argmax(np.abs(correlation)))
+    # A maximum at the end of the range is no maximum.
+    if abs(correlation[at]) >= _CORRELATED - 0.1 and abs(shifts[near][at]) < longest - step:
+        return float(shifts[near][at])
+    return None
 
 
-def _refined(one: _Course, two: _Course, span: float, offset: float) -> ClockAlignment | None:
-    """From the shift ``offset`` on, with the slopes of one as instruments of the other's; each has noise of its own."""
-    room = 0.5 * span + 2.0 * two.interval
-    grid = np.arange(two.time[0] + room, two.time[-1] - room, max(one.interval, two.interval))
+def _refined(one: _Integral, two: _Integral, window: float, offset: float) -> ClockAlignment | None:
+    """Gauss-Newton from the coarse ``offset``, with the slopes of ``two`` as instruments: both signals are noisy."""
+    margin = 0.5 * window + 2.0 * two.interval
+    grid = np.arange(two.time[0] + margin, two.time[-1] - margin, max(one.interval, two.interval))
     middle, drift, step = 0.5 * (two.time[0] + two.time[-1]), 0.0, np.full(2, np.inf)
-    for _ in range(_STEPS):
-        there = grid + offset + drift * (grid - middle)
-        inside = (there > one.time[0] + room) & (there < one.time[-1] - room)
-        if int(inside.sum()) < 4 * FEWEST:
+    for _ in range(_ITERATIONS):
+        mapped = grid + offset + drift * (grid - middle)
+        inside = (mapped > one.time[0] + margin) & (mapped < one.time[-1] - margin)
+        if int(inside.sum()) < 4 * MIN_SAMPLES:
             return None
         at, since = grid[inside], grid[inside] - middle
-        seen, target = one.rate(there[inside], span), two.rate(at, span)
-        if not (np.ptp(seen) > 0.0 and np.ptp(target) > 0.0):
+        reference, target = one.rate(mapped[inside], window), two.rate(at, window)
+        if not (np.ptp(reference) > 0.0 and np.ptp(target) > 0.0):
             return None
-        gain, level = np.polyfit(seen, target, 1)
-        left = target - level - gain * seen
-        x = gain * one.slope(there[inside], span)[:, None] * np.column_stack((np.ones(len(at)), since))
-        instruments = two.slope(at, span)[:, None] * np.column_stack((np.ones(len(at)), since))
-        inverse = np.linalg.pinv(instruments.T @ x)
-        step = inverse @ (instruments.T @ left)
+        gain, level = np.polyfit(reference, target, 1)
+        residual = target - level - gain * reference
+        basis = np.column_stack((np.ones(len(at)), since))
+        jacobian = gain * one.slope(mapped[inside], window)[:, None] * basis
+        instruments = two.slope(at, window)[:, None] * basis
+        inverse = np.linalg.pinv(instruments.T @ jacobian)
+        step = inverse @ (instruments.T @ residual)
         offset, drift = offset + float(step[0]), drift + float(step[1])
-        if not (np.isfinite(step).all() and abs(offset) < _LONGEST and abs(drift) < _MOST_DRIFT):
+        if not (np.isfinite(step).all() and abs(offset) < _MAX_OFFSET and abs(drift) < _MAX_DRIFT):
             return None
-    spread = _spread(instruments, left, inverse)
-    alike = float(np.corrcoef(seen, target)[0, 1])
-    if not (abs(alike) >= (_COPY if one.command else _ALIKE) and abs(step[0]) <= spread[0]):
+    # Sandwich estimate over blocks, because the residuals are autocorrelated.
+    blocks = max(min(_BLOCKS, len(residual) // MIN_SAMPLES), _MIN_BLOCKS)
+    sums = np.array([block.sum(axis=0) for block in np.array_split(instruments * residual[:, None], blocks)])
+    errors = np.sqrt(np.diag(inverse @ (sums.T @ sums) @ inverse.T) * (blocks / (blocks - 1.0)))
+    correlation = float(np.corrcoef(reference, target)[0, 1])
+    if not (abs(correlation) >= (_COPIED if one.is_command else _CORRELATED) and abs(step[0]) <= errors[0]):
         return None
-    # A rate may be that at an instant or the mean of an interval; of a heading nobody knows that either.
-    unlike = max(one.interval, two.interval) / 12.0**0.5 if one.gyro is not two.gyro else 0.0
-    by = one.source if one.source == two.source else f"{two.source} against {one.source}"
+    # A logged rate is either an instantaneous value or the mean of an interval, a heading may be late by either.
+    ambiguity = max(one.interval, two.interval) / 12.0**0.5 if one.is_gyro is not two.is_gyro else 0.0
     return ClockAlignment(
         offset=offset,
-        error=math.hypot(float(spread[0]), unlike),
+        error=math.hypot(float(errors[0]), ambiguity),
         drift=drift,
-        drift_error=float(spread[1]),
+        drift_error=float(errors[1]),
         middle=float(middle - two.time[0]),
-        columns=by,
+        columns=one.source if one.source == two.source else f"{two.source} against {one.source}",
     )
-
-
-def _spread(instruments: FloatArray, left: FloatArray, inverse: FloatArray) -> FloatArray:
-    """(k,) standard errors by the scatter of stretches, in which errors may be of any colour."""
-    stretches = max(min(_STRETCHES, len(left) // FEWEST), _FEWEST_STRETCHES)
-    sums = np.array([part.sum(axis=0) for part in np.array_split(instruments * left[:, None], stretches)])
-    few = stretches / (stretches - 1.0)
-    return np.sqrt(np.diag(inverse @ (sums.T @ sums) @ inverse.T) * few)

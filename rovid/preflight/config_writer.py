@@ -1,4 +1,4 @@
-"""A first rovid.toml as text: each guess with its reason, what no log tells marked, what is open said."""
+"""Text of a first rovid.toml: each guess with its reason, marks on assumptions, and what the user has to fill in."""
 
 from __future__ import annotations
 
@@ -13,31 +13,22 @@ from rovid.core.atomic_write import OutputFile, OutputSet
 from rovid.core.errors import LINE_LENGTH, RovidError, display_text
 from rovid.core.escaping import toml_key, toml_text
 from rovid.core.signatures import GUESSED_CURVE as GUESSED
-from rovid.preflight.clock_report import ClockOffsets
 from rovid.preflight.log_survey import FULL_THRUST, GUESSED_CURVE, LogSurvey, all_commands, output_files
 from rovid.preflight.raw_columns import SignalGuess
 from rovid.preflight.thruster_guess import ThrusterCommand
 from rovid.readers import read_campaign
 from rovid.trial.assumptions import Assumptions
-from rovid.trial.axis import Axis
 from rovid.trial.config import load_config
 from rovid.trial.tables import curve_csv
 
-# Columns of a comment.
-_WIDE = 110
-# So many columns are listed that are not used.
-_LISTED = 40
-_OPEN_THRUSTER = (
-    "# [[thrusters]]",
-    '# name = "NAME"',
-    "# yaw_arm = 1.0    # m",
-    '# curve = "CURVE.csv"',
-    '# command = { csv = "COLUMN" }',
-)
+# Width of a comment in characters.
+_WIDTH = 110
+# Maximum number of unused columns that are listed.
+_MAX_UNUSED = 40
 
 
 def config_files(survey: LogSurvey) -> dict[OutputFile, str]:
-    """What to write where: rovid.toml, and the curve where there is none yet."""
+    """Files to write with their texts: rovid.toml, and the thrust curve if it is new."""
     config, _ = output_files([survey.folder])
     files = {config: config_text(survey)}
     if survey.new_curve is not None:
@@ -47,23 +38,23 @@ def config_files(survey: LogSurvey) -> dict[OutputFile, str]:
 
 
 def write_config(survey: LogSurvey, paths: Sequence[Path], *, force: bool) -> tuple[LogSurvey, list[Path]]:
-    """Write it; where trials are joined of several files, once more with what their clocks are off. What was written.
+    """Write the files, for joined trials a second time with the clock offsets; return the survey and the paths.
 
     Raises
     ------
     RovidError
-        A file of that name may not be replaced.
+        An existing file may not be replaced.
     """
-    # A guessed curve that is there may be a bench curve by now, but it may not be needed either.
+    # The user may have replaced an existing guessed curve by a bench curve: only rovid.toml is protected by `force`.
     config, _ = output_files([survey.folder])
-    claim = OutputSet([config], force=force)
+    outputs = OutputSet([config], force=force)
     files = config_files(survey)
-    claim.write(files)
+    outputs.write(files)
     if survey.join is not None and not survey.unrecognised:
-        # A fit stands behind it, which other logs need not wait for.
+        # The import takes long, and only joined trials need it.
         from rovid.preflight.clock_offsets import estimate_clock_offsets
 
-        with suppress(RovidError):  # `rovid check` says what is wrong with the logs
+        with suppress(RovidError):  # `rovid check` reports errors in the logs
             read = load_config(config.path, survey.axis)
             survey = replace(survey, clock_offsets=estimate_clock_offsets(read_campaign(paths, read).trials, read))
             files = config_files(survey)
@@ -72,153 +63,138 @@ def write_config(survey: LogSurvey, paths: Sequence[Path], *, force: bool) -> tu
 
 
 def config_text(survey: LogSurvey) -> str:
-    """The text of rovid.toml; each guess with its reason."""
-    parts = (_head, _thrusters, _signals, _joined, _left_out)
-    return "\n".join(line for part in parts for line in part(survey)) + "\n"
+    """Text of rovid.toml."""
+    sections = (_head, _vehicle, _thrusters, _signals, _join, _exclusions)
+    return "\n".join(line for section in sections for line in section(survey)) + "\n"
 
 
 def log_count_text(survey: LogSurvey) -> str:
-    """How many logs were looked at."""
-    if survey.logs == 1:
-        return "one log"
-    return f"{survey.logs} logs"
+    """Number of logs in words, as "3 logs"."""
+    return "one log" if survey.logs == 1 else f"{survey.logs} logs"
+
+
+def assumptions_in(survey: LogSurvey) -> Assumptions:
+    """Arms, and a new curve, in the written file that were not measured."""
+    turning = {command.name for command in all_commands(survey.mappings) if command.direction}
+    thrusters = _by_name(survey)
+    if turning:
+        thrusters = {name: commands for name, commands in thrusters.items() if name in turning}
+    items: list[str] = []
+    for name, commands in thrusters.items():
+        if _is_arm_guessed(survey, commands):
+            items.append(f"{survey.axis.arm_key} of {name}")
+        if survey.curve_guessed:
+            items.append(f"curve of {name}")
+    return Assumptions(items=tuple(items), thrusters=len(thrusters))
 
 
 def _head(survey: LogSurvey) -> Iterator[str]:
-    yield f"# Written by `rovid init` from {log_count_text(survey)}. Each guess says why: correct what is wrong. A line"
-    yield "# *_guessed marks what no log can tell, and every number that hangs on it."
-    for what in survey.unrecognised:
-        option = f"--{'command' if what == 'command' else 'heading'} NAME"
-        yield f"# OPEN: no column was recognised as {what}. Put it in below, or run `rovid init LOGS {option} --force`."
+    yield f"# Written by `rovid init` from {log_count_text(survey)}. We guessed the columns: please check each one."
+    yield "# A line *_guessed marks a value that is not in the logs. Results that depend on it are placeholders."
+    for kind in survey.unrecognised:
+        option = f"--{'command' if kind == 'command' else 'heading'} NAME"
+        yield f"# OPEN: no column was recognised as {kind}. Put it in below, or run `rovid init LOGS {option} --force`."
     if survey.unknown_directions:
         names = ", ".join(display_text(source, LINE_LENGTH) for source in survey.unknown_directions)
-        yield f"# OPEN: which way these {_move(survey.axis)} the vehicle, if at all, no log tells: {names}."
+        verb = survey.axis.motion_verb.removesuffix("s")
+        yield f"# OPEN: the logs do not show whether, and which way, these {verb} the vehicle: {names}."
     yield ""
+
+
+def _vehicle(survey: LogSurvey) -> Iterator[str]:
+    profile, overrides = survey.profile, survey.overrides
     yield "[vehicle]"
-    known = survey.profile
-    hand = survey.overrides
-    yield f"name = {toml_text(hand.name or (known.name if known else survey.folder.resolve().name))}"
-    if known is None and not hand.size:
-        yield "# Mass and size are not in the logs; with them rovid tells the added inertia."
-    elif known is not None:
-        yield f"# {_how_known(survey)}"
-        yield from (f"# {display_text(source, LINE_LENGTH)}" for source in known.sources)
-    sizes = [(name, "m") for name in ("length", "width", *["height"] * survey.axis.self_righting)]
-    for name, unit in (("mass", "kg"), *sizes):
-        published = getattr(known, name, None)
-        value = hand.size.get(name, published)
+    yield f"name = {toml_text(overrides.name or (profile.name if profile else survey.folder.resolve().name))}"
+    if profile is not None:
+        if survey.profile_guessed:
+            yield "# A guess: the same outputs turn this type. `rovid init LOGS --vehicle TYPE --force` sets the type."
+        else:
+            yield "# Published for this type of vehicle. If yours differs, correct it:"
+        yield from (f"# {display_text(source, LINE_LENGTH)}" for source in profile.sources)
+    elif not overrides.size:
+        yield "# Mass and size are not in the logs. With both, rovid computes the added inertia."
+    units = {"mass": "kg", "length": "m", "width": "m"}
+    if survey.axis.self_righting:
+        units["height"] = "m"
+    for name, unit in units.items():
+        published = getattr(profile, name, None)
+        value = overrides.size.get(name, published)
         if value is None:
             yield f"# {name} =       # {unit}"
         else:
             yield f"{name} = {value:g}    # {unit}{'; published, not measured here' if value == published else ''}"
 
 
-def _move(axis: Axis) -> str:
-    """What thrusters do along it."""
-    return axis.motion_verb.removesuffix("s")
-
-
-def _example(axis: Axis) -> str:
-    """A line with a thruster's arm."""
-    return f"{axis.arm_key} = 1.0    # {'m' if axis.angular else 'share of the thrust along the axis'}"
-
-
-def _how_known(survey: LogSurvey) -> str:
-    """Why it is taken for a vehicle of this type."""
-    if survey.profile_guessed:
-        return "A guess: of this type the same outputs turn it. `rovid init LOGS --vehicle TYPE --force` makes it sure."
-    return "Published of this type of vehicle; where yours differs, correct it:"
-
-
 def _thrusters(survey: LogSurvey) -> Iterator[str]:
-    if survey.curve_guessed:
-        yield from _guessed_curve(survey)
+    if survey.curve_guessed and survey.curve == GUESSED_CURVE:
+        yield ""
+        proportional = f"thrust in proportion to the command, {FULL_THRUST:g} N at its end"
+        yield f"# {survey.curve} is a guess: {proportional}. Results are"
+        yield "# placeholders until a bench curve takes its place. The diagnosis may report what the guess lacks,"
+        yield "# such as a dead zone of the drive."
+    elif survey.curve_guessed:
+        yield ""
+        yield f"# {survey.curve} is that of the type of vehicle, which is a guess."
     turning = {command.name for command in all_commands(survey.mappings) if command.direction}
-    for name, ones in _by_name(survey).items():
-        # Where some are known to turn the vehicle, the others wait for the user to say so.
+    for name, commands in _by_name(survey).items():
+        # If some are known to turn the vehicle, the others are left to the user.
         mark = "# " if turning and name not in turning else ""
         yield ""
-        yield from _why(ones)
+        yield from _reasons(commands)
         yield f"{mark}[[thrusters]]"
         yield f"{mark}name = {toml_text(name)}"
-        for line in _arm(survey, ones):
-            yield f"{mark}{line}"
+        yield from (f"{mark}{line}" for line in _arm(survey, commands))
         yield f"{mark}curve = {toml_text(survey.curve)}"
         if survey.curve_guessed:
             yield f"{mark}curve_guessed = {toml_text(survey.curve)}   # as above; put a bench curve into curve"
-        sources = {kind: one.source for kind, one in ones.items()}
-        yield f"{mark}command = {_sources(sources)}"
+        yield f"{mark}command = {_inline_table({kind: command.source for kind, command in commands.items()})}"
     if "command" in survey.unrecognised:
+        unit = "m" if survey.axis.angular else "share of the thrust along the axis"
         yield ""
-        yield from (line.replace("yaw_arm = 1.0    # m", _example(survey.axis)) for line in _OPEN_THRUSTER)
-    elif not any(one.commands for one in survey.mappings.values()) and survey.axis.self_righting:
+        yield "# [[thrusters]]"
+        yield '# name = "NAME"'
+        yield f"# {survey.axis.arm_key} = 1.0    # {unit}"
+        yield '# curve = "CURVE.csv"'
+        yield '# command = { csv = "COLUMN" }'
+    elif survey.axis.self_righting and not any(mapping.commands for mapping in survey.mappings.values()):
         yield ""
-        yield f"# Nothing was seen to drive it in {survey.axis.name}: each log is taken for one of a vehicle let go of."
-
-
-def _arm(survey: LogSurvey, ones: Mapping[str, ThrusterCommand]) -> Iterator[str]:
-    """The lines of a thruster's arm."""
-    way = next((one.direction for one in ones.values() if one.direction), 1)
-    size = next((one.arm for one in ones.values() if one.arm), 0.0)
-    if _given(ones):
-        yield f"yaw_arm = {way * size:.4g}    # m"
-    elif _arm_guessed(survey, ones):
-        told = (
-            "published for that type"
-            if survey.profile_guessed and size
-            else "the sense is that of the logs, the distance is not in them"
-        )
-        arm = f"{way * size:.4g}" if size else f"{way:.1f}"
-        key = survey.axis.arm_key
-        if not survey.axis.angular:
-            told = "the sense is that of the logs; share of the thrust along the axis, 1 if straight along it"
-        yield f"{key} = {arm}            # {'m: ' * survey.axis.angular}{told}"
-        yield f"{key}_guessed = {arm}    # as long as both are the same; put what was measured into {key}"
-    else:
-        told = "published for this type" if survey.profile else "by the autopilot's parameters"
-        yield f"yaw_arm = {way * size:.4g}    # m: {told}"
-
-
-def _arm_guessed(survey: LogSurvey, ones: Mapping[str, ThrusterCommand]) -> bool:
-    """Whether nobody said how long the arm of a thruster is."""
-    size = next((one.arm for one in ones.values() if one.arm), 0.0)
-    return not _given(ones) and (survey.profile_guessed or not size)
-
-
-def _given(ones: Mapping[str, ThrusterCommand]) -> bool:
-    return any(one.arm_measured for one in ones.values())
-
-
-def assumptions_in(survey: LogSurvey) -> Assumptions:
-    """What of the file that is written is no measurement: arms, and a curve that was not there."""
-    turning = {command.name for command in all_commands(survey.mappings) if command.direction}
-    thrusters = {name: ones for name, ones in _by_name(survey).items() if not turning or name in turning}
-    items: list[str] = []
-    for name, ones in thrusters.items():
-        items += [f"{survey.axis.arm_key} of {name}"] * _arm_guessed(survey, ones) + [
-            f"curve of {name}"
-        ] * survey.curve_guessed
-    return Assumptions(items=tuple(items), thrusters=len(thrusters))
-
-
-def _guessed_curve(survey: LogSurvey) -> Iterator[str]:
-    yield ""
-    if survey.curve != GUESSED_CURVE:
-        yield f"# {survey.curve} is that of the type of vehicle, which is a guess."
-        return
-    proportion = f"thrust in proportion to the command, {FULL_THRUST:g} N at its end"
-    yield f"# {survey.curve} is a guess: {proportion}. Until a"
-    yield "# bench curve takes its place no number holds that was fitted through it, and the diagnosis finds what"
-    yield "# the guess lacks, as the drive's own dead band."
+        yield f"# No command acts in {survey.axis.name}: each log is assumed to be a release of the tilted vehicle."
 
 
 def _by_name(survey: LogSurvey) -> dict[str, dict[str, ThrusterCommand]]:
-    """Each thruster by the formats in which its command was found."""
+    """Name of a thruster -> format -> its command."""
     named: dict[str, dict[str, ThrusterCommand]] = {}
-    for kind, guesses in survey.mappings.items():
-        for command in guesses.commands:
+    for kind, mapping in survey.mappings.items():
+        for command in mapping.commands:
             named.setdefault(command.name, {})[kind] = command
     return named
+
+
+def _arm(survey: LogSurvey, commands: Mapping[str, ThrusterCommand]) -> Iterator[str]:
+    """Lines of the arm of one thruster, given by format."""
+    direction = next((command.direction for command in commands.values() if command.direction), 1)
+    size = next((command.arm for command in commands.values() if command.arm), 0.0)
+    if any(command.arm_measured for command in commands.values()):
+        yield f"yaw_arm = {direction * size:.4g}    # m"
+    elif _is_arm_guessed(survey, commands):
+        key = survey.axis.arm_key
+        arm = f"{direction * size:.4g}" if size else f"{direction:.1f}"
+        origin = "m: the sign is that of the logs, the distance is not in them"
+        if not survey.axis.angular:
+            origin = "the sign is that of the logs; share of the thrust along the axis, 1 if straight along it"
+        elif survey.profile_guessed and size:
+            origin = "m: published for that type"
+        yield f"{key} = {arm}            # {origin}"
+        yield f"{key}_guessed = {arm}    # a guess as long as both are equal; put the measured value into {key}"
+    else:
+        origin = "published for this type" if survey.profile else "by the autopilot's parameters"
+        yield f"yaw_arm = {direction * size:.4g}    # m: {origin}"
+
+
+def _is_arm_guessed(survey: LogSurvey, commands: Mapping[str, ThrusterCommand]) -> bool:
+    if any(command.arm_measured for command in commands.values()):
+        return False
+    return survey.profile_guessed or not any(command.arm for command in commands.values())
 
 
 def _signals(survey: LogSurvey) -> Iterator[str]:
@@ -226,83 +202,74 @@ def _signals(survey: LogSurvey) -> Iterator[str]:
     yield "[signals]"
     clocks = {kind: clock for kind, clock in survey.clock_sources.items() if clock and kind in survey.mappings}
     if clocks:
-        yield f"time = {_sources(clocks)}"
+        yield f"time = {_inline_table(clocks)}"
     named: dict[str, dict[str, SignalGuess]] = {}
-    for kind, guesses in survey.mappings.items():
-        for name, signal in guesses.signals.items():
+    for kind, mapping in survey.mappings.items():
+        for name, signal in mapping.signals.items():
             named.setdefault(name, {})[kind] = signal
-    for name, ones in named.items():
-        yield from _why(ones)
-        yield f"{toml_key(name)} = {_signal(ones)}"
+    for name, guesses in named.items():
+        yield from _reasons(guesses)
+        first = next(iter(guesses.values()))
+        entries: dict[str, str | int] = {kind: guess.source for kind, guess in guesses.items()}
+        if first.unit:
+            entries["unit"] = first.unit
+        if first.sign < 0:
+            entries["sign"] = -1
+        yield f"{toml_key(name)} = {_inline_table(entries)}"
     if survey.axis.position_signal in survey.unrecognised:
-        unit = "deg" if survey.axis.angular else "m"
-        yield f'# {survey.axis.position_signal} = {{ {next(iter(survey.mappings))} = "COLUMN", unit = "{unit}" }}'
-    for kind, guesses in survey.mappings.items():
-        if guesses.unused:
-            names = [display_text(source, LINE_LENGTH) for source in guesses.unused]
-            yield f"# {kind}: not used: {', '.join(names[:_LISTED])}{', …' if len(names) > _LISTED else ''}"
+        unit_name = "deg" if survey.axis.angular else "m"
+        yield f'# {survey.axis.position_signal} = {{ {next(iter(survey.mappings))} = "COLUMN", unit = "{unit_name}" }}'
+    for kind, mapping in survey.mappings.items():
+        if mapping.unused:
+            names = [display_text(source, LINE_LENGTH) for source in mapping.unused]
+            yield f"# {kind}: not used: {', '.join(names[:_MAX_UNUSED])}{', …' if len(names) > _MAX_UNUSED else ''}"
 
 
-def _joined(survey: LogSurvey) -> Iterator[str]:
+def _join(survey: LogSurvey) -> Iterator[str]:
     join = survey.join
     if join is None:
         return
     yield ""
     yield "[join]"
     yield f"# No file holds both {survey.axis.position_words} and commands: files whose names differ in one of these"
-    yield "# words are one trial."
+    yield "# words form one trial."
     yield f"parts = [{', '.join(map(toml_text, join.parts))}]"
     if join.time:
         columns = [f"{toml_key(part)} = {toml_text(column)}" for part, (column, _) in join.time.items()]
         yield f"time = {{ {', '.join(columns)} }}"
-    yield from _clocks(survey.clock_offsets)
-
-
-def _clocks(clocks: ClockOffsets) -> Iterator[str]:
-    """What is to be added to each clock, where that is sure."""
-    for alike in clocks.groups:
-        yield from (f"# {line}" for line in wrap(clocks.text(alike), _WIDE))
-    sure = [clock for clock in clocks.offsets if clock.certain]
-    if not sure:
-        yield "# The clocks are taken for one. What is known of them goes here, for a part or for a file:"
+    for group in survey.clock_offsets.groups:
+        yield from (f"# {line}" for line in wrap(survey.clock_offsets.text(group), _WIDTH))
+    certain = [clock for clock in survey.clock_offsets.offsets if clock.certain]
+    if not certain:
+        yield "# The clocks are assumed to agree. Put known offsets here, for a part or for a file:"
         yield "# [join.offset]    # s to be added to that clock"
         return
     yield ""
     yield "[join.offset]    # s to be added to that clock, as estimated above"
-    yield from (clock.join_settings["offset"] for clock in sure)
-    drifting = [clock for clock in sure if clock.drift]
+    yield from (clock.join_settings["offset"] for clock in certain)
+    drifting = [clock for clock in certain if clock.drift]
     if drifting:
         yield ""
-        yield "[join.drift]    # ppm: what comes to it as the log goes on"
+        yield "[join.drift]    # ppm to be added to that clock"
     yield from (clock.join_settings["drift"] for clock in drifting)
 
 
-def _left_out(survey: LogSurvey) -> Iterator[str]:
-    for stretch in survey.overrides.exclusions:
+def _exclusions(survey: LogSurvey) -> Iterator[str]:
+    for exclusion in survey.overrides.exclusions:
         yield ""
         yield "[[leave_out]]"
-        yield f"log = {toml_text(stretch.log)}"
-        yield f"from = {stretch.begin:.10g}    # s from the beginning of the log"
-        if math.isfinite(stretch.end):
-            yield f"to = {stretch.end:.10g}"
-        yield f"reason = {toml_text(stretch.reason)}"
+        yield f"log = {toml_text(exclusion.log)}"
+        yield f"from = {exclusion.begin:.10g}    # s from the beginning of the log"
+        if math.isfinite(exclusion.end):
+            yield f"to = {exclusion.end:.10g}"
+        yield f"reason = {toml_text(exclusion.reason)}"
 
 
-def _signal(ones: Mapping[str, SignalGuess]) -> str:
-    first = next(iter(ones.values()))
-    parts = [f"{kind} = {toml_text(one.source)}" for kind, one in ones.items()]
-    if first.unit:
-        parts.append(f"unit = {toml_text(first.unit)}")
-    if first.sign < 0:
-        parts.append("sign = -1")
-    return "{ " + ", ".join(parts) + " }"
+def _inline_table(values: Mapping[str, str | int] | Mapping[str, str]) -> str:
+    entries = [f"{key} = {toml_text(value) if isinstance(value, str) else value}" for key, value in values.items()]
+    return "{ " + ", ".join(entries) + " }"
 
 
-def _sources(sources: Mapping[str, str]) -> str:
-    parts = [f"{kind} = {toml_text(source)}" for kind, source in sources.items()]
-    return "{ " + ", ".join(parts) + " }"
-
-
-def _why(ones: Mapping[str, SignalGuess] | Mapping[str, ThrusterCommand]) -> Iterator[str]:
-    for kind, one in ones.items():
-        yield f"# {kind}: {display_text(one.reason, LINE_LENGTH)}"
+def _reasons(guesses: Mapping[str, SignalGuess] | Mapping[str, ThrusterCommand]) -> Iterator[str]:
+    for kind, guess in guesses.items():
+        yield f"# {kind}: {display_text(guess.reason, LINE_LENGTH)}"

@@ -1,28 +1,27 @@
-"""Feedback in logs: whether commands answer to how the vehicle moved, by an autopilot or by a hand.
+"""Detection of feedback in logs: whether the commands respond to the motion, by an autopilot or by a pilot.
 
-A vehicle's motion goes with the commands before it, so that their going together tells nothing. What tells is commands
-that go with motion before them. Three questions are asked of each log, and each answer is held against chance:
+Motion follows commands in open loop too. Feedback shows in commands that depend on earlier motion. Three tests are run
+on each log:
 
 flow
-    Where commands flow, their changes that do not follow from the commands before are regressed on motion that had not
-    followed from the commands: on the innovations of a model of how the vehicle answers (Haugh 1976; Ljung, System
-    Identification, 1999, 16.6). An F test, its chance measured on the log itself: with the innovations slid along the
-    commands.
+    Of commands that change continuously, the part that earlier commands do not predict is regressed on the innovations
+    of a model of the response (Haugh 1976; Ljung, System Identification, 1999, 16.6). F test, calibrated on the log
+    itself with innovations that are shifted against the commands.
 steps
-    Where commands step, what of each new level does not follow from the levels before is regressed on how far the
-    vehicle has turned since the step before, and how fast it turns. An F test; only what pushes back counts.
+    Of commands that change in steps, the part of each new level that earlier levels do not predict is regressed on the
+    turn since the step before and on the rate. F test; only coefficients against the motion count.
 reversals
-    Where commands go from one side to the other and back, as in a zigzag: the places of the reversals scatter less than
-    the durations between them would make them. An F test of two variances.
+    Of commands that alternate between two sides, as in a zigzag test, the scatter of the positions at the reversals is
+    compared with the scatter that their durations would cause. F test of two variances.
 
-A log by itself may be too short to tell. So the answers of all logs to one question are taken together too (Fisher).
-How often the tests are right and wrong stands in docs/method.md.
+A single log may be too short: the p values of all logs are combined by Fisher's method in addition. docs/method.md
+has the error rates of the tests.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -30,45 +29,45 @@ import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
 from rovid.core.stats import chi2_sf, f_cdf, f_sf
+from rovid.preflight.raw_columns import held_mean
 from rovid.trial.trial import Trial
-from rovid.trial.vehicle import Thruster, Vehicle
+from rovid.trial.vehicle import Vehicle
 
-# What chance gives more seldom is feedback; with all logs together, a log that agrees that well is named.
-SIGNIFICANCE_LEVEL, _AGREES = 1e-3, 0.02
-# Readings without which nothing is asked.
-_FEWEST = 60
-# A flow is looked at no finer than that, s, and in no more rows; it moves in so many rows in a row. What a row knows
-# before it begins after some.
-_FINEST, _MOST_ROWS, _FLOWS, _WARM = 0.1, 20_000, 4, 8
-# Windows before a row, first and last, over which commands and innovations are summed.
+# Significance level of feedback, and of a log that counts towards the combined test.
+SIGNIFICANCE_LEVEL, _LOG_LEVEL = 1e-3, 0.02
+# Minimum number of samples of a test.
+_MIN_SAMPLES = 60
+# Flow: s, shortest interval; maximum number of rows; rows in a row that change; rows without a complete past.
+_INTERVAL, _MAX_ROWS, _MIN_RUN, _WARM_UP = 0.1, 20_000, 4, 8
+# Flow: windows before a row, first and last row, over which commands and innovations are summed.
 _WINDOWS = ((1, 1), (2, 2), (3, 4), (5, 8), (9, 16), (17, 32), (33, 64), (65, 128))
-# The innovations are slid so often, by so many rows at least. F is to be larger than all of those, and this share of
-# the changes to follow.
-_SLIDES, _SLID, _SHARE = 99, 40, 0.05
-# A step is a change of this share of the range, of all thrusters within so many periods; it takes so many.
-_STEP, _TOGETHER, _FEWEST_STEPS = 0.05, 2.5, 10
-# Of half the range: where one side begins, and how flat the command there is for most of the time.
-_SIDE, _FLAT, _MOSTLY = 0.7, 0.01, 0.6
-# Places of reversals agree where they scatter less than this share of how far those of both senses are apart.
-_NEAR = 0.15
+# Flow: number of shifts for the calibration, shortest shift in rows, and minimum share of the variance of the changes.
+_SHIFTS, _MIN_SHIFT, _MIN_SHARE = 99, 40, 0.05
+# Steps: minimum size as a share of the range, sampling intervals within which all thrusters change, minimum number.
+_STEP_SIZE, _SIMULTANEOUS, _MIN_STEPS = 0.05, 2.5, 10
+# Reversals, as shares of half the range: where a side begins, the tolerance of a constant command, and the minimum
+# share of the samples within that tolerance.
+_SIDE, _CONSTANT, _MOSTLY = 0.7, 0.01, 0.6
+# Reversals: maximum scatter relative to the distance between reversals of both senses.
+_MAX_SCATTER = 0.15
 
 
 @dataclass(frozen=True, kw_only=True)
 class Feedback:
-    """What a log answers to one of the questions.
+    """Result of one test on one log.
 
     Attributes
     ----------
     name
         Of the log.
     seen_in
-        "flow", "steps" or "reversals"; see the head of this module.
+        "flow", "steps" or "reversals".
     chance
-        How often chance alone gives as much, 0 to 1.
+        p value, 0 to 1.
     share
-        Of the commands' own changes, what follows the motion, 0 to 1; 0 of reversals.
+        Share of the commands' own changes that follows the motion, 0 to 1; 0 for reversals.
     scatter, by_duration
-        rad or m; of reversals, the scatter of their places, and that which their durations would give; 0 of others.
+        For reversals, scatter of the positions, and that which the durations would cause, rad or m; 0 for other tests.
     """
 
     name: str
@@ -80,140 +79,117 @@ class Feedback:
 
 
 def detect_feedback(trials: Sequence[Trial], vehicle: Vehicle) -> list[Feedback]:
-    """What the commands of each log answer to, one entry a log, where chance gives it more seldom than `LEVEL`.
-
-    Reversals at one place which chance, or a clock, gives more often are listed too: they may be of a zigzag test.
-    """
-    answers: dict[str, list[Feedback]] = {}
+    """Significant feedback, one entry a log, and reversals at one position that may be those of a zigzag test."""
+    results: dict[str, list[Feedback]] = {}
     for trial in trials:
         effort = _effort(trial, vehicle)
-        # A command that is missing somewhere makes the first condition false.
-        if np.ptp(effort) > 0.0 and trial.measured.sum() >= _FEWEST:
-            for answer in _answers(trial, effort):
-                answers.setdefault(answer.seen_in, []).append(answer)
-    found = [each for same in answers.values() for each in map(_judged(same), same) if each.chance < SIGNIFICANCE_LEVEL]
-    open_ = [answer for answer in answers.get("reversals", []) if answer.chance < 1.0]
-    first = {each.name: each for each in reversed([*found, *open_])}
+        # A missing command makes the range NaN, and this condition false.
+        if np.ptp(effort) > 0.0 and trial.measured.sum() >= _MIN_SAMPLES:
+            for test in (_test_flow, _test_steps, _test_reversals):
+                result = test(trial, effort)
+                if result is not None:
+                    results.setdefault(result.seen_in, []).append(result)
+    found = [result for same in results.values() for result in _combined(same) if result.chance < SIGNIFICANCE_LEVEL]
+    found += [result for result in results.get("reversals", []) if result.chance < 1.0]
+    first = {result.name: result for result in reversed(found)}
     return [first[trial.name] for trial in trials if trial.name in first]
 
 
-def _judged(same: Sequence[Feedback]) -> Callable[[Feedback], Feedback]:
-    """Of the answers to one question: what chance each has, by itself or as one of all (Fisher)."""
-    logarithms = [math.log(max(answer.chance, 1e-300)) for answer in same]
-    together = chi2_sf(2 * len(same), -2.0 * sum(logarithms))
-
-    def judged(answer: Feedback) -> Feedback:
-        agrees = answer.chance < _AGREES
-        return replace(answer, chance=min(answer.chance, together)) if agrees else answer
-
-    return judged
-
-
-def _answers(trial: Trial, effort: FloatArray) -> Iterator[Feedback]:
-    for ask in (_flow, _steps, _reversals):
-        answer = ask(trial, effort)
-        if answer is not None:
-            yield answer
+def _combined(results: Sequence[Feedback]) -> list[Feedback]:
+    """Results of one test, with the combined p value (Fisher) where a log agrees with it."""
+    logarithms = [math.log(max(result.chance, 1e-300)) for result in results]
+    together = chi2_sf(2 * len(results), -2.0 * sum(logarithms))
+    combined = []
+    for result in results:
+        chance = min(result.chance, together) if result.chance < _LOG_LEVEL else result.chance
+        combined.append(replace(result, chance=chance))
+    return combined
 
 
 def _effort(trial: Trial, vehicle: Vehicle) -> FloatArray:
-    """(n,) N m or N that the commands ask for, held, as if every thrust curve were straight.
-
-    A dead zone would hide what an autopilot asks for within it.
-    """
-    slopes = np.array([thruster.arm * _slope(thruster) for thruster in vehicle.thrusters])
-    return np.asarray(trial.commands @ slopes)
-
-
-def _slope(thruster: Thruster) -> float:
-    if thruster.curve is None:
-        return 1.0
-    return float(np.ptp(thruster.curve.thrust)) / thruster.curve.span
+    """(n,) commanded torque in N m or force in N by linear thrust curves: a dead zone would hide small commands."""
+    gains = []
+    for thruster in vehicle.thrusters:
+        curve = thruster.curve
+        gains.append(thruster.arm * (1.0 if curve is None else float(np.ptp(curve.thrust)) / curve.span))
+    return np.asarray(trial.commands @ np.array(gains))
 
 
-# ---- commands that flow
+# ---- commands that change continuously
 
 
-def _flow(trial: Trial, effort: FloatArray) -> Feedback | None:
+def _test_flow(trial: Trial, effort: FloatArray) -> Feedback | None:
     known = np.flatnonzero(trial.measured)
-    each = max(round(_FINEST / trial.sampling_interval), len(known) // _MOST_ROWS + 1)
-    time, position = trial.time[known[::each]], trial.position[known[::each]]
+    stride = max(round(_INTERVAL / trial.sampling_interval), len(known) // _MAX_ROWS + 1)
+    time, position = trial.time[known[::stride]], trial.position[known[::stride]]
     interval = np.diff(time)
     rate = np.diff(position) / interval
-    pushed = _held_mean(trial.time, effort, time)
-    if not np.ptp(pushed) > 0.0:
+    command = held_mean(trial.time, effort, time)
+    if not np.ptp(command) > 0.0:
         return None
-    mean, size = pushed.mean(), pushed.std()
-    pushed = (pushed - mean) / size
-    rows = _flowing(pushed)
+    mean, size = command.mean(), command.std()
+    command = (command - mean) / size
+    rows = _continuous_rows(command)
     for gap in np.flatnonzero(interval > 3.0 * np.median(interval)):
-        rows[gap : gap + _WARM] = False
-    if rows.sum() < _FEWEST:
+        rows[gap : gap + _WARM_UP] = False
+    if rows.sum() < _MIN_SAMPLES:
         return None
-    # Of a mean the motion tells its beginning from its end: what was commanded last stands beside it.
+    # The motion depends on when within an interval the command changed: the last two commands are regressors too.
     last = np.maximum(np.searchsorted(trial.time, time[:-1]) - 1, 1)
     ends = (effort[np.column_stack((last, last - 1))] - mean) / size
-    own = (np.ones(len(rate)), ends, _windows(pushed), np.abs(_late(pushed, 1)), _late(pushed, 3))
+    own = (np.ones(len(rate)), ends, _window_sums(command), np.abs(_lag(command, 1)), _lag(command, 3))
     before = np.column_stack(own)[rows]
-    # A set point that steps is an outlier to all that an autopilot does besides.
-    change = _clipped(_robust_rest(before, pushed[rows]), 2.5)
-    moved = _windows(_clipped(_innovations(rate, pushed), 4.0))
-    chance, share = _against_slides(before, change, moved, rows)
+    # Steps of the set point are outliers.
+    change = _clip(_robust_residual(before, command[rows]), 2.5)
+    innovations = _window_sums(_clip(_innovations(rate, command), 4.0))
+    chance, share = _calibrated_f_test(before, change, innovations, rows)
     return Feedback(name=trial.name, seen_in="flow", chance=chance, share=share)
 
 
-def _against_slides(before: FloatArray, change: FloatArray, moved: FloatArray, rows: BoolArray) -> tuple[float, float]:
-    """How often chance tells as much of ``change`` as ``moved`` does beyond ``before``, and what share that is."""
-    own = _basis(before)
-    change = change - own @ (own.T @ change)
-    columns = moved.shape[1]
-    freedom = len(change) - own.shape[1] - columns
+def _calibrated_f_test(
+    before: FloatArray, change: FloatArray, innovations: FloatArray, rows: BoolArray
+) -> tuple[float, float]:
+    """P value of ``change`` given ``innovations`` beyond ``before``, and the share of its variance."""
+    # Orthonormal basis: some columns may be equal.
+    left, sizes, _ = np.linalg.svd(before / np.maximum(np.linalg.norm(before, axis=0), 1e-300), full_matrices=False)
+    basis = left[:, sizes > 1e-9 * sizes[0]]
+    change = change - basis @ (basis.T @ change)
+    columns = innovations.shape[1]
+    freedom = len(change) - basis.shape[1] - columns
     total = float(change @ change)
     if not total > 1e-12 * len(change):
-        # It all follows from the commands before, as a sine does.
+        # Earlier commands predict the command, as in a sine.
         return 1.0, 0.0
 
-    def share_of(x: FloatArray) -> float:
-        left = _rest(x - own @ (own.T @ x), change)
-        return 1.0 - float(left @ left) / total
+    def explained_share(x: FloatArray) -> float:
+        residual = _residual(x - basis @ (basis.T @ x), change)
+        return 1.0 - float(residual @ residual) / total
 
-    def f_of(share: float) -> float:
+    def f_statistic(share: float) -> float:
         return share / max(1.0 - share, 1e-300) * float(freedom / columns)
 
-    spare = min(_SLID, len(moved) // 4)
-    slides = np.unique(np.linspace(spare, len(moved) - spare, _SLIDES).astype(int))
-    slid = np.array([f_of(share_of(np.roll(moved, slide, axis=0)[rows])) for slide in slides])
-    share = share_of(moved[rows])
-    if share < _SHARE or f_of(share) < slid.max():
+    shortest = min(_MIN_SHIFT, len(innovations) // 4)
+    shifts = np.unique(np.linspace(shortest, len(innovations) - shortest, _SHIFTS).astype(int))
+    shifted = np.array([f_statistic(explained_share(np.roll(innovations, shift, axis=0)[rows])) for shift in shifts])
+    share = explained_share(innovations[rows])
+    if share < _MIN_SHARE or f_statistic(share) < shifted.max():
         return 1.0, share
-    return f_sf(columns, freedom, f_of(share) / max(1.0, slid.mean())), share
+    return f_sf(columns, freedom, f_statistic(share) / max(1.0, shifted.mean())), share
 
 
-def _basis(x: FloatArray) -> FloatArray:
-    """(n, k) orthonormal columns that span those of ``x``, of which some may be the same."""
-    left, sizes, _ = np.linalg.svd(x / np.maximum(np.linalg.norm(x, axis=0), 1e-300), full_matrices=False)
-    return np.asarray(left[:, sizes > 1e-9 * sizes[0]])
-
-
-def _held_mean(time: FloatArray, held: FloatArray, edges: FloatArray) -> FloatArray:
-    """(m,) means of the (n,) ``held`` values between (m + 1,) ``edges``."""
-    integral = np.concatenate(([0.0], np.cumsum(held[:-1] * np.diff(time))))
-    return np.asarray(np.diff(np.interp(edges, time, integral)) / np.diff(edges))
-
-
-def _flowing(values: FloatArray) -> BoolArray:
-    """(n,) where ``values`` change, row after row."""
+def _continuous_rows(values: FloatArray) -> BoolArray:
+    """(n,) rows in which ``values`` change several times in succession."""
     moves = np.abs(np.diff(values, prepend=values[0])) > 1e-9
     bounds = np.flatnonzero(np.diff(np.concatenate(([False], moves, [False])).astype(int)))
-    flows = np.zeros(len(values), dtype=bool)
+    rows = np.zeros(len(values), dtype=bool)
     for begin, end in bounds.reshape(-1, 2):
-        flows[begin:end] = end - begin >= _FLOWS
-    flows[:_WARM] = False
-    return flows
+        rows[begin:end] = end - begin >= _MIN_RUN
+    rows[:_WARM_UP] = False
+    return rows
 
 
-def _windows(values: FloatArray) -> FloatArray:
-    """(n, k) sums of ``values`` over the windows before each row, over the roots of their lengths."""
+def _window_sums(values: FloatArray) -> FloatArray:
+    """(n, k) sums of ``values`` over the windows before each row, divided by the roots of their lengths."""
     total = np.concatenate(([0.0], np.cumsum(values)))
     row = np.arange(len(values))
     columns = []
@@ -223,134 +199,135 @@ def _windows(values: FloatArray) -> FloatArray:
     return np.column_stack(columns)
 
 
-def _late(values: FloatArray, rows: int) -> FloatArray:
-    """``values`` so many ``rows`` later."""
+def _lag(values: FloatArray, rows: int) -> FloatArray:
     return np.concatenate((np.full(rows, values[0]), values[: len(values) - rows]))
 
 
-def _innovations(rate: FloatArray, pushed: FloatArray) -> FloatArray:
-    """(n,) what of each rate does not follow from the rates and commands before, and the command of the row."""
-    pushes = [_late(pushed, rows) for rows in range(7)]
-    last = _late(rate, 1)
-    bent = [np.abs(last) * last, np.abs(pushes[0]), np.abs(pushes[1])]
-    rates = (_windows(rate), _late(rate, 3))
-    x = np.column_stack((np.ones(len(rate)), *rates, *pushes, _windows(pushed)[:, 3:], *bent))
-    return _rest(x / np.maximum(np.linalg.norm(x, axis=0), 1e-300), rate)
+def _innovations(rate: FloatArray, command: FloatArray) -> FloatArray:
+    """(n,) residuals of each rate on earlier rates, earlier commands and the command of its row."""
+    commands = [_lag(command, rows) for rows in range(7)]
+    last = _lag(rate, 1)
+    nonlinear = [np.abs(last) * last, np.abs(commands[0]), np.abs(commands[1])]
+    rates = (_window_sums(rate), _lag(rate, 3))
+    x = np.column_stack((np.ones(len(rate)), *rates, *commands, _window_sums(command)[:, 3:], *nonlinear))
+    return _residual(x / np.maximum(np.linalg.norm(x, axis=0), 1e-300), rate)
 
 
-# ---- commands that step
+# ---- commands that change in steps
 
 
-def _steps(trial: Trial, effort: FloatArray) -> Feedback | None:
+def _test_steps(trial: Trial, effort: FloatArray) -> Feedback | None:
     at = _step_rows(trial, effort)
-    if len(at) < _FEWEST_STEPS:
+    if len(at) < _MIN_STEPS:
         return None
     instants = trial.time[at]
-    lasted = np.diff(instants, prepend=trial.time[0])
-    usual = float(np.median(lasted))
-    place, rate = _motion(trial, instants, max(4.0 * trial.sampling_interval, 0.25 * usual))
-    turned = np.diff(place, prepend=np.nan)
-    rows = np.flatnonzero(np.isfinite(rate) & np.isfinite(turned))
+    duration = np.diff(instants, prepend=trial.time[0])
+    median = float(np.median(duration))
+    position, rate = _motion_before(trial, instants, max(4.0 * trial.sampling_interval, 0.25 * median))
+    turn = np.diff(position, prepend=np.nan)
+    rows = np.flatnonzero(np.isfinite(rate) & np.isfinite(turn))
     rows = rows[rows >= 2]
     levels = np.concatenate((effort[:1], effort[at])) / effort.std()
     after, held, earlier = levels[rows + 1], levels[rows], levels[rows - 1]
-    lasted = np.minimum(lasted[rows] / usual, 3.0)
-    own = np.column_stack((np.ones(len(rows)), held, earlier, held**2, held * earlier, lasted))
-    motion = np.column_stack((turned[rows], rate[rows]))
+    duration = np.minimum(duration[rows] / median, 3.0)
+    own = np.column_stack((np.ones(len(rows)), held, earlier, held**2, held * earlier, duration))
+    motion = np.column_stack((turn[rows], rate[rows]))
     if len(rows) < own.shape[1] + motion.shape[1] + 4 or not np.ptp(motion, axis=0).all():
         return None
-    chance, share = _pushes_back(own, motion / np.std(motion, axis=0), after)
+    chance, share = _one_sided_f_test(own, motion / np.std(motion, axis=0), after)
     return Feedback(name=trial.name, seen_in="steps", chance=chance, share=share)
 
 
 def _step_rows(trial: Trial, effort: FloatArray) -> IntArray:
-    """Rows of ``trial.time`` from which a new level holds."""
+    """Rows of ``trial.time`` at which a new level begins."""
     span = float(np.ptp(effort))
     changes = np.flatnonzero(np.abs(np.diff(effort)) > 1e-6 * span) + 1
-    # Thrusters follow on each other within a moment; what goes on changing is no step.
-    apart = np.flatnonzero(np.diff(trial.time[changes]) > _TOGETHER * trial.sampling_interval) + 1
+    # Thrusters change within a few samples. Longer sequences of changes are no step.
+    apart = np.flatnonzero(np.diff(trial.time[changes]) > _SIMULTANEOUS * trial.sampling_interval) + 1
     bursts = [burst for burst in np.split(changes, apart) if 0 < len(burst) <= 3]
-    steps = [burst[-1] for burst in bursts if abs(effort[burst[-1]] - effort[burst[0] - 1]) > _STEP * span]
+    steps = [burst[-1] for burst in bursts if abs(effort[burst[-1]] - effort[burst[0] - 1]) > _STEP_SIZE * span]
     return np.array(steps, dtype=np.intp)
 
 
-def _motion(trial: Trial, instants: FloatArray, over: float) -> tuple[FloatArray, FloatArray]:
-    """Position and rate at ``instants`` by what was measured in the ``over`` s before; NaN where that is too little."""
+def _motion_before(trial: Trial, instants: FloatArray, window: float) -> tuple[FloatArray, FloatArray]:
+    """Position and rate at ``instants`` by lines over the ``window`` s before; NaN for fewer than 3 samples."""
     time, position = trial.time[trial.measured], trial.position[trial.measured]
-    firsts = np.searchsorted(time, instants - over)
+    firsts = np.searchsorted(time, instants - window)
     ends = np.searchsorted(time, instants, side="right")
     found = np.full((2, len(instants)), np.nan)
     for number, (first, end) in enumerate(zip(firsts, ends, strict=True)):
         if end - first >= 3:
             found[::-1, number] = np.polyfit(time[first:end] - instants[number], position[first:end], 1)
-    place, rate = found
-    return place, rate
+    return found[0], found[1]
 
 
-def _pushes_back(own: FloatArray, motion: FloatArray, level: FloatArray) -> tuple[float, float]:
-    """How often chance tells as much of ``level`` as ``motion`` does beyond ``own``, and what share that is."""
+def _one_sided_f_test(own: FloatArray, motion: FloatArray, level: FloatArray) -> tuple[float, float]:
+    """P value of ``level`` given ``motion`` beyond ``own``, 1 unless it opposes the motion; share of the variance."""
     both = np.column_stack((own, motion))
-    left = _robust_rest(both, level)
-    if not _usual(left) > 1e-6:
-        # Each level follows from the one before, as of two that take turns.
+    residual = _robust_residual(both, level)
+    if not _robust_std(residual) > 1e-6:
+        # Each level follows from the one before, as in an alternating sequence.
         return 1.0, 0.0
-    weight = _weights(left)
+    weight = _huber_weights(residual)
     own, both, level = own * weight[:, None], both * weight[:, None], level * weight
     freedom = len(level) - both.shape[1]
-    total, rest = (float(np.sum(_rest(x, level) ** 2)) for x in (own, both))
+    total, rest = (float(np.sum(_residual(x, level) ** 2)) for x in (own, both))
     share = 1.0 - rest / total
     values, *_ = np.linalg.lstsq(both, level, rcond=1e-9)
-    spread = np.sqrt(np.abs(np.diag(np.linalg.pinv(both.T @ both))) * rest / freedom)
-    sure = (values / np.maximum(spread, 1e-300))[own.shape[1] :]
-    if sure.max() > 2.0 or sure.min() > -2.0:
+    errors = np.sqrt(np.abs(np.diag(np.linalg.pinv(both.T @ both))) * rest / freedom)
+    t_statistics = (values / np.maximum(errors, 1e-300))[own.shape[1] :]
+    if t_statistics.max() > 2.0 or t_statistics.min() > -2.0:
         return 1.0, share
-    f = share / (1.0 - share) * freedom / motion.shape[1]
-    return f_sf(motion.shape[1], freedom, f), share
+    return f_sf(motion.shape[1], freedom, share / (1.0 - share) * freedom / motion.shape[1]), share
 
 
 # ---- commands that reverse
 
 
-def _reversals(trial: Trial, effort: FloatArray) -> Feedback | None:
+def _test_reversals(trial: Trial, effort: FloatArray) -> Feedback | None:
     at, senses = _reversal_rows(effort)
     if trial.axis.self_righting or len(at) < 3:
-        # What rights itself comes back to the same places by itself.
+        # A vehicle that rights itself returns to the same positions without feedback.
         return None
     instants = trial.time[at]
-    lasted = np.diff(instants, prepend=np.nan)
-    place, rate = _motion(trial, instants, max(4.0 * trial.sampling_interval, 0.15 * float(np.median(lasted[1:]))))
-    known = np.isfinite(place)
-    lasted, place, rate, senses = lasted[known], place[known], rate[known], senses[known]
-    places, freedom = _scatter(place, senses)
-    durations, late_freedom = _scatter(lasted, senses)
-    if not freedom or not late_freedom or abs(int(senses.sum())) == len(senses):
+    duration = np.diff(instants, prepend=np.nan)
+    window = max(4.0 * trial.sampling_interval, 0.15 * float(np.median(duration[1:])))
+    position, rate = _motion_before(trial, instants, window)
+    known = np.isfinite(position)
+    duration, position, rate, senses = duration[known], position[known], rate[known], senses[known]
+    scatter, freedom = _pooled_std(position, senses)
+    duration_scatter, duration_freedom = _pooled_std(duration, senses)
+    if not freedom or not duration_freedom or abs(int(senses.sum())) == len(senses):
         return None
-    # A clock ticks. About the middle of a swing half of what it lasts longer shows at its end.
-    durations = max(durations, trial.sampling_interval / np.sqrt(12.0))
-    by_duration = float(0.5 * np.median(np.abs(rate)) * durations)
-    apart = float(place[senses < 0].mean() - place[senses > 0].mean())
+    # Durations have the resolution of the clock. Half of a longer swing shows at its end, relative to its middle.
+    duration_scatter = max(duration_scatter, trial.sampling_interval / np.sqrt(12.0))
+    by_duration = float(0.5 * np.median(np.abs(rate)) * duration_scatter)
+    distance = float(position[senses < 0].mean() - position[senses > 0].mean())
     chance = 1.0
-    if places < _NEAR * apart and by_duration > 0.0:
-        chance = f_cdf(freedom, late_freedom, (places / by_duration) ** 2)
-    return Feedback(name=trial.name, seen_in="reversals", chance=chance, scatter=places, by_duration=by_duration)
+    if scatter < _MAX_SCATTER * distance and by_duration > 0.0:
+        chance = f_cdf(freedom, duration_freedom, (scatter / by_duration) ** 2)
+    return Feedback(name=trial.name, seen_in="reversals", chance=chance, scatter=scatter, by_duration=by_duration)
 
 
 def _reversal_rows(effort: FloatArray) -> tuple[IntArray, IntArray]:
-    """Rows from which the command leaves one side for the other, both of them held, and the side that it goes to."""
+    """Rows at which the command leaves one constant level for one on the other side, and the sign of the new side."""
+    rows: list[int] = []
+    signs: list[int] = []
     low, high = np.percentile(effort, (5.0, 95.0))
-    if not high > low:
-        return np.empty(0, np.intp), np.empty(0, np.intp)
-    swing = (effort - 0.5 * (low + high)) / (0.5 * (high - low))
-    sides = np.where(np.abs(swing) > _SIDE, np.sign(swing), 0.0)
-    known = np.flatnonzero(sides)
-    legs = np.split(known, np.flatnonzero(np.diff(sides[known])) + 1)
-    held = [bool(np.mean(np.abs(swing[leg] - np.median(swing[leg])) < _FLAT) > _MOSTLY) for leg in legs]
-    pairs = zip(pairwise(legs), pairwise(held), strict=True)
-    turns = [(int(leg[-1]) + 1, int(sides[then[0]])) for (leg, then), both in pairs if all(both)]
-    return np.array([row for row, _ in turns], dtype=np.intp), np.array([sense for _, sense in turns], dtype=np.intp)
+    if high > low:
+        swing = (effort - 0.5 * (low + high)) / (0.5 * (high - low))
+        sides = np.where(np.abs(swing) > _SIDE, np.sign(swing), 0.0)
+        known = np.flatnonzero(sides)
+        legs = np.split(known, np.flatnonzero(np.diff(sides[known])) + 1)
+        constant = [bool(np.mean(np.abs(swing[leg] - np.median(swing[leg])) < _CONSTANT) > _MOSTLY) for leg in legs]
+        for (leg, following), both in zip(pairwise(legs), pairwise(constant), strict=True):
+            if all(both):
+                rows.append(int(leg[-1]) + 1)
+                signs.append(int(sides[following[0]]))
+    return np.array(rows, dtype=np.intp), np.array(signs, dtype=np.intp)
 
 
-def _scatter(values: FloatArray, senses: IntArray) -> tuple[float, int]:
+def _pooled_std(values: FloatArray, senses: IntArray) -> tuple[float, int]:
     """Standard deviation of ``values`` within each sense, and its degrees of freedom."""
     total, freedom = 0.0, 0
     for sense in (-1, 1):
@@ -364,34 +341,33 @@ def _scatter(values: FloatArray, senses: IntArray) -> tuple[float, int]:
 # ---- regressions
 
 
-def _rest(x: FloatArray, y: FloatArray) -> FloatArray:
-    """(n,) what is left of ``y``."""
+def _residual(x: FloatArray, y: FloatArray) -> FloatArray:
     values, *_ = np.linalg.lstsq(x, y, rcond=1e-9)
     return np.asarray(y - x @ values)
 
 
-def _robust_rest(x: FloatArray, y: FloatArray) -> FloatArray:
-    """(n,) what is left of ``y`` by weights that outliers do not draw (Huber)."""
-    left = _rest(x, y)
+def _robust_residual(x: FloatArray, y: FloatArray) -> FloatArray:
+    """(n,) residuals of an M-estimate with Huber weights."""
+    residual = _residual(x, y)
     for _ in range(15):
-        if not _usual(left) > 0.0:
+        if not _robust_std(residual) > 0.0:
             break
-        weight = _weights(left)
+        weight = _huber_weights(residual)
         values, *_ = np.linalg.lstsq(x * weight[:, None], y * weight, rcond=1e-9)
-        left = y - x @ values
-    return left
+        residual = y - x @ values
+    return residual
 
 
-def _weights(left: FloatArray) -> FloatArray:
-    return np.sqrt(np.minimum(1.0, 1.5 * _usual(left) / np.maximum(np.abs(left), 1e-300)))
+def _huber_weights(residual: FloatArray) -> FloatArray:
+    return np.sqrt(np.minimum(1.0, 1.5 * _robust_std(residual) / np.maximum(np.abs(residual), 1e-300)))
 
 
-def _usual(values: FloatArray) -> float:
-    """Standard deviation of most of ``values``."""
+def _robust_std(values: FloatArray) -> float:
+    """Standard deviation by the median absolute value."""
     return 1.4826 * float(np.median(np.abs(values)))
 
 
-def _clipped(values: FloatArray, most: float) -> FloatArray:
-    """``values`` no larger than so many times the usual."""
-    size = _usual(values)
-    return np.clip(values, -most * size, most * size) if size > 0.0 else values
+def _clip(values: FloatArray, limit: float) -> FloatArray:
+    """``values`` within plus and minus ``limit`` robust standard deviations."""
+    size = _robust_std(values)
+    return np.clip(values, -limit * size, limit * size) if size > 0.0 else values

@@ -1,8 +1,8 @@
-"""What the logs alone tell for a first rovid.toml: all that is there is read, and guessed."""
+"""Survey of logs for `rovid init`: mapping of the columns, type of vehicle, thrust curve, and the user's overrides."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -14,71 +14,125 @@ from rovid.core.paths import list_files, require_exists
 from rovid.core.signatures import CONFIG
 from rovid.core.signatures import GUESSED_CURVE as GUESSED
 from rovid.preflight.autopilot import thruster_outputs, vehicle_type
-from rovid.preflight.clock_alignment import align_clocks
-from rovid.preflight.clock_report import ClockOffsets
-from rovid.preflight.raw_columns import RawColumn
+from rovid.preflight.clock_alignment import ClockOffsets
+from rovid.preflight.log_reading import LogsRead, folder_of, is_thrust_curve, read_logs
+from rovid.preflight.raw_columns import SignalGuess
 from rovid.preflight.signal_guess import UNNAMED, ColumnMapping, map_columns
-from rovid.preflight.thruster_guess import GuessHints, ThrusterCommand, response_delay
-from rovid.preflight.user_overrides import UserOverrides
-from rovid.readers.csv_dialect import read_layout
-from rovid.readers.formats import READERS
-from rovid.readers.raw_log import Channel, LogContents, is_plausible
+from rovid.preflight.thruster_guess import GuessHints, ThrusterCommand
 from rovid.trial.axis import YAW, Axis
-from rovid.trial.config import FILE_NAME, Config
-from rovid.trial.log_files import Join, guess_parts
-from rovid.trial.signal_names import Signal
-from rovid.trial.tables import CURVE_COLUMNS, read_curve
-from rovid.trial.vehicle import ThrustCurve, Vehicle
+from rovid.trial.config import FILE_NAME
+from rovid.trial.log_files import Join
+from rovid.trial.tables import read_curve
+from rovid.trial.trial import Exclusion
+from rovid.trial.vehicle import ThrustCurve
 from rovid.trial.vehicle_presets import VehiclePreset, load_preset
 
 GUESSED_CURVE = "thrust_guess.csv"
-# Logs are many and alike: so many of each format tell enough.
-_LOGS = 12
-# What cannot be read of one log is told in so many lines.
-_SHOWN = 3
-# Sources of ArduPilot's outputs.
+# Reason of a signal that the user chose.
+CHOSEN = "chosen by hand"
+# Prefix of ArduPilot's outputs.
 _OUTPUT = "RCOU.C"
-# Of the guessed curve, N at its ends; a constant scale of all thrust never shows in yaw data.
+# N, thrust at the end of a guessed curve. Yaw data do not determine a common scale of all thrusts.
 FULL_THRUST = 100.0
-_PULSES = np.array([1100.0, 1500.0, 1900.0])
-# Commands seen leave this much room to the end of a guessed curve.
-_ROOM = 1.1
-_ORIENTATIONS = ("orientation", "quaternion", "rotation", ".q")
+# us, lowest and highest pulse width of a guessed curve.
+_PULSES = (1100.0, 1900.0)
+# Ratio of the end of a guessed curve to the largest command in the logs.
+_HEADROOM = 1.1
+
+
+@dataclass(frozen=True, kw_only=True)
+class UserOverrides:
+    """Choices of the user that replace guesses.
+
+    Attributes
+    ----------
+    name
+        Name of the vehicle; empty if not given.
+    size
+        mass in kg, length and width in m, as far as given.
+    signals
+        Format -> name in rovid.toml -> source; None keeps all guesses.
+    commands
+        Sources of the commands to use; None keeps all that were found.
+    arms
+        Source of a command -> measured yaw arm of its thruster in m.
+    names
+        Source of a command -> name of its thruster.
+    """
+
+    name: str = ""
+    size: Mapping[str, float] = field(default_factory=dict)
+    signals: Mapping[str, Mapping[str, SignalGuess]] | None = None
+    commands: frozenset[str] | None = None
+    arms: Mapping[str, float] = field(default_factory=dict)
+    names: Mapping[str, str] = field(default_factory=dict)
+    exclusions: tuple[Exclusion, ...] = ()
+
+    def apply_to(self, mappings: Mapping[str, ColumnMapping]) -> dict[str, ColumnMapping]:
+        """``mappings``, by format, with these choices."""
+        return {kind: self._applied(kind, mapping) for kind, mapping in mappings.items()}
+
+    def _applied(self, kind: str, guessed: ColumnMapping) -> ColumnMapping:
+        signals = dict(guessed.signals)
+        if self.signals is not None:
+            signals = {name: _chosen(one, signals.get(name)) for name, one in self.signals.get(kind, {}).items()}
+        taken = {signal.source for signal in signals.values()}
+        free = [command for command in guessed.commands if command.source not in taken]
+        if self.commands is not None:
+            free = [command for command in free if command.source in self.commands]
+        commands = tuple(map(self._overridden, free))
+        missing = []
+        if "heading" not in signals:
+            missing.append("heading")
+        if not commands and "torque" not in signals:
+            missing.append("command")
+        taken |= {command.source for command in commands}
+        sources = [signal.source for signal in guessed.signals.values()]
+        sources += [command.source for command in guessed.commands]
+        unused = tuple(source for source in (*sources, *guessed.unused) if source not in taken)
+        return ColumnMapping(signals=signals, commands=commands, missing=tuple(missing), unused=unused)
+
+    def _overridden(self, command: ThrusterCommand) -> ThrusterCommand:
+        command = replace(command, name=self.names.get(command.source) or command.name)
+        if command.source not in self.arms:
+            return command
+        arm = self.arms[command.source]
+        return replace(command, arm=abs(arm), direction=int(np.sign(arm)), direction_known=True, arm_measured=True)
+
+
+def _chosen(chosen: SignalGuess, guessed: SignalGuess | None) -> SignalGuess:
+    """The chosen signal, with the reason of the guess if both are the same."""
+    if guessed is not None and replace(chosen, reason="") == replace(guessed, reason=""):
+        return guessed
+    return replace(chosen, reason=CHOSEN)
 
 
 @dataclass(frozen=True, kw_only=True)
 class LogSurvey:
-    """What `rovid init` found.
+    """Findings of `rovid init`.
 
     Attributes
     ----------
     axis
-        The degree of freedom that was looked at.
-    guesses
-        Format -> what its sources are.
-    clocks
-        Format -> source of the clock, empty where it has one of its own.
+        Degree of freedom.
+    mappings
+        Format -> contents of its columns.
+    clock_sources
+        Format -> source of the clock, empty if the format has a clock of its own.
     curve
-        Name of the thrust curve beside the logs; empty where no command is known.
+        Name of the thrust curve in the folder; empty without commands.
     new_curve
-        What is to be written under that name; None where it is there.
+        Curve to write under that name; None if the file exists.
     curve_guessed
-        Whether it is a guess.
-    profile
-        The type of vehicle; None where nobody knows.
-    recognised
-        Whether that is a guess, from the outputs that turn the vehicle.
-    join
-        How the files of one trial are known, where no file holds both heading and commands.
-    apart
-        How far their clocks are apart.
+        Whether the curve is a guess.
+    profile, profile_guessed
+        Type of vehicle, None if not known; whether it was guessed from the outputs that turn the vehicle.
+    join, clock_offsets
+        How files form trials, where no file holds both heading and commands; offsets of their clocks.
     logs
-        How many were looked at.
-    lacking
-        What was not looked at: files that are no logs or cannot be read, what of a log cannot be, and what
-        `rovid check` will say of some: that they lack what is mapped.
-    hand
-        What somebody put in that no log tells.
+        Number of logs read.
+    warnings
+        Files that are no logs or cannot be read, contradictions, and logs without a mapped signal.
     """
 
     folder: Path
@@ -98,29 +152,27 @@ class LogSurvey:
 
     @property
     def unrecognised(self) -> tuple[str, ...]:
-        """What was not recognised in any log: "heading", or what another axis wants, "command"; the user names it."""
-        return tuple(dict.fromkeys(what for one in self.mappings.values() for what in one.missing))
+        """Kinds of columns that the user has to name: the position along the axis, "command"."""
+        return tuple(dict.fromkeys(kind for mapping in self.mappings.values() for kind in mapping.missing))
 
     @property
     def unknown_directions(self) -> tuple[str, ...]:
-        """Sources of commands of which the logs do not tell whether, and which way, they turn the vehicle."""
+        """Sources of commands with an unknown direction."""
         return tuple(command.source for command in all_commands(self.mappings) if not command.direction_known)
 
 
 @dataclass(frozen=True, kw_only=True)
 class SurveyOptions:
-    """What the user told of the logs.
+    """Facts about the logs that the user gave.
 
     Attributes
     ----------
-    axis
-        Along which the vehicle moves.
     headings, commands
-        Columns of what is measured and of commands: where the logs are of several formats, those of each.
+        Sources of the measured motion and of commands, for logs of several formats those of each.
     vehicle
-        Its type.
-    patient
-        Whether somebody stands by to name the columns, so that logs of which none was recognised are not refused.
+        Type of vehicle.
+    interactive
+        Whether the user can still name columns: logs without a recognised column are then accepted.
     """
 
     axis: Axis = YAW
@@ -130,399 +182,195 @@ class SurveyOptions:
     interactive: bool = False
 
 
-@dataclass(frozen=True, kw_only=True)
-class LogsRead:
-    """What was read, by format, and what was in the way."""
-
-    folder: Path
-    logs: dict[str, list[Mapping[str, RawColumn]]] = field(default_factory=dict)
-    names: dict[str, list[str]] = field(default_factory=dict)
-    clocks: dict[str, str] = field(default_factory=dict)
-    own_clocks: dict[str, str] = field(default_factory=dict)
-    parameters: dict[str, dict[str, float]] = field(default_factory=dict)
-    problems: list[str] = field(default_factory=list)
-    joins: list[Join] = field(default_factory=list)
-
-    def add(self, path: Path) -> None:
-        """Read one log more, where its format has not been seen often enough; it is called by its way in the folder."""
-        kind = READERS[path.suffix.lower()].kind
-        logs = self.logs.setdefault(kind, [])
-        if len(logs) >= _LOGS or is_thrust_curve(path):
-            return
-        try:
-            contents, seen, left_out = read_columns(path)
-        except RovidError as error:
-            self.problems.append(str(error))
-            return
-        self.problems.extend(left_out)
-        self.clocks.setdefault(kind, contents.clock)
-        self.parameters.setdefault(kind, {}).update(contents.parameters)
-        name = path.relative_to(self.folder).as_posix() if path.is_relative_to(self.folder) else path.name
-        self.names.setdefault(kind, []).append(name)
-        self.own_clocks[name] = contents.clock
-        logs.append(seen)
-
-
-def survey(paths: Sequence[Path], asked: SurveyOptions | None = None) -> LogSurvey:
-    """Look at the logs in ``paths``.
+def survey(paths: Sequence[Path], options: SurveyOptions | None = None) -> LogSurvey:
+    """Survey the logs in ``paths``.
 
     Raises
     ------
     RovidError
-        There are no logs, none can be read, none holds a heading or a command, or what was asked for is not there.
+        There are no logs, none can be read, none holds a heading or a command, or a named column is missing.
     """
-    asked = asked or SurveyOptions()
-    return survey_read_logs(read_logs(paths, asked.axis), asked)
-
-
-def read_logs(paths: Sequence[Path], axis: Axis = YAW) -> LogsRead:
-    """Read the logs in ``paths``, the first dozen of each format; for what moves along ``axis``."""
-    looked = LogsRead(folder=_folder(paths))
-    for path in log_files(paths, looked.problems):
-        looked.add(path)
-    if (join := _joined(looked, axis)) is not None:
-        looked.joins.append(join)
-    return looked
+    options = options or SurveyOptions()
+    return survey_read_logs(read_logs(paths, options.axis), options)
 
 
 def survey_read_logs(
-    looked: LogsRead, asked: SurveyOptions | None = None, hand: UserOverrides | None = None
+    read: LogsRead, options: SurveyOptions | None = None, overrides: UserOverrides | None = None
 ) -> LogSurvey:
-    """What was read, with what the user told of it, and with what was put in by hand.
-
-    Raises
-    ------
-    RovidError
-        As for `survey`.
-    """
-    asked = asked or SurveyOptions()
-    named = load_preset(asked.vehicle) if asked.vehicle else None
-    # What is read stays as it is: somebody may ask again.
-    looked = replace(looked, problems=list(looked.problems))
-    _require(asked, looked)
-    told = named or _told(looked)
-    guesses = _recognised(looked, asked, told)
-    alike = None if told or asked.axis is not YAW else _alike(list(all_commands(guesses)))
-    if alike:
-        told, guesses = alike, _recognised(looked, asked, alike)
-    if hand is not None:
-        guesses = hand.apply_to(guesses)
-    headings = [one.measured for one in guesses.values() if one.signals]
-    curve = _Curve.of(looked.folder, list(all_commands(guesses)), told, looked.problems)
+    """Survey logs that were read; see `survey`."""
+    options = options or SurveyOptions()
+    # The logs may be surveyed again: problems are added to a copy.
+    read = replace(read, problems=list(read.problems))
+    profile = load_preset(options.vehicle) if options.vehicle else None
+    present = sorted(set().union(*(log for logs in read.logs.values() for log in logs)))
+    for option, sources in (("--heading", options.headings), ("--command", options.commands)):
+        for source in sources:
+            if source not in present:
+                message = f"{option}: no log has a column {source!r}. {suggestion(source, present)}"
+                raise DataError(message, where=read.folder)
+    if profile is None:
+        types = filter(None, map(vehicle_type, read.parameters.values()))
+        profile = next(map(load_preset, types), None)
+    mappings = _map_formats(read, options, profile)
+    guessed_profile = None
+    if profile is None and options.axis is YAW:
+        guessed_profile = _profile_of_outputs(list(all_commands(mappings)))
+    if guessed_profile is not None:
+        profile = guessed_profile
+        mappings = _map_formats(read, options, profile)
+    if overrides is not None:
+        mappings = overrides.apply_to(mappings)
+    commands = list(all_commands(mappings))
+    curve, new_curve, is_guess = _thrust_curve(read.folder, commands, profile, read.problems)
+    measured = [mapping.measured for mapping in mappings.values() if mapping.signals]
     return LogSurvey(
-        folder=looked.folder,
-        axis=asked.axis,
-        mappings=guesses,
-        clock_sources=looked.clocks,
-        curve=curve.name,
-        new_curve=curve.new,
-        curve_guessed=curve.guessed or (alike is not None and curve.new is not None),
-        profile=told,
-        profile_guessed=alike is not None,
-        join=next(iter(looked.joins), None),
-        logs=sum(map(len, looked.logs.values())),
+        folder=read.folder,
+        axis=options.axis,
+        mappings=mappings,
+        clock_sources=read.clocks,
+        curve=curve,
+        new_curve=new_curve,
+        curve_guessed=is_guess or (guessed_profile is not None and new_curve is not None),
+        profile=profile,
+        profile_guessed=guessed_profile is not None,
+        join=read.join,
+        logs=sum(map(len, read.logs.values())),
         warnings=(
-            *dict.fromkeys(looked.problems),
-            *(f"{one.source} is taken for the heading: {one.reason}." for one in headings if UNNAMED in one.reason),
-            *(command.contradiction for command in all_commands(guesses) if command.contradiction),
-            *_lacking(looked, guesses),
+            *dict.fromkeys(read.problems),
+            *(f"{one.source} is taken for the heading: {one.reason}." for one in measured if UNNAMED in one.reason),
+            *(command.contradiction for command in commands if command.contradiction),
+            *_incomplete_logs(read, mappings),
         ),
-        overrides=hand or UserOverrides(),
+        overrides=overrides or UserOverrides(),
     )
 
 
-def _folder(paths: Sequence[Path]) -> Path:
-    first = paths[0]
-    if first.is_dir():
-        return first
-    return first.parent
+def _map_formats(read: LogsRead, options: SurveyOptions, profile: VehiclePreset | None) -> dict[str, ColumnMapping]:
+    """Mapping of each format with both motion and commands; if there is none, of each with one of both."""
+    every: dict[str, ColumnMapping] = {}
+    for kind, logs in read.logs.items():
+        if logs:
+            present = set().union(*logs)
+            default = next(iter(options.headings), "")
+            hints = GuessHints(
+                axis=options.axis,
+                heading=next((source for source in options.headings if source in present), default),
+                commands=options.commands,
+                outputs=thruster_outputs(read.parameters.get(kind, {})),
+                profile=profile,
+            )
+            every[kind] = map_columns(logs, hints)
+    if not every and read.problems:
+        raise DataError(read.problems[0], where="")
+    if not every:
+        raise DataError("holds no logs.", where=read.folder)
+    chosen = {kind: mapping for kind, mapping in every.items() if not mapping.missing}
+    if not chosen and not options.axis.self_righting:
+        chosen = {kind: mapping for kind, mapping in every.items() if len(mapping.missing) == 1}
+    if not chosen and options.interactive:
+        chosen = every
+    errors = [_not_recognised(read, kind, mapping) for kind, mapping in every.items() if kind not in chosen]
+    if not chosen:
+        raise errors[0]
+    read.problems.extend(map(str, errors))
+    return chosen
 
 
-def _joined(looked: LogsRead, axis: Axis) -> Join | None:
-    """How files are parts of trials, where no file holds both heading and commands; they are put together."""
-    for kind, logs in looked.logs.items():
-        found = map_columns(logs, GuessHints(axis=axis))
-        if found.missing or not found.has_actuation or any(_holds(log, found) for log in logs):
-            continue
-        names = looked.names[kind]
-        join = Join(parts=guess_parts(names))
-        files: dict[str, list[Mapping[str, RawColumn]]] = {}
-        for name, log in zip(names, logs, strict=True):
-            if join.part(name):
-                files.setdefault(join.trial_key(name), []).append(log)
-        trials = {name: _one_clock(parts, found) for name, parts in files.items()}
-        whole = [name for name, log in trials.items() if _holds(log, found)]
-        if not whole:
-            continue
-        looked.logs[kind], looked.names[kind] = [trials[name] for name in whole], whole
-        return replace(join, time=_clocks(looked, kind, join))
-    return None
+def _not_recognised(read: LogsRead, kind: str, mapping: ColumnMapping) -> DataError:
+    present = sorted(set().union(*read.logs[kind]))
+    unreadable = f" What could not be read: {read.problems[0]}" if read.problems else ""
+    return DataError(
+        f"no {' and no '.join(mapping.missing)} was recognised among {', '.join(present[:20])}.{unreadable}",
+        where=read.folder,
+        mend=f"Name them with --heading and --command, or write {FILE_NAME} by hand: `rovid help files` has an "
+        "example. For motion along another axis than yaw give --axis.",
+    )
 
 
-def _one_clock(parts: Sequence[Mapping[str, RawColumn]], found: ColumnMapping) -> Mapping[str, RawColumn]:
-    """What the files of a trial hold, on the clock of the heading as far as they tell how that stands."""
-    heading = found.measured
-    home = next((part for part in parts if heading.source in part), {})
-    whole = dict(home)
-    for part in parts:
-        if part is home:
-            continue
-        alike = align_clocks(home, part)
-        commands = {one.source: one.neutral for one in found.commands if one.source in part}
-        late = alike.offset if alike else response_delay(commands, dict(part) | dict(home), heading) if home else 0.0
-        whole = {source: replace(seen, time=seen.time + late) for source, seen in part.items()} | whole
-    return whole
-
-
-def _holds(log: Mapping[str, RawColumn], found: ColumnMapping) -> bool:
-    """Whether a log holds the heading and a command."""
-    commands = {command.source for command in found.commands}
-    commands |= {found.signals["torque"].source} if "torque" in found.signals else set()
-    return found.measured.source in log and bool(commands & log.keys())
-
-
-def _clocks(looked: LogsRead, kind: str, join: Join) -> dict[str, tuple[str, str]]:
-    """Columns of time that are not called as the first."""
-    own = {join.part(name): clock for name, clock in looked.own_clocks.items() if join.part(name)}
-    return {part: (clock, "") for part, clock in own.items() if clock != looked.clocks[kind]}
-
-
-def _require(asked: SurveyOptions, looked: LogsRead) -> None:
-    """That what the user named is there."""
-    present = sorted(set().union(*(log for logs in looked.logs.values() for log in logs)))
-    for option, sources in (("--heading", asked.headings), ("--command", asked.commands)):
-        for source in sources:
-            if source not in present:
-                raise DataError(
-                    f"{option}: no log has a column {source!r}. {suggestion(source, present)}", where=looked.folder
-                )
-
-
-def _told(looked: LogsRead) -> VehiclePreset | None:
-    """The type of vehicle that the parameters of an autopilot tell."""
-    names = filter(None, map(vehicle_type, looked.parameters.values()))
-    return next(map(load_preset, names), None)
-
-
-def _alike(commands: Sequence[ThrusterCommand]) -> VehiclePreset | None:
-    """The type of vehicle of which the outputs that turn it are those of these logs."""
-    outputs = {int(command.source.removeprefix(_OUTPUT)): command for command in commands if _is_output(command)}
+def _profile_of_outputs(commands: Sequence[ThrusterCommand]) -> VehiclePreset | None:
+    """Type of vehicle whose turning outputs are those of the logs."""
+    outputs = {}
+    for command in commands:
+        number = command.source.removeprefix(_OUTPUT)
+        if command.source.startswith(_OUTPUT) and number.isdigit():
+            outputs[int(number)] = command
     turning = {number for number, command in outputs.items() if command.direction}
     if turning != {1, 2, 3, 4} or not {5, 6} <= outputs.keys():
         return None
     return load_preset("bluerov2-heavy" if {7, 8} <= outputs.keys() else "bluerov2")
 
 
-def _is_output(command: ThrusterCommand) -> bool:
-    return command.source.startswith(_OUTPUT) and command.source.removeprefix(_OUTPUT).isdigit()
+def all_commands(mappings: Mapping[str, ColumnMapping]) -> Iterator[ThrusterCommand]:
+    """Commands of every format."""
+    for mapping in mappings.values():
+        yield from mapping.commands
 
 
-def _recognised(looked: LogsRead, asked: SurveyOptions, told: VehiclePreset | None) -> dict[str, ColumnMapping]:
-    """What the sources are, of each format in which a heading and a command were found, or else one of both."""
-    every: dict[str, ColumnMapping] = {}
-    for kind, logs in looked.logs.items():
-        if logs:
-            outputs = thruster_outputs(looked.parameters.get(kind, {}))
-            there = set().union(*logs)
-            heading = next((one for one in asked.headings if one in there), next(iter(asked.headings), ""))
-            wanted = GuessHints(
-                axis=asked.axis, heading=heading, commands=asked.commands, outputs=outputs, profile=told
-            )
-            every[kind] = map_columns(logs, wanted)
-    if not every and looked.problems:
-        raise DataError(looked.problems[0], where="")
-    if not every:
-        raise DataError("holds no logs.", where=looked.folder)
-    guesses = {kind: sources for kind, sources in every.items() if not sources.missing}
-    # Without a drive, what swings by itself is all that there could be.
-    half = {kind: one for kind, one in every.items() if len(one.missing) == 1 and not asked.axis.self_righting}
-    # What is open the user can fill in; where nothing is known this is no log of a vehicle.
-    chosen = guesses or half or (every if asked.interactive else {})
-    unknown = {kind: sources for kind, sources in every.items() if kind not in chosen}
-    problems = [
-        _not_recognised(one, looked.logs[kind], looked.folder, looked.problems) for kind, one in unknown.items()
-    ]
-    if not chosen:
-        raise problems[0]
-    looked.problems.extend(map(str, problems))
-    return chosen
+def _incomplete_logs(read: LogsRead, mappings: Mapping[str, ColumnMapping]) -> Iterator[str]:
+    """Warning for each log without a mapped signal or command."""
+    for kind, mapping in mappings.items():
+        turning = [command for command in mapping.commands if command.direction]
+        mapped = [one.source for one in (*mapping.signals.values(), *(turning or mapping.commands))]
+        for name, log in zip(read.names[kind], read.logs[kind], strict=True):
+            lacking = [source for source in mapped if source not in log]
+            if lacking:
+                yield f"{name}: holds no {', '.join(lacking)}; is it of another vehicle?"
 
 
-def all_commands(guesses: Mapping[str, ColumnMapping]) -> Iterator[ThrusterCommand]:
-    """Those of every format."""
-    for one in guesses.values():
-        yield from one.commands
+def _thrust_curve(
+    folder: Path, commands: Sequence[ThrusterCommand], profile: VehiclePreset | None, problems: list[str]
+) -> tuple[str, ThrustCurve | None, bool]:
+    """File name of the thrust curve, the curve if the file is new, and whether it is a guess.
 
-
-def _lacking(looked: LogsRead, guesses: Mapping[str, ColumnMapping]) -> Iterator[str]:
-    """What `rovid check` will say of each log without a signal that is mapped."""
-    for kind, own in guesses.items():
-        mapped = [guessed.source for guessed in own.signals.values()]
-        mapped += _turning(own.commands)
-        for name, log in zip(looked.names[kind], looked.logs[kind], strict=True):
-            missing = [source for source in mapped if source not in log]
-            if missing:
-                yield f"{name}: holds no {', '.join(missing)}; is it of another vehicle?"
-
-
-def _turning(commands: Sequence[ThrusterCommand]) -> list[str]:
-    """Sources of the commands that turn the vehicle; of all where none is known to."""
-    turning = [command.source for command in commands if command.direction]
-    return turning or [command.source for command in commands]
-
-
-def log_files(paths: Sequence[Path], problems: list[str]) -> Iterator[Path]:
-    """What may be a log in ``paths``; what is in the way is added to ``problems``."""
-
-    def unreadable(error: OSError) -> None:
-        problems.append(f"{error.filename}: cannot be read ({error.strerror}).")
-
-    for path in paths:
-        inside = list_files(path, unreadable)
-        problems += [f"{odd}: is {what}." for odd, what in inside.special_files.items()]
-        for file in inside.files:
-            if file.suffix.lower() in READERS:
-                yield file
-
-
-def is_thrust_curve(path: Path) -> bool:
-    """Whether this is a thrust curve rather than a log."""
-    if path.suffix.lower() != ".csv":
-        return False
-    try:
-        # Its head alone: a log beside it may be long.
-        return set(CURVE_COLUMNS) <= set(read_layout(path, CURVE_COLUMNS).names)
-    except (OSError, RovidError):
-        return False  # reading it says what is wrong
-
-
-def read_columns(path: Path) -> tuple[LogContents, dict[str, RawColumn], list[str]]:
-    """What a log holds, everything in it by source, and what of it cannot be read."""
-    form = READERS[path.suffix.lower()]
-    contents = form.sources(path)
-    if not contents.sources:
-        raise DataError("holds no column of numbers.", where=path, mend=next(iter(contents.unreadable), ""))
-    raw = form.read(path, _config_of_all(path, form.kind, contents))
-    timed = [channel for channel in raw.channels.values() if is_plausible(channel.time).any()]
-    seen = {channel.source: _sane(channel) for channel in timed}
-    skipped = [remark.text for remark in raw.remarks if remark.kind == "skipped"]
-    left_out = dict.fromkeys((*contents.unreadable, *skipped))
-    return contents, seen, _few(path, left_out)
-
-
-def _config_of_all(path: Path, kind: str, contents: LogContents) -> Config:
-    """A configuration that maps every source of a log, each under its own name."""
-    signals = {}
-    for source in contents.sources:
-        # An orientation is made into a heading where that is asked for.
-        name = "heading" if source.endswith(_ORIENTATIONS) else source
-        signals[name] = Signal(name=name, sources={kind: source}, optional=True)
-    clock = {kind: contents.clock} if contents.clock else {}
-    return Config(
-        path=path,
-        vehicle=Vehicle(name="", thrusters=()),
-        time=Signal(name="time", sources=clock, unit="auto"),
-        signals=signals,
-        commands=(),
-        measured_signal=next(iter(signals)),
-    )
-
-
-def _sane(one: Channel) -> RawColumn:
-    """What was measured of a channel, at the times that are known."""
-    known = is_plausible(one.time)
-    values = np.where(is_plausible(one.values), one.values, np.nan)
-    return RawColumn(source=one.source, time=one.time[known], values=values[known], radians=one.radians)
-
-
-def _few(path: Path, texts: Iterable[str]) -> list[str]:
-    """The first of ``texts``, and how many more there are."""
-    every = list(texts)
-    more = len(every) - _SHOWN
-    if more <= 0:
-        return every
-    return [*every[:_SHOWN], f"{path}: {more} more cannot be read."]
-
-
-def _not_recognised(
-    guesses: ColumnMapping, logs: Sequence[Mapping[str, RawColumn]], folder: Path, problems: Sequence[str]
-) -> DataError:
-    there = sorted(set().union(*logs))
-    missing = " and no ".join(guesses.missing)
-    unread = f" What could not be read: {problems[0]}" if problems else ""
-    return DataError(
-        f"no {missing} was recognised among {', '.join(there[:20])}.{unread}",
-        where=folder,
-        mend=f"Name them with --heading and --command, or write {FILE_NAME} by hand: `rovid help files` has an "
-        "example. For motion along another axis than yaw give --axis.",
-    )
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Curve:
-    """The thrust curve of a first rovid.toml: its name, what is to be written there, whether that is a guess."""
-
-    name: str
-    new: ThrustCurve | None = None
-    guessed: bool = False
-
-    @classmethod
-    def of(
-        cls, folder: Path, commands: Sequence[ThrusterCommand], told: VehiclePreset | None, problems: list[str]
-    ) -> _Curve:
-        """One beside the logs that knows these commands, that of the type of vehicle, or a straight line."""
-        if not commands:
-            return cls(name="")
-        lowest = min(command.lowest for command in commands)
-        highest = max(command.highest for command in commands)
-        for path in list_files(folder, lambda _: None).files:
-            if path.parent != folder or path.name == GUESSED_CURVE or not is_thrust_curve(path):
-                continue
-            try:
-                curve = read_curve(path)
-            except RovidError as error:
-                problems.append(str(error))
-                continue
-            if _covers(curve, lowest, highest):
-                return cls(name=path.name)
-        if told is not None and told.curve is not None and commands[0].neutral:
-            published = read_curve(told.curve)
-            if _covers(published, lowest, highest):
-                return cls(name=told.curve.name, new=published)
-        percent = any(command.in_percent for command in commands)
-        line = _straight(lowest, highest, commands[0].neutral, percent=percent)
-        return cls(name=GUESSED_CURVE, new=line, guessed=True)
+    A curve in the folder that covers the commands comes first, then that of the type of vehicle, then a straight line.
+    """
+    if not commands:
+        return "", None, False
+    lowest = min(command.lowest for command in commands)
+    highest = max(command.highest for command in commands)
+    for path in list_files(folder, lambda _: None).files:
+        if path.parent != folder or path.name == GUESSED_CURVE or not is_thrust_curve(path):
+            continue
+        try:
+            curve = read_curve(path)
+        except RovidError as error:
+            problems.append(str(error))
+            continue
+        if _covers(curve, lowest, highest):
+            return path.name, None, False
+    neutral = commands[0].neutral
+    if profile is not None and profile.curve is not None and neutral:
+        published = read_curve(profile.curve)
+        if _covers(published, lowest, highest):
+            return profile.curve.name, published, False
+    if neutral:
+        ends = np.array([min(_PULSES[0], lowest), neutral, max(_PULSES[1], highest)])
+    else:
+        largest = max(abs(lowest), abs(highest))
+        # Commands as shares of one or in percent end at 1 or 100.
+        end = next((full for full in (1.0, 100.0) if 0.3 * full < largest <= full), _HEADROOM * largest)
+        if largest <= 100.0 and any(command.in_percent for command in commands):
+            end = 100.0
+        ends = np.array([-end, 0.0, end])
+    above = ends - neutral
+    line = ThrustCurve(command=ends, thrust=FULL_THRUST * above / np.max(np.abs(above)))
+    return GUESSED_CURVE, line, True
 
 
 def _covers(curve: ThrustCurve, lowest: float, highest: float) -> bool:
-    room = 0.01 * curve.span
-    return bool(curve.command[0] <= lowest + room and highest - room <= curve.command[-1])
-
-
-def _straight(lowest: float, highest: float, neutral: float, *, percent: bool) -> ThrustCurve:
-    """Thrust in proportion to the command, from below the lowest to above the highest."""
-    if neutral:
-        ends = np.array([min(_PULSES[0], lowest), neutral, max(_PULSES[-1], highest)])
-    else:
-        seen = max(abs(lowest), abs(highest))
-        # A share of one or of a hundred has its end there.
-        whole = next((end for end in (1.0, 100.0) if 0.3 * end < seen <= end), 0.0)
-        most = 100.0 if percent and seen <= 100.0 else whole or _ROOM * seen
-        ends = np.array([-most, 0.0, most])
-    above = ends - neutral
-    thrust = FULL_THRUST * above / np.max(np.abs(above))
-    return ThrustCurve(command=ends, thrust=thrust)
+    margin = 0.01 * curve.span
+    return bool(curve.command[0] <= lowest + margin and highest - margin <= curve.command[-1])
 
 
 def output_files(paths: Sequence[Path]) -> tuple[OutputFile, OutputFile]:
-    """Where rovid.toml and a guessed curve for the logs in ``paths`` go.
+    """Files to write for the logs in ``paths``: rovid.toml and a guessed curve.
 
     Raises
     ------
     RovidError
-        There is nothing at one of ``paths``, or what is neither file nor folder.
+        One of ``paths`` does not exist, or is neither file nor folder.
     """
     for path in paths:
         require_exists(path)
-    folder = _folder(paths)
+    folder = folder_of(paths)
     return OutputFile(folder / FILE_NAME, CONFIG), OutputFile(folder / GUESSED_CURVE, GUESSED)

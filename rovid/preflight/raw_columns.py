@@ -1,26 +1,67 @@
-"""What was read of a log before anybody knows what it is, and how fast a vehicle moves."""
+"""Columns of raw logs before they are mapped to signals: samples, mean rates, and the words in their names."""
 
 from __future__ import annotations
 
+import re
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from rovid.core.array_types import FloatArray
+from rovid.trial.signal_names import CLOCK_WORDS, HEADING_WORDS, YAW_RATE_WORDS, is_per_second, name_words
+from rovid.trial.vehicle_presets import SIDE_WORDS
 
-# A whole turn.
-TURN = {"deg": 360.0, "rad": 2.0 * np.pi}
-# Readings without which nothing is guessed.
-FEWEST = 30
-WINDOW = 0.5  # s over which a rate is a mean
-_LONGEST = 3e6  # s from the middle of a log
-_MOST = 500_000  # windows of one log
+# A whole turn in each unit of angle.
+FULL_TURN = {"deg": 360.0, "rad": 2.0 * np.pi}
+# Minimum number of samples for a guess; decision.
+MIN_SAMPLES = 30
+# s, averaging window of a rate.
+RATE_WINDOW = 0.5
+# s from the median time stamp: stamps farther away are damaged, or older than the setting of the clock.
+_MAX_TIME_OFFSET = 3e6
+# Maximum number of averaging windows in one log.
+_MAX_WINDOWS = 500_000
+
+_LISTS = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding="utf-8"))
+
+
+def word_list(table: str, *names: str) -> frozenset[str]:
+    """Words of the lists ``names`` in one ``table`` of words.toml."""
+    return frozenset().union(*(_LISTS[table][name] for name in names))
+
+
+COMMAND = word_list("thruster", "command")
+LIGHT = word_list("thruster", "light")
+SIDE = frozenset().union(*SIDE_WORDS.values())
+VOLTAGE = word_list("supply", "voltage")
+SUPPLY = word_list("supply", "source")
+NOT_HEADING = word_list("yaw", "not_measured")
+RATE = word_list("yaw", "rate")
+_NOT_HEADING_ENDINGS = tuple(word_list("yaw", "not_measured_ending"))
+_COMPASS = word_list("yaw", "compass")
+_TORQUE = word_list("thruster", "torque")
+# Words of a command of motion, which does not belong to one thruster. "prua" is a bow as well as a heading.
+MOTION_COMMAND = (HEADING_WORDS - {"prua"}) | YAW_RATE_WORDS | word_list("thruster", "motion")
+_NOT_COMMAND = (
+    (CLOCK_WORDS - {"t"}) | SUPPLY | MOTION_COMMAND | word_list("thruster", "light", "other", "pilot", "feedback")
+)
+_NOT_THRUSTER_VOLTAGE = word_list("supply", "not_thruster_voltage")
+_ENDS_IN_NEWTON_METRES = re.compile(r"N[ ·*]?m\W*$")
+# The unit of another quantity at the end of a name.
+_OTHER_UNIT = re.compile(
+    r"(?:[^A-Za-z](?:A|W|C|K|bar|degC|m|m/s|kn|deg|grad|rad)|[^A-Za-z]?(?i:dps|deg/s|rad/s|rad_s|°/s))\W*$"
+)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RawColumn:
-    """One column or field of one log: its (n,) times in s and values; ``radians`` where it is an orientation."""
+    """Samples of one column or field of one log: (n,) times in s and (n,) values.
+
+    ``radians`` marks headings in rad that were computed from an orientation.
+    """
 
     source: str
     time: FloatArray
@@ -30,7 +71,7 @@ class RawColumn:
 
 @dataclass(frozen=True, kw_only=True)
 class SignalGuess:
-    """What one signal is taken from, in what unit and sense, and why; ``rate`` where it is a velocity."""
+    """Source of one signal with unit, sign and the reason of the guess; ``is_rate`` marks a velocity."""
 
     source: str
     reason: str
@@ -39,51 +80,95 @@ class SignalGuess:
     is_rate: bool = False
 
 
-def finite_values(seen: Sequence[RawColumn]) -> FloatArray:
-    """(n,) values that were measured, of all logs."""
-    values = np.concatenate([one.values for one in seen])
+# ---- samples
+
+
+def finite_values(columns: Sequence[RawColumn]) -> FloatArray:
+    """(n,) finite values of one source in all logs."""
+    values = np.concatenate([column.values for column in columns])
     return np.asarray(values[np.isfinite(values)])
 
 
-def _places(measured: SignalGuess, seen: RawColumn) -> tuple[FloatArray, FloatArray]:
-    """(n,) s and the place along the axis: a heading unwrapped in rad, a velocity summed up."""
-    known = np.flatnonzero(np.isfinite(seen.values) & np.isfinite(seen.time))
+def _positions(signal: SignalGuess, column: RawColumn) -> tuple[FloatArray, FloatArray]:
+    """(n,) times in s and positions along the axis: angles unwrapped in rad, velocities integrated."""
+    known = np.flatnonzero(np.isfinite(column.values) & np.isfinite(column.time))
     if known.size:
-        stamps = seen.time[known]
-        # A stamp of before the clock was set, or a damaged one, is years away.
-        known = known[np.abs(stamps - np.median(stamps)) < _LONGEST]
-    time, values = seen.time[known], measured.sign * seen.values[known]
-    if measured.is_rate:
+        stamps = column.time[known]
+        known = known[np.abs(stamps - np.median(stamps)) < _MAX_TIME_OFFSET]
+    time, values = column.time[known], signal.sign * column.values[known]
+    if signal.is_rate:
         steps = 0.5 * (values[1:] + values[:-1]) * np.diff(time)
         return time, np.concatenate(([0.0], np.cumsum(steps)))[: len(time)]
-    if measured.unit in TURN:
-        return time, np.unwrap(values * (2.0 * np.pi / TURN[measured.unit]))
+    if signal.unit in FULL_TURN:
+        return time, np.unwrap(values * (2.0 * np.pi / FULL_TURN[signal.unit]))
     return time, values
 
 
-def mean_rates(measured: SignalGuess, seen: RawColumn, window: float = WINDOW) -> tuple[FloatArray, FloatArray]:
-    """(m + 1,) s, a ``window`` of so many apart, and the (m,) mean rates between them, of angles in rad/s."""
-    time, place = _places(measured, seen)
-    if len(time) < FEWEST:
+def mean_rates(signal: SignalGuess, column: RawColumn, window: float = RATE_WINDOW) -> tuple[FloatArray, FloatArray]:
+    """(m + 1,) times in s, one ``window`` apart, and the (m,) mean rates between them, rad/s of angles."""
+    time, position = _positions(signal, column)
+    if len(time) < MIN_SAMPLES:
         return np.empty(0), np.empty(0)
-    # A single stamp weeks away would else make millions of windows.
-    window = max(window, 2.0 * float(np.median(np.diff(time))), float(np.ptp(time)) / _MOST)
+    # One damaged time stamp could otherwise lead to millions of windows.
+    window = max(window, 2.0 * float(np.median(np.diff(time))), float(np.ptp(time)) / _MAX_WINDOWS)
     grid = np.arange(time[0], time[-1], window)
-    return grid, np.diff(np.interp(grid, time, place)) / window
+    return grid, np.diff(np.interp(grid, time, position)) / window
 
 
-def position_at(measured: SignalGuess, seen: RawColumn, time: FloatArray) -> FloatArray:
-    """(m,) places along the axis at ``time`` in s, of angles in rad."""
-    known, place = _places(measured, seen)
-    return np.asarray(np.interp(time, known, place))
+def position_at(signal: SignalGuess, column: RawColumn, time: FloatArray) -> FloatArray:
+    """(m,) positions along the axis at ``time`` in s, rad of angles."""
+    known, position = _positions(signal, column)
+    return np.asarray(np.interp(time, known, position))
 
 
-def held_mean(seen: RawColumn, time: FloatArray) -> FloatArray:
-    """(m,) means of the held values between (m + 1,) ``time`` in s."""
-    known = np.isfinite(seen.values)
-    if not known.any():
-        return np.zeros(len(time) - 1)
-    clock, values = seen.time[known], seen.values[known]
-    ends = np.append(clock, max(clock[-1], time[-1]) + 1.0)
+def held_mean(time: FloatArray, values: FloatArray, edges: FloatArray) -> FloatArray:
+    """(m,) means of (n,) ``values`` under a zero-order hold between the (m + 1,) ``edges`` in s."""
+    ends = np.append(time, max(time[-1], edges[-1]) + 1.0)
     integral = np.concatenate(([0.0], np.cumsum(values * np.diff(ends))))
-    return np.asarray(np.diff(np.interp(time, ends, integral)) / np.diff(time))
+    return np.asarray(np.diff(np.interp(edges, ends, integral)) / np.diff(edges))
+
+
+# ---- names
+
+
+def is_thruster_command(source: str) -> bool:
+    """Whether a column is a thruster command by its name."""
+    words = name_words(source)
+    # "v" is a sway velocity too, and a voltage without another word is that of the supply.
+    voltage = words & VOLTAGE and words - VOLTAGE and not words & _NOT_THRUSTER_VOLTAGE
+    return may_be_command(source, words) and bool(words & (COMMAND | SIDE) or voltage)
+
+
+def may_be_command(source: str, words: set[str]) -> bool:
+    """Whether neither ``words`` nor the unit in the name of ``source`` belong to another quantity."""
+    return not words & _NOT_COMMAND and not has_other_unit(source)
+
+
+def has_other_unit(source: str) -> bool:
+    """Whether a name ends in a unit that no thruster command has."""
+    return bool(_OTHER_UNIT.search(source))
+
+
+def is_torque(source: str, values: FloatArray) -> bool:
+    """Whether a column is a yaw torque by a word, its unit, or the SNAME symbol N with values of both signs."""
+    symbol = source == "N" and values.min() < 0.0 < values.max()
+    return bool(name_words(source) & _TORQUE or _ENDS_IN_NEWTON_METRES.search(source) or symbol)
+
+
+def is_yaw_rate(source: str) -> bool:
+    """Whether a column is a yaw rate by its name."""
+    words = name_words(source)
+    if words & NOT_HEADING:
+        return False
+    if words & YAW_RATE_WORDS or {"rate", "turn"} <= words or (words & HEADING_WORDS and is_per_second(source)):
+        return True
+    return bool(words & (HEADING_WORDS | {"z", "r"}) and words & RATE)
+
+
+def may_be_heading(words: set[str]) -> bool:
+    """Whether no word of a name contradicts a measured heading."""
+    if any(word.startswith("soll") or word.endswith(_NOT_HEADING_ENDINGS) for word in words):
+        return False
+    # A gyrocompass measures the heading.
+    rates = RATE - {"gyro"} if words & _COMPASS else RATE
+    return not words & (NOT_HEADING | rates | YAW_RATE_WORDS | COMMAND)

@@ -1,333 +1,378 @@
-"""Which column or topic holds what: guesses from names, values and how the vehicle answers, each with its reason."""
+"""Guess which columns hold which signal, from names, values and the response of the vehicle; with reasons."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.preflight.axis_signal_guess import guessed_along
-from rovid.preflight.raw_columns import FEWEST, TURN, RawColumn, SignalGuess, finite_values, mean_rates
-from rovid.preflight.thruster_guess import (
+from rovid.preflight.command_effects import CommandEffect, command_effects
+from rovid.preflight.raw_columns import (
     COMMAND,
-    LIGHTS,
+    FULL_TURN,
+    LIGHT,
+    MIN_SAMPLES,
+    NOT_HEADING,
+    RATE,
+    SIDE,
     SUPPLY,
-    VOLTS,
-    CommandEffect,
-    GuessHints,
-    ThrusterCommand,
-    command_effects,
-    guess_thrusters,
+    VOLTAGE,
+    RawColumn,
+    SignalGuess,
+    finite_values,
     is_torque,
+    is_yaw_rate,
+    may_be_heading,
+    mean_rates,
+    word_list,
 )
-from rovid.trial.axis import YAW
+from rovid.preflight.thruster_guess import Columns, GuessHints, ThrusterCommand, guess_thrusters
+from rovid.trial.axis import YAW, Axis
 from rovid.trial.signal_names import HEADING_WORDS, YAW_RATE_WORDS, is_per_second, name_words
 
+# Word in a name -> unit.
 _UNITS = {"deg": "deg", "degrees": "deg", "grad": "deg", "rad": "rad", "radians": "rad", "dps": "deg/s", "rps": "rad/s"}
-_NOT_MEASURED = {"set", "setpoint", "desired", "target", "ref", "reference", "wanted", "error", "err", "std", "sigma"}
-_NOT_MEASURED |= {"sp", "soll", "sollkurs", "sollwert", "consigne", "consigna", "settpunkt", "ønsket", "deseado"}
-_NOT_MEASURED |= {
-    "deseada",
-    "objetivo",
-    "cible",
-    "cmd",
-    "demand",
-    "erreur",
-    "fehler",
-    "feil",
-    "avvik",
-    "ecart",
-    "écart",
-    "desvio",
-}
-_NOT_MEASURED |= {"joystick", "stick", "manette", "pilot", "rcin", "input", "trim"}
-# Ends of words of one piece that are no headings.
-_ASTRAY = ("fehler", "feil", "avvik", "abweichung", "settpunkt")
-# Where it goes, which is not where it points.
-_NOT_MEASURED |= {"over", "über", "ueber", "ground", "grund", "grunn", "fond", "fondo", "sobre", "cog", "sog"}
-_NOT_MEASURED |= {"gps", "track", "küg", "kueg"}
-_NOT_MEASURED |= {"palanca", "manche", "spak", "steuerknüppel", "steuerknueppel", "joy", "leva"}
-_RATES = {"rate", "gyro", "angular", "velocity", "speed", "acc", "accel", "acceleration", "dps", "omega"}
-_RATES |= {"geschwindigkeit", "vitesse", "taux", "velocidad", "velocità", "velocita", "hastighet"}
-# A gyro that is said to tell a heading is a compass.
-_COMPASS = {"heading", "hdg", "kurs", "cap", "rumbo", "compass", "kompass", "azimuth"}
-_ROLL = {"roll", "phi", "roulis", "rollwinkel", "kraengung", "krängung"}
-_PITCH = {"pitch", "theta", "tangage", "nick", "nickwinkel", "assiette"}
-_NOT_VOLTS = {"curr", "current", "amps", "a", "temp", "temperature", "percent", "remaining", "id", "res", "resistance"}
-_NOT_VOLTS |= {"inst", "instance", "energy", "enrg", "consumed", "charge", "capacity", "type", "function", "mode"}
-_NOT_VOLTS |= {"pct", "soc", "strom", "courant", "health", "state", "fault", "h", "sh"}
-# Of a heading that is known by nothing but its values.
+# Part of the reason of a heading that only its values reveal.
 UNNAMED = "no column is named a heading"
-# What drives a vehicle, in V or mV.
-_SUPPLIES = (3.0, 1e5)
+# V or mV, range of the median of a supply.
+_SUPPLY_RANGE = (3.0, 1e5)
+_NOT_VOLTAGE = word_list("supply", "not_voltage") | COMMAND
+# Minimum correlation of a gyro with the rate of the heading.
+_CORRELATED = 0.7
+_TILTS = {"roll": word_list("yaw", "roll"), "pitch": word_list("yaw", "pitch")}
+_NOT_TILT = NOT_HEADING | RATE | YAW_RATE_WORDS | COMMAND
+
+# ---- axes but yaw
+_NOT_MEASURED = word_list("axis", "not_measured") | COMMAND | SIDE
+_SPEED = word_list("axis", "speed")
+_DEPTH = word_list("axis", "depth")
+_HEIGHT = word_list("axis", "height")
+_OVER_GROUND = word_list("axis", "over_ground")
+# Directions in which thrusters act: they need a unit or a word of speed.
+_DIRECTION = word_list("axis", "direction")
+_AXIS_WORDS = {name: word_list("axis", name) for name in ("surge", "sway", "roll", "pitch")}
+_AXIS_WORDS["heave"] = word_list("axis", "heave", "depth", "height")
+# Letters that name an axis in a column with the unit of a velocity.
+_LETTERS = {"surge": "ux", "sway": "vy", "heave": "wz", "roll": "p", "pitch": "q"}
+_UNIT_ENDINGS: Mapping[str, re.Pattern[str]] = {
+    unit: re.compile(rf"(?:^|[^A-Za-z]|(?<=[a-z])(?=[A-Z]))(?i:{ends})\W*$")
+    for unit, ends in {
+        "mm/s": "mm/s|mm_s|mmps",
+        "cm/s": "cm/s|cm_s|cmps",
+        "m/s": "m/s|m_s|mps|m s-1",
+        "kn": "kn|kt|kts|knots|knoten|noeuds|nudos|knop",
+        "deg/s": "deg/s|deg_s|dps|°/s|grad/s|grad_s",
+        "rad/s": "rad/s|rad_s|rps",
+        "mm": "mm",
+        "cm": "cm",
+        "m": "m",
+        "deg": "deg|degrees|grad|grader|grados|°",
+        "rad": "rad|radians",
+    }.items()
+}
+_VELOCITY_UNITS = {"mm/s", "cm/s", "m/s", "kn", "deg/s", "rad/s"}
+_ANGULAR_UNITS = {"deg", "rad", "deg/s", "rad/s"}
 
 
 @dataclass(frozen=True, kw_only=True)
 class ColumnMapping:
-    """All of a folder; ``signals`` by their names in rovid.toml, and the sources that are none of them."""
+    """Guessed contents of the columns of all logs of one format.
+
+    Attributes
+    ----------
+    signals
+        Name in rovid.toml -> source, the signal that measures the motion first.
+    missing
+        Kinds of required columns that were not recognised: the position along the axis, "command".
+    unused
+        Sources without a meaning.
+    """
 
     signals: Mapping[str, SignalGuess]
     commands: tuple[ThrusterCommand, ...]
-    missing: tuple[str, ...] = field(default=())
-    unused: tuple[str, ...] = field(default=())
+    missing: tuple[str, ...] = ()
+    unused: tuple[str, ...] = ()
 
     @property
     def measured(self) -> SignalGuess:
-        """What tells where the vehicle is along the axis, or how fast it goes; there where nothing is lacking."""
+        """Signal that measures the motion along the axis; present where nothing is missing."""
         return next(iter(self.signals.values()))
 
     @property
     def has_actuation(self) -> bool:
-        """Whether anything drives the vehicle along the axis."""
+        """Whether a command or a torque is known."""
         return bool(self.commands) or "torque" in self.signals
 
 
-def map_columns(logs: Sequence[Mapping[str, RawColumn]], wanted: GuessHints | None = None) -> ColumnMapping:
-    """What the columns of ``logs``, by source, are, beside what is known; the clock is none of them."""
-    wanted = wanted or GuessHints()
-    every: dict[str, list[RawColumn]] = {}
+def map_columns(logs: Sequence[Mapping[str, RawColumn]], hints: GuessHints | None = None) -> ColumnMapping:
+    """Guess the contents of the columns of ``logs``, each given by source without the clock."""
+    hints = hints or GuessHints()
+    columns: dict[str, list[RawColumn]] = {}
     for log in logs:
-        for source, seen in log.items():
-            every.setdefault(source, []).append(seen)
-    # A log without a signal that is mapped cannot be read: what is not needed has to be in all of them.
-    shared = {source: seen for source, seen in every.items() if len(seen) == len(logs)}
-    signals = _measured(every, shared, logs, wanted)
-    measured = next(iter(signals.values()), None) if wanted.axis is not YAW else signals.get("heading")
-    supply = _supply(shared, {signal.source for signal in signals.values()} | {*wanted.commands})
+        for source, column in log.items():
+            columns.setdefault(source, []).append(column)
+    # A log without a mapped signal cannot be read: optional signals have to be in all logs.
+    shared = {source: logged for source, logged in columns.items() if len(logged) == len(logs)}
+    if hints.axis is YAW:
+        signals = _yaw_signals(columns, shared, logs, hints.heading)
+        position = signals.get("heading")
+    else:
+        signals = _axis_signals(hints.axis, columns, shared, hints.heading)
+        position = next(iter(signals.values()), None)
+    supply = _supply(shared, {signal.source for signal in signals.values()} | {*hints.commands})
     if supply is not None:
-        signals["supply_voltage"] = SignalGuess(
-            source=supply, reason="named so; the diagnosis tests what depends on it"
-        )
+        signals["supply_voltage"] = SignalGuess(source=supply, reason="named so; the diagnosis tests for its influence")
     taken = {signal.source for signal in signals.values()}
-    free = {source: seen for source, seen in every.items() if source not in taken}
-    commands = guess_thrusters(free, logs, measured, wanted)
-    if wanted.axis.self_righting and not any(command.direction for command in commands):
-        commands = ()  # it was tilted and let go of
-    if not commands and wanted.axis is YAW and (torque := _torque(free, logs, measured)) is not None:
+    free = {source: logged for source, logged in columns.items() if source not in taken}
+    commands = guess_thrusters(free, logs, position, hints)
+    if hints.axis.self_righting and not any(command.direction for command in commands):
+        # The vehicle was tilted and released.
+        commands = ()
+    if not commands and hints.axis is YAW and (torque := _torque(free, logs, position)) is not None:
         signals["torque"] = torque
-    known = bool(commands) or "torque" in signals or wanted.axis.self_righting
-    lacking = [what for what, there in ((wanted.axis.position_signal, measured), ("command", known)) if not there]
+    missing = []
+    if position is None:
+        missing.append(hints.axis.position_signal)
+    if not (commands or "torque" in signals or hints.axis.self_righting):
+        missing.append("command")
     taken = {signal.source for signal in signals.values()} | {command.source for command in commands}
-    unused = tuple(source for source in every if source not in taken)
-    return ColumnMapping(signals=signals, commands=commands, missing=tuple(lacking), unused=unused)
+    unused = tuple(source for source in columns if source not in taken)
+    return ColumnMapping(signals=signals, commands=commands, missing=tuple(missing), unused=unused)
 
 
-def _measured(
-    every: Mapping[str, Sequence[RawColumn]],
-    shared: Mapping[str, Sequence[RawColumn]],
-    logs: Sequence[Mapping[str, RawColumn]],
-    wanted: GuessHints,
-) -> dict[str, SignalGuess]:
-    """What tells of the motion along the axis, that which places the vehicle first."""
-    if wanted.axis is YAW:
-        return _motions(shared, logs, _heading(every, wanted.heading))
-    found = guessed_along(wanted.axis, every, wanted.heading)
-    # Beside what is needed, only what all logs hold.
-    return {name: one for number, (name, one) in enumerate(found.items()) if not number or one.source in shared}
-
-
-def _motions(
-    shared: Mapping[str, Sequence[RawColumn]], logs: Sequence[Mapping[str, RawColumn]], heading: SignalGuess | None
-) -> dict[str, SignalGuess]:
-    """Heading, rate and tilts, as far as they are there."""
-    guesses = {"heading": heading}
-    if heading is not None:
-        guesses["yaw_rate"] = _yaw_rate(shared, logs, heading)
-    guesses["roll"] = _angle(shared, _ROLL, heading)
-    guesses["pitch"] = _angle(shared, _PITCH, heading)
-    return {name: guessed for name, guessed in guesses.items() if guessed is not None}
-
-
-def _supply(shared: Mapping[str, Sequence[RawColumn]], taken: set[str]) -> str | None:
-    """The source that is named as the voltage of the supply, and could be one; the plainest name of several."""
+def _supply(shared: Columns, taken: set[str]) -> str | None:
+    """Source of the supply voltage by name and values; one with a word of voltage before the others."""
     best, best_rank = None, 0
-    for source, seen in shared.items():
-        named = name_words(source)
-        if source in taken or not named & SUPPLY or named & (_NOT_VOLTS | COMMAND):
+    for source, logged in shared.items():
+        words = name_words(source)
+        if source in taken or not words & SUPPLY or words & _NOT_VOLTAGE:
             continue
-        values = finite_values(seen)
-        low, high = _SUPPLIES
+        values = finite_values(logged)
+        low, high = _SUPPLY_RANGE
         if not len(values) or not low <= np.median(values) <= high or np.ptp(values) == 0.0:
             continue
-        rank = 1 + bool(named & VOLTS)
+        rank = 1 + bool(words & VOLTAGE)
         if rank > best_rank:
             best, best_rank = source, rank
     return best
 
 
 def _torque(
-    free: Mapping[str, Sequence[RawColumn]], logs: Sequence[Mapping[str, RawColumn]], heading: SignalGuess | None
+    columns: Columns, logs: Sequence[Mapping[str, RawColumn]], heading: SignalGuess | None
 ) -> SignalGuess | None:
-    """A logged torque, where no command is logged; its sense is that in which it turns the heading."""
-    for source, seen in free.items():
-        named = name_words(source)
-        values = finite_values(seen)
-        if len(values) < FEWEST or not np.ptp(values) > 0.0:
+    """A logged yaw torque, in the sense in which it turns the heading."""
+    for source, logged in columns.items():
+        words, values = name_words(source), finite_values(logged)
+        if len(values) < MIN_SAMPLES or not np.ptp(values) > 0.0:
             continue
-        if not is_torque(source, values) or named & (_NOT_MEASURED | LIGHTS):
+        if not is_torque(source, values) or words & (NOT_HEADING | LIGHT):
             continue
-        unit = "kN m" if "knm" in named else "N m"
-        sense = CommandEffect() if heading is None else command_effects({source: 0.0}, logs, heading)[source]
-        against = f"; more of it turns the heading down ({sense.text}): turned around here"
-        why = f"named so; {values.min():.4g} to {values.max():.4g}{against if sense.direction < 0 else ''}"
-        return SignalGuess(source=source, unit=unit, sign=-1 if sense.direction < 0 else 1, reason=why)
+        effect = CommandEffect() if heading is None else command_effects({source: 0.0}, logs, heading)[source]
+        sign, reason = 1, f"named so; {_range(values)}"
+        if effect.direction < 0:
+            sign, reason = -1, f"{reason}; more of it turns the heading down ({effect.text}): sign changed here"
+        return SignalGuess(source=source, unit="kN m" if "knm" in words else "N m", sign=sign, reason=reason)
     return None
 
 
-def _declared(source: str) -> str:
-    named = name_words(source)
-    for word, unit in _UNITS.items():
-        if word in named:
-            return unit
-    return ""
+def _range(values: FloatArray) -> str:
+    return f"{values.min():.4g} to {values.max():.4g}"
 
 
-def _heading(every: Mapping[str, Sequence[RawColumn]], asked: str = "") -> SignalGuess | None:
-    """By its name; without one, by jumps of a whole turn; or the one that was asked for."""
-    if asked:
-        unit, why = _turning(asked, every[asked]) if asked in every else ("", "")
-        return SignalGuess(source=asked, unit=unit, reason=f"given; {why}") if unit else None
-    measured = [source for source in every if _may_be_heading(name_words(source)) and not is_per_second(source)]
+# ---- yaw
+
+
+def _yaw_signals(
+    columns: Columns, shared: Columns, logs: Sequence[Mapping[str, RawColumn]], chosen: str
+) -> dict[str, SignalGuess]:
+    """Heading, yaw rate and tilts that were found; the user may have ``chosen`` the heading."""
+    heading = _chosen_heading(chosen, columns) if chosen else _heading(columns)
+    guesses = {"heading": heading}
+    if heading is not None:
+        guesses["yaw_rate"] = _yaw_rate(shared, logs, heading)
+    for name, words in _TILTS.items():
+        guesses[name] = _tilt(shared, words, heading)
+    return {name: guess for name, guess in guesses.items() if guess is not None}
+
+
+def _chosen_heading(source: str, columns: Columns) -> SignalGuess | None:
+    unit, reason = _angle_unit(source, columns[source]) if source in columns else ("", "")
+    return SignalGuess(source=source, unit=unit, reason=f"given; {reason}") if unit else None
+
+
+def _heading(columns: Columns) -> SignalGuess | None:
+    """Heading by its name, by an orientation, or by jumps of a whole turn."""
+    measured = [source for source in columns if may_be_heading(name_words(source)) and not is_per_second(source)]
     named = [source for source in measured if name_words(source) & HEADING_WORDS]
-    turned = [source for source, seen in every.items() if seen[0].radians]
-    if turned and not named:
-        return SignalGuess(source=turned[0], unit="rad", reason="an orientation, of which the heading is made")
+    oriented = [source for source, logged in columns.items() if logged[0].radians]
+    if oriented and not named:
+        return SignalGuess(source=oriented[0], unit="rad", reason="an orientation, from which the heading is computed")
     best, best_rank = None, (False, 0)
     for source in named or measured:
-        if not named and name_words(source) & VOLTS:
+        if not named and name_words(source) & VOLTAGE:
             continue
-        unit, why = _turning(source, every[source])
-        jumps = "jumps" in why
+        unit, reason = _angle_unit(source, columns[source])
+        jumps = "jumps" in reason
         if not unit or not (named or jumps):
             continue
-        # The one that jumps is an angle for sure; of several the finest.
-        rank = (jumps, len(np.unique(finite_values(every[source]))))
+        # A column that jumps is an angle for sure. Among several, the finest resolution is best.
+        rank = (jumps, len(np.unique(finite_values(columns[source]))))
         if best is None or rank > best_rank:
-            said = f"named so; {why}" if named else f"{why}; {UNNAMED}"
-            best, best_rank = SignalGuess(source=source, unit=unit, reason=said), rank
+            reason = f"named so; {reason}" if named else f"{reason}; {UNNAMED}"
+            best, best_rank = SignalGuess(source=source, unit=unit, reason=reason), rank
     return best
 
 
-def turn_of_heading(seen: RawColumn) -> float | None:
-    """What a whole turn is of a column that by its name and values is a heading; None where it is none."""
-    if seen.radians:
-        return TURN["rad"]
-    # Who logs the thrusters may put their word before all that it logs.
-    named = name_words(seen.source) - COMMAND
-    if not named & HEADING_WORDS or not _may_be_heading(named) or is_per_second(seen.source):
+def turn_of_heading(column: RawColumn) -> float | None:
+    """Size of a whole turn in a column that is a heading by name and values; None for other columns."""
+    if column.radians:
+        return FULL_TURN["rad"]
+    # A logger of thrusters may put its own name in front of every column.
+    words = name_words(column.source) - COMMAND
+    if not words & HEADING_WORDS or not may_be_heading(words) or is_per_second(column.source):
         return None
-    unit, _ = _turning(seen.source, [seen])
-    return TURN.get(unit)
+    unit, _ = _angle_unit(column.source, [column])
+    return FULL_TURN.get(unit)
 
 
-def is_yaw_rate(source: str) -> bool:
-    """Whether a column is one by its name."""
-    named = name_words(source)
-    return _named_yaw_rate(named) or bool(named & HEADING_WORDS and is_per_second(source) and not named & _NOT_MEASURED)
+def _named_unit(source: str) -> str:
+    words = name_words(source)
+    return next((unit for word, unit in _UNITS.items() if word in words), "")
 
 
-def _may_be_heading(named: set[str]) -> bool:
-    rates = _RATES - {"gyro"} if named & _COMPASS else _RATES
-    wished = any(word.startswith("soll") or word.endswith(_ASTRAY) for word in named)
-    return not wished and not named & (_NOT_MEASURED | rates | YAW_RATE_WORDS | COMMAND)
-
-
-def _turning(source: str, seen: Sequence[RawColumn]) -> tuple[str, str]:
-    """Unit and reason if these are angles; empty if not."""
-    values = finite_values(seen)
-    if len(values) < FEWEST or np.ptp(values) == 0.0:
+def _angle_unit(source: str, logged: Sequence[RawColumn]) -> tuple[str, str]:
+    """Unit of a heading and the reason; empty for constant or too few values."""
+    values = finite_values(logged)
+    if len(values) < MIN_SAMPLES or np.ptp(values) == 0.0:
         return "", ""
     low, high = float(values.min()), float(values.max())
-    span = f"{low:.4g} to {high:.4g}"
-    steps = np.concatenate([np.abs(np.diff(one.values)) for one in seen])
-    for unit, turn in TURN.items():
+    span = _range(values)
+    steps = np.concatenate([np.abs(np.diff(column.values)) for column in logged])
+    for unit, turn in FULL_TURN.items():
         within = -1.01 * turn / 2 <= low and high <= 1.01 * turn
         if within and np.any(np.abs(steps - turn) < 0.1 * turn):
             return unit, f"{span}, and it jumps by {turn:.4g}, a whole turn"
-    declared = _declared(source)
-    if declared in TURN:
-        return declared, f"{span}; the unit by its name"
-    if max(-low, high) > 1.01 * TURN["rad"]:
+    named = _named_unit(source)
+    if named in FULL_TURN:
+        return named, f"{span}; the unit by its name"
+    if max(-low, high) > 1.01 * FULL_TURN["rad"]:
         return "deg", f"{span}, more than a turn in radians"
-    return "rad", f"{span}: taken for radians, for it stays within a turn of them"
+    return "rad", f"{span}: assumed to be radians, because it stays within a turn"
 
 
-def _angle(
-    every: Mapping[str, Sequence[RawColumn]], known: set[str], heading: SignalGuess | None
-) -> SignalGuess | None:
-    """By its name; a tilt is small in either unit, and mostly in that of the heading."""
-    for source, seen in every.items():
-        named = name_words(source)
-        if not named & known or named & (_NOT_MEASURED | _RATES | YAW_RATE_WORDS | COMMAND):
+def _tilt(columns: Columns, known: frozenset[str], heading: SignalGuess | None) -> SignalGuess | None:
+    """Roll or pitch by its name."""
+    for source, logged in columns.items():
+        words = name_words(source)
+        if not words & known or words & _NOT_TILT:
             continue
-        values = finite_values(seen)
-        if len(values) < FEWEST:
+        values = finite_values(logged)
+        if len(values) < MIN_SAMPLES:
             continue
-        unit, why = _tilt_unit(source, values, heading)
-        return SignalGuess(source=source, unit=unit, reason=f"named so; {values.min():.3g} to {values.max():.3g}{why}")
+        unit, reason = _named_unit(source), ""
+        if not unit and float(np.max(np.abs(values))) > 0.5 * np.pi:
+            unit, reason = "deg", ", more than upright in radians"
+        elif not unit:
+            unit = "deg" if heading is None else heading.unit
+            reason = f": assumed to be in {unit}{'' if heading is None else ' like the heading'}"
+        return SignalGuess(
+            source=source, unit=unit, reason=f"named so; {values.min():.3g} to {values.max():.3g}{reason}"
+        )
     return None
 
 
-def _tilt_unit(source: str, values: FloatArray, heading: SignalGuess | None) -> tuple[str, str]:
-    """Unit of a tilt, and why that."""
-    declared = _declared(source)
-    if declared:
-        return declared, ""
-    if float(np.max(np.abs(values))) > 0.5 * np.pi:
-        return "deg", ", more than upright in radians"
-    if heading is None:
-        return "deg", ": taken for deg"
-    return heading.unit, f": taken for {heading.unit} like the heading"
-
-
-def _yaw_rate(
-    every: Mapping[str, Sequence[RawColumn]], logs: Sequence[Mapping[str, RawColumn]], heading: SignalGuess
-) -> SignalGuess | None:
-    """A gyro that goes with the heading's own rate, which tells unit and sense too."""
-    for source in every:
+def _yaw_rate(columns: Columns, logs: Sequence[Mapping[str, RawColumn]], heading: SignalGuess) -> SignalGuess | None:
+    """A gyro by its name, with unit and sign from its regression on the rate of the heading."""
+    for source in columns:
         if source == heading.source or not is_yaw_rate(source):
             continue
-        own, logged = _in_all(logs, heading, source)
-        if len(own) < FEWEST or not np.std(own) > 0.0 or not np.std(logged) > 0.0:
+        pairs = [_paired_rates(log, heading, source) for log in logs if heading.source in log and source in log]
+        own, logged = np.concatenate([np.empty((2, 0)), *pairs], axis=1)
+        if len(own) < MIN_SAMPLES or not np.std(own) > 0.0 or not np.std(logged) > 0.0:
             continue
-        alike = float(np.corrcoef(own, logged)[0, 1])
-        if abs(alike) < 0.7:
+        correlation = float(np.corrcoef(own, logged)[0, 1])
+        if abs(correlation) < _CORRELATED:
             continue
         ratio = abs(float(logged @ own / (own @ own)))
-        # In the middle, as a ratio, between the same unit and degrees for radians.
+        # The geometric mean of 1 and the number of degrees in a radian.
         unit = "deg/s" if ratio > np.sqrt(180.0 / np.pi) else "rad/s"
-        sign, sense = (1, "as the heading's") if alike > 0.0 else (-1, "against the heading's: turned around here")
-        return SignalGuess(source=source, unit=unit, sign=sign, reason=f"named so; it goes {sense}")
+        if correlation > 0.0:
+            return SignalGuess(source=source, unit=unit, reason="named so; it follows the rate of the heading")
+        reason = "named so; it follows the negative rate of the heading: sign changed here"
+        return SignalGuess(source=source, unit=unit, sign=-1, reason=reason)
     return None
 
 
-def _named_yaw_rate(named: set[str]) -> bool:
-    if named & YAW_RATE_WORDS or {"rate", "turn"} <= named:
-        return not named & _NOT_MEASURED
-    about_vertical = named & (HEADING_WORDS | {"z", "r"})
-    return bool(about_vertical and named & _RATES and not named & _NOT_MEASURED)
-
-
-def _in_all(
-    logs: Sequence[Mapping[str, RawColumn]], heading: SignalGuess, source: str
-) -> tuple[FloatArray, FloatArray]:
-    """The heading's own rates and those of ``source``, side by side, of all logs that hold both."""
-    own, logged = [np.empty(0)], [np.empty(0)]
-    for log in logs:
-        if heading.source in log and source in log:
-            rate, other = _side_by_side(log, heading, source)
-            own.append(rate)
-            logged.append(other)
-    return np.concatenate(own), np.concatenate(logged)
-
-
-def _side_by_side(log: Mapping[str, RawColumn], heading: SignalGuess, source: str) -> tuple[FloatArray, FloatArray]:
+def _paired_rates(log: Mapping[str, RawColumn], heading: SignalGuess, source: str) -> FloatArray:
+    """(2, n) mean rates of the heading, and the values of ``source`` in the middles of their windows."""
     time, rate = mean_rates(heading, log[heading.source])
-    other = log[source]
-    known = np.isfinite(other.values)
+    gyro = log[source]
+    known = np.isfinite(gyro.values)
     if not known.any() or not rate.size:
-        return np.empty(0), np.empty(0)
-    middles = 0.5 * (time[1:] + time[:-1])
-    return rate, np.interp(middles, other.time[known], other.values[known])
+        return np.empty((2, 0))
+    return np.array([rate, np.interp(0.5 * (time[1:] + time[:-1]), gyro.time[known], gyro.values[known])])
+
+
+# ---- the other axes
+
+
+def _axis_signals(axis: Axis, columns: Columns, shared: Columns, chosen: str) -> dict[str, SignalGuess]:
+    """Position and velocity along ``axis`` by name and unit; the user may have ``chosen`` one of them."""
+    best: dict[str, tuple[int, SignalGuess]] = {}
+    for source, logged in columns.items():
+        if chosen and source != chosen and not axis.self_righting:
+            continue
+        values = finite_values(logged)
+        if len(values) < MIN_SAMPLES or not np.ptp(values) > 0.0:
+            continue
+        words = name_words(source)
+        unit = next((unit for unit, ending in _UNIT_ENDINGS.items() if ending.search(source)), "")
+        rank = 9 if source == chosen else _axis_rank(axis, words, unit)
+        if rank:
+            name, guess = _axis_signal(axis, source, words, unit, values)
+            if name not in best or rank > best[name][0]:
+                best[name] = (rank, guess)
+    if axis.angular and axis.position_signal not in best:
+        return {}
+    found = {name: best[name][1] for name in (*axis.position_signals, axis.rate_signal) if name in best}
+    first = next(iter(found), None)
+    return {name: guess for name, guess in found.items() if name == first or guess.source in shared}
+
+
+def _axis_rank(axis: Axis, words: set[str], unit: str) -> int:
+    """Rank of a column as a measurement along ``axis`` by its name; 0 for other quantities."""
+    named = words & _AXIS_WORDS[axis.name]
+    if words & _NOT_MEASURED:
+        return 0
+    if axis.angular:
+        return 3 if named and (not unit or unit in _ANGULAR_UNITS) else 0
+    if unit in _ANGULAR_UNITS:
+        return 0
+    if named - _DIRECTION or (named and (unit or words & _SPEED)):
+        return 3
+    if words & set(_LETTERS[axis.name]) and (unit in _VELOCITY_UNITS or words & _SPEED):
+        return 2
+    return int(axis.name == "surge" and bool(words & _OVER_GROUND) and (not unit or unit in _VELOCITY_UNITS))
+
+
+def _axis_signal(axis: Axis, source: str, words: set[str], unit: str, values: FloatArray) -> tuple[str, SignalGuess]:
+    """Name of the signal in rovid.toml, and the guess."""
+    is_rate = unit in _VELOCITY_UNITS or (not unit and bool(words & (_SPEED | _OVER_GROUND)) and not words & _DEPTH)
+    name = axis.rate_signal if is_rate else axis.position_signal
+    if axis.name == "heave" and not is_rate and not words & (_DEPTH | _HEIGHT):
+        name = "heave_position"
+    sign, reason = 1, f"named so; {_range(values)}"
+    if unit:
+        detail = "; the unit by its name"
+    elif not axis.angular:
+        unit, detail = "m/s" if is_rate else "m", ""
+    elif float(np.max(np.abs(values))) > 0.5 * np.pi:
+        unit, detail = "deg" + "/s" * is_rate, "; more than upright in radians"
+    else:
+        unit, detail = "rad" + "/s" * is_rate, "; assumed to be in radians"
+    if words & _HEIGHT and not is_rate:
+        sign, reason = -1, f"{reason}; a height, converted to a depth"
+    return name, SignalGuess(source=source, unit=unit, sign=sign, reason=reason + detail, is_rate=is_rate)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rovid.app.decimation import columns_document
-from rovid.preflight.log_survey import read_columns
+from rovid.preflight.log_reading import read_columns
 from rovid.preflight.raw_columns import RawColumn
 from rovid.readers import read_log
 from rovid.trial.config import load_config

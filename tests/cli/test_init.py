@@ -67,7 +67,7 @@ def test_sense_and_unit_are_read_off_the_motion(csv_day: Path, tmp_path: Path, r
     assert {one["name"]: one["yaw_arm"] for one in found["thrusters"]} == {"motor_fore": -1.0, "motor_aft": 1.0}
     text = (folder / "rovid.toml").read_text()
     assert "more of it turns the heading down" in text
-    assert "against the heading's: turned around here" in text
+    assert "the negative rate of the heading: sign changed here" in text
 
 
 def test_a_mixed_folder_has_both_formats_in_one_map(tmp_path: Path, rovid: Rovid) -> None:

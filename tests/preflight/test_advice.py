@@ -126,5 +126,5 @@ def test_a_drive_at_its_end_is_said(csv_day: Path, tmp_path: Path, rovid: Rovid)
 
 def test_a_real_dive_was_steered_by_feedback(rovid: Rovid) -> None:
     found = kinds(rovid, SAMPLES / "bluerov2_pier59" / "dive.csv")
-    assert "by an autopilot or a hand: in dive.csv" in found["feedback"]
+    assert "by an autopilot or a pilot: in dive.csv" in found["feedback"]
     assert {"holds", "sines", "one_thruster"} <= set(found)

@@ -31,7 +31,7 @@ def test_a_vehicle_that_answers_before_it_is_told_to_has_a_clock_ahead(tmp_path:
     assert one["offset"] == pytest.approx(-0.6, abs=0.1)
     assert document["verdict"] == "no_go"
     (advice,) = [each for each in document["advice"] if each["kind"] == "clock_offset"]
-    assert "which cannot be" in advice["text"]
+    assert "which is impossible" in advice["text"]
     assert "Put offset = { thr = -0.6" in advice["text"]
     # A first rovid.toml sets it, with the reason; nothing is left then.
     (folder / "rovid.toml").unlink()
@@ -39,7 +39,7 @@ def test_a_vehicle_that_answers_before_it_is_told_to_has_a_clock_ahead(tmp_path:
     assert [each["name"] for each in init["clocks"]] == ["thr"]
     written = tomllib.loads((folder / "rovid.toml").read_text(encoding="utf-8"))
     assert written["join"]["offset"]["thr"] == pytest.approx(-0.6, abs=0.1)
-    assert "which cannot be" in (folder / "rovid.toml").read_text(encoding="utf-8")
+    assert "which is impossible" in (folder / "rovid.toml").read_text(encoding="utf-8")
     again = rovid("check", "day", "--json").document
     assert not [each for each in again["advice"] if each["kind"] == "clock_offset"]
     remarks = [remark["text"] for log in again["logs"] for remark in log["remarks"] if remark["kind"] == "clock"]
@@ -53,7 +53,7 @@ def test_an_answer_that_comes_late_is_not_called_a_clock(tmp_path: Path, rovid: 
     assert one["certain"] is False
     assert one["offset"] == pytest.approx(0.6, abs=0.1)
     (advice,) = [each for each in document["advice"] if each["kind"] == "clocks"]
-    assert "No log tells which" in advice["text"]
+    assert "The logs do not show which" in advice["text"]
     (folder / "rovid.toml").unlink()
     assert rovid("init", "day").code == 0
     assert "offset" not in tomllib.loads((folder / "rovid.toml").read_text(encoding="utf-8"))["join"]

@@ -83,7 +83,7 @@ def test_a_zigzag_is_feedback_at_its_reversals_and_so_it_is_said() -> None:
     trial, open_ = next((trial, one) for trial, one in found if one.chance >= SIGNIFICANCE_LEVEL)
     (aside,) = [one for one in advise([trial], LOGGED, [open_]) if one.kind == "reversals"]
     assert aside.weight == "aside"
-    assert "So few reversals do not tell which." in aside.text
+    assert "There are too few reversals to decide." in aside.text
 
 
 def test_logs_of_one_kind_are_judged_together() -> None:

@@ -24,5 +24,5 @@ def test_few_readings_tell_no_rate() -> None:
 
 
 def test_means_are_of_what_was_held() -> None:
-    seen = RawColumn(source="u", time=np.array([0.0, 1.0, 3.0]), values=np.array([2.0, 4.0, 0.0]))
-    assert held_mean(seen, np.array([0.0, 2.0, 4.0])) == pytest.approx([3.0, 2.0])
+    time, values = np.array([0.0, 1.0, 3.0]), np.array([2.0, 4.0, 0.0])
+    assert held_mean(time, values, np.array([0.0, 2.0, 4.0])) == pytest.approx([3.0, 2.0])

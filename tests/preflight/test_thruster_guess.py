@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from rovid.core.array_types import FloatArray
-from rovid.preflight.raw_columns import RawColumn, SignalGuess
-from rovid.preflight.thruster_guess import GuessHints, ThrusterCommand, command_effects, guess_thrusters
+from rovid.preflight.raw_columns import RawColumn
+from rovid.preflight.thruster_guess import GuessHints, ThrusterCommand, guess_thrusters
 from rovid.trial.vehicle_presets import load_preset
 
 TIME = np.arange(0.0, 60.0, 0.1)
@@ -53,47 +53,6 @@ def test_usual_names_are_known(names: tuple[str, str]) -> None:
         "depth": held(),
     }
     assert set(of({**other, names[0]: held(), names[1]: held()})) == set(names)
-
-
-def steered(seed: int, *, hand: bool) -> dict[str, RawColumn]:
-    """A slow vehicle that an autopilot holds by a noisy compass, against eddies; or one that a ``hand`` steers."""
-    rng = np.random.default_rng(seed)
-    time = np.arange(0.0, 240.0, 0.1)
-    heading, command = np.empty(len(time)), np.empty(len(time))
-    asked = np.repeat(rng.uniform(-0.7, 0.7, 40), 60)
-    place = rate = thrust = eddy = 0.0
-    for k in range(len(time)):
-        heading[k] = place + np.radians(0.3) * rng.normal()
-        command[k] = asked[k] if hand else np.clip(-1.2 * heading[k] - 6.0 * rate, -0.7, 0.7)
-        for _ in range(4):
-            thrust += 0.0625 * (command[k] - thrust)
-            eddy += -0.0125 * eddy + 0.0012 * rng.normal()
-            rate += 0.025 * (0.075 * thrust + eddy - 0.58 * abs(rate) * rate - 0.075 * rate)
-            place += 0.025 * rate
-    return {
-        "heading_deg": RawColumn(source="heading_deg", time=time, values=np.degrees(heading)),
-        "yaw_cmd": RawColumn(source="yaw_cmd", time=time, values=command),
-    }
-
-
-@pytest.mark.parametrize("hand", [True, False])
-def test_who_steers_does_not_turn_a_sense_round(hand: bool) -> None:
-    heading = SignalGuess(source="heading_deg", reason="", unit="deg")
-    found = [command_effects({"yaw_cmd": 0.0}, [steered(seed, hand=hand)], heading)["yaw_cmd"] for seed in range(6)]
-    ways = [one.direction for one in found]
-    assert ways.count(-1) <= (0 if hand else 2), found
-    assert ways.count(1) >= 5 * hand
-
-
-def test_what_tells_of_the_turning_is_shared_out() -> None:
-    logs = [steered(1, hand=True)]
-    heading = SignalGuess(source="heading_deg", reason="", unit="deg")
-    idle = RawColumn(source="idle", time=logs[0]["yaw_cmd"].time, values=np.repeat(RNG.uniform(-1.0, 1.0, 40), 60))
-    found = command_effects({"yaw_cmd": 0.0, "idle": 0.0}, [logs[0] | {"idle": idle}], heading)
-    assert found["yaw_cmd"].direction == 1
-    assert found["idle"].direction == 0
-    assert found["yaw_cmd"].explained_share > 10.0 * abs(found["idle"].explained_share)
-    assert "standard errors" in found["yaw_cmd"].text
 
 
 def test_lights_and_what_never_rests_are_no_thrusters() -> None:

@@ -12,11 +12,11 @@ from rovid.export.resimulation import Mismatch
 from rovid.export.run_export import ExportLoss, VerifiedExport
 from rovid.model.simulation import TrialSimulation, pooled_fit
 from rovid.preflight.check import LogCheck, remark_document
-from rovid.preflight.clock_report import ClockOffset
+from rovid.preflight.clock_alignment import ClockOffset
 from rovid.preflight.config_writer import assumptions_in
 from rovid.preflight.log_survey import LogSurvey
 from rovid.preflight.signal_guess import ColumnMapping
-from rovid.preflight.thruster_check import ThrusterCheck
+from rovid.preflight.command_effects import ThrusterCheck
 from rovid.present.documents.fits import (
     Document,
     all_warnings,

@@ -112,5 +112,5 @@ def test_a_real_dive_goes_with_care(rovid: Rovid) -> None:
     done = rovid("check", SAMPLES / "bluerov2_pier59" / "dive.csv")
     lines = done.out.splitlines()
     assert lines[0].startswith("Go with care: ")
-    assert lines[1].startswith("1. Take `rovid fit` and `rovid diagnose`, which are right under feedback;")
+    assert lines[1].startswith("1. Use `rovid fit` and `rovid diagnose`, which are valid under feedback;")
     assert "autopilot was on" not in done.out

@@ -1,0 +1,310 @@
+"""Effect of each thruster command on the motion, by regression of mean rates on mean commands."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from rovid.core.array_types import FloatArray
+from rovid.preflight.raw_columns import MIN_SAMPLES, RawColumn, SignalGuess, held_mean, mean_rates, position_at
+from rovid.trial.axis import Axis
+from rovid.trial.trial import Trial
+from rovid.trial.vehicle import Vehicle
+
+# s, averaging windows of the rates. In a window that is too short, heading noise makes the autocorrelation of the
+# residuals fall below this value.
+_WINDOWS, _MIN_AUTOCORRELATION = (0.5, 1.0, 2.0, 4.0, 8.0), -0.25
+# s, largest offset that is tried between the clocks of two files of one trial.
+_MAX_CLOCK_OFFSET = 3.0
+# s, window after a change of commands, and standard errors by which the rate then changes against them. Small vehicles
+# have responded long before: there chance leads to two.
+_RESPONSE_WINDOW, _CONTRADICTION = 4.0, 2.2
+# Minimum t statistic of a direction.
+_SIGNIFICANT = 4.0
+# Minimum share of the rate's variance: a smaller effect may belong to a correlated command, unless its t statistic is
+# twice the minimum.
+_MIN_SHARE = 0.005
+# Relative cut-off of singular values; commands that are collinear to this degree share their effect.
+_COLLINEAR = 0.01
+# ArduPilot's demand of yaw torque, which its mixer distributes to the outputs.
+YAW_DEMAND = "RATE.YOut"
+# Minimum R^2 of the demand given the outputs, and minimum coefficient relative to the largest.
+_MIXER_R2, _MIXER_SHARE = 0.9, 0.1
+# Effect per N m relative to the other thrusters: below this value a thruster is ineffective; standard errors required.
+_INEFFECTIVE, _CONFIDENT = 0.2, 3.0
+
+Log = Mapping[str, RawColumn]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CommandEffect:
+    """Effect of one command on the rate, as the logs show it.
+
+    Attributes
+    ----------
+    t_statistic
+        Of the gain, with a correction for autocorrelated residuals.
+    explained_share
+        Share of the variance of the rate, beyond its autoregression; 0 to 1 over all commands together.
+    gain
+        Change of the rate over a window per unit of the command.
+    is_contradicted
+        Whether the rate changes against changes of the commands: they then respond to the motion.
+    """
+
+    t_statistic: float = 0.0
+    explained_share: float = 0.0
+    gain: float = 0.0
+    is_contradicted: bool = False
+
+    @property
+    def direction(self) -> int:
+        """1 or -1, the sign of the gain; 0 where it is not significant."""
+        size = abs(self.t_statistic)
+        if self.is_contradicted or size <= _SIGNIFICANT:
+            return 0
+        if self.explained_share < _MIN_SHARE and size <= 2.0 * _SIGNIFICANT:
+            return 0
+        return int(np.sign(self.t_statistic))
+
+    @property
+    def text(self) -> str:
+        """Evidence for the direction."""
+        share = 100.0 * max(self.explained_share, 0.0)
+        return f"{abs(self.t_statistic):.0f} standard errors, {share:.0f} % of the variance of the rate"
+
+
+def command_effects(
+    neutral: Mapping[str, float], logs: Sequence[Log], position: SignalGuess, *, self_righting: bool = False
+) -> dict[str, CommandEffect]:
+    """Effects of commands, given by source with their ``neutral`` values, on the motion that ``position`` measures.
+
+    The mean rate in each window is regressed on the mean rate in the window before and on the mean commands in both,
+    which fits slow and fast vehicles. Feedback within a window can reverse the sign: as a check, changes of the rate
+    are regressed on the changes of the commands that precede them.
+    """
+    count, effects = len(neutral), dict.fromkeys(neutral, CommandEffect())
+    for window in _WINDOWS:
+        fit = _regress(_windowed(neutral, logs, position, window, self_righting=self_righting))
+        if fit is None:
+            break
+        gains = fit.coefficients[-count:]
+        driven = fit.target - fit.rows[:, :-count] @ fit.coefficients[:-count]
+        driven = driven - driven.mean()
+        shares = driven @ (fit.rows[:, -count:] * gains) / max(float(driven @ driven), 1e-300)
+        columns = (fit.t_statistics[-count:], shares, gains)
+        for source, t_statistic, share, gain in zip(neutral, *map(np.ndarray.tolist, columns), strict=True):
+            effects[source] = CommandEffect(t_statistic=t_statistic, explained_share=share, gain=gain)
+        if fit.autocorrelation > _MIN_AUTOCORRELATION:
+            break
+    # A vehicle that rights itself swings back without a command.
+    if not self_righting and _t_of_changes(effects, logs, position) < -_CONTRADICTION:
+        return {source: replace(effect, is_contradicted=True) for source, effect in effects.items()}
+    return effects
+
+
+def _t_of_changes(effects: Mapping[str, CommandEffect], logs: Sequence[Log], position: SignalGuess) -> float:
+    """T statistic of changes of the rate after changes of the total drive; 0 for too little data."""
+    for window in (_RESPONSE_WINDOW, 0.5 * _RESPONSE_WINDOW):
+        blocks = []
+        for log, time, rate in _rates_in(logs, position, effects, window):
+            if len(rate) >= 4:
+                change = np.diff(rate)
+                drives = [effect.gain * _mean_command(log[source], time) for source, effect in effects.items()]
+                before = np.diff(sum(drives, start=np.zeros(len(rate))))[1:-1]
+                blocks.append((np.column_stack((np.ones(len(before)), change[1:-1], change[:-2], before)), change[2:]))
+        fit = _regress(blocks)
+        if fit is not None:
+            return float(fit.t_statistics[3])
+    return 0.0
+
+
+def response_delay(neutral: Mapping[str, float], log: Log, position: SignalGuess) -> float:
+    """Time in s, to one window, after which the vehicle responds to commands on another clock; may be negative."""
+    if not neutral:
+        return 0.0
+    r2 = {0.0: 0.0}
+    for delay in np.arange(-_MAX_CLOCK_OFFSET, _MAX_CLOCK_OFFSET + _WINDOWS[0], _WINDOWS[0]).tolist():
+        moved = {source: replace(log[source], time=log[source].time + delay) for source in neutral if source in log}
+        fit = _regress(_windowed(neutral, [{**log, **moved}], position, _WINDOWS[1]))
+        if fit is not None:
+            r2[delay] = fit.r2
+    return max(r2, key=lambda delay: r2[delay])
+
+
+def mixer_directions(neutral: Mapping[str, float], logs: Sequence[Log]) -> dict[str, int]:
+    """Sign with which each output follows the autopilot's yaw demand, 0 for none; empty if the demand is not known."""
+    blocks = []
+    for log in logs:
+        if YAW_DEMAND in log and set(neutral) <= set(log):
+            demand = log[YAW_DEMAND]
+            outputs = [np.interp(demand.time, log[source].time, log[source].values) for source in neutral]
+            blocks.append((np.column_stack((np.ones(len(demand.time)), *outputs)), np.nan_to_num(demand.values)))
+    fit = _regress(blocks) if neutral else None
+    if fit is None or not fit.r2 >= _MIXER_R2:
+        return {}
+    shares = fit.coefficients[1:]
+    signs = np.where(np.abs(shares) > _MIXER_SHARE * float(np.max(np.abs(shares))), np.sign(shares), 0.0)
+    return dict(zip(neutral, signs.astype(int).tolist(), strict=True))
+
+
+def _rates_in(
+    logs: Sequence[Log], position: SignalGuess, sources: Mapping[str, object], window: float
+) -> list[tuple[Log, FloatArray, FloatArray]]:
+    """Logs with the position and all ``sources``, each with the edges of its windows in s and its mean rates."""
+    complete = [log for log in logs if position.source in log and set(sources) <= set(log)]
+    return [(log, *mean_rates(position, log[position.source], window)) for log in complete]
+
+
+def _mean_command(column: RawColumn, edges: FloatArray) -> FloatArray:
+    """(m,) means of a command between the (m + 1,) ``edges`` in s; zeros if it was never logged."""
+    known = np.isfinite(column.values)
+    if not known.any():
+        return np.zeros(len(edges) - 1)
+    return held_mean(column.time[known], column.values[known], edges)
+
+
+def _windowed(
+    neutral: Mapping[str, float],
+    logs: Sequence[Log],
+    position: SignalGuess,
+    window: float,
+    *,
+    self_righting: bool = False,
+) -> list[tuple[FloatArray, FloatArray]]:
+    """For each log (n, 2 + k) rows of a constant, the rate before and the mean commands, and the (n,) rates.
+
+    A ``self_righting`` axis has the position as a further column in front of the commands.
+    """
+    blocks = []
+    for log, time, rate in _rates_in(logs, position, neutral, window):
+        if len(rate) < 3:
+            continue
+        columns = [np.ones(len(rate) - 1), rate[:-1]]
+        if self_righting:
+            columns.append(position_at(position, log[position.source], time[1:-1]))
+        for source, rest in neutral.items():
+            command = _mean_command(log[source], time) - rest
+            columns.append(0.5 * (command[1:] + command[:-1]))
+        blocks.append((np.column_stack(columns), rate[1:]))
+    return blocks
+
+
+class _Regression(NamedTuple):
+    """Regression of the (n,) ``target`` on (n, k) centred ``rows``, the first column constant."""
+
+    rows: FloatArray
+    target: FloatArray
+    coefficients: FloatArray
+    t_statistics: FloatArray
+    r2: float
+    autocorrelation: float
+
+
+def _regress(blocks: Sequence[tuple[FloatArray, FloatArray]]) -> _Regression | None:
+    """Least squares over all blocks of rows and targets; None for fewer than `MIN_SAMPLES` rows."""
+    if sum(len(target) for _, target in blocks) < MIN_SAMPLES:
+        return None
+    rows = np.nan_to_num(np.concatenate([block for block, _ in blocks]))
+    y = np.concatenate([target for _, target in blocks])
+    rows[:, 1:] -= rows[:, 1:].mean(axis=0)
+    scale = np.linalg.norm(rows, axis=0)
+    # Unit columns: a command in us would otherwise outweigh a command in V.
+    scale = np.where(scale > 0.0, scale, 1.0)
+    x = rows / scale
+    inverse = np.linalg.pinv(x.T @ x, rcond=_COLLINEAR)
+    values = inverse @ (x.T @ y)
+    residual = y - x @ values
+    # Effective sample size of an autoregression of first order.
+    autocorrelation = float(residual[1:] @ residual[:-1]) / max(float(residual @ residual), 1e-300)
+    positive = min(max(autocorrelation, 0.0), 0.98)
+    inflation = (1.0 + positive) / (1.0 - positive)
+    variance = inflation * float(residual @ residual) / max(len(y) - len(values), 1)
+    errors = np.sqrt(np.diag(inverse) * variance)
+    # A column of zeros has no error.
+    known = errors > 0.0
+    deviation = y - y.mean()
+    return _Regression(
+        rows=rows,
+        target=y,
+        coefficients=values / scale,
+        t_statistics=np.where(known, values / np.where(known, errors, 1.0), 0.0),
+        r2=1.0 - float(residual @ residual) / max(float(deviation @ deviation), 1e-300),
+        autocorrelation=autocorrelation,
+    )
+
+
+# ---- thrusters of rovid.toml
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThrusterCheck:
+    """Effect of one thruster of rovid.toml as the logs show it.
+
+    Attributes
+    ----------
+    observed
+        Effect of its torque, or force, by arm and curve: the gain should be positive.
+    strength, error
+        Effect per N m relative to the weighted mean of all thrusters, with its standard error; 1 where arms and curves
+        are right in proportion, NaN where the logs do not determine it.
+    """
+
+    name: str
+    observed: CommandEffect
+    strength: float
+    error: float
+
+    @property
+    def is_reversed(self) -> bool:
+        """Whether it acts against its sign in rovid.toml."""
+        return self.observed.direction < 0
+
+    @property
+    def is_ineffective(self) -> bool:
+        """Whether it has next to no effect, by three standard errors."""
+        return abs(self.strength) + _CONFIDENT * self.error < _INEFFECTIVE
+
+    def text(self, axis: Axis) -> str:
+        """Advice on a thruster that is reversed or ineffective; else empty."""
+        if self.is_reversed:
+            return (
+                f"Turn {axis.arm_key} of {self.name} around, or correct the mapping of its command: more of its "
+                f"{axis.force_name} makes the {axis.position_words} fall ({self.observed.text})."
+            )
+        if self.is_ineffective:
+            return (
+                f"Leave {self.name} out, or check its {axis.arm_key}, curve and command: it {axis.motion_verb} the "
+                f"vehicle by {100.0 * self.strength:.0f} ± {100.0 * self.error:.0f} % of what the other thrusters "
+                "make expect."
+            )
+        return ""
+
+
+def check_thrusters(trials: Sequence[Trial], vehicle: Vehicle) -> list[ThrusterCheck]:
+    """Check of each thruster against the motion in ``trials``; none for a vehicle without thrusters."""
+    names = [thruster.name for thruster in vehicle.thrusters]
+    if not names or not trials:
+        return []
+    logs = []
+    for trial in trials:
+        log = {"": RawColumn(source="", time=trial.time, values=trial.position)}
+        for thruster, command in zip(vehicle.thrusters, trial.commands.T, strict=True):
+            log[thruster.name] = RawColumn(source=thruster.name, time=trial.time, values=thruster.torque(command))
+        logs.append(log)
+    position = SignalGuess(source="", reason="", unit="rad" if vehicle.axis.angular else "m")
+    neutral = dict.fromkeys(names, 0.0)
+    effects = command_effects(neutral, logs, position, self_righting=vehicle.axis.self_righting)
+    errors = {name: abs(one.gain / one.t_statistic) if one.t_statistic else np.inf for name, one in effects.items()}
+    weights = np.array([errors[name] ** -2.0 for name in names])
+    gains = np.array([effects[name].gain for name in names])
+    mean = float(weights @ np.abs(gains)) / max(float(weights.sum()), 1e-300)
+    if not mean > 0.0:
+        mean = np.nan
+    return [
+        ThrusterCheck(name=name, observed=effects[name], strength=effects[name].gain / mean, error=errors[name] / mean)
+        for name in names
+    ]

@@ -1,0 +1,210 @@
+"""Read all columns of logs without a rovid.toml, and join files that form one trial."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from rovid.core.errors import DataError, RovidError
+from rovid.core.paths import list_files
+from rovid.preflight.clock_alignment import align_clocks
+from rovid.preflight.command_effects import response_delay
+from rovid.preflight.raw_columns import RawColumn
+from rovid.preflight.signal_guess import ColumnMapping, map_columns
+from rovid.preflight.thruster_guess import GuessHints
+from rovid.readers.csv_dialect import read_layout
+from rovid.readers.formats import READERS
+from rovid.readers.raw_log import LogContents, is_plausible
+from rovid.trial.axis import YAW, Axis
+from rovid.trial.config import Config
+from rovid.trial.log_files import Join, guess_parts
+from rovid.trial.signal_names import Signal
+from rovid.trial.tables import CURVE_COLUMNS
+from rovid.trial.vehicle import Vehicle
+
+# Maximum number of logs of each format that are read; decision: the logs of one campaign are alike.
+_MAX_LOGS = 12
+# Maximum number of lines about unreadable parts of one log.
+_MAX_PROBLEMS = 3
+# Endings of the sources of orientations, from which a reader computes a heading.
+_ORIENTATIONS = ("orientation", "quaternion", "rotation", ".q")
+
+
+@dataclass(frozen=True, kw_only=True)
+class LogsRead:
+    """Columns of all logs, by format, and the problems met.
+
+    Attributes
+    ----------
+    logs, names
+        Format -> columns of each log by source, and name of each log in the folder.
+    clocks, file_clocks
+        Format -> source of the clock in the first log, empty if the format has a clock of its own; name of a log ->
+        the same.
+    parameters
+        Format -> parameters of the autopilot.
+    join
+        How files form trials, where no file holds both the motion and the commands.
+    """
+
+    folder: Path
+    logs: dict[str, list[Mapping[str, RawColumn]]] = field(default_factory=dict)
+    names: dict[str, list[str]] = field(default_factory=dict)
+    clocks: dict[str, str] = field(default_factory=dict)
+    file_clocks: dict[str, str] = field(default_factory=dict)
+    parameters: dict[str, dict[str, float]] = field(default_factory=dict)
+    problems: list[str] = field(default_factory=list)
+    join: Join | None = None
+
+
+def read_logs(paths: Sequence[Path], axis: Axis = YAW) -> LogsRead:
+    """Read the first dozen logs of each format in ``paths``, and join their files for motion along ``axis``."""
+    read = LogsRead(folder=folder_of(paths))
+    for path in log_files(paths, read.problems):
+        kind = READERS[path.suffix.lower()].kind
+        logs = read.logs.setdefault(kind, [])
+        if len(logs) >= _MAX_LOGS or is_thrust_curve(path):
+            continue
+        try:
+            contents, columns, unreadable = read_columns(path)
+        except RovidError as error:
+            read.problems.append(str(error))
+            continue
+        read.problems.extend(unreadable)
+        read.clocks.setdefault(kind, contents.clock)
+        read.parameters.setdefault(kind, {}).update(contents.parameters)
+        name = path.relative_to(read.folder).as_posix() if path.is_relative_to(read.folder) else path.name
+        read.names.setdefault(kind, []).append(name)
+        read.file_clocks[name] = contents.clock
+        logs.append(columns)
+    return _join_files(read, axis)
+
+
+def folder_of(paths: Sequence[Path]) -> Path:
+    """Folder of the logs: the first of ``paths``, or the folder that it lies in."""
+    return paths[0] if paths[0].is_dir() else paths[0].parent
+
+
+def log_files(paths: Sequence[Path], problems: list[str]) -> Iterator[Path]:
+    """Files in ``paths`` with the suffix of a log; unreadable folders and special files are added to ``problems``."""
+
+    def unreadable(error: OSError) -> None:
+        problems.append(f"{error.filename}: cannot be read ({error.strerror}).")
+
+    for path in paths:
+        inside = list_files(path, unreadable)
+        problems += [f"{special}: is {kind}." for special, kind in inside.special_files.items()]
+        for file in inside.files:
+            if file.suffix.lower() in READERS:
+                yield file
+
+
+def is_thrust_curve(path: Path) -> bool:
+    """Whether the header of a file is that of a thrust curve."""
+    if path.suffix.lower() != ".csv":
+        return False
+    try:
+        return set(CURVE_COLUMNS) <= set(read_layout(path, CURVE_COLUMNS).names)
+    except (OSError, RovidError):
+        return False  # reading the log reports the error
+
+
+def read_columns(path: Path) -> tuple[LogContents, dict[str, RawColumn], list[str]]:
+    """Contents of a log, all of its columns by source, and texts on its unreadable parts.
+
+    Raises
+    ------
+    RovidError
+        The log cannot be read, or holds no numbers.
+    """
+    form = READERS[path.suffix.lower()]
+    contents = form.sources(path)
+    if not contents.sources:
+        raise DataError("holds no column of numbers.", where=path, mend=next(iter(contents.unreadable), ""))
+    raw = form.read(path, _complete_config(path, form.kind, contents))
+    columns = {}
+    for channel in raw.channels.values():
+        known = is_plausible(channel.time)
+        if known.any():
+            values = np.where(is_plausible(channel.values), channel.values, np.nan)
+            columns[channel.source] = RawColumn(
+                source=channel.source, time=channel.time[known], values=values[known], radians=channel.radians
+            )
+    skipped = [remark.text for remark in raw.remarks if remark.kind == "skipped"]
+    texts = list(dict.fromkeys((*contents.unreadable, *skipped)))
+    more = len(texts) - _MAX_PROBLEMS
+    if more > 0:
+        texts[_MAX_PROBLEMS:] = [f"{path}: {more} more cannot be read."]
+    return contents, columns, texts
+
+
+def _complete_config(path: Path, kind: str, contents: LogContents) -> Config:
+    """A configuration that maps every source of a log to a signal of the same name."""
+    signals = {}
+    for source in contents.sources:
+        # Readers compute a heading from an orientation only for the signal "heading".
+        name = "heading" if source.endswith(_ORIENTATIONS) else source
+        signals[name] = Signal(name=name, sources={kind: source}, optional=True)
+    clock = {kind: contents.clock} if contents.clock else {}
+    return Config(
+        path=path,
+        vehicle=Vehicle(name="", thrusters=()),
+        time=Signal(name="time", sources=clock, unit="auto"),
+        signals=signals,
+        commands=(),
+        measured_signal=next(iter(signals)),
+    )
+
+
+# ---- files that form one trial
+
+
+def _join_files(read: LogsRead, axis: Axis) -> LogsRead:
+    """Join the files of each trial, where no file holds both the motion and the commands."""
+    for kind, logs in read.logs.items():
+        mapping = map_columns(logs, GuessHints(axis=axis))
+        if mapping.missing or not mapping.has_actuation or any(_is_complete(log, mapping) for log in logs):
+            continue
+        names = read.names[kind]
+        join = Join(parts=guess_parts(names))
+        files: dict[str, list[Mapping[str, RawColumn]]] = {}
+        for name, log in zip(names, logs, strict=True):
+            if join.part(name):
+                files.setdefault(join.trial_key(name), []).append(log)
+        joined = {name: _on_one_clock(parts, mapping) for name, parts in files.items()}
+        trials = {name: log for name, log in joined.items() if _is_complete(log, mapping)}
+        if trials:
+            parts = {join.part(name): clock for name, clock in read.file_clocks.items() if join.part(name)}
+            times = {part: (clock, "") for part, clock in parts.items() if clock != read.clocks[kind]}
+            read.logs[kind], read.names[kind] = list(trials.values()), list(trials)
+            return replace(read, join=replace(join, time=times))
+    return read
+
+
+def _on_one_clock(parts: Sequence[Mapping[str, RawColumn]], mapping: ColumnMapping) -> Mapping[str, RawColumn]:
+    """Columns of all files of a trial, on the clock of the motion where the offsets can be estimated."""
+    position = mapping.measured
+    home = next((part for part in parts if position.source in part), {})
+    whole = dict(home)
+    for part in parts:
+        if part is home:
+            continue
+        neutral = {command.source: command.neutral for command in mapping.commands if command.source in part}
+        offset = 0.0
+        if alignment := align_clocks(home, part):
+            offset = alignment.offset
+        elif home:
+            offset = response_delay(neutral, {**part, **home}, position)
+        whole = {source: replace(column, time=column.time + offset) for source, column in part.items()} | whole
+    return whole
+
+
+def _is_complete(log: Mapping[str, RawColumn], mapping: ColumnMapping) -> bool:
+    """Whether a log holds the motion and a command or a torque."""
+    commands = {command.source for command in mapping.commands}
+    if "torque" in mapping.signals:
+        commands.add(mapping.signals["torque"].source)
+    return mapping.measured.source in log and not commands.isdisjoint(log)
