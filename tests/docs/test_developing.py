@@ -1,6 +1,6 @@
-"""docs/developing.md, followed as written on a copy of the checkout.
+"""The recipes of docs/developing.md, applied to a copy of the checkout.
 
-Blocks are marked as in `test_docs`: a file that is written, or lines at the end of a file or of a list in it.
+Blocks are marked as in `test_docs`: a file to write, or lines to append to a file or to a list in it.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ heading = { jsonl = "heading_deg", unit = "deg" }
 
 
 def extended(source: str, name: str, line: str) -> str:
-    """``source`` with ``line`` at the end of the tuple or dictionary ``name``, over however many lines that goes."""
+    """``source`` with ``line`` appended to the tuple or dictionary ``name``."""
     ends = [
         (node.value.end_lineno, node.value.end_col_offset)
         for node in ast.parse(source).body
@@ -65,7 +65,7 @@ def extended(source: str, name: str, line: str) -> str:
 
 @pytest.fixture(scope="module")
 def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of the checkout with all that the page adds."""
+    """Copy of the checkout with all additions of the page."""
     folder = tmp_path_factory.mktemp("copy")
     for part in PARTS:
         if (ROOT / part).is_dir():
@@ -86,10 +86,10 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def run(copy: Path, *words: str, cwd: Path | None = None, quick: bool = True, code: int = 0) -> str:
-    # The copy's own files are compiled once, though Python be told elsewhere to keep nothing of the kind.
+    # Allow bytecode files in the copy even if the environment disables them.
     environment = os.environ | {"PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": ""}
     if quick:
-        # To compile takes longer than all else here.
+        # Compilation would take most of the time.
         environment["NUMBA_DISABLE_JIT"] = "1"
     done = subprocess.run(
         [sys.executable, *words], cwd=cwd or copy, env=environment, capture_output=True, text=True, check=False
@@ -110,12 +110,12 @@ def test_a_line_is_added_at_the_end_of_its_list(source: str) -> None:
     assert names["A"] == (*before["A"], 9)
 
 
-def test_each_room_that_grows_is_followed() -> None:
+def test_there_is_a_recipe_for_each_extensible_room() -> None:
     written = {block["path"].rpartition("/")[0] for block in BLOCK.finditer(PAGE) if block["what"] == "written"}
     assert {"rovid/effects", "rovid/readers", "rovid/export", "rovid/cli"} <= written
 
 
-def test_the_picture_is_of_the_house() -> None:
+def test_the_list_of_rooms_agrees_with_the_house() -> None:
     (law,) = (ROOT / "tests").rglob("test_house.py")
     house = next(
         ast.literal_eval(node.value)
@@ -133,7 +133,7 @@ def test_what_is_added_is_in_style(copy: Path) -> None:
 
 @pytest.fixture(scope="module")
 def identified(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a parameter file that holds the new effect."""
+    """Folder with a parameter file that contains the new effect."""
     folder = tmp_path_factory.mktemp("identified")
     paper = ROOT / "sample_logs" / "rosub_paper"
     with contextlib.chdir(folder):
@@ -150,8 +150,8 @@ def identified(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 class TestEffect:
-    def test_holds_the_vehicle_back_in_a_simulation(self, copy: Path, identified: Path, tmp_path: Path) -> None:
-        # A minute of it, for nothing is compiled.
+    def test_slows_the_vehicle_in_a_simulation(self, copy: Path, identified: Path, tmp_path: Path) -> None:
+        # One minute only, because nothing is compiled.
         for name, rows in (("coast_02", 1200), ("thrust_curve", None)):
             pd.read_csv(DAY / f"{name}.csv", nrows=rows).to_csv(tmp_path / f"{name}.csv", index=False)
         shutil.copy(DAY / "rovid.toml", tmp_path)
@@ -160,10 +160,10 @@ class TestEffect:
         assert found["effects"] == ["mooring_line"]
         assert found["overall"]["yaw_rate_r2"] < 0.0
 
-    def test_is_offered_by_the_tab_key(self, copy: Path) -> None:
+    def test_is_offered_by_completion(self, copy: Path) -> None:
         assert "mooring_line" in run(copy, "-c", "from rovid.cli import completion; print(*completion.effects())")
 
-    def test_page_is_made_of_its_notes(self, copy: Path) -> None:
+    def test_page_is_made_from_its_notes(self, copy: Path) -> None:
         code = (
             "from docs.make_effects import notes, page, picture\nfrom rovid.effects import effect_named\n"
             "effect = effect_named('mooring_line')\nprint(page(effect, notes()[effect.id]))"
@@ -204,7 +204,7 @@ def test_a_model_is_written_in_the_new_format(copy: Path, identified: Path) -> N
     assert said["mismatch_of_what_is_held"]["yaw_rate_percent_of_range"] == 0.0
     assert [loss["what"] for loss in said["not_held"]] == ["mooring_line"]
     assert len((identified / said["file"]).read_text().splitlines()[1].split()) == 3
-    # The mark in the file lets it be replaced.
+    # The mark in the file allows its replacement.
     run(copy, "-m", "rovid", "export", "plain-text", cwd=identified, quick=False)
 
 

@@ -1,20 +1,20 @@
-"""The documentation: the site builds without a warning and needs no network, and its commands do what it says.
+"""Documentation: the site builds without warnings and needs no network, and its commands work as described.
 
-Every block of sh and of console in the pages of docs/ and in the README is run, page by page and in order, in a folder
-of its own. In a console block the lines after a command, which begins with ``$``, have to be lines of what it prints,
-in their order, with numbers that are nearly the same; a ``…`` stands for what the page leaves out. A block of python is
-run too, with the names of those before it. A comment ahead of a block says where it differs:
+Every sh and console block of docs/ and of the README is run, page by page and in order, in a separate folder. In a
+console block commands begin with ``$``. The following lines have to occur in the output, in this order, with nearly
+equal numbers; ``…`` marks omitted text. Python blocks are run too and share their names within a page. A comment
+before a block marks exceptions:
 
 ``<!-- test: not run; WHY -->``
-    For what would take a network or hours.
+    The block needs a network or hours.
 ``<!-- test: as in PAGE -->``
-    The same commands stand in that page, in this order, and are run there.
+    PAGE contains the same commands in this order, and they are run there.
 ``<!-- test: slow; WHY -->``
-    It is run by ``make test-slow`` alone, in its page.
+    The block is run only by ``make test-slow``.
 ``<!-- test: written to FILE -->``
-    The block is a file, not a command: the reader writes it, and so does the test.
+    The block is the content of a file, and the test writes it.
 ``<!-- test: added to FILE -->``, ``<!-- test: added to NAME in FILE -->``
-    The block goes to the end of a file, or of a list in it; see test_developing.py.
+    The block is appended to a file, or to a list in it; see test_developing.py.
 """
 
 from __future__ import annotations
@@ -51,17 +51,16 @@ FENCE = re.compile(
     r"(?:^<!-- test: (?P<remark>[^>]*?) -->\n+)?^```(?P<language>[\w-]+)\n(?P<text>.*?)^```$", re.MULTILINE | re.DOTALL
 )
 NUMBER = r"(?<![\d.])\d+(?:\.\d+)?(?!\.?\d)"
-# Mean difference, of 255, of two pictures made small: 3.7 to 5 from that of another run or another vehicle, 1.1 to 1.8
-# from one whose every line stands a pixel aside, as with other fonts.
+# Mean difference of two reduced pictures on a scale of 255: 3.7 to 5 for another run or another vehicle, 1.1 to 1.8 if
+# all lines are shifted by one pixel, as with other fonts.
 LARGEST_DIFFERENCE = 3.0
-# Pages that say that a parameter file is there. They begin with that of the runs above, read by the sample day's
-# rovid.toml, for a shorter campaign takes less time.
+# Pages that need a parameter file. They start with the parameters of a shortened sample day, to save time.
 WITH_PARAMETERS = {"control.md", "export.md", "files.md", "fit.md", "logs.md", "plan.md", "api.md"}
 
 
 @dataclass(frozen=True)
 class Block:
-    """A fenced block of a page, and what the comment ahead of it says."""
+    """A fenced block of a page, and the remark in the comment before it."""
 
     page: Path
     line: int
@@ -74,7 +73,7 @@ class Block:
         return f"{self.page.relative_to(ROOT)}:{self.line}"
 
     def steps(self) -> list[tuple[str, list[str]]]:
-        """(command, lines of its output)."""
+        """Pairs (command, lines of its output)."""
         if self.language != "console":
             return [(line, []) for line in self.text.replace("\\\n", " ").splitlines() if line.strip()]
         steps: list[tuple[str, list[str]]] = []
@@ -101,7 +100,7 @@ def blocks(page: Path) -> list[Block]:
 
 
 def to_run(page: Path) -> list[Block]:
-    """What of a page is run, or written, in this order."""
+    """Blocks of a page to run or to write, in order."""
     return [
         block
         for block in blocks(page)
@@ -112,7 +111,7 @@ def to_run(page: Path) -> list[Block]:
 
 
 def of_this_run(page: Path, *, slow: bool) -> list[Block]:
-    """Blocks that are not slow, or all of a page that has one that is."""
+    """Blocks that are not slow; with ``slow``, all blocks of a page with a slow block."""
     everything = to_run(page)
     quick = [block for block in everything if not block.remark.startswith("slow;")]
     if slow:
@@ -126,7 +125,7 @@ def name_of(page: Path) -> str:
 
 @pytest.fixture(scope="session")
 def trial_day(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a short trial day and its parameters."""
+    """Folder with a short trial day and its parameters."""
     folder = tmp_path_factory.mktemp("ready")
     write_short_day(folder / "trial_day")
     with contextlib.chdir(folder):
@@ -137,7 +136,7 @@ def trial_day(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Where a reader stands: the checkout's sample logs, and logs of her own."""
+    """Working folder of a reader: the sample logs of the checkout, and logs of her own."""
     shutil.copytree(SAMPLES, tmp_path / "sample_logs", ignore=shutil.ignore_patterns("parameters*.toml"))
     write_short_day(tmp_path / "my_logs", configured=False)
     monkeypatch.chdir(tmp_path)
@@ -147,7 +146,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture(scope="module")
 def known() -> dict[str, Diagnosis]:
-    """What a page has diagnosed already."""
+    """Cache of diagnoses."""
     return {}
 
 
@@ -174,7 +173,7 @@ def run(page: Path, chosen: list[Block], request: pytest.FixtureRequest) -> None
 def output_of(command: str, block: Block) -> str:
     words = shlex.split(command, comments=True)
     if words[:1] == ["rovid"] and not {"|", ">", ">>", "&&", ";"} & set(words):
-        # In this process, for a start of Python at every line would take most of the time.
+        # Run in this process: starting Python for every line would take most of the time.
         done = run_rovid(*words[1:])
         assert done.code == 0, f"{block.place}: {command}\n{done.err}"
         assert done.err == "", f"{block.place}: {command}"
@@ -185,16 +184,16 @@ def output_of(command: str, block: Block) -> str:
 
 
 def require_lines(shown: list[str], printed: str, place: str) -> None:
-    """Every line that the page shows is printed, after the one above it; a line's parts around … in their order."""
+    """Assert that every shown line is printed, in order; parts of a line around … are matched in order."""
     lines = iter(" ".join(line.split()) for line in printed.splitlines())
     for line in shown:
         if line.replace("…", "").strip():
-            found = any(says(line, candidate) for candidate in lines)
+            found = any(matches(line, candidate) for candidate in lines)
             assert found, f"{place}\nnot printed: {line}\n{printed}"
 
 
-def says(shown: str, printed: str) -> bool:
-    """Whether a page's line is the one that is printed, its numbers nearly so."""
+def matches(shown: str, printed: str) -> bool:
+    """Whether a shown line matches a printed line, with nearly equal numbers."""
     parts = [" ".join(part.split()) for part in shown.split("…")]
     words = ".*?".join(f"({NUMBER})".join(map(re.escape, re.split(NUMBER, part))) for part in parts)
     found = re.search(words, printed) if len(parts) > 1 else re.fullmatch(words, printed)
@@ -202,7 +201,7 @@ def says(shown: str, printed: str) -> bool:
 
 
 def nearly(shown: str, printed: str) -> bool:
-    """As another processor may print it: whole numbers below 100 are counts, and the same everywhere."""
+    """Whether two numbers agree up to rounding of processors; integers below 100 are counts and must be equal."""
     value, decimals = float(shown), len(shown.partition(".")[2])
     digit = 2.0 * 10.0**-decimals if decimals else 0.0
     return abs(float(printed) - value) <= max(digit, 0.01 * value if decimals or value >= 100.0 else 0.0)
@@ -240,7 +239,7 @@ def difference(made: Path, kept: Path) -> float:
     return float(np.abs(first - second).mean())
 
 
-def test_what_is_not_run_in_its_page_says_why_or_where_it_is() -> None:
+def test_blocks_that_are_not_run_have_a_reason() -> None:
     for block in (block for page in PAGES for block in blocks(page)):
         assert re.fullmatch(
             r"|(not run|slow); .{10,}|as in \S+\.md|written to \S+|added to (\w+ in )?\S+", block.remark
@@ -291,8 +290,10 @@ def test_the_keys_of_json_are_in_the_page_on_files(command: str, trial_day: Path
     document = run_rovid(*command.split(), "--json").document
     text = (DOCS / "files.md").read_text(encoding="utf-8")
     section = text.partition(f"### `{document['schema']}`")[2].partition("\n### ")[0]
-    told = set(re.findall(r"`(\w+)`", " ".join(line.split("|")[1] for line in section.splitlines() if "|" in line)))
-    assert set(document) - {"schema"} <= told
+    documented = set(
+        re.findall(r"`(\w+)`", " ".join(line.split("|")[1] for line in section.splitlines() if "|" in line))
+    )
+    assert set(document) - {"schema"} <= documented
 
 
 def test_the_page_on_files_has_every_schema_and_every_key_of_the_configuration() -> None:
@@ -315,14 +316,14 @@ def test_make_demo_is_in_the_readme() -> None:
 
 
 def anchors(text: str) -> set[str]:
-    """Places in a page that can be referred to: its headings, as GitHub and MyST name them."""
+    """Anchors of a page: its headings, as named by GitHub and MyST."""
     outside = re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
     headings = re.findall(r"^#{1,3} (.*)$", outside, flags=re.MULTILINE)
     return {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_links_of_a_page_lead_somewhere(page: Path) -> None:
+def test_links_of_a_page_are_valid(page: Path) -> None:
     for link in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
         parts = urlsplit(link)
         target = page.parent / parts.path if parts.path else page
@@ -332,7 +333,7 @@ def test_links_of_a_page_lead_somewhere(page: Path) -> None:
 
 
 class Links(HTMLParser):
-    """What a page refers to, and the places in it that can be referred to."""
+    """Links and anchors of an HTML page."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
@@ -351,8 +352,8 @@ class Links(HTMLParser):
 
 
 @pytest.mark.slow
-def test_the_site_builds_without_a_warning_needs_no_network_and_its_links_lead_somewhere(tmp_path: Path) -> None:
-    # One test, so that it is built once, however many processes there are.
+def test_the_site_builds_without_a_warning_or_network_and_has_valid_links(tmp_path: Path) -> None:
+    # One test, to build the site only once with several processes.
     site = build(tmp_path)
     sources = [path.relative_to(DOCS).with_suffix(".html") for path in DOCS.rglob("*.md")]
     assert len(sources) > 30
@@ -368,7 +369,7 @@ def test_the_site_builds_without_a_warning_needs_no_network_and_its_links_lead_s
 
 
 def build(folder: Path) -> Path:
-    """As `make docs` does it."""
+    """Build the site like `make docs`."""
     options = ["-W", "--keep-going", "-q", "-b", "html", "-d", str(folder / "cache")]
     command = [sys.executable, "-m", "sphinx", *options, str(DOCS), str(folder / "html")]
     done = subprocess.run(command, check=False, capture_output=True, text=True)
@@ -388,11 +389,11 @@ def broken(path: Path, page: Links, pages: dict[Path, Links]) -> Iterator[str]:
             yield link
 
 
-def test_the_score_card_says_what_the_pages_on_hard_water_and_real_logs_say() -> None:
+def test_the_score_card_agrees_with_the_pages_on_hard_water_and_real_logs() -> None:
     from benchmarks.sweep import in_hard_water, of_real_logs
 
     head, _, _ = (DOCS / "confusion.md").read_text(encoding="utf-8").partition("\n## ")
     assert len(head.splitlines()) < 25  # one screen
     rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in head.splitlines() if line.startswith("| ")]
     for row in (*in_hard_water(), *of_real_logs()):
-        assert row in rows, "write the card anew: python -m benchmarks.sweep --page-only, or by hand"
+        assert row in rows, "update the table: python -m benchmarks.sweep --page-only, or by hand"

@@ -1,4 +1,4 @@
-"""The pages of the effects say what the catalogue says."""
+"""The pages of the effects agree with the catalogue."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class TestEachPage:
         text = written(f"{effect.id}.md")
         assert {f"{rival}.md" for rival in effect.rivals} <= set(links(text))
 
-    def test_links_lead_somewhere(self, effect: Effect) -> None:
+    def test_links_are_valid(self, effect: Effect) -> None:
         assert [name for name in links(written(f"{effect.id}.md")) if not (FOLDER / name).is_file()] == []
 
     def test_has_a_picture_of_moderate_size(self, effect: Effect) -> None:
@@ -72,7 +72,7 @@ def test_index_links_to_every_page() -> None:
     assert [name for name in links(written(INDEX)) if not (FOLDER / name).is_file()] == []
 
 
-def test_no_page_or_picture_is_of_an_effect_that_is_gone(made: dict[str, str]) -> None:
+def test_every_page_and_picture_has_its_effect(made: dict[str, str]) -> None:
     known = {effect.id for effect in CATALOGUE}
     assert {path.name for path in FOLDER.glob("*.md")} == set(made)
     assert {path.stem for path in FOLDER.glob("*.png")} == known
@@ -90,7 +90,7 @@ def test_no_page_or_picture_is_of_an_effect_that_is_gone(made: dict[str, str]) -
         ('against = "command"', 'against = "rates"', r"\[thruster_deadband\]: against is 'rates'\. Nearest: 'rate'"),
     ],
 )
-def test_what_is_missing_in_the_notes_is_said_in_a_sentence(
+def test_errors_in_the_notes_give_one_message(
     old: str, new: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / NOTES.name).write_text(NOTES.read_text(encoding="utf-8").replace(old, new, 1), encoding="utf-8")
