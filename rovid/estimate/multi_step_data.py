@@ -223,7 +223,7 @@ def _weights(runs: Sequence[GriddedRun], errors: FloatArray) -> FloatArray:
     """(q,) weight of the predictions over each horizon.
 
     One over twice the integral of the autocorrelation between neighbouring predictions, times the share of the horizons
-    that are independent of each other; docs/method.md, "Predictions some time ahead".
+    that are independent of each other; docs/method.md, "Multi-step predictions".
     """
     tables, begin = [], 0
     for run in runs:
