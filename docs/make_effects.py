@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import ConfigError, RovidError, suggestion
-from rovid.diagnose.next_experiment import DISCRIMINATING_RUNS
+from rovid.diagnose.result import DISCRIMINATING_RUNS
 from rovid.effects import CATALOGUE, FORMS, Effect, EffectParameter
 from rovid.effects.base import SPEEDS, OnCommand, OnHeading, OnThrust, OnTorque, Term, WaveTorque
 from rovid.effects.thruster_imbalance import WITH_OTHERS, for_thruster

@@ -130,7 +130,7 @@ def read_ahead(
     from rovid.readers.prefetch import PrefetchedReader
 
     def meanwhile() -> None:
-        from rovid.diagnose.algorithm import preload
+        from rovid.diagnose.objectives import preload
 
         preload()
 

@@ -15,7 +15,8 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.core.stats import chi2_sf
-from rovid.diagnose.posterior import ESTABLISHED, POSSIBLE, posterior_probability, stand_in_cap
+from rovid.diagnose.posterior import posterior_probability, stand_in_cap
+from rovid.diagnose.thresholds import ESTABLISHED, POSSIBLE
 from rovid.trial.assumptions import scales_with_thrust
 
 THRUST_SCALE = "thrust_scale"

@@ -1,1 +1,1 @@
-"""The next run: which command would tell rivals apart, or narrow a parameter, best for its time."""
+"""Experiment design: the run to make next."""

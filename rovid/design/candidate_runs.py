@@ -1,4 +1,4 @@
-"""Runs that a crew can play: holds, stairs, sines, sweeps, random levels, coast-downs, turns and back, one thruster."""
+"""Candidate runs of an experiment: holds, stairs, sines, sweeps, random levels, coast-downs, turns, single thrusters."""
 
 from __future__ import annotations
 
@@ -15,29 +15,34 @@ from rovid.model.model import Model
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Vehicle
 
-# s of rest before each run: the filter and the vehicle begin from nothing.
+# Rest before each run in s: filter and vehicle start at rest. Convention.
 LEAD_SECONDS = 4.0
+# Shares of the full command. Convention.
 _LEVELS = (0.3, 0.6, 1.0)
-_SEED = 20130401  # a plan is the same whenever it is made
-# Times in vehicle time constants, but no shorter than so many s for a crew and its drives.
+# Seed of random levels: a plan is the same whenever it is made.
+_SEED = 20130401
+# Shortest hold in s that a crew and its drives can play; otherwise holds last some time constants. Convention.
 _SHORTEST_HOLD = 8.0
+# Turns of the runs there and back. Convention.
 _TURNS = (1.0, 6.0)
-# A sweep lasts so many of its longest periods.
+# Length of a sweep in its longest periods. Convention.
 _SWEEP = 3.0
+# Duration in s and share of the full command of a constant piece.
+_Piece = tuple[float, float]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CandidateRun:
-    """A run to come.
+    """A future run.
 
     Attributes
     ----------
     name
         One line for a crew.
     time, commands
-        (n,) s and (n, k) in each actuator's unit, held from each instant to the next.
+        (n,) s, and (n, k) in the unit of each actuator, held from each instant to the next.
     reference
-        What each further channel is taken to be meanwhile.
+        Assumed value of each further channel.
     """
 
     name: str
@@ -47,13 +52,13 @@ class CandidateRun:
 
     @property
     def seconds(self) -> float:
-        """How long it takes."""
+        """Duration."""
         return float(self.time[-1])
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunLimits:
-    """What a crew allows: share of the commands in use, and at most so many s, rad/s (m/s) and turns (or m)."""
+    """Limits of a run: share of the commands in use, duration in s, rate in rad/s (m/s), and travel in turns (m)."""
 
     share: float = 1.0
     seconds: float = 600.0
@@ -63,20 +68,20 @@ class RunLimits:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RunScales:
-    """What the runs are scaled by.
+    """Scales of the candidate runs.
 
     Attributes
     ----------
     constant
-        The vehicle's time constant in s at a middling rate.
+        Time constant of the vehicle in s at half of the fast rate.
     period
-        s between the instants of a command file.
+        Interval between the instants of a command file in s.
     full
-        (2, k) commands of a full push down and up, each actuator in the sense of its arm.
+        (2, k) full commands down and up, each actuator in the sense of its arm.
     edge
-        (2, k) where the thrust begins on either side.
+        (2, k) commands at which the thrust begins on either side.
     fast
-        Steady rate under a full push, in rad/s or m/s.
+        Steady rate at the full command in rad/s or m/s.
     """
 
     constant: float
@@ -87,7 +92,7 @@ class RunScales:
 
     @classmethod
     def from_trials(cls, model: Model, vehicle: Vehicle, trials: Sequence[Trial], share: float) -> RunScales:
-        """From the commands that ``trials`` used, of which ``share`` is allowed.
+        """Scales for the given ``share`` of the commands that ``trials`` used.
 
         Raises
         ------
@@ -95,19 +100,19 @@ class RunScales:
             The thrusters push one way only.
         """
         commands = np.vstack([trial.commands for trial in trials])
-        where = actuator_inputs(vehicle, trials[0])
-        used = np.nanmin(commands, axis=0), np.nanmax(commands, axis=0)
-        most = np.maximum(used[1] - where.neutral, where.neutral - used[0]) * share
-        senses = np.sign(where.arms)
-        full, edge = np.empty((2, len(most))), np.empty((2, len(most)))
+        inputs = actuator_inputs(vehicle, trials[0])
+        lowest, highest = np.nanmin(commands, axis=0), np.nanmax(commands, axis=0)
+        reach = np.maximum(highest - inputs.neutral, inputs.neutral - lowest) * share
+        senses = np.sign(inputs.arms)
+        full, edge = np.empty((2, len(reach))), np.empty((2, len(reach)))
         for row, way in enumerate((-1.0, 1.0)):
             side = (way * senses > 0.0).astype(int)
-            edge[row] = where.dead_zone[np.arange(len(most)), side]
-            # About a neutral that is off the middle of the curve the same way back would be beyond its end.
-            full[row] = np.clip(where.neutral + way * senses * most, *where.command_range.T)
-        torques = np.array([vehicle.thrust(one[None])[0] @ where.arms for one in full])
+            edge[row] = inputs.dead_zone[np.arange(len(reach)), side]
+            # With a neutral off the middle of the curve, an equal reach to the other side may exceed the curve.
+            full[row] = np.clip(inputs.neutral + way * senses * reach, *inputs.command_range.T)
+        torques = np.array([vehicle.thrust(one[None])[0] @ inputs.arms for one in full])
         if not torques[0] < 0.0 < torques[1]:
-            raise DataError("the thrusters push one way only.", mend=f"Look at {vehicle.axis.arm_key} in rovid.toml.")
+            raise DataError("the thrusters push one way only.", mend=f"Check {vehicle.axis.arm_key} in rovid.toml.")
         fast = model.steady_rate(float(np.min(np.abs(torques))))
         slope = 2.0 * model.quadratic_drag * 0.5 * fast + model.linear_drag
         constant = model.inertia / max(slope, 1e-12)
@@ -117,7 +122,7 @@ class RunScales:
         return cls(constant=constant, period=period, full=full, edge=edge, fast=fast)
 
     def commands(self, shares: FloatArray) -> FloatArray:
-        """(n, k) commands of (n,) shares of the full push, -1 to 1; neutral at 0."""
+        """(n, k) commands of (n,) shares of the full command, -1 to 1; neutral at 0."""
         row = (shares > 0.0).astype(int)
         edge, full = self.edge[row], self.full[row]
         reach = edge + np.abs(shares)[:, None] * (full - edge)
@@ -125,24 +130,24 @@ class RunScales:
 
     @property
     def neutral(self) -> FloatArray:
-        """(k,) commands half way between those at which the thrusters begin to push either way."""
+        """(k,) commands in the middle of each dead zone."""
         return np.asarray(0.5 * (self.edge[0] + self.edge[1]))
 
 
-def candidate_runs(pace: RunScales, thrusters: Sequence[str]) -> list[CandidateRun]:
-    """Every run that is worth a thought, each from rest and left at rest."""
-    runs = [_played(name, pieces, pace) for name, pieces in _courses(pace)]
+def candidate_runs(scales: RunScales, thrusters: Sequence[str]) -> list[CandidateRun]:
+    """All candidate runs; each starts and ends at rest."""
+    runs = []
+    for name, pieces in _named_pieces(scales):
+        time, shares = _sampled(pieces, scales)
+        runs.append(CandidateRun(name=name, time=time, commands=scales.commands(shares)))
     if len(thrusters) > 1:
-        runs += [_alone(one, at, pace) for at, one in enumerate(thrusters)]
+        runs += [_single_thruster(name, at, scales) for at, name in enumerate(thrusters)]
     return runs
 
 
-# Seconds and share of full thrust of a held push.
-_Piece = tuple[float, float]
-
-
-def _courses(pace: RunScales) -> Iterator[tuple[str, list[_Piece]]]:
-    tau = pace.constant
+def _named_pieces(scales: RunScales) -> Iterator[tuple[str, list[_Piece]]]:
+    """Name and pieces of each run with all thrusters."""
+    tau = scales.constant
     hold = max(5.0 * tau, _SHORTEST_HOLD)
     for level in _LEVELS:
         share = f"{100 * level:.0f} % of the command"
@@ -152,81 +157,66 @@ def _courses(pace: RunScales) -> Iterator[tuple[str, list[_Piece]]]:
         for count in (3.0, 10.0, 30.0):
             period = count * tau
             cycles = max(4, math.ceil(40.0 / count))
-            yield f"sine of {period:.3g} s at {share}, {cycles} periods", _sine(period, level, cycles, pace)
+            yield f"sine of {period:.3g} s at {share}, {cycles} periods", _sine(period, level, cycles, scales)
         for turns in _TURNS:
-            # A rate that quadratic drag holds goes as the root of the push.
-            seconds = turns * 2.0 * math.pi / max(pace.fast * math.sqrt(level), 1e-9)
+            # With quadratic drag, the steady rate grows with the square root of the thrust.
+            seconds = turns * 2.0 * math.pi / max(scales.fast * math.sqrt(level), 1e-9)
             rest = max(8.0 * tau, 20.0)
             plural = "s" if turns > 1 else ""
             name = f"about {turns:g} turn{plural} and back at {share}, with rests"
             yield name, [(seconds, level), (rest, 0.0), (seconds, -level), (rest, 0.0)]
         for quick, word in ((0.3, "fast"), (2.0, "slow")):
-            yield f"{word} random levels up to {share}", _random(quick * tau, level, 60.0 * quick**0.3 * tau)
+            yield f"{word} random levels up to {share}", _random_levels(quick * tau, level, 60.0 * quick**0.3 * tau)
     step = max(3.0 * tau, 4.0)
     up = [0.05, 0.1, 0.2, 0.3, 0.45, 0.3, 0.2, 0.1, 0.05]
     down = [-level for level in up]
     stairs = [(step, level) for level in (*up, 0.0, *down, 0.0)]
     yield f"slow staircase through neutral, {step:.0f} s a level", stairs
-    yield "sweep from slow to fast sines", _sweep(30.0 * tau, 1.5 * tau, 0.8, pace)
+    yield "sweep from slow to fast sines", _sweep(30.0 * tau, 1.5 * tau, 0.8, scales)
     yield "left alone at rest for two minutes", [(2.0, 0.3), (120.0, 0.0)]
 
 
-def _sine(period: float, level: float, cycles: int, pace: RunScales) -> list[_Piece]:
-    """Whole periods of a sine that reaches the share ``level``, ``period`` in s."""
-    step = max(pace.period, period / 200.0)
+def _sine(period: float, level: float, cycles: int, scales: RunScales) -> list[_Piece]:
+    """Whole periods of a sine with amplitude ``level``, ``period`` in s."""
+    step = max(scales.period, period / 200.0)
     time = np.arange(0.0, cycles * period, step)
     return [(step, float(level * math.sin(2.0 * math.pi * t / period))) for t in time]
 
 
-def _sweep(longest: float, shortest: float, level: float, pace: RunScales) -> list[_Piece]:
-    """Periods fall by a constant share from each to the next, so that each has as many cycles as another."""
-    step = max(pace.period, shortest / 40.0)
+def _sweep(longest: float, shortest: float, level: float, scales: RunScales) -> list[_Piece]:
+    """Exponential sweep from the ``longest`` to the ``shortest`` period in s: each octave has equally many cycles."""
+    step = max(scales.period, shortest / 40.0)
     time = np.arange(0.0, _SWEEP * longest, step)
-    phase = _swept(longest, shortest, time)
+    growth = math.log(longest / shortest) / (_SWEEP * longest)
+    phase = 2.0 * math.pi / longest * np.expm1(growth * time) / growth
     return [(step, float(level * math.sin(one))) for one in phase]
 
 
-def _swept(longest: float, shortest: float, time: FloatArray) -> FloatArray:
-    """(n,) rad at each ``time`` of a sine whose period falls from the ``longest`` to the ``shortest``."""
-    growth = math.log(longest / shortest) / (_SWEEP * longest)
-    return np.asarray(2.0 * math.pi / longest * np.expm1(growth * time) / growth)
-
-
-def _random(typical: float, level: float, length: float) -> list[_Piece]:
+def _random_levels(typical: float, level: float, length: float) -> list[_Piece]:
+    """Random commands either way, each held for half to twice the ``typical`` time in s."""
     rng = np.random.default_rng(_SEED)
     pieces: list[_Piece] = []
     while sum(seconds for seconds, _ in pieces) < length:
-        pieces.append(_random_piece(rng, typical, level))
+        share = float(rng.uniform(0.2, 1.0) * level * rng.choice((-1.0, 1.0)))
+        pieces.append((float(typical * rng.uniform(0.5, 2.0)), share))
     return pieces
 
 
-def _random_piece(rng: np.random.Generator, typical: float, level: float) -> _Piece:
-    """A push either way, held for half to twice as long as is typical."""
-    share = float(rng.uniform(0.2, 1.0) * level * rng.choice((-1.0, 1.0)))
-    return float(typical * rng.uniform(0.5, 2.0)), share
-
-
-def _played(name: str, pieces: Sequence[_Piece], pace: RunScales) -> CandidateRun:
-    """The run that a crew plays of (seconds, share) ``pieces``."""
-    time, shares = _course(pieces, pace)
-    return CandidateRun(name=name, time=time, commands=pace.commands(shares))
-
-
-def _course(pieces: Sequence[_Piece], pace: RunScales) -> tuple[FloatArray, FloatArray]:
-    """(n,) s and the share held at each, on the clock of the logs."""
+def _sampled(pieces: Sequence[_Piece], scales: RunScales) -> tuple[FloatArray, FloatArray]:
+    """(n,) time in s after a lead, and (n,) share of the full command from each instant on."""
     lengths, shares = zip(*pieces, strict=True)
     ends = LEAD_SECONDS + np.cumsum(lengths)
-    time = pace.period * np.arange(round(float(ends[-1]) / pace.period) + 1)
+    time = scales.period * np.arange(round(float(ends[-1]) / scales.period) + 1)
     levels = np.array([0.0, *shares], dtype=np.float64)
-    # A little late, so that rounding moves no instant to the level before.
+    # A tiny delay, because rounding must not move an instant to the previous level.
     at = np.searchsorted(np.array([LEAD_SECONDS, *ends]), time + 1e-9, side="right")
     held = levels[np.minimum(at, len(levels) - 1)]
     return np.asarray(time, dtype=np.float64), held
 
 
-def _alone(name: str, at: int, pace: RunScales) -> CandidateRun:
-    hold = max(5.0 * pace.constant, _SHORTEST_HOLD)
-    time, shares = _course([(hold, 1.0), (hold, 0.0), (hold, -1.0), (hold, 0.0)], pace)
-    commands = pace.commands(np.zeros(len(time)))
-    commands[:, at] = pace.commands(shares)[:, at]
+def _single_thruster(name: str, at: int, scales: RunScales) -> CandidateRun:
+    hold = max(5.0 * scales.constant, _SHORTEST_HOLD)
+    time, shares = _sampled([(hold, 1.0), (hold, 0.0), (hold, -1.0), (hold, 0.0)], scales)
+    commands = scales.commands(np.zeros(len(time)))
+    commands[:, at] = scales.commands(shares)[:, at]
     return CandidateRun(name=f"{name} alone, both ways, {hold:.0f} s each", time=time, commands=commands)

@@ -1,32 +1,118 @@
-"""From a fit to the run to make next, as a command file."""
+"""Experiment design: expected information of candidate runs, the best run, and its command file."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rovid.core.array_types import FloatArray, IntArray
+from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
 from rovid.core.escaping import csv_line
-from rovid.design.candidate_runs import RunLimits, RunScales, candidate_runs
-from rovid.design.expected_information import DECISIVE_LLR, CandidateModel, ExpectedInformation, rank_runs
+from rovid.core.threads import thread_map
+from rovid.design.candidate_runs import CandidateRun, RunLimits, RunScales, candidate_runs
+from rovid.estimate.filter_data import InnovationData
+from rovid.estimate.fit_result import FitResult
+from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from rovid.estimate.maximum_likelihood import LikelihoodFit
-from rovid.trial.trial import Trial
+from rovid.estimate.objective import UNLIMITED
+from rovid.model.model import Model
+from rovid.signals.preprocessing import prepare
+from rovid.trial.trial import Campaign, Trial
 from rovid.trial.vehicle import Vehicle
+
+# Expected log-likelihood ratio in nats from which a run is decisive. Convention.
+DECISIVE_LLR = 12.0
+# Smallest standard deviation of the measurement noise, against division by zero.
+_MIN_NOISE = 1e-6
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CandidateModel:
+    """A fitted model with its uncertainty.
+
+    Attributes
+    ----------
+    covariance
+        (p, p) of ``model.values``.
+    disturbance, memory
+        Standard deviation in N m (N) and correlation time in s of the disturbance.
+    noise
+        Standard deviation of the measurement.
+    integrated
+        Whether the rate alone is measured.
+    """
+
+    name: str
+    model: Model
+    covariance: FloatArray
+    disturbance: float
+    memory: float
+    noise: float
+    integrated: bool = False
+
+    @classmethod
+    def from_fit(cls, name: str, fitted: FitResult, covariance: FloatArray) -> CandidateModel:
+        """Model of a fit with the (p, p) ``covariance`` of its parameters."""
+        disturbance, memory = fitted.disturbance
+        return cls(
+            name=name,
+            model=fitted.model,
+            covariance=covariance,
+            disturbance=disturbance,
+            memory=memory,
+            noise=fitted.objective.position_noise(fitted.x),
+            integrated=fitted.data.rate_only,
+        )
+
+
+def candidate_model(fit: LikelihoodFit, name: str) -> CandidateModel:
+    """Model of a maximum-likelihood fit with its uncertainty."""
+    return CandidateModel(
+        name=name,
+        model=fit.model,
+        covariance=fit.estimate.covariance,
+        disturbance=fit.disturbance,
+        memory=fit.correlation_time,
+        noise=fit.position_noise,
+        integrated=fit.rate_only,
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ExpectedInformation:
+    """A run with its expected information.
+
+    Attributes
+    ----------
+    gain
+        Log-likelihood ratio (nats) in favour of the true model, or logarithm of the ratio of a parameter's variances.
+    rates
+        (m, n) predicted rate of each model at the instants of the run.
+    """
+
+    run: CandidateRun
+    gain: float
+    rates: FloatArray
+
+    @property
+    def gain_per_minute(self) -> float:
+        """Gain for each minute of the run."""
+        return 60.0 * self.gain / self.run.seconds
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExperimentPlan:
-    """Runs to come, the best first.
+    """Candidate runs, the best first.
 
     Attributes
     ----------
-    beliefs
-        The rivals, or the one model whose parameter ``narrow`` is to be surer.
-    noise_rate
-        Rate in rad/s or m/s that the disturbance drives: what differs by less is not seen.
+    models, parameter
+        The two models to distinguish, or the one model with the ``parameter`` to improve.
+    disturbance_rate
+        Rate in rad/s or m/s that the disturbance drives: smaller differences are not visible.
     """
 
     models: tuple[CandidateModel, ...]
@@ -42,39 +128,43 @@ class ExperimentPlan:
 
     @property
     def is_decisive(self) -> bool:
-        """Whether the best run is expected to tell the rivals apart; always true of a parameter."""
+        """Whether the best run is expected to distinguish the models; always true for a parameter."""
         return len(self.models) == 1 or self.best.gain >= DECISIVE_LLR
 
 
 def plan_experiment(
-    beliefs: Sequence[CandidateModel], vehicle: Vehicle, trials: Sequence[Trial], limits: RunLimits, narrow: str = ""
+    models: Sequence[CandidateModel],
+    vehicle: Vehicle,
+    trials: Sequence[Trial],
+    limits: RunLimits,
+    parameter: str = "",
 ) -> ExperimentPlan:
-    """Rank the runs that tell ``beliefs`` apart, or make ``narrow`` surer.
+    """Rank candidate runs that distinguish two models, or that improve the ``parameter`` of one model.
 
     Raises
     ------
     DataError
         There are no thrusters, they push one way only, or no run stays within the limits.
     """
-    names = tuple(thruster.name for thruster in vehicle.thrusters)
     require_thrusters(vehicle)
-    pace = RunScales.from_trials(beliefs[0].model, vehicle, trials, limits.share)
-    runs = [replace(run, reference=trials[0].reference) for run in candidate_runs(pace, names)]
-    if not narrow and len(beliefs) == 1:
-        narrow = least_certain_parameter(beliefs[0])
-    worths = rank_runs(runs, beliefs, vehicle, limits, narrow=narrow)
-    rate = float(np.sqrt(np.mean(worths[0].rates ** 2)))
+    names = tuple(thruster.name for thruster in vehicle.thrusters)
+    scales = RunScales.from_trials(models[0].model, vehicle, trials, limits.share)
+    runs = [replace(run, reference=trials[0].reference) for run in candidate_runs(scales, names)]
+    if not parameter and len(models) == 1:
+        parameter = least_certain_parameter(models[0])
+    ranked = rank_runs(runs, models, vehicle, limits, parameter=parameter)
+    rate = float(np.sqrt(np.mean(ranked[0].rates ** 2)))
     return ExperimentPlan(
-        models=tuple(beliefs),
-        parameter=narrow,
-        runs=tuple(worths),
+        models=tuple(models),
+        parameter=parameter,
+        runs=tuple(ranked),
         thrusters=names,
-        disturbance_rate=beliefs[0].driven_rate(rate),
+        disturbance_rate=models[0].disturbance * models[0].model.rate_std_per_torque(rate, models[0].memory),
     )
 
 
 def require_thrusters(vehicle: Vehicle) -> None:
-    """Refuse to plan commands where nothing takes any.
+    """Refuse to plan commands for a vehicle without thrusters.
 
     Raises
     ------
@@ -84,51 +174,134 @@ def require_thrusters(vehicle: Vehicle) -> None:
     if not vehicle.thrusters:
         raise DataError(
             f"nothing drives the vehicle in {vehicle.axis.name}: there are no commands to plan.",
-            mend="Let go of it from a large and from a small tilt, at rest and at speed.",
+            mend="Release it from a large and from a small tilt, at rest and at speed.",
         )
 
 
-def least_certain_parameter(belief: CandidateModel) -> str:
-    """The parameter that is least sure for its size."""
-    return belief.model.names[int(np.argmax(_relative_spread(belief)))]
+def least_certain_parameter(candidate: CandidateModel) -> str:
+    """Name of the parameter with the largest relative standard error; parameters of value 0 do not count."""
+    values = np.abs(candidate.model.values)
+    errors = np.sqrt(np.maximum(np.diag(candidate.covariance), 0.0))
+    relative = np.where(values != 0.0, errors / np.maximum(values, 1e-300), 0.0)
+    return candidate.model.names[int(np.argmax(relative))]
 
 
-def _relative_spread(belief: CandidateModel) -> FloatArray:
-    """(p,) standard deviations as shares of the values; 0 of a parameter of nothing, however large its spread."""
-    values = np.abs(belief.model.values)
-    spread = np.sqrt(np.maximum(np.diag(belief.covariance), 0.0))
-    return np.where(values != 0.0, spread / np.maximum(values, 1e-300), 0.0)
+def rank_runs(
+    runs: Sequence[CandidateRun],
+    models: Sequence[CandidateModel],
+    vehicle: Vehicle,
+    limits: RunLimits,
+    *,
+    parameter: str = "",
+) -> list[ExpectedInformation]:
+    """Expected information of the runs within ``limits``, the best first.
+
+    Of two models, decisive runs come first, by gain per minute, and then the others by gain. For a ``parameter``, the
+    order is by gain per minute.
+
+    Raises
+    ------
+    DataError
+        No run stays within the limits.
+    """
+    every = thread_map(lambda run: _expected_information(run, models, vehicle, limits, parameter), runs)
+    within = [one for one in every if one is not None]
+    if not within:
+        raise DataError("no run stays within these limits.", mend="Allow a longer run, more turns or a higher rate.")
+    if len(models) == 1:
+        return sorted(within, key=lambda one: -one.gain_per_minute)
+    return sorted(within, key=lambda one: (-min(one.gain, DECISIVE_LLR) / DECISIVE_LLR, -one.gain_per_minute))
 
 
-def candidate_model(fit: LikelihoodFit, name: str) -> CandidateModel:
-    """What a fit knows."""
-    return CandidateModel(
-        name=name,
-        model=fit.model,
-        covariance=fit.estimate.covariance,
-        disturbance=fit.disturbance,
-        memory=fit.correlation_time,
-        noise=fit.position_noise,
-        integrated=fit.rate_only,
-    )
+def _expected_information(
+    run: CandidateRun, models: Sequence[CandidateModel], vehicle: Vehicle, limits: RunLimits, parameter: str
+) -> ExpectedInformation | None:
+    """Expected information of ``run``; None where the run exceeds the limits."""
+    if run.seconds > limits.seconds:
+        return None
+    trials = [_simulated_trial(run, candidate, vehicle) for candidate in models]
+    turn = 2.0 * math.pi if vehicle.axis.angular else 1.0
+    for trial in trials:
+        travel = np.ptp(trial.position) / turn
+        if trial.rate is None or np.max(np.abs(trial.rate)) > limits.rate or travel > limits.travel:
+            return None
+    rates = np.array([trial.rate for trial in trials])
+    if len(models) == 1:
+        gain = _variance_ratio(trials[0], models[0], vehicle, parameter)
+    else:
+        first, second = models
+        # Either model may be true: the smaller gain counts.
+        gain = min(_log_likelihood_ratio(trials[0], second, vehicle), _log_likelihood_ratio(trials[1], first, vehicle))
+    return ExpectedInformation(run=run, gain=gain, rates=rates)
 
 
-def command_changes(worth: ExpectedInformation) -> tuple[list[float], list[list[float]]]:
-    """Instants in s at which a command changes, and the commands from then on; the last is where the run ends."""
-    rows = _rows_of_change(worth.run.commands)
-    times = [round(float(instant), 4) for instant in worth.run.time[rows]]
-    return times, np.round(worth.run.commands[rows], 5).tolist()
+def _simulated_trial(run: CandidateRun, candidate: CandidateModel, vehicle: Vehicle) -> Trial:
+    """The run as simulated by a model, without noise or disturbance."""
+    commanded = Trial.from_commands(run.time, run.commands, name=run.name, reference=run.reference)
+    trial = replace(commanded, axis=vehicle.axis)
+    rate, position = candidate.model.simulate(trial, candidate.model.torque_input(vehicle, trial))
+    return replace(trial, rate=rate, position=position, rate_only=candidate.integrated)
 
 
-def _rows_of_change(commands: FloatArray) -> IntArray:
-    """The first row, those in which a command differs from the row before, and the last."""
-    changes = np.any(np.diff(commands, axis=0) != 0.0, axis=1)
-    changed = np.flatnonzero(changes) + 1
-    return np.unique(np.concatenate(([0], changed, [len(commands) - 1])))
+def _innovations(trial: Trial, candidate: CandidateModel, vehicle: Vehicle) -> tuple[FloatArray, FloatArray]:
+    """(N,) normalised innovations of a trial under a model, and their (N, p) Jacobian in the model's own units."""
+    measured = trial if candidate.integrated else replace(trial, rate=None)
+    # The lowest cut-off for runs of any length: the filter does not affect innovations.
+    runs = prepare(Campaign(trials=(measured,), sources=()), vehicle, cutoff=0.1 / trial.sampling_interval).items
+    model = candidate.model
+    bare = replace(model, effects=(), effect_values=())
+    objective = InnovationLikelihood(InnovationData(runs, vehicle, bare), UNLIMITED, model.effects)
+    noise = max(candidate.noise, _MIN_NOISE)
+    x = objective.parametrization.coordinates_of(model, candidate.disturbance + 1e-300, candidate.memory, noise)
+    residual, matrix = list[FloatArray](), list[FloatArray]()
+    for piece in objective.jacobian(x):
+        # The first half of the rows are innovations, the second half belongs to their variances.
+        count = len(piece.residual) // 2
+        residual.append(piece.residual[:count])
+        matrix.append(piece.matrix[:count])
+    shown, size = objective.parametrization.model_jacobian(x)
+    return np.concatenate(residual), np.concatenate(matrix)[:, shown] / size
+
+
+def _log_likelihood_ratio(trial: Trial, wrong: CandidateModel, vehicle: Vehicle) -> float:
+    """Log-likelihood that the ``wrong`` model loses after its parameters have adapted within their covariance."""
+    residual, jacobian = _innovations(trial, wrong, vehicle)
+    prior, scale = _prior_information(wrong.covariance)
+    jacobian = jacobian * scale
+    gradient = jacobian.T @ residual
+    step, *_ = np.linalg.lstsq(jacobian.T @ jacobian + prior, gradient, rcond=1e-12)
+    lost = 0.5 * float(residual @ residual - gradient @ step)
+    return max(lost, 0.0)
+
+
+def _prior_information(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(p, p) inverse of the correlation matrix, and (p,) standard deviations that scale its parameters."""
+    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    correlations = covariance / np.outer(scale, scale)
+    return np.asarray(np.linalg.pinv(correlations, rcond=1e-10)), scale
+
+
+def _variance_ratio(trial: Trial, candidate: CandidateModel, vehicle: Vehicle, name: str) -> float:
+    """Logarithm of the variance of a parameter before the run over that after it."""
+    _, jacobian = _innovations(trial, candidate, vehicle)
+    at = candidate.model.names.index(name)
+    prior, scale = _prior_information(candidate.covariance)
+    # In units of the standard deviations before the run, the variance before is one.
+    after = np.linalg.pinv(prior + (jacobian * scale).T @ (jacobian * scale), rcond=1e-12)
+    return -math.log(max(after[at, at], 1e-300))
+
+
+def command_changes(information: ExpectedInformation) -> tuple[list[float], list[list[float]]]:
+    """Instants in s at which a command changes, and the commands from then on; the last instant ends the run."""
+    commands = information.run.commands
+    changes = np.flatnonzero(np.any(np.diff(commands, axis=0) != 0.0, axis=1)) + 1
+    rows = np.unique(np.concatenate(([0], changes, [len(commands) - 1])))
+    times = [round(float(instant), 4) for instant in information.run.time[rows]]
+    return times, np.round(commands[rows], 5).tolist()
 
 
 def commands_by_name(plan: ExperimentPlan) -> dict[str, list[float]]:
-    """The best run's commands, a list for each thruster beside that of the times."""
+    """Times and commands of each thruster in the best run."""
     times, rows = command_changes(plan.best)
     columns = {"time_s": times}
     for place, name in enumerate(plan.thrusters):
@@ -136,13 +309,13 @@ def commands_by_name(plan: ExperimentPlan) -> dict[str, list[float]]:
     return columns
 
 
-def command_csv(runs: ExperimentPlan) -> str:
+def command_csv(plan: ExperimentPlan) -> str:
     """The best run as CSV: time_s and a column for each actuator; each row holds until the next.
 
-    The quotes about time_s are the mark of what rovid wrote.
+    The quotes about time_s mark a file written by rovid.
     """
-    times, rows = command_changes(runs.best)
-    lines = [f'"time_s",{csv_line(runs.thrusters)}']
+    times, rows = command_changes(plan.best)
+    lines = [f'"time_s",{csv_line(plan.thrusters)}']
     for time, row in zip(times, rows, strict=True):
         lines.append(",".join(f"{value:g}" for value in (time, *row)))
     return "\n".join(lines) + "\n"

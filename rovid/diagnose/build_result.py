@@ -1,10 +1,11 @@
-"""From the models that a search ended with to what is said of them: estimates, findings, suspects."""
+"""Result of the diagnosis from a validated selection: estimates, findings, suspects, scores, detectable sizes."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
@@ -12,18 +13,21 @@ from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
 from rovid.core.spmd import parallel_map
 from rovid.design.candidate_runs import RunLimits
-from rovid.design.expected_information import CandidateModel
-from rovid.design.experiment_design import ExperimentPlan, plan_experiment
-from rovid.diagnose.bic import Cause, bic_penalty, bic_score, is_plausible
-from rovid.diagnose.cross_validation import held_out_log_likelihood, horizon_errors, simulate_folds
-from rovid.diagnose.nested_models import nested_models
-from rovid.diagnose.noise_floor import position_floor, rate_floor
-from rovid.diagnose.posterior import ESTABLISHED, POSSIBLE, recalibrated
+from rovid.design.experiment_design import CandidateModel, ExperimentPlan, plan_experiment
+from rovid.diagnose.candidate_fits import Cause, bic_score, is_plausible
+from rovid.diagnose.cross_validation import (
+    held_out_log_likelihood,
+    horizon_errors,
+    position_floor,
+    rate_floor,
+    simulate_folds,
+)
+from rovid.diagnose.posterior import recalibrated
 from rovid.diagnose.result import Diagnosis, Finding, HorizonErrors, ModelAssessment
-from rovid.diagnose.score_test import ScoreTest
+from rovid.diagnose.score_test import ScoreTest, bic_penalty
 from rovid.diagnose.signal_regressors import is_signal
-from rovid.diagnose.validation import Suspected, Work, undecided
-from rovid.diagnose.wave_test import WaveTest
+from rovid.diagnose.thresholds import THRESHOLDS
+from rovid.diagnose.validation import Selection, Suspected, suspects
 from rovid.effects import CATALOGUE, Effect, EffectParameter
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.fit_result import FitResult
@@ -33,334 +37,339 @@ from rovid.estimate.maximum_likelihood import misspecification_covariance
 from rovid.estimate.multi_step_data import time_constant
 from rovid.estimate.output_error import MIN_INERTIA_SIGMAS
 from rovid.estimate.restart_grid import HORIZONS
+from rovid.model.model import Model
 from rovid.model.parameter_names import without_form
-from rovid.model.simulation import HORIZONS as SECONDS
-
-# A model of another form that explains so much of what one explains is as good, where neither explains all.
-_NEARLY = 0.9
+from rovid.model.simulation import HORIZONS as HORIZON_SECONDS
 
 
-def build_diagnosis(work: Work, causes: Sequence[Cause], warnings: list[str]) -> Diagnosis:
-    """What is said of ``work``, whose final model has these ``causes``."""
-    base, final, suspected = work.refined(work.base), work.refined(work.final), work.suspects()
-    estimate = _across_forms(work, _estimate(final, white=final.is_white))
+def build_diagnosis(selection: Selection, warnings: list[str]) -> Diagnosis:
+    """Result from a validated ``selection``; ``warnings`` grow.
+
+    Raises
+    ------
+    DataError
+        The inertia is not determined.
+    """
+    causes = [selection.cause(effect) for effect in selection.model.effects]
+    base, model, suspected = (
+        selection.full_data(selection.base),
+        selection.full_data(selection.model),
+        suspects(selection),
+    )
+    estimate = _average_over_forms(selection, _estimate(model, white=model.is_white))
     base_estimate = _estimate(base, white=base.is_white)
-    # What is missing makes one of them uncertain; where both are, the vehicle was not excited.
-    require_inertia(min(base_estimate, estimate, key=_uncertainty), MIN_INERTIA_SIGMAS)
-    estimate = across_suspects(estimate.with_thrust_scale_uncertainty(final.thrust_scale_uncertainty), suspected)
-    if not final.effects:
+    # Missing effects make one of the estimates uncertain; where both are, the vehicle was not excited.
+    require_inertia(min(base_estimate, estimate, key=_relative_inertia_error), MIN_INERTIA_SIGMAS)
+    estimate = average_over_suspects(estimate.with_thrust_scale_uncertainty(model.thrust_scale_uncertainty), suspected)
+    if not model.effects:
         base_estimate = estimate
     warnings.extend(estimate.warnings)
-    named = [cause for cause in causes if not is_signal(cause.effect)]
-    findings = [_planned(work, _finding(work, cause, estimate)) for cause in named]
+    findings = [_finding(selection, cause, estimate) for cause in causes if not is_signal(cause.effect)]
     signals = tuple((cause.effect, cause.bic_gain) for cause in causes if is_signal(cause.effect))
-    at_limit = final.at_limit
-    if at_limit:
+    if model.at_limit:
         warnings.append(
-            f"What is left would be a disturbance above {100 * final.objective.limit:.2g} % of the torque in use: "
-            "something is still missing, and it follows no other logged signal."
+            f"The remaining error asks for a disturbance above {100 * model.objective.limit:.2g} % of the torque in "
+            "use: something is still missing, and it follows no other logged signal."
         )
-    suspects = tuple(_suspect(work, one) for one in suspected)
-    extended = _side(work, work.final, final, estimate, work.final)
-    waves = _possible_waves(work)
-    if waves is not None and waves.probability >= ESTABLISHED:
+    possible = [_suspect_finding(selection, one) for one in suspected]
+    extended = _assess(selection, selection.model, model, estimate, selection.model)
+    waves = _wave_finding(selection)
+    if waves is not None and waves.probability >= THRESHOLDS.established:
         findings.append(waves)
         extended = _with_waves(extended, waves)
     elif waves is not None:
-        suspects = tuple(sorted((*suspects, waves), key=lambda one: -one.probability))
-    unexplained = bool(signals) or at_limit or final.simulated_r2 < INNOVATIONS_R2
-    disturbance, _ = final.disturbance
+        possible = sorted((*possible, waves), key=lambda one: -one.probability)
+    verdict = "nothing_found"
+    if findings:
+        verdict = "found"
+    elif possible:
+        verdict = "suspected"
+    elif signals or model.at_limit or model.simulated_r2 < INNOVATIONS_R2:
+        verdict = "unexplained"
+    disturbance, _ = model.disturbance
+    # The limit of the disturbance is that of the selected model: only then the held-out likelihoods are comparable.
+    same_limit = selection.search.without_all(selection.model)
     return Diagnosis(
-        verdict=_verdict(found=bool(findings), suspected=bool(suspects), unexplained=unexplained),
-        base=_side(work, work.base, base, base_estimate, work.search.without_any(work.final)),
+        verdict=verdict,
+        base=_assess(selection, selection.base, base, base_estimate, same_limit),
         extended=extended,
         findings=tuple(sorted(findings, key=lambda finding: -finding.gain)),
-        suspects=suspects,
-        horizons=_ahead_of(work),
+        suspects=tuple(possible),
+        horizons=_horizon_errors(selection),
         signals=signals,
-        unexplained_share=disturbance**2 / (disturbance**2 + work.full.rms_torque**2),
-        noise_floor=rate_floor(final),
-        position_floors={seconds: position_floor(final, seconds) for seconds in SECONDS},
-        nested_models=nested_models(work, _simulated(causes)),
-        detectable=_detectable(work),
+        unexplained_share=disturbance**2 / (disturbance**2 + selection.data.rms_torque**2),
+        noise_floor=rate_floor(model),
+        position_floors={seconds: position_floor(model, seconds) for seconds in HORIZON_SECONDS},
+        nested_models=_nested_models(selection, causes),
+        detectable=_detectable(selection),
         warnings=tuple(warnings),
     )
 
 
-def _simulated(causes: Sequence[Cause]) -> list[Effect]:
-    """What of ``causes`` a free-running simulation shows, the strongest first: a wave's phase nobody knows."""
-    strongest = sorted(causes, key=lambda cause: -cause.gain)
-    return [cause.effect for cause in strongest if not cause.effect.is_wave]
-
-
-def _verdict(*, found: bool, suspected: bool, unexplained: bool) -> str:
-    """The strongest of what can be said."""
-    if found:
-        return "found"
-    if suspected:
-        return "suspected"
-    if unexplained:
-        return "unexplained"
-    return "nothing_found"
-
-
-def _side(work: Work, quick: FitResult, fitted: FitResult, estimate: Estimate, fair: FitResult) -> ModelAssessment:
-    """``fair`` is the same model with as much disturbance as the other side has, for only such likelihoods compare."""
-    simulated = simulate_folds(quick, work.folds(quick))
-    held = replace(simulated, log_likelihood=held_out_log_likelihood(work.folds(fair)))
-    return ModelAssessment(model=fitted.model, estimate=estimate, held_out=held)
+def _assess(
+    selection: Selection, searched: FitResult, full: FitResult, estimate: Estimate, comparable: FitResult
+) -> ModelAssessment:
+    """Held-out scores of a model: simulations of the model ``searched``, log-likelihood of the model ``comparable``."""
+    simulated = simulate_folds(searched, selection.folds(searched))
+    held_out = replace(simulated, log_likelihood=held_out_log_likelihood(selection.folds(comparable)))
+    return ModelAssessment(model=full.model, estimate=estimate, held_out=held_out)
 
 
 def _estimate(fitted: FitResult, *, white: bool) -> Estimate:
+    """Parameters of the vehicle with their covariance; coefficients of signal regressors are left out."""
     fitted = fitted.canonical()
     names = fitted.model.names
-    doubt, said = misspecification_covariance(fitted)
-    at = _of_vehicle(fitted)
-    scatter = fitted.covariance(sandwich=not white) + doubt
+    added, warnings = misspecification_covariance(fitted)
+    signals = {effect.key for effect in fitted.effects if is_signal(effect)}
+    at = [k for k, name in enumerate(names) if _effect_key(name) not in signals]
+    covariance = fitted.covariance(sandwich=not white) + added
     estimate = Estimate(
         names=tuple(names[k] for k in at),
         values=fitted.model.values[at],
-        covariance=scatter[np.ix_(at, at)],
+        covariance=covariance[np.ix_(at, at)],
         axis=fitted.data.axis,
         method=fitted.objective.method,
         samples=len(fitted.data.run_index),
-        warnings=tuple(said),
+        warnings=tuple(warnings),
     )
-    if not fitted.data.has_actuators:
-        return estimate.undriven()
-    return estimate
+    return estimate if fitted.data.has_actuators else estimate.undriven()
 
 
-def _of_vehicle(fitted: FitResult) -> list[int]:
-    """Places of the vehicle's parameters; what follows a signal is a dependence, and none of them."""
-    signals = {effect.key for effect in fitted.effects if is_signal(effect)}
-    return [k for k, name in enumerate(fitted.model.names) if _key_of(name) not in signals]
+def _average_over_forms(selection: Selection, estimate: Estimate) -> Estimate:
+    """Add to the covariance that between models with another form or effect (Hoeting et al. 1999).
 
-
-def _across_forms(work: Work, estimate: Estimate) -> Estimate:
-    """``estimate`` with what models nearly as good, of another form or cause each, say of its parameters besides.
-
-    To the variance comes that between the models (Hoeting et al. 1999). Each has its weight by the likelihood where the
-    innovations are white; else none is nature's form, and all that explain nearly as much have the same weight.
+    The weights follow from the likelihoods where the innovations are white. Otherwise no form is exact, and all models
+    that gain nearly as much have equal weight.
     """
-    final, search = work.final, work.search
-    white = final.is_white
-    moved, weights = [], []
-    for effect in final.effects:
-        rest = search.without(final, effect)
-        earned = bic_score(final) - bic_score(rest)
-        for fit in search.in_place_of(final, effect):
-            if not is_plausible(fit) or is_signal(fit.effects[-1]) or fit.key == final.key:
+    model, search = selection.model, selection.search
+    deviations, weights = [], []
+    for effect in model.effects:
+        rest = search.without(model, effect)
+        gain = bic_score(model) - bic_score(rest)
+        for fitted in search.replacements(model, effect):
+            if not is_plausible(fitted) or is_signal(fitted.effects[-1]) or fitted.key == model.key:
                 continue
-            alike = not white and bic_score(fit) - bic_score(rest) >= _NEARLY * earned
-            likelier = min(bic_score(fit) - bic_score(final), 0.0)
-            weights.append(1.0 if alike else math.exp(likelier))
-            moved.append(_moved(estimate, fit))
-    off, share = np.array(moved).reshape(-1, len(estimate.names)), np.array(weights) / (1.0 + sum(weights))
-    return replace(estimate, covariance=estimate.covariance + _between(off, share))
+            weight = math.exp(min(bic_score(fitted) - bic_score(model), 0.0))
+            if not model.is_white and bic_score(fitted) - bic_score(rest) >= THRESHOLDS.equivalent_form_share * gain:
+                weight = 1.0
+            weights.append(weight)
+            deviations.append(_deviation(estimate, fitted))
+    away = np.array(deviations).reshape(-1, len(estimate.names))
+    share = np.array(weights) / (1.0 + sum(weights))
+    return replace(estimate, covariance=estimate.covariance + _between(away, share))
 
 
-def across_suspects(estimate: Estimate, suspected: Sequence[Suspected]) -> Estimate:
-    """``estimate`` with what it would be, were a suspect established: by its odds that comes to the variance too.
-
-    As in `_across_forms`, about the model that is kept (Hoeting et al. 1999).
-    """
+def average_over_suspects(estimate: Estimate, suspected: Sequence[Suspected]) -> Estimate:
+    """Add to the covariance that between the model and models with a suspect, by their probabilities."""
     if not suspected:
         return estimate
-    odds = np.array([one.confidence for one in suspected])
-    off = np.array([_moved(estimate, one.rival.fitted) for one in suspected])
-    share = odds / max(1.0, float(odds.sum()))
-    names = " or ".join(dict.fromkeys(one.rival.effect.title for one in suspected))
+    probabilities = np.array([one.probability for one in suspected])
+    away = np.array([_deviation(estimate, one.alternative.fitted) for one in suspected])
+    share = probabilities / max(1.0, float(probabilities.sum()))
+    names = " or ".join(dict.fromkeys(one.alternative.effect.title for one in suspected))
     return replace(
         estimate,
-        covariance=estimate.covariance + _between(off, share),
+        covariance=estimate.covariance + _between(away, share),
         warnings=(*estimate.warnings, f"The standard errors include what {names} would change, if it acts."),
     )
 
 
-def _between(off: FloatArray, share: FloatArray) -> FloatArray:
-    """(p, p) covariance about a model of others that are (m, p) ``off`` it and have such (m,) shares in the odds."""
-    return np.asarray(off.T @ (off * share[:, np.newaxis]))
+def _between(away: FloatArray, share: FloatArray) -> FloatArray:
+    """(p, p) covariance between models with (m, p) deviations and (m,) probabilities."""
+    return np.asarray(away.T @ (away * share[:, np.newaxis]))
 
 
-def _moved(estimate: Estimate, fit: FitResult) -> FloatArray:
-    """(p,) how far each parameter of ``estimate`` is elsewhere in ``fit``; zero where that has none like it."""
-    model = fit.canonical().model
-    there = dict(zip(_alike(model.names, fit.effects), model.values.tolist(), strict=True))
-    here = zip(_alike(estimate.names, fit.effects), estimate.values.tolist(), strict=True)
+def _deviation(estimate: Estimate, fitted: FitResult) -> FloatArray:
+    """(p,) difference of each parameter between ``fitted`` and ``estimate``; zero without a common parameter."""
+    model = fitted.canonical().model
+    there = dict(zip(_common_names(model.names, fitted.effects), model.values.tolist(), strict=True))
+    here = zip(_common_names(estimate.names, fitted.effects), estimate.values.tolist(), strict=True)
     return np.array([there.get(name, value) - value for name, value in here])
 
 
-def _alike(names: Sequence[str], effects: Sequence[Effect]) -> list[str]:
-    """``names`` of parameters, those of forms that share an effect's parameters without the form."""
-    apart = {effect.key for effect in effects if effect.per_thruster}
-    return [name if _key_of(name) in apart else without_form(name) for name in names]
+def _common_names(names: Sequence[str], effects: Sequence[Effect]) -> list[str]:
+    """Parameter names without the form where all forms of an effect share the parameter."""
+    specific = {effect.key for effect in effects if effect.per_thruster}
+    return [name if _effect_key(name) in specific else without_form(name) for name in names]
 
 
-def _key_of(name: str) -> str:
-    """Of the effect whose parameter has this ``name``; empty of one that every model has."""
+def _effect_key(name: str) -> str:
+    """Key of the effect in a parameter name; empty for a parameter of the base model."""
     key, _, _ = name.rpartition(".")
     return key
 
 
-def _uncertainty(estimate: Estimate) -> float:
-    """Relative standard error of the inertia."""
+def _relative_inertia_error(estimate: Estimate) -> float:
     return estimate.standard_error("inertia") / estimate.value("inertia")
 
 
-def _untried(work: Work, effect: Effect) -> tuple[Effect, ...]:
-    """Causes that pass for ``effect`` and that no log tells of, where not all is explained."""
-    if not work.by_horizons:
-        return ()
-    tried = {candidate.id for candidate in work.search.candidates}
-    axis = work.full.axis.name
-    untried = []
-    for other in CATALOGUE:
-        passes = effect.id in other.rivals and other.needs and other.id not in tried
-        if passes and (not other.axes or axis in other.axes):
-            untried.append(other)
-    return tuple(untried)
-
-
-def _finding(work: Work, cause: Cause, estimate: Estimate) -> Finding:
-    effect, held_out_gain = cause.effect, work.held_out_gain(cause.effect)
-    return Finding(
+def _finding(selection: Selection, cause: Cause, estimate: Estimate) -> Finding:
+    """Established cause, with the runs that distinguish it from others where that is open."""
+    effect, held_out_gain = cause.effect, selection.held_out_gain(cause.effect)
+    probability = selection.probability(cause, held_out_gain)
+    finding = Finding(
         effect=effect,
-        estimate=_own(estimate, effect),
+        estimate=_of_effect(estimate, effect),
         gain=cause.gain,
         bic_gain=cause.bic_gain,
         held_out_gain=held_out_gain,
-        probability=recalibrated(work.confidence(cause, held_out_gain), white=work.final.is_white),
+        probability=recalibrated(probability, white=selection.model.is_white),
         alternatives=cause.alternatives,
-        indistinguishable=(*undecided(cause, work.margin(cause.bic_gain)), *_untried(work, effect)),
+        indistinguishable=(*selection.indistinguishable(cause), *_without_signal(selection, effect)),
     )
+    return replace(finding, plan=_discriminating_plan(selection, finding)) if finding.indistinguishable else finding
 
 
-def _planned(work: Work, finding: Finding) -> Finding:
-    """``finding`` with the runs that would tell it from its rivals, where it is not decided."""
-    if not finding.indistinguishable:
-        return finding
-    return replace(finding, plan=_telling(work, finding))
-
-
-def _suspect(work: Work, suspected: Suspected) -> Finding:
-    """What is said of a cause that is not established: its size where it is put in beside the final model."""
-    rival, fitted = suspected.rival, work.refined(suspected.rival.fitted)
+def _suspect_finding(selection: Selection, suspected: Suspected) -> Finding:
+    """Suspect with its size in the model that it extends."""
+    one, fitted = suspected.alternative, selection.full_data(suspected.alternative.fitted)
     estimate = _estimate(fitted, white=False)
-    beside = work.search.candidates_beside(work.final)
+    further = selection.search.further_causes(selection.model)
     others = [other.effect for other in suspected.others]
     return Finding(
-        effect=rival.effect,
-        estimate=_own(estimate, rival.effect),
-        gain=work.final.value - rival.fitted.value,
-        bic_gain=rival.bic_gain,
+        effect=one.effect,
+        estimate=_of_effect(estimate, one.effect),
+        gain=selection.model.value - one.fitted.value,
+        bic_gain=one.bic_gain,
         held_out_gain=suspected.held_out_gain,
-        probability=suspected.confidence,
-        alternatives=tuple(one for one in beside if one.effect is not rival.effect),
-        indistinguishable=(*others, *_untried(work, rival.effect)),
+        probability=suspected.probability,
+        alternatives=tuple(other for other in further if other.effect is not one.effect),
+        indistinguishable=(*others, *_without_signal(selection, one.effect)),
     )
 
 
-def _possible_waves(work: Work) -> Finding | None:
-    """What is said of waves; None where there is hardly a chance of any."""
-    waves = work.waves
-    if waves is None or waves.fitted is None or waves.confidence < POSSIBLE:
+def _wave_finding(selection: Selection) -> Finding | None:
+    """Waves as a finding or suspect; None where they are improbable."""
+    waves = selection.waves
+    if waves is None or waves.fitted is None or waves.probability < THRESHOLDS.possible:
         return None
-    return _waves(waves, waves.fitted)
-
-
-def _waves(waves: WaveTest, fitted: FitResult) -> Finding:
-    effect, estimate = fitted.effects[-1], _estimate(fitted, white=False)
+    effect, estimate = waves.fitted.effects[-1], _estimate(waves.fitted, white=False)
     return Finding(
         effect=effect,
-        estimate=_own(estimate, effect),
+        estimate=_of_effect(estimate, effect),
         gain=waves.gain,
-        bic_gain=waves.worth,
+        bic_gain=waves.bic_gain,
         held_out_gain=waves.held_out_gain,
-        probability=waves.confidence,
+        probability=waves.probability,
         alternatives=(),
         indistinguishable=(),
     )
 
 
-def _own(estimate: Estimate, effect: Effect) -> Estimate:
-    """Of the parameters of ``effect`` alone."""
+def _without_signal(selection: Selection, effect: Effect) -> tuple[Effect, ...]:
+    """Effects that imitate ``effect`` and could not be tested, because a signal is not logged."""
+    if not selection.multi_step:
+        return ()
+    tried = {candidate.id for candidate in selection.search.candidates}
+    axis = selection.data.axis.name
+    untested = []
+    for other in CATALOGUE:
+        imitates = effect.id in other.rivals and other.needs and other.id not in tried
+        if imitates and (not other.axes or axis in other.axes):
+            untested.append(other)
+    return tuple(untested)
+
+
+def _of_effect(estimate: Estimate, effect: Effect) -> Estimate:
+    """The parameters of ``effect`` alone."""
     at = [estimate.names.index(f"{effect.key}.{parameter.name}") for parameter in effect.parameters]
-    names, scatter = tuple(estimate.names[k] for k in at), estimate.covariance[np.ix_(at, at)]
-    return replace(estimate, names=names, values=estimate.values[at], covariance=scatter)
+    names, covariance = tuple(estimate.names[k] for k in at), estimate.covariance[np.ix_(at, at)]
+    return replace(estimate, names=names, values=estimate.values[at], covariance=covariance)
 
 
 def _with_waves(side: ModelAssessment, waves: Finding) -> ModelAssessment:
-    """``side`` with waves, which no free-running simulation shows, beside all else."""
+    """``side`` with waves as a further effect; free-running simulations do not show waves."""
     from scipy import linalg
 
     model, estimate, own = side.model, side.estimate, waves.estimate
     effects = (*model.effects, waves.effect)
     values = (*model.effect_values, *own.values.tolist())
-    return replace(
-        side,
-        model=replace(model, effects=effects, effect_values=values),
-        estimate=replace(
-            estimate,
-            names=(*estimate.names, *own.names),
-            values=np.concatenate((estimate.values, own.values)),
-            covariance=linalg.block_diag(estimate.covariance, own.covariance),
-        ),
+    extended = replace(
+        estimate,
+        names=(*estimate.names, *own.names),
+        values=np.concatenate((estimate.values, own.values)),
+        covariance=linalg.block_diag(estimate.covariance, own.covariance),
     )
+    return replace(side, model=replace(model, effects=effects, effect_values=values), estimate=extended)
 
 
-def _ahead_of(work: Work) -> tuple[HorizonErrors, ...]:
-    models = [(fitted, work.folds(fitted)) for fitted in (work.base, work.final)]
-    base, extended = parallel_map(lambda model: horizon_errors(*model, work.pieces), models)
-    constant = time_constant(work.full.initial_model, work.full.rms_rate)
-    ahead = []
+def _horizon_errors(selection: Selection) -> tuple[HorizonErrors, ...]:
+    """RMS position errors of base and selected model after half to eight time constants."""
+    models = [(fitted, selection.folds(fitted)) for fitted in (selection.base, selection.model)]
+    base, extended = parallel_map(lambda model: horizon_errors(*model, selection.pieces), models)
+    constant = time_constant(selection.data.initial_model, selection.data.rms_rate)
+    errors = []
     for horizon, one, other in zip(HORIZONS, base, extended, strict=True):
         if math.isfinite(one) and math.isfinite(other):
-            ahead.append(HorizonErrors(seconds=horizon * constant, base=float(one), extended=float(other)))
-    return tuple(ahead)
+            errors.append(HorizonErrors(seconds=horizon * constant, base=float(one), extended=float(other)))
+    return tuple(errors)
 
 
-def _telling(work: Work, finding: Finding) -> ExperimentPlan | None:
-    """Runs that would tell ``finding`` from its nearest rival; None where there is no such run."""
+def _discriminating_plan(selection: Selection, finding: Finding) -> ExperimentPlan | None:
+    """Runs that distinguish ``finding`` from the nearest alternative; None without such runs."""
     nearest = finding.indistinguishable[0]
-    rival = next((one for one in finding.alternatives if one.effect is nearest), None)
-    if rival is None:
-        return None  # it could not be tried: no run tells without its signal
-    models = {finding.effect.title: work.final, rival.effect.title: rival.fitted}
+    alternative = next((one for one in finding.alternatives if one.effect is nearest), None)
+    if alternative is None:
+        return None  # it was not tested, because its signal is not logged
+    models = {finding.effect.title: selection.model, alternative.effect.title: alternative.fitted}
     if any(is_signal(effect) for fitted in models.values() for effect in fitted.effects):
-        return None  # nobody knows what the signal will be
-    vehicle = work.full.vehicle
+        return None  # the signal in a future run is unknown
+    vehicle = selection.data.vehicle
     assert vehicle is not None  # noqa: S101 - a diagnosis has one
-    beliefs = []
+    candidates = []
     for name, fitted in models.items():
-        full = work.refined(fitted)
-        beliefs.append(CandidateModel.from_fit(name, full, full.covariance(sandwich=False)))
+        full = selection.full_data(fitted)
+        candidates.append(CandidateModel.from_fit(name, full, full.covariance(sandwich=False)))
     try:
-        return plan_experiment(beliefs, vehicle, [run.trial for run in work.full.runs], RunLimits())
+        return plan_experiment(candidates, vehicle, [run.trial for run in selection.data.runs], RunLimits())
     except DataError:
         return None
 
 
-def _detectable(work: Work) -> tuple[tuple[Effect, float], ...]:
-    """Size of each effect not found that would have been seen, to first order."""
-    plain: dict[str, ScoreTest] = {}
-    for promise in work.search.score_tests(work.final):
-        if not is_signal(promise.effect):
-            plain.setdefault(promise.effect.id, promise)
+def subsets(effects: Sequence[Effect]) -> Iterator[tuple[Effect, ...]]:
+    """All proper subsets of up to three effects; of more effects, the first one, the first two, and so on."""
+    for count in range(1, len(effects)):
+        if len(effects) <= THRESHOLDS.nested_model_causes:
+            yield from combinations(effects, count)
+        else:
+            yield tuple(effects[:count])
+
+
+def _nested_models(selection: Selection, causes: Sequence[Cause]) -> tuple[Model, ...]:
+    """The selected model with subsets of its causes, refitted to all data; waves have no phase to simulate."""
+    strongest = sorted(causes, key=lambda cause: -cause.gain)
+    effects = [cause.effect for cause in strongest if not cause.effect.is_wave]
+    nested = []
+    for kept in subsets(effects):
+        fitted = selection.model
+        for effect in effects:
+            if effect not in kept:
+                fitted = selection.search.without(fitted, effect)
+        nested.append(fitted)
+    selection.fit_full_data(nested)
+    return tuple(selection.full_data(fitted).model for fitted in nested)
+
+
+def _detectable(selection: Selection) -> tuple[tuple[Effect, float], ...]:
+    """Smallest detectable size of each effect that was not found, to first order."""
+    first: dict[str, ScoreTest] = {}
+    for test in selection.search.score_tests(selection.model):
+        if not is_signal(test.effect):
+            first.setdefault(test.effect.id, test)
     sizes = []
-    for promise in plain.values():
-        size = promise.effect.parameters[0]
-        if promise.power > 0.0 and not size.neutral_at_infinity:
-            sizes.append((promise.effect, _seen(work, promise, size)))
+    for test in first.values():
+        size = test.effect.parameters[0]
+        if test.power > 0.0 and not size.neutral_at_infinity:
+            sizes.append((test.effect, _detectable_size(selection, test, size)))
     return tuple(sizes)
 
 
-def _seen(work: Work, promise: ScoreTest, size: EffectParameter) -> float:
-    """The least ``size`` that pays, in its unit; infinite where there is none so large."""
-    price = bic_penalty(work.final.objective) * len(promise.effect.parameters)
-    # What is gained grows with the square of the size.
-    share = math.sqrt((work.search.threshold + price) / promise.power)
-    seen = abs(share * (size.initial_values[0] - size.neutral))
-    if seen > max(size.high - size.neutral, size.neutral - size.low):
+def _detectable_size(selection: Selection, test: ScoreTest, size: EffectParameter) -> float:
+    """Smallest size that would be added, in its unit; infinite where no size would be."""
+    penalty = bic_penalty(selection.model.objective) * len(test.effect.parameters)
+    # The gain grows with the square of the size.
+    share = math.sqrt((selection.search.threshold + penalty) / test.power)
+    least = abs(share * (size.initial_values[0] - size.neutral))
+    if least > max(size.high - size.neutral, size.neutral - size.low):
         return math.inf
-    return seen * work.full.scales.unit_size(size)
+    return least * selection.data.scales.unit_size(size)

@@ -1,169 +1,366 @@
-"""Which of the promises are worth a fit, and what is kept of them."""
+"""Fits of candidate models: their BIC, their plausibility, staged fits of shortlisted forms, and the cache of all fits."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 
+from rovid.core.array_types import FloatArray
 from rovid.core.spmd import parallel_map
-from rovid.diagnose.bic import (
-    ITERATIONS,
-    bic_penalty,
-    bic_score,
-    cost_at_score,
-    fit_coarse,
-    fit_in_parallel,
-    refine_fit,
-)
-from rovid.diagnose.score_test import ScoreTest, sized
-from rovid.estimate.fit_result import FitResult
-from rovid.estimate.objective import NegativeLogLikelihood
-
-# Of the best candidate's promise, as far as its fit begins by keeping it: who promises less is not fitted.
-PROMISE = 0.1
-_FITTED = 7
-_FORMS_FITTED = 3
-# Sizes to begin with, as shares of what the slopes ask for: where they mislead, that may be far too much.
-_SHARES = (1.0, 0.3, 0.1)
-_FIRST_ITERATIONS = 4
-# Then those go on, for so many steps, that have this share of the best one's worth.
-_STAGES = ((0.2, 8), (0.4, ITERATIONS))
-# Rivals that come nearer than that to the best, in log-likelihood, are told from it by what they are worth to the end.
-_CLOSE = 50.0
+from rovid.diagnose.cross_validation import Fold
+from rovid.diagnose.score_test import ScoreTest, bic_penalty, scaled_start
+from rovid.diagnose.thresholds import THRESHOLDS
+from rovid.effects import Effect, EffectParameter
+from rovid.estimate.fit_result import FitResult, fit
+from rovid.estimate.objective import Key, NegativeLogLikelihood
 
 
-def group_by_cause(promises: Sequence[ScoreTest]) -> list[list[ScoreTest]]:
-    """The forms of each cause, best first in both."""
+@dataclass(frozen=True, eq=False)
+class Alternative:
+    """Another effect in the place of a selected one, with the BIC gain of its best form there."""
+
+    effect: Effect
+    bic_gain: float
+    fitted: FitResult
+
+
+@dataclass(frozen=True, eq=False)
+class Cause:
+    """One effect of the selected model.
+
+    Attributes
+    ----------
+    gain
+        Log-likelihood (nats) that its removal loses, all other parameters refitted.
+    bic_gain
+        The same less the BIC penalty of its parameters.
+    alternatives
+        The best form of each other effect in its place, best first.
+    """
+
+    effect: Effect
+    gain: float
+    bic_gain: float
+    alternatives: tuple[Alternative, ...] = ()
+
+
+def bic_score(fitted: FitResult) -> float:
+    """Log-likelihood less the BIC penalty of all effect parameters, in nats (Schwarz 1978)."""
+    return value_at_score(fitted.value, fitted.objective)
+
+
+def value_at_score(score: float, objective: NegativeLogLikelihood) -> float:
+    """Negative log-likelihood at which a model has the BIC score ``score``; the inverse of `bic_score`."""
+    return -score - bic_penalty(objective) * len(objective.parametrization.parameters)
+
+
+def fit_coarse(objective: NegativeLogLikelihood, x: FloatArray, iterations: int, goal: float = math.inf) -> FitResult:
+    """Fit from ``x`` with the tolerance of the search; stop early where the value ``goal`` is out of reach."""
+    return fit(objective, x, iterations=iterations, tolerance=THRESHOLDS.search_tolerance, goal=goal)
+
+
+def is_converged(fitted: FitResult) -> bool:
+    """Whether the remaining gain is within the tolerance of the search."""
+    return fitted.remaining_gain <= THRESHOLDS.search_tolerance
+
+
+def refine_fit(fitted: FitResult, iterations: int, goal: float = math.inf) -> FitResult:
+    """Continue a fit, unless it has converged or the value ``goal`` is out of reach."""
+    if is_converged(fitted) or fitted.remaining_gain < fitted.value - goal:
+        return fitted
+    return fit_coarse(fitted.objective, fitted.x, iterations, goal)
+
+
+def fit_from_best_start(
+    objective: NegativeLogLikelihood,
+    x: FloatArray,
+    starts: Sequence[FloatArray],
+    iterations: int,
+    goal: float = math.inf,
+) -> FitResult:
+    """Fit from ``x`` with the most likely of the ``starts`` of the last effect."""
+    begins = [np.concatenate((x, start)) for start in starts]
+    (best,) = objective.most_likely(begins, 1)
+    return fit_coarse(objective, best, iterations, goal)
+
+
+def fit_in_parallel(
+    objectives: Sequence[NegativeLogLikelihood], fit_one: Callable[[int], FitResult]
+) -> list[FitResult]:
+    """Results of ``fit_one`` for each index of ``objectives``, computed by all workers, the longest fits first."""
+
+    def duration(at: int) -> tuple[bool, int]:
+        # An oscillator adds two states to the filter, and each parameter a column to the Jacobian.
+        objective = objectives[at]
+        return any(effect.oscillatory for effect in objective.effects), len(objective.parametrization.parameters)
+
+    def numbers(at: int) -> tuple[FloatArray, float, float]:
+        fitted = fit_one(at)
+        return fitted.x, fitted.value, fitted.remaining_gain
+
+    order = sorted(range(len(objectives)), key=duration, reverse=True)
+    # Each fit holds two sets of innovations: with many samples, threads share one fit after the other.
+    is_small = all(len(one.data.run_index) < THRESHOLDS.parallel_fit_samples for one in objectives)
+    found = dict(zip(order, parallel_map(numbers, order, use_threads=is_small), strict=True))
+    return [FitResult(objective, *found[at]) for at, objective in enumerate(objectives)]
+
+
+def is_plausible(fitted: FitResult) -> bool:
+    """Whether the last effect has no parameter at a bound and enough cycles, and the inertia is physical."""
+    effect = fitted.effects[-1]
+    values = fitted.effect_coordinates(effect)
+    if any(map(_at_bound, values.tolist(), effect.parameters)):
+        return False
+    if effect.oscillatory:
+        # The lowest frequency is one cycle of the longest run: any drift has that.
+        at = [parameter.name for parameter in effect.parameters].index("frequency")
+        lowest = fitted.objective.parametrization.low[-len(effect.parameters) :][at]
+        if values[at] <= lowest:
+            return False
+    return fitted.is_physical
+
+
+def is_at_bound(fitted: FitResult, effect: Effect) -> bool:
+    """Whether the size of ``effect`` is at the largest value that its definition allows."""
+    return _at_bound(float(fitted.effect_coordinates(effect)[0]), effect.parameters[0])
+
+
+def _at_bound(value: float, parameter: EffectParameter) -> bool:
+    """Whether ``value`` is at a bound other than the neutral value."""
+    above = value >= parameter.high and parameter.high != parameter.neutral
+    below = value <= parameter.low and parameter.low != parameter.neutral
+    return above or below
+
+
+def simplest_form(better: FitResult, others: Sequence[FitResult], current: FitResult) -> FitResult:
+    """The form of the same effect with the fewest parameters, among ``others`` with nearly the BIC gain of ``better``.
+
+    With white innovations ``better`` itself. Otherwise the further gain may belong to a cause that is still missing.
+    """
+    if better.is_white:
+        return better
+    enough = bic_score(better) - THRESHOLDS.misspecification_share * (bic_score(better) - bic_score(current))
+    same = [one for one in others if one.effects[-1].id == better.effects[-1].id and bic_score(one) >= enough]
+    return min(same, key=lambda one: (len(one.effects[-1].parameters), -bic_score(one)), default=better)
+
+
+@dataclass(frozen=True, eq=False)
+class FitCache:
+    """Everything computed for models of the same data with the same candidates; the contents grow.
+
+    Attributes
+    ----------
+    score_tests, extensions
+        By the key of a model: the score test of each further form, and the fitted models with one effect more.
+    replacements
+        By the keys of a model and of the same model without one effect: the latter with possible substitutes.
+    fits
+        Every fitted model.
+    folds, full_data
+        Cross-validation folds, and fits to all data. They start anew with each selection, see `for_selection`.
+    """
+
+    score_tests: dict[Key, list[ScoreTest]] = field(default_factory=dict)
+    extensions: dict[Key, list[FitResult]] = field(default_factory=dict)
+    replacements: dict[tuple[Key, Key], list[FitResult]] = field(default_factory=dict)
+    fits: dict[Key, FitResult] = field(default_factory=dict)
+    folds: dict[Key, list[Fold]] = field(default_factory=dict)
+    full_data: dict[Key, FitResult] = field(default_factory=dict)
+    _converged: dict[FitResult, FitResult] = field(default_factory=dict)
+
+    def for_selection(self) -> Self:
+        """The same fits of the search, without folds and fits to all data."""
+        return replace(self, folds={}, full_data={})
+
+    def converged(self, fitted: FitResult) -> FitResult:
+        """``fitted`` continued to convergence, once: the search leaves fits that cannot win."""
+        if fitted not in self._converged:
+            converged = refine_fit(fitted, THRESHOLDS.search_iterations)
+            self._converged[fitted] = self._converged[converged] = converged
+        return self._converged[fitted]
+
+    def converged_extensions(self, current: FitResult) -> dict[str, FitResult]:
+        """Converged models with one effect more than ``current``, by the key of that effect."""
+        limit, here = current.key
+        found: dict[str, FitResult] = {}
+        for (other_limit, keys), fitted in self.fits.items():
+            if other_limit == limit and here < keys and len(keys) == len(here) + 1 and is_converged(fitted):
+                (last,) = (effect for effect in fitted.effects if effect.key not in here)
+                found[last.key] = fitted.with_last(last)
+        return found
+
+    def without(self, current: FitResult, *dropped: Effect) -> FitResult:
+        """``current`` without some effects, all other parameters refitted to convergence."""
+        if not dropped:
+            return current
+        effects, x = current.without(*dropped)
+        self.fit_all(current.objective, [(effects, x)])
+        key = current.objective.with_effects(effects).key
+        # A fit that has not converged would overstate the gain of the dropped effects.
+        self.fits[key] = converged = self.converged(self.fits[key])
+        return converged
+
+    def fit_all(
+        self, objective: NegativeLogLikelihood, models: Sequence[tuple[tuple[Effect, ...], FloatArray]]
+    ) -> None:
+        """Fit in parallel all ``models``, given by effects and (p,) start, that are not in the cache."""
+        pairs = [(objective.with_effects(effects), x) for effects, x in models]
+        left = [pair for pair in pairs if pair[0].key not in self.fits]
+        for fitted in fit_in_parallel(
+            [one for one, _ in left], lambda at: fit_coarse(*left[at], THRESHOLDS.search_iterations)
+        ):
+            self.fits[fitted.key] = self._at_least_nested(fitted)
+
+    def _at_least_nested(self, fitted: FitResult) -> FitResult:
+        """``fitted``, or a new fit from a cached model with one effect less where that one is more likely."""
+        for effect in fitted.effects:
+            effects, _ = fitted.without(effect)
+            nested = self.fits.get(fitted.objective.with_effects(effects).key)
+            if nested is not None and nested.value < fitted.value:
+                objective = fitted.objective.with_effects((*effects, effect))
+                starts = objective.parametrization.initial_values()
+                return fit_from_best_start(objective, nested.x, starts, THRESHOLDS.search_iterations)
+        return fitted
+
+
+def group_by_cause(tests: Sequence[ScoreTest]) -> list[list[ScoreTest]]:
+    """Score tests of the forms of each effect, the largest predicted gain first in both lists."""
     groups: dict[str, list[ScoreTest]] = {}
-    for promise in sorted(promises, key=lambda promise: -promise.gain):
-        groups.setdefault(promise.effect.id, []).append(promise)
+    for test in sorted(tests, key=lambda test: -test.gain):
+        groups.setdefault(test.effect.id, []).append(test)
     return list(groups.values())
 
 
-def gains_by_cause(promises: Sequence[ScoreTest]) -> list[float]:
-    """What the best form of each cause promises, the most first."""
-    return [forms[0].gain for forms in group_by_cause(promises)]
+def gains_by_cause(tests: Sequence[ScoreTest]) -> list[float]:
+    """Predicted gain of the best form of each effect, largest first."""
+    return [forms[0].gain for forms in group_by_cause(tests)]
 
 
-def best_forms(promises: Sequence[ScoreTest]) -> list[ScoreTest]:
-    """The most promising form of every cause that shows at all, and more forms of those that show most."""
+def best_forms(tests: Sequence[ScoreTest]) -> list[ScoreTest]:
+    """The best form of every effect with a predicted gain, and more forms of the best effects."""
     listed: list[ScoreTest] = []
-    for place, group in enumerate(group_by_cause(promises)):
-        count = _FORMS_FITTED if place < _FITTED else 1
-        listed += [promise for promise in group[:count] if promise.gain > 0.0]
+    for place, group in enumerate(group_by_cause(tests)):
+        count = THRESHOLDS.shortlisted_forms if place < THRESHOLDS.shortlisted_causes else 1
+        listed += [test for test in group[:count] if test.gain > 0.0]
     return listed
 
 
 def shortlist(
-    current: FitResult, promises: Sequence[ScoreTest], threshold: float, share: float, gained: float = 0.0
+    current: FitResult, tests: Sequence[ScoreTest], threshold: float, share: float, known_gain: float = 0.0
 ) -> list[ScoreTest]:
-    """The forms worth fitting: of the causes that promise most, the best forms of each, and simpler ones.
+    """Forms that deserve a fit: the best forms of the best effects, and simpler ones.
 
-    None promises less than a ``share`` of what it has to gain: its parameters' price and the ``threshold``. Slopes
-    promise too much of some forms, and one with fewer parameters may gain as much. So much is ``gained`` by one that
-    is known already.
+    Parameters
+    ----------
+    threshold, share
+        A form needs a predicted gain of ``share`` times the sum of its BIC penalty and the ``threshold``.
+    known_gain
+        Largest gain of a model that has been fitted already.
     """
-    each = bic_penalty(current.objective)
+    penalty = bic_penalty(current.objective)
 
-    def is_enough(promise: ScoreTest) -> bool:
-        return promise.gain >= share * (threshold + each * promise.penalised_parameters)
+    def is_enough(test: ScoreTest) -> bool:
+        return test.gain >= share * (threshold + penalty * test.penalised_parameters)
 
-    ranked = [group for group in group_by_cause(promises)[:_FITTED] if any(map(is_enough, group))]
-    kept = parallel_map(lambda group: min(group[0].gain, _outright(current, group[0])), ranked)
-    top = max((gained, *kept))
+    ranked = [group for group in group_by_cause(tests)[: THRESHOLDS.shortlisted_causes] if any(map(is_enough, group))]
+    confirmed = parallel_map(lambda group: min(group[0].gain, _gain_at_start(current, group[0])), ranked)
+    least = THRESHOLDS.shortlist_share * max((known_gain, *confirmed))
     listed: list[ScoreTest] = []
     for group in ranked:
-        if group[0].gain >= PROMISE * top:
-            listed += _worth_a_fit(group, is_enough)
+        if group[0].gain >= least:
+            listed += _shortlisted_forms(group, is_enough)
     return listed
 
 
-def _worth_a_fit(group: Sequence[ScoreTest], is_enough: Callable[[ScoreTest], bool]) -> list[ScoreTest]:
-    """Of the forms of a cause, best first: the first few that promise enough, and simpler ones that promise at all."""
-    first, few, rest = group[:1], group[:_FORMS_FITTED], group[_FORMS_FITTED:]
-    least = PROMISE * first[0].gain
+def _shortlisted_forms(group: Sequence[ScoreTest], is_enough: Callable[[ScoreTest], bool]) -> list[ScoreTest]:
+    """The first few forms with enough predicted gain, and any simpler form with some."""
+    first, few, rest = group[:1], group[: THRESHOLDS.shortlisted_forms], group[THRESHOLDS.shortlisted_forms :]
+    least = THRESHOLDS.shortlist_share * first[0].gain
     listed = [one for one in few if (one.gain >= least and is_enough(one)) or _is_simpler(one, first)]
     return [*listed, *(one for one in rest if _is_simpler(one, listed))]
 
 
-def _is_simpler(promise: ScoreTest, others: Sequence[ScoreTest]) -> bool:
-    """Whether a form promises anything with fewer parameters than any of the ``others``."""
-    return promise.gain > 0.0 and len(promise.effect.parameters) < min(len(one.effect.parameters) for one in others)
+def _is_simpler(test: ScoreTest, others: Sequence[ScoreTest]) -> bool:
+    return test.gain > 0.0 and len(test.effect.parameters) < min(len(one.effect.parameters) for one in others)
 
 
-def _outright(current: FitResult, promise: ScoreTest) -> float:
-    """What a form gains where its fit would start, before any."""
-    misfit = _with_promised(current, promise)
-    begins = [np.concatenate((current.x, start)) for start in (promise.start, promise.best_start)]
-    return current.value - min(misfit.values(begins))
+def _gain_at_start(current: FitResult, test: ScoreTest) -> float:
+    """Gain of a form at the starts of its fit, before any step."""
+    begins = [np.concatenate((current.x, start)) for start in (test.start, test.best_start)]
+    return current.value - min(_extended(current, test).values(begins))
 
 
 def fit_candidates(
-    current: FitResult, promises: Sequence[ScoreTest], leads: Callable[[FitResult], bool], ends: Mapping[str, FitResult]
+    current: FitResult,
+    tests: Sequence[ScoreTest],
+    may_lead: Callable[[FitResult], bool],
+    known: Mapping[str, FitResult],
 ) -> tuple[list[FitResult], list[FitResult]]:
-    """Each promise kept: fitted together with all else; and those that fell behind, left where they were.
+    """Fit the shortlisted forms in stages, all parameters together; return those fitted to the end, and those left.
 
-    None is followed that cannot catch up with the worthiest of those that may lead, as ``leads`` has it. Of a cause
-    whose first forms fell behind no others are fitted that promise no more than that. ``ends`` are, by the key of what
-    they add, models that were followed to their end: these are not fitted again.
+    Parameters
+    ----------
+    may_lead
+        Whether a model may be selected. A fit stops where it cannot reach the best of those.
+    known
+        Converged models by the key of the added effect; they are not fitted again.
     """
 
-    def gain(fit: FitResult) -> float:
-        return bic_score(fit) - bic_score(current)
+    def gain(fitted: FitResult) -> float:
+        return bic_score(fitted) - bic_score(current)
 
-    def least(share: float, fits: Sequence[FitResult]) -> float:
+    def least_gain(share: float, fits: Sequence[FitResult]) -> float:
         return max(share * max(map(gain, fits), default=0.0), 0.0)
 
-    def goals(misfits: Sequence[NegativeLogLikelihood], fits: Sequence[FitResult]) -> list[float]:
-        close = max(map(bic_score, filter(leads, fits)), default=-math.inf) - _CLOSE
-        return [cost_at_score(close, misfit) for misfit in misfits]
+    def goals(objectives: Sequence[NegativeLogLikelihood], fits: Sequence[FitResult]) -> list[float]:
+        score = max(map(bic_score, filter(may_lead, fits)), default=-math.inf) - THRESHOLDS.goal_distance
+        return [value_at_score(score, objective) for objective in objectives]
 
-    def begun(few: Sequence[ScoreTest]) -> list[FitResult]:
-        misfits = [_with_promised(current, one) for one in few]
-        costs = goals(misfits, ended)
-        return fit_in_parallel(misfits, lambda at: _begun(current, misfits[at], few[at], costs[at]))
+    def begin(few: Sequence[ScoreTest]) -> list[FitResult]:
+        objectives = [_extended(current, one) for one in few]
+        values = goals(objectives, converged)
+        return fit_in_parallel(objectives, lambda at: _begin(current, objectives[at], few[at], values[at]))
 
-    def followed(fits: Sequence[FitResult], iterations: int) -> list[FitResult]:
-        misfits = [fit.objective for fit in fits]
-        costs = goals(misfits, fits)
-        return fit_in_parallel(misfits, lambda at: refine_fit(fits[at], iterations, costs[at]))
+    def refine(fits: Sequence[FitResult], iterations: int) -> list[FitResult]:
+        objectives = [fitted.objective for fitted in fits]
+        values = goals(objectives, fits)
+        return fit_in_parallel(objectives, lambda at: refine_fit(fits[at], iterations, values[at]))
 
-    ended = [ends[one.effect.key] for one in promises if one.effect.key in ends]
-    left = [one for one in promises if one.effect.key not in ends]
-    first = _first_of_each(left)
-    ahead, behind = [*ended, *begun(first)], list[FitResult]()
-    limit = least(_STAGES[0][0], ahead)
-    in_front = {fit.effects[-1].id for fit in ahead if gain(fit) >= limit}
-    more = [one for one in left if one.effect.id in in_front or one.gain >= limit]
-    ahead += begun([one for one in more if one not in first])
-    for share, iterations in _STAGES:
-        limit = least(share, ahead)
-        behind += [fit for fit in ahead if gain(fit) < limit]
-        ahead = followed([fit for fit in ahead if gain(fit) >= limit], iterations)
+    stages = (THRESHOLDS.second_stage, THRESHOLDS.final_stage)
+    converged = [known[one.effect.key] for one in tests if one.effect.key in known]
+    unknown = [one for one in tests if one.effect.key not in known]
+    first = _first_of_each(unknown)
+    ahead, behind = [*converged, *begin(first)], list[FitResult]()
+    # Further forms of an effect are fitted where its first form is good, or where their own score test is.
+    least = least_gain(stages[0][0], ahead)
+    good = {fitted.effects[-1].id for fitted in ahead if gain(fitted) >= least}
+    more = [one for one in unknown if one.effect.id in good or one.gain >= least]
+    ahead += begin([one for one in more if one not in first])
+    for share, iterations in stages:
+        least = least_gain(share, ahead)
+        behind += [fitted for fitted in ahead if gain(fitted) < least]
+        ahead = refine([fitted for fitted in ahead if gain(fitted) >= least], iterations)
     return ahead, behind
 
 
-def _first_of_each(promises: Sequence[ScoreTest]) -> list[ScoreTest]:
-    """Of each cause the most promising form, and the first of the plainest."""
+def _first_of_each(tests: Sequence[ScoreTest]) -> list[ScoreTest]:
+    """The form with the largest predicted gain of each effect, and its first form with the fewest parameters."""
     first: list[ScoreTest] = []
-    for forms in group_by_cause(promises):
-        plainest = min(forms, key=lambda one: len(one.effect.parameters))
-        first += forms[:1] if plainest is forms[0] else [forms[0], plainest]
+    for forms in group_by_cause(tests):
+        simplest = min(forms, key=lambda one: len(one.effect.parameters))
+        first += forms[:1] if simplest is forms[0] else [forms[0], simplest]
     return first
 
 
-def _with_promised(current: FitResult, promise: ScoreTest) -> NegativeLogLikelihood:
-    return current.objective.with_effects((*current.effects, promise.effect))
+def _extended(current: FitResult, test: ScoreTest) -> NegativeLogLikelihood:
+    return current.objective.with_effects((*current.effects, test.effect))
 
 
-def _begun(current: FitResult, misfit: NegativeLogLikelihood, promise: ScoreTest, goal: float) -> FitResult:
-    """``current`` with what is promised, after the first steps from the nearest of several sizes.
-
-    Fewer if the ``goal`` is out of reach.
-    """
-    scaled = [sized(promise.effect, promise.start, share) for share in _SHARES]
-    begins = [np.concatenate((current.x, start)) for start in (promise.best_start, *scaled)]
-    (nearest,) = misfit.most_likely(begins, 1)
-    return fit_coarse(misfit, nearest, _FIRST_ITERATIONS, goal)
+def _begin(current: FitResult, objective: NegativeLogLikelihood, test: ScoreTest, goal: float) -> FitResult:
+    """First steps of the fit of ``current`` with the tested form, from the most likely of several sizes."""
+    scaled = [scaled_start(test.effect, test.start, share) for share in THRESHOLDS.start_shares]
+    return fit_from_best_start(objective, current.x, (test.best_start, *scaled), THRESHOLDS.first_iterations, goal)

@@ -1,41 +1,178 @@
-"""How good a model is on trials that it was not fitted to."""
+"""Cross-validation: required data, division of runs into pieces, scores on held-out pieces, and their noise floor."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
+from rovid.core.errors import DataError
 from rovid.core.spmd import parallel_map
-from rovid.diagnose.splitting import CvPiece
+from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.estimate.dataset import FitData
 from rovid.estimate.fit_result import FitResult, fit
-from rovid.estimate.multi_step_data import MultiStepData, prediction_errors
+from rovid.estimate.multi_step_data import MultiStepData, prediction_errors, time_constant
+from rovid.estimate.output_error import fit_output_error
 from rovid.estimate.restart_grid import HORIZONS
+from rovid.estimate.dataset import rms_rate
 from rovid.model.model import Model
-from rovid.model.simulation import HORIZONS as SECONDS
+from rovid.model.simulation import HORIZONS as HORIZON_SECONDS
 from rovid.model.simulation import fit_measures, simulate_runs
-from rovid.signals.preprocessing import Run
+from rovid.signals.preprocessing import PreparedRuns, Run, prepare
+from rovid.signals.rates import highest_cutoff
+from rovid.trial.trial import Campaign, Trial
+from rovid.trial.vehicle import Vehicle
 
-_FOLDS = 4
-_ITERATIONS = 8
-_TOLERANCE = 0.2
-# Log-likelihood by which an effect changes nothing, to rounding.
-_NOTHING = 1e-6
+
+def missing_data(runs: Sequence[Run], cutoff: float) -> str:
+    """Message on what a diagnosis of ``runs`` lacks; empty if nothing. ``cutoff`` of the low-pass filter in Hz."""
+    if len(runs) < THRESHOLDS.min_trials:
+        part = min_part_length(runs, cutoff)
+        seconds = sum(recorded_seconds(run.trial) for run in runs)
+        return (
+            f"there are too few trials ({len(runs)}, {seconds:.0f} s in all) to hold some out for validation, and they "
+            f"are too short for {THRESHOLDS.min_trials} parts of {part:.0f} s. Record more runs of other kinds (a hold "
+            "the other way, a sine, a coast-down)."
+        )
+    axis = runs[0].trial.axis
+    if all(run.trial.has_actuators and not np.any(run.torque != 0.0) for run in runs):
+        return (
+            f"no thruster ever runs: there is no {axis.force_name} to explain the motion with. Log a run under thrust."
+        )
+    if not any(map(_moves, runs)):
+        moves, move = ("turns", "turn") if axis.angular else ("moves", "move")
+        return (
+            f"the vehicle never {moves}: its {axis.rate_words} does not exceed the sensor noise. Check that "
+            f"{axis.position_signal} in rovid.toml is the vehicle's, and run sines, steps or a pseudo-random command "
+            f"that {move} it."
+        )
+    return ""
+
+
+def _moves(run: Run) -> bool:
+    """Whether the rate exceeds the sensor noise."""
+    rate = run.rates.rate[np.isfinite(run.rates.rate)]
+    noise = run.rates.rate_noise * math.sqrt(len(rate))
+    return bool(np.linalg.norm(rate) > THRESHOLDS.motion_over_noise * noise)
+
+
+@dataclass(frozen=True, eq=False)
+class CvPiece:
+    """Interval from ``begin`` to ``end`` (s) of run ``run_index``, prepared as a run of its own."""
+
+    run_index: int
+    begin: float
+    end: float
+    run: Run
+
+
+def split_runs(runs: Sequence[Run], vehicle: Vehicle, cutoff: float) -> PreparedRuns | None:
+    """Parts of ``runs`` of about an eighth of all recorded time; None with enough runs, or with too little time.
+
+    Each part is simulated from its own start, without the memory of water and tether before that start.
+    """
+    if len(runs) >= THRESHOLDS.min_trials:
+        return None
+    parts = _cut_runs(runs, cutoff)
+    if len(parts) < THRESHOLDS.min_trials:
+        return None
+    return _prepare_parts(parts, vehicle, cutoff)
+
+
+def cv_pieces(runs: Sequence[Run], vehicle: Vehicle, cutoff: float) -> list[CvPiece]:
+    """Pieces of ``runs`` for cross-validation: whole runs where these are many and short, parts of them otherwise."""
+    parts = _cut_runs(runs, cutoff)
+    prepared = _prepare_parts(parts, vehicle, cutoff).items
+    pieces = []
+    for part, run in zip(parts, prepared, strict=True):
+        pieces.append(CvPiece(part.run_index, part.begin, part.end, run))
+    return pieces
+
+
+def min_part_length(runs: Sequence[Run], cutoff: float) -> float:
+    """Shortest length of a part in s: some time constants of the vehicle, and some periods of ``cutoff`` in Hz."""
+    try:
+        start = fit_output_error(runs, min_sigmas=0.0)
+        constant = time_constant(start, rms_rate(runs))
+        longest = sum(recorded_seconds(run.trial) for run in runs) / THRESHOLDS.min_trials
+        # Missing effects lengthen the time constant of the plain model: shorter parts are allowed where needed.
+        shortest = max(longest, THRESHOLDS.part_time_constants_min * constant)
+        shortest = min(shortest, THRESHOLDS.part_time_constants * constant)
+    except DataError:
+        shortest = THRESHOLDS.part_seconds_unknown
+    return max(shortest, THRESHOLDS.part_cutoff_periods / cutoff)
+
+
+def recorded_seconds(trial: Trial) -> float:
+    """Time in s with measured positions, without pauses."""
+    return sum(float(np.ptp(trial.time[session])) for session in _sessions(trial))
+
+
+def _sessions(trial: Trial) -> list[IntArray]:
+    """Indices of the measured positions between pauses."""
+    measured = np.flatnonzero(trial.measured)
+    pause = max(THRESHOLDS.pause_periods * trial.sampling_interval, THRESHOLDS.pause_seconds)
+    return np.split(measured, 1 + np.flatnonzero(np.diff(trial.time[measured]) > pause))
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """Interval from ``begin`` to ``end`` (s) of run ``run_index``."""
+
+    run_index: int
+    begin: float
+    end: float
+    trial: Trial
+
+
+def _prepare_parts(parts: Sequence[_Part], vehicle: Vehicle, cutoff: float) -> PreparedRuns:
+    trials = [part.trial for part in parts]
+    common = min(cutoff, highest_cutoff(trials))
+    return prepare(Campaign(trials=tuple(trials), sources=()), vehicle, cutoff=common)
+
+
+def _cut_runs(runs: Sequence[Run], cutoff: float) -> list[_Part]:
+    """Parts of all runs; at least two of each run that is long enough, for effects that are specific to one trial."""
+    shortest = min_part_length(runs, cutoff)
+    usual = max(sum(recorded_seconds(run.trial) for run in runs) / THRESHOLDS.parts, shortest)
+    parts = []
+    for run_index, run in enumerate(runs):
+        half = recorded_seconds(run.trial) / 2.0
+        parts += _cut_run(run_index, run.trial, min(usual, max(half, shortest)))
+    return parts
+
+
+def _cut_run(run_index: int, trial: Trial, length: float) -> list[_Part]:
+    """Parts of about ``length`` s that begin and end with a measured position, none across a pause."""
+    pieces: list[IntArray] = []
+    for session in _sessions(trial):
+        time = trial.time[session]
+        count = max(round(float(np.ptp(time)) / length), 1)
+        ends = np.linspace(time[0], time[-1], count + 1)
+        pieces += np.split(session, np.searchsorted(time, ends[1:-1]))
+    parts = []
+    for number, piece in enumerate(pieces, start=1):
+        if len(piece) < THRESHOLDS.part_samples:
+            continue
+        first, last = int(piece[0]), int(piece[-1])
+        part = trial.part(slice(first, last + 1), f"{trial.name} part {number}")
+        parts.append(_Part(run_index, float(trial.time[first]), float(trial.time[last]), part))
+    return parts
 
 
 @dataclass(frozen=True, kw_only=True)
 class HeldOutScores:
-    """Every trial predicted by a model that was fitted to other trials.
+    """Scores of a model on all trials, each predicted by a fit to the others.
 
     Attributes
     ----------
     log_likelihood
-        Of the innovations of all trials.
+        Of the innovations.
     rate_r2, rate_rmse
-        Free-running, over all trials.
+        Of the free-running simulation.
     position_errors
         Horizon in s -> RMS position error that far after a restart; None where no trial is as long.
     """
@@ -48,7 +185,7 @@ class HeldOutScores:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Fold:
-    """A fourth of the pieces, the coordinates fitted to all others, and their log-likelihood there."""
+    """Held-out pieces, the coordinates fitted to all other pieces, and the held-out log-likelihood."""
 
     pieces: list[CvPiece]
     x: FloatArray
@@ -56,38 +193,48 @@ class Fold:
 
 
 def cross_validate(fitted: FitResult, pieces: Sequence[CvPiece]) -> list[Fold]:
-    """Fit the model of ``fitted`` anew without each fourth of the pieces, and predict those."""
-    piece = _piece(fitted.data, pieces)
-    left_out = _folds(len(pieces))
-    tested = [np.isin(piece, numbers) for numbers in left_out]
-    tests = [fitted.objective.with_effects(fitted.effects, test) for test in tested]
-    # What begins in one piece and ends in another tells of both.
-    taught = [fitted.objective.with_effects(fitted.effects, ~test & (piece >= 0)) for test in tested]
-    # All trials together are a start so good that a few steps do.
-    fits = parallel_map(lambda one: _told(fit(one, fitted.x, iterations=_ITERATIONS, tolerance=_TOLERANCE)), taught)
-    costs = fitted.objective.held_out_values(tests, fits)
+    """Refit the model without each fold of the ``pieces``, and predict that fold.
+
+    A fold is every fourth piece: neighbours by name, which are runs of one kind, fall into different folds.
+    """
+    piece = _piece_index(fitted.data, pieces)
+    count = len(pieces)
+    numbers = [list(range(first, count, THRESHOLDS.cv_folds)) for first in range(min(THRESHOLDS.cv_folds, count))]
+    held_out = [np.isin(piece, own) for own in numbers]
+    tests = [fitted.objective.with_effects(fitted.effects, mask) for mask in held_out]
+    # A prediction that spans two pieces belongs to neither.
+    training = [fitted.objective.with_effects(fitted.effects, ~mask & (piece >= 0)) for mask in held_out]
+
+    def train(index: int) -> FloatArray:
+        # The fit to all pieces is so close that a few steps are enough.
+        refitted = fit(
+            training[index], fitted.x, iterations=THRESHOLDS.cv_iterations, tolerance=THRESHOLDS.cv_tolerance
+        )
+        return _without_undetermined(refitted)
+
+    fits = parallel_map(train, range(len(training)))
+    values = fitted.objective.held_out_values(tests, fits)
     folds = []
-    for numbers, cost, x in zip(left_out, costs, fits, strict=True):
-        own = [pieces[number] for number in numbers]
-        folds.append(Fold(pieces=own, x=x, log_likelihood=-cost))
+    for own, value, x in zip(numbers, values, fits, strict=True):
+        folds.append(Fold(pieces=[pieces[number] for number in own], x=x, log_likelihood=-value))
     return folds
 
 
-def _told(fitted: FitResult) -> FloatArray:
-    """Its coordinates, no effect where what was fitted tells nothing of one: else it would be known from the rest."""
-    misfit, x = fitted.objective, fitted.x
-    for effect, own in misfit.parametrization.effect_slices():
+def _without_undetermined(fitted: FitResult) -> FloatArray:
+    """Coordinates with neutral values of effects without influence; their values would come from the held-out data."""
+    objective, x = fitted.objective, fitted.x
+    for effect, own in objective.parametrization.effect_slices():
         without = x.copy()
         without[own] = [parameter.neutral for parameter in effect.parameters]
-        if abs(misfit.value(without) - fitted.value) < _NOTHING:
+        if abs(objective.value(without) - fitted.value) < THRESHOLDS.cv_indifference:
             x = without
     return x
 
 
-def _piece(records: FitData, pieces: Sequence[CvPiece]) -> IntArray:
-    """(N,) index of the piece that each innovation lies in; -1 where it lies in more than one, or none."""
+def _piece_index(data: FitData, pieces: Sequence[CvPiece]) -> IntArray:
+    """(N,) index of the piece of each innovation; -1 for an innovation within no single piece."""
     numbers = []
-    for run, (begin, end) in enumerate(records.innovation_spans):
+    for run, (begin, end) in enumerate(data.innovation_spans):
         own = np.full(len(begin), -1)
         for index, piece in enumerate(pieces):
             if piece.run_index == run:
@@ -97,56 +244,109 @@ def _piece(records: FitData, pieces: Sequence[CvPiece]) -> IntArray:
 
 
 def held_out_log_likelihood(folds: Sequence[Fold]) -> float:
-    """Of all trials, each by the model that was fitted to others."""
+    """Log-likelihood of all trials, each by the fit to the others."""
     return sum(fold.log_likelihood for fold in folds)
 
 
 def simulate_folds(fitted: FitResult, folds: Sequence[Fold]) -> HeldOutScores:
-    """Simulate every trial freely with the model that was fitted to others."""
+    """Scores of free-running simulations of all trials, each by the fit to the others."""
     vehicle, models = fitted.data.vehicle, [fitted.objective.parametrization.model(fold.x) for fold in folds]
     assert vehicle is not None  # noqa: S101 - a diagnosis has one
     pairs = [(piece.run, model) for fold, model in zip(folds, models, strict=True) for piece in fold.pieces]
 
-    def simulated(pair: tuple[Run, Model]) -> tuple[FloatArray, dict[float, float | None]]:
+    def simulate(pair: tuple[Run, Model]) -> tuple[FloatArray, dict[float, float | None]]:
         run, model = pair
         (item,) = simulate_runs([run], model, vehicle)
         return item.simulated, item.position_errors
 
-    rates, ahead = zip(*parallel_map(simulated, pairs), strict=True)
-    fit = fit_measures(np.concatenate([run.rates.rate for run, _ in pairs]), np.concatenate(rates))
-    errors = {horizon: _mean([of_one[horizon] for of_one in ahead]) for horizon in SECONDS}
+    rates, errors = zip(*parallel_map(simulate, pairs), strict=True)
+    measures = fit_measures(np.concatenate([run.rates.rate for run, _ in pairs]), np.concatenate(rates))
+    position_errors: dict[float, float | None] = {}
+    for horizon in HORIZON_SECONDS:
+        known = [one[horizon] for one in errors if one[horizon] is not None]
+        position_errors[horizon] = float(np.sqrt(np.mean(np.square(known)))) if known else None
     return HeldOutScores(
         log_likelihood=held_out_log_likelihood(folds),
-        rate_r2=fit.r2,
-        rate_rmse=fit.rmse,
-        position_errors=errors,
+        rate_r2=measures.r2,
+        rate_rmse=measures.rmse,
+        position_errors=position_errors,
     )
 
 
 def horizon_errors(fitted: FitResult, folds: Sequence[Fold], pieces: Sequence[CvPiece]) -> FloatArray:
-    """(q,) RMS error of the position over each of `HORIZONS`, each piece predicted from others; NaN where none."""
-    records = MultiStepData.from_data(fitted.data, fitted.data.initial_model)
-    piece = _piece(records, pieces)
+    """(q,) RMS position error over each of `HORIZONS`, each piece by the fit to the others; NaN without predictions."""
+    data = MultiStepData.from_data(fitted.data, fitted.data.initial_model)
+    piece = _piece_index(data, pieces)
     squares, count = np.zeros(len(HORIZONS)), np.zeros(len(HORIZONS))
     for fold in folds:
         model = fitted.objective.parametrization.model(fold.x)
-        mine = np.isin(piece, [pieces.index(one) for one in fold.pieces])
-        horizon = records.horizon[mine]
-        errors = prediction_errors(records, model, records.torque_between_steps(model))[mine]
+        own = np.isin(piece, [pieces.index(one) for one in fold.pieces])
+        horizon = data.horizon[own]
+        errors = prediction_errors(data, model, data.torque_between_steps(model))[own]
         squares += np.bincount(horizon, weights=errors**2, minlength=len(HORIZONS))
         count += np.bincount(horizon, minlength=len(HORIZONS))
     mean = np.where(count > 0, squares / np.maximum(count, 1), np.nan)
     return np.asarray(np.sqrt(mean))
 
 
-def _folds(count: int) -> list[list[int]]:
-    """Every fourth piece: neighbours by name, which are of one kind, fall into different folds."""
-    return [list(range(first, count, _FOLDS)) for first in range(min(_FOLDS, count))]
+# Doublings of a short step in the transition matrix: longer backward steps overflow.
+_DOUBLINGS = 12
 
 
-def _mean(values: Sequence[float | None]) -> float | None:
-    """Root mean square of what is known; None where nothing is."""
-    known = [value for value in values if value is not None]
-    if not known:
-        return None
-    return float(np.sqrt(np.mean(np.square(known))))
+def rate_floor(fitted: FitResult) -> float:
+    """RMS rate error of a perfect model: rate that the disturbance drives, and filtered sensor noise."""
+    return math.hypot(fitted.objective.disturbance_rate_std(fitted.x), _rate_noise(fitted))
+
+
+def position_floor(fitted: FitResult, seconds: float) -> float:
+    """RMS position error (rad or m) of a perfect model ``seconds`` after a restart; NaN without a known disturbance."""
+    if fitted.objective.disturbance_rate_std(fitted.x) <= 0.0:
+        return math.nan
+    initial = 2.0 * fitted.objective.position_noise(fitted.x) ** 2, _rate_noise(fitted) ** 2
+    disturbance = fitted.objective.disturbance(fitted.x)
+    return position_std_after(fitted.model, fitted.data.rms_rate, disturbance, initial, seconds)
+
+
+def _rate_noise(fitted: FitResult) -> float:
+    """Standard deviation of the filtered sensor noise of the rate."""
+    return float(np.median([run.rates.rate_noise for run in fitted.data.runs]))
+
+
+def position_std_after(
+    model: Model, rate: float, disturbance: tuple[float, float], initial: tuple[float, float], seconds: float
+) -> float:
+    """Standard deviation of the position in rad or m after ``seconds``, of the motion linearised at ``rate``.
+
+    Parameters
+    ----------
+    disturbance
+        Standard deviation in N m and correlation time in s of the disturbance torque.
+    initial
+        Variances of position and rate at the start.
+    """
+    torque, memory = disturbance
+    slope = 2.0 * model.quadratic_drag * rate + model.linear_drag
+    dynamics = np.array(
+        [
+            [0.0, 1.0, 0.0],
+            [-model.stiffness / model.inertia, -slope / model.inertia, 1.0 / model.inertia],
+            [0.0, 0.0, -1.0 / memory],
+        ]
+    )
+    driving = np.diag([0.0, 0.0, 2.0 * torque**2 / memory])
+    covariance = _propagate(dynamics, driving, np.diag([*initial, torque**2]), seconds)
+    return math.sqrt(max(float(covariance[0, 0]), 0.0))
+
+
+def _propagate(dynamics: FloatArray, driving: FloatArray, initial: FloatArray, seconds: float) -> FloatArray:
+    """(k, k) covariance of a linear motion driven by white noise (Van Loan 1978)."""
+    from scipy import linalg
+
+    zero, count = np.zeros_like(dynamics), len(dynamics)
+    step = linalg.expm(np.block([[-dynamics, driving], [zero, dynamics.T]]) * (seconds / 2**_DOUBLINGS))
+    transition = step[count:, count:].T
+    added = transition @ step[:count, count:]
+    for _ in range(_DOUBLINGS):
+        added = transition @ added @ transition.T + added
+        transition = transition @ transition
+    return np.asarray(transition @ initial @ transition.T + added)

@@ -1,71 +1,189 @@
-"""How sure a cause is: its odds against all else that was tried in its place, nothing at all included."""
+"""Evidence for one effect: its size in standard errors, and the posterior probability that it acts."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping
 
-from rovid.core.stats import logistic, logit
+import numpy as np
 
-# A cause that is surer is established; one that is less so is not worth a crew's time.
-ESTABLISHED, POSSIBLE = 0.95, 0.2
-# Odds, before the logs are looked at, that one cause more acts than those that are known: even.
-PRIOR_ODDS = 1.0
-# Nothing that rests on one set of logs is surer.
-_SUREST = 0.97
-# What no equation of the catalogue says is taken up by one that resembles it. In hard water that gains up to
-# log-likelihoods of the first size as often as what acts, and each further one of the second multiplies the odds by e;
-# where the data are explained to the noise there is little to resemble.
-_RESEMBLES, _RESEMBLES_LESS = (6.0, 4.7), (6.0, 2.35)
-# Logarithm of the odds that are said: that by which they are higher, and the share of those that were worked out.
-_MORE_ACTS, _TEMPER = 0.85, 0.75
-
-
-def stand_in_cap(held_out_gain: float, worth: float, *, white: bool) -> float:
-    """Probability that what gains such a log-likelihood on trials not fitted is no stand-in for something else.
-
-    Parameters
-    ----------
-    worth
-        What it gains in the fit, less the price of its parameters.
-    white
-        Whether the data are explained down to white innovations. There both gains mean what they say, and the lesser
-        counts: of all that was tried, one gains on a few trials by chance.
-    """
-    gain, (even, step) = (min(held_out_gain, worth), _RESEMBLES_LESS) if white else (held_out_gain, _RESEMBLES)
-    return min(logistic((gain - even) / step), _SUREST)
-
-
-def recalibrated(sure: float, *, white: bool) -> float:
-    """What is said where the likelihood and the gain on trials not fitted make a cause ``sure``, both in 0 to 1.
-
-    Where the innovations are not white readings are not as independent as a likelihood has it, and more acts than one
-    cause: what was sure by 0.04, 0.25, 0.5, 0.7, 0.9 acted in 0.24, 0.55, 0.71, 0.85 and 0.92 of the cases, in three
-    seeds of hard water. Where they are white, a likelihood is taken at its word.
-    """
-    return sure if white else logistic(_MORE_ACTS + _TEMPER * logit(sure))
+from rovid.core.array_types import FloatArray
+from rovid.core.stats import f_sf, logistic, logit, t_cdf
+from rovid.diagnose.candidate_fits import fit_coarse
+from rovid.diagnose.thresholds import THRESHOLDS
+from rovid.effects import Effect, supply_sag
+from rovid.effects.per_trial import trials_in_form
+from rovid.estimate.fit_result import FitResult
 
 
 def posterior_probability(
-    bic_gains: Mapping[str, float], equivalent: Collection[str], causes_tried: int, *, cap: float = _SUREST
+    bic_gains: Mapping[str, float],
+    equivalent: Collection[str],
+    causes_tried: int,
+    *,
+    cap: float = THRESHOLDS.max_probability,
 ) -> float:
-    """Probability that one of the causes ``alike`` acts, rather than another one or none.
+    """Probability that one of the causes ``equivalent`` acts, rather than another one or none.
 
     Parameters
     ----------
-    worths
-        Cause -> log-likelihood that it gains in its best form, less the price of its parameters (Schwarz 1978: its
-        exponential is the Bayes factor).
-    tried
-        How many causes were looked at, those included that promised too little to be fitted: they share the odds that
-        any acts at all.
-    most
-        No cause is surer than that; see `surest`.
+    bic_gains
+        Cause -> BIC gain of its best form (nats); its exponential is the Bayes factor (Schwarz 1978).
+    causes_tried
+        Number of causes tested, including those that were not fitted. They share the prior odds that any acts.
+    cap
+        Largest probability; see `stand_in_cap`.
     """
-    # All are taken relative to the largest, whose exponential might overflow.
+    # Relative to the largest, because its exponential may overflow.
     top = max([0.0, *bic_gains.values()])
-    prior = PRIOR_ODDS / max(causes_tried, 1)
-    weights = {name: prior * math.exp(worth - top) for name, worth in bic_gains.items()}
+    prior = THRESHOLDS.prior_odds / max(causes_tried, 1)
+    weights = {name: prior * math.exp(gain - top) for name, gain in bic_gains.items()}
     total = math.exp(-top) + sum(weights.values())
     own = sum(weights.get(name, 0.0) for name in equivalent)
     return min(own / total, cap)
+
+
+def stand_in_cap(held_out_gain: float, bic_gain: float, *, white: bool) -> float:
+    """Probability that a cause with these gains (nats) is no stand-in for an equation that the catalogue lacks.
+
+    The odds are those of hard-water campaigns: even at a held-out gain of `THRESHOLDS.stand_in_gain`, and e times as
+    high for each further `THRESHOLDS.stand_in_scale`. With ``white`` innovations both gains are exact, and the smaller
+    one counts, because the best of many causes gains on a few trials by chance.
+    """
+    gain, scale = held_out_gain, THRESHOLDS.stand_in_scale
+    if white:
+        gain, scale = min(held_out_gain, bic_gain), THRESHOLDS.stand_in_scale_white
+    return min(logistic((gain - THRESHOLDS.stand_in_gain) / scale), THRESHOLDS.max_probability)
+
+
+def recalibrated(probability: float, *, white: bool) -> float:
+    """Stated probability of a cause with the posterior ``probability``.
+
+    With coloured innovations the samples are not as independent as the likelihood assumes, and more than one cause acts.
+    In three hard-water campaigns (seeds 404, 505, 606), posterior probabilities of 0.04, 0.25, 0.5, 0.7 and 0.9 were
+    right in 0.24, 0.55, 0.71, 0.85 and 0.92 of the cases. With ``white`` innovations the probability is stated as it is.
+    """
+    if white:
+        return probability
+    return logistic(THRESHOLDS.recalibration_offset + THRESHOLDS.recalibration_slope * logit(probability))
+
+
+def effect_size(
+    fitted: FitResult, effect: Effect, *, sandwich: bool, along: FloatArray | None = None
+) -> tuple[float, float]:
+    """Distance of the first parameter of ``effect`` from its neutral value, and the standard error.
+
+    With several sizes, their projection on the unit vector ``along``, by default their own direction. The standard error
+    then includes that a direction was chosen. ``sandwich`` allows for coloured innovations.
+    """
+    if effect.size_count > 1:
+        away, covariance = effect_sizes(fitted, effect, sandwich=sandwich)
+        along = unit_direction(away) if along is None else along
+        return float(along @ away), math.sqrt(effect.size_count * max(float(along @ covariance @ along), 0.0))
+    size = effect.parameters[0]
+    at = fitted.model.names.index(f"{effect.key}.{size.name}")
+    variance = fitted.covariance(sandwich=sandwich)[at, at]
+    # Rounding may leave a negative variance: then nothing is known.
+    error = math.sqrt(variance) if variance >= 0.0 else math.inf
+    value = float(fitted.model.values[at])
+    if size.neutral_at_infinity:
+        return 1.0 / value, error / value**2
+    return value - size.neutral * fitted.data.scales.unit_size(size), error
+
+
+def effect_sizes(fitted: FitResult, effect: Effect, *, sandwich: bool) -> tuple[FloatArray, FloatArray]:
+    """(s,) distances of all sizes of ``effect`` from their neutral values, and their (s, s) covariance."""
+    sizes = effect.parameters[: effect.size_count]
+    at = [fitted.model.names.index(f"{effect.key}.{size.name}") for size in sizes]
+    away = fitted.model.values[at] - [size.neutral for size in sizes]
+    return away, fitted.covariance(sandwich=sandwich)[np.ix_(at, at)]
+
+
+def unit_direction(away: FloatArray) -> FloatArray:
+    """(s,) unit vector along ``away``; equal components where that is zero."""
+    length = float(np.linalg.norm(away))
+    if length > 0.0:
+        return away / length
+    return np.full(len(away), 1.0 / math.sqrt(len(away)))
+
+
+def significance(fitted: FitResult, effect: Effect) -> float:
+    """Size of ``effect`` in standard errors."""
+    away, error = effect_size(fitted, effect, sandwich=not fitted.is_white)
+    return abs(away) / error if error > 0.0 else math.inf
+
+
+def has_consistent_size(multi_step: FitResult, one_step: FitResult, effect: Effect) -> bool:
+    """Whether ``effect`` of a multi-step fit is about as large in a one-step fit next to waves.
+
+    Under feedback, multi-step predictions improve with effects that do not act, because commands counteract the waves.
+    One-step predictions are free of that (Ljung 1999, section 13.4). Effects of logged signals always pass: sensor noise
+    dilutes them in one-step predictions.
+    """
+    if effect.needs:
+        return True
+    if effect not in one_step.effects:
+        objective = one_step.objective.with_effects((*one_step.effects, effect))
+        begin = np.concatenate((one_step.x, multi_step.effect_coordinates(effect)))
+        one_step = fit_coarse(objective, begin, THRESHOLDS.close_iterations)
+    along = None
+    if effect.size_count > 1:
+        along = unit_direction(effect_sizes(multi_step, effect, sandwich=True)[0])
+    expected, error = effect_size(multi_step, effect, sandwich=True, along=along)
+    found, other_error = effect_size(one_step, effect, sandwich=True, along=along)
+    if effect.canonical is not None:
+        # A negative amplitude is a positive one with the phase turned by half a cycle.
+        expected, found = abs(expected), abs(found)
+    found = math.copysign(1.0, expected) * found
+    missing = abs(expected) - found
+    if found >= THRESHOLDS.consistent_share * abs(expected):
+        return True
+    return missing <= THRESHOLDS.consistent_errors * math.hypot(error, other_error)
+
+
+def outlier_probability(fitted: FitResult, effect: Effect) -> float:
+    """Probability that the thrust of the trials of ``effect`` differs by more than trials usually do; 1 for others."""
+    count = len(trials_in_form(effect.form))
+    if count == 0 or effect.id != supply_sag.EFFECT.id:
+        return 1.0
+    return _single_outlier(fitted, effect) if count == 1 else _scatter_between_trials(fitted, effect)
+
+
+def _scatter_between_trials(fitted: FitResult, effect: Effect) -> float:
+    """Fisher's F test of the scatter of thrust between trials against its usual value and its standard errors."""
+    away, covariance = effect_sizes(fitted, effect, sandwich=True)
+    # The thrusts of all trials have the mean zero: the last one follows.
+    contrast = np.vstack((np.eye(len(away)), np.full(len(away), -1.0)))
+    thrusts, variances = contrast @ away, np.diag(contrast @ covariance @ contrast.T)
+    freedom = len(away)
+    ratio = float(np.sum(thrusts**2)) / freedom / (THRESHOLDS.thrust_scatter**2 + float(np.mean(variances)))
+    return 1.0 - f_sf(freedom, THRESHOLDS.thrust_scatter_trials, ratio)
+
+
+def _single_outlier(fitted: FitResult, effect: Effect) -> float:
+    """Student's t test of an outlier, corrected for the number of trials.
+
+    Each trial has a thrust of its own, because kinds of runs differ where the form of the model is approximate.
+    """
+    trials = dict.fromkeys(run.trial.parent or run.trial.name for run in fitted.data.runs)
+    others = [one for one in (supply_sag.for_trials([name]) for name in trials) if one.key != effect.key]
+    rest, x = fitted.without(effect)
+    # The first of the other trials is the reference.
+    free = fitted.objective.with_effects((*rest, effect, *others[1:]))
+    start = np.concatenate((x, fitted.effect_coordinates(effect), np.ones(len(others) - 1)))
+    best = fit_coarse(free, start, THRESHOLDS.close_iterations)
+    # The thrust of the trial itself stands first, that of the reference last.
+    last = slice(-len(others), None)
+    thrusts = np.concatenate((best.model.values[last], [1.0]))
+    contrast = np.full(len(thrusts), -1.0 / len(others))
+    contrast[0] = 1.0
+    covariance = best.covariance(sandwich=True)[last, last]
+    known = contrast[:-1] @ covariance @ contrast[:-1]
+    deviations = thrusts[1:] - thrusts[1:].mean()
+    prior_trials = THRESHOLDS.thrust_scatter_trials
+    scatter = float(np.sum(deviations**2)) + prior_trials * THRESHOLDS.thrust_scatter**2
+    freedom = len(others) - 1 + prior_trials
+    # Variance of a new trial: scatter between trials, error of their mean, and errors of the thrusts.
+    variance = scatter / freedom * (1.0 + 1.0 / len(others)) + float(known)
+    distance = abs(float(thrusts @ contrast)) / math.sqrt(variance)
+    return max(0.0, 1.0 - 2.0 * len(thrusts) * t_cdf(freedom, -distance))

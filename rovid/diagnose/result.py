@@ -1,21 +1,23 @@
-"""What a diagnosis says: findings and suspects, before and after, what is left."""
+"""Result of a diagnosis: findings, suspects, models with their scores, and the next experiment."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
-from rovid.design.experiment_design import ExperimentPlan
-from rovid.diagnose.bic import Alternative
+from rovid.design.experiment_design import ExperimentPlan, commands_by_name
+from rovid.diagnose.candidate_fits import Alternative
 from rovid.diagnose.cross_validation import HeldOutScores
+from rovid.diagnose.signal_regressors import signal_name
 from rovid.diagnose.tables import TableDiagnosis
-from rovid.effects import Effect
+from rovid.effects import Effect, effect_named
 from rovid.estimate.estimate import Estimate
 from rovid.model.model import Model
 from rovid.trial.vehicle import Vehicle
 
-# No data along one axis show these: the same motion comes of other inertia and drag.
+# Parameters that no data along one axis identify: other inertia and drag give the same motion.
 NEVER_IDENTIFIABLE = ("thrust_scale", "rate_scale")
 UNIDENTIFIABLE = {
     "thrust_scale": "a common scale of all thrust",
@@ -23,30 +25,44 @@ UNIDENTIFIABLE = {
     "thruster_imbalance": "an imbalance between thrusters",
     "inertia": "the inertia, and with it the size of every torque and drag, where nothing drives the vehicle",
 }
+# Runs that separate two causes best; for other pairs, the run that shows one of them.
+DISCRIMINATING_RUNS = {
+    frozenset({"thruster_lag", "command_delay"}): "a fast pseudo-random command, 1 to 3 s a level",
+    frozenset({"entrained_swirl", "tether_torsion"}): "six turns one way, rest, and six turns back",
+    frozenset({"coulomb_resistance", "drag_curvature"}): "coast-downs to rest and the slowest possible holds",
+    frozenset({"bias_torque", "thrust_asymmetry"}): "a coast-down left alone at rest, and holds of both signs",
+    frozenset({"bias_torque", "drag_asymmetry"}): "a coast-down left alone at rest",
+    frozenset({"thrust_asymmetry", "drag_asymmetry"}): "sines from 10 to 80 s and coast-downs both ways",
+    frozenset({"oscillatory_drag", "added_mass_memory"}): "coast-downs from a long turn; sines from 10 to 160 s",
+    frozenset({"added_mass_memory", "thruster_lag"}): "a fast pseudo-random command; sines from 5 to 160 s",
+    frozenset({"thruster_deadband", "supply_sag"}): "a low-speed staircase through neutral, both ways",
+    frozenset({"oscillatory_drag", "entrained_swirl"}): "coast-downs from turns of different length",
+    frozenset({"command_hysteresis", "command_delay"}): "a slow staircase up and down through neutral",
+    frozenset({"speed_dependent_damping", "advance_speed_loss"}): "coast-downs of the rate at several speeds ahead",
+    frozenset({"sideslip_moment", "bias_torque"}): "the same drift sideways both ways",
+    frozenset({"restoring_curve", "drag_curvature"}): "releases from a large and from a small tilt",
+    frozenset({"drag_curvature", "supply_sag"}): "coast-downs beside holds, with the supply's voltage in the log",
+}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Finding:
-    """One cause that was named, or is suspected.
+    """An established or suspected cause.
 
     Attributes
     ----------
     estimate
-        Of the parameters of ``effect`` alone.
-    gain
-        Log-likelihood that the effect gains.
-    worth
-        The same less the price of its parameters, as that of its rivals is.
-    held_out_gain
-        The same on trials that were not fitted.
-    confidence
-        Probability that the cause, or one of those not told from it, acts.
-    rivals
+        Parameters of ``effect`` alone.
+    gain, bic_gain, held_out_gain
+        Log-likelihood gain of the effect in nats: in the fit, less its BIC penalty, and on held-out trials.
+    probability
+        Probability that the cause, or an indistinguishable one, acts.
+    alternatives
         Other causes in its place, best first.
-    undecided
-        Those of them that these data do not rule out, and causes that could not be tried for want of a signal.
+    indistinguishable
+        Causes that these data do not rule out, including those that could not be tested without a logged signal.
     plan
-        Runs that would tell it from the first of those; None where it is decided.
+        Runs that distinguish the cause from the first of those; None where it is decided.
     """
 
     effect: Effect
@@ -62,7 +78,7 @@ class Finding:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModelAssessment:
-    """One of the two models: its estimate, its free-running model and how it does on trials not fitted."""
+    """One of the two models: free-running model, estimate, and scores on held-out trials."""
 
     model: Model
     estimate: Estimate
@@ -71,7 +87,7 @@ class ModelAssessment:
 
 @dataclass(frozen=True, kw_only=True)
 class HorizonErrors:
-    """RMS position error so many ``seconds`` after a restart, in rad or m, on trials that were not fitted."""
+    """RMS position error of both models in rad or m ``seconds`` after a restart, on held-out trials."""
 
     seconds: float
     base: float
@@ -80,38 +96,35 @@ class HorizonErrors:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Diagnosis:
-    """What `rovid diagnose` says.
+    """Result of `rovid diagnose`.
 
     Attributes
     ----------
     verdict
         found, suspected, nothing_found, unexplained or too_little_data.
     base, extended
-        None where there was too little data.
-    findings
-        What is established, the strongest first.
-    suspects
-        What is likely or possible, the most likely first; it is not in the extended model.
+        Model without, and with the established causes; None with too little data.
+    findings, suspects
+        Established causes, the largest gain first; likely or possible ones, the most probable first.
     horizons
-        How far both models are off from half to eight time constants ahead.
+        Position errors after half to eight time constants.
     signals
-        Logged signals that drive what no effect explains, each with its worth.
+        Logged signals that explain part of the motion, each with its BIC gain.
     unexplained_share
-        Variance of the disturbance torque over that of all torque, the thrusters' and its own.
-    between
-        Models with some of what was found, where there is more than one: each combination of up to three causes; of
-        more, the strongest, the two strongest, and so on.
+        Variance of the disturbance torque over that of all torque.
+    nested_models
+        Models with some of the established causes: all subsets of up to three causes; of more, the strongest, the two
+        strongest, and so on.
     noise_floor
-        In the unit of the rate; what a perfect model would miss of it.
+        RMS rate error of a perfect model.
     position_floors
-        Horizon in s -> rad or m that a perfect model would be off that far after a restart; NaN where it is not known.
+        Horizon in s -> RMS position error of a perfect model in rad or m; NaN where unknown.
     detectable
-        Each effect that was not found, and the size of its first parameter that would have been seen, in its unit;
-        infinite where none would.
+        Each effect that was not found, with the smallest detectable size of its first parameter; infinite where none is.
     missing
-        What there is too little of.
-    amplitudes
-        What tables show, where there are no logs.
+        Message on the data that are missing.
+    from_tables
+        Diagnosis of tables, where there are no logs.
     """
 
     verdict: str
@@ -132,16 +145,72 @@ class Diagnosis:
 
     @property
     def detectable_sizes(self) -> dict[str, float]:
-        """Effect's id -> size of its first parameter that would have been seen, of those that were not found."""
+        """Effect id -> smallest detectable size, of the effects that were not found."""
         return {effect.id: size for effect, size in self.detectable}
 
 
 def unidentifiable_parameters(vehicle: Vehicle) -> tuple[str, ...]:
-    """What data of ``vehicle`` cannot show at all."""
-    # Tables know their torque without a thruster; logs without one are of what rights itself.
+    """Parameters that data of ``vehicle`` cannot identify; keys of `UNIDENTIFIABLE`."""
+    # Tables state their torque without a thruster. Logs without a thruster are of a self-righting axis.
     if not vehicle.thrusters and vehicle.axis.self_righting:
         return ("inertia", "rate_scale")
     thrusters = [thruster for thruster in vehicle.thrusters if thruster.curve is not None]
     if len(thrusters) > 1:
         return NEVER_IDENTIFIABLE
     return (*NEVER_IDENTIFIABLE, "thruster_imbalance")
+
+
+def discriminating_experiment(finding: Finding) -> dict[str, Any] | None:
+    """The run that distinguishes ``finding`` from the nearest other cause; None where it is decided.
+
+    With its commands, each held until the next, if the run is expected to be decisive.
+    """
+    if not finding.indistinguishable:
+        return None
+    other = finding.indistinguishable[0]
+    untested = all(alternative.effect is not other for alternative in finding.alternatives)
+    run = _separating(finding.effect, other, untested=untested)
+    plan = finding.plan
+    if plan is None or not plan.is_decisive:
+        return run
+    return run | {
+        "run": plan.best.run.name,
+        "minutes": plan.best.run.seconds / 60.0,
+        "expected_log_likelihood_ratio": plan.best.gain,
+        "commands": commands_by_name(plan),
+    }
+
+
+def _separating(one: Effect, other: Effect, *, untested: bool = False) -> dict[str, Any]:
+    """The run that separates two causes; where the ``other`` was not tested, the run that shows it."""
+    pair = [one.id, other.id]
+    run = other.experiment if untested else DISCRIMINATING_RUNS.get(frozenset(pair), one.experiment)
+    return {"run": run, "separates": pair}
+
+
+def next_experiment(diagnosis: Diagnosis) -> dict[str, Any]:
+    """The next run: one that separates causes, else one that shows the least certain or an unexcited effect."""
+    for finding in (*diagnosis.findings, *diagnosis.suspects):
+        discriminating = discriminating_experiment(finding)
+        if discriminating is not None:
+            return discriminating | {"reason": "more than one cause explains these data equally well"}
+    if diagnosis.from_tables is not None and len(diagnosis.from_tables.causes) > 1:
+        first, second, *_ = (cause.model.effects[0] for cause in diagnosis.from_tables.causes)
+        return _separating(first, second) | {"reason": "the tables allow either"}
+    if diagnosis.missing:
+        return {
+            "run": "holds of several levels both ways, sines of 20 to 80 s, and coast-downs to rest",
+            "reason": "they excite all effects that a diagnosis tests",
+        }
+    if diagnosis.verdict == "unexplained":
+        run = "a hold repeated first, in the middle and last"
+        if diagnosis.signals:
+            strongest, _ = diagnosis.signals[0]
+            run = f"the same hold with {signal_name(strongest)} at two values"
+        return {"run": run, "reason": "no effect of the catalogue explains the remaining error"}
+    for finding in (*diagnosis.suspects, *diagnosis.findings):
+        return {"run": finding.effect.experiment, "reason": f"it shows {finding.effect.title} by itself"}
+    return {
+        "run": effect_named("thruster_lag").experiment,
+        "reason": "nothing is missing; fast commands improve the inertia and reveal timing errors first",
+    }

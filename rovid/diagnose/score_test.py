@@ -1,4 +1,4 @@
-"""What each form of a cause promises, from the slopes alone."""
+"""Score tests (Lagrange multiplier tests): the log-likelihood gain of a further effect, predicted without a fit."""
 
 from __future__ import annotations
 
@@ -11,34 +11,42 @@ import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray
 from rovid.core.spmd import parallel_map
-from rovid.diagnose.bic import bic_penalty
+from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect
 from rovid.estimate.fisher_information import Innovations, Jacobian, NormalEquations
 from rovid.estimate.fit_result import FitResult
 from rovid.estimate.objective import NegativeLogLikelihood
 
-# Directions with less information tell nothing, and with more the model runs away.
-_LEAST_POWER, _MOST_POWER = 1e-9, 1e200
-# The gain, the starts and the power of a promise.
-_Told = tuple[float, FloatArray, FloatArray, float]
-# A form beside what is known already, and where to start from with it.
-_Begun = tuple[NegativeLogLikelihood, list[FloatArray]]
+# Information below which a direction has no effect on the innovations, and above which the model diverges.
+_MIN_INFORMATION, _MAX_INFORMATION = 1e-9, 1e200
+# Shares of a start between which the start of a fit lies: the linearisation holds near zero alone.
+_MIN_SHARE, _MAX_SHARE = 0.1, 5.0
+# Gain, start of a fit, best start as it stands, and gain at the size of the first start.
+_Prediction = tuple[float, FloatArray, FloatArray, float]
+# Objective with a further form, and the initial values of that form.
+_FormStarts = tuple[NegativeLogLikelihood, list[FloatArray]]
+
+
+def bic_penalty(objective: NegativeLogLikelihood) -> float:
+    """BIC penalty of one parameter in nats, half the logarithm of the effective sample size (Schwarz 1978)."""
+    # Very short logs have no effective sample at all.
+    return 0.5 * math.log(max(objective.effective_count, 1.0))
 
 
 @dataclass(frozen=True, eq=False)
 class Directions:
-    """A form beside a model, by the slopes from there to its starts.
+    """Derivatives of the objective along the directions from a model to the initial values of a further form.
 
     Attributes
     ----------
     starts
-        (s, q) coordinates of the form's parameters.
+        (s, q) initial values of the form's parameters.
     gradient, information
-        (s,) and (s, s) of the cost.
-    common
-        (p, s) what the information has between the model's parameters and these.
-    outright
-        (s,) log-likelihood that each start gains as it stands.
+        (s,) and (s, s), of the negative log-likelihood.
+    cross_information
+        (p, s), between the model's parameters and the directions.
+    gains_unfitted
+        (s,) log-likelihood gain at each start.
     """
 
     starts: FloatArray
@@ -49,8 +57,8 @@ class Directions:
 
     @classmethod
     def summed(cls, each: Sequence[Self]) -> Self:
-        """Over all innovations, of some of them each."""
-        # Starts from which the model runs away are infinitely bad in any of them.
+        """The sum over chunks of the data."""
+        # Starts from which the model diverges have infinite values in any chunk.
         with np.errstate(over="ignore", invalid="ignore"):
             return cls(
                 each[0].starts,
@@ -62,35 +70,35 @@ class Directions:
 
     @property
     def valid(self) -> Self:
-        """Of those starts that bear the form."""
-        bears = np.flatnonzero(
-            (np.diag(self.information) < _MOST_POWER) & np.isfinite(self.cross_information).all(axis=0)
-        )
+        """The directions along which the model does not diverge."""
+        finite = np.isfinite(self.cross_information).all(axis=0)
+        valid = np.flatnonzero((np.diag(self.information) < _MAX_INFORMATION) & finite)
         return type(self)(
-            self.starts[bears],
-            self.gradient[bears],
-            self.information[np.ix_(bears, bears)],
-            self.cross_information[:, bears],
-            self.gains_unfitted[bears],
+            self.starts[valid],
+            self.gradient[valid],
+            self.information[np.ix_(valid, valid)],
+            self.cross_information[:, valid],
+            self.gains_unfitted[valid],
         )
 
 
 @dataclass(frozen=True, eq=False)
 class ScoreTest:
-    """What the slopes say that one form of an effect would gain.
+    """Score test of one form of an effect.
 
     Attributes
     ----------
     gain
-        Of log-likelihood, over all starts of the form together; of several sizes all but one are paid for.
+        Predicted log-likelihood gain (nats), over all starts together. With several sizes, less the BIC penalty of all
+        but one.
     start
-        Coordinates of the form's parameters from which to fit, of the size that the slopes ask for.
-    unscaled
-        Those of its starts that gains most as it stands.
+        Initial values of a fit, with the size that the linearisation predicts.
+    best_start
+        The start with the largest gain as it stands.
     power
-        Gain that the effect would have, were it there with the size of its first start.
-    tried, own
-        What it was made of, of those starts that bear it, and the slopes by the model's parameters.
+        Log-likelihood gain of an effect with the size of the first start.
+    directions, equations
+        Valid directions of the form, and the normal equations of the model.
     """
 
     effect: Effect
@@ -103,65 +111,22 @@ class ScoreTest:
 
     @property
     def penalised_parameters(self) -> int:
-        """How many of its parameters the gain has yet to pay for: of several sizes one."""
+        """Number of parameters with a BIC penalty that the gain does not include; several sizes count as one."""
         return len(self.effect.parameters) - (self.effect.size_count - 1)
 
 
-def screen(current: FitResult, forms: Sequence[Effect]) -> list[ScoreTest]:
-    """What each of ``forms`` promises to gain, from the slopes alone."""
-    misfits = [current.objective.with_effects((*current.effects, form)) for form in forms]
-    starts = [misfit.parametrization.initial_values() for misfit in misfits]
-    portions: Iterable[Sequence[NegativeLogLikelihood]] = zip(
-        current.objective.chunks, *(one.chunks for one in misfits), strict=True
-    )
-    each = [_slopes(current.x, portion, list(zip(own, starts, strict=True))) for portion, *own in portions]
-    equations = NormalEquations.sum_of([own for own, _ in each])
-    past = NuisanceProjection(equations)
-    tried = map(Directions.summed, zip(*(found for _, found in each), strict=True))
-    return [_promised(misfit, one, past, equations) for misfit, one in zip(misfits, tried, strict=True)]
-
-
-def _slopes(
-    x: FloatArray, misfit: NegativeLogLikelihood, begun: Sequence[_Begun]
-) -> tuple[NormalEquations, list[Directions]]:
-    """At (p,) ``x``: by the parameters of ``misfit``, and of each further form to all of its starts."""
-    known = misfit.evaluate_with_spare(x)
-    here, (centre, _) = list(misfit.jacobian(x, known)), known
-
-    def tried(few: Sequence[int]) -> list[tuple[int, Directions]]:
-        # No more innovations are held than those of a few forms.
-        pairs = [(begun[at][0], np.concatenate((x, begin))) for at in few for begin in begun[at][1]]
-        found = iter(misfit.evaluate_each(pairs))
-        sides = [[next(found) for _ in begun[at][1]] for at in few]
-        return [(at, _tried(*begun[at], own, centre, here)) for at, own in zip(few, sides, strict=True)]
-
-    every = dict(pair for pairs in parallel_map(tried, _abreast(begun)) for pair in pairs)
-    return NormalEquations.from_jacobians(here), [every[at] for at in range(len(begun))]
-
-
-def _abreast(begun: Sequence[_Begun]) -> list[list[int]]:
-    """Forms by their numbers, some together whose starts fill all lanes; those with most starts first."""
-    # Of those that may be side by side, how many starts each few have.
-    every: dict[Hashable, list[tuple[int, list[int]]]] = {}
-    for at in sorted(range(len(begun)), key=lambda at: -len(begun[at][1])):
-        misfit, starts = begun[at]
-        alike = every.setdefault(misfit.batch_key, [])
-        lanes = misfit.simd_slots_left + 1
-        place = next((place for place, (count, _) in enumerate(alike) if len(starts) <= -count % lanes), len(alike))
-        count, few = alike.pop(place) if place < len(alike) else (0, [])
-        alike.insert(place, (count + len(starts), [*few, at]))
-    return sorted((few for alike in every.values() for _, few in alike), key=lambda few: -len(begun[few[0]][1]))
-
-
 class NuisanceProjection:
-    """What directions have past what the parameters of a model can do by themselves.
+    """Removal of everything that the parameters of a model can do from directions of further forms.
 
-    Some of these may be ``held`` where they were ``moved`` to, (p,) both: then it is what directions have from there.
+    Parameters
+    ----------
+    held, moved
+        (p,) parameters that are held, and the displacement at which they are held.
 
     Attributes
     ----------
     lost
-        Log-likelihood that the move costs, all other parameters moved along with it.
+        Log-likelihood that the displacement loses, all other parameters refitted to first order.
     """
 
     def __init__(self, own: NormalEquations, held: BoolArray | bool = False, moved: FloatArray | float = 0.0) -> None:
@@ -174,100 +139,173 @@ class NuisanceProjection:
         risen = float(self.moved @ (own.gradient + 0.5 * pushed))
         self.lost = risen - 0.5 * float(self.gradient @ self.inverse @ self.gradient)
 
-    def __call__(self, tried: Directions) -> tuple[FloatArray, FloatArray]:
-        """(s,) pull of the residual on s directions, and (s, s) their information."""
-        common = tried.cross_information[self.free]
-        taken = self.inverse @ common
-        pull = taken.T @ self.gradient - tried.gradient - tried.cross_information.T @ self.moved
-        return pull, tried.information - common.T @ taken
+    def __call__(self, directions: Directions) -> tuple[FloatArray, FloatArray]:
+        """(s,) score along the projected directions, and (s, s) their information."""
+        cross = directions.cross_information[self.free]
+        coefficients = self.inverse @ cross
+        score = coefficients.T @ self.gradient - directions.gradient - directions.cross_information.T @ self.moved
+        return score, directions.information - cross.T @ coefficients
 
 
-def _tried(
-    misfit: NegativeLogLikelihood,
-    begins: list[FloatArray],
+def screen(current: FitResult, forms: Sequence[Effect]) -> list[ScoreTest]:
+    """Score test of each of ``forms`` as an addition to a fitted model."""
+    objectives = [current.objective.with_effects((*current.effects, form)) for form in forms]
+    starts = [objective.parametrization.initial_values() for objective in objectives]
+    chunks: Iterable[Sequence[NegativeLogLikelihood]] = zip(
+        current.objective.chunks, *(one.chunks for one in objectives), strict=True
+    )
+    each = [_chunk_derivatives(current.x, chunk, list(zip(own, starts, strict=True))) for chunk, *own in chunks]
+    equations = NormalEquations.sum_of([own for own, _ in each])
+    projection = NuisanceProjection(equations)
+    tests = []
+    for objective, parts in zip(objectives, zip(*(found for _, found in each), strict=True), strict=True):
+        every = Directions.summed(parts)
+        valid = every.valid
+        predicted: _Prediction = (0.0, every.starts[0], every.starts[0], 0.0)
+        if len(valid.starts):
+            predicted = _predict(objective, valid, projection)
+        tests.append(ScoreTest(objective.effects[-1], *predicted, valid, equations))
+    return tests
+
+
+def _chunk_derivatives(
+    x: FloatArray, objective: NegativeLogLikelihood, forms: Sequence[_FormStarts]
+) -> tuple[NormalEquations, list[Directions]]:
+    """Normal equations of the model at ``x``, and the directions of all forms, for one chunk of the data."""
+    known = objective.evaluate_with_spare(x)
+    own, (centre, _) = list(objective.jacobian(x, known)), known
+
+    def directions(batch: Sequence[int]) -> list[tuple[int, Directions]]:
+        # Memory holds the innovations of one batch at a time.
+        pairs = [(forms[at][0], np.concatenate((x, begin))) for at in batch for begin in forms[at][1]]
+        found = iter(objective.evaluate_each(pairs))
+        sides = [[next(found) for _ in forms[at][1]] for at in batch]
+        return [(at, _directions(*forms[at], side, centre, own)) for at, side in zip(batch, sides, strict=True)]
+
+    every = dict(pair for pairs in parallel_map(directions, _batches(forms)) for pair in pairs)
+    return NormalEquations.from_jacobians(own), [every[at] for at in range(len(forms))]
+
+
+def _batches(forms: Sequence[_FormStarts]) -> list[list[int]]:
+    """Indices of forms, grouped so that their starts fill whole SIMD vectors; the largest groups first."""
+    # By batch key: the number of starts, and the forms, of each group.
+    every: dict[Hashable, list[tuple[int, list[int]]]] = {}
+    for at in sorted(range(len(forms)), key=lambda at: -len(forms[at][1])):
+        objective, starts = forms[at]
+        groups = every.setdefault(objective.batch_key, [])
+        width = objective.simd_slots_left + 1
+        place = next((place for place, (count, _) in enumerate(groups) if len(starts) <= -count % width), len(groups))
+        count, batch = groups.pop(place) if place < len(groups) else (0, [])
+        groups.insert(place, (count + len(starts), [*batch, at]))
+    return sorted(
+        (batch for groups in every.values() for _, batch in groups), key=lambda batch: -len(forms[batch[0]][1])
+    )
+
+
+def _directions(
+    objective: NegativeLogLikelihood,
+    starts: list[FloatArray],
     sides: list[Innovations],
     centre: Innovations,
-    here: Sequence[Jacobian],
+    own: Sequence[Jacobian],
 ) -> Directions:
-    """The last effect of ``misfit``, with the innovations at each of its starts."""
-    along, power, common = list[FloatArray](), list[FloatArray](), list[FloatArray]()
-    # A drag that falls with the rate runs away from one start, and may hold from another.
+    """Directions of the last effect, from the innovations ``sides`` at its ``starts``."""
+    gradients, informations, crosses = list[FloatArray](), list[FloatArray](), list[FloatArray]()
+    # A model may diverge from some starts and not from others.
     with np.errstate(over="ignore", invalid="ignore"):
-        # Of as many innovations at a time.
-        for own, one in zip(here, misfit.jacobian_between(centre, sides, np.ones(len(sides))), strict=True):
-            along.append(one.gradient)
-            power.append(one.information)
-            common.append(own.cross_information(one))
-        gradient, information, both = (np.sum(each, axis=0) for each in (along, power, common))
-    outright = misfit.value_of(centre) - np.array([misfit.value_of(side) for side in sides])
-    return Directions(np.array(begins), gradient, information, both, outright)
+        for rows, one in zip(own, objective.jacobian_between(centre, sides, np.ones(len(sides))), strict=True):
+            gradients.append(one.gradient)
+            informations.append(one.information)
+            crosses.append(rows.cross_information(one))
+        gradient, information, cross = (np.sum(each, axis=0) for each in (gradients, informations, crosses))
+    gains = objective.value_of(centre) - np.array([objective.value_of(side) for side in sides])
+    return Directions(np.array(starts), gradient, information, cross, gains)
 
 
-def _promised(
-    misfit: NegativeLogLikelihood, every: Directions, past: NuisanceProjection, own: NormalEquations
-) -> ScoreTest:
-    """Of the last effect of ``misfit``."""
-    form, tried = misfit.effects[-1], every.valid
-    nothing: _Told = (0.0, every.starts[0], every.starts[0], 0.0)
-    return ScoreTest(form, *(_told(misfit, tried, past) if len(tried.starts) else nothing), tried, own)
-
-
-def _told(misfit: NegativeLogLikelihood, tried: Directions, past: NuisanceProjection) -> _Told:
-    """As `_promised`, of those starts that bear the effect."""
-    form, begins = misfit.effects[-1], tried.starts
-    pull, information = past(tried)
+def _predict(objective: NegativeLogLikelihood, directions: Directions, projection: NuisanceProjection) -> _Prediction:
+    """Predicted gain and starts of the last effect of ``objective``."""
+    form, starts = objective.effects[-1], directions.starts
+    score, information = projection(directions)
     if form.size_count > 1:
-        return _of_several(misfit, begins, pull, information)
-    gains, share = gains_each(form, pull, information)
+        return _predict_several_sizes(objective, starts, score, information)
+    gains, share = gains_each(form, score, information)
     size = form.parameters[0]
-    sizes = np.ones(len(begins)) if size.neutral_at_infinity else begins[:, 0] - size.neutral
-    # Starts differ in what else there is to an effect, too: the one that shows best at a size tells.
-    shown = 0.5 * float(np.max(np.diag(information) * (sizes[0] / sizes) ** 2))
-    # Where slopes mislead, as at a threshold, what is gained there without any fit may tell more.
-    unscaled = begins[int(np.argmax(tried.gains_unfitted))]
-    if tried.gains_unfitted.max() > gains.max():
-        return float(tried.gains_unfitted.max()), unscaled, unscaled, shown
+    sizes = np.ones(len(starts)) if size.neutral_at_infinity else starts[:, 0] - size.neutral
+    # Starts differ in other parameters too: the power is that of the most visible start, scaled to the first size.
+    power = 0.5 * float(np.max(np.diag(information) * (sizes[0] / sizes) ** 2))
+    # Where the linearisation misleads, as at a threshold, the gain at a start may be larger.
+    best_start = starts[int(np.argmax(directions.gains_unfitted))]
+    if directions.gains_unfitted.max() > gains.max():
+        return float(directions.gains_unfitted.max()), best_start, best_start, power
     best = int(np.argmax(gains))
     if gains[best] <= 0.0:
-        return 0.0, begins[best], unscaled, shown
-    # What noise gains by so many starts together is no promise: all but one are paid for.
-    together = gain_together(pull, information) - bic_penalty(misfit) * (len(begins) - 1)
-    asked = float(share[best])
-    # Slopes hold near by: what they ask for is neither taken to be next to nothing nor far away.
-    taken = min(max(abs(asked), 0.1), 5.0)
-    start = sized(form, begins[best], math.copysign(taken, asked))
-    return max(together, float(gains[best])), start, unscaled, shown
+        return 0.0, starts[best], best_start, power
+    # The joint gain of many starts includes that of noise: all but one have their BIC penalty.
+    together = gain_together(score, information) - bic_penalty(objective) * (len(starts) - 1)
+    predicted = float(share[best])
+    start = scaled_start(form, starts[best], math.copysign(min(max(abs(predicted), _MIN_SHARE), _MAX_SHARE), predicted))
+    return max(together, float(gains[best])), start, best_start, power
 
 
-def gains_each(form: Effect, pull: FloatArray, information: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(s,) what a form would gain along each direction that has such a pull and information, and the step asked for."""
+def gains_each(form: Effect, score: FloatArray, information: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(s,) predicted gain along each direction alone, and the predicted step in units of the direction."""
     power, size = np.diag(information), form.parameters[0]
     one_sided = size.low >= size.neutral or size.high <= size.neutral
-    share = np.where(power > _LEAST_POWER, pull / np.maximum(power, _LEAST_POWER), 0.0)
-    return np.where((share > 0.0) | (not one_sided), 0.5 * share * pull, 0.0), share
+    share = np.where(power > _MIN_INFORMATION, score / np.maximum(power, _MIN_INFORMATION), 0.0)
+    return np.where((share > 0.0) | (not one_sided), 0.5 * share * score, 0.0), share
 
 
-def gain_together(pull: FloatArray, information: FloatArray) -> float:
-    """What a form would gain along all directions together, with such a pull and information."""
-    return 0.5 * float(pull @ np.linalg.pinv(information, rcond=1e-6) @ pull)
+def gain_together(score: FloatArray, information: FloatArray) -> float:
+    """Predicted gain along all directions together."""
+    return 0.5 * float(score @ np.linalg.pinv(information, rcond=1e-6) @ score)
 
 
-def _of_several(misfit: NegativeLogLikelihood, begins: FloatArray, pull: FloatArray, information: FloatArray) -> _Told:
-    """Of an effect with several sizes, each of which one of its starts has alone; less the price of all but one."""
-    form = misfit.effects[-1]
-    null = np.array([parameter.neutral for parameter in form.parameters])
-    asked = np.linalg.pinv(information, rcond=1e-6) @ pull
-    low, high = (bound[-len(null) :] for bound in misfit.parametrization.bounds)
-    start = np.clip(null + asked @ (begins - null), low, high)
-    price = bic_penalty(misfit) * (form.size_count - 1)
-    gain = max(0.5 * float(pull @ asked) - price, 0.0)
+def _predict_several_sizes(
+    objective: NegativeLogLikelihood, starts: FloatArray, score: FloatArray, information: FloatArray
+) -> _Prediction:
+    """As `_predict`, for an effect with several sizes, each of which one of its starts has alone."""
+    form = objective.effects[-1]
+    neutral = np.array([parameter.neutral for parameter in form.parameters])
+    step = np.linalg.pinv(information, rcond=1e-6) @ score
+    low, high = (bound[-len(neutral) :] for bound in objective.parametrization.bounds)
+    start = np.clip(neutral + step @ (starts - neutral), low, high)
+    penalty = bic_penalty(objective) * (form.size_count - 1)
+    gain = max(0.5 * float(score @ step) - penalty, 0.0)
     return gain, start, start, float(np.mean(np.diag(information)))
 
 
-def sized(form: Effect, begin: FloatArray, share: float) -> FloatArray:
-    """``begin`` with ``share`` times as much of the effect, within its bounds."""
-    sized = begin.copy()
+def scaled_start(form: Effect, start: FloatArray, share: float) -> FloatArray:
+    """``start`` with ``share`` times the size of the effect, within its bounds."""
+    scaled = start.copy()
     for k, size in enumerate(form.parameters[: form.size_count]):
         if not size.neutral_at_infinity:
-            sized[k] = np.clip(size.neutral + share * (begin[k] - size.neutral), size.low, size.high)
-    return sized
+            scaled[k] = np.clip(size.neutral + share * (start[k] - size.neutral), size.low, size.high)
+    return scaled
+
+
+def possible_substitutes(current: FitResult, effect: Effect, tests: Sequence[ScoreTest]) -> list[Effect]:
+    """Forms that may replace ``effect``, from the score ``tests`` at the model ``current`` that includes the effect.
+
+    The size of the effect is set to zero by linearisation. A form is possible if its predicted gain there is at least
+    `THRESHOLDS.substitute_share` of the log-likelihood lost.
+    """
+    if any(size.neutral_at_infinity for size in effect.parameters[: effect.size_count]) or not tests:
+        # The linearisation does not reach an infinite neutral value.
+        return [test.effect for test in tests]
+    place, own = dict(current.objective.parametrization.effect_slices())[effect], current.effect_coordinates(effect)
+    held, moved = np.zeros(len(current.x), dtype=bool), np.zeros(len(current.x))
+    held[place], moved[place] = True, scaled_start(effect, own, 0.0) - own
+    projection = NuisanceProjection(tests[0].equations, held, moved)
+    least = THRESHOLDS.substitute_share * projection.lost
+    return [test.effect for test in tests if _substitute_gain(test, projection) >= least]
+
+
+def _substitute_gain(test: ScoreTest, projection: NuisanceProjection) -> float:
+    """Predicted gain of a form; infinite where it has no valid direction."""
+    if not len(test.directions.starts):
+        return math.inf
+    score, information = projection(test.directions)
+    if test.effect.size_count > 1:
+        return gain_together(score, information)
+    gains, _ = gains_each(test.effect, score, information)
+    return float(gains.max())

@@ -1,371 +1,357 @@
-"""Which effects the data ask for: promising ones fitted, added one by one and tested again."""
+"""Stepwise selection of effects by BIC: forward selection by score tests and fits, elimination, and exchange."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
+from typing import Self
 
-from rovid.diagnose.bic import (
-    REMAINDER,
+from rovid.diagnose.candidate_fits import (
     Alternative,
     Cause,
+    FitCache,
+    best_forms,
     bic_score,
+    fit_candidates,
+    fit_from_best_start,
     fit_in_parallel,
+    gains_by_cause,
     is_plausible,
+    shortlist,
     simplest_form,
 )
-from rovid.diagnose.candidate_fits import PROMISE, best_forms, fit_candidates, gains_by_cause, shortlist
-from rovid.diagnose.fit_cache import FitCache, climbed_from_best
-from rovid.diagnose.score_test import ScoreTest, screen
+from rovid.diagnose.score_test import ScoreTest, possible_substitutes, screen
 from rovid.diagnose.signal_regressors import is_signal
-from rovid.diagnose.substitutes import possible_substitutes
+from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect
 from rovid.estimate.fit_result import FitResult
 from rovid.estimate.maximum_likelihood import loosen_limit
-from rovid.estimate.objective import Key, NegativeLogLikelihood
+from rovid.estimate.objective import Key
 
-# Of log-likelihood; for what is told by every reading.
-MARGIN = 6.0
-# Nor is one that promises less than this share of what an effect has to gain: small promises are kept to the letter.
-_NEGLIGIBLE = 0.4
-# Nor is an effect exchanged for another for less.
-_WORTH_A_CHANGE = 0.5
-# What one more effect has to add is no more than so much.
-_MOST_WHITE, _MOST_COLOURED = 100.0, 300.0
-_BESIDE_SIGNAL = 0.1
-_MAX_EFFECTS = 6
-# Of a model that is far off so many single causes are tried by twos.
-_PAIRED = 6
-# A single cause takes two looks at what else there may be, three causes seven or so.
-_MOST_LOOKS = 12
-# A logged signal is preferred to a named effect only if it gains so much more, in all and in proportion.
-_SIGNAL_HANDICAP = (6.0, 0.05)
 ProgressCallback = Callable[[str], None]
-# What each cause more would gain, the most first; and whether that is too little to go on.
+# Gain of the best form of each further effect, largest first; computed on demand.
 Gains = Callable[[], Sequence[float]]
-Hopeless = Callable[[FitResult, Gains], bool]
+# Whether a search cannot succeed from a model with these further gains.
+StopRule = Callable[[FitResult, Gains], bool]
 
 
 @dataclass(eq=False)
+class SearchProgress:
+    """Models that a search has seen, and why its last run ended.
+
+    Attributes
+    ----------
+    exchanged, screened
+        Models that were left by an exchange, and models with fitted extensions.
+    cut_short
+        Whether the search ended because it had screened `THRESHOLDS.max_screenings` models.
+    has_enough, given_up
+        Whether it ended because the model was adequate, or because it could not become so.
+    """
+
+    exchanged: set[Key] = field(default_factory=set)
+    screened: set[Key] = field(default_factory=set)
+    cut_short: bool = False
+    has_enough: bool = False
+    given_up: bool = False
+
+
+@dataclass(frozen=True, eq=False)
 class StepwiseSearch:
-    """Greedy search with second thoughts.
+    """Stepwise selection of effects.
 
     Parameters
     ----------
     candidates
-        Every form that may be tried.
-    report
-        Called with a line of text as the search goes on.
+        Every form that may be selected.
     is_enough
-        Whether a model explains so much that the search may end; not asked of one that is far off.
-    hopeless
-        Whether no causes more, by what each of them gains, the most first, can explain what a model misses: then the
-        search is given up. None goes on in any case.
-    thorough
-        Whether a model is so far from the truth that slopes do not tell what would help: then every cause is fitted.
+        Whether a model is adequate and the search may end.
+    is_hopeless
+        Whether no further effects can make a model adequate; then the search is given up.
+    fits_poorly
+        Whether a model is so wrong that score tests mislead; then every cause is fitted, and pairs of causes.
     margin
-        An addition has to gain so much log-likelihood beyond what its parameters and the number of causes tried would.
-    least
-        Who promises less than this share of that and the price of its parameters is not fitted.
-    known
-        What searches before this one worked out, and this one.
-    cut_short
-        Whether so many models were looked at that the search ended before it was done.
-    has_enough, given_up
-        Whether it ended because what it had found was enough, or because it was hopeless.
+        BIC gain in nats that an addition needs, besides the logarithm of the number of causes.
+    screening_share
+        A form is fitted if its predicted gain is at least this share of the gain that an addition needs.
+    banned
+        Ids of effects that validation has rejected; no form of them is selected.
     """
 
     candidates: Sequence[Effect]
     report: ProgressCallback = field(default=lambda _: None)
     is_enough: Callable[[FitResult], bool] | None = None
-    is_hopeless: Hopeless | None = None
-    thorough: Callable[[FitResult], bool] = field(default=lambda _: False)
-    margin: float = MARGIN
-    least: float = _NEGLIGIBLE
-    known: FitCache = field(default_factory=FitCache)
-    cut_short: bool = False
-    has_enough: bool = False
-    given_up: bool = False
-    _barred: set[str] = field(default_factory=set)
-    _left: set[Key] = field(default_factory=set)
-    _looked_beside: set[Key] = field(default_factory=set)
+    is_hopeless: StopRule | None = None
+    fits_poorly: Callable[[FitResult], bool] = field(default=lambda _: False)
+    margin: float = THRESHOLDS.bic_margin
+    screening_share: float = THRESHOLDS.screening_share
+    cache: FitCache = field(default_factory=FitCache)
+    banned: frozenset[str] = frozenset()
+    progress: SearchProgress = field(default_factory=SearchProgress)
 
-    def _ends(self) -> bool:
-        """Whether to look at no more models."""
-        self.cut_short = self.cut_short or len(self._looked_beside) >= _MOST_LOOKS
-        return self.cut_short or self.has_enough or self.given_up
+    def ban(self, *effects: Effect) -> Self:
+        """The same search, which selects no form of ``effects`` any more."""
+        return replace(self, banned=self.banned.union(effect.id for effect in effects))
+
+    def is_allowed(self, effect: Effect) -> bool:
+        """Whether ``effect`` is not banned."""
+        return effect.id not in self.banned
+
+    @property
+    def causes_tried(self) -> int:
+        """Number of different effects among the candidates."""
+        return len({effect.id for effect in self.candidates})
 
     @property
     def threshold(self) -> float:
-        """Worth that an effect has to add: the more causes were tried, the more."""
-        return self.margin + math.log(max(self.tried, 1))
-
-    @property
-    def tried(self) -> int:
-        """How many causes are looked at."""
-        return len({effect.id for effect in self.candidates})
+        """BIC gain in nats that an addition needs; it grows with the number of causes (multiple testing)."""
+        return self.margin + math.log(max(self.causes_tried, 1))
 
     def is_worth_adding(self, better: FitResult, current: FitResult) -> bool:
-        """Whether ``better``, with one more effect than ``current``, adds enough: the more, the more was explained.
-
-        Nature's form of an effect is never quite the equation's, and another effect may gain by the difference: most
-        of all where ``better`` does not explain the data down to white innovations.
-        """
-        added = bic_score(better) - bic_score(current)
-        if added < max(self.threshold, self.misspecification_allowance(current, white=True)):
+        """Whether the BIC gain of one more effect exceeds the threshold and the misspecification allowance."""
+        gain = bic_score(better) - bic_score(current)
+        if gain < max(self.threshold, self.misspecification_allowance(current, white=True)):
             return False
-        return added >= self.misspecification_allowance(current, white=better.is_white)
+        return gain >= self.misspecification_allowance(current, white=better.is_white)
 
     def misspecification_allowance(self, current: FitResult, *, white: bool) -> float:
-        """Log-likelihood that the difference between nature's form of what ``current`` has and the equation's may be.
+        """Gain in nats that a further effect may owe to the approximate equations of the effects in ``current``.
 
-        ``white`` is whether the data are explained down to white innovations. Then waves have the form that they need
-        to have: they are a kind of disturbance, and no cause gains by what is left of them.
+        Waves do not count where the innovations are ``white``: as a kind of disturbance, their form is then right.
         """
-        earned = bic_score(current) - bic_score(self.without_any(current, but_waves=white))
+        gain = bic_score(current) - bic_score(self.without_all(current, except_waves=white))
         if any(map(is_signal, current.effects)):
-            # How something depends on a mere signal is known even less.
-            return _BESIDE_SIGNAL * earned
-        most = _MOST_WHITE if white else _MOST_COLOURED
-        return min(REMAINDER * earned, most)
-
-    def ban(self, effect: Effect) -> None:
-        """Take up no form of ``effect`` any more: a test that the search does not make refused it."""
-        self._barred.add(effect.id)
-
-    def is_allowed(self, effect: Effect) -> bool:
-        """Whether ``effect`` may be taken up."""
-        return effect.id not in self._barred
+            # How the vehicle depends on a bare signal is known even less.
+            return THRESHOLDS.misspecification_share_signal * gain
+        cap = THRESHOLDS.misspecification_cap_white if white else THRESHOLDS.misspecification_cap
+        return min(THRESHOLDS.misspecification_share * gain, cap)
 
     def run(self, base: FitResult) -> FitResult:
-        """Exchange what another explains better, add what pays and drop what no longer does, until nothing changes."""
-        self.known.fits[base.key], self.has_enough = base, False
-        current = self._pruned(base)
-        for _ in range(_MAX_EFFECTS):
-            self._may_end(current)
-            changed = self._grown(self._exchanged(current))
-            if changed is current or self.has_enough or self.given_up:
+        """Exchange, add and eliminate effects from ``base`` on, until the model no longer changes."""
+        self.cache.fits[base.key], self.progress.has_enough = base, False
+        current = self._eliminate(base)
+        for _ in range(THRESHOLDS.max_effects):
+            self._apply_stop_rules(current)
+            changed = self._grow(self._exchange(current))
+            if changed is current or self.progress.has_enough or self.progress.given_up:
                 return changed
             current = changed
-        self.cut_short = True
+        self.progress.cut_short = True
         return current
 
-    def _grown(self, current: FitResult) -> FitResult:
-        """With what pays added; where that lets the disturbance have more, only so far."""
-        while len(current.effects) < _MAX_EFFECTS and not self._ends():
+    def _ends(self) -> bool:
+        progress = self.progress
+        progress.cut_short = progress.cut_short or len(progress.screened) >= THRESHOLDS.max_screenings
+        return progress.cut_short or progress.has_enough or progress.given_up
+
+    def _apply_stop_rules(self, current: FitResult) -> None:
+        progress = self.progress
+        if self.is_enough is not None and not self.fits_poorly(current):
+            progress.has_enough = progress.has_enough or self.is_enough(current)
+        if self.is_hopeless is not None and not progress.given_up:
+            progress.given_up = self.is_hopeless(current, lambda: self._gains(current))
+
+    def _gains(self, current: FitResult) -> list[float]:
+        """Gain of each further effect, largest first: of the fits where there are any, else of the score tests."""
+        if current.key not in self.cache.extensions:
+            return gains_by_cause(self.score_tests(current))
+        best: dict[str, float] = {}
+        for fitted in self.cache.extensions[current.key]:
+            cause = fitted.effects[-1].id
+            best[cause] = max(best.get(cause, 0.0), current.value - fitted.value)
+        return sorted(best.values(), reverse=True)
+
+    def _grow(self, current: FitResult) -> FitResult:
+        """Add effects one by one, until none is worth adding or the disturbance gets a wider limit."""
+        while len(current.effects) < THRESHOLDS.max_effects and not self._ends():
             better = self._best(self.extensions(current, growing=True), current)
             if better is not current:
-                better = self.known.converged(simplest_form(better, self._plausible(current), current))
+                better = self.cache.converged(simplest_form(better, self._plausible_extensions(current), current))
             if not self.is_worth_adding(better, current):
                 better = self._best_pair(current)
             if not self.is_worth_adding(better, current):
                 break
-            added = self._pruned(better)
+            added = self._eliminate(better)
             if bic_score(added) <= bic_score(current):
-                # What was dropped for it was worth more: adding and dropping would go round in a circle.
+                # The elimination removed more than the addition gained: the search would go round in a circle.
                 break
-            current = self._opened(added)
-            self._may_end(current)
+            current = self._loosen(added)
+            self._apply_stop_rules(current)
             if current is not added:
                 break
         return current
 
-    def _may_end(self, current: FitResult) -> None:
-        if self.is_enough is not None and not self.thorough(current):
-            self.has_enough = self.has_enough or self.is_enough(current)
-        if self.is_hopeless is not None and not self.given_up:
-            self.given_up = self.is_hopeless(current, lambda: self._gains(current))
-
-    def _gains(self, current: FitResult) -> list[float]:
-        """What each cause beside ``current`` gains, the most first: where it is fitted, else what slopes promise."""
-        if current.key not in self.known.extensions:
-            return gains_by_cause(self.score_tests(current))
-        best: dict[str, float] = {}
-        for fit in self.known.extensions[current.key]:
-            cause = fit.effects[-1].id
-            best[cause] = max(best.get(cause, 0.0), current.value - fit.value)
-        return sorted(best.values(), reverse=True)
-
     def _best_pair(self, current: FitResult) -> FitResult:
-        """With two effects that gain little alone and much together, as where each hides the other.
-
-        Slopes and single fits tell of neither; so of a model that is far off the best singles are tried by twos.
-        """
-        if not self.thorough(current) or len(current.effects) + 2 > _MAX_EFFECTS:
+        """``current`` with the best two further effects, which may gain much together and little alone."""
+        if not self.fits_poorly(current) or len(current.effects) + 2 > THRESHOLDS.max_effects:
             return current
-        singles = self._best_singles(current)[:_PAIRED]
+        best: dict[str, FitResult] = {}
+        for fitted in sorted(self._plausible_extensions(current), key=bic_score, reverse=True):
+            best.setdefault(fitted.effects[-1].id, fitted)
+        singles = list(best.values())[: THRESHOLDS.paired_causes]
         pairs = list(combinations(singles, 2))
-        misfits = [one.objective.with_effects((*one.effects, other.effects[-1])) for one, other in pairs]
-        fits = fit_in_parallel(misfits, lambda at: _joined(misfits[at], *pairs[at]))
-        for fit in fits:
-            self.known.fits.setdefault(fit.key, fit)
+        objectives = [one.objective.with_effects((*one.effects, other.effects[-1])) for one, other in pairs]
+
+        def fit_pair(at: int) -> FitResult:
+            one, other = pairs[at]
+            initial = objectives[at].parametrization.initial_values()
+            starts = (other.effect_coordinates(other.effects[-1]), *initial)
+            return fit_from_best_start(objectives[at], one.x, starts, THRESHOLDS.search_iterations)
+
+        fits = fit_in_parallel(objectives, fit_pair)
+        for fitted in fits:
+            self.cache.fits.setdefault(fitted.key, fitted)
         chosen = max(fits, key=bic_score, default=current)
-        # There are so many more pairs than single causes.
-        price = math.log(max(len(singles), 1))
-        if chosen is not current and bic_score(chosen) - price > bic_score(current):
+        # There are more pairs than single effects (multiple testing).
+        penalty = math.log(max(len(singles), 1))
+        if chosen is not current and bic_score(chosen) - penalty > bic_score(current):
             return chosen
         return current
 
-    def _best_singles(self, current: FitResult) -> list[FitResult]:
-        """With one effect more, each cause in its worthiest form, the worthiest first."""
-        best: dict[str, FitResult] = {}
-        for fit in sorted(self._plausible(current), key=bic_score, reverse=True):
-            best.setdefault(fit.effects[-1].id, fit)
-        return list(best.values())
+    def _plausible_extensions(self, current: FitResult) -> list[FitResult]:
+        extensions = self.extensions(current)
+        return [fitted for fitted in extensions if self.is_allowed(fitted.effects[-1]) and is_plausible(fitted)]
 
-    def _plausible(self, current: FitResult) -> list[FitResult]:
-        """With one effect more that may be, of a size that there is."""
-        return [fit for fit in self.extensions(current) if self.is_allowed(fit.effects[-1]) and is_plausible(fit)]
+    def _loosen(self, current: FitResult) -> FitResult:
+        """``current`` with the widest admissible limit of the disturbance, less the effects not needed then.
 
-    def _opened(self, current: FitResult) -> FitResult:
-        """``current`` with as much disturbance as it bears, less what is then no longer needed.
-
-        A disturbance is held tight where it would explain what an effect does. Once that is in, it may have its own
-        again; else other effects would be taken for what is left of it.
+        The limit is tight while an effect is missing, and must widen afterwards: other effects would explain the rest.
         """
-        opened = loosen_limit(current)
-        if opened is current:
+        loosened = loosen_limit(current)
+        if loosened is current:
             return current
-        self.known.fits[opened.key] = opened
-        needed = self._pruned(opened)
-        if not needed.effects:
-            return current
-        return needed
+        self.cache.fits[loosened.key] = loosened
+        needed = self._eliminate(loosened)
+        return needed if needed.effects else current
 
-    def _pruned(self, current: FitResult) -> FitResult:
-        """Without what is no longer needed: one effect may have stood in for another that came later."""
-        self.known.fit(current.objective, [current.without(effect) for effect in current.effects])
+    def _eliminate(self, current: FitResult) -> FitResult:
+        """Remove effects that are no longer worth their place."""
+        self.cache.fit_all(current.objective, [current.without(effect) for effect in current.effects])
         for effect in current.effects:
             rest = self.without(current, effect)
             if not self.is_worth_adding(current, rest):
-                return self._pruned(rest)
+                return self._eliminate(rest)
         return current
 
-    def _exchanged(self, current: FitResult) -> FitResult:
-        """The model with another form or another cause in the place of an effect, where that is better."""
+    def _exchange(self, current: FitResult) -> FitResult:
+        """Replace one effect by another form or another effect with a better BIC score."""
         if self._ends():
             return current
         for effect in current.effects:
             rest = self.without(current, effect)
-            other = self._best(self.in_place_of(current, effect), rest)
-            if bic_score(other) > bic_score(current) + _WORTH_A_CHANGE and other.key not in self._left:
-                self._left.add(current.key)
-                return self._opened(self._pruned(other))
+            other = self._best(self.replacements(current, effect), rest)
+            is_better = bic_score(other) > bic_score(current) + THRESHOLDS.exchange_gain
+            if is_better and other.key not in self.progress.exchanged:
+                self.progress.exchanged.add(current.key)
+                return self._loosen(self._eliminate(other))
         return current
 
     def _best(self, fits: Sequence[FitResult], default: FitResult) -> FitResult:
-        """The worthiest; a named effect goes before a mere signal that is little better."""
+        """The best named effect, or a signal regressor that gains clearly more."""
         named, signals = list[FitResult](), list[FitResult]()
-        for fit in fits:
-            effect = fit.effects[-1]
+        for fitted in fits:
+            effect = fitted.effects[-1]
             if not self.is_allowed(effect):
                 continue
             if is_signal(effect):
-                signals.append(fit)
-            elif is_plausible(fit):
-                named.append(fit)
-        best = max(named, key=bic_score, default=default)
+                signals.append(fitted)
+            elif is_plausible(fitted):
+                named.append(fitted)
+        chosen = max(named, key=bic_score, default=default)
         signal = max(signals, key=bic_score, default=default)
-        least, share = _SIGNAL_HANDICAP
-        gap = least + share * max(bic_score(best) - bic_score(default), 0.0)
-        chosen = signal if bic_score(signal) > bic_score(best) + gap else best
-        return chosen if chosen is default else self.known.converged(chosen)
+        gain = max(bic_score(chosen) - bic_score(default), 0.0)
+        handicap = THRESHOLDS.signal_handicap + THRESHOLDS.signal_handicap_share * gain
+        if bic_score(signal) > bic_score(chosen) + handicap:
+            chosen = signal
+        return chosen if chosen is default else self.cache.converged(chosen)
 
     def best_extension(self, current: FitResult) -> FitResult | None:
-        """The worthiest model with one effect more, whether it pays or not; None where there is none."""
+        """The best model with one effect more, worth adding or not; None where there is none."""
         return max(filter(is_plausible, self.extensions(current)), key=bic_score, default=None)
 
     def extensions(self, current: FitResult, *, growing: bool = False) -> list[FitResult]:
-        """The model with each promising effect more, in each promising form."""
-        self._looked_beside.add(current.key)
-        if current.key not in self.known.extensions:
-            every = growing and self.thorough(current)
-            self.known.extensions[current.key] = self._extended(current, self.score_tests(current), every=every)
-        return self.known.extensions[current.key]
+        """Fits of ``current`` with each shortlisted form as an addition."""
+        self.progress.screened.add(current.key)
+        if current.key not in self.cache.extensions:
+            every = growing and self.fits_poorly(current)
+            self.cache.extensions[current.key] = self._fit_extensions(current, self.score_tests(current), every=every)
+        return self.cache.extensions[current.key]
 
-    def in_place_of(self, current: FitResult, effect: Effect) -> list[FitResult]:
-        """As `extensions` of ``current`` without ``effect``, of what may do what that does."""
+    def replacements(self, current: FitResult, effect: Effect) -> list[FitResult]:
+        """Fits of ``current`` with each form that may take the place of ``effect``, its own forms included."""
         rest = self.without(current, effect)
-        if rest.key in self.known.extensions or PROMISE * (rest.value - current.value) < self.threshold:
-            # So little may be promised by chance.
+        small = THRESHOLDS.shortlist_share * (rest.value - current.value) < self.threshold
+        if rest.key in self.cache.extensions or small:
+            # A small gain may come from any form by chance.
             return self.extensions(rest)
-        self._looked_beside.add(rest.key)
+        self.progress.screened.add(rest.key)
         keys = current.key, rest.key
-        if keys not in self.known.replacements:
+        if keys not in self.cache.replacements:
             same = [form for form in self.candidates if form.id == effect.id]
             forms = [*same, *possible_substitutes(current, effect, self.score_tests(current))]
-            self.known.replacements[keys] = self._extended(rest, screen(rest, forms))
-        return self.known.replacements[keys]
+            self.cache.replacements[keys] = self._fit_extensions(rest, screen(rest, forms))
+        return self.cache.replacements[keys]
 
-    def _extended(self, current: FitResult, promises: Sequence[ScoreTest], *, every: bool = False) -> list[FitResult]:
-        """The model with each form that is worth a fit more, or with each at all."""
-        ends = self.known.converged_extensions(current)
+    def _fit_extensions(
+        self, current: FitResult, tests: Sequence[ScoreTest], *, every: bool = False
+    ) -> list[FitResult]:
+        """Fits with each shortlisted form, or with the best form of ``every`` effect."""
+        known = self.cache.converged_extensions(current)
         if every:
-            listed = best_forms(promises)
+            listed = best_forms(tests)
         else:
-            gained = max((current.value - fit.value for fit in ends.values() if self._leads(fit)), default=0.0)
-            listed = shortlist(current, promises, self.threshold, self.least, gained)
-        ahead, behind = fit_candidates(current, listed, self._leads, ends)
-        for fit in ahead:
-            self.known.fits.setdefault(fit.key, fit)
+            leading = filter(self._may_lead, known.values())
+            known_gain = max((current.value - fitted.value for fitted in leading), default=0.0)
+            listed = shortlist(current, tests, self.threshold, self.screening_share, known_gain)
+        ahead, behind = fit_candidates(current, listed, self._may_lead, known)
+        for fitted in ahead:
+            self.cache.fits.setdefault(fitted.key, fitted)
         return [*ahead, *behind]
 
-    def _leads(self, fit: FitResult) -> bool:
-        """Whether it may be taken up as it is, and not for want of a named cause."""
-        effect = fit.effects[-1]
-        return self.is_allowed(effect) and is_plausible(fit) and not is_signal(effect)
+    def _may_lead(self, fitted: FitResult) -> bool:
+        """Whether a model may be selected as it is: its last effect has a name and is allowed and plausible."""
+        effect = fitted.effects[-1]
+        return self.is_allowed(effect) and is_plausible(fitted) and not is_signal(effect)
 
     def score_tests(self, current: FitResult) -> list[ScoreTest]:
-        """What each effect that ``current`` lacks promises, worked out once."""
-        if current.key not in self.known.promises:
-            self.report(f"{_named(current.effects)}: trying {len(self.candidates)} forms of what else there may be …")
-            self.known.promises[current.key] = screen(current, self._lacking(current))
-        return self.known.promises[current.key]
-
-    def _lacking(self, current: FitResult) -> list[Effect]:
-        """The forms of all causes of which ``current`` has none."""
-        taken = {effect.id for effect in current.effects}
-        return [effect for effect in self.candidates if effect.id not in taken]
+        """Score test of each form of the effects that ``current`` lacks, computed once."""
+        if current.key not in self.cache.score_tests:
+            names = ", ".join(effect.title for effect in current.effects) or "no effect"
+            self.report(f"Model with {names}: score tests of {len(self.candidates)} candidate forms …")
+            selected = {effect.id for effect in current.effects}
+            forms = [effect for effect in self.candidates if effect.id not in selected]
+            self.cache.score_tests[current.key] = screen(current, forms)
+        return self.cache.score_tests[current.key]
 
     def cause(self, current: FitResult, effect: Effect) -> Cause:
-        """What ``effect`` gains, and what each other cause would be worth in its place."""
+        """Gain of ``effect`` in ``current``, and the BIC gain of each other effect in its place."""
         rest = self.without(current, effect)
-        rivals = self._ranked(rest, self.in_place_of(current, effect), current)
-        return Cause(effect, rest.value - current.value, bic_score(current) - bic_score(rest), rivals)
+        alternatives = self._rank(rest, self.replacements(current, effect), current)
+        return Cause(effect, rest.value - current.value, bic_score(current) - bic_score(rest), alternatives)
 
-    def candidates_beside(self, current: FitResult) -> tuple[Alternative, ...]:
-        """What each cause that ``current`` lacks would be worth beside it, best first."""
-        return self._ranked(current, self.extensions(current), current)
+    def further_causes(self, current: FitResult) -> tuple[Alternative, ...]:
+        """BIC gain of each further effect in its best form, largest first."""
+        return self._rank(current, self.extensions(current), current)
 
-    def _ranked(self, rest: FitResult, extensions: Sequence[FitResult], current: FitResult) -> tuple[Alternative, ...]:
-        """What the best of the ``extensions`` by each cause that ``current`` lacks adds to ``rest``, best first."""
-        taken = {effect.id for effect in current.effects}
+    def _rank(self, rest: FitResult, extensions: Sequence[FitResult], current: FitResult) -> tuple[Alternative, ...]:
+        """The best of the ``extensions`` of ``rest`` by each effect that ``current`` lacks, best first."""
+        selected = {effect.id for effect in current.effects}
         best: dict[str, Alternative] = {}
-        for fit in extensions:
-            last, net = fit.effects[-1], bic_score(fit) - bic_score(rest)
-            if last.id in taken or not is_plausible(fit):
+        for fitted in extensions:
+            last, gain = fitted.effects[-1], bic_score(fitted) - bic_score(rest)
+            if last.id in selected or not is_plausible(fitted):
                 continue
-            if last.id not in best or net > best[last.id].bic_gain:
-                best[last.id] = Alternative(last, net, fit)
-        return tuple(sorted(best.values(), key=lambda rival: -rival.bic_gain))
+            if last.id not in best or gain > best[last.id].bic_gain:
+                best[last.id] = Alternative(last, gain, fitted)
+        return tuple(sorted(best.values(), key=lambda one: -one.bic_gain))
 
-    def without_any(self, current: FitResult, *, but_waves: bool = False) -> FitResult:
-        """The model without any effect, or with its waves alone."""
-        return self.without(current, *(effect for effect in current.effects if not (effect.is_wave and but_waves)))
+    def without_all(self, current: FitResult, *, except_waves: bool = False) -> FitResult:
+        """``current`` without effects, or with its waves alone."""
+        dropped = [effect for effect in current.effects if not (effect.is_wave and except_waves)]
+        return self.without(current, *dropped)
 
     def without(self, current: FitResult, *dropped: Effect) -> FitResult:
-        """The model without some effects, all else fitted again."""
-        return self.known.without(current, *dropped)
-
-
-def _joined(misfit: NegativeLogLikelihood, one: FitResult, other: FitResult) -> FitResult:
-    """``one`` with the last effect of ``other`` besides, which is what ``misfit`` has."""
-    starts = (other.effect_coordinates(other.effects[-1]), *misfit.parametrization.initial_values())
-    return climbed_from_best(misfit, one.x, starts)
-
-
-def _named(effects: Sequence[Effect]) -> str:
-    """The titles, in a row, for a line of progress."""
-    return ", ".join(effect.title for effect in effects) or "no effect"
+        """``current`` without some effects, all other parameters refitted."""
+        return self.cache.without(current, *dropped)

@@ -1,4 +1,4 @@
-"""What tables of steady turns and sine trials show that the model misses: amplitudes, without a time series."""
+"""Diagnosis of tables of steady turns and sine trials: effects that explain amplitudes, without a time series."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.core.spmd import forked_workers, parallel_map
 from rovid.core.stats import chi2_sf
+from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect, forms_for
 from rovid.effects.base import OnHeading, Scales, WaveTorque
 from rovid.estimate.estimate import Estimate
@@ -28,26 +29,17 @@ from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
 if TYPE_CHECKING:
     from scipy import optimize
 
-# Periods of a simulated sine, the last of which is looked at, and samples in each.
+# Simulated sine: periods, of which the last one is evaluated, and samples of each.
 _PERIODS, _SAMPLES = 6, 80
-# Time constants of a simulated hold, and how many samples of its end are looked at.
+# Simulated hold: duration in time constants, samples, and samples of the end that are evaluated.
 _HOLD, _HOLD_SAMPLES, _HOLD_END = 20.0, 320, 80
-# Standard deviation of a rate as read, in its last printed digit.
-_READING = 0.5
-# Of the fastest hold: one that is slower has no longer to settle.
-_SLOWEST = 0.05
-# Where fewer right models than this would miss as much, the misfit is not one of reading.
-_BY_CHANCE = 0.05
-# Total over rigid-body inertia that an explanation may ask for; a closed hull full of water has 4.
-_RATIOS = (1.0, 4.0)
-_NUDGE = 1e-3
-# A fit goes on from the best of its starts, until it gains no more than so small a share.
-_STARTS, _FIRST_EVALUATIONS, _EVALUATIONS, _FINE = 3, 8, 30, 1e-3
+# Least squares: step of the differences, starts, evaluations of the first and of the final fit, and tolerance.
+_STEP, _STARTS, _FIRST_EVALUATIONS, _EVALUATIONS, _TOLERANCE = 1e-3, 3, 8, 30, 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
 class SinePrediction:
-    """Peak yaw rate in rad/s of a sine trial as measured, and simulated with the inertia in kg m^2 of a method."""
+    """Measured peak yaw rate in rad/s of a sine trial, and its simulation with the inertia in kg m^2 of a method."""
 
     trial: str
     method: str
@@ -58,14 +50,14 @@ class SinePrediction:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Explanation:
-    """The model with at most one effect that comes nearest to all rows of the tables.
+    """Best fit to all rows of the tables of a model with at most one effect.
 
     Attributes
     ----------
-    misfit
-        Sum of squared misfits of the rates over the variance of their reading.
-    chance
-        Share of right models that would miss as much; NaN with no more rows than parameters.
+    chi2
+        Sum of squared errors of the rates over their reading variance.
+    p_value
+        Probability of a larger chi-square of the true model; NaN without degrees of freedom.
     """
 
     model: Model
@@ -74,7 +66,7 @@ class Explanation:
 
     @property
     def sizes(self) -> dict[str, tuple[float, str]]:
-        """Value and unit of each parameter of the effect; a command is the torque here."""
+        """Value and unit of each parameter of the effect; the command is the torque."""
         sizes = {}
         for parameter, value in zip(self.model.effects[0].parameters, self.model.effect_values, strict=True):
             sizes[parameter.name] = (value, parameter.unit.replace("command", "N m"))
@@ -82,17 +74,17 @@ class Explanation:
 
     @property
     def explains(self) -> bool:
-        """Whether the reading of the rates accounts for what is left."""
+        """Whether reading errors account for the remaining error."""
         if math.isnan(self.p_value):
-            return self.chi2 < _BY_CHANCE
-        return self.p_value > _BY_CHANCE
+            return self.chi2 < THRESHOLDS.table_p_value
+        return self.p_value > THRESHOLDS.table_p_value
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TableDiagnosis:
-    """Tables against the model; where that misses them, of each effect its best form, the nearest effect first.
+    """Fits to tables without an effect and, where that does not explain them, with the best form of each effect.
 
-    ``inertias`` are the least and the largest that were allowed, kg m^2.
+    ``inertias`` are the smallest and the largest that were allowed, in kg m^2.
     """
 
     predictions: tuple[SinePrediction, ...]
@@ -102,50 +94,49 @@ class TableDiagnosis:
 
     @property
     def causes(self) -> tuple[Explanation, ...]:
-        """Those that would explain the tables; none where nothing asks for one."""
+        """Fits with an effect that explains the tables."""
         return tuple(each for each in self.with_one_effect if each.explains)
 
     @property
     def ruled_out(self) -> tuple[Effect, ...]:
-        """Those that would not, by themselves."""
+        """Effects that do not explain the tables alone."""
         return tuple(each.model.effects[0] for each in self.with_one_effect if not each.explains)
 
     @property
     def missing(self) -> str:
-        """What these tables leave open, and why."""
+        """Message on what the tables cannot decide, and what to do."""
         if self.without_effect.explains:
             return (
-                "the plain model agrees with the tables as closely as they were read. Amplitudes without a time series "
-                "show no more, and nothing can be held out: record the runs as logs."
+                "the plain model agrees with the tables within their reading error. Amplitudes without a time series "
+                "show no more, and no data can be held out for validation: record the runs as logs."
             )
         return (
             f"no plain model agrees with the tables, with an inertia of {self.inertias[0]:.4g} to "
             f"{self.inertias[1]:.4g} kg m^2; {len(self.causes)} effects would, each by itself. Amplitudes without a "
-            "time series do not tell which, and nothing can be held out: record the runs as logs."
+            "time series cannot decide between them, and no data can be held out for validation: record the runs as "
+            "logs."
         )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Rows:
-    """The rows of the tables as runs whose torque is known, the sines first.
+    """Rows of the tables as trials with known torque, the sines first.
 
     Attributes
     ----------
-    rates
-        (n,) rad/s, the peak of each sine and the mean of each hold.
-    errors
-        (n,) standard deviations of their reading.
+    rates, errors
+        (n,) rad/s, peak of each sine and mean of each hold, with the standard deviation of its reading.
     start
-        Inertia and drag to start from.
+        Inertia and drag from which a fit starts.
     vehicle
-        Its one command is the torque in N m.
+        Vehicle with the torque in N m as its only command.
     drag_known
-        Whether the drag is given, for want of holds to fit it to.
+        Whether the drag is given, because there are no holds to fit.
     inertias
-        The least and the largest that an explanation may ask for, kg m^2.
+        Smallest and largest admissible inertia, kg m^2.
     """
 
-    runs: list[Trial]
+    trials: list[Trial]
     rates: FloatArray
     errors: FloatArray
     start: Model
@@ -153,32 +144,28 @@ class _Rows:
     drag_known: bool
     inertias: tuple[float, float]
 
-    def simulated(self, model: Model) -> FloatArray:
-        """(n,) rad/s, what tables would say: the peak of a sine and the mean of a hold, once it has settled."""
-        drive = model.actuators.torque_inputs(self._given[model.actuators.subdivision])
-        return np.array([*map(_as_told, self.runs, model.simulate_rates(self.runs, drive))])
+    def simulate(self, model: Model) -> FloatArray:
+        """(n,) rad/s, the peak of a sine and the mean of a hold after settling."""
+        torque = model.actuators.torque_inputs(self._commands[model.actuators.subdivision])
+        values = []
+        for trial, rate in zip(self.trials, model.simulate_rates(self.trials, torque), strict=True):
+            values.append(rate[-_SAMPLES:].max() if trial.name == "sine" else rate[-_HOLD_END:].mean())
+        return np.array(values, dtype=np.float64)
 
     @cached_property
-    def _given(self) -> dict[int, CommandSeries]:
-        """The commands of all runs, by the parts into which each interval is cut."""
-        return {parts: CommandSeries.from_trials(self.vehicle, self.runs, parts) for parts in (1, MAX_SUBDIVISION)}
+    def _commands(self) -> dict[int, CommandSeries]:
+        """Commands of all trials, by the subdivision of each interval."""
+        return {parts: CommandSeries.from_trials(self.vehicle, self.trials, parts) for parts in (1, MAX_SUBDIVISION)}
 
-    def misfits(self, model: Model) -> FloatArray:
-        """(n,) in standard deviations of their reading."""
-        return (self.simulated(model) - self.rates) / self.errors
-
-    def nearest(self, begin: Model, effects: Sequence[Effect | None]) -> list[Explanation]:
-        """Inertia, each effect and the drag, unless it is known, fitted to all rows together from ``begin``."""
+    def fit(self, begin: Model, effects: Sequence[Effect | None]) -> list[Explanation]:
+        """Fit inertia, drag unless it is known, and each effect to all rows from ``begin`` on."""
         problems = [_Problem(self, begin, effect) for effect in effects]
-        solved = parallel_map(lambda problem: problem.solved(), problems)
-        return [problem.explained(*told) for problem, told in zip(problems, solved, strict=True)]
+        solved = parallel_map(lambda problem: problem.solve(), problems)
+        return [problem.explanation(*solution) for problem, solution in zip(problems, solved, strict=True)]
 
 
 class _Problem:
-    """Inertia, drag unless it is known, and one effect as coordinates to fit to ``rows``.
-
-    The inertia stands there by its logarithm; all else in its own size. ``low`` and ``high`` are the bounds.
-    """
+    """Least-squares problem of logarithmic inertia, drag unless it is known, and one effect, within bounds."""
 
     def __init__(self, rows: _Rows, begin: Model, effect: Effect | None) -> None:
         self.rows, self.begin = rows, begin
@@ -188,204 +175,163 @@ class _Problem:
         torque = float(rows.vehicle.thrusters[0].command_range() / 2.0)
         rate = float(rows.rates.max())
         scales = Scales(command=torque, torque=torque, rate=rate, wash=math.sqrt(torque))
-        # Neither drag alone can be much larger than all of it at the largest torque and rate.
-        self.most = [] if rows.drag_known else [2.0 * torque / rate**2, 2.0 * torque / rate]
-        drags = len(self.most)
-        self.own = 1 + drags
+        # Neither drag alone is much larger than the total drag at the largest torque and rate.
+        self.drag_units = [] if rows.drag_known else [2.0 * torque / rate**2, 2.0 * torque / rate]
+        drags = len(self.drag_units)
+        self.effect_begins = 1 + drags
         sizes = [scales.unit_size(parameter) for parameter in parameters]
-        self.units = np.array([1.0, *self.most, *sizes])
+        self.units = np.array([1.0, *self.drag_units, *sizes])
         least, largest = rows.inertias
         self.low = np.array([math.log(least), *[0.0] * drags, *[one.low for one in parameters]])
         self.high = np.array([math.log(largest), *[1.0] * drags, *[one.high for one in parameters]])
 
-    def begins(self) -> list[FloatArray]:
-        """Where a fit may start: the inertia and drag of ``begin`` with each start of the effect."""
-        known = np.array([self.begin.quadratic_drag, self.begin.linear_drag])
-        drag = known[: len(self.most)] / self.most
-        rest = np.array([math.log(self.begin.inertia), *drag])
-        return [np.clip(np.concatenate((rest, start)), self.low, self.high) for start in self.starts]
-
     def model(self, x: FloatArray) -> Model:
         """The model at (q,) ``x``."""
-        sizes = x[self.own :] * self.units[self.own :]
+        sizes = x[self.effect_begins :] * self.units[self.effect_begins :]
         values = tuple(float(value) for value in sizes)
         model = replace(self.begin, inertia=math.exp(x[0]), effects=self.effects, effect_values=values)
-        if not self.most:
+        if not self.drag_units:
             return model
-        quadratic, linear = x[1 : self.own] * self.units[1 : self.own]
+        quadratic, linear = x[1 : self.effect_begins] * self.units[1 : self.effect_begins]
         return replace(model, quadratic_drag=float(quadratic), linear_drag=float(linear))
 
-    def misfits(self, x: FloatArray) -> FloatArray:
-        """(n,) of the rows."""
-        return self.rows.misfits(self.model(x))
+    def residuals(self, x: FloatArray) -> FloatArray:
+        """(n,) errors of the rates in standard deviations of their reading."""
+        return (self.rows.simulate(self.model(x)) - self.rows.rates) / self.rows.errors
 
-    def misfit(self, x: FloatArray) -> float:
-        """Their sum of squares."""
-        return float(np.sum(self.misfits(x) ** 2))
-
-    def solved(self) -> tuple[FloatArray, float]:
-        """(q,) where that is least, and how much it is."""
-        begins = sorted(self.begins(), key=self.misfit)[:_STARTS]
-        tried = [self.fitted(x, _FIRST_EVALUATIONS) for x in begins]
-        best = min(tried, key=lambda fit: float(fit.cost))
-        fit = self.fitted(best.x, _EVALUATIONS)
-        # The solver's cost is half the sum of squares.
+    def solve(self) -> tuple[FloatArray, float]:
+        """(q,) solution and its sum of squares; the fit continues from the best of several starts."""
+        drag = np.array([self.begin.quadratic_drag, self.begin.linear_drag])[: len(self.drag_units)] / self.drag_units
+        rest = np.array([math.log(self.begin.inertia), *drag])
+        begins = [np.clip(np.concatenate((rest, start)), self.low, self.high) for start in self.starts]
+        begins = sorted(begins, key=lambda x: float(np.sum(self.residuals(x) ** 2)))[:_STARTS]
+        first = [self._least_squares(x, _FIRST_EVALUATIONS) for x in begins]
+        best = min(first, key=lambda fit: float(fit.cost))
+        fit = self._least_squares(best.x, _EVALUATIONS)
+        # SciPy's cost is half the sum of squares.
         return fit.x, 2.0 * float(fit.cost)
 
-    def explained(self, x: FloatArray, misfit: float) -> Explanation:
-        """What (q,) ``x`` with such a ``misfit`` comes to."""
-        spare = len(self.rows.rates) - len(self.low)
-        chance = chi2_sf(spare, misfit) if spare > 0 else math.nan
-        return Explanation(model=self.model(x), chi2=misfit, p_value=chance)
+    def explanation(self, x: FloatArray, chi2: float) -> Explanation:
+        """Solution ``x`` with its p-value."""
+        freedom = len(self.rows.rates) - len(self.low)
+        p_value = chi2_sf(freedom, chi2) if freedom > 0 else math.nan
+        return Explanation(model=self.model(x), chi2=chi2, p_value=p_value)
 
-    def fitted(self, x: FloatArray, evaluations: int) -> optimize.OptimizeResult:
-        """Least squares from ``x``."""
+    def _least_squares(self, x: FloatArray, evaluations: int) -> optimize.OptimizeResult:
         from scipy import optimize
 
         return optimize.least_squares(
-            self.misfits,
+            self.residuals,
             x,
             bounds=(self.low, self.high),
-            diff_step=np.full(len(self.low), _NUDGE),
+            diff_step=np.full(len(self.low), _STEP),
             max_nfev=evaluations,
-            ftol=_FINE,
-            xtol=0.1 * _FINE,
+            ftol=_TOLERANCE,
+            xtol=0.1 * _TOLERANCE,
         )
 
 
 def diagnose_tables(
     sine: CsvTable, steady: CsvTable | None, drag: Estimate | None, inertia: InertiaFit, rigid_body: float | None
 ) -> TableDiagnosis:
-    """Look for effects with which one model agrees with every row of the tables.
+    """Find effects with which one model agrees with every row of the tables.
 
     Parameters
     ----------
     drag
-        From the steady turns, where they are known; with their table, it is fitted anew together with the sines.
+        From steady turns; where their table is given, the drag is fitted again together with the sines.
     rigid_body
-        kg m^2; no explanation may ask for an inertia below it.
+        Smallest inertia of an explanation in kg m^2.
 
     Raises
     ------
     RovidError
         A cell is no number, or no drag is known.
     """
+    from rovid.model.kernels import is_compiled
+
     quadratic, linear = table_drag(sine, drag)
     value = inertia.estimate.value("inertia")
     start = Model(inertia=value, quadratic_drag=float(quadratic[0]), linear_drag=float(linear[0]))
-    rows = _rows(sine, steady, start, rigid_body)
-    (plain,) = rows.nearest(rows.start, [None])
-    with_effect = () if plain.explains else _with_effect(rows, plain.model)
+    rows = _read_rows(sine, steady, start, rigid_body)
+    (plain,) = rows.fit(rows.start, [None])
+    best: dict[str, Explanation] = {}
+    if not plain.explains:
+        # Amplitudes contain no waves, and no dependence on the heading.
+        tried = [effect for effect in forms_for(rows.vehicle) if not isinstance(effect.acts, OnHeading | WaveTorque)]
+        with forked_workers(enabled=is_compiled()):
+            fits = rows.fit(plain.model, tried)
+        for fit in sorted(fits, key=_rank):
+            best.setdefault(fit.model.effects[0].id, fit)
     own = [replace(start, quadratic_drag=q, linear_drag=d) for q, d in zip(quadratic, linear, strict=True)]
     return TableDiagnosis(
         predictions=tuple(_predictions(sine, rows, own, inertia)),
         without_effect=plain,
-        with_one_effect=with_effect,
+        with_one_effect=tuple(best.values()),
         inertias=rows.inertias,
     )
 
 
-def _with_effect(rows: _Rows, plain: Model) -> tuple[Explanation, ...]:
-    """Of each effect its best form beside ``plain``, the nearest effect first."""
-    from rovid.model.kernels import is_compiled
-
-    # Amplitudes tell nothing of waves, nor of what acts by the heading.
-    tried = [effect for effect in forms_for(rows.vehicle) if not isinstance(effect.acts, OnHeading | WaveTorque)]
-    with forked_workers(enabled=is_compiled()):
-        return _best_forms(rows.nearest(plain, tried))
-
-
-def _best_forms(fits: Sequence[Explanation]) -> tuple[Explanation, ...]:
-    """The likeliest of each effect, the likeliest effect first."""
-    best: dict[str, Explanation] = {}
-    for fit in sorted(fits, key=_unlikely):
-        best.setdefault(fit.model.effects[0].id, fit)
-    return tuple(best.values())
+def _rank(fit: Explanation) -> tuple[float, float]:
+    """Sort key: the largest p-value first; fits without degrees of freedom last, by chi-square."""
+    if math.isnan(fit.p_value):
+        return 1.0, fit.chi2
+    return -fit.p_value, fit.chi2
 
 
 def _predictions(sine: CsvTable, rows: _Rows, models: Sequence[Model], inertia: InertiaFit) -> Iterator[SinePrediction]:
-    """Every sine with the inertia of every method and the drag that the table gives it."""
+    """Each sine, simulated with the inertia of each method and the drag of its row."""
     for key, reading in inertia.methods.items():
-        # Rates go on with the holds after the sines: the names end first.
+        # The rates of holds follow those of the sines: the names end first.
         for at, (name, model, rate) in enumerate(zip(row_names(sine), models, rows.rates, strict=False)):
             yield SinePrediction(
                 trial=name,
                 method=key,
                 inertia=reading.value,
                 measured=float(rate),
-                predicted=float(rows.simulated(replace(model, inertia=reading.value))[at]),
+                predicted=float(rows.simulate(replace(model, inertia=reading.value))[at]),
             )
 
 
-def _rows(sine: CsvTable, steady: CsvTable | None, start: Model, rigid_body: float | None) -> _Rows:
-    period, torque = sine.numbers("period_s"), sine.numbers("torque_amplitude_Nm")
-    runs = [_sine(float(p), float(amplitude)) for p, amplitude in zip(period, torque, strict=True)]
+def _read_rows(sine: CsvTable, steady: CsvTable | None, start: Model, rigid_body: float | None) -> _Rows:
+    period, amplitude = sine.numbers("period_s"), sine.numbers("torque_amplitude_Nm")
+    trials = [_sine(*row) for row in zip(period.tolist(), amplitude.tolist(), strict=True)]
     tables = [(sine, "peak_yaw_rate_rad_s")]
     if steady is not None:
-        runs += _holds(steady, start)
+        torque, rate = steady.numbers("torque_Nm"), np.abs(steady.numbers("yaw_rate_rad_s"))
+        reached = np.maximum(rate, THRESHOLDS.table_slowest_share * np.max(rate))
+        trials += [_hold(*row, start) for row in zip(torque.tolist(), reached.tolist(), strict=True)]
         tables.append((steady, "yaw_rate_rad_s"))
     rates = [table.numbers(column) for table, column in tables]
     digits = [table.resolution(column) for table, column in tables]
-    largest = max(float(np.abs(run.commands).max()) for run in runs)
+    largest = max(float(np.abs(trial.commands).max()) for trial in trials)
+    ends = np.array([-largest, 0.0, largest])
+    torque_itself = Thruster(name="torque", arm=1.0, curve=ThrustCurve(command=ends, thrust=ends), clamp=True)
+    # Without a rigid-body inertia, the fitted inertia may itself be the largest or the smallest admissible one.
+    smallest_ratio, largest_ratio = THRESHOLDS.table_inertia_ratios
+    smallest = rigid_body or start.inertia / largest_ratio
     return _Rows(
-        runs=runs,
+        trials=trials,
         rates=np.concatenate(rates),
-        errors=_READING * np.concatenate(digits),
+        errors=THRESHOLDS.table_reading_digits * np.concatenate(digits),
         start=start,
-        vehicle=_of_torque(largest),
+        vehicle=Vehicle(name="", thrusters=(torque_itself,)),
         drag_known=steady is None,
-        inertias=_inertias(start, rigid_body),
+        inertias=(smallest_ratio * smallest, largest_ratio * (rigid_body or start.inertia)),
     )
 
 
-def _inertias(start: Model, rigid_body: float | None) -> tuple[float, float]:
-    """The least and the largest that there may be, water set in motion included, in kg m^2."""
-    # Without a rigid body's inertia, what was found may itself be the largest of its kind, or the least.
-    least = rigid_body or start.inertia / _RATIOS[1]
-    most = rigid_body or start.inertia
-    return _RATIOS[0] * least, _RATIOS[1] * most
-
-
-def _holds(steady: CsvTable, start: Model) -> list[Trial]:
-    """A hold for each row of the steady turns."""
-    torque, rate = steady.numbers("torque_Nm"), np.abs(steady.numbers("yaw_rate_rad_s"))
-    reached = np.maximum(rate, _SLOWEST * np.max(rate))
-    pairs = zip(torque.tolist(), reached.tolist(), strict=True)
-    return [_hold(held, speed, start) for held, speed in pairs]
-
-
 def _sine(period: float, amplitude: float) -> Trial:
-    """A sine of torque, ``period`` in s and ``amplitude`` in N m, from its peak on."""
+    """Sine of torque from its peak on, ``period`` in s and ``amplitude`` in N m."""
     time = np.linspace(0.0, _PERIODS * period, _PERIODS * _SAMPLES + 1, dtype=np.float64)
-    # The mean over each interval, for which it is held. A rate that starts at the torque's peak has least to forget.
+    # Mean over each interval. The transient is shortest from the peak of the torque.
     torque = amplitude * np.cos(2.0 * np.pi * (time + 0.5 * period / _SAMPLES) / period)
     return Trial.from_commands(time, torque[:, None], name="sine")
 
 
 def _hold(torque: float, rate: float, start: Model) -> Trial:
-    """A ``torque`` in N m held for several time constants at about ``rate`` in rad/s."""
+    """Constant ``torque`` in N m over several time constants at about ``rate`` in rad/s."""
     slope = 2.0 * start.quadratic_drag * rate + start.linear_drag
     constant = start.inertia / max(slope, 1e-12)
     time = np.linspace(0.0, _HOLD * constant, _HOLD_SAMPLES, dtype=np.float64)
     return Trial.from_commands(time, np.full((len(time), 1), torque), name="hold")
-
-
-def _of_torque(most: float) -> Vehicle:
-    """A vehicle whose command is the torque itself, up to ``most`` N m."""
-    ends = np.array([-most, 0.0, most])
-    curve = ThrustCurve(command=ends, thrust=ends)
-    return Vehicle(name="", thrusters=(Thruster(name="torque", arm=1.0, curve=curve, clamp=True),))
-
-
-def _as_told(run: Trial, rate: FloatArray) -> float:
-    """What a table says of the (n,) ``rate`` of ``run``, rad/s."""
-    if run.name == "sine":
-        return float(rate[-_SAMPLES:].max())
-    return float(rate[-_HOLD_END:].mean())
-
-
-def _unlikely(fit: Explanation) -> tuple[float, float]:
-    """To sort by: what chance allows first; where there are no rows to spare, last."""
-    if math.isnan(fit.p_value):
-        return 1.0, fit.chi2
-    return -fit.p_value, fit.chi2

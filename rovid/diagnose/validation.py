@@ -1,361 +1,332 @@
-"""The search, its two models, and what of it holds on trials that were not fitted."""
+"""Validation of a selected model: ties, tests of each effect, consistency of sizes, and posterior probabilities.
+
+All functions take a `Selection` and return a new one; `rovid.diagnose.algorithm` calls them in order.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache
+from typing import Self
 
-from rovid.diagnose.bic import Alternative, Cause, bic_score, fit_in_parallel, is_at_bound
-from rovid.diagnose.cross_validation import Fold, cross_validate, held_out_log_likelihood
-from rovid.diagnose.effect_size import effect_size, has_consistent_size
-from rovid.diagnose.posterior import ESTABLISHED, POSSIBLE, posterior_probability, recalibrated, stand_in_cap
+from rovid.diagnose.candidate_fits import Alternative, Cause, bic_score, fit_in_parallel, is_at_bound
+from rovid.diagnose.cross_validation import CvPiece, Fold, cross_validate, held_out_log_likelihood
+from rovid.diagnose.posterior import (
+    has_consistent_size,
+    outlier_probability,
+    posterior_probability,
+    recalibrated,
+    significance,
+    stand_in_cap,
+)
 from rovid.diagnose.signal_regressors import is_signal
-from rovid.diagnose.splitting import CvPiece
 from rovid.diagnose.stepwise import StepwiseSearch
-from rovid.diagnose.trial_outlier_test import outlier_probability
+from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.diagnose.wave_test import WaveTest
 from rovid.effects import Effect
 from rovid.estimate.dataset import FitData
 from rovid.estimate.fit_result import FitResult, fit
-from rovid.estimate.objective import Key
-
-# A rival is beaten by so much log-likelihood, and by such a share of what the effect gains, up to so much more.
-_BEATEN = (6.0, 0.03, 40.0)
-# An effect that differs from nothing by fewer standard errors, as printed, is not claimed: by every reading, and by
-# predictions, which count as few.
-_SIGNIFICANT, _SIGNIFICANT_AHEAD = 3.5, 2.0
-# Nor is one suspected that differs from nothing by fewer.
-_SUSPECTED_SIZE = 1.0
-# What is surer than that is likely.
-_LIKELY, _EVEN = "is likely, and not established", 0.5
-# Of suspects: one that has a tenth of another's odds is told from it.
-_TOLD = math.log(10.0)
-# A rival with this share of an effect's gain is compared with it over every reading.
-_CLOSE = 0.8
-_DECISIONS = 3
-# Of log-likelihood: so close is the same model fitted to every reading.
-_REFINED = 0.05
-# So often a search goes on without what a test refused.
-_REFUSALS = 6
 
 
-@dataclass(eq=False)
-class Work:
-    """The search, its two models, and their trials held out.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Selection:
+    """State of the diagnosis: a selected model and everything needed to validate it.
 
     Attributes
     ----------
-    full
-        All readings; the search may look at fewer.
-    base, final
-        The model without effects, and that with which the search ended.
-    look_for_waves
-        What looks for waves beside a model, and as ``waves`` what it saw last.
-    by_horizons
-        Whether the simulation misses so much that predictions some time ahead are what is looked at.
-    shrunk
-        What each next reading shows less of than predictions ask for.
+    search
+        Search that selected the model, with the effects banned so far and the cache of fits.
+    data
+        All data; the search may use fewer.
+    base, model
+        Model without effects, and the selected model.
+    pieces
+        Pieces of the runs for cross-validation.
+    multi_step
+        Whether the objective is the likelihood of multi-step predictions, else of innovations.
+    wave_test, waves
+        Test for waves next to a model (multi-step predictions alone), and its last result.
+    inconsistent
+        Effects that were dropped because one-step predictions show less of them.
+    rejections
+        Messages on the effects that validation rejected.
     """
 
     search: StepwiseSearch
-    full: FitData
+    data: FitData
     base: FitResult
-    final: FitResult
+    model: FitResult
     pieces: Sequence[CvPiece]
-    look_for_waves: Callable[[FitResult], WaveTest] | None = None
+    multi_step: bool = False
+    wave_test: Callable[[FitResult], WaveTest] | None = None
     waves: WaveTest | None = None
-    by_horizons: bool = False
-    shrunk: list[Effect] = field(default_factory=list)
-    _folds: dict[Key, list[Fold]] = field(default_factory=dict)
-    _refined: dict[Key, FitResult] = field(default_factory=dict)
+    inconsistent: tuple[Effect, ...] = ()
+    rejections: tuple[str, ...] = ()
 
     @property
-    def explains(self) -> bool:
-        """Whether the final model leaves white innovations, and no more disturbance than there may be."""
-        return self.final.is_white and not self.final.at_limit
+    def is_adequate(self) -> bool:
+        """Whether the model leaves white innovations and a disturbance within its limit."""
+        return self.model.is_white and not self.model.at_limit
 
-    def holds(self) -> bool:
-        """Decide between rivals; whether all is explained then, and none of it in doubt."""
-        self.decide()
-        doubted, _ = self._doubted(())
-        return doubted is None and self.explains
+    def ban(self, *effects: Effect) -> Self:
+        """The same, whose search selects ``effects`` no more."""
+        return replace(self, search=self.search.ban(*effects))
 
-    def settle(self) -> None:
-        """Look for waves beside the final model, and leave out what is not there for each next reading.
+    def drop(self, effect: Effect) -> Self:
+        """The same without ``effect`` in the model, all other parameters refitted."""
+        return replace(self, model=self.search.without(self.model, effect))
 
-        The search goes on without that.
-        """
-        if self.look_for_waves is None:
-            return
-        for _ in range(_REFUSALS):
-            self.waves = self.look_for_waves(self.final)
-            idle = [one for one in self.final.effects if not has_consistent_size(self.final, self.waves.likelier, one)]
-            if not idle:
-                return
-            self._refuse(idle)
-            self.final = self.search.run(self.final)
-        self.final = self.base
-        self.waves = self.look_for_waves(self.final)
+    def search_on(self) -> Self:
+        """The same with the model that the search reaches from here."""
+        return replace(self, model=self.search.run(self.model))
 
-    def _refuse(self, idle: Sequence[Effect]) -> None:
-        for effect in idle:
-            self.shrunk.append(effect)
-            self.search.ban(effect)
-            self.final = self.search.without(self.final, effect)
-
-    def decide(self) -> None:
-        """Let every reading decide between an effect and a close rival: the quick look may have taken the wrong one."""
-        for _ in range(_DECISIONS):
-            better = self._better()
-            if better is None:
-                return
-            self.final = better.fitted
-
-    def _better(self) -> Alternative | None:
-        """The first rival that is worth more than what was found in its place."""
-        for effect in self.final.effects:
-            cause = self.cause(effect)
-            for rival in cause.alternatives:
-                # A mere signal that is little better takes no name's place.
-                for_a_name = is_signal(rival.effect) and not is_signal(effect)
-                if rival.bic_gain > cause.bic_gain and not for_a_name and self.search.is_allowed(rival.effect):
-                    return rival
-        return None
-
-    def cause(self, effect: Effect) -> Cause:
-        """What ``effect`` gains, its close rivals compared over every reading."""
-        cause = self.search.cause(self.final, effect)
-        least = _CLOSE * cause.bic_gain
-        close = [rival for rival in cause.alternatives[:2] if rival.bic_gain > least and not is_signal(rival.effect)]
-        if not close or self.final.data is self.full:
-            return cause
-        # The base too, which is asked for in the end: one core would be without work.
-        self.refine((self.final, *(rival.fitted for rival in close), self.base))
-        here = bic_score(self.refined(self.final))
-        rivals = []
-        for rival in cause.alternatives:
-            if rival in close:
-                net = cause.bic_gain + bic_score(self.refined(rival.fitted)) - here
-                rivals.append(replace(rival, bic_gain=net))
-            else:
-                rivals.append(rival)
-        return replace(cause, alternatives=tuple(sorted(rivals, key=lambda rival: -rival.bic_gain)))
-
-    def refined(self, fitted: FitResult) -> FitResult:
-        """The same model fitted to every reading, once."""
-        self.refine((fitted,))
-        return self._refined[fitted.key]
-
-    def refine(self, models: Sequence[FitResult]) -> None:
-        """Fit to every reading, all at once, those ``models`` that were not yet."""
-        left = [fitted for fitted in models if fitted.key not in self._refined]
-        misfits = [replace(fitted.objective, data=self.full, mask=None) for fitted in left]
-        fits = fit_in_parallel(misfits, lambda at: fit(misfits[at], left[at].x, tolerance=_REFINED))
-        self._refined.update((fitted.key, fit) for fitted, fit in zip(left, fits, strict=True))
+    def reject(self, message: str) -> Self:
+        """The same with one more message."""
+        return replace(self, rejections=(*self.rejections, message))
 
     def folds(self, fitted: FitResult) -> list[Fold]:
-        """Each fourth of the trials predicted from the others, worked out once for a model."""
-        if fitted.key not in self._folds:
-            self._folds[fitted.key] = cross_validate(fitted, self.pieces)
-        return self._folds[fitted.key]
+        """Cross-validation of a model, computed once."""
+        folds = self.search.cache.folds
+        if fitted.key not in folds:
+            folds[fitted.key] = cross_validate(fitted, self.pieces)
+        return folds[fitted.key]
 
     def held_out_gain(self, effect: Effect) -> float:
-        """Log-likelihood of trials not fitted that ``effect`` gains."""
-        less = self.search.without(self.final, effect)
-        full, rest = held_out_log_likelihood(self.folds(self.final)), held_out_log_likelihood(self.folds(less))
-        return full - rest
+        """Log-likelihood gain of ``effect`` on trials that were not fitted, in nats."""
+        without = self.search.without(self.model, effect)
+        return held_out_log_likelihood(self.folds(self.model)) - held_out_log_likelihood(self.folds(without))
 
-    def decided(self) -> list[str]:
-        """Decide between rivals and leave out what does not hold; what is said of that."""
-        self.decide()
-        return self.confirm()
+    def fit_full_data(self, models: Sequence[FitResult]) -> None:
+        """Fit ``models`` to all data in parallel, unless the cache has them."""
+        known = self.search.cache.full_data
+        left = [fitted for fitted in models if fitted.key not in known]
+        objectives = [replace(fitted.objective, data=self.data, mask=None) for fitted in left]
+        tolerance = THRESHOLDS.full_data_tolerance
+        fits = fit_in_parallel(objectives, lambda at: fit(objectives[at], left[at].x, tolerance=tolerance))
+        known.update((fitted.key, full) for fitted, full in zip(left, fits, strict=True))
 
-    def confirm(self) -> list[str]:
-        """Leave out what does not hold on trials not fitted, or is no larger than its uncertainty; say so.
+    def full_data(self, fitted: FitResult) -> FitResult:
+        """The same model fitted to all data, once."""
+        self.fit_full_data((fitted,))
+        return self.search.cache.full_data[fitted.key]
 
-        The search goes on without it: what it stood in for may now be found. What is likely and not established stays
-        in until the end, so that nothing is taken up in its place.
+    def cause(self, effect: Effect) -> Cause:
+        """Gain of ``effect``, with close alternatives compared on all data."""
+        cause = self.search.cause(self.model, effect)
+        least = THRESHOLDS.tie_full_data_share * cause.bic_gain
+        close = [one for one in cause.alternatives[:2] if one.bic_gain > least and not is_signal(one.effect)]
+        if not close or self.model.data is self.data:
+            return cause
+        # The base model is needed later, and keeps a further core busy.
+        self.fit_full_data((self.model, *(one.fitted for one in close), self.base))
+        score = bic_score(self.full_data(self.model))
+        alternatives = []
+        for one in cause.alternatives:
+            gain = one.bic_gain
+            if one in close:
+                gain = cause.bic_gain + bic_score(self.full_data(one.fitted)) - score
+            alternatives.append(replace(one, bic_gain=gain))
+        return replace(cause, alternatives=tuple(sorted(alternatives, key=lambda one: -one.bic_gain)))
+
+    def tie_margin(self, bic_gain: float) -> float:
+        """Difference of BIC gain in nats from which a cause with ``bic_gain`` is distinguishable from another."""
+        if self.model.is_white:
+            return THRESHOLDS.tie_margin
+        # Part of any gain belongs to the form of the equation.
+        return THRESHOLDS.tie_margin + min(THRESHOLDS.tie_share * bic_gain, THRESHOLDS.tie_cap)
+
+    def indistinguishable(self, cause: Cause) -> tuple[Effect, ...]:
+        """Named alternatives of ``cause`` within the tie margin."""
+        margin = self.tie_margin(cause.bic_gain)
+        close = [one.effect for one in cause.alternatives if abs(one.bic_gain - cause.bic_gain) < margin]
+        return tuple(effect for effect in close if not is_signal(effect))
+
+    def probability(self, cause: Cause, held_out_gain: float) -> float:
+        """Posterior probability that ``cause``, or an indistinguishable one, acts."""
+        # A signal that follows the cause is no other cause.
+        named = [one for one in cause.alternatives if not is_signal(one.effect)]
+        gains = {one.effect.id: self.chance_corrected_gain(one) for one in named}
+        gains[cause.effect.id] = own = self.chance_corrected_gain(cause)
+        equivalent = [cause.effect.id, *[effect.id for effect in self.indistinguishable(cause)]]
+        rest = self.search.without(self.model, cause.effect)
+        white = self.model.is_white
+        # The approximate equations of the other effects may account for part of the gain.
+        allowance = self.search.misspecification_allowance(rest, white=white)
+        excess = max(own - held_out_gain, 0.0) + allowance
+        gains = {name: gain - excess for name, gain in gains.items()}
+        cap = stand_in_cap(held_out_gain - allowance, own - allowance, white=white)
+        probability = posterior_probability(gains, equivalent, self.search.causes_tried, cap=cap)
+        return probability if white else min(probability, outlier_probability(self.model, cause.effect))
+
+    def chance_corrected_gain(self, one: Cause | Alternative) -> float:
+        """BIC gain less the gain by chance of the best of several forms.
+
+        With coloured innovations that is part of the recalibration, which used campaigns without this correction.
         """
-        warnings, likely = self._remainder(), list[str]()
-        for _ in range(_REFUSALS):
-            effect, doubt = self._doubted(likely)
-            if effect is None:
-                break
-            warnings.append(f"{effect.title} {doubt}: it is not claimed.")
-            self.search.ban(effect)
-            if doubt == _LIKELY:
-                likely.append(effect.key)
-                continue
-            self.final = self.search.run(self.search.without(self.final, effect))
-            self.decide()
-            self.settle()
-        if likely:
-            warnings += self._leave_out(likely)
-        if not self.final.effects:
-            # Its own limit of the disturbance suits a model without effects best.
-            self.final = self.base
-        return warnings
-
-    def _doubted(self, passed: Collection[str]) -> tuple[Effect | None, str]:
-        """The first effect that is in doubt, but those whose keys are ``passed`` over, and why; None where none is."""
-        for effect in self.final.effects:
-            if effect.key in passed:
-                continue
-            doubt = self._doubt(effect)
-            if doubt:
-                return effect, doubt
-        return None, ""
-
-    def _leave_out(self, likely: Collection[str]) -> list[str]:
-        """Leave out what is ``likely``, by its key, and what is in doubt without that; what is said of the latter."""
-        for effect in self.final.effects:
-            if effect.key in likely:
-                self.final = self.search.without(self.final, effect)
-        warnings = []
-        idle, _ = self._doubted(())
-        while idle is not None:
-            warnings.append(f"{idle.title} shows only beside what is not established: it is not claimed.")
-            self.final = self.search.without(self.final, idle)
-            idle, _ = self._doubted(())
-        return warnings
-
-    def _remainder(self) -> list[str]:
-        """What would be added, were not so much explained already that it may be the form of that."""
-        following = self.search.best_extension(self.final)
-        if following is None or bic_score(following) - bic_score(self.final) < self.search.threshold:
-            return []
-        effect, gain = following.effects[-1], self.final.value - following.value
-        if any(effect is shrunk for shrunk in self.shrunk):
-            return []
-        if self.search.is_worth_adding(following, self.final):
-            why = "enough for a cause; but the search ended before it was taken up"
-        else:
-            why = (
-                "little beside what was found: nature's form of that is never quite the equation's, and this may be "
-                "no more than the difference"
-            )
-        return [f"{effect.title} would gain a log-likelihood of {gain:.0f}, {why}. It is not claimed."]
-
-    def _doubt(self, effect: Effect) -> str:
-        gain, size = self.held_out_gain(effect), significance(self.final, effect)
-        least = _SIGNIFICANT_AHEAD if self.by_horizons else _SIGNIFICANT
-        if gain <= 0.0:
-            return f"fits these trials but predicts trials not fitted worse (log-likelihood {gain:.1f})"
-        if is_at_bound(self.final, effect):
-            return "would be larger here than there is"
-        if size < least:
-            return f"is only {size:.1f} standard errors away from nothing"
-        sure = self.confidence(self.cause(effect), gain)
-        if sure < ESTABLISHED:
-            return _LIKELY if sure >= _EVEN else "is possible, and not established"
-        return ""
-
-    def confidence(self, cause: Cause, held_out_gain: float) -> float:
-        """Probability that ``cause``, or one not told from it, acts; on trials not fitted it has to gain too."""
-        # A signal that the cause follows, or that follows it, is not another cause.
-        worths = {
-            rival.effect.id: self._sure_worth(rival) for rival in cause.alternatives if not is_signal(rival.effect)
-        }
-        worths[cause.effect.id] = own = self._sure_worth(cause)
-        others = undecided(cause, self.margin(cause.bic_gain))
-        alike = [cause.effect.id, *[effect.id for effect in others]]
-        rest = self.search.without(self.final, cause.effect)
-        white = self.final.is_white
-        # Part of it may be no more than how nature's form of the others differs from the equations'.
-        doubt = self.search.misspecification_allowance(rest, white=white)
-        less = max(own - held_out_gain, 0.0) + doubt
-        for name in worths:
-            worths[name] -= less
-        most = stand_in_cap(held_out_gain - doubt, own - doubt, white=white)
-        sure = posterior_probability(worths, alike, self.search.tried, cap=most)
-        return sure if white else min(sure, outlier_probability(self.final, cause.effect))
-
-    def _sure_worth(self, one: Cause | Alternative) -> float:
-        """What it is worth, less what the best of so many forms, as of one for each trial, gains by chance.
-
-        Where the model does not explain the data to the noise, odds were held against campaigns without that.
-        """
-        if not self.final.is_white:
+        if not self.model.is_white:
             return one.bic_gain
         forms = sum(candidate.id == one.effect.id for candidate in self.search.candidates)
         return one.bic_gain - math.log(max(forms, 1))
 
-    def margin(self, worth: float) -> float:
-        """By so much a rival is beaten of a cause that is worth so much.
 
-        Where the model explains the data to the noise, likelihood decides; else part of any gain is that of its form.
-        """
-        least, share, most = _BEATEN
-        if self.final.is_white:
-            return least
-        return least + min(share * worth, most)
+@dataclass(frozen=True, kw_only=True)
+class Rejection:
+    """An effect that fails validation, and the reason; a likely effect stays in the model until validation ends."""
 
-    def suspects(self) -> list[Suspected]:
-        """Causes that are likely or possible beside the final model, the most likely first.
+    effect: Effect
+    reason: str
+    is_likely: bool = False
 
-        The first stands for its class; each other for itself, were it the one that acts.
-        """
-        beside = self.search.candidates_beside(self.final)
-        named = [rival for rival in beside if not is_signal(rival.effect)]
-        passed = {effect.id for effect in self.shrunk}
-        if self.waves is not None:
-            passed.update(self.waves.passed_for)
-        left = [rival for rival in named if rival.bic_gain > 0.0 and rival.effect.id not in passed]
-        white = self.final.is_white
-        doubt = self.search.misspecification_allowance(self.final, white=white)
 
-        def odds(names: Collection[Alternative], less: float = 0.0, most: float = 1.0) -> float:
-            worths = {rival.effect.id: self._sure_worth(rival) - doubt - less for rival in left}
-            return posterior_probability(worths, [rival.effect.id for rival in names], self.search.tried, cap=most)
+def resolve_ties(selection: Selection) -> Selection:
+    """Replace effects by alternatives that gain more on all data; the search compares thinned data."""
+    for _ in range(THRESHOLDS.max_tie_decisions):
+        better = _better_alternative(selection)
+        if better is None:
+            break
+        selection = replace(selection, model=better.fitted)
+    return selection
 
-        # Whether one acts takes a fit: only those are asked that are possible if they do.
-        acts = cache(self._acts)
-        suspects: list[Suspected] = []
-        for rival in left.copy():
-            least = max(rival.bic_gain - _TOLD, 0.0)
-            near = [] if suspects else [other for other in left if other is not rival and other.bic_gain > least]
-            if recalibrated(odds([rival, *near]), white=white) < POSSIBLE:
-                break
-            if not acts(rival):
-                left.remove(rival)
-                continue
-            alike = [other for other in near if acts(other)]
-            gain = held_out_log_likelihood(self.folds(rival.fitted)) - held_out_log_likelihood(self.folds(self.final))
-            own = self._sure_worth(rival)
-            most = stand_in_cap(gain - doubt, own - doubt, white=white)
-            sure = odds([rival, *alike], max(own - gain, 0.0), most)
-            if not white:
-                sure = min(sure, outlier_probability(rival.fitted, rival.effect))
-            if (said := recalibrated(sure, white=white)) >= POSSIBLE:
-                suspects.append(Suspected(rival, said, gain, tuple(alike)))
-        return sorted(suspects, key=lambda one: -one.confidence)
 
-    def _acts(self, rival: Alternative) -> bool:
-        """Whether ``rival`` has a size, and where predictions are looked at, each next reading shows as much of it."""
-        if significance(rival.fitted, rival.effect) < _SUSPECTED_SIZE:
-            return False
-        return self.waves is None or has_consistent_size(rival.fitted, self.waves.likelier, rival.effect)
+def _better_alternative(selection: Selection) -> Alternative | None:
+    for effect in selection.model.effects:
+        cause = selection.cause(effect)
+        for one in cause.alternatives:
+            signal_for_name = is_signal(one.effect) and not is_signal(effect)
+            if one.bic_gain > cause.bic_gain and not signal_for_name and selection.search.is_allowed(one.effect):
+                return one
+    return None
+
+
+def first_rejection(selection: Selection, passed: Collection[str] = ()) -> Rejection | None:
+    """The first effect of the model that fails a test, except those with keys in ``passed``; None where all pass."""
+    for effect in selection.model.effects:
+        if effect.key not in passed and (rejection := _test(selection, effect)) is not None:
+            return rejection
+    return None
+
+
+def _test(selection: Selection, effect: Effect) -> Rejection | None:
+    """Four tests: held-out gain, bound, significance, and posterior probability."""
+    gain, size = selection.held_out_gain(effect), significance(selection.model, effect)
+    least = THRESHOLDS.min_standard_errors
+    if selection.multi_step:
+        least = THRESHOLDS.min_standard_errors_multi_step
+    if gain <= THRESHOLDS.min_held_out_gain:
+        reason = f"fits these trials but predicts held-out trials worse (log-likelihood {gain:.1f})"
+        return Rejection(effect=effect, reason=reason)
+    if is_at_bound(selection.model, effect):
+        return Rejection(effect=effect, reason="would be larger than is physically plausible")
+    if size < least:
+        return Rejection(effect=effect, reason=f"differs from zero by only {size:.1f} standard errors")
+    probability = selection.probability(selection.cause(effect), gain)
+    if probability >= THRESHOLDS.established:
+        return None
+    if probability >= THRESHOLDS.likely:
+        return Rejection(effect=effect, reason="is likely, but not established", is_likely=True)
+    return Rejection(effect=effect, reason="is possible, but not established")
+
+
+def drop_likely(selection: Selection, likely: Collection[str]) -> Selection:
+    """Drop the effects with keys in ``likely``, and then the effects that fail a test without them."""
+    if not likely:
+        return selection
+    for effect in selection.model.effects:
+        if effect.key in likely:
+            selection = selection.drop(effect)
+    while (rejection := first_rejection(selection)) is not None:
+        message = f"{rejection.effect.title} shows only next to an effect that is not established: it is not claimed."
+        selection = selection.reject(message).drop(rejection.effect)
+    return selection
+
+
+def drop_inconsistent(selection: Selection) -> Selection:
+    """Test for waves, and drop effects with a smaller size in one-step predictions; search again without them."""
+    wave_test = selection.wave_test
+    if wave_test is None:
+        return selection
+    for _ in range(THRESHOLDS.max_rejections):
+        waves = wave_test(selection.model)
+        selection, model = replace(selection, waves=waves), selection.model
+        dropped = [effect for effect in model.effects if not has_consistent_size(model, waves.likelier, effect)]
+        if not dropped:
+            return selection
+        for effect in dropped:
+            selection = selection.drop(effect)
+        selection = replace(selection, inconsistent=(*selection.inconsistent, *dropped))
+        selection = selection.ban(*dropped).search_on()
+    return replace(selection, model=selection.base, waves=wave_test(selection.base))
+
+
+def report_remainder(selection: Selection) -> Selection:
+    """Add a message on the next effect, where its gain is notable but may come from approximate equations."""
+    following = selection.search.best_extension(selection.model)
+    if following is None or bic_score(following) - bic_score(selection.model) < selection.search.threshold:
+        return selection
+    effect, gain = following.effects[-1], selection.model.value - following.value
+    if any(effect is one for one in selection.inconsistent):
+        return selection
+    if selection.search.is_worth_adding(following, selection.model):
+        why = "The gain is large enough for a cause, but the search ended before it was added."
+    else:
+        why = "The gain is small and may only reflect that the equations of the other effects are approximate."
+    return selection.reject(f"{effect.title} would gain a log-likelihood of {gain:.0f}. {why} It is not claimed.")
 
 
 @dataclass(frozen=True, eq=False)
 class Suspected:
-    """A cause that is likely or possible beside the final model, and the ``others`` that it is not told from."""
+    """A cause that is likely or possible next to the selected model, and the ``others`` indistinguishable from it."""
 
-    rival: Alternative
-    confidence: float
+    alternative: Alternative
+    probability: float
     held_out_gain: float
     others: tuple[Alternative, ...]
 
 
-def undecided(cause: Cause, margin: float) -> tuple[Effect, ...]:
-    """Rivals of ``cause`` that neither beat it by ``margin`` nor are so beaten; of a mere signal that is not asked."""
-    close = [rival.effect for rival in cause.alternatives if abs(rival.bic_gain - cause.bic_gain) < margin]
-    return tuple(effect for effect in close if not is_signal(effect))
+def suspects(selection: Selection) -> list[Suspected]:
+    """Likely or possible causes next to the selected model, the most probable first.
 
+    The first suspect stands for all causes indistinguishable from it. Each other suspect stands for itself.
+    """
+    model, search, white = selection.model, selection.search, selection.model.is_white
+    excluded = {effect.id for effect in selection.inconsistent}
+    further = search.further_causes(model)
+    if selection.waves is not None:
+        excluded.update(selection.waves.imitated)
+    left = [one for one in further if not is_signal(one.effect)]
+    left = [one for one in left if one.bic_gain > 0.0 and one.effect.id not in excluded]
+    allowance = search.misspecification_allowance(model, white=white)
 
-def significance(fitted: FitResult, effect: Effect) -> float:
-    """Distance of the effect's size from nothing, in standard errors."""
-    away, error = effect_size(fitted, effect, sandwich=not fitted.is_white)
-    return abs(away) / error if error > 0.0 else math.inf
+    def posterior(equivalent: Collection[Alternative], excess: float = 0.0, cap: float = 1.0) -> float:
+        gains = {one.effect.id: selection.chance_corrected_gain(one) - allowance - excess for one in left}
+        return posterior_probability(gains, [one.effect.id for one in equivalent], search.causes_tried, cap=cap)
+
+    # The test of a size takes a fit: only causes that are otherwise possible are tested.
+    @cache
+    def has_size(one: Alternative) -> bool:
+        if significance(one.fitted, one.effect) < THRESHOLDS.min_standard_errors_suspect:
+            return False
+        return selection.waves is None or has_consistent_size(one.fitted, selection.waves.likelier, one.effect)
+
+    found: list[Suspected] = []
+    for one in left.copy():
+        least = max(one.bic_gain - THRESHOLDS.suspect_margin, 0.0)
+        near = [] if found else [other for other in left if other is not one and other.bic_gain > least]
+        if recalibrated(posterior([one, *near]), white=white) < THRESHOLDS.possible:
+            break
+        if not has_size(one):
+            left.remove(one)
+            continue
+        others = [other for other in near if has_size(other)]
+        gain = held_out_log_likelihood(selection.folds(one.fitted)) - held_out_log_likelihood(selection.folds(model))
+        own = selection.chance_corrected_gain(one)
+        cap = stand_in_cap(gain - allowance, own - allowance, white=white)
+        probability = posterior([one, *others], max(own - gain, 0.0), cap)
+        if not white:
+            probability = min(probability, outlier_probability(one.fitted, one.effect))
+        stated = recalibrated(probability, white=white)
+        if stated >= THRESHOLDS.possible:
+            found.append(Suspected(one, stated, gain, tuple(others)))
+    return sorted(found, key=lambda one: -one.probability)

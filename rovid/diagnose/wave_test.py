@@ -1,4 +1,4 @@
-"""Waves beside what predictions found: each next reading, which knows their phase, is asked for them."""
+"""Test for waves: a disturbance with a narrow band against one without, by one-step predictions, which know the phase."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from functools import cached_property
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.diagnose.bic import bic_score, fit_coarse, fit_in_parallel, is_plausible
-from rovid.diagnose.cross_validation import cross_validate, held_out_log_likelihood
-from rovid.diagnose.posterior import ESTABLISHED, POSSIBLE, posterior_probability, stand_in_cap
-from rovid.diagnose.splitting import CvPiece
+from rovid.diagnose.candidate_fits import bic_score, fit_coarse, fit_in_parallel, is_plausible
+from rovid.diagnose.cross_validation import CvPiece, cross_validate, held_out_log_likelihood
+from rovid.diagnose.posterior import posterior_probability, stand_in_cap
+from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult
@@ -22,131 +22,117 @@ from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from rovid.estimate.objective import UNLIMITED, NegativeLogLikelihood
 from rovid.estimate.parametrization import COMMON, DISTURBANCE, MEMORY
 
-_FIRST_ITERATIONS, _ITERATIONS = 3, 20
-_BEGUN = 3
-# Sizes of the disturbance, of the torque in use, and memories in s, to begin with.
-_SHARES, _MEMORIES = (0.01, 0.1, 1.0), (0.3, 4.0)
-
 
 @dataclass(frozen=True, eq=False)
 class WaveTest:
-    """A model by the next reading without and with waves; what they gain there, and on pieces that were not fitted.
+    """One-step fits without and with waves.
 
-    ``fitted`` is None where waves gain nothing.
+    Attributes
+    ----------
+    plain, fitted
+        Without, and with waves; the latter is None where waves gain nothing.
+    gain, bic_gain
+        Log-likelihood gain of the waves, and the same less its BIC penalty, in nats.
     """
 
-    records: InnovationData
     plain: FitResult
     pieces: Sequence[CvPiece]
     fitted: FitResult | None = None
     gain: float = 0.0
-    worth: float = 0.0
+    bic_gain: float = 0.0
 
     @cached_property
     def held_out_gain(self) -> float:
-        """What waves gain on pieces that were not fitted."""
+        """Log-likelihood gain of the waves on pieces that were not fitted, in nats."""
         if self.fitted is None:
             return 0.0
-        return self._held_out(self.fitted) - self._held_out(self.plain)
-
-    def _held_out(self, fitted: FitResult) -> float:
-        """Log-likelihood of the pieces, each by a fit to the others."""
-        return held_out_log_likelihood(cross_validate(fitted, self.pieces))
+        with_waves, without = (
+            held_out_log_likelihood(cross_validate(fitted, self.pieces)) for fitted in (self.fitted, self.plain)
+        )
+        return with_waves - without
 
     @cached_property
-    def confidence(self) -> float:
-        """Probability that there are such waves."""
+    def probability(self) -> float:
+        """Probability that the waves exist."""
         if self.fitted is None:
             return 0.0
         name = self.fitted.effects[-1].id
-        # Holding out takes long, and makes nothing surer.
-        sure = posterior_probability({name: self.worth}, (name,), 1)
-        if sure < POSSIBLE:
-            return sure
-        borne_out = min(self.worth, self.held_out_gain)
-        return posterior_probability(
-            {name: borne_out}, (name,), 1, cap=stand_in_cap(self.held_out_gain, self.worth, white=True)
-        )
+        probability = posterior_probability({name: self.bic_gain}, (name,), 1)
+        # Cross-validation is slow and can only lower the probability.
+        if probability < THRESHOLDS.possible:
+            return probability
+        gain = min(self.bic_gain, self.held_out_gain)
+        cap = stand_in_cap(self.held_out_gain, self.bic_gain, white=True)
+        return posterior_probability({name: gain}, (name,), 1, cap=cap)
 
     @property
     def likelier(self) -> FitResult:
-        """With the waves where they are worth their parameters, else without."""
-        if self.fitted is None or self.worth <= 0.0:
+        """The model with waves where these have a BIC gain, else the model without."""
+        if self.fitted is None or self.bic_gain <= 0.0:
             return self.plain
         return self.fitted
 
     @property
     def established(self) -> FitResult | None:
-        """With the waves, where they are established."""
-        return self.fitted if self.confidence >= ESTABLISHED else None
+        """The model with waves; None where waves are not established."""
+        return self.fitted if self.probability >= THRESHOLDS.established else None
 
     @property
-    def passed_for(self) -> tuple[str, ...]:
-        """Ids of causes that such waves pass for; none where the waves are not established."""
+    def imitated(self) -> tuple[str, ...]:
+        """Ids of causes that the established waves imitate."""
         return () if self.established is None else self.established.effects[-1].rivals
 
 
-def run_wave_test(
-    records: InnovationData, beside: FitResult, wave: Effect | None, pieces: Sequence[CvPiece]
-) -> WaveTest:
-    """Look for ``wave`` beside the effects of a model that predictions found.
-
-    Two kinds of disturbance are compared: one that fades, of any size, and that with waves besides.
-    """
-    plain = _without_waves(records, beside)
+def run_wave_test(data: InnovationData, beside: FitResult, wave: Effect | None, pieces: Sequence[CvPiece]) -> WaveTest:
+    """Test for the effect ``wave`` next to the effects of the model ``beside``; the disturbance has no limit."""
+    plain = _fit_without_waves(data, beside)
     if wave is None:
-        return WaveTest(records, plain, pieces)
-    with_waves = _with_waves(plain, wave)
-    if not is_plausible(with_waves) or bic_score(with_waves) <= bic_score(plain):
-        return WaveTest(records, plain, pieces)
-    # Readings whose misfits are not white tell less than they seem to: no more than the stretches of time bear out.
-    borne_out = min(bic_score(with_waves) - bic_score(plain), _borne_out(with_waves, plain))
-    return WaveTest(records, plain, pieces, with_waves, plain.value - with_waves.value, borne_out)
+        return WaveTest(plain, pieces)
+    with_waves = _fit_with_waves(plain, wave)
+    bic_gain = bic_score(with_waves) - bic_score(plain)
+    if not is_plausible(with_waves) or bic_gain <= 0.0:
+        return WaveTest(plain, pieces)
+    # Coloured innovations overstate the gain: its scatter between blocks of time limits it.
+    return WaveTest(
+        plain, pieces, with_waves, plain.value - with_waves.value, min(bic_gain, _gain_over_blocks(with_waves, plain))
+    )
 
 
-def _without_waves(records: InnovationData, beside: FitResult) -> FitResult:
-    """The model beside a disturbance as large as it likes: waves have to be more than that."""
-    misfit = InnovationLikelihood(records, UNLIMITED, beside.effects)
-    begin = misfit.parametrization.initial()
+def _fit_without_waves(data: InnovationData, beside: FitResult) -> FitResult:
+    objective = InnovationLikelihood(data, UNLIMITED, beside.effects)
+    begin = objective.parametrization.initial()
     other = np.r_[0:DISTURBANCE, COMMON : len(begin)]
     begin[other] = beside.x[other]
-    return fit_coarse(misfit, _disturbed(misfit, begin), _ITERATIONS)
+    # An unlimited disturbance has several local optima: the fit starts from the most likely of a grid.
+    starts = []
+    for share, seconds in itertools.product(THRESHOLDS.wave_disturbance_shares, THRESHOLDS.wave_disturbance_seconds):
+        start = begin.copy()
+        start[DISTURBANCE] = math.log(share * data.rms_torque)
+        start[MEMORY] = math.log(seconds)
+        starts.append(np.clip(start, *objective.parametrization.bounds))
+    (best,) = objective.most_likely(starts, 1)
+    return fit_coarse(objective, best, THRESHOLDS.close_iterations)
 
 
-def _with_waves(plain: FitResult, wave: Effect) -> FitResult:
-    misfit = plain.objective.with_effects((*plain.effects, wave))
-    begins = [np.concatenate((plain.x, start)) for start in misfit.parametrization.initial_values()]
-    begun = misfit.most_likely(begins, _BEGUN)
-    tried = fit_in_parallel([misfit] * len(begun), lambda at: fit_coarse(misfit, begun[at], _FIRST_ITERATIONS))
-    best = min(tried, key=lambda fitted: fitted.value)
-    return fit_coarse(misfit, best.x, _ITERATIONS)
+def _fit_with_waves(plain: FitResult, wave: Effect) -> FitResult:
+    objective: NegativeLogLikelihood = plain.objective.with_effects((*plain.effects, wave))
+    starts = [np.concatenate((plain.x, start)) for start in objective.parametrization.initial_values()]
+    begun = objective.most_likely(starts, THRESHOLDS.wave_starts)
+
+    def first_steps(at: int) -> FitResult:
+        return fit_coarse(objective, begun[at], THRESHOLDS.wave_first_iterations)
+
+    best = min(fit_in_parallel([objective] * len(begun), first_steps), key=lambda fitted: fitted.value)
+    return fit_coarse(objective, best.x, THRESHOLDS.close_iterations)
 
 
-def _disturbed(misfit: NegativeLogLikelihood, x: FloatArray) -> FloatArray:
-    """``x`` with the likeliest of a few disturbances: unlimited, a climb from one far too small goes astray."""
-    pairs = itertools.product(_SHARES, _MEMORIES)
-    begins = [_with_disturbance(misfit, x, share, memory) for share, memory in pairs]
-    (likeliest,) = misfit.most_likely(begins, 1)
-    return likeliest
-
-
-def _with_disturbance(misfit: NegativeLogLikelihood, x: FloatArray, share: float, memory: float) -> FloatArray:
-    """``x`` with a disturbance of a ``share`` of the torque in use and a ``memory`` in s, within the bounds."""
-    begin = x.copy()
-    begin[DISTURBANCE] = math.log(share * misfit.data.rms_torque)
-    begin[MEMORY] = math.log(memory)
-    return np.clip(begin, *misfit.parametrization.bounds)
-
-
-def _borne_out(better: FitResult, plain: FitResult) -> float:
-    """Log-likelihood of a gain in every stretch of time, by the scatter between them (Vuong 1989)."""
+def _gain_over_blocks(better: FitResult, plain: FitResult) -> float:
+    """Log-likelihood gain that the scatter of the gain between blocks of time supports (Vuong 1989)."""
     block = plain.data.block_index
-    gains = np.bincount(
-        block, weights=plain.objective.contributions(plain.x) - better.objective.contributions(better.x)
-    )
-    gains = gains[np.bincount(block) > 0]
+    difference: FloatArray = plain.objective.contributions(plain.x) - better.objective.contributions(better.x)
+    gains = np.bincount(block, weights=difference)[np.bincount(block) > 0]
     count = len(gains)
     spread = float(np.std(gains, ddof=1)) * math.sqrt(count) if count > 1 else math.inf
     away = float(gains.sum()) / max(spread, 1e-300)
-    # As Student's distribution has it, for the scatter is known no better than the stretches are many.
+    # Student's distribution, because the scatter comes from a few blocks.
     return math.copysign(0.5 * count * math.log1p(away**2 / count), away)

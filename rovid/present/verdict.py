@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from rovid.diagnose.posterior import ESTABLISHED
+from rovid.diagnose.thresholds import ESTABLISHED
 from rovid.diagnose.result import Diagnosis, Finding
 from rovid.trial.assumptions import Assumptions
 

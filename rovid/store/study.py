@@ -14,8 +14,13 @@ from rovid.core.errors import ConfigError, DataError, suggestion
 from rovid.core.signatures import PLAN
 from rovid.core.toml import read_toml
 from rovid.design.candidate_runs import RunLimits
-from rovid.design.expected_information import CandidateModel
-from rovid.design.experiment_design import ExperimentPlan, candidate_model, plan_experiment, require_thrusters
+from rovid.design.experiment_design import (
+    CandidateModel,
+    ExperimentPlan,
+    candidate_model,
+    plan_experiment,
+    require_thrusters,
+)
 from rovid.diagnose.result import Diagnosis, Finding, ModelAssessment
 from rovid.diagnose.tables import TableDiagnosis, diagnose_tables
 from rovid.effects import Effect, forms_for

@@ -10,8 +10,7 @@ from pathlib import Path
 from rovid.core.errors import ConfigError, DataError, OutputError, RovidError
 from rovid.design.candidate_runs import RunLimits
 from rovid.design.experiment_design import ExperimentPlan, candidate_model, plan_experiment
-from rovid.diagnose.next_experiment import next_experiment
-from rovid.diagnose.result import Diagnosis
+from rovid.diagnose.result import Diagnosis, next_experiment
 from rovid.effects import Effect
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.maximum_likelihood import LikelihoodFit

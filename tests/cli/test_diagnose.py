@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from rovid.diagnose.splitting import recorded_seconds, split_runs
+from rovid.diagnose.cross_validation import recorded_seconds, split_runs
 from tests import synthetic
 from tests.conftest import SAMPLES, Rovid
 from tests.whole.test_bad_input import TOML, assert_one_message

@@ -4,8 +4,15 @@ from __future__ import annotations
 
 import math
 
-from rovid.diagnose.next_experiment import discriminating_experiment, next_experiment
-from rovid.diagnose.result import Diagnosis, Finding, HorizonErrors, ModelAssessment, unidentifiable_parameters
+from rovid.diagnose.result import (
+    Diagnosis,
+    Finding,
+    HorizonErrors,
+    ModelAssessment,
+    discriminating_experiment,
+    next_experiment,
+    unidentifiable_parameters,
+)
 from rovid.diagnose.signal_regressors import is_signal, signal_name
 from rovid.diagnose.tables import Explanation, SinePrediction, TableDiagnosis
 from rovid.estimate.estimate import Estimate

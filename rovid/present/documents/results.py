@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rovid.control.design import ClosedLoopResult, ControllerDesign
-from rovid.design.expected_information import ExpectedInformation
-from rovid.design.experiment_design import ExperimentPlan, commands_by_name
+from rovid.design.experiment_design import ExpectedInformation, ExperimentPlan, commands_by_name
 from rovid.export.resimulation import Mismatch
 from rovid.export.run_export import ExportLoss, VerifiedExport
 from rovid.model.simulation import TrialSimulation, pooled_fit

@@ -18,8 +18,8 @@ from rovid.core.atomic_write import OutputFile
 from rovid.core.formatting import plus_minus
 from rovid.core.signatures import png_signature, svg_signature
 from rovid.core.spmd import forked_workers, parallel_map
+from rovid.diagnose.cross_validation import split_runs
 from rovid.diagnose.result import Finding
-from rovid.diagnose.splitting import split_runs
 from rovid.effects import Effect
 from rovid.model.model import Model
 from rovid.model.simulation import TrialSimulation

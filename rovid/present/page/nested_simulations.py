@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from rovid.core.threads import thread_map
+from rovid.diagnose.cross_validation import split_runs
 from rovid.diagnose.result import Diagnosis
 from rovid.diagnose.signal_regressors import is_signal
-from rovid.diagnose.splitting import split_runs
 from rovid.effects import Effect
 from rovid.model.model import Model
 from rovid.model.simulation import HORIZONS, TrialSimulation, pooled_fit, simulate_runs

@@ -14,8 +14,7 @@ from rovid import __version__
 from rovid.core.atomic_write import OutputFile, OutputSet
 from rovid.core.formatting import plus_minus
 from rovid.core.signatures import PAGE, png_signature
-from rovid.diagnose.next_experiment import discriminating_experiment, next_experiment
-from rovid.diagnose.result import Diagnosis
+from rovid.diagnose.result import Diagnosis, discriminating_experiment, next_experiment
 from rovid.effects import effect_named, restoring_effect
 from rovid.estimate.inertia import METHODS, InertiaFit
 from rovid.model.parameter_names import base_names

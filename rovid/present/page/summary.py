@@ -7,8 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from rovid.core.formatting import plus_minus
-from rovid.diagnose.next_experiment import next_experiment
-from rovid.diagnose.result import Diagnosis, Finding
+from rovid.diagnose.result import Diagnosis, Finding, next_experiment
 from rovid.model.parameter_names import unit_of
 from rovid.model.simulation import HORIZONS
 from rovid.present.number_text import equal_decimals, number_with_unit, same_decimals

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 
 from rovid.core.formatting import plus_minus, significant
-from rovid.diagnose.bic import Alternative
+from rovid.diagnose.candidate_fits import Alternative
 from rovid.diagnose.result import (
     NEVER_IDENTIFIABLE,
     UNIDENTIFIABLE,

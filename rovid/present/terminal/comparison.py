@@ -11,7 +11,7 @@ from rovid.compare.comparison import Comparison, CrossPrediction
 from rovid.compare.difference_tests import DRAG, THRUST_SCALE, ChangeCandidate, DifferenceTest, ParameterChange
 from rovid.core.console import labelled_text
 from rovid.core.formatting import plus_minus, significant
-from rovid.diagnose.posterior import ESTABLISHED
+from rovid.diagnose.thresholds import ESTABLISHED
 from rovid.diagnose.result import NEVER_IDENTIFIABLE, UNIDENTIFIABLE
 from rovid.effects import CATALOGUE, effect_named
 from rovid.model.parameter_names import without_form

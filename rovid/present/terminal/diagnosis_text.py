@@ -13,8 +13,15 @@ from rovid.control.design import ClosedLoopResult, ControllerDesign, MarginSprea
 from rovid.control.tuning import Margins
 from rovid.core.console import labelled_text
 from rovid.core.formatting import plus_minus, significant
-from rovid.diagnose.next_experiment import discriminating_experiment, next_experiment
-from rovid.diagnose.result import UNIDENTIFIABLE, Diagnosis, Finding, ModelAssessment, unidentifiable_parameters
+from rovid.diagnose.result import (
+    UNIDENTIFIABLE,
+    Diagnosis,
+    Finding,
+    ModelAssessment,
+    discriminating_experiment,
+    next_experiment,
+    unidentifiable_parameters,
+)
 from rovid.diagnose.tables import Explanation, TableDiagnosis
 from rovid.effects import Effect
 from rovid.estimate.estimate import Estimate

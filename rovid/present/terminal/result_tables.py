@@ -14,8 +14,7 @@ from rich.text import Text
 from rovid.core.console import labelled_text
 from rovid.core.errors import LINE_LENGTH, display_text
 from rovid.core.formatting import plus_minus, round_to_error, rounded, significant
-from rovid.design.expected_information import DECISIVE_LLR
-from rovid.design.experiment_design import ExperimentPlan
+from rovid.design.experiment_design import DECISIVE_LLR, ExperimentPlan
 from rovid.estimate.estimate import PER_INERTIA, Estimate
 from rovid.estimate.free_decay import FreeDecay, Quantity, analyse_free_decay
 from rovid.estimate.inertia import METHODS, InertiaFit

@@ -1,0 +1,311 @@
+"""The two objectives of the search: likelihood of one-step innovations, and likelihood of multi-step predictions.
+
+Both have the same interface: `data`, `pieces`, `base` and `search`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from importlib import import_module
+from typing import Protocol, Self
+
+import numpy as np
+
+from rovid.core.array_types import FloatArray
+from rovid.diagnose.candidate_fits import FitCache, bic_score, fit_coarse, is_plausible
+from rovid.diagnose.cross_validation import CvPiece, cv_pieces
+from rovid.diagnose.signal_regressors import signal_regressors
+from rovid.diagnose.stepwise import Gains, ProgressCallback, StepwiseSearch, StopRule
+from rovid.diagnose.thresholds import THRESHOLDS
+from rovid.diagnose.wave_test import WaveTest, run_wave_test
+from rovid.effects import Effect, forms_for
+from rovid.estimate.dataset import FitData
+from rovid.estimate.filter_data import InnovationData
+from rovid.estimate.fit_result import FitResult, fit
+from rovid.estimate.maximum_likelihood import DISTURBANCE_LIMITS, INNOVATIONS_R2, fit_innovations, loosen_limit
+from rovid.estimate.multi_step_data import MultiStepData, time_constant
+from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
+from rovid.estimate.objective import UNLIMITED, Key, NegativeLogLikelihood
+from rovid.estimate.output_error import free_run_r2
+from rovid.estimate.parametrization import DISTURBANCE
+from rovid.model.model import Model
+from rovid.signals.preprocessing import PreparedRuns, Run, shared_channels
+from rovid.trial.vehicle import Vehicle
+
+# BIC gain in nats of an effect whose posterior probability alone reaches `THRESHOLDS.established`.
+_MULTI_STEP_MARGIN = math.log(THRESHOLDS.established / (1.0 - THRESHOLDS.established) / THRESHOLDS.prior_odds)
+
+
+class SearchObjective(Protocol):
+    """Objective of a stepwise search.
+
+    Attributes
+    ----------
+    data
+        All data to which the selected model is fitted in the end.
+    pieces
+        Pieces of the runs for cross-validation.
+    base
+        Model without effects, fitted.
+    """
+
+    @property
+    def data(self) -> FitData: ...  # noqa: D102
+    @property
+    def pieces(self) -> Sequence[CvPiece]: ...  # noqa: D102
+    @property
+    def base(self) -> FitResult: ...  # noqa: D102
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MultiStepObjective:
+    """Likelihood of multi-step predictions, from half to eight time constants ahead; ``data`` sets their weights."""
+
+    data: MultiStepData
+    pieces: Sequence[CvPiece]
+    base: FitResult
+    candidates: Sequence[Effect]
+    report: ProgressCallback
+
+    @classmethod
+    def from_data(
+        cls, full: InnovationData, pieces: Sequence[CvPiece], candidates: Sequence[Effect], report: ProgressCallback
+    ) -> Self:
+        """Weighted by the prediction errors of the initial model."""
+        data = MultiStepData.from_data(full, full.initial_model)
+        base = fit(MultiStepLikelihood(data, effects=()), MultiStepLikelihood(data).parametrization.initial())
+        # Predictions do not know the phase of waves. With too few predictions, no cause is searched.
+        searched = without_waves(candidates) if data.effective_count >= THRESHOLDS.min_predictions else []
+        return cls(data=data, pieces=pieces, base=base, candidates=searched, report=report)
+
+    def search(self, is_enough: Callable[[FitResult], bool] | None) -> StepwiseSearch:
+        """Search by this objective."""
+        return StepwiseSearch(
+            self.candidates,
+            self.report,
+            is_enough=is_enough,
+            fits_poorly=fits_poorly,
+            margin=_MULTI_STEP_MARGIN,
+            screening_share=0.0,
+        )
+
+    def reweighted(self, search: StepwiseSearch, found: FitResult) -> Self:
+        """The objective with the most independent predictions among the likeliest models next to ``found``.
+
+        A missing effect correlates the errors, and few predictions count. The correlation of interest is that of the
+        best next effect, whether this effect is established or not.
+        """
+        plausible = [fitted for fitted in search.extensions(found) if is_plausible(fitted)]
+        likeliest = sorted((found, *plausible), key=bic_score, reverse=True)[: THRESHOLDS.reweighting_models]
+        reweighted = (self.data.reweighted(fitted.model) for fitted in likeliest)
+        return replace(self, data=max(reweighted, key=lambda data: data.effective_count))
+
+    def refit(self, fitted: FitResult) -> FitResult:
+        """The model of ``fitted`` with the weights of this objective."""
+        return fit(MultiStepLikelihood(self.data, effects=fitted.effects), fitted.x)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class InnovationObjective:
+    """Likelihood of one-step innovations of ``data``; ``wave_data`` are thinned for the test for waves."""
+
+    data: InnovationData
+    wave_data: InnovationData
+    candidates: Sequence[Effect]
+    report: ProgressCallback
+    _bases: dict[float, FitResult] = field(default_factory=dict)
+    _adequate: dict[Key, bool] = field(default_factory=dict)
+    _caches: dict[tuple[float, int], FitCache] = field(default_factory=dict)
+
+    @property
+    def pieces(self) -> list[CvPiece]:
+        """Each run as one piece."""
+        return [CvPiece(number, -math.inf, math.inf, run) for number, run in enumerate(self.data.runs)]
+
+    @property
+    def base(self) -> FitResult:
+        """Model without effects, fitted to the search data."""
+        return self.base_of(self.search_data)
+
+    @cached_property
+    def search_data(self) -> InnovationData:
+        """The data of the search, thinned where the sampling interval is short next to the time constant."""
+        interval = _search_interval(self.data)
+        return replace(self.data, interval=interval) if interval > self.data.interval else self.data
+
+    @property
+    def screening_data(self) -> InnovationData:
+        """Data for the first screening: the wave data where the search data are many times more."""
+        return screening_data(self.wave_data, self.search_data)
+
+    def base_of(self, data: InnovationData) -> FitResult:
+        """Model without effects, fitted to ``data``."""
+        if data.interval not in self._bases:
+            self._bases[data.interval] = fit_innovations(data, free_run_r2(data.runs, data.initial_model))
+        return self._bases[data.interval]
+
+    def begin(self, data: InnovationData, found: FitResult, shape: FitResult) -> FitResult:
+        """Fit the effects of ``found`` to ``data``, from the inertia and drag of ``shape``."""
+        if not found.effects:
+            return self.base_of(data)
+        return loosen_limit(fit(*self._start(data, found, shape)))
+
+    def search(self, start: FitResult, is_hopeless: StopRule | None = None) -> StepwiseSearch:
+        """Search from ``start`` with the cache of fits of earlier searches on the same data.
+
+        Waves are candidates only where ``start`` has them: they are slow to fit, and have a test of their own.
+        """
+        forms = list(self.candidates)
+        if len(without_waves(start.effects)) == len(start.effects):
+            forms = without_waves(self.candidates)
+        cache = self._caches.setdefault((start.data.interval, len(forms)), FitCache())
+        return StepwiseSearch(forms, self.report, is_hopeless=is_hopeless, cache=cache.for_selection())
+
+    def is_adequate(self, found: FitResult) -> bool:
+        """Whether the effects of ``found`` leave white innovations and a disturbance within its limit."""
+        objective, x = self._start(self.screening_data, found, found)
+        if objective.key not in self._adequate:
+            # An adequate model is close to ``found``, and adequate within the widest limit.
+            near = fit_coarse(objective.with_limit(max(DISTURBANCE_LIMITS)), x, THRESHOLDS.adequacy_iterations)
+            self._adequate[objective.key] = near.is_white and not near.at_limit
+        return self._adequate[objective.key]
+
+    def _start(
+        self, data: InnovationData, found: FitResult, shape: FitResult
+    ) -> tuple[NegativeLogLikelihood, FloatArray]:
+        """Objective with the effects of ``found``, and (p,) start with the inertia and drag of ``shape``."""
+        base = self.base_of(data)
+        x = np.concatenate((base.x, found.x[len(found.common_coordinates) :]))
+        x[:DISTURBANCE] = shape.x[:DISTURBANCE]
+        return base.objective.with_effects(found.effects), x
+
+
+def thin_for_waves(data: InnovationData) -> InnovationData:
+    """``data`` thinned as far as the test for waves allows."""
+    seconds = sum(float(np.ptp(run.trial.time)) for run in data.runs)
+    constant = time_constant(data.initial_model, data.rms_rate)
+    longest = THRESHOLDS.wave_thinning_time_constants * constant
+    interval = max(_search_interval(data), min(seconds / THRESHOLDS.wave_samples, longest))
+    return replace(data, interval=interval)
+
+
+def screening_data(wave_data: InnovationData, search_data: InnovationData) -> InnovationData:
+    """The smaller of two data sets, if it is smaller by `THRESHOLDS.thinning_ratio`; else the ``search_data``."""
+    if len(search_data.run_index) > THRESHOLDS.thinning_ratio * len(wave_data.run_index):
+        return wave_data
+    return search_data
+
+
+def _search_interval(data: InnovationData) -> float:
+    """Interval between the samples of a search in s; 0 for all samples."""
+    constant = time_constant(data.initial_model, data.rms_rate)
+    wanted = min(THRESHOLDS.thinning_time_constants * constant, THRESHOLDS.thinning_seconds)
+    sampling = float(np.median([run.trial.sampling_interval for run in data.runs]))
+    return wanted if wanted >= 2.0 * sampling else 0.0
+
+
+def without_waves(effects: Sequence[Effect]) -> list[Effect]:
+    """``effects`` that do not depend on an unknown phase."""
+    return [effect for effect in effects if not effect.is_wave]
+
+
+def fits_poorly(fitted: FitResult) -> bool:
+    """Whether the plain model simulates so badly that score tests mislead."""
+    return not fitted.effects and fitted.simulated_r2 < INNOVATIONS_R2
+
+
+def missing_log_likelihood(fitted: FitResult) -> tuple[float, float]:
+    """Log-likelihood (nats) that an unlimited disturbance would gain, and that white innovations would gain then."""
+    unlimited = fitted
+    if fitted.at_limit:
+        objective = fitted.objective.with_limit(UNLIMITED)
+        unlimited = fit_coarse(objective, fitted.x, THRESHOLDS.search_iterations)
+    colour = 0.0 if unlimited.is_white else unlimited.whitening_gain
+    return fitted.value - unlimited.value, colour
+
+
+def has_no_dominant_cause(current: FitResult, gains: Gains) -> bool:
+    """Whether the best further cause gains too little of what is missing, so that a one-step search may go astray."""
+    disturbance, colour = missing_log_likelihood(current)
+    if current.at_limit and disturbance < THRESHOLDS.bic_margin and not current.effects:
+        return True
+    if current.is_white and not current.at_limit:
+        return False
+    least = max(THRESHOLDS.dominant_share * (disturbance + colour), THRESHOLDS.bic_margin)
+    return max(gains(), default=0.0) < least
+
+
+def cannot_whiten(current: FitResult, gains: Gains) -> bool:
+    """Whether the best further causes together cannot make a model adequate: they gain too little of what is missing.
+
+    A disturbance at its limit that gains nothing beyond the limit is real: no cause removes it.
+    """
+    disturbance, colour = missing_log_likelihood(current)
+    if current.at_limit and disturbance < THRESHOLDS.bic_margin:
+        return True
+    missing = disturbance + colour
+    # The gains are computed only where something is missing.
+    return missing > 0.0 and sum(gains()[: THRESHOLDS.whitening_causes]) < THRESHOLDS.whitening_share * missing
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Problem:
+    """Data, candidates, and the test for waves; no step of the algorithm changes them."""
+
+    data: InnovationData
+    pieces: Sequence[CvPiece]
+    candidates: Sequence[Effect]
+    innovations: InnovationObjective
+    wave_test: Callable[[FitResult], WaveTest]
+    report: ProgressCallback
+
+
+def pose(
+    prepared: PreparedRuns, runs: Sequence[Run], vehicle: Vehicle, start: Model, report: ProgressCallback
+) -> Problem:
+    """Candidates and data of the diagnosis; ``runs`` are the prepared runs or their parts, ``start`` a first model."""
+    report("Fitting the model without effects …")
+    pieces = cv_pieces(prepared.items, vehicle, prepared.cutoff)
+    counts = Counter(piece.run_index for piece in pieces)
+    trials = [run.trial.name for run in prepared.items]
+    repeated = [name for number, name in enumerate(trials) if counts[number] > 1]
+    forms = forms_for(vehicle, shared_channels(runs), trials, repeated)
+    candidates = (*forms, *signal_regressors((*prepared.items, *runs, *(piece.run for piece in pieces))))
+    data = InnovationData(prepared.items, vehicle, start)
+    wave_data = thin_for_waves(data)
+    wave = next((form for form in forms if form.is_wave), None)
+
+    def wave_test(beside: FitResult) -> WaveTest:
+        report("Testing for waves …")
+        return run_wave_test(wave_data, beside, wave, pieces)
+
+    innovations = InnovationObjective(
+        data=replace(data, runs=runs), wave_data=wave_data, candidates=candidates, report=report
+    )
+    return Problem(
+        data=data,
+        pieces=pieces,
+        candidates=candidates,
+        innovations=innovations,
+        wave_test=wave_test,
+        report=report,
+    )
+
+
+def preload() -> bool:
+    """Import libraries, and load the kernels if they are compiled; return whether they are.
+
+    Call it while logs are read. Without compiled kernels, forked processes would compile each for itself.
+    """
+    from rovid.model.kernels import compile_all, is_compiled
+
+    for name in ("scipy.linalg", "scipy.optimize"):
+        import_module(name)
+    if not is_compiled():
+        return False
+    compile_all()
+    return True
