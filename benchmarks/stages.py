@@ -34,19 +34,19 @@ WHOLE, SCREENING, CLIMBS = "diagnosis", "screening", "climbs"
 # Where a function is called from, by module and name, and the stage that it is; several may be of one.
 STAGES = {
     "rovid.store.study.open_study": "reading",
-    "rovid.diagnose.algorithm.fit_free_run": "start fit",
-    "rovid.diagnose.algorithm.pieces_of": "cutting into pieces",
-    "rovid.diagnose.strategies.ByInnovations.at_once": "search by each next reading",
-    "rovid.diagnose.strategies.look_for_waves": "waves",
+    "rovid.diagnose.algorithm.fit_output_error": "start fit",
+    "rovid.diagnose.objectives.cv_pieces": "cutting into pieces",
+    "rovid.diagnose.algorithm.select_directly": "search by one-step predictions",
+    "rovid.diagnose.objectives.run_wave_test": "waves",
     "rovid.diagnose.stepwise.screen": SCREENING,
     "rovid.diagnose.stepwise.shortlist": "shortlist",
-    "rovid.diagnose.stepwise.fit_all": CLIMBS,
+    "rovid.diagnose.stepwise.fit_candidates": CLIMBS,
     "rovid.estimate.fit_result.minimize": CLIMBS,
-    "rovid.diagnose.validation.Work.holds": "testing what was found",
-    "rovid.diagnose.validation.Work.decided": "testing what was found",
+    "rovid.diagnose.algorithm.first_rejection": "validation",
+    "rovid.diagnose.algorithm.validate": "validation",
     "rovid.diagnose.validation.cross_validate": "cross-validation",
     "rovid.diagnose.wave_test.cross_validate": "cross-validation",
-    "rovid.diagnose.algorithm.concluded": "conclusion",
+    "rovid.diagnose.algorithm.build_diagnosis": "conclusion",
 }
 # What asks the model, and how often by what it is given: once a set of parameters.
 PASSES: dict[str, Callable[..., int]] = {

@@ -1,4 +1,4 @@
-"""Candidate runs of an experiment: holds, stairs, sines, sweeps, random levels, coast-downs, turns, single thrusters."""
+"""Candidate runs of an experiment: holds, stairs, sines, sweeps, random levels, coast-downs, single thrusters."""
 
 from __future__ import annotations
 

@@ -15,8 +15,8 @@
 8. An effect that fails is banned, and the search continues without it; its place may go to the true cause.
 9. *Decide*: the one-step model is reported if it is adequate after validation (white innovations, disturbance within
    its limit); otherwise the multi-step model.
-10. *Conclude*: the effects that are left are established. Their parameters are fitted to all data. Further causes with a
-    probability of 0.2 or more are suspects.
+10. *Conclude*: the effects that are left are established. Their parameters are fitted to all data. Further causes
+    with a probability of 0.2 or more are suspects.
 
 All numbers stand in `rovid.diagnose.thresholds`.
 """
@@ -79,10 +79,8 @@ def diagnose(prepared: PreparedRuns, vehicle: Vehicle, report: ProgressCallback 
     parts = split_runs(runs, vehicle, prepared.cutoff)
     if parts is not None:
         runs = parts.items
-        notes = (
-            f"There are too few trials ({len(prepared.items)}) to hold some out: they were cut into {len(runs)} parts, "
-            "each simulated from its own start.",
-        )
+        cut = f"There are too few trials ({len(prepared.items)}) to hold some out: they were cut into {len(runs)} parts"
+        notes = (f"{cut}, each simulated from its own start.",)
     if missing := missing_data(runs, prepared.cutoff):
         return Diagnosis(verdict="too_little_data", missing=missing, warnings=notes)
     samples = sum(len(run.trial.time) for run in prepared.items)
@@ -140,17 +138,17 @@ def validate(selection: Selection) -> Selection:
 
 def decide(problem: Problem) -> Selection:
     """Choose the objective: innovations where these become white, else multi-step predictions; return a valid model."""
-    selection = _select_directly(problem)
+    selection = select_directly(problem)
     if selection is not None:
         problem.report("Validating on held-out trials …")
         selection = resolve_ties(selection)
         # A rejection means that stand-ins were selected: then multi-step predictions decide where to start.
         if first_rejection(selection) is None and selection.is_adequate:
             return validate(selection)
-    for predicted in _select_by_predictions(problem):
+    for predicted in select_by_predictions(problem):
         multi_step = drop_inconsistent(predicted)
         waves = None if multi_step.waves is None else multi_step.waves.established
-        selection = _select_by_innovations(problem, waves or multi_step.model, multi_step.model, cannot_whiten)
+        selection = select_by_innovations(problem, waves or multi_step.model, multi_step.model, cannot_whiten)
         if selection is not None:
             problem.report("Validating on held-out trials …")
             selection = validate(selection)
@@ -160,21 +158,21 @@ def decide(problem: Problem) -> Selection:
     return validate(multi_step)
 
 
-def _select_directly(problem: Problem) -> Selection | None:
+def select_directly(problem: Problem) -> Selection | None:
     """One-step selection from the base model; None where no cause dominates, or the result is not adequate."""
     base = problem.innovations.base
     if fits_poorly(base):
         return None
-    selection = _select_by_innovations(problem, base, base, has_no_dominant_cause)
+    selection = select_by_innovations(problem, base, base, has_no_dominant_cause)
     if selection is None:
         return None
     waves = problem.wave_test(selection.model).established
     if waves is None:
         return selection
-    return _select_by_innovations(problem, waves, selection.model, cannot_whiten)
+    return select_by_innovations(problem, waves, selection.model, cannot_whiten)
 
 
-def _select_by_innovations(
+def select_by_innovations(
     problem: Problem, found: FitResult, shape: FitResult, is_hopeless: StopRule
 ) -> Selection | None:
     """One-step selection from the effects of ``found``; None where it is hopeless, or the result is not adequate."""
@@ -187,7 +185,7 @@ def _select_by_innovations(
     return selection if selection.is_adequate and not selection.search.progress.given_up else None
 
 
-def _select_by_predictions(problem: Problem) -> Iterator[Selection]:
+def select_by_predictions(problem: Problem) -> Iterator[Selection]:
     """Multi-step selections: first one whose effects whiten the innovations, if any, and at last the complete one."""
     objective = MultiStepObjective.from_data(problem.data, problem.pieces, problem.candidates, problem.report)
     start = objective.base

@@ -32,8 +32,7 @@ from rovid.effects import CATALOGUE, Effect, EffectParameter
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.fit_result import FitResult
 from rovid.estimate.instrumental_variables import require_inertia
-from rovid.estimate.maximum_likelihood import INNOVATIONS_R2
-from rovid.estimate.maximum_likelihood import misspecification_covariance
+from rovid.estimate.maximum_likelihood import INNOVATIONS_R2, misspecification_covariance
 from rovid.estimate.multi_step_data import time_constant
 from rovid.estimate.output_error import MIN_INERTIA_SIGMAS
 from rovid.estimate.restart_grid import HORIZONS

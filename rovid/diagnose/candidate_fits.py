@@ -1,4 +1,4 @@
-"""Fits of candidate models: their BIC, their plausibility, staged fits of shortlisted forms, and the cache of all fits."""
+"""Fits of candidate models: BIC, plausibility, the cache of all fits, and staged fits of shortlisted forms."""
 
 from __future__ import annotations
 

@@ -59,9 +59,9 @@ def stand_in_cap(held_out_gain: float, bic_gain: float, *, white: bool) -> float
 def recalibrated(probability: float, *, white: bool) -> float:
     """Stated probability of a cause with the posterior ``probability``.
 
-    With coloured innovations the samples are not as independent as the likelihood assumes, and more than one cause acts.
-    In three hard-water campaigns (seeds 404, 505, 606), posterior probabilities of 0.04, 0.25, 0.5, 0.7 and 0.9 were
-    right in 0.24, 0.55, 0.71, 0.85 and 0.92 of the cases. With ``white`` innovations the probability is stated as it is.
+    With coloured innovations the samples are less independent than the likelihood assumes, and several causes act. In
+    three hard-water campaigns (seeds 404, 505, 606), posterior probabilities of 0.04, 0.25, 0.5, 0.7 and 0.9 were right
+    in 0.24, 0.55, 0.71, 0.85 and 0.92 of the cases. With ``white`` innovations the probability is stated as it is.
     """
     if white:
         return probability
@@ -73,8 +73,8 @@ def effect_size(
 ) -> tuple[float, float]:
     """Distance of the first parameter of ``effect`` from its neutral value, and the standard error.
 
-    With several sizes, their projection on the unit vector ``along``, by default their own direction. The standard error
-    then includes that a direction was chosen. ``sandwich`` allows for coloured innovations.
+    With several sizes, their projection on the unit vector ``along``, by default their own direction. The standard
+    error then includes that a direction was chosen. ``sandwich`` allows for coloured innovations.
     """
     if effect.size_count > 1:
         away, covariance = effect_sizes(fitted, effect, sandwich=sandwich)
@@ -117,8 +117,8 @@ def has_consistent_size(multi_step: FitResult, one_step: FitResult, effect: Effe
     """Whether ``effect`` of a multi-step fit is about as large in a one-step fit next to waves.
 
     Under feedback, multi-step predictions improve with effects that do not act, because commands counteract the waves.
-    One-step predictions are free of that (Ljung 1999, section 13.4). Effects of logged signals always pass: sensor noise
-    dilutes them in one-step predictions.
+    One-step predictions are free of that (Ljung 1999, section 13.4). Effects of logged signals always pass: sensor
+    noise dilutes them in one-step predictions.
     """
     if effect.needs:
         return True

@@ -120,7 +120,7 @@ class Diagnosis:
     position_floors
         Horizon in s -> RMS position error of a perfect model in rad or m; NaN where unknown.
     detectable
-        Each effect that was not found, with the smallest detectable size of its first parameter; infinite where none is.
+        Each effect that was not found, with the smallest detectable size of its first parameter; may be infinite.
     missing
         Message on the data that are missing.
     from_tables

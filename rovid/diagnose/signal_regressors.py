@@ -22,7 +22,7 @@ _SHARE = EffectParameter(name="share", unit="1", neutral=0.0, low=-2.0, high=2.0
 _TORQUE = EffectParameter(
     name="torque", unit="N m", neutral=0.0, low=-2.0, high=2.0, initial_values=(0.03,), scale="torque"
 )
-# The torque may be zero at another value than the signal's mean; quadratic and linear drag may depend on it differently.
+# The torque may vanish away from the signal's mean. Quadratic and linear drag may depend on the signal differently.
 _PARAMETERS = {
     "torque": (_TORQUE, replace(_TORQUE, name="level", initial_values=(0.001,))),
     "drag": (replace(_TORQUE, name="quadratic"), replace(_TORQUE, name="linear", initial_values=(0.001,))),

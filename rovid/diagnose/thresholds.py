@@ -17,8 +17,8 @@ class Thresholds:
 
     # --- Data that a diagnosis requires -------------------------------------------------------------------------------
     min_trials: int = 4
-    """Trials. Fewer are cut into parts. Set: convention. Halved: two trials are enough, and half of them is held
-    out; doubled: more campaigns are cut into parts."""
+    """Trials. Fewer are cut into parts. Set: convention. Halved: two trials are enough, and half of them is held out;
+    doubled: more campaigns are cut into parts."""
     parts: int = 8
     """Parts. Target number of parts of all recorded time. Set: convention. Halved: longer parts, one for each fold;
     doubled: shorter parts, until `part_time_constants` limits them."""
@@ -32,8 +32,8 @@ class Thresholds:
     """s. Shortest part where the time constant is unknown. Set: convention. Halved or doubled: such logs are cut more
     finely or more coarsely."""
     part_cutoff_periods: float = 8.0
-    """Periods of the cut-off. Shortest part for the low-pass filter, whose kernel spans 2.5. Set: convention. Halved: the
-    filter loses more than half of a part; doubled: fewer parts."""
+    """Periods of the cut-off. Shortest part for the low-pass filter, whose kernel spans 2.5. Set: convention. Halved:
+    the filter loses more than half of a part; doubled: fewer parts."""
     part_samples: int = 10
     """Samples. Smallest part. Set: the same limit holds for a log. Halved or doubled: not measured."""
     pause_seconds: float = 10.0
@@ -50,11 +50,11 @@ class Thresholds:
     """Samples. Longer logs are diagnosed by threads instead of forked copies. Set: memory; not recorded. Halved or
     doubled: time and memory alone."""
     parallel_fit_samples: int = 400_000
-    """Samples. Longer data are fitted one model at a time. Set: memory; not recorded. Halved or doubled: time and memory
-    alone."""
+    """Samples. Longer data are fitted one model at a time. Set: memory; not recorded. Halved or doubled: time and
+    memory alone."""
     search_tolerance: float = 0.1
-    """Nats. Remaining gain at which a fit of the search ends. Set: not recorded. Halved: slower; doubled:
-    BIC differences are off by up to 0.2."""
+    """Nats. Remaining gain at which a fit of the search ends. Set: not recorded. Halved: slower; doubled: BIC
+    differences are off by up to 0.2."""
     search_iterations: int = 25
     """Optimiser steps. Most steps of a fit of the search. Set: not recorded. Halved: slow fits may end early; doubled:
     slower."""
@@ -83,10 +83,11 @@ class Thresholds:
     """Share of the best predicted gain. Causes below are not fitted. Set: not recorded. Halved: more fits; doubled: a
     cause may be missed where its score test predicts too little."""
     shortlisted_causes: int = 7
-    """Causes. Most causes fitted in one round. Set: not recorded. Halved: faster, causes are missed; doubled: slower."""
+    """Causes. Most causes fitted in one round. Set: not recorded. Halved: faster, causes are missed; doubled:
+    slower."""
     shortlisted_forms: int = 3
-    """Forms. Most forms fitted for each shortlisted cause, besides simpler ones. Set: not recorded. Halved or doubled: as
-    `shortlisted_causes`."""
+    """Forms. Most forms fitted for each shortlisted cause, besides simpler ones. Set: not recorded. Halved or doubled:
+    as `shortlisted_causes`."""
     screening_share: float = 0.4
     """Share of the gain that an addition needs. One-step objective: forms with less predicted gain are not fitted. Set:
     not recorded. Halved: more fits; doubled: causes with too small a prediction are missed."""
@@ -119,39 +120,39 @@ class Thresholds:
     """Share of the missing log-likelihood that these causes must gain. Set: not recorded. Halved: later end; doubled:
     earlier end."""
     adequacy_iterations: int = 8
-    """Optimiser steps. One-step fit from a multi-step solution, to test for white innovations. Set: not recorded. Halved:
-    adequate models may look inadequate; doubled: slower."""
+    """Optimiser steps. One-step fit from a multi-step solution, to test for white innovations. Set: not recorded.
+    Halved: adequate models may look inadequate; doubled: slower."""
     min_predictions: float = 2.0
     """Independent predictions. With fewer, no cause is searched. Set: convention. Halved or doubled: affects logs that
     are hardly longer than a time constant."""
     reweighting_models: int = 6
-    """Models. Candidates that set the correlation of prediction errors. Set: not recorded. Halved: fewer predictions may
-    count; doubled: more may."""
+    """Models. Candidates that set the correlation of prediction errors. Set: not recorded. Halved: fewer predictions
+    may count; doubled: more may."""
     reweighting_growth: float = 1.2
     """Ratio. The multi-step search ends where fewer additional predictions count. Set: not recorded. Halved: the search
     ends only where fewer predictions count than before; doubled: it ends sooner."""
 
     # --- Stepwise selection -------------------------------------------------------------------------------------------
     bic_margin: float = 6.0
-    """Nats. An effect must gain this much, plus ln(causes tried), beyond its BIC penalty. Set: not recorded. Halved: more
-    false additions reach validation; doubled: weak causes are missed."""
+    """Nats. An effect must gain this much, plus ln(causes tried), beyond its BIC penalty. Set: not recorded. Halved:
+    more false additions reach validation; doubled: weak causes are missed."""
     misspecification_share: float = 0.04
-    """Share of the gain of the effects in the model. A further effect must gain more, because equations are approximate.
-    Set: not recorded. Halved: more stand-ins; doubled: weak second causes
-    are missed."""
+    """Share of the gain of the effects in the model. A further effect must gain more, because equations are
+    approximate. Set: not recorded. Halved: more stand-ins; doubled: weak second causes are missed."""
     misspecification_cap_white: float = 100.0
     """Nats. Upper limit of that allowance with white innovations. Set: not recorded. Halved or doubled: affects models
     that gain more than 1250 or 5000."""
     misspecification_cap: float = 300.0
     """Nats. The same with coloured innovations. Set: not recorded. Halved or doubled: likewise, 3750 or 15000."""
     misspecification_share_signal: float = 0.1
-    """Share. Replaces `misspecification_share` next to a signal regressor. Set: not recorded. Halved or doubled: as there."""
+    """Share. Replaces `misspecification_share` next to a signal regressor. Set: not recorded. Halved or doubled: as
+    there."""
     exchange_gain: float = 0.5
-    """Nats. A replacement must gain this much. Set: not recorded. Halved: models that differ by no more than
-    the tolerance of the fits are exchanged; doubled: fewer exchanges."""
+    """Nats. A replacement must gain this much. Set: not recorded. Halved: models that differ by no more than the
+    tolerance of the fits are exchanged; doubled: fewer exchanges."""
     max_effects: int = 6
-    """Effects. Largest model, and most rounds of the search. Set: convention. Halved: fourth and later causes
-    are not found; doubled: slower."""
+    """Effects. Largest model, and most rounds of the search. Set: convention. Halved: fourth and later causes are not
+    found; doubled: slower."""
     max_screenings: int = 12
     """Screenings. A search with more models screened is cut short and says so. Set: three causes take about seven.
     Halved: more searches are cut short; doubled: slower."""
@@ -162,15 +163,16 @@ class Thresholds:
     """Nats. A signal regressor must gain this much more than the best named effect. Set: not recorded. Halved: signals
     are chosen more often; doubled: less often."""
     signal_handicap_share: float = 0.05
-    """Share of the gain of the named effect, added to `signal_handicap`. Set: not recorded. Halved or doubled: likewise."""
+    """Share of the gain of the named effect, added to `signal_handicap`. Set: not recorded. Halved or doubled:
+    likewise."""
 
     # --- Comparison of multi-step and one-step effect sizes -----------------------------------------------------------
     consistent_share: float = 0.7
     """Ratio. An effect is dropped where its one-step size is below this share of its multi-step size, ... Set: not
     recorded. Halved: effects that feedback imitates stay; doubled: true effects are dropped."""
     consistent_errors: float = 2.0
-    """Standard errors. ... by more than this multiple of the joint standard error. Set: convention.
-    Halved: more effects are dropped; doubled: fewer."""
+    """Standard errors. ... by more than this multiple of the joint standard error. Set: convention. Halved: more
+    effects are dropped; doubled: fewer."""
 
     # --- Validation ---------------------------------------------------------------------------------------------------
     cv_folds: int = 4
@@ -184,8 +186,8 @@ class Thresholds:
     """Nats. An effect that changes the fit of a fold by less is set to zero there. Set: rounding. Halved or doubled:
     nothing."""
     min_held_out_gain: float = 0.0
-    """Nats. An effect must gain more on trials that were not fitted. Set: theory (cross-validation). Cannot be halved or
-    doubled."""
+    """Nats. An effect must gain more on trials that were not fitted. Set: theory (cross-validation). Cannot be halved
+    or doubled."""
     min_standard_errors: float = 3.5
     """Standard errors. Smaller effects are dropped (one-step objective). Set: not recorded. Halved: more false effects;
     doubled: weak effects are dropped."""
@@ -194,16 +196,16 @@ class Thresholds:
     min_standard_errors_suspect: float = 1.0
     """Standard errors. Smaller effects are no suspects. Set: convention. Halved: more suspects; doubled: fewer."""
     established: float = 0.95
-    """Probability. A cause is established from here on. Set: convention; `docs/hard.md` counts 98 % right. Halved: likely
-    causes are stated as established; doubled: impossible."""
+    """Probability. A cause is established from here on. Set: convention; `docs/hard.md` counts 98 % right. Halved:
+    likely causes are stated as established; doubled: impossible."""
     likely: float = 0.5
-    """Probability. Below `established`, wording "likely" or "possible"; a likely effect stays in the model until
-    validation ends. Set: convention (even odds). Halved: more effects stay; doubled: none does."""
+    """Probability. An effect below `established` is called likely from here on, and stays in the model until validation
+    ends. Set: convention (even odds). Halved: more effects stay; doubled: none does."""
     possible: float = 0.2
     """Probability. A less probable cause is not reported. Set: convention. Halved: more suspects; doubled: fewer."""
     max_rejections: int = 6
-    """Rejections. Most bans, each followed by a search. Set: convention. Halved: effects may stay unvalidated;
-    doubled: slower."""
+    """Rejections. Most bans, each followed by a search. Set: convention. Halved: effects may stay unvalidated; doubled:
+    slower."""
     tie_margin: float = 6.0
     """Nats. Causes with a smaller difference of BIC gain are not distinguishable. Set: not recorded. Halved: sharper
     verdicts, more of them wrong; doubled: more causes are named together."""
@@ -213,15 +215,16 @@ class Thresholds:
     tie_cap: float = 40.0
     """Nats. Upper limit of that addition. Set: not recorded. Halved or doubled: affects gains above 670 or 2700."""
     tie_full_data_share: float = 0.8
-    """Share of the BIC gain. Alternatives above are compared on all data. Set: not recorded. Halved: slower; doubled: ties
-    of thinned data are not resolved."""
+    """Share of the BIC gain. Alternatives above are compared on all data. Set: not recorded. Halved: slower; doubled:
+    ties of thinned data are not resolved."""
     max_tie_decisions: int = 3
-    """Replacements of an effect by a better alternative in one pass. Set: convention. Halved or doubled: not measured."""
+    """Replacements of an effect by a better alternative in one pass. Set: convention. Halved or doubled: not
+    measured."""
 
     # --- Posterior probability ----------------------------------------------------------------------------------------
     prior_odds: float = 1.0
-    """Odds that any further cause acts, shared by all causes tried. Set: convention (even). Halved: a cause needs 0.7 nats
-    more; doubled: 0.7 nats less."""
+    """Odds that any further cause acts, shared by all causes tried. Set: convention (even). Halved: a cause needs 0.7
+    nats more; doubled: 0.7 nats less."""
     max_probability: float = 0.97
     """Probability. No cause of one campaign is more certain. Set: not recorded; calibration campaigns find 1.00 right.
     Halved: nothing is established; doubled: impossible."""
@@ -232,8 +235,8 @@ class Thresholds:
     """Nats. Further gain that multiplies the odds by e. Set: hard-water campaigns. Halved: 13 nats establish a cause
     instead of 20; doubled: 34."""
     stand_in_scale_white: float = 2.35
-    """The same with white innovations. Set: not recorded. Halved: 9.5 nats establish a cause
-    instead of 13; doubled: 20."""
+    """The same with white innovations. Set: not recorded. Halved: 9.5 nats establish a cause instead of 13; doubled:
+    20."""
     recalibration_offset: float = 0.85
     """Log odds added to a probability with coloured innovations. Set: hard water, seeds 404, 505, 606; held out: 707.
     Halved: stated odds are a factor 1.5 lower; doubled: a factor 2.3 higher."""
@@ -243,19 +246,21 @@ class Thresholds:
     """Nats. An alternative with a tenth of the odds of a suspect is distinguishable from it. Set: convention. Halved:
     fewer causes share a suspect; doubled: more."""
     thrust_scatter: float = 0.05
-    """Share. Usual difference of thrust between trials. Set: convention. Halved: smaller outliers are
-    reported; doubled: only larger ones."""
+    """Share. Usual difference of thrust between trials. Set: convention. Halved: smaller outliers are reported;
+    doubled: only larger ones."""
     thrust_scatter_trials: int = 2
-    """Trials. Weight of that prior knowledge. Set: convention. Halved: outliers of few trials count more; doubled: less."""
+    """Trials. Weight of that prior knowledge. Set: convention. Halved: outliers of few trials count more; doubled:
+    less."""
 
     # --- Waves --------------------------------------------------------------------------------------------------------
     wave_first_iterations: int = 3
-    """Optimiser steps of each start of the wave fit. Set: not recorded. Halved or doubled: time, and the start chosen."""
+    """Optimiser steps of each start of the wave fit. Set: not recorded. Halved or doubled: time, and the start
+    chosen."""
     wave_starts: int = 3
     """Starts of the wave fit. Set: not recorded. Halved or doubled: likewise."""
     wave_disturbance_shares: tuple[float, ...] = (0.01, 0.1, 1.0)
-    """Shares of the RMS torque from which the disturbance of the wave fit may start. Set: convention. Halved or doubled:
-    not measured."""
+    """Shares of the RMS torque from which the disturbance of the wave fit may start. Set: convention. Halved or
+    doubled: not measured."""
     wave_disturbance_seconds: tuple[float, ...] = (0.3, 4.0)
     """s. Correlation times from which it may start. Set: convention. Halved or doubled: not measured."""
 
@@ -264,7 +269,8 @@ class Thresholds:
     """Share of the gain. With coloured innovations, forms above have equal weight in the covariance. Set: not recorded.
     Halved: wider standard errors; doubled: narrower."""
     nested_model_causes: int = 3
-    """Causes. Up to here all combinations are simulated. Set: convention. Halved or doubled: figures of the report alone."""
+    """Causes. Up to here all combinations are simulated. Set: convention. Halved or doubled: figures of the report
+    alone."""
 
     # --- Tables of sine trials ----------------------------------------------------------------------------------------
     table_p_value: float = 0.05
@@ -274,8 +280,8 @@ class Thresholds:
     """Last digits. Standard deviation of a printed rate. Set: convention. Halved: chi-square is four times as large;
     doubled: a quarter."""
     table_slowest_share: float = 0.05
-    """Share of the fastest rate. A slower hold settles in no longer time. Set: convention. Halved or doubled: duration of
-    the simulation alone."""
+    """Share of the fastest rate. A slower hold settles in no longer time. Set: convention. Halved or doubled: duration
+    of the simulation alone."""
     table_inertia_ratios: tuple[float, float] = (1.0, 4.0)
     """Ratios to the rigid-body inertia between which an explanation may lie. Set: a closed hull full of water has 4.
     Halved or doubled: other explanations are allowed."""

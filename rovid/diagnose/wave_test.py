@@ -1,4 +1,4 @@
-"""Test for waves: a disturbance with a narrow band against one without, by one-step predictions, which know the phase."""
+"""Test for waves: a narrow-band disturbance against a broad one, by one-step predictions, which know the phase."""
 
 from __future__ import annotations
 

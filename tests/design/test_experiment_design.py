@@ -1,12 +1,65 @@
-"""A plan as a command file."""
+"""Expected information of runs, and the plan as a command file."""
 
 from __future__ import annotations
 
-import numpy as np
+import math
+from dataclasses import replace
 
-from rovid.design.candidate_runs import CandidateRun
-from rovid.design.expected_information import ExpectedInformation
-from rovid.design.experiment_design import ExperimentPlan, command_csv
+import numpy as np
+import pytest
+
+from rovid.core.errors import DataError
+from rovid.design.candidate_runs import CandidateRun, RunLimits
+from rovid.design.experiment_design import CandidateModel, ExpectedInformation, ExperimentPlan, command_csv, rank_runs
+from rovid.model.model import Model
+from tests.synthetic import ROSUB, VEHICLE, clock
+
+TIME = clock(200.0, rate=5.0)
+STEP = CandidateRun(name="step", time=TIME, commands=np.where(TIME < 100.0, 2.0, -2.0)[:, None])
+NUDGE = CandidateRun(name="nudge", time=TIME, commands=0.002 * STEP.commands)
+
+
+def belief(model: Model = ROSUB, error: float = 0.1) -> CandidateModel:
+    """Each parameter known to such a share of itself."""
+    values = np.array([model.inertia, model.quadratic_drag, model.linear_drag])
+    return CandidateModel(
+        name="a",
+        model=model,
+        covariance=np.diag((error * values) ** 2),
+        disturbance=2.0,
+        memory=5.0,
+        noise=math.radians(0.01),
+    )
+
+
+def test_a_run_that_moves_the_vehicle_narrows_its_inertia_and_a_nudge_does_not() -> None:
+    step, nudge = rank_runs([NUDGE, STEP], [belief()], VEHICLE, RunLimits(), parameter="inertia")
+    assert (step.run, nudge.run) == (STEP, NUDGE)
+    assert step.gain > 1.0
+    assert nudge.gain < 0.05
+    assert step.gain_per_minute == pytest.approx(step.gain * 60.0 / 200.0)
+
+
+def test_a_run_at_rest_tells_nothing_and_complains_of_nothing() -> None:
+    rest = CandidateRun(name="rest", time=TIME, commands=0.0 * STEP.commands)
+    (found,) = rank_runs([rest], [belief()], VEHICLE, RunLimits(), parameter="inertia")
+    assert found.gain == pytest.approx(0.0, abs=1e-6)
+
+
+def test_models_that_move_apart_are_told_apart_and_one_model_twice_is_not() -> None:
+    sure = belief(error=1e-3)
+    other = belief(replace(ROSUB, inertia=1.2 * ROSUB.inertia), error=1e-3)
+    (apart,) = rank_runs([STEP], [sure, other], VEHICLE, RunLimits())
+    (same,) = rank_runs([STEP], [sure, sure], VEHICLE, RunLimits())
+    assert apart.gain > 10.0
+    assert same.gain < 1e-3  # the rounding of the filter's steps
+    assert apart.rates.shape == (2, len(TIME))
+
+
+@pytest.mark.parametrize("limits", [RunLimits(seconds=100.0), RunLimits(rate=0.01), RunLimits(travel=0.1)])
+def test_where_no_run_is_allowed_that_is_said(limits: RunLimits) -> None:
+    with pytest.raises(DataError, match="no run stays within these limits"):
+        rank_runs([STEP], [belief()], VEHICLE, limits, parameter="inertia")
 
 
 def test_a_plan_starts_no_formula() -> None:

@@ -1,13 +1,14 @@
-"""What a suspect adds to the errors of what is stated."""
+"""Result of a diagnosis: averaged estimates, nested models."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from rovid.diagnose.bic import Alternative
-from rovid.diagnose.build_result import across_suspects
+from rovid.diagnose.build_result import average_over_suspects, subsets
+from rovid.diagnose.candidate_fits import Alternative
 from rovid.diagnose.validation import Suspected
+from rovid.effects import CATALOGUE
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult
@@ -36,16 +37,35 @@ def rival() -> Alternative:
 def test_a_suspect_adds_by_its_odds_what_it_would_change(rival: Alternative) -> None:
     suspected = Suspected(rival, 0.5, 10.0, ())
     off = rival.fitted.model.values[:3] - VALUES
-    told = across_suspects(estimate(), [suspected])
+    told = average_over_suspects(estimate(), [suspected])
     assert told.covariance == pytest.approx(np.eye(3) + 0.5 * np.outer(off, off))
     assert told.values.tolist() == VALUES.tolist()
     assert told.warnings == ("The standard errors include what constant torque would change, if it acts.",)
 
 
 def test_suspects_share_no_more_than_all_odds(rival: Alternative) -> None:
-    one, two = across_suspects(estimate(), [Suspected(rival, 1.0, 10.0, ())]), [Suspected(rival, 0.8, 10.0, ())] * 2
-    assert across_suspects(estimate(), two).covariance == pytest.approx(one.covariance)
+    one, two = (
+        average_over_suspects(estimate(), [Suspected(rival, 1.0, 10.0, ())]),
+        [Suspected(rival, 0.8, 10.0, ())] * 2,
+    )
+    assert average_over_suspects(estimate(), two).covariance == pytest.approx(one.covariance)
 
 
 def test_without_a_suspect_nothing_is_added() -> None:
-    assert across_suspects(estimate(), []).covariance.tolist() == np.eye(3).tolist()
+    assert average_over_suspects(estimate(), []).covariance.tolist() == np.eye(3).tolist()
+
+
+def keys(count: int) -> list[tuple[str, ...]]:
+    return [tuple(effect.key for effect in chosen) for chosen in subsets(CATALOGUE[:count])]
+
+
+def test_of_up_to_three_causes_every_combination_is_there() -> None:
+    one, two, three = (effect.key for effect in CATALOGUE[:3])
+    assert keys(0) == keys(1) == []
+    assert keys(2) == [(one,), (two,)]
+    assert keys(3) == [(one,), (two,), (three,), (one, two), (one, three), (two, three)]
+
+
+def test_of_more_one_is_added_after_another() -> None:
+    names = tuple(effect.key for effect in CATALOGUE[:5])
+    assert keys(5) == [names[:1], names[:2], names[:3], names[:4]]

@@ -1,4 +1,4 @@
-"""Which promises are worth a fit, and what is kept of them."""
+"""Fits of candidate models: shortlist, stages, plausibility, cache."""
 
 from __future__ import annotations
 
@@ -12,15 +12,27 @@ import pytest
 
 from rovid.core.array_types import FloatArray
 from rovid.diagnose import candidate_fits
-from rovid.diagnose.bic import bic_score, cost_at_score
-from rovid.diagnose.candidate_fits import fit_candidates, shortlist
+from rovid.diagnose.candidate_fits import (
+    FitCache,
+    bic_score,
+    fit_candidates,
+    is_converged,
+    is_plausible,
+    refine_fit,
+    shortlist,
+    value_at_score,
+)
 from rovid.diagnose.score_test import Directions, ScoreTest
+from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect, effect_named
-from rovid.estimate.fisher_information import NormalEquations
+from rovid.estimate.filter_data import InnovationData
+from rovid.estimate.fisher_information import Innovations, NormalEquations
 from rovid.estimate.fit_result import FitResult, fit
+from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
 from rovid.estimate.objective import NegativeLogLikelihood
-from tests.predictions import biased
+from tests import synthetic
+from tests.predictions import BIAS, NOISE, TIME, TORQUE, biased
 
 
 @dataclass(frozen=True)
@@ -28,13 +40,13 @@ class Keeping:
     """Stands for a misfit of which each effect gains what it ``keeps``, wherever its fit would start."""
 
     keeps: Mapping[str, float]
-    count: float
+    effective_count: float
     effects: tuple[Effect, ...] = ()
 
-    def like(self, effects: tuple[Effect, ...]) -> Keeping:
+    def with_effects(self, effects: tuple[Effect, ...]) -> Keeping:
         return replace(self, effects=effects)
 
-    def costs_of(self, points: Sequence[FloatArray]) -> list[float]:
+    def values(self, points: Sequence[FloatArray]) -> list[float]:
         count = 1 + sum(len(effect.parameters) for effect in self.effects)
         assert all(len(x) == count for x in points)
         return [1000.0 - sum(self.keeps[effect.key] for effect in self.effects)] * len(points)
@@ -59,7 +71,9 @@ def listed(
 ) -> list[str]:
     """Keys of what is fitted; everything is kept that is promised, but for ``keeps``. A parameter has its ``price``."""
     promises = [promise(key, gain) for key, gain in promised.items()]
-    misfit: Any = Keeping({**promised, **(keeps or {})}, count=math.exp(2.0 * price))  # stands in for a Misfit
+    misfit: Any = Keeping(
+        {**promised, **(keeps or {})}, effective_count=math.exp(2.0 * price)
+    )  # stands in for a Misfit
     current = FitResult(misfit, np.zeros(1), 1000.0)
     return [promise.effect.key for promise in shortlist(current, promises, threshold, share)]
 
@@ -111,10 +125,10 @@ def test_no_more_than_seven_causes_are_fitted() -> None:
 
 def test_what_is_known_to_gain_more_keeps_small_promises_out() -> None:
     promises = [promise("bias_torque", 11.0), promise("thruster_lag", 100.0)]
-    misfit: Any = Keeping({"bias_torque": 11.0, "thruster_lag": 100.0}, count=1.0)  # stands in for a Misfit
+    misfit: Any = Keeping({"bias_torque": 11.0, "thruster_lag": 100.0}, effective_count=1.0)  # stands in for a Misfit
     current = FitResult(misfit, np.zeros(1), 1000.0)
     assert len(shortlist(current, promises, 0.0, 1.0)) == 2
-    assert [one.effect.id for one in shortlist(current, promises, 0.0, 1.0, gained=200.0)] == ["thruster_lag"]
+    assert [one.effect.id for one in shortlist(current, promises, 0.0, 1.0, known_gain=200.0)] == ["thruster_lag"]
 
 
 @pytest.fixture(scope="module")
@@ -130,10 +144,10 @@ def begun(monkeypatch: pytest.MonkeyPatch) -> dict[str, float]:
 
     def begin(current: FitResult, misfit: NegativeLogLikelihood, promised: ScoreTest, _: float) -> FitResult:
         x = np.concatenate((current.x, promised.start))
-        return FitResult(misfit, x, cost_at_score(bic_score(current) + worths.pop(promised.effect.key), misfit))
+        return FitResult(misfit, x, value_at_score(bic_score(current) + worths.pop(promised.effect.key), misfit))
 
-    monkeypatch.setattr(candidate_fits, "_begun", begin)
-    monkeypatch.setattr(candidate_fits, "climbed_on", lambda fit, *_: fit)
+    monkeypatch.setattr(candidate_fits, "_begin", begin)
+    monkeypatch.setattr(candidate_fits, "refine_fit", lambda fit, *_: fit)
     return worths
 
 
@@ -179,3 +193,135 @@ def test_what_is_known_to_its_end_is_not_fitted_again(base: FitResult, begun: di
     ahead, _ = fit_candidates(base, promises, lambda _: True, {"bias_torque": known})
     assert keys_of(ahead) == ["bias_torque", "thruster_lag"]
     assert ahead[0].value == known.value
+
+
+WAVE = effect_named("wave_torque")
+FEW = 500
+SLOWEST = 2.0 * np.pi / float(np.ptp(TIME[:FEW]))
+
+
+@pytest.fixture(scope="module")
+def objective() -> InnovationLikelihood:
+    runs = [synthetic.run(TIME[:FEW], TORQUE[:FEW], noise=NOISE[:FEW])]
+    return InnovationLikelihood(InnovationData(runs, synthetic.LOGGED, synthetic.ROSUB), 0.05, (WAVE,))
+
+
+@pytest.mark.parametrize(("frequency", "plausible"), [(SLOWEST, False), (1.5 * SLOWEST, True)])
+def test_a_wave_without_a_cycle_in_any_run_is_none(
+    objective: InnovationLikelihood, frequency: float, *, plausible: bool
+) -> None:
+    coordinates = objective.parametrization
+    x = coordinates.initial()
+    x[coordinates.effects_begin :] = 0.05, frequency, 0.04
+    fitted = FitResult.at(objective, np.clip(x, coordinates.low, coordinates.high))
+    assert is_plausible(fitted) is plausible
+
+
+def test_a_wave_that_is_no_narrow_band_is_none(objective: InnovationLikelihood) -> None:
+    coordinates = objective.parametrization
+    x = coordinates.initial()
+    x[coordinates.effects_begin :] = 0.05, 2.0 * SLOWEST, coordinates.high[-1]
+    assert not is_plausible(FitResult.at(objective, x))
+
+
+def test_who_cannot_reach_the_goal_is_not_followed(
+    objective: InnovationLikelihood, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looked: list[InnovationLikelihood] = []
+    look = InnovationLikelihood.evaluate_with_spare
+
+    def looked_at(self: InnovationLikelihood, x: FloatArray) -> tuple[Innovations, list[Innovations]]:
+        looked.append(self)
+        return look(self, x)
+
+    monkeypatch.setattr(InnovationLikelihood, "evaluate_with_spare", looked_at)
+    begun = replace(FitResult.at(objective, objective.parametrization.initial()), remaining_gain=20.0)
+    assert refine_fit(begun, 1, goal=begun.value - 20.5) is begun
+    assert not looked
+    further = refine_fit(begun, 1, goal=begun.value - 19.5)
+    assert further.value < begun.value
+    # Without a goal all is followed, until nothing is left to be gained.
+    assert is_converged(refine_fit(begun, 60))
+    ended = replace(begun, remaining_gain=0.0)
+    assert refine_fit(ended, 60) is ended
+
+
+@pytest.mark.parametrize(("many", "at_once"), [(10**9, True), (1, False)])
+def test_fits_of_many_readings_come_one_after_the_other(
+    objective: InnovationLikelihood, monkeypatch: pytest.MonkeyPatch, many: int, *, at_once: bool
+) -> None:
+    asked: list[bool] = []
+
+    def one_by_one(function: Any, items: Any, *, use_threads: bool) -> list[Any]:
+        asked.append(use_threads)
+        return [function(item) for item in items]
+
+    monkeypatch.setattr(candidate_fits, "THRESHOLDS", replace(THRESHOLDS, parallel_fit_samples=many))
+    monkeypatch.setattr(candidate_fits, "parallel_map", one_by_one)
+    fitted = FitResult(objective, objective.parametrization.initial(), 1.0)
+    (found,) = candidate_fits.fit_in_parallel([objective], lambda _: fitted)
+    assert found.value == 1.0
+    assert asked == [at_once]
+
+
+BEND, UNEQUAL = effect_named("drag_curvature"), effect_named("thrust_asymmetry")
+
+
+def with_effects(base: FitResult, *effects: Effect) -> FitResult:
+    """As they start, as if that were the end of a climb."""
+    x = np.concatenate((base.x, *(effect.initial_values[0] for effect in effects)))
+    return replace(FitResult.at(base.objective.with_effects(effects), x), remaining_gain=0.0)
+
+
+def test_a_model_without_several_of_its_effects_is_fitted_once(
+    base: FitResult, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    models, whole = FitCache(), with_effects(base, BIAS, BEND, UNEQUAL)
+    rest = models.without(whole, BEND, UNEQUAL)
+    assert rest.effects == (BIAS,)
+    assert rest.value < with_effects(base, BIAS).value
+    # Nothing is fitted on the way, and it is known from then on.
+    assert [*models.fits] == [rest.key]
+    monkeypatch.setattr(candidate_fits, "fit_coarse", None)
+    assert models.without(whole, UNEQUAL, BEND) is rest
+    assert models.without(whole) is whole
+
+
+def test_what_was_left_behind_is_followed_to_its_end_before_it_stands_for_a_model_without_an_effect(
+    base: FitResult,
+) -> None:
+    models, left = FitCache(), replace(with_effects(base, BIAS), remaining_gain=math.inf)
+    models.fits[left.key] = left
+    ended = models.without(with_effects(base, BIAS, BEND), BEND)
+    assert ended.value < left.value
+    assert models.fits[left.key] is ended
+    assert models.converged(ended) is ended
+
+
+def test_ends_beside_a_model_have_one_effect_more_which_stands_last(base: FitResult) -> None:
+    models, here = FitCache(), with_effects(base, BIAS)
+    ended, unfinished = (
+        with_effects(base, BEND, BIAS),
+        replace(with_effects(base, BIAS, UNEQUAL), remaining_gain=math.inf),
+    )
+    every = with_effects(base, BIAS, BEND, UNEQUAL)
+    looser = replace(ended, objective=replace(ended.objective, limit=0.5))
+    models.fits.update({fit.key: fit for fit in (here, ended, unfinished, every, looser)})
+    ((key, found),) = models.converged_extensions(here).items()
+    assert key == BEND.key
+    assert found.effects == (BIAS, BEND)
+    assert found.value == ended.value
+    assert found.model.values == pytest.approx(with_effects(base, BIAS, BEND).model.values)
+
+
+def test_a_fit_worse_than_one_with_an_effect_less_is_begun_anew_from_there(
+    base: FitResult, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    models, plain = FitCache(), replace(base, remaining_gain=0.0)
+    models.fits[plain.key] = plain
+    astray = replace(with_effects(base, BEND), value=plain.value + 5.0)
+    climb, climbs = candidate_fits.fit_coarse, [astray]
+    monkeypatch.setattr(candidate_fits, "fit_coarse", lambda *told: climbs.pop() if climbs else climb(*told))
+    models.fit_all(base.objective, [((BEND,), astray.x)])
+    assert models.fits[astray.key].value <= plain.value
+    assert climbs == []

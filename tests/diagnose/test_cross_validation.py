@@ -1,4 +1,4 @@
-"""What a cause gains on pieces that the fit never saw."""
+"""Cross-validation: required data, pieces, held-out scores, noise floor."""
 
 from __future__ import annotations
 
@@ -7,15 +7,67 @@ import math
 import numpy as np
 import pytest
 
-from rovid.diagnose.cross_validation import cross_validate, held_out_log_likelihood, horizon_errors
-from rovid.diagnose.splitting import CvPiece, cv_pieces
+from rovid.core.array_types import FloatArray
+from rovid.diagnose.cross_validation import (
+    CvPiece,
+    cross_validate,
+    cv_pieces,
+    held_out_log_likelihood,
+    horizon_errors,
+    missing_data,
+    position_std_after,
+)
 from rovid.effects import effect_named
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.multi_step_data import MultiStepData
 from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
+from rovid.model.model import Model
+from rovid.signals.preprocessing import Run
 from tests import synthetic
 from tests.predictions import BIAS, NOISE, TIME, TORQUE, biased, weakened
+
+MINUTES = synthetic.clock(120.0)
+CUTOFF = 1.0
+PUSHED = np.where(MINUTES < 60.0, 100.0, -100.0)
+
+
+def runs_of(torque: FloatArray, disturbance: FloatArray | None = None) -> list[Run]:
+    noise = 1e-4 * np.random.default_rng(1).normal(size=len(MINUTES))
+    return [synthetic.run(MINUTES, torque, disturbance=disturbance, noise=noise) for _ in range(4)]
+
+
+def test_runs_that_are_pushed_and_move_lack_nothing() -> None:
+    assert missing_data(runs_of(PUSHED), CUTOFF) == ""
+
+
+def test_two_short_trials_are_too_few() -> None:
+    said = missing_data(runs_of(PUSHED)[:2], CUTOFF)
+    assert "too few trials (2, 240 s in all)" in said
+    assert "Record more runs" in said
+
+
+def test_a_motion_that_no_thruster_made_cannot_be_explained() -> None:
+    drift = runs_of(np.zeros(len(MINUTES)), disturbance=PUSHED)
+    assert "no thruster ever runs" in missing_data(drift, CUTOFF)
+
+
+def test_a_vehicle_that_never_turns_is_told_from_one_that_is_not_pushed() -> None:
+    stuck = runs_of(PUSHED, disturbance=-PUSHED)
+    assert "the vehicle never turns" in missing_data(stuck, CUTOFF)
+
+
+def test_pieces_are_as_many_as_runs_where_those_are_short() -> None:
+    short = [synthetic.run(TIME[:80], TORQUE[85:165], noise=NOISE[:80]) for _ in range(12)]
+    pieces = cv_pieces(short, synthetic.LOGGED, 1.0)
+    assert [piece.run_index for piece in pieces] == list(range(12))
+    assert all(isinstance(piece, CvPiece) for piece in pieces)
+
+
+def test_a_run_that_is_long_enough_is_told_by_one_piece_and_tried_on_another() -> None:
+    runs = [synthetic.run(TIME[:600], TORQUE[:600], noise=NOISE[:600]) for _ in range(12)]
+    pieces = cv_pieces(runs, synthetic.LOGGED, 1.0)
+    assert [piece.run_index for piece in pieces] == [number for number in range(12) for _ in range(2)]
 
 
 def test_what_reaches_into_another_piece_is_held_out_of_neither() -> None:
@@ -59,3 +111,40 @@ def test_a_threshold_between_two_levels_is_told_though_it_has_no_slope() -> None
     pieces = [CvPiece(number, -math.inf, math.inf, run) for number, run in enumerate(runs)]
     folds = cross_validate(FitResult.at(misfit, begin), pieces)
     assert [fold.x[at] for fold in folds] == [misfit.parametrization.high[at]] * 4
+
+
+MODEL = Model(inertia=5000.0, quadratic_drag=3500.0, linear_drag=130.0)
+DISTURBANCE, MEMORY, RATE = 2.5, 4.0, 0.15
+
+
+def drawn(seconds: float, begun: tuple[float, float], count: int = 4000, step: float = 0.02) -> float:
+    """Standard deviation of the position over so many motions, one Euler step after another."""
+    rng = np.random.default_rng(7)
+    slope = 2.0 * MODEL.quadratic_drag * RATE + MODEL.linear_drag
+    position, rate = (np.sqrt(variance) * rng.normal(size=count) for variance in begun)
+    torque = DISTURBANCE * rng.normal(size=count)
+    kept = np.exp(-step / MEMORY)
+    for _ in range(round(seconds / step)):
+        position = position + step * rate
+        rate = rate + step * (torque - slope * rate) / MODEL.inertia
+        torque = kept * torque + DISTURBANCE * np.sqrt(1.0 - kept**2) * rng.normal(size=count)
+    return float(np.std(position))
+
+
+@pytest.mark.parametrize("seconds", [10.0, 60.0])
+def test_it_is_what_many_motions_scatter_by(seconds: float) -> None:
+    begun = (1e-6, 1e-6)
+    expected = position_std_after(MODEL, RATE, (DISTURBANCE, MEMORY), begun, seconds)
+    # 4000 motions know their scatter to 1.1 %.
+    assert drawn(seconds, begun) == pytest.approx(expected, rel=0.05)
+
+
+def test_a_vehicle_that_answers_at_once_overflows_nothing() -> None:
+    quick = Model(inertia=0.01, quadratic_drag=1.0, linear_drag=5.0)
+    off = position_std_after(quick, 1.0, (0.1, 0.2), (0.0, 0.0), 60.0)
+    # Long after its memory a white torque of the same power: T sqrt(2 memory t) / slope.
+    assert off == pytest.approx(0.1 * np.sqrt(2.0 * 0.2 * 60.0) / 7.0, rel=0.01)
+
+
+def test_nothing_drives_what_is_known_exactly() -> None:
+    assert position_std_after(MODEL, RATE, (0.0, MEMORY), (0.0, 0.0), 60.0) == 0.0

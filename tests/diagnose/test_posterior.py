@@ -1,12 +1,29 @@
-"""The odds that a cause acts."""
+"""Size of an effect in standard errors, and the probability that it acts."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
-from rovid.diagnose.posterior import ESTABLISHED, POSSIBLE, posterior_probability, recalibrated, stand_in_cap
+from rovid.diagnose.candidate_fits import fit_coarse
+from rovid.diagnose.posterior import (
+    has_consistent_size,
+    outlier_probability,
+    posterior_probability,
+    recalibrated,
+    stand_in_cap,
+)
+from rovid.diagnose.thresholds import ESTABLISHED, POSSIBLE
+from rovid.effects import effect_named
+from rovid.estimate.filter_data import InnovationData
+from rovid.estimate.multi_step_data import MultiStepData
+from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
+from tests import synthetic
+from tests.predictions import TIME, fitted, records, weakened
 
 
 @pytest.mark.parametrize(
@@ -57,3 +74,44 @@ def test_odds_that_are_said_keep_their_order_and_what_is_established(white: bool
 def test_a_likelihood_is_taken_at_its_word_where_innovations_are_white() -> None:
     assert recalibrated(0.15, white=True) == 0.15
     assert recalibrated(0.15, white=False) > 0.3
+
+
+def test_a_cause_that_acts_has_one_size() -> None:
+    found, near = fitted("bias_torque", records(disturbance=np.full(len(TIME), 8.0)))
+    assert has_consistent_size(found, near, found.effects[0])
+
+
+def test_a_size_that_only_predictions_show_is_told() -> None:
+    found, near = fitted("bias_torque", records(disturbance=np.full(len(TIME), 8.0)))
+    at = len(found.common_coordinates)
+    twice = found.x.copy()
+    twice[at] *= 2.0
+    assert not has_consistent_size(replace(found, x=twice), near, found.effects[0])
+    turned = found.x.copy()
+    turned[at] *= -1.0
+    assert not has_consistent_size(replace(found, x=turned), near, found.effects[0])
+
+
+@pytest.mark.parametrize(
+    ("shares", "stands"),
+    [
+        ((0.0, 0.0, 0.4, 0.0), True),
+        ((0.0, 0.01, 0.4, -0.01, 0.0), True),
+        # No more than others differ by, or than any battery does.
+        ((0.2, -0.2, 0.4, 0.0), False),
+        ((0.0, 0.0, 0.05, 0.0), False),
+        # One of three.
+        ((0.0, 0.0, 0.15), False),
+    ],
+)
+def test_a_trial_has_to_stand_out_from_the_others(shares: Sequence[float], stands: bool) -> None:
+    ahead = MultiStepData.from_data(
+        InnovationData(weakened(shares), synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB
+    )
+    odd = effect_named("supply_sag:trial run_2")
+    misfit = MultiStepLikelihood(ahead, effects=(odd,))
+    begin = misfit.parametrization.initial()
+    begin[-1] = 0.8
+    fitted = fit_coarse(misfit, begin, 20)
+    assert fitted.x[-1] < 0.99
+    assert (outlier_probability(fitted, odd) >= ESTABLISHED) is stands

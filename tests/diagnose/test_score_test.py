@@ -1,4 +1,4 @@
-"""What the forms of causes promise, by slopes alone."""
+"""Score tests of further effects, and substitutes for an effect."""
 
 from __future__ import annotations
 
@@ -10,10 +10,14 @@ import numpy as np
 import pytest
 
 from rovid.core.array_types import FloatArray
-from rovid.diagnose.score_test import screen
+from rovid.diagnose.score_test import possible_substitutes, screen
+from rovid.diagnose.stepwise import StepwiseSearch
+from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect, effect_named
 from rovid.estimate.fisher_information import Innovations, Jacobian, jacobian_chunks, total_negative_log_likelihood
-from rovid.estimate.fit_result import FitResult
+from rovid.estimate.fit_result import FitResult, fit
+from rovid.estimate.innovation_likelihood import InnovationLikelihood
+from tests.diagnose.test_algorithm import LAG, readings
 
 
 @dataclass(frozen=True)
@@ -23,13 +27,13 @@ class RunningAway:
     effects: tuple[Effect, ...] = ()
 
     @property
-    def coordinates(self) -> RunningAway:
+    def parametrization(self) -> RunningAway:
         return self
 
-    def like(self, effects: tuple[Effect, ...]) -> RunningAway:
+    def with_effects(self, effects: tuple[Effect, ...]) -> RunningAway:
         return RunningAway(effects)
 
-    def starts(self) -> list[FloatArray]:
+    def initial_values(self) -> list[FloatArray]:
         return self.effects[-1].initial_values
 
     def innovations(self, x: FloatArray) -> Innovations:
@@ -37,31 +41,33 @@ class RunningAway:
         error = 3.0 * pattern * (1.0 - x[-1]) if x[-1] >= 0.0 else np.full(200, np.nan)
         return Innovations(error, np.ones(200) if x[-1] >= 0.0 else np.full(200, np.inf))
 
-    spare, count = 0, 200.0
+    simd_slots_left, effective_count = 0, 200.0
 
     @property
-    def portions(self) -> list[RunningAway]:
+    def chunks(self) -> list[RunningAway]:
         return [self]
 
     @property
-    def abreast(self) -> int:
+    def batch_key(self) -> int:
         return 0
 
     @staticmethod
-    def of_each(pairs: Sequence[tuple[RunningAway, FloatArray]]) -> list[Innovations]:
+    def evaluate_each(pairs: Sequence[tuple[RunningAway, FloatArray]]) -> list[Innovations]:
         return [misfit.innovations(x) for misfit, x in pairs]
 
-    def cost_of(self, here: Innovations) -> float:
+    def value_of(self, here: Innovations) -> float:
         return total_negative_log_likelihood(here, 1.0)
 
-    def looked(self, x: FloatArray) -> tuple[Innovations, list[Innovations]]:
+    def evaluate_with_spare(self, x: FloatArray) -> tuple[Innovations, list[Innovations]]:
         return self.innovations(x), []
 
-    def slopes(self, x: FloatArray, known: tuple[Innovations, list[Innovations]]) -> Iterator[Jacobian]:
+    def jacobian(self, x: FloatArray, known: tuple[Innovations, list[Innovations]]) -> Iterator[Jacobian]:
         here, _ = known
-        return self.slopes_between(here, [here], np.ones(len(x)))
+        return self.jacobian_between(here, [here], np.ones(len(x)))
 
-    def slopes_between(self, centre: Innovations, sides: Sequence[Innovations], step: FloatArray) -> Iterator[Jacobian]:
+    def jacobian_between(
+        self, centre: Innovations, sides: Sequence[Innovations], step: FloatArray
+    ) -> Iterator[Jacobian]:
         return jacobian_chunks(centre, sides, step, 1.0)
 
 
@@ -81,7 +87,7 @@ class Noise(RunningAway):
 
     effects: tuple[Effect, ...] = ()
 
-    def like(self, effects: tuple[Effect, ...]) -> Noise:
+    def with_effects(self, effects: tuple[Effect, ...]) -> Noise:
         return Noise(effects)
 
     def innovations(self, x: FloatArray) -> Innovations:
@@ -90,7 +96,7 @@ class Noise(RunningAway):
         return Innovations(error + 0.1 * aside, np.ones(200))
 
     @staticmethod
-    def of_each(pairs: Sequence[tuple[RunningAway, FloatArray]]) -> list[Innovations]:
+    def evaluate_each(pairs: Sequence[tuple[RunningAway, FloatArray]]) -> list[Innovations]:
         return [misfit.innovations(x) for misfit, x in pairs]
 
 
@@ -101,3 +107,58 @@ def test_many_starts_promise_nothing_together_that_noise_does() -> None:
     (promise,) = screen(FitResult(misfit, np.zeros(1), 0.0), [form])
     # Together 36 directions take 18 from noise, as chi squared has it; the best of them alone a few.
     assert 0.0 < promise.gain < 8.0
+
+
+LATE = ("command_delay", "thruster_lag:spin", "slew_limit")
+OTHERS = ("bias_torque", "drag_curvature", "tether_torsion", "drag_asymmetry")
+
+
+def with_more(fitted: FitResult, *start: float) -> FloatArray:
+    return np.array([*fitted.x, *start])
+
+
+@pytest.fixture(scope="module")
+def late() -> FitResult:
+    plain = InnovationLikelihood(readings(1.5), 0.05)
+    return fit(plain.with_effects((LAG,)), with_more(fit(plain, plain.parametrization.initial()), 1.0))
+
+
+def test_what_comes_late_may_stand_for_a_lag_and_what_does_not_may_not(late: FitResult) -> None:
+    promises = screen(late, [effect_named(key) for key in (*LATE, *OTHERS)])
+    found = {form.key for form in possible_substitutes(late, LAG, promises)}
+    assert {"command_delay", "thruster_lag:spin"} <= found
+    assert not found & {*OTHERS}
+
+
+def test_where_nothing_is_no_size_every_form_may(late: FitResult) -> None:
+    limit = effect_named("slew_limit")
+    assert limit.parameters[0].neutral_at_infinity
+    limited = late.objective.with_effects((LAG, limit))
+    current = FitResult.at(limited, with_more(late, *limit.initial_values[0]))
+    promises = screen(current, [effect_named(key) for key in OTHERS])
+    assert len(possible_substitutes(current, limit, promises)) == len(OTHERS)
+
+
+def test_in_the_place_of_a_cause_those_are_tried_that_may_do_as_much(late: FitResult) -> None:
+    candidates = [LAG, *(effect_named(key) for key in (*LATE, *OTHERS))]
+    search = StepwiseSearch(candidates)
+    search.cache.fits[late.key] = late
+    rest = search.without(late, LAG)
+    assert rest.value - late.value > search.threshold / THRESHOLDS.shortlist_share
+    cause = search.cause(late, LAG)
+    assert rest.key not in search.cache.score_tests
+    whole = StepwiseSearch(candidates)
+    every = [rival for rival in whole.further_causes(whole.without(late, LAG)) if rival.effect.id != LAG.id]
+    assert cause.alternatives[0].effect.id == every[0].effect.id == "command_delay"
+    # One that is out of reach is not followed to its end.
+    assert every[0].bic_gain - 50.0 < cause.alternatives[0].bic_gain <= every[0].bic_gain + 0.1 < cause.bic_gain
+
+
+def test_what_gains_so_little_that_chance_does_is_compared_with_every_form(late: FitResult) -> None:
+    bias = effect_named("bias_torque")
+    misfit = late.objective.with_effects((LAG, bias))
+    idle = fit(misfit, with_more(late, *bias.initial_values[0]))
+    search = StepwiseSearch([LAG, bias, *(effect_named(key) for key in OTHERS)])
+    search.cache.fits.update({late.key: late, idle.key: idle})
+    search.cause(idle, bias)
+    assert {promise.effect.id for promise in search.cache.score_tests[late.key]} == {*OTHERS}

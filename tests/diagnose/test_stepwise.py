@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rovid.diagnose.bic import bic_score, simplest_form
+from rovid.diagnose.candidate_fits import bic_score, simplest_form
 from rovid.diagnose.stepwise import StepwiseSearch
 from rovid.effects import effect_named
 from rovid.estimate.fit_result import FitResult, fit
@@ -26,13 +26,13 @@ def base() -> FitResult:
 def test_it_ends_with_enough_and_another_goes_on_from_there(base: FitResult) -> None:
     search = StepwiseSearch(CANDIDATES, is_enough=lambda found: bool(found.effects))
     early = search.run(base)
-    assert search.has_enough
+    assert search.progress.has_enough
     assert early.effects == (BIAS,)
     # What else there may be beside it was not looked for.
-    assert early.key not in search.known.promises
+    assert early.key not in search.cache.score_tests
     further = StepwiseSearch(CANDIDATES)
     later, whole = further.run(early), StepwiseSearch(CANDIDATES).run(base)
-    assert early.key in further.known.promises
+    assert early.key in further.cache.score_tests
     assert later.effects == whole.effects == (BIAS,)
     assert later.x == pytest.approx(whole.x, rel=1e-6)
 
@@ -40,11 +40,11 @@ def test_it_ends_with_enough_and_another_goes_on_from_there(base: FitResult) -> 
 def test_where_nothing_is_missing_nothing_is_looked_at(base: FitResult) -> None:
     search = StepwiseSearch(CANDIDATES, is_enough=lambda _: True)
     assert search.run(base) is base
-    assert search.known.promises == {}
+    assert search.cache.score_tests == {}
 
 
 def test_a_model_that_is_far_off_is_never_enough(base: FitResult) -> None:
-    search = StepwiseSearch(CANDIDATES, is_enough=lambda _: True, thorough=lambda found: not found.effects)
+    search = StepwiseSearch(CANDIDATES, is_enough=lambda _: True, fits_poorly=lambda found: not found.effects)
     assert search.run(base).effects == (BIAS,)
 
 
