@@ -58,5 +58,5 @@ def test_a_stage_that_was_never_entered_is_said() -> None:
     for name in set(STAGES.values()) - {"waves"}:
         with profile.entered(name):
             pass
-    with pytest.raises(RuntimeError, match=r"rovid\.diagnose\.strategies\.look_for_waves \(waves\)"):
+    with pytest.raises(RuntimeError, match=r"rovid\.diagnose\.objectives\.run_wave_test \(waves\)"):
         profile.require_all()
