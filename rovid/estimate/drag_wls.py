@@ -1,4 +1,4 @@
-"""Torque against drag at steady states: weighted least squares, and what its weights are."""
+"""Weighted least squares of torque against drag at steady states."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from rovid.effects.restoring import regressors
 from rovid.estimate.steady_points import SteadyPoint
 from rovid.trial.axis import Axis
 
-# Unknowns cannot be told apart whose columns, each of length one, differ by no more than this.
-_ALIKE = 1e-10
+# Least ratio of the singular values of the normalised design matrix, below which unknowns are not distinguishable.
+_LEAST_RATIO = 1e-10
 
 
 class WlsSolution(NamedTuple):
@@ -29,20 +29,20 @@ class WlsSolution(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TorqueBalance:
-    """The torque of k steady states, and what holds it.
+    """Linear model of the torque at k steady states; docs/method.md, (6).
 
     Attributes
     ----------
     design
-        (k, p) what each unknown is multiplied by.
+        (k, p) regressors: |r| r, r, and those of the restoring torque.
     torque
         (k,) N m.
     error
-        (k,) its standard errors in N m; ones where they are not known.
+        (k,) standard errors of the torque balance in N m; ones where unknown.
     error_known
-        Whether they are.
+        Whether the errors are known.
     free
-        (p,) which unknowns are not held at zero.
+        (p,) which unknowns are free; the others are zero.
     """
 
     design: FloatArray
@@ -53,9 +53,12 @@ class TorqueBalance:
 
     @classmethod
     def of(cls, points: Sequence[SteadyPoint], axis: Axis, free: BoolArray) -> Self:
-        """Of steady states; their errors are those of the table, of which none is known."""
+        """Torque balance of steady states, with unknown errors."""
+        # Position does not matter: an axis with a righting moment has no steady turns.
+        restoring = regressors(restoring_effect(axis), np.zeros(len(points)))
+        squares, rates = [point.square_rate for point in points], [point.rate for point in points]
         return cls(
-            design=_design(points, axis),
+            design=np.column_stack((squares, rates, restoring)),
             torque=np.array([point.torque for point in points]),
             error=np.ones(len(points)),
             error_known=False,
@@ -64,25 +67,25 @@ class TorqueBalance:
 
     @property
     def is_determined(self) -> bool:
-        """Whether every one of the free unknowns is determined."""
+        """Whether the steady states determine every free unknown."""
         design = self.design[:, self.free]
         values = np.linalg.svd(design / np.linalg.norm(design, axis=0), compute_uv=False)
-        return len(values) == design.shape[1] and bool(values[-1] > _ALIKE * values[0])
+        return len(values) == design.shape[1] and bool(values[-1] > _LEAST_RATIO * values[0])
 
     def with_error(self, error: FloatArray) -> Self:
-        """The same with known errors."""
+        """The same balance with known errors."""
         return replace(self, error=error, error_known=True)
 
     def with_free(self, free: BoolArray) -> Self:
-        """The same with other unknowns free."""
+        """The same balance with other free unknowns."""
         return replace(self, free=free)
 
     def subset(self, rows: BoolArray) -> Self:
-        """That of some of the steady states."""
+        """The balance of some of the steady states."""
         return replace(self, design=self.design[rows], torque=self.torque[rows], error=self.error[rows])
 
     def residuals(self, values: FloatArray) -> FloatArray:
-        """(k,) N m, measured less what (p,) ``values`` give."""
+        """(k,) measured torque minus that of (p,) ``values``, N m."""
         return np.asarray(self.torque - self.design @ values)
 
     def chi2(self, values: FloatArray) -> float:
@@ -91,28 +94,27 @@ class TorqueBalance:
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Steady states beyond what the free unknowns take."""
+        """Number of steady states beyond that of the free unknowns."""
         return len(self.torque) - int(self.free.sum())
 
     def solve(self) -> WlsSolution:
         """Weighted least squares; unknowns that are not free stay zero.
 
-        A known error is believed unless the scatter about the line is larger (Birge ratio); else the scatter sets the
-        scale.
+        Known errors set the scale of the covariance unless the scatter about the line is larger (Birge 1932).
         """
         count = len(self.free)
         values, covariance = np.zeros(count), np.zeros((count, count))
         weighted = self.design[:, self.free] / self.error[:, None]
-        # Columns of one length: the pseudo-inverse's cut-off then has no say in units.
+        # Normalised columns make the cut-off of the pseudo-inverse independent of units.
         scale = np.linalg.norm(weighted, axis=0)
         inverse = np.linalg.pinv(weighted / scale) / scale[:, None]
         values[self.free] = inverse @ (self.torque / self.error)
-        variance, freedom = self._variance(values)
+        variance, freedom = self._residual_variance(values)
         covariance[np.ix_(self.free, self.free)] = inverse @ inverse.T * variance
         return WlsSolution(values, covariance, freedom)
 
-    def _variance(self, values: FloatArray) -> tuple[float, float]:
-        """Of errors taken to be one, and its degrees of freedom: those of the scatter where that sets it."""
+    def _residual_variance(self, values: FloatArray) -> tuple[float, float]:
+        """Variance of the normalised residuals and its degrees of freedom; 1 and infinity by known errors."""
         if self.degrees_of_freedom <= 0:
             return (1.0 if self.error_known else math.nan), math.inf
         scatter = self.chi2(values) / self.degrees_of_freedom
@@ -121,9 +123,9 @@ class TorqueBalance:
         return scatter, float(self.degrees_of_freedom)
 
     def leave_one_out(self) -> FloatArray:
-        """(k, 3) quadratic and linear drag without each steady state, and what its torque is then off by in N m.
+        """(k, 3) quadratic and linear drag without each steady state, and the residual of its torque in N m.
 
-        NaN where the others do not determine both.
+        NaN where the other steady states do not determine both.
         """
         count = len(self.torque)
         rows = np.full((count, 3), np.nan)
@@ -137,25 +139,24 @@ class TorqueBalance:
 
 
 def with_pooled_errors(balance: TorqueBalance, points: Sequence[SteadyPoint]) -> TorqueBalance:
-    """With the standard errors of the torque at ``points`` of logs, which go as the root of their length."""
+    """The balance with errors sigma_k^2 = q/t_k + tau^2 of holds of lengths t_k; docs/method.md, (7).
+
+    q is the density of the torque's variance by the errors of the rate, pooled over all holds. tau^2 is the variance
+    from hold to hold, such as by a current or trim, which no length averages out.
+    """
     duration = np.array([point.duration for point in points])
     rate_error = np.array([point.rate_error for point in points])
-    within = _density(balance, rate_error, duration) / duration
-    return balance.with_error(np.sqrt(within + _between(balance, within)))
-
-
-def _density(balance: TorqueBalance, rate_error: FloatArray, duration: FloatArray) -> float:
-    """Variance of the torque, of a second of a log, that (k,) errors of the rate make."""
     values = balance.with_error(1.0 / np.sqrt(duration)).solve().values
     slope = 2.0 * values[0] * np.abs(balance.design[:, 1]) + values[1]
-    return float(np.mean((slope * rate_error) ** 2 * duration))
+    density = float(np.mean((slope * rate_error) ** 2 * duration))
+    within = density / duration
+    return balance.with_error(np.sqrt(within + _variance_between(balance, within)))
 
 
-def _between(balance: TorqueBalance, within: FloatArray) -> float:
-    """Variance of the torque balance from hold to hold, N^2 m^2, that the (k,) variances ``within`` holds leave open.
+def _variance_between(balance: TorqueBalance, within: FloatArray) -> float:
+    """Variance tau^2 of the torque balance from hold to hold, N^2 m^2 (Paule and Mandel 1982).
 
-    What a current or a trim does to a hold averages out over no length of it: without this a long rest would outweigh
-    all turns. It is as large as the scatter about the line asks for (Paule & Mandel 1982).
+    As large as makes chi-squared, with the (k,) variances ``within`` holds, equal to its degrees of freedom.
     """
 
     def excess(variance: float) -> float:
@@ -170,12 +171,3 @@ def _between(balance: TorqueBalance, within: FloatArray) -> float:
     from scipy import optimize
 
     return float(optimize.brentq(excess, 0.0, most))
-
-
-def _design(points: Sequence[SteadyPoint], axis: Axis) -> FloatArray:
-    """(k, p) what each unknown is multiplied by at each point."""
-    # Along an axis that turns the vehicle back there are no steady turns: position does not matter here.
-    restoring = regressors(restoring_effect(axis), np.zeros(len(points)))
-    squares = [point.square_rate for point in points]
-    rates = [point.rate for point in points]
-    return np.column_stack((squares, rates, restoring))

@@ -1,4 +1,4 @@
-"""What every identification returns: values, covariance, and what could not be determined."""
+"""Result of every estimation method: values, covariance, and what the data cannot determine."""
 
 from __future__ import annotations
 
@@ -16,21 +16,20 @@ from rovid.trial.assumptions import Assumptions, scales_with_thrust
 from rovid.trial.axis import YAW, Axis
 from rovid.trial.trial import read_only
 
-# What the unit of a torque, and of all that is larger with it, ends in where the inertia is not known.
+# Suffix of the units of torques and drags where the inertia is unknown.
 PER_INERTIA = " per kg m^2"
 UNDRIVEN = (
-    "nothing drives these logs, so that the inertia cannot be known: every torque and drag is that of 1 kg m^2 of it"
+    "no actuator drives the vehicle in these logs, so the inertia cannot be determined: every torque and drag is per "
+    "kg m^2 of it"
 )
-# A share of all thrust that is not worth a word.
-_NO_DOUBT = 1e-3
-# Of what is as good as constant: its changes are rounding.
+# Relative uncertainty of the thrust scale below which no warning is given.
+_NEGLIGIBLE_SCALE_ERROR = 1e-3
+# Relative size of rounding errors of a constant series.
 _ROUNDING = 1e-9
-
-
-# Standard errors from zero from which on a number may be divided by.
-_FROM_ZERO = 3.0
+# Least number of standard errors from zero of a divisor.
+_DIVISOR_SIGMAS = 3.0
 _SYMBOLS = {"inertia": "I", "quadratic_drag": "DQ", "linear_drag": "DL"}
-_OVER = {
+_RATIO_UNITS = {
     ("inertia", "quadratic_drag"): "rad",
     ("inertia", "linear_drag"): "s",
     ("linear_drag", "quadratic_drag"): "rad/s",
@@ -39,7 +38,7 @@ _OVER = {
 
 @dataclass(frozen=True, kw_only=True)
 class Ratio:
-    """One parameter over another, as "inertia/quadratic_drag"."""
+    """Ratio of two parameters, named as "inertia/quadratic_drag"."""
 
     name: str
     value: float
@@ -48,7 +47,7 @@ class Ratio:
 
     @property
     def symbols(self) -> str:
-        """The same in symbols, as "I/DQ"."""
+        """The ratio in symbols, as "I/DQ"."""
         return "/".join(_SYMBOLS[name] for name in self.name.split("/"))
 
 
@@ -63,22 +62,22 @@ class Estimate:
     values, covariance
         (p,) and (p, p) in the units of ``rovid.model.parameter_names.unit_of``.
     degrees_of_freedom
-        Of the residual scale behind the covariance; infinite where it was known beforehand.
+        Of the residual variance behind the covariance; infinite where it was known beforehand.
     method
-        One line: how it was found.
+        One line on the method.
     refused
         Parameter -> why these data cannot determine it.
     warnings
         Full sentences.
     axis
-        Along which they are.
-    scale_doubt
-        How open the scale of all thrust is, as a share, and with it that of inertia, drag and every torque. It is in
-        the standard errors and intervals and not in ``covariance``: no loop and no simulation feels it.
+        Degree of freedom of the parameters.
+    thrust_scale_uncertainty
+        Relative standard error of the scale of all thrust, and with it of inertia, drag and every torque. Standard
+        errors and intervals include it. ``covariance`` does not, because no simulation or control loop depends on it.
     per_inertia
-        Whether the inertia cannot be known and is taken to be 1.
-    guess
-        What of the vehicle that it was found with is no measurement.
+        Whether the inertia cannot be determined and is taken to be 1.
+    assumptions
+        Placeholder values in the vehicle's configuration that the estimate depends on.
     """
 
     names: tuple[str, ...]
@@ -104,32 +103,32 @@ class Estimate:
 
     def standard_error(self, name: str) -> float:
         """Standard error of the parameter ``name``."""
-        return math.hypot(self._spread(name), self.thrust_scale_uncertainty * self._scaled(name))
+        return math.hypot(self._covariance_error(name), self.thrust_scale_uncertainty * self._scaled_size(name))
 
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
-        """Confidence interval by Student's t; what the scale of thrust leaves open is a factor, which has no sign."""
-        value, chance = self.value(name), 0.5 + level / 2.0
-        reach = t_quantile(chance, self.degrees_of_freedom) * self._spread(name)
-        doubt = 0.0
-        if self._scaled(name):
-            doubt = t_quantile(chance, math.inf) * self.thrust_scale_uncertainty
+        """Confidence interval by Student's t; the uncertainty of the thrust scale is a factor on the value."""
+        value, quantile = self.value(name), 0.5 + level / 2.0
+        reach = t_quantile(quantile, self.degrees_of_freedom) * self._covariance_error(name)
+        log_error = 0.0
+        if self._scaled_size(name):
+            log_error = t_quantile(quantile, math.inf) * self.thrust_scale_uncertainty
 
-        def edge(way: float) -> float:
-            plain = value + way * reach
-            # Beyond zero the value is not known well enough for a factor to matter.
-            if doubt == 0.0 or plain * value <= 0.0:
+        def edge(sign: float) -> float:
+            plain = value + sign * reach
+            # An interval that includes zero is so wide that a factor does not matter.
+            if log_error == 0.0 or plain * value <= 0.0:
                 return plain
-            spread = math.hypot(math.log(plain / value), doubt)
-            return value * math.exp(math.copysign(spread, way * value))
+            spread = math.hypot(math.log(plain / value), log_error)
+            return value * math.exp(math.copysign(spread, sign * value))
 
         return edge(-1.0), edge(1.0)
 
-    def _spread(self, name: str) -> float:
+    def _covariance_error(self, name: str) -> float:
         at = self.names.index(name)
         return math.sqrt(self.covariance[at, at])
 
-    def _scaled(self, name: str) -> float:
-        """Size of what is larger with all thrust; 0 of what is not."""
+    def _scaled_size(self, name: str) -> float:
+        """Magnitude of a parameter that is proportional to the thrust scale; 0 for any other."""
         if not scales_with_thrust(unit_of(name, self.axis)):
             return 0.0
         return abs(self.value(name))
@@ -137,56 +136,57 @@ class Estimate:
     def correlation(self, first: str, second: str) -> float:
         """Correlation between two parameters; NaN where one of them is not estimated."""
         covariance = float(self.covariance[self.names.index(first), self.names.index(second)])
-        both = self._spread(first) * self._spread(second)
+        both = self._covariance_error(first) * self._covariance_error(second)
         return covariance / both if both > 0.0 else math.nan
 
     def differs_from_zero(self, name: str) -> bool:
-        """Whether the 95 % interval of ``name`` leaves zero out."""
+        """Whether the 95 % interval of ``name`` excludes zero."""
         low, high = self.interval(name)
         return low > 0.0 or high < 0.0
 
-    def with_thrust_scale_uncertainty(self, doubt: float) -> Self:
-        """The same with this ``scale_doubt``, and a word on it."""
-        if doubt < _NO_DOUBT:
+    def with_thrust_scale_uncertainty(self, uncertainty: float) -> Self:
+        """The estimate with this relative ``thrust_scale_uncertainty``, and a warning of it."""
+        if uncertainty < _NEGLIGIBLE_SCALE_ERROR:
             return self
         warning = (
-            "Inertia and drag may all be larger or smaller together: these data show how thrust departs from what it "
-            "was taken for, but not at which thrust or voltage that still holds. Their standard errors include "
-            f"{100 * doubt:.2g} % for that."
+            "Inertia and drag may all be larger or smaller by one factor: these data show how the thrust curve bends, "
+            "but not at which thrust or voltage the bench value holds. Their standard errors include "
+            f"{100 * uncertainty:.2g} % for that."
         )
-        return replace(self, thrust_scale_uncertainty=doubt, warnings=(*self.warnings, warning))
+        return replace(self, thrust_scale_uncertainty=uncertainty, warnings=(*self.warnings, warning))
 
     def undriven(self) -> Self:
-        """The same of logs that nothing drives: the inertia was taken to be 1, and is refused."""
-        warning = f"{UNDRIVEN[:1].upper()}{UNDRIVEN[1:]}."
-        warnings = (*self.warnings, warning)
+        """The estimate for logs without actuators: the inertia was taken to be 1 and is refused."""
+        warnings = (*self.warnings, f"{UNDRIVEN[:1].upper()}{UNDRIVEN[1:]}.")
         return replace(self, refused={**self.refused, "inertia": UNDRIVEN}, per_inertia=True, warnings=warnings)
 
     def is_placeholder(self, name: str) -> bool:
-        """Whether the parameter ``name`` hangs on a guess, so that no size of it is known."""
+        """Whether the size of the parameter ``name`` depends on a placeholder value."""
         return self.assumptions.is_placeholder(unit_of(name, self.axis))
 
     @property
     def ratios(self) -> tuple[Ratio, ...]:
-        """What inertia and drag are of each other, whatever the size of thrust; of what is known from zero alone."""
-        over = [self.ratio("inertia", drag) for drag in ("quadratic_drag", "linear_drag")]
-        found = [ratio for ratio in over if ratio is not None]
-        both = None if found else self.ratio("linear_drag", "quadratic_drag")
-        return (*found, *([both] if both else []))
+        """Determined ratios between inertia and drags, which do not depend on the thrust scale."""
+        candidates = [self.ratio("inertia", drag) for drag in ("quadratic_drag", "linear_drag")]
+        found = tuple(ratio for ratio in candidates if ratio is not None)
+        drags = self.ratio("linear_drag", "quadratic_drag")
+        if found or drags is None:
+            return found
+        return (drags,)
 
     def ratio(self, first: str, second: str) -> Ratio | None:
-        """One parameter over another; None where either is not known, or the second cannot be told from zero."""
+        """Ratio of two parameters; None where either is undetermined or the second is near zero."""
         known = [name for name in (first, second) if name in self.names and name not in self.refused]
-        if len(known) < 2 or not self.value(second) > _FROM_ZERO * self._spread(second):
+        if len(known) < 2 or not self.value(second) > _DIVISOR_SIGMAS * self._covariance_error(second):
             return None
         one, other = self.names.index(first), self.names.index(second)
         value = self.value(first) / self.value(second)
-        # To first order, by the covariance of both: a common factor is in neither.
+        # First-order error propagation. A common factor cancels.
         slope = np.zeros(len(self.names))
         slope[one], slope[other] = 1.0 / self.value(second), -value / self.value(second)
-        spread = math.sqrt(max(float(slope @ self.covariance @ slope), 0.0))
-        unit = _OVER[first, second]
-        return Ratio(name=f"{first}/{second}", value=value, standard_error=spread, unit=self.axis.unit(unit))
+        error = math.sqrt(max(float(slope @ self.covariance @ slope), 0.0))
+        unit = self.axis.unit(_RATIO_UNITS[first, second])
+        return Ratio(name=f"{first}/{second}", value=value, standard_error=error, unit=unit)
 
     def unit(self, name: str) -> str:
         """Unit of the parameter ``name``."""
@@ -197,13 +197,13 @@ class Estimate:
 
 
 def varies(values: FloatArray, *, noise: float = 0.0) -> bool:
-    """Whether ``values`` change by more than rounding and white noise of this standard deviation would make them."""
+    """Whether ``values`` change by more than rounding and white noise of this standard deviation."""
     rounding = _ROUNDING * float(np.max(np.abs(values)))
     return bool(np.std(values) > max(noise, rounding))
 
 
 def r_squared(measured: FloatArray, residuals: FloatArray) -> float:
-    """R^2, 1 - SSE/SST with the mean taken away; NaN where what was measured does not vary."""
+    """R^2 = 1 - SSE/SST about the mean; NaN where the measured values do not vary. docs/method.md, (17)."""
     if not varies(measured):
         return math.nan
     deviations = measured - measured.mean()

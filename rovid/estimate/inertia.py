@@ -1,4 +1,4 @@
-"""Inertia by every method side by side, and which one to believe."""
+"""Inertia by every method side by side, and the choice between them."""
 
 from __future__ import annotations
 
@@ -35,8 +35,9 @@ METHODS = {
     "harmonic_balance": "harmonic balance at the fundamental",
     "regression": "regression on all excited data",
 }
-# Degrees taken for radians, or the reverse, put the ratio off by 57.
+# Ratio to the rigid body's inertia beyond which the result is refused. Degrees for radians give a factor of 57.
 _IMPOSSIBLE_RATIO = 20.0
+# Joint standard errors between two methods beyond which they are reported to disagree.
 _DISAGREE_SIGMAS = 4.0
 SINE_ADVICE = (
     "Run a sine on the command: five periods or more of about ten vehicle time constants each "
@@ -51,15 +52,15 @@ class InertiaFit:
     Attributes
     ----------
     estimate
-        The inertia to use; with the drag where that came from the regression too.
+        The inertia to use; with the drag where that is the regression's too.
     chosen
         Key of ``methods`` behind ``estimate``.
     methods
         Key of ``METHODS`` -> reading.
     peak_bias
-        What the peak method returns on the identified model's own motion, over its true inertia.
+        Ratio of the peak method's result on the identified model's own motion to its true inertia.
     added_inertia
-        Inertia less the rigid body's, in kg m^2, or None where the rigid body is not known.
+        Inertia minus the rigid body's, in kg m^2, or None where the rigid body's is unknown.
     trials
         The sine runs.
     refused
@@ -77,54 +78,67 @@ class InertiaFit:
 
 
 def fit_inertia(runs: Sequence[Run], *, drag: Estimate | None, rigid_body: float | None) -> InertiaFit:
-    """Read the inertia from sine runs and from all excited data.
+    """Inertia from sine runs and from all excited data.
 
     Parameters
     ----------
     drag
-        Steady drag, where it is known; the sine methods that need it use it.
+        Steady drag, where it is known; two of the sine methods use it.
     rigid_body
-        Rigid-body yaw inertia in kg m^2.
+        Rigid-body inertia in kg m^2 or kg.
 
     Raises
     ------
     DataError
-        No method has the data it needs, or the result is impossible beside the rigid body.
+        No method has the data it needs, or the result is impossible beside the rigid body's inertia.
     """
     axis = runs[0].trial.axis
     if not runs[0].trial.has_actuators:
         raise DataError(
-            f"nothing drives these logs in {axis.name}, so that the inertia cannot be known.",
+            f"no actuator drives the vehicle in {axis.name} in these logs, so the inertia cannot be determined.",
             mend="Run `rovid fit`: it gives frequency, damping and their ratios to the inertia.",
         )
     trials = [] if axis.self_righting else sine_trials(runs)
     require_motion(trials, axis)
-    regression, refused = _regression(runs)
+    regression, refused = None, dict[str, str]()
+    try:
+        regression = fit_regression(runs)
+    except DataError as refusal:
+        refused["regression"] = str(refusal)
     if not trials:
         refused |= dict.fromkeys(("peak", "orbit_integral", "harmonic_balance"), _no_sines(axis))
     methods = _sine_methods(trials, drag)
     if regression is not None:
-        methods["regression"] = _as_inertia(regression)
-    if not methods:
-        raise _no_method(refused, axis)
-    # Without a steady drag the regression gives inertia and drag that belong together.
+        value, error = regression.estimate.value("inertia"), regression.estimate.standard_error("inertia")
+        methods["regression"] = InertiaReading(value=value, standard_error=error, runs=())
+    # Without a steady drag, inertia and drag of the regression are used together.
     if trials and (drag is not None or regression is None):
-        chosen, estimate = "orbit_integral", _single(methods["orbit_integral"], trials, axis)
+        chosen, estimate = "orbit_integral", _orbit_estimate(methods["orbit_integral"], trials, axis)
+    elif regression is not None:
+        chosen, estimate = "regression", regression.estimate
+        if drag is not None:
+            # The drag is known better from steady turns.
+            names, values, covariance = estimate.names[:1], estimate.values[:1], estimate.covariance[:1, :1]
+            estimate = replace(estimate, names=names, values=values, covariance=covariance)
     else:
-        assert regression is not None  # noqa: S101 - it is one of the methods
-        chosen = "regression"
-        estimate = regression.estimate if drag is None else _inertia_alone(regression.estimate)
+        why, sines = refused["regression"], refused["orbit_integral"]
+        if not axis.self_righting:
+            why += f" {sines[:1].upper()}{sines[1:]}"
+        raise DataError(why)
     value = estimate.value("inertia")
     warnings = (
         *estimate.warnings,
         *_method_warnings(methods, refused, axis),
         *plausibility_warnings(estimate, rigid_body),
     )
+    bias = None
+    if trials and drag is not None:
+        bias = peak_bias(trials, replace(_drag_model(_drags(drag)), inertia=value))
     return InertiaFit(
         estimate=replace(estimate, warnings=warnings),
         chosen=chosen,
         methods=methods,
-        peak_bias=peak_bias(trials, _model(value, drag)) if trials and drag is not None else None,
+        peak_bias=bias,
         added_inertia=None if rigid_body is None else value - rigid_body,
         trials=tuple(trials),
         regression=regression,
@@ -132,26 +146,11 @@ def fit_inertia(runs: Sequence[Run], *, drag: Estimate | None, rigid_body: float
     )
 
 
-def _regression(runs: Sequence[Run]) -> tuple[Regression | None, dict[str, str]]:
-    """The regression on all excited data; None, and why it could not be used."""
-    try:
-        return fit_regression(runs), {}
-    except DataError as error:
-        return None, {"regression": str(error)}
-
-
 def _no_sines(axis: Axis) -> str:
-    """Why no method of the sines can be used."""
+    """Why no sine method can be used."""
     if axis.self_righting:
-        return "in a sine, what brings the vehicle back looks like less inertia."
+        return "in a sine, the restoring torque looks like less inertia."
     return f"the logs hold no sine-shaped {axis.force_name} of three or more equal periods. {SINE_ADVICE}"
-
-
-def _no_method(refused: dict[str, str], axis: Axis) -> DataError:
-    why, sines = refused["regression"], refused["orbit_integral"]
-    if not axis.self_righting:
-        why += f" {sines[:1].upper()}{sines[1:]}"
-    return DataError(why)
 
 
 def _sine_methods(trials: Sequence[SineTrial], drag: Estimate | None) -> dict[str, InertiaReading]:
@@ -160,55 +159,35 @@ def _sine_methods(trials: Sequence[SineTrial], drag: Estimate | None) -> dict[st
     orbit = orbit_integral(trials)
     if drag is None:
         return {"orbit_integral": orbit, "harmonic_balance": harmonic_balance(trials, None)}
-    model = _model(1.0, drag)
-    balance = _with_drag_error(harmonic_balance(trials, model), trials, drag)
-    return {"peak": peak_method(trials, model), "orbit_integral": orbit, "harmonic_balance": balance}
-
-
-def _with_drag_error(balance: InertiaReading, trials: Sequence[SineTrial], drag: Estimate) -> InertiaReading:
-    """Add to the harmonic balance what the drag's own uncertainty makes of it."""
+    drags = _drags(drag)
+    balance = harmonic_balance(trials, _drag_model(drags))
+    # Errors of the drag propagate into the harmonic balance.
     places = [drag.names.index(name) for name in ("quadratic_drag", "linear_drag")]
-    slopes = []
-    for at in places:
-        step = max(1e-3 * abs(float(drag.values[at])), 1e-6)
-        values = drag.values.copy()
-        values[at] += step
-        moved = harmonic_balance(trials, _drag_model(values))
-        slopes.append((moved.value - balance.value) / step)
-    gradient = np.array(slopes)
+    gradient = np.zeros(2)
+    for at in range(2):
+        step = max(1e-3 * abs(float(drags[at])), 1e-6)
+        moved = harmonic_balance(trials, _drag_model(drags + step * (np.arange(2) == at)))
+        gradient[at] = (moved.value - balance.value) / step
     covariance = np.nan_to_num(drag.covariance[np.ix_(places, places)])
-    extra = float(gradient @ covariance @ gradient)
-    error = math.sqrt(balance.standard_error**2 + extra)
-    return replace(balance, standard_error=error)
+    error = math.sqrt(balance.standard_error**2 + float(gradient @ covariance @ gradient))
+    return {
+        "peak": peak_method(trials, _drag_model(drags)),
+        "orbit_integral": orbit,
+        "harmonic_balance": replace(balance, standard_error=error),
+    }
 
 
-def _drag_model(values: FloatArray) -> Model:
+def _drags(drag: Estimate) -> FloatArray:
+    """(2,) quadratic and linear drag."""
+    return np.array([drag.value("quadratic_drag"), drag.value("linear_drag")])
+
+
+def _drag_model(drags: FloatArray) -> Model:
     """Model of 1 kg m^2 with (2,) quadratic and linear drag."""
-    return Model(inertia=1.0, quadratic_drag=float(values[0]), linear_drag=float(values[1]))
+    return Model(inertia=1.0, quadratic_drag=float(drags[0]), linear_drag=float(drags[1]))
 
 
-def _model(inertia: float, drag: Estimate) -> Model:
-    return Model(
-        inertia=inertia,
-        quadratic_drag=drag.value("quadratic_drag"),
-        linear_drag=drag.value("linear_drag"),
-    )
-
-
-def _as_inertia(regression: Regression) -> InertiaReading:
-    """By the regression over all runs at once, in kg m^2."""
-    estimate = regression.estimate
-    return InertiaReading(value=estimate.value("inertia"), standard_error=estimate.standard_error("inertia"), runs=())
-
-
-def _inertia_alone(estimate: Estimate) -> Estimate:
-    """The inertia of a regression, where the drag is known better from steady turns."""
-    return replace(
-        estimate, names=estimate.names[:1], values=estimate.values[:1], covariance=estimate.covariance[:1, :1]
-    )
-
-
-def _single(reading: InertiaReading, trials: Sequence[SineTrial], axis: Axis) -> Estimate:
+def _orbit_estimate(reading: InertiaReading, trials: Sequence[SineTrial], axis: Axis) -> Estimate:
     return Estimate(
         axis=axis,
         names=("inertia",),
@@ -220,38 +199,33 @@ def _single(reading: InertiaReading, trials: Sequence[SineTrial], axis: Axis) ->
     )
 
 
-def _method_warnings(methods: dict[str, InertiaReading], refused: dict[str, str], axis: Axis) -> list[str]:
-    """What is said of methods that gave nothing, of sine runs that disagree, and of methods that do."""
-    texts, unit = [], axis.unit("kg m^2")
+def _method_warnings(methods: dict[str, InertiaReading], refused: dict[str, str], axis: Axis) -> Iterator[str]:
+    """Warnings of refused methods, of sine runs that disagree, and of methods that disagree."""
+    unit = axis.unit("kg m^2")
     for reason in dict.fromkeys(refused.values()):
         names = " and ".join(METHODS[name] for name in refused if refused[name] == reason and name != "peak")
-        texts.append(f"Not possible, {names}: {reason}")
+        yield f"Not possible, {names}: {reason}"
     orbit = methods.get("orbit_integral")
     if orbit is not None and orbit.consistent is False:
         runs = ", ".join(f"{name} {plus_minus(value, error)} {unit}" for name, value, error in orbit.runs)
-        texts.append(
-            f"No single inertia fits all sine runs ({runs}): lag, delay or water set in motion, not drag, "
-            "makes the orbit integral change with period or amplitude."
+        yield (
+            f"No single inertia fits all sine runs ({runs}). A lag, a delay or moving water, but not drag, makes the "
+            "orbit integral change with period or amplitude."
         )
-    return [*texts, *_disagreements(methods, unit)]
-
-
-def _disagreements(methods: dict[str, InertiaReading], unit: str) -> Iterator[str]:
-    """What is said of each two methods whose values lie too far apart."""
-    sure = [name for name in ("orbit_integral", "harmonic_balance", "regression") if name in methods]
-    for first, second in combinations(sure, 2):
+    accurate = [name for name in ("orbit_integral", "harmonic_balance", "regression") if name in methods]
+    for first, second in combinations(accurate, 2):
         a, b = methods[first], methods[second]
         gap = abs(a.value - b.value) / math.hypot(a.standard_error, b.standard_error)
         if gap > _DISAGREE_SIGMAS:
             yield (
                 f"{METHODS[first]} and {METHODS[second]} disagree by {gap:.0f} standard errors "
                 f"({significant(a.value, 4)} against {significant(b.value, 4)} {unit}): the base model misses "
-                "something."
+                "an effect."
             )
 
 
 def plausibility_warnings(estimate: Estimate, rigid_body: float | None) -> list[str]:
-    """What is said of an inertia that no vehicle of this rigid body has."""
+    """Warnings of an implausible inertia beside the ``rigid_body``'s; raise DataError for an impossible one."""
     value, axis, unit = estimate.value("inertia"), estimate.axis, estimate.unit("inertia")
     if not value > 0.0:
         raise DataError(
@@ -262,16 +236,17 @@ def plausibility_warnings(estimate: Estimate, rigid_body: float | None) -> list[
         return []
     ratio = value / rigid_body
     if ratio > _IMPOSSIBLE_RATIO or ratio < 1.0 / _IMPOSSIBLE_RATIO:
+        units = f"{axis.required_signals}, mass, {axis.arm_key}"
         raise DataError(
             f"the inertia comes out at {value:.3g} {unit}, {ratio:.3g} times the rigid body's {rigid_body:.3g}, which "
             "no vehicle has.",
-            mend=f"Check in rovid.toml the unit of {axis.required_signals}, mass, {axis.arm_key} and the curve's newtons.",
+            mend=f"Check in rovid.toml the unit of {units} and the curve's newtons.",
         )
     return rigid_body_warnings(estimate, rigid_body)
 
 
 def rigid_body_warnings(estimate: Estimate, rigid_body: float | None) -> list[str]:
-    """What is odd about the inertia beside the ``rigid_body``'s in kg m^2 or kg; nothing where that is not known."""
+    """Warning of an inertia outside the usual range of ratios to the ``rigid_body``'s in kg m^2 or kg."""
     if rigid_body is None or "inertia" in estimate.refused:
         return []
     low, high = PLAUSIBLE_INERTIA_RATIO
@@ -280,8 +255,8 @@ def rigid_body_warnings(estimate: Estimate, rigid_body: float | None) -> list[st
         return []
     axis, unit = estimate.axis, estimate.unit("inertia")
     text = (
-        f"The inertia is {ratio:.3g} times the rigid body's {significant(rigid_body, 4)} {unit}, outside what vehicles "
-        f"show ({low} to {high}): look at {axis.arm_key}, thrust curve, mass and size, and at the units of time and "
-        f"{axis.required_signals}."
+        f"The inertia is {ratio:.3g} times the rigid body's {significant(rigid_body, 4)} {unit}, outside the usual "
+        f"range of vehicles ({low} to {high}): check {axis.arm_key}, thrust curve, mass and size, and the units of "
+        f"time and {axis.required_signals}."
     )
     return [text]

@@ -20,22 +20,21 @@ from rovid.model.torque_input import TorqueInput
 from rovid.signals.preprocessing import Run
 from rovid.trial.axis import Axis
 
-_DRAGS = slice(1, 3)  # of the unknowns: inertia, quadratic and linear drag, and those of the restoring torque
-# A block has to be long beside the memory of waves and eddies, and there have to be enough of them.
-_BLOCK_SECONDS = 40.0
-_BLOCKS = 12
-_PASSES = 8
-_CONVERGED = 1e-4
-# Of changes of the rate that are so many times those of its noise, half the power is motion.
-_MOTION = 2.0**0.5
+# Slice of the drags among the unknowns: inertia, quadratic and linear drag, and those of the restoring torque.
+_DRAGS = slice(1, 3)
+# Length in s of a jackknife block, longer than the memory of waves and eddies, and the least number of blocks.
+_BLOCK_SECONDS, _BLOCKS = 40.0, 12
+# Largest number of renewals of the instruments, and the relative change at which they have converged.
+_PASSES, _CONVERGED = 8, 1e-4
+# Least ratio of the rate's standard deviation to that of its noise: half the power is motion.
+_MIN_MOTION = 2.0**0.5
 
-_HELD = "{} would come out negative in the regression; it is held at zero, its lower bound."
 EXCITATION_ADVICE = "Run sines, steps or a pseudo-random command that change the rate."
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Regression:
-    """The instrumental-variable estimate, and the plain least-squares one to show what the errors cost.
+    """The instrumental-variable estimate, and the (p,) plain least-squares one, which shows the bias by noise.
 
     ``r_squared`` is NaN where the torque never changes.
     """
@@ -46,32 +45,32 @@ class Regression:
 
 
 def fit_regression(runs: Sequence[Run], *, min_sigmas: float = 3.0) -> Regression:
-    """Fit T = I rdot + DQ |r| r + DL r + g, all signals through the same filter; g is of weight and buoyancy.
+    """Fit T = I rdot + DQ |r| r + DL r + g, all signals through the same filter; g is the restoring torque.
 
     Sensor noise and the disturbance torque are in the regressors, which biases least squares. The
     instruments are the same regressors from a noise-free simulation under the measured torque, renewed with
-    each estimate (the refined instrumental variable method, Young 2011; Ljung 1999, section 7.6): they know
-    the torque but not the noise. Drag is kept from turning negative. The covariance is a jackknife
-    over blocks of 40 s (shorter where the logs are), within which the residuals may be correlated.
+    each estimate (the refined instrumental variable method, Young 2011; Ljung 1999, section 7.6). They are
+    correlated with the torque but not with the noise. Drag is bounded below by zero. The covariance is a jackknife
+    over blocks of 40 s (shorter for short logs), within which the residuals may be correlated. docs/method.md, (10).
 
     Parameters
     ----------
-    certainty
-        Standard errors by which the inertia has to differ from zero.
+    min_sigmas
+        Least number of standard errors of the inertia from zero.
 
     Raises
     ------
     DataError
-        The vehicle was not excited enough to see its inertia.
+        The vehicle was not excited enough to determine its inertia.
     """
-    torque, blocks = _torque(runs)
+    torque, blocks = _torque_and_blocks(runs)
     axis = runs[0].trial.axis
-    raw = np.concatenate([_regressors(axis, _motion(run))[run.valid] for run in runs])
+    raw = np.concatenate([_regressors(axis, *_filtered_motion(run))[run.valid] for run in runs])
     _require_motion(runs, raw, torque)
     plain = _solve(raw, raw, torque, np.ones(raw.shape[1], dtype=bool))
     values = _physical_start(plain, raw, torque)
     for _ in range(_PASSES):
-        instruments, correction = _simulated(runs, _model(axis, values))
+        instruments, correction = _instruments(runs, _model(axis, values))
         measured = raw + correction
         free, new = _bounded(instruments, measured, torque, axis)
         done = bool(np.all(np.abs(new - values) <= _CONVERGED * np.abs(new).clip(1e-12)))
@@ -79,19 +78,23 @@ def fit_regression(runs: Sequence[Run], *, min_sigmas: float = 3.0) -> Regressio
         if done:
             break
     residuals = torque - measured @ values
-    # That of the free fit even where a drag is at its bound: it would take the zero for certain, and the rest with it.
+    # The covariance is that of the free fit, since taking a drag's zero as certain would understate all errors.
     covariance = _jackknife_covariance(instruments, measured, torque, blocks)
     names = base_names(axis)
-    slopes = _parameter_slopes(axis, values)
-    held = [name for name, kept in zip(names, free, strict=True) if not kept]
+    derivatives = _parameter_derivatives(axis, values)
+    warnings = [
+        f"{name} would come out negative in the regression; it is held at zero, its lower bound."
+        for name, kept in zip(names, free, strict=True)
+        if not kept
+    ]
     estimate = Estimate(
         names=names,
         values=_model(axis, values).values,
-        covariance=slopes @ covariance @ slopes.T,
+        covariance=derivatives @ covariance @ derivatives.T,
         method="regression on all excited data, instrumental variables",
         samples=len(torque),
         degrees_of_freedom=float(len(np.unique(blocks)) - len(names)),
-        warnings=tuple(map(_HELD.format, held)),
+        warnings=tuple(warnings),
         axis=axis,
     )
     require_inertia(estimate, min_sigmas)
@@ -99,47 +102,54 @@ def fit_regression(runs: Sequence[Run], *, min_sigmas: float = 3.0) -> Regressio
 
 
 def fit_free_swings(runs: Sequence[Run]) -> Model:
-    """Least squares of the acceleration of vehicles that were let go of, tilted; all is that of 1 kg m^2.
+    """Least squares of the acceleration in free swings; inertia 1 kg m^2, all torques per kg m^2.
 
     Raises
     ------
     DataError
-        They do not swing.
+        The vehicle does not swing.
     """
     from scipy.optimize import lsq_linear
 
     axis = runs[0].trial.axis
     known = [np.isfinite(run.rates.rate) & np.isfinite(run.rates.acceleration) for run in runs]
-    moved = [_regressors(axis, _motion(run))[at] for run, at in zip(runs, known, strict=True)]
-    acceleration, *others = np.concatenate(moved).T
-    columns_of = np.column_stack(others)
-    _require_motion(runs, np.column_stack((acceleration, columns_of)), np.ones(len(acceleration)))
-    scale = np.linalg.norm(columns_of, axis=0)
+    every = np.concatenate([_regressors(axis, *_filtered_motion(run))[at] for run, at in zip(runs, known, strict=True)])
+    acceleration, others = every[:, 0], np.ascontiguousarray(every[:, 1:])
+    _require_motion(runs, every, np.ones(len(acceleration)))
+    scale = np.linalg.norm(others, axis=0)
     low = np.array([0.0, 0.0, *np.full(len(scale) - 2, -np.inf)])
-    values = lsq_linear(columns_of / scale, -acceleration, bounds=(low, np.inf)).x / scale
+    values = lsq_linear(others / scale, -acceleration, bounds=(low, np.inf)).x / scale
     if not values[2] > 0.0:
         raise DataError(
-            f"nothing brings the vehicle back in {axis.name}: what is let go of does not swing.",
+            f"the free motion in {axis.name} is no swing: there is no restoring torque.",
             mend=f"Give logs of releases, or map what drives the vehicle: [[thrusters]] with {axis.arm_key}.",
         )
     return _model(axis, np.array([1.0, *values]))
 
 
 def require_inertia(estimate: Estimate, min_sigmas: float) -> None:
-    """Refuse an inertia that is less than ``certainty`` standard errors away from nothing.
-
-    Raises
-    ------
-    DataError
-        It is.
-    """
+    """Raise DataError if the inertia is less than ``min_sigmas`` standard errors from zero, or its error unknown."""
     value, error = estimate.value("inertia"), estimate.standard_error("inertia")
-    if not value >= min_sigmas * error:  # nor one of which nothing is known
+    if not value >= min_sigmas * error:
         raise _not_excited(f"the inertia is {plus_minus(value, error)} {estimate.unit('inertia')}")
 
 
-def _torque(runs: Sequence[Run]) -> tuple[FloatArray, IntArray]:
-    """(n,) torque and block number at every valid instant of all runs."""
+def _not_excited(why: str) -> DataError:
+    return DataError(f"inertia cannot be determined from these logs: {why}.", mend=EXCITATION_ADVICE)
+
+
+def _require_motion(runs: Sequence[Run], regressors: FloatArray, torque: FloatArray) -> None:
+    if not len(torque):
+        raise _not_excited("no stretch is long enough for the filter")
+    if not np.any(torque):
+        raise _not_excited("the thrusters never push")
+    noise = float(np.linalg.norm([run.rates.rate_noise for run in runs])) / len(runs) ** 0.5
+    if not varies(regressors[:, 2], noise=_MIN_MOTION * noise):
+        raise _not_excited("the rate hardly changes by more than its noise")
+
+
+def _torque_and_blocks(runs: Sequence[Run]) -> tuple[FloatArray, IntArray]:
+    """(n,) filtered torque and block number at every valid instant of all runs."""
     seconds = sum(run.valid.sum() * run.rates.kernel.period for run in runs)
     length = min(_BLOCK_SECONDS, seconds / _BLOCKS)
     torque, blocks, first = [], [], 0
@@ -150,14 +160,13 @@ def _torque(runs: Sequence[Run]) -> tuple[FloatArray, IntArray]:
     return np.concatenate(torque), np.concatenate(blocks)
 
 
-def _motion(run: Run) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(n,) rate, acceleration and position behind the filter."""
+def _filtered_motion(run: Run) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(n,) filtered rate, acceleration and position."""
     return run.rates.rate, run.rates.acceleration, run.rates.position
 
 
-def _regressors(axis: Axis, motion: tuple[FloatArray, FloatArray, FloatArray]) -> FloatArray:
-    """(n, p) what inertia, quadratic drag, linear drag and each restoring unknown are multiplied by."""
-    rate, acceleration, position = motion
+def _regressors(axis: Axis, rate: FloatArray, acceleration: FloatArray, position: FloatArray) -> FloatArray:
+    """(n, p) regressors of inertia, quadratic drag, linear drag and each restoring unknown."""
     return np.column_stack((acceleration, np.abs(rate) * rate, rate, regressors(restoring_effect(axis), position)))
 
 
@@ -173,74 +182,67 @@ def _model(axis: Axis, unknowns: FloatArray) -> Model:
     )
 
 
-def _parameter_slopes(axis: Axis, unknowns: FloatArray) -> FloatArray:
-    """(p, p) change of each parameter with each unknown."""
+def _parameter_derivatives(axis: Axis, unknowns: FloatArray) -> FloatArray:
+    """(p, p) derivatives of the parameters by the unknowns."""
     steps = np.diag(1e-6 * np.maximum(np.abs(unknowns), 1e-9))
     here = _model(axis, unknowns).values
-    slopes = [(_model(axis, unknowns + step).values - here) / step.sum() for step in steps]
-    return np.column_stack(slopes)
+    return np.column_stack([(_model(axis, unknowns + step).values - here) / step.sum() for step in steps])
 
 
-def _simulated(runs: Sequence[Run], model: Model) -> tuple[FloatArray, FloatArray]:
-    """(n, p) regressors of the noise-free simulation, and what filtering does to its square.
+def _instruments(runs: Sequence[Run], model: Model) -> tuple[FloatArray, FloatArray]:
+    """(n, p) regressors of the noise-free simulation, and corrections of the measured regressors.
 
-    The low pass of |r| r is not |r| r of the low pass; the difference, small but in step with the
-    acceleration, is taken from the simulation and added to the measured regressors.
+    The low pass of |r| r is not |r| r of the low pass. The difference is small but correlated with the
+    acceleration. It is taken from the simulation and added to the measured regressors.
     """
-    pairs = parallel_map(lambda run: _simulated_of(run, model), runs)
-    # The simulation's filter has no answer where the measurement's has none either, but for the gyro's gaps.
+
+    def simulate(run: Run) -> tuple[FloatArray, FloatArray]:
+        kernel = run.rates.kernel
+        rate, position = model.simulate(run.trial, TorqueInput.held(run.torque))
+        rate = np.interp(run.rates.time, run.trial.time, rate)
+        position = np.interp(run.rates.time, run.trial.time, position)
+        clean = _regressors(model.axis, kernel.smooth(rate), kernel.rate(rate), kernel.smooth(position))
+        correction = np.zeros_like(clean)
+        correction[:, 1] = kernel.smooth(np.abs(rate) * rate) - clean[:, 1]
+        return (clean + correction)[run.valid], correction[run.valid]
+
+    pairs = parallel_map(simulate, runs)
+    # The filtered simulation is NaN only where the measurement is, except in gaps of the gyro.
     instruments, corrections = (np.nan_to_num(np.concatenate(each)) for each in zip(*pairs, strict=True))
     return instruments, corrections
-
-
-def _simulated_of(run: Run, model: Model) -> tuple[FloatArray, FloatArray]:
-    """Those of one run."""
-    kernel = run.rates.kernel
-    rate, position = model.simulate(run.trial, TorqueInput.held(run.torque))
-    rate = np.interp(run.rates.time, run.trial.time, rate)
-    position = np.interp(run.rates.time, run.trial.time, position)
-    clean = _regressors(model.axis, (kernel.smooth(rate), kernel.rate(rate), kernel.smooth(position)))
-    correction = np.zeros_like(clean)
-    correction[:, 1] = kernel.smooth(np.abs(rate) * rate) - clean[:, 1]
-    return (clean + correction)[run.valid], correction[run.valid]
 
 
 def _bounded(
     instruments: FloatArray, measured: FloatArray, torque: FloatArray, axis: Axis
 ) -> tuple[BoolArray, FloatArray]:
-    """Which unknowns are free, and all their values; a drag that would turn negative is held at zero."""
+    """Which unknowns are free, and all values; a drag that would be negative is held at zero."""
     free = np.ones(measured.shape[1], dtype=bool)
     values = _solve(instruments, measured, torque, free)
     while (values[_DRAGS] < 0.0).any():
-        # The one that pushes most against the drag.
+        # The drag with the largest negative torque first.
         torques = values[_DRAGS] * np.linalg.norm(measured[:, _DRAGS], axis=0)
         free[1 + int(np.argmin(torques))] = False
         values = _solve(instruments, measured, torque, free)
     if not values[0] > 0.0:
+        signs = f"{axis.arm_key}, command and {axis.required_signals}"
         raise DataError(
             f"the inertia comes out negative: the vehicle moves against its {axis.force_name}, or hardly at all.",
-            mend=f"Check in rovid.toml the signs of {axis.arm_key}, command and {axis.required_signals}. {EXCITATION_ADVICE}",
+            mend=f"Check in rovid.toml the signs of {signs}. {EXCITATION_ADVICE}",
         )
     return free, values
 
 
 def _solve(instruments: FloatArray, measured: FloatArray, torque: FloatArray, free: BoolArray) -> FloatArray:
-    """(p,) values of the unknowns; those that are not ``free`` are zero."""
+    """(p,) values at which the residuals are orthogonal to the instruments; unknowns that are not ``free`` are zero."""
     values = np.zeros(len(free))
-    values[free] = _of_free(instruments[:, free], measured[:, free], torque)
+    z, x = instruments[:, free], measured[:, free]
+    scale = np.linalg.norm(x, axis=0)
+    values[free] = np.linalg.lstsq(z.T @ (x / scale), z.T @ torque, rcond=1e-12)[0] / scale
     return values
 
 
-def _of_free(z: FloatArray, x: FloatArray, torque: FloatArray) -> FloatArray:
-    """(p,) values of what is free, at which nothing that is left follows the instruments ``z``."""
-    scale = np.linalg.norm(x, axis=0)
-    moments = z.T @ (x / scale)
-    scaled, *_ = np.linalg.lstsq(moments, z.T @ torque, rcond=1e-12)
-    return np.asarray(scaled / scale)
-
-
 def _physical_start(plain: FloatArray, measured: FloatArray, torque: FloatArray) -> FloatArray:
-    """Least squares where it is physical; else an inertia and a drag that are."""
+    """Least squares where it is physical; else bounded least squares with a positive inertia and drag."""
     if (plain[:3] > 0.0).all():
         return plain
     from scipy.optimize import lsq_linear
@@ -254,35 +256,18 @@ def _physical_start(plain: FloatArray, measured: FloatArray, torque: FloatArray)
 
 
 def _jackknife_covariance(
-    instruments: FloatArray,
-    measured: FloatArray,
-    torque: FloatArray,
-    blocks: IntArray,
+    instruments: FloatArray, measured: FloatArray, torque: FloatArray, blocks: IntArray
 ) -> FloatArray:
-    """Covariance from leaving out one block at a time, which allows for residuals correlated within blocks."""
+    """(p, p) covariance by leaving out one block at a time, for residuals that are correlated within blocks."""
     scale = np.linalg.norm(measured, axis=0)
     z, x = instruments, measured / scale
     edges = np.flatnonzero(np.diff(blocks, prepend=-1))
     moments = np.add.reduceat(z[:, :, None] * x[:, None, :], edges)
-    work = np.add.reduceat(z * torque[:, None], edges)
-    # All blocks less one: sums do not have to be taken anew.
-    other_moments = np.linalg.pinv(moments.sum(axis=0) - moments)
-    other_work = work.sum(axis=0) - work
-    without = (other_moments @ other_work[:, :, None])[:, :, 0] / scale
+    products = np.add.reduceat(z * torque[:, None], edges)
+    # Sums over all blocks less one.
+    inverses = np.linalg.pinv(moments.sum(axis=0) - moments)
+    other_products = products.sum(axis=0) - products
+    without = (inverses @ other_products[:, :, None])[:, :, 0] / scale
     count = len(edges)
     deviations = without - without.mean(axis=0)
     return np.asarray((count - 1) / count * deviations.T @ deviations)
-
-
-def _require_motion(runs: Sequence[Run], measured: FloatArray, torque: FloatArray) -> None:
-    if not len(torque):
-        raise _not_excited("no stretch is long enough for the filter")
-    if not np.any(torque):
-        raise _not_excited("the thrusters never push")
-    noise = float(np.linalg.norm([run.rates.rate_noise for run in runs])) / len(runs) ** 0.5
-    if not varies(measured[:, 2], noise=_MOTION * noise):
-        raise _not_excited("the rate hardly changes by more than its noise")
-
-
-def _not_excited(why: str) -> DataError:
-    return DataError(f"inertia cannot be determined from these logs: {why}.", mend=EXCITATION_ADVICE)

@@ -23,7 +23,8 @@ LOGARITHMS = [INERTIA, DISTURBANCE, MEMORY, NOISE]
 _INERTIA_RANGE, _DISTURBANCE_RANGE = 2.5, 9.0
 # Bounds of the disturbance's correlation time in s, and largest measurement noise in rad or m.
 _MEMORY_BOUNDS, _MAX_NOISE = (0.2, 100.0), 0.2
-# Initial disturbance as a share of the torque in use, its correlation time in s, and least log distance below the limit.
+# Initial disturbance as a share of the torque in use, its correlation time in s, and its least log distance to the
+# limit.
 _FIRST_SHARE, _FIRST_MEMORY, _BELOW_LIMIT = 0.01, 4.0, 0.1
 # Difference step of the common coordinates.
 _STEP = 1e-5

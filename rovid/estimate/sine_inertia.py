@@ -1,4 +1,4 @@
-"""Sine runs: three readings of the inertia, one of them the founding paper's and biased."""
+"""Inertia from sine runs by three methods; the peak method of the founding paper is biased."""
 
 from __future__ import annotations
 
@@ -17,12 +17,13 @@ from rovid.signals.segments import SineRun, find_sines
 from rovid.trial.axis import Axis
 
 HARMONICS = 9
+# Least gain of the low pass at a harmonic that is fitted.
 _LEAST_GAIN = 0.25
+# Samples of a waveform over one period.
 _PHASES = 720
-# The response to switching on has to die away before the motion repeats; simulated, after so many cycles it has.
-_DROPPED_CYCLES = 1
-_SETTLED = 20
-# Runs whose scatter exceeds their own errors this much (variance) share no single inertia.
+# First cycles of a run that are dropped as transient, and simulated cycles until the motion is periodic.
+_DROPPED_CYCLES, _SETTLED_CYCLES = 1, 20
+# Largest ratio (Birge) of the variance between runs to that within at which the runs share one inertia.
 _BIRGE_LIMIT = 5.0
 
 
@@ -31,7 +32,7 @@ class PeriodicMotion:
     """The periodic part of a sine run.
 
     ``torque`` (N m) and ``rate`` (rad/s) are complex amplitudes of the harmonics 0..K at multiples of
-    ``frequency`` (rad/s): x(t) = Re sum x_k exp(i k w t). ``seconds`` is how much of the log they rest on.
+    ``frequency`` (rad/s): x(t) = Re sum x_k exp(i k w t). ``seconds`` is the length of the data behind them.
     """
 
     frequency: float
@@ -41,7 +42,7 @@ class PeriodicMotion:
 
     @property
     def moves(self) -> bool:
-        """Whether there is any acceleration in it."""
+        """Whether the acceleration is not zero."""
         return bool(self.acceleration().any())
 
     def acceleration(self) -> NDArray[np.complex128]:
@@ -49,15 +50,19 @@ class PeriodicMotion:
         return np.asarray(1j * self.frequency * np.arange(len(self.rate)) * self.rate)
 
     def over_one_period(self, amplitudes: NDArray[np.complex128]) -> FloatArray:
-        """The wave with these ``amplitudes`` at 720 phases of one period."""
+        """The waveform with these ``amplitudes`` at 720 phases of one period."""
         phase = 2.0 * np.pi * np.arange(_PHASES) / _PHASES
         harmonics = np.exp(1j * np.outer(phase, np.arange(len(amplitudes))))
         return np.asarray(np.real(harmonics @ amplitudes))
 
+    def peak(self, amplitudes: NDArray[np.complex128]) -> float:
+        """Largest magnitude of the waveform with these ``amplitudes``."""
+        return float(np.max(np.abs(self.over_one_period(amplitudes))))
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SineTrial:
-    """One sine run with the periodic part of all its whole periods, and of all but each one."""
+    """One sine run with the periodic motion of all its whole periods, and of all but each one."""
 
     source: str
     start: float
@@ -70,7 +75,10 @@ class SineTrial:
 
 @dataclass(frozen=True, kw_only=True)
 class InertiaReading:
-    """An inertia in kg m^2, its standard error (NaN where it cannot be given), per run and over all runs."""
+    """An inertia in kg m^2, its standard error (NaN where unknown), and (name, value, error) of each run.
+
+    ``consistent`` is whether the runs share one inertia; None where there is one run only.
+    """
 
     value: float
     standard_error: float
@@ -79,26 +87,20 @@ class InertiaReading:
 
 
 def sine_trials(runs: Sequence[Run]) -> list[SineTrial]:
-    """Find the sine runs and take their harmonics."""
+    """Find the sine runs and fit their harmonics."""
     trials = []
     for run in runs:
         for sine in find_sines(run.trial, run.torque):
-            trial = _trial(run, sine)
+            trial = _sine_trial(run, sine)
             if trial is not None:
                 trials.append(trial)
     return trials
 
 
 def require_motion(trials: Sequence[SineTrial], axis: Axis) -> None:
-    """Refuse sines under which the vehicle does not move: what has no acceleration has no inertia.
-
-    Raises
-    ------
-    DataError
-        There is one, or one that moves in a single period.
-    """
+    """Raise DataError for a sine without acceleration in all periods, or in all but one."""
     for trial in trials:
-        if all(wave.moves for wave in (trial.motion, *trial.without)):
+        if all(motion.moves for motion in (trial.motion, *trial.without)):
             continue
         raise DataError(
             f"the vehicle never {axis.motion_verb} under the sine-shaped {axis.force_name} of {trial.source}: its "
@@ -107,8 +109,8 @@ def require_motion(trials: Sequence[SineTrial], axis: Axis) -> None:
         )
 
 
-def _trial(run: Run, sine: SineRun) -> SineTrial | None:
-    """The mean orbit of one sine run after its first periods; None where too little of it is whole."""
+def _sine_trial(run: Run, sine: SineRun) -> SineTrial | None:
+    """Periodic motion of one sine run after its first cycle; None where too few samples are valid."""
     first = sine.start + _DROPPED_CYCLES * sine.period
     cycles = sine.cycles - _DROPPED_CYCLES
     rates = run.rates
@@ -116,28 +118,28 @@ def _trial(run: Run, sine: SineRun) -> SineTrial | None:
     if cycles < 2 or len(rows) * rates.kernel.period < (cycles - 0.5) * sine.period:
         return None
     cycle = ((rates.time[rows] - first) / sine.period).astype(np.intp)
-    without = [_wave(run, rows[cycle != k], sine.period) for k in range(cycles)]
+    without = [_fit_harmonics(run, rows[cycle != k], sine.period) for k in range(cycles)]
     return SineTrial(
         source=run.trial.name,
         start=first,
         stop=sine.stop,
         period=sine.period,
         cycles=cycles,
-        motion=_wave(run, rows, sine.period),
+        motion=_fit_harmonics(run, rows, sine.period),
         without=tuple(without),
     )
 
 
-def _wave(run: Run, rows: IntArray, period: float) -> PeriodicMotion:
-    """Least squares of mean, drift and harmonics, freed of what the filter took from them.
+def _fit_harmonics(run: Run, rows: IntArray, period: float) -> PeriodicMotion:
+    """Least squares of mean, drift and harmonics, divided by the gain of the low pass.
 
-    The orbit integral is exact for the whole wave: a share of a harmonic taken away, even from torque and rate alike,
-    leaves some of the drag's work in it.
+    The orbit integral is exact only for the whole waveform. Attenuated harmonics, even of torque and rate alike, leave
+    a part of the drag's work.
     """
     frequency = 2.0 * math.pi / period
     time = run.rates.time[rows] - run.rates.time[rows[0]]
     gain = run.rates.kernel.gain(np.arange(HARMONICS + 1) / period)
-    # Harmonics beyond the filter carry noise alone.
+    # Harmonics beyond the cut-off carry only noise.
     count = max(int(np.argmax(np.append(gain < _LEAST_GAIN, True))) - 1, 1)
     phase = frequency * np.outer(time, np.arange(1, count + 1))
     drift = time / max(float(time[-1]), 1e-9) - 0.5
@@ -146,59 +148,55 @@ def _wave(run: Run, rows: IntArray, period: float) -> PeriodicMotion:
     coefficients = np.linalg.lstsq(basis, both, rcond=None)[0]
     amplitudes = coefficients[2 : 2 + count] - 1j * coefficients[2 + count :]
     torque, rate = np.vstack((coefficients[:1], amplitudes)).T / gain[: count + 1]
-    return PeriodicMotion(frequency=frequency, torque=torque, rate=rate, seconds=len(rows) * run.rates.kernel.period)
+    seconds = len(rows) * run.rates.kernel.period
+    return PeriodicMotion(frequency=frequency, torque=torque, rate=rate, seconds=seconds)
 
 
 def orbit_integral(trials: Sequence[SineTrial]) -> InertiaReading:
-    """I = sum(T rdot) / sum(rdot^2) over whole periods; exact for any memoryless drag.
+    """I = sum(T rdot) / sum(rdot^2) over whole periods; exact for any memoryless drag. docs/method.md, (8).
 
     The drag's work on the acceleration, the loop integral of D(r) dr, is zero over a closed orbit. The sums
-    run over the harmonics of the mean orbit, so that sensor noise and disturbance do not bias them.
+    run over the harmonics of the mean orbit, which sensor noise and disturbance bias little.
     """
-    return _combine(trials, lambda wave: _ratio(wave, wave.torque[1:], slice(1, None)))
+    return _combine(trials, lambda motion: _work_and_weight(motion, motion.torque[1:], slice(1, None)))
 
 
 def harmonic_balance(trials: Sequence[SineTrial], drag: Model | None) -> InertiaReading:
-    """I = Im(T1 conj(R1)) / (w |R1|^2) at the fundamental.
+    """I = Im(T1 conj(R1)) / (w |R1|^2) at the fundamental; docs/method.md, (9).
 
-    Where the ``drag`` is known the quadrature part of its fundamental, which the waveform's harmonics
-    create (about 2 % of I), is taken off; without it that part stays in.
+    The harmonics of the waveform give the drag's fundamental a quadrature part of about 2 % of I. It is subtracted
+    where the ``drag`` is known.
     """
+    phase = 2.0 * np.pi * np.arange(_PHASES) / _PHASES
 
-    def fundamental(wave: PeriodicMotion) -> tuple[float, float]:
-        torque = wave.torque[1:2]
+    def fundamental(motion: PeriodicMotion) -> tuple[float, float]:
+        torque = motion.torque[1:2]
         if drag is not None:
-            torque = torque - _first_harmonic(drag.drag(wave.over_one_period(wave.rate)))
-        return _ratio(wave, torque, slice(1, 2))
+            series = drag.drag(motion.over_one_period(motion.rate))
+            torque = torque - complex(2.0 * np.mean(series * np.exp(-1j * phase)))
+        return _work_and_weight(motion, torque, slice(1, 2))
 
     return _combine(trials, fundamental)
 
 
-def _ratio(wave: PeriodicMotion, torque: NDArray[np.complex128], harmonics: slice) -> tuple[float, float]:
-    """Work of the torque on the acceleration, and the acceleration squared, of ``harmonics`` over the whole run."""
-    acceleration = wave.acceleration()[harmonics]
+def _work_and_weight(motion: PeriodicMotion, torque: NDArray[np.complex128], harmonics: slice) -> tuple[float, float]:
+    """Work of the torque on the acceleration, and the squared acceleration, of ``harmonics`` over the whole run."""
+    acceleration = motion.acceleration()[harmonics]
     work = float(np.real(np.sum(torque * np.conj(acceleration))))
     weight = float(np.sum(np.abs(acceleration) ** 2))
-    return work * wave.seconds, weight * wave.seconds
+    return work * motion.seconds, weight * motion.seconds
 
 
-def _first_harmonic(series: FloatArray) -> complex:
-    """Complex amplitude at the frequency of the period that ``series`` goes over."""
-    phase = 2.0 * np.pi * np.arange(_PHASES) / _PHASES
-    return complex(2.0 * np.mean(series * np.exp(-1j * phase)))
+def _combine(trials: Sequence[SineTrial], measure: Callable[[PeriodicMotion], tuple[float, float]]) -> InertiaReading:
+    """Ratio of the sums over all runs of the (work, weight) that ``measure`` gives.
 
-
-def _combine(trials: Sequence[SineTrial], reading: Callable[[PeriodicMotion], tuple[float, float]]) -> InertiaReading:
-    """Ratio of sums over all runs.
-
-    The error of a run's ratio goes as one over its denominator (amplitude squared times length); its size is
-    pooled over all runs, from leaving out one period at a time. Where the runs still disagree by more than
-    their errors the standard error is inflated by the Birge ratio.
+    The variance of a run's ratio is inversely proportional to its weight (amplitude squared times length). Its size is
+    pooled over all runs, by a jackknife over periods. Where the runs disagree by more than their errors, the standard
+    error is inflated by the Birge ratio.
     """
-    whole = np.array([reading(trial.motion) for trial in trials])
-    work, weight = whole.T
+    work, weight = np.array([measure(trial.motion) for trial in trials]).T
     values = work / weight
-    scatter = [_jackknife(list(map(reading, trial.without))) for trial in trials]
+    scatter = [_jackknife_error(list(map(measure, trial.without))) for trial in trials]
     dof = np.array([trial.cycles - 1 for trial in trials])
     density = float(np.sum(np.square(scatter) * weight * dof) / dof.sum())
     errors = np.sqrt(density / weight)
@@ -213,18 +211,18 @@ def _combine(trials: Sequence[SineTrial], reading: Callable[[PeriodicMotion], tu
     return InertiaReading(value=value, standard_error=error, runs=tuple(runs), consistent=consistent)
 
 
-def _jackknife(readings: Sequence[tuple[float, float]]) -> float:
-    """Standard error in kg m^2, from (work, weight) with one period after another left out."""
-    ratios = np.array([work / weight for work, weight in readings])
+def _jackknife_error(measures: Sequence[tuple[float, float]]) -> float:
+    """Standard error in kg m^2, from the (work, weight) without each period."""
+    ratios = np.array([work / weight for work, weight in measures])
     count = len(ratios)
     squares = float(np.sum((ratios - ratios.mean()) ** 2))
     return math.sqrt((count - 1) / count * squares)
 
 
 def peak_method(trials: Sequence[SineTrial], drag: Model) -> InertiaReading:
-    """The founding paper's reading: (peak torque - steady torque at the peak rate) / peak acceleration.
+    """The founding paper's method: (peak torque - steady torque at the peak rate) / peak acceleration.
 
-    Torque, rate and acceleration do not peak together (they are in quadrature), so that the result is
+    Torque, rate and acceleration do not peak together (rate and acceleration are in quadrature), so the result is
     biased, mostly low; see ``peak_bias``.
     """
     values = [peak_inertia(trial.motion, drag) for trial in trials]
@@ -238,30 +236,27 @@ def peak_method(trials: Sequence[SineTrial], drag: Model) -> InertiaReading:
     )
 
 
-def peak_inertia(wave: PeriodicMotion, drag: Model) -> float:
-    """The peak method on one wave, in kg m^2."""
-    steady = float(drag.drag(np.array(_peak(wave, wave.rate))))
-    return (_peak(wave, wave.torque) - steady) / _peak(wave, wave.acceleration())
-
-
-def _peak(wave: PeriodicMotion, amplitudes: NDArray[np.complex128]) -> float:
-    """Largest size of what has these complex ``amplitudes``, over one period."""
-    return float(np.max(np.abs(wave.over_one_period(amplitudes))))
+def peak_inertia(motion: PeriodicMotion, drag: Model) -> float:
+    """The peak method on one periodic motion, in kg m^2."""
+    steady = float(drag.drag(np.array(motion.peak(motion.rate))))
+    return (motion.peak(motion.torque) - steady) / motion.peak(motion.acceleration())
 
 
 def peak_bias(trials: Sequence[SineTrial], model: Model) -> float:
-    """What the peak method returns on this ``model``'s own motion under these torques, over its true inertia."""
+    """Ratio of the peak method's result on this ``model``'s own motion under these torques to its true inertia."""
     from rovid.model.kernels import simulate
 
     ratios = []
     for trial in trials:
-        wave = trial.motion
-        time = np.arange(_SETTLED * _PHASES + 1) * trial.period / _PHASES
-        torque = np.tile(wave.over_one_period(wave.torque), _SETTLED)
+        motion = trial.motion
+        time = np.arange(_SETTLED_CYCLES * _PHASES + 1) * trial.period / _PHASES
+        torque = np.tile(motion.over_one_period(motion.torque), _SETTLED_CYCLES)
         torque = np.append(torque, torque[0])
         rate, _ = simulate(time, torque, model.body, 0.0)
-        spectrum = np.fft.rfft(rate[-_PHASES - 1 : -1])[: len(wave.rate)] / _PHASES
+        spectrum = np.fft.rfft(rate[-_PHASES - 1 : -1])[: len(motion.rate)] / _PHASES
         spectrum[1:] *= 2.0
-        steady = PeriodicMotion(frequency=wave.frequency, torque=wave.torque, rate=spectrum, seconds=wave.seconds)
-        ratios.append(peak_inertia(steady, model) / model.inertia)
+        simulated = PeriodicMotion(
+            frequency=motion.frequency, torque=motion.torque, rate=spectrum, seconds=motion.seconds
+        )
+        ratios.append(peak_inertia(simulated, model) / model.inertia)
     return float(np.mean(ratios))

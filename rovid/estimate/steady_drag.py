@@ -22,12 +22,12 @@ from rovid.signals.segments import MIN_HOLD_SECONDS
 from rovid.trial.axis import YAW, Axis
 
 NAMES = ("quadratic_drag", "linear_drag")
-# A hold at a smaller share of the largest torque is one at rest, and its rate is that of a drift.
+# Share of the largest torque below which a hold counts as at rest, and its rate as drift.
 _AT_REST = 0.02
-# Rates this close together cannot tell a quadratic from a linear drag.
+# Least ratio of the fastest to the slowest rate that distinguishes quadratic from linear drag.
 _MIN_RATE_RATIO = 1.25
-# The two directions differ where chance alone would part them so far less often than this.
-_BY_CHANCE = 0.01
+# Largest p-value of the F test at which the two directions are reported as different.
+_DIFFERENT_P = 0.01
 _ADVICE = (
     "Run held commands: at least four levels each way, from the slowest that {} the vehicle to the fastest, "
     "each for five time constants plus a minute (about 2 min for a work-class vehicle, 20 s for a small one), "
@@ -37,21 +37,21 @@ _ADVICE = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DragFit:
-    """Drag from steady states, with everything needed to doubt it.
+    """Drag from steady states, with diagnostics.
 
     Attributes
     ----------
     points
         The k points fitted.
     unsteady
-        Holds that were found and left out because the rate had a trend.
+        Holds that were left out because the rate had a trend.
     torque_error
-        (k,) standard error of each point's torque balance in N m; the fit's weights are its inverse squares. Ones
-        where it is not known; see ``torque_error_known``.
+        (k,) standard error of each point's torque balance in N m; the weights are its inverse squares. Ones where
+        unknown; see ``torque_error_known``.
     residuals
         (k,) measured minus fitted torque in N m.
     left_out
-        (k, 3) quadratic and linear drag without that point, and the torque it then is off by, in N m; NaN where the
+        (k, 3) quadratic and linear drag without that point, and the residual of its torque, in N m; NaN where the
         others do not determine both.
     directions
         The fit of each direction alone, where it has at least two levels: "up" and "down".
@@ -70,12 +70,12 @@ class DragFit:
 
     @property
     def torque_error_known(self) -> bool:
-        """Whether the points say how well their torque is known; rows of a table do not, and weigh alike."""
+        """Whether the points have known errors; rows of a table have not, and weigh alike."""
         return not _from_table(self.points)
 
 
 def fit_drag(points: Sequence[SteadyPoint], axis: Axis = YAW) -> DragFit:
-    """Fit T = DQ |r| r + DL r, in heave with the net buoyancy besides, to steady states by weighted least squares.
+    """Fit T = DQ |r| r + DL r, in heave plus the net buoyancy, to steady states by weighted least squares.
 
     Points from logs are weighted by their length: the disturbance torque averages out as 1/length, and its
     density is pooled over all holds, the scatter between holds included. Rows of a table have equal weight.
@@ -83,20 +83,32 @@ def fit_drag(points: Sequence[SteadyPoint], axis: Axis = YAW) -> DragFit:
     Raises
     ------
     DataError
-        No steady turning, or turning against the torque.
+        There is no steady turn, or the vehicle turns against the torque.
     """
     points = [point for point in points if abs(point.rate) > SMALLEST]
     steady = [point for point in points if point.steady]
-    fitted = _under_load(steady)
+    table = _from_table(steady)
+    # A vehicle nearly at rest drifts with the water.
+    least = 0.0 if table else _AT_REST * max(abs(point.torque) for point in steady)
+    fitted = tuple(point for point in steady if abs(point.torque) >= least)
     if not fitted:
         raise _no_steady(points, axis)
     refused = _undetermined(fitted, axis)
     names = (*NAMES, *base_names(axis)[3:])
-    balance = _balance(fitted, axis, names, refused)
+    balance = TorqueBalance.of(fitted, axis, np.array([name not in refused for name in names]))
+    if not balance.is_determined:
+        raise _not_distinguishable(fitted, [name for name in names if name not in refused], axis)
+    if not table:
+        balance = with_pooled_errors(balance, fitted)
     solution = balance.solve()
-    below = _below_zero(names, solution, balance.free)
-    if below:
-        # The covariance stays that of the free fit: it would take the zero for certain, and the other drag with it.
+    negative = balance.free & (solution.values < 0.0) & np.isin(names, NAMES)
+    clipped = bool(negative.any() and balance.free.all())
+    warnings = _at_rest_warnings(len(steady) - len(fitted), len(steady), axis)
+    if clipped:
+        at = int(np.argmax(negative))
+        value = plus_minus(solution.values[at], np.sqrt(solution.covariance[at, at]))
+        warnings.append(f"{names[at]} came out negative ({value}), which no drag is; it is held at zero.")
+        # The covariance stays that of the free fit, since taking the zero as certain would understate both errors.
         kept = (solution.values >= 0.0) | ~np.isin(names, NAMES)
         solution = solution._replace(values=balance.with_free(kept).solve().values)
     if not (solution.values[:2] > 0.0).any():
@@ -108,17 +120,11 @@ def fit_drag(points: Sequence[SteadyPoint], axis: Axis = YAW) -> DragFit:
     kind = "weighted" if balance.error_known else "ordinary"
     estimate = _estimate(f"{_states(axis)}, {kind} least squares", names, solution, axis, len(fitted))
     estimate = replace(estimate, refused=refused)
-    # With a buoyancy to be found besides, each direction alone has too little to say.
-    alone = len(names) == len(NAMES)
-    directions = _directions(fitted, balance, axis) if alone else {}
-    warnings = (
-        *_left_at_rest(steady, len(fitted), axis),
-        *below,
-        *_warnings(estimate),
-        *_direction_warnings(balance, residuals, directions, axis),
-    )
+    # With a net buoyancy as a further unknown, one direction alone determines too little.
+    directions = _fit_directions(fitted, balance, axis) if len(names) == len(NAMES) else {}
+    warnings += [*_parameter_warnings(estimate), *_direction_warnings(balance, residuals, directions, axis)]
     return DragFit(
-        estimate=replace(estimate, warnings=warnings),
+        estimate=replace(estimate, warnings=tuple(warnings)),
         points=fitted,
         unsteady=tuple(point for point in points if not point.steady),
         torque_error=balance.error,
@@ -129,46 +135,17 @@ def fit_drag(points: Sequence[SteadyPoint], axis: Axis = YAW) -> DragFit:
     )
 
 
-def _balance(points: Sequence[SteadyPoint], axis: Axis, names: Sequence[str], refused: dict[str, str]) -> TorqueBalance:
-    """Of ``points``, with what is not ``refused`` free."""
-    free = np.array([name not in refused for name in names])
-    balance = TorqueBalance.of(points, axis, free)
-    if not balance.is_determined:
-        raise _outweighed(points, [name for name in names if name not in refused], axis)
-    return balance if _from_table(points) else with_pooled_errors(balance, points)
-
-
 def _estimate(method: str, names: tuple[str, ...], solution: WlsSolution, axis: Axis, samples: int) -> Estimate:
+    values, covariance, freedom = solution
     return Estimate(
         names=names,
-        values=solution.values,
-        covariance=solution.covariance,
-        degrees_of_freedom=solution.degrees_of_freedom,
+        values=values,
+        covariance=covariance,
+        degrees_of_freedom=freedom,
         method=method,
         samples=samples,
         axis=axis,
     )
-
-
-def _under_load(steady: Sequence[SteadyPoint]) -> tuple[SteadyPoint, ...]:
-    """Those that show drag: not logs of a vehicle nearly at rest, which turns as the water does."""
-    least = 0.0
-    if not _from_table(steady):
-        least = _AT_REST * max(abs(point.torque) for point in steady)
-    return tuple(point for point in steady if abs(point.torque) >= least)
-
-
-def _below_zero(names: Sequence[str], solution: WlsSolution, free: BoolArray) -> list[str]:
-    """What is said of a drag that came out negative; nothing where neither of two free ones did, or one is held."""
-    values, errors = solution.values, np.sqrt(np.diag(solution.covariance))
-    negative = free & (values < 0.0) & np.isin(names, NAMES)
-    if not negative.any() or not free.all():
-        return []
-    at = int(np.argmax(negative))
-    text = (
-        f"{names[at]} came out negative ({plus_minus(values[at], errors[at])}), which no drag is; it is held at zero."
-    )
-    return [text]
 
 
 def _states(axis: Axis) -> str:
@@ -176,15 +153,15 @@ def _states(axis: Axis) -> str:
 
 
 def _from_table(points: Sequence[SteadyPoint]) -> bool:
-    """Whether the rates come from a table, which knows no error of theirs."""
+    """Whether the points come from a table, without errors of their rates."""
     return all(math.isnan(point.rate_error) for point in points)
 
 
 def _no_steady(points: Sequence[SteadyPoint], axis: Axis) -> DataError:
     if not points:
         return DataError(
-            f"no held command of at least {MIN_HOLD_SECONDS:g} s under which the vehicle {axis.motion_verb}; drag cannot be "
-            "read from these logs.",
+            f"no held command of at least {MIN_HOLD_SECONDS:g} s under which the vehicle {axis.motion_verb}; drag "
+            "cannot be determined from these logs.",
             mend=_ADVICE.format(axis.motion_verb),
         )
     worst = max(points, key=lambda point: abs(point.drift))
@@ -196,47 +173,71 @@ def _no_steady(points: Sequence[SteadyPoint], axis: Axis) -> DataError:
     )
 
 
-def _left_at_rest(steady: Sequence[SteadyPoint], fitted: int, axis: Axis) -> list[str]:
-    """What is said of holds that are not ``fitted`` because next to nothing drives the vehicle there."""
-    left = len(steady) - fitted
-    if not left:
-        return []
-    text = (
-        f"{left} of {len(steady)} holds have less than {100.0 * _AT_REST:.0f} % of the largest {axis.force_name}: what moves "
-        "the vehicle there is a current or a tether, and they are left out."
-    )
-    return [text]
-
-
-def _outweighed(points: Sequence[SteadyPoint], names: Sequence[str], axis: Axis) -> DataError:
+def _not_distinguishable(points: Sequence[SteadyPoint], names: Sequence[str], axis: Axis) -> DataError:
     fastest = max(points, key=lambda point: abs(point.rate))
     return DataError(
-        f"{len(points)} {_states(axis)} cannot tell {' from '.join(names)}: they are at too few rates, or that in "
-        f"{fastest.source}, {fastest.rate:.3g} {axis.unit('rad/s')}, makes all others nothing.",
-        mend="Give more of them at other rates; correct or delete one that cannot be.",
+        f"{len(points)} {_states(axis)} do not distinguish {' from '.join(names)}: there are too few different rates, "
+        f"or the rate in {fastest.source}, {fastest.rate:.3g} {axis.unit('rad/s')}, is so large that all others are "
+        "negligible.",
+        mend=f"Give more {_states(axis)} at other rates; correct or delete an impossible one.",
     )
 
 
 def _undetermined(points: Sequence[SteadyPoint], axis: Axis) -> dict[str, str]:
-    """Parameters that these ``points`` do not determine, and why."""
+    """Parameters that these ``points`` do not determine, with reasons."""
     speeds = np.abs([point.rate for point in points])
     slowest, fastest = speeds.min(), speeds.max()
-    why = ""
     if fastest < _MIN_RATE_RATIO * slowest:
-        why = (
+        reason = (
             f"all {_states(axis)} are at nearly the same rate ({slowest:.3g} to {fastest:.3g} {axis.unit('rad/s')}), "
-            "so quadratic and linear drag cannot be told apart; it is taken as zero, and the quadratic drag and its "
-            "error hold at that rate alone. Run holds at other commands."
+            "which does not distinguish quadratic from linear drag. The linear drag is taken as zero; the quadratic "
+            "drag and its error hold at that rate only. Run holds at other commands."
         )
-    elif _from_table(points) and len(points) < len(NAMES) + 1:
-        why = f"{len(points)} rows leave nothing to judge the error by; it is taken as zero. Give three rows or more."
-    return {"linear_drag": why} if why else {}
+        return {"linear_drag": reason}
+    if _from_table(points) and len(points) < len(NAMES) + 1:
+        reason = (
+            f"{len(points)} rows leave no residual to estimate the error from; the linear drag is taken as zero. Give "
+            "three rows or more."
+        )
+        return {"linear_drag": reason}
+    return {}
 
 
-def _directions(points: Sequence[SteadyPoint], balance: TorqueBalance, axis: Axis) -> dict[str, Estimate]:
-    """The fit of each direction alone, where the points that way determine one."""
+def _at_rest_warnings(left: int, count: int, axis: Axis) -> list[str]:
+    if not left:
+        return []
+    text = (
+        f"{left} of {count} holds have less than {100.0 * _AT_REST:.0f} % of the largest {axis.force_name} and are "
+        "left out: there the vehicle moves with a current or by its tether."
+    )
+    return [text]
+
+
+def _parameter_warnings(estimate: Estimate) -> list[str]:
+    """Warnings of parameters that are undetermined or not significantly different from zero."""
+    texts = [f"{name} is not determined: {reason}" for name, reason in estimate.refused.items()]
+    for name in NAMES:
+        value = estimate.value(name)
+        if name in estimate.refused or value == 0.0 or estimate.differs_from_zero(name):
+            continue
+        error, (low, high) = estimate.standard_error(name), estimate.interval(name)
+        texts.append(
+            f"{name} is not significantly different from zero: {plus_minus(value, error)} {estimate.unit(name)}, 95 % "
+            f"interval {round_to_error(low, error)} to {round_to_error(high, error)}. Run slower holds."
+        )
+    return texts
+
+
+def _directions(balance: TorqueBalance) -> dict[str, BoolArray]:
+    """The points of each direction."""
+    rates = balance.design[:, 1]
+    return {"up": rates > 0, "down": rates < 0}
+
+
+def _fit_directions(points: Sequence[SteadyPoint], balance: TorqueBalance, axis: Axis) -> dict[str, Estimate]:
+    """The fit of each direction alone, where its points determine one."""
     fits = {}
-    for name, rows in _ways(balance):
+    for name, rows in _directions(balance).items():
         part, chosen = balance.subset(rows), list(compress(points, rows))
         if part.degrees_of_freedom <= 0 or rows.all() or _undetermined(chosen, axis) or not part.is_determined:
             continue
@@ -245,65 +246,31 @@ def _directions(points: Sequence[SteadyPoint], balance: TorqueBalance, axis: Axi
     return fits
 
 
-def _ways(balance: TorqueBalance) -> list[tuple[str, BoolArray]]:
-    """Each direction, and which points are that way."""
-    rates = balance.design[:, 1]
-    return [("up", rates > 0), ("down", rates < 0)]
-
-
 def _direction_warnings(
-    balance: TorqueBalance, residuals: FloatArray, directions: dict[str, Estimate], axis: Axis
+    balance: TorqueBalance, residuals: FloatArray, fits: dict[str, Estimate], axis: Axis
 ) -> list[str]:
-    """What is said where there is one direction alone, or where the two differ."""
-    ways = _ways(balance)
-    if any(rows.all() for _, rows in ways):
+    """Warnings of runs in one direction only, and of a difference between the two directions by an F test."""
+    directions = _directions(balance)
+    if any(rows.all() for rows in directions.values()):
         text = (
-            f"All {_states(axis)} are in one direction: a constant {axis.force_name} (tether, trim) or a weaker reverse "
-            "thrust would pass for drag. Run the same holds the other way."
+            f"All {_states(axis)} are in one direction: a constant {axis.force_name} (tether, trim) or a weaker "
+            "reverse thrust would pass for drag. Run the same holds the other way."
         )
         return [text]
-    if len(directions) < len(ways):
-        return []
-    p_value = _p_of_one_line(balance, residuals, directions)
-    if not p_value <= _BY_CHANCE:
-        return []
-    up, down = (directions[name].value("quadratic_drag") for name, _ in ways)
-    return [_said_to_differ(up, down, p_value, axis)]
-
-
-def _said_to_differ(up: float, down: float, p_value: float, axis: Axis) -> str:
-    return (
-        f"The two directions differ (p = {p_value:.1g}): quadratic drag {significant(up, 4)} with the "
-        f"{axis.position_words} growing, {significant(down, 4)} with it falling. Thrust curve, a constant {axis.force_name} "
-        "or the drag itself is not the same both ways."
-    )
-
-
-def _p_of_one_line(balance: TorqueBalance, residuals: FloatArray, directions: dict[str, Estimate]) -> float:
-    """Probability of lines for each direction that fit so much better than one for both by chance alone (F test).
-
-    One where nothing is left to judge by.
-    """
-    apart = sum(balance.subset(rows).chi2(directions[name].values) for name, rows in _ways(balance))
-    together = float(np.sum((residuals / balance.error) ** 2))
-    more = len(NAMES)
     spare = len(balance.torque) - 2 * len(NAMES)
-    if spare <= 0 or apart <= 0.0:
-        return 1.0
-    ratio = (together - apart) / more / (apart / spare)
-    return f_sf(more, spare, ratio)
-
-
-def _warnings(estimate: Estimate) -> list[str]:
-    """What is said of a parameter that is not determined, or that may as well be zero."""
-    texts = [f"{name} is not determined: {reason}" for name, reason in estimate.refused.items()]
-    for name in NAMES:
-        value = estimate.value(name)
-        if name in estimate.refused or value == 0.0 or estimate.differs_from_zero(name):
-            continue
-        error, (low, high) = estimate.standard_error(name), estimate.interval(name)
-        texts.append(
-            f"{name} cannot be told from zero: {plus_minus(value, error)} {estimate.unit(name)}, 95 % interval "
-            f"{round_to_error(low, error)} to {round_to_error(high, error)}. Slower holds would tell."
-        )
-    return texts
+    if len(fits) < len(directions) or spare <= 0:
+        return []
+    separate = sum(balance.subset(rows).chi2(fits[name].values) for name, rows in directions.items())
+    if separate <= 0.0:
+        return []
+    together = float(np.sum((residuals / balance.error) ** 2))
+    p_value = f_sf(len(NAMES), spare, (together - separate) / len(NAMES) / (separate / spare))
+    if not p_value <= _DIFFERENT_P:
+        return []
+    up, down = (fits[name].value("quadratic_drag") for name in directions)
+    text = (
+        f"The two directions differ (p = {p_value:.1g}): quadratic drag {significant(up, 4)} with the "
+        f"{axis.position_words} growing, {significant(down, 4)} with it falling. Thrust curve, a constant "
+        f"{axis.force_name} or the drag itself is not the same both ways."
+    )
+    return [text]

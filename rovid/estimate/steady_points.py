@@ -1,4 +1,4 @@
-"""Held commands and rows of a table -> steady states, each with its scatter."""
+"""Steady states from held commands and from rows of a table."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ from rovid.signals.segments import Hold, find_holds
 from rovid.trial.tables import STEADY_COLUMNS, CsvTable
 from rovid.trial.vehicle import Vehicle
 
-_BLOCK_SECONDS = 1.0
-_MIN_BLOCKS = 6
-# A drift over the stretch is a trend when it exceeds three of its standard errors and half a percent of the
-# rate: heading is so precise that a drift of no consequence is often significant.
-_TREND_SIGMAS = 3.0
-_TREND_SHARE = 0.005
+# Length of an averaged block in s, and the least number of blocks.
+_BLOCK_SECONDS, _MIN_BLOCKS = 1.0, 6
+# A drift is a trend if it exceeds this many standard errors and this share of the rate. Headings are so precise that
+# negligible drifts are often significant.
+_TREND_SIGMAS, _TREND_SHARE = 3.0, 0.005
+# Least number of standard errors from zero of the rate of a steady turn.
+_MIN_RATE_SIGMAS = 4.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,31 +32,31 @@ class SteadyPoint:
     source
         Log, or row of the table.
     start, stop
-        s; the part of the hold that was used. NaN for a table.
+        Start and end of the part of the hold that was used, s; NaN for a table.
     command
         One number per actuator.
     torque, rate
-        N m and rad/s (or N and m/s), means over the part used.
+        Means over the part used, N m and rad/s (or N and m/s).
     square_rate
         Mean of |r| r over the part used, rad^2/s^2.
     rate_error
-        Standard error of ``rate`` that allows for the rate's own memory; NaN for a table.
+        Standard error of ``rate``, allowing for its autocorrelation; NaN for a table.
     drift, drift_error
-        Change of rate over the part used, and its standard error, rad/s.
+        Change of rate over the part used and its standard error, rad/s; NaN for a table.
     steady
         False where that drift is a trend; such a point is shown but not fitted.
     """
 
     source: str
-    start: float
-    stop: float
+    start: float = math.nan
+    stop: float = math.nan
     command: tuple[float, ...]
     torque: float
     rate: float
     square_rate: float
-    rate_error: float
-    drift: float
-    drift_error: float
+    rate_error: float = math.nan
+    drift: float = math.nan
+    drift_error: float = math.nan
     steady: bool = True
 
     @property
@@ -67,19 +68,19 @@ class SteadyPoint:
 def steady_points(runs: Sequence[Run], vehicle: Vehicle) -> list[SteadyPoint]:
     """Reduce every held command under which the vehicle turns to one steady state.
 
-    A hold at rest (no torque, or a rate that is not told from zero) is not a steady turn and is left out.
+    Holds without torque, or with a rate that is not significantly different from zero, are left out.
     """
     points = []
     for run in runs:
         for hold in find_holds(run.trial, vehicle, run.torque):
-            point = None if hold.torque == 0.0 else _reduce(run, hold)
-            if point is not None and abs(point.rate) > 4.0 * point.rate_error:
+            point = None if hold.torque == 0.0 else _steady_point(run, hold)
+            if point is not None and abs(point.rate) > _MIN_RATE_SIGMAS * point.rate_error:
                 points.append(point)
     return points
 
 
 def points_from_table(table: CsvTable) -> list[SteadyPoint]:
-    """Steady states from a table with the columns yaw_rate_rad_s, torque_Nm and, if there, command.
+    """Steady states from a table with the columns yaw_rate_rad_s, torque_Nm and optionally command.
 
     Raises
     ------
@@ -91,30 +92,23 @@ def points_from_table(table: CsvTable) -> list[SteadyPoint]:
     if "command" in table.header:
         commands = table.numbers("command")
     points = []
-    for line, command, torque, rate in zip(table.lines, commands, torques, rates, strict=True):
-        source = f"{table.path.name}:{line}"
-        points.append(_point_of_row(source, float(command), float(torque), float(rate)))
+    for line, command, torque, rate in zip(
+        table.lines, commands.tolist(), torques.tolist(), rates.tolist(), strict=True
+    ):
+        point = SteadyPoint(
+            source=f"{table.path.name}:{line}",
+            command=(command,),
+            torque=torque,
+            rate=rate,
+            square_rate=abs(rate) * rate,
+        )
+        points.append(point)
     return points
 
 
-def _point_of_row(source: str, command: float, torque: float, rate: float) -> SteadyPoint:
-    """A row's command, torque in N m and rate in rad/s, of which no error is known."""
-    return SteadyPoint(
-        source=source,
-        start=math.nan,
-        stop=math.nan,
-        command=(command,),
-        torque=torque,
-        rate=rate,
-        square_rate=abs(rate) * rate,
-        rate_error=math.nan,
-        drift=math.nan,
-        drift_error=math.nan,
-    )
-
-
-def _reduce(run: Run, hold: Hold) -> SteadyPoint | None:
-    blocks, squares, times = _blocks(run, hold)
+def _steady_point(run: Run, hold: Hold) -> SteadyPoint | None:
+    """Steady state of a hold without its transient; None where too little is left."""
+    blocks, squares, times = _block_means(run, hold)
     if len(blocks) < _MIN_BLOCKS:
         return None
     first = _settled(blocks)
@@ -123,8 +117,8 @@ def _reduce(run: Run, hold: Hold) -> SteadyPoint | None:
     x = np.arange(count) - 0.5 * (count - 1)
     slope = float(x @ blocks / (x @ x))
     mean = float(blocks.mean())
-    spectrum = long_run_variance(blocks - mean - slope * x)
-    drift, drift_error = slope * count, math.sqrt(spectrum / float(x @ x)) * count
+    variance = long_run_variance(blocks - mean - slope * x)
+    drift, drift_error = slope * count, math.sqrt(variance / float(x @ x)) * count
     trend = abs(drift) > max(_TREND_SIGMAS * drift_error, _TREND_SHARE * abs(mean))
     return SteadyPoint(
         source=run.trial.name,
@@ -134,48 +128,45 @@ def _reduce(run: Run, hold: Hold) -> SteadyPoint | None:
         torque=hold.torque,
         rate=mean,
         square_rate=float(squares.mean()),
-        rate_error=math.sqrt(spectrum / count),
+        rate_error=math.sqrt(variance / count),
         drift=drift,
         drift_error=drift_error,
         steady=not trend,
     )
 
 
-def _blocks(run: Run, hold: Hold) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _block_means(run: Run, hold: Hold) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Means of r and |r| r over blocks of about a second inside the hold, and each block's start in s."""
     rates = run.rates
-    # The zero-phase filter lets the next command show before it comes: stay half a kernel away from it.
+    # The zero-phase filter mixes in the next command within half a kernel of the end.
     inside = (rates.time >= hold.start) & (rates.time <= hold.stop - rates.kernel.half_width) & rates.valid
     rows = np.flatnonzero(inside)
     size = max(round(_BLOCK_SECONDS / rates.kernel.period), 1)
     count = len(rows) // size
     if count == 0:
-        empty = np.empty(0)
-        return empty, empty, empty
-    # Counted from the end: the start is what settling takes away.
+        return np.empty(0), np.empty(0), np.empty(0)
+    # Blocks are counted from the end, because the start is transient.
     block = rows[len(rows) - count * size :].reshape(count, size)
     rate = rates.rate[block]
     mean = rate.mean(axis=1)
-    # The square of sensor noise has a mean, that of the motion's own unrest belongs to the drag.
+    # The square of the sensor noise is subtracted. The square of true fluctuations contributes to the drag.
     square = (np.abs(rate) * rate).mean(axis=1) - np.sign(mean) * rates.rate_noise**2
     return mean, square, rates.time[block[:, 0]]
 
 
 def _settled(blocks: FloatArray) -> int:
-    """Index from which the blocks are taken as settled.
+    """Number of transient blocks by the marginal standard error rule (White 1997).
 
-    The marginal standard error rule (White 1997, "An effective truncation heuristic for bias reduction in
-    simulation output"): drop as many as make the standard error of the rest smallest, three quarters at most.
+    The number that minimises the standard error of the mean of the rest, three quarters at most.
     """
     count = len(blocks)
     most = max(min(3 * count // 4, count - _MIN_BLOCKS), 0)
-    candidates = np.arange(0, most + 1)
-    spread = [float(np.var(blocks[k:])) / (count - k) for k in candidates]
-    return int(candidates[int(np.argmin(spread))])
+    spread = [float(np.var(blocks[k:])) / (count - k) for k in range(most + 1)]
+    return int(np.argmin(spread))
 
 
 def long_run_variance(values: FloatArray) -> float:
-    """Variance of the mean of (n,) zero-mean ``values`` times n, from a first-order autoregression.
+    """Variance of the mean of (n,) zero-mean ``values`` times n, by a first-order autoregression; docs/method.md, (5).
 
     The lag-one correlation is corrected for the bias of short series (Kendall 1954).
     """

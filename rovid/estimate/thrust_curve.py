@@ -1,4 +1,4 @@
-"""Raw bench readings of a thruster -> a thrust curve that only rises, dead zone kept."""
+"""Monotone thrust curve with a dead zone, from raw bench readings of a thruster."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ THRUST_UNITS = {
     "lbf": 4.4482216152605,
 }
 
-# In order of preference: a sheet that has a PWM column has the battery's voltage too.
+# Patterns of column names in order of preference: a sheet with a PWM column has the battery's voltage too.
 _COMMAND_NAMES = ("command|cmd", "pwm", "throttle|signal|input", "volt")
 _THRUST_NAMES = ("thrust|force",)
-# A reading below this share of the largest thrust, or below the bench's own noise, is no thrust. A bench that
-# never contradicts itself is believed to a thousandth, another to half a percent.
+# Share of the largest thrust below which a reading counts as zero, as it does below the bench's own noise: for readings
+# that are exactly monotone, and for others.
 _ZERO_SHARE_EXACT, _ZERO_SHARE_NOISY = 0.001, 0.005
-# Between two readings that are farther apart than so many usual ones anything may happen.
-_LONG = 2.0
+# A gap between commands is wide if it exceeds this many median intervals.
+_WIDE_GAP = 2.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ThrustCurveFit:
-    """A thrust curve and how it misses the readings.
+    """A thrust curve and its residuals.
 
     Attributes
     ----------
@@ -42,9 +42,9 @@ class ThrustCurveFit:
     residuals
         (n,) reading minus curve in N.
     dead_zone
-        Commands between which there is no thrust, or None.
+        Commands between which the thrust is zero, or None.
     noise
-        N; by how much readings contradict a rising curve.
+        Largest contradiction of the readings to a monotone curve near neutral, N.
     """
 
     curve: ThrustCurve
@@ -63,12 +63,12 @@ class ThrustCurveFit:
 def bench_readings(
     table: CsvTable, *, command: str | None, thrust: str | None, unit: str | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Command and thrust in N from a bench table, by name or by what the header says.
+    """Command and thrust in N from a bench table, from named columns or columns guessed by the header.
 
     Raises
     ------
     LogError
-        The columns or the unit are not clear, or a cell is not a number.
+        The columns or the unit are ambiguous, or a cell is not a number.
     """
     command = command or _column(table, _COMMAND_NAMES, "--command")
     thrust = thrust or _column(table, _THRUST_NAMES, "--thrust")
@@ -82,7 +82,7 @@ def _column(table: CsvTable, patterns: tuple[str, ...], option: str) -> str:
         if len(matches) == 1:
             return matches[0]
     raise LogError(
-        f"it is not clear which column is meant. {suggest_columns('', table.header, table.rows)}",
+        f"the column is ambiguous. {suggest_columns('', table.header, table.rows)}",
         where=table.path,
         mend=f"Name the column with {option}.",
     )
@@ -94,7 +94,7 @@ def _unit(table: CsvTable, column: str) -> str:
         if packed.endswith(unit.lower()) and packed != unit.lower():
             return unit
     raise LogError(
-        f"column {column!r} does not say its unit.",
+        f"the header of column {column!r} has no known unit of thrust.",
         where=table.path,
         mend=f"Give it with --unit, one of {', '.join(THRUST_UNITS)}.",
     )
@@ -103,8 +103,8 @@ def _unit(table: CsvTable, column: str) -> str:
 def fit_thrust_curve(command: FloatArray, thrust: FloatArray) -> ThrustCurveFit:
     """Fit a monotone curve to bench readings in any order, repeats included.
 
-    Isotonic least squares on each side of the dead zone, which stays exactly zero. The curve may fall with
-    the command instead of rising, as the readings do.
+    Isotonic least squares on each side of the dead zone, where the thrust is exactly zero. The curve falls with the
+    command where the readings do.
 
     Raises
     ------
@@ -154,12 +154,12 @@ def fit_thrust_curve(command: FloatArray, thrust: FloatArray) -> ThrustCurveFit:
 
 
 def _edge(outwards: FloatArray, values: FloatArray, levels: FloatArray) -> float:
-    """Where the dead zone ends on one side: at the last command within it, the first of those ``outwards``.
+    """End of the dead zone on one side: its last command, the first of the commands ``outwards``.
 
-    Where nothing was read for long behind that, the next two readings' line is followed to where it meets no thrust.
+    Across a wide gap, the line through the next two readings is extrapolated to zero thrust.
     """
     spacing = float(np.median(np.diff(levels)))
-    if len(outwards) < 3 or abs(outwards[1] - outwards[0]) <= _LONG * spacing or values[2] == values[1]:
+    if len(outwards) < 3 or abs(outwards[1] - outwards[0]) <= _WIDE_GAP * spacing or values[2] == values[1]:
         return float(outwards[0])
     slope = (values[2] - values[1]) / (outwards[2] - outwards[1])
     return float(np.clip(outwards[1] - values[1] / slope, *sorted(outwards[:2])))
@@ -174,14 +174,14 @@ def _isotonic(values: FloatArray, counts: np.ndarray[tuple[int], np.dtype[np.int
 
 
 def _noise(levels: FloatArray, rising: FloatArray, monotone: FloatArray) -> float:
-    """Largest contradiction to a rising curve near neutral, in N."""
+    """Largest contradiction to a monotone curve near neutral, N."""
     neutral = levels[int(np.argmin(np.abs(monotone)))]
     near = np.abs(levels - neutral) <= 0.3 * (levels[-1] - levels[0])
     return float(np.max(np.abs(rising - monotone)[near], initial=0.0))
 
 
 def _idle(rising: FloatArray, tolerance: float) -> tuple[int, int] | None:
-    """First and last index of the unbroken stretch around neutral without thrust."""
+    """First and last index of the unbroken series of readings around neutral without thrust."""
     centre = int(np.argmin(np.abs(rising)))
     if abs(rising[centre]) > tolerance:
         return None

@@ -131,8 +131,8 @@ def test_period_damping_and_ratios_come_back(tmp_path: Path, rovid: Rovid) -> No
 @pytest.mark.parametrize(
     ("command", "said"),
     [
-        ("fit-inertia", "so that the inertia cannot be known. Run `rovid fit`"),
-        ("fit-drag", "so that the inertia cannot be known. Run `rovid fit`"),
+        ("fit-inertia", "so the inertia cannot be determined. Run `rovid fit`"),
+        ("fit-drag", "so the inertia cannot be determined. Run `rovid fit`"),
         ("plan", "there are no commands to plan"),
     ],
 )

@@ -72,8 +72,8 @@ def test_vendor_sheet_with_units_in_its_header() -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("a,b\n1,2\n2,3\n3,4\n", "not clear which column"),
-        ("command,thrust\n1,2\n2,3\n3,4\n", "does not say its unit"),
+        ("a,b\n1,2\n2,3\n3,4\n", "column is ambiguous"),
+        ("command,thrust\n1,2\n2,3\n3,4\n", "has no known unit"),
         ("command,thrust_N\n1,2\n2,x\n3,4\n", "table.csv:3: thrust_N is 'x'"),
         ("command,thrust_N\n", "no rows"),
     ],
