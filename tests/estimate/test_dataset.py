@@ -17,19 +17,19 @@ RUNS = [synthetic.run(TIME, torque) for torque in (np.full(len(TIME), 100.0), np
 READINGS = InnovationData(RUNS, synthetic.LOGGED, synthetic.ROSUB)
 
 
-def test_the_torque_in_use_is_of_where_there_is_any() -> None:
+def test_the_rms_torque_is_that_of_nonzero_torque() -> None:
     acting = np.concatenate([run.torque[run.torque != 0.0] for run in RUNS])
     assert READINGS.rms_torque == pytest.approx(np.sqrt(np.mean(acting**2)))
 
 
-def test_either_drag_alone_would_brake_as_both_do() -> None:
+def test_each_drag_scale_alone_gives_the_total_drag() -> None:
     quadratic, linear = READINGS.drag_scale
     braked = synthetic.ROSUB.drag(np.array(READINGS.rms_rate))
     assert quadratic * READINGS.rms_rate**2 == pytest.approx(braked)
     assert linear * READINGS.rms_rate == pytest.approx(braked)
 
 
-def test_no_stretch_of_time_is_of_two_runs() -> None:
+def test_no_block_spans_two_runs() -> None:
     assert len(READINGS.run_index) == len(READINGS.block_index) == 2 * (len(TIME) - 1)
     for block in np.unique(READINGS.block_index):
         inside = READINGS.block_index == block
@@ -37,8 +37,8 @@ def test_no_stretch_of_time_is_of_two_runs() -> None:
         assert np.ptp(np.tile(TIME[1:], 2)[inside]) <= READINGS.block_seconds
 
 
-def test_no_heading_is_known_better_than_a_compass_could() -> None:
-    # These have no noise at all.
+def test_the_position_noise_has_a_floor() -> None:
+    # The synthetic headings have no noise.
     assert READINGS.position_noise > 0.0
 
 
@@ -46,7 +46,7 @@ SHORT = clock(100.0)
 TRIAL = trial(SHORT, np.where(SHORT < 50.0, 2.0, -4.0))
 
 
-def test_the_usual_size_is_of_what_is_known_and_never_nothing() -> None:
+def test_rms_ignores_nan_and_is_never_zero() -> None:
     assert rms([np.array([3.0, np.nan]), np.array([-3.0])]) == 3.0
     assert rms([np.zeros(3)]) > 0.0
     assert rms_nonzero(np.array([0.0, 0.0, 4.0, -4.0])) == 4.0
@@ -65,7 +65,7 @@ def test_scales_are_those_of_commands_speeds_and_hours() -> None:
     assert scales.load == pytest.approx(0.8)
 
 
-def test_a_vehicle_that_nothing_drives_has_no_load() -> None:
+def test_without_actuators_there_is_no_load() -> None:
     scales = effect_scales([TRIAL], None, 100.0, 0.1, has_actuators=False)
     assert scales.load == 1.0
     assert scales.wash == scales.sqrt_thrust == 10.0

@@ -42,7 +42,7 @@ def base(linear: float = 132.0, **changes: Any) -> Estimate:
     )
 
 
-def test_ratios_know_what_goes_together() -> None:
+def test_ratios_allow_for_correlation() -> None:
     rng = np.random.default_rng(7)
     drawn = rng.multivariate_normal(base().values, base().covariance, size=200_000)
     over_quadratic, over_linear = base().ratios
@@ -57,12 +57,12 @@ def test_ratios_know_what_goes_together() -> None:
     assert over_linear.standard_error == pytest.approx(float(np.std(drawn[:, 0] / drawn[:, 2])), rel=0.02)
 
 
-def test_nothing_is_divided_by_what_may_be_zero() -> None:
+def test_no_ratio_to_a_parameter_near_zero() -> None:
     assert [ratio.symbols for ratio in base(linear=6.0).ratios] == ["I/DQ"]
     assert [ratio.symbols for ratio in base(refused={"inertia": "why"}).ratios] == ["DL/DQ"]
 
 
-def test_what_goes_with_thrust_is_a_placeholder_beside_a_guessed_arm() -> None:
+def test_parameters_that_scale_with_thrust_are_placeholders_with_a_guessed_arm() -> None:
     lag = replace(base(assumptions=GUESS), names=("inertia", "thruster_lag.time_constant", "bias_torque.torque"))
     assert [lag.is_placeholder(name) for name in lag.names] == [True, False, True]
     assert not any(base().is_placeholder(name) for name in NAMES)

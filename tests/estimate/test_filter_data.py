@@ -29,7 +29,7 @@ def readings(run: Run, *, interval: float = 0.0, gyro: bool = False) -> Innovati
     return InnovationData([run], synthetic.LOGGED, synthetic.ROSUB, gyro=gyro, interval=interval)
 
 
-def test_a_quick_look_passes_over_readings_but_for_the_last() -> None:
+def test_an_interval_skips_readings_except_the_last() -> None:
     (every,) = readings(RUN).times
     assert len(every) == len(SECONDS)
     (quick,) = readings(RUN, interval=1.0).times
@@ -37,7 +37,7 @@ def test_a_quick_look_passes_over_readings_but_for_the_last() -> None:
     assert quick[-1] == SECONDS[-1]
 
 
-def test_the_filter_starts_at_the_first_reading_and_is_told_of_the_others() -> None:
+def test_every_reading_but_the_first_has_an_innovation() -> None:
     gap = RUN.trial.position.copy()
     gap[100:200] = np.nan
     data = readings(replace(RUN, trial=replace(RUN.trial, position=gap)))
@@ -47,7 +47,7 @@ def test_the_filter_starts_at_the_first_reading_and_is_told_of_the_others() -> N
     assert len(begin) == len(angles)
 
 
-def test_a_gyro_is_looked_at_only_where_it_is_asked_for() -> None:
+def test_a_gyro_is_used_only_on_request() -> None:
     noise = 1e-3 * np.random.default_rng(1).normal(size=len(SECONDS))
     run = replace(RUN, trial=replace(RUN.trial, rate=np.gradient(RUN.trial.position, SECONDS) + noise))
     ((_, rates),) = readings(run).innovation_samples
@@ -60,14 +60,14 @@ def test_a_gyro_is_looked_at_only_where_it_is_asked_for() -> None:
     assert asked.gyro_noise == pytest.approx(1e-3, rel=0.1)
 
 
-def test_where_the_rate_alone_was_measured_a_position_is_known_at_the_start_alone() -> None:
+def test_a_rate_only_trial_has_one_known_position() -> None:
     integrated = replace(RUN.trial, rate=np.gradient(RUN.trial.position, SECONDS), rate_only=True)
     ((angles, rates),) = readings(replace(RUN, trial=integrated)).innovation_samples
     assert not len(angles)
     assert len(rates) == len(SECONDS)
 
 
-def test_headings_are_freed_of_the_same_deviation_once() -> None:
+def test_corrected_angles_are_cached() -> None:
     off, (chunk,) = effect_named("heading_deviation"), readings(RUN).chunks
     models = [replace(synthetic.ROSUB, effects=(off,), effect_values=(size, 0.3)) for size in (0.05, 0.05, 0.06)]
     first, same, other = (chunk.corrected_angle(model) for model in models)
@@ -102,30 +102,30 @@ def run(number: int, begin: int, end: int, since: float) -> Run:
 RUNS = [run(number, *piece) for number, piece in enumerate(PIECES)]
 
 
-def misfit_of(
+def objective_of(
     monkeypatch: pytest.MonkeyPatch, at_once: int, key: str, interval: float = 0.0, runs: Sequence[Run] = RUNS
 ) -> InnovationLikelihood:
     """With so many instants gone through at once at most."""
     monkeypatch.setattr(filter_data, "_CHUNK_SAMPLES", at_once)
-    records = InnovationData(runs, synthetic.VEHICLE, synthetic.ROSUB, interval=interval)
-    misfit = InnovationLikelihood(records, 0.05, (effect_named(key),) if key else ())
-    assert len(misfit.chunks) == (1 if at_once > 2000 else len(runs))
-    return misfit
+    data = InnovationData(runs, synthetic.VEHICLE, synthetic.ROSUB, interval=interval)
+    objective = InnovationLikelihood(data, 0.05, (effect_named(key),) if key else ())
+    assert len(objective.chunks) == (1 if at_once > 2000 else len(runs))
+    return objective
 
 
-def point(misfit: InnovationLikelihood) -> FloatArray:
+def point(objective: InnovationLikelihood) -> FloatArray:
     """(p,) coordinates with some of every effect."""
-    x = misfit.parametrization.initial()
-    for _, place in misfit.parametrization.effect_slices():
+    x = objective.parametrization.initial()
+    for _, place in objective.parametrization.effect_slices():
         x[place] += 0.1
-    return np.clip(x, *misfit.parametrization.bounds)
+    return np.clip(x, *objective.parametrization.bounds)
 
 
 @pytest.mark.parametrize("interval", [0.0, 0.4], ids=["all", "few"])
 @pytest.mark.parametrize("key", KEYS)
-def test_portions_say_what_all_runs_say_at_once(monkeypatch: pytest.MonkeyPatch, key: str, interval: float) -> None:
-    whole = misfit_of(monkeypatch, 10_000, key, interval)
-    cut = misfit_of(monkeypatch, 100, key, interval)
+def test_chunks_give_the_likelihood_of_all_runs(monkeypatch: pytest.MonkeyPatch, key: str, interval: float) -> None:
+    whole = objective_of(monkeypatch, 10_000, key, interval)
+    cut = objective_of(monkeypatch, 100, key, interval)
     x = point(whole)
     here, there = whole.innovations(x), cut.innovations(x)
     # Filters of one chunk take the steps that it needs, and no more.
@@ -134,7 +134,7 @@ def test_portions_say_what_all_runs_say_at_once(monkeypatch: pytest.MonkeyPatch,
     assert np.max(np.abs(np.sqrt(there.variance) / scatter - 1.0)) < 1e-3
     assert cut.value(x) == pytest.approx(whole.value(x), abs=1e-2)
     assert cut.value(x) == pytest.approx(sum(chunk.value(x) for chunk in cut.chunks))
-    one, other = (NormalEquations.from_jacobians(misfit.jacobian(x)) for misfit in (whole, cut))
+    one, other = (NormalEquations.from_jacobians(objective.jacobian(x)) for objective in (whole, cut))
     size = np.sqrt(np.diag(one.information))
     np.testing.assert_allclose(
         other.information / np.outer(size, size), one.information / np.outer(size, size), atol=1e-3
@@ -142,8 +142,8 @@ def test_portions_say_what_all_runs_say_at_once(monkeypatch: pytest.MonkeyPatch,
     np.testing.assert_allclose(other.gradient / size, one.gradient / size, atol=0.02)
 
 
-def test_what_is_known_of_all_runs_is_not_worked_out_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    cut = misfit_of(monkeypatch, 100, "bias_torque")
+def test_known_evaluations_of_all_runs_are_reused(monkeypatch: pytest.MonkeyPatch) -> None:
+    cut = objective_of(monkeypatch, 100, "bias_torque")
     x = point(cut)
     known, anew = (
         NormalEquations.from_jacobians(cut.jacobian(x, known)) for known in (cut.evaluate_with_spare(x), None)
@@ -152,8 +152,8 @@ def test_what_is_known_of_all_runs_is_not_worked_out_again(monkeypatch: pytest.M
     assert known.information == pytest.approx(anew.information)
 
 
-def test_innovations_that_do_not_count_are_left_out_of_each_portion(monkeypatch: pytest.MonkeyPatch) -> None:
-    cut = misfit_of(monkeypatch, 100, "bias_torque")
+def test_masked_innovations_are_left_out_of_each_chunk(monkeypatch: pytest.MonkeyPatch) -> None:
+    cut = objective_of(monkeypatch, 100, "bias_torque")
     x, every = point(cut), cut.innovations(point(cut))
     counted = np.arange(len(every.error)) % 3 == 0
     some = cut.with_effects(cut.effects, counted)
@@ -168,30 +168,30 @@ def test_innovations_that_do_not_count_are_left_out_of_each_portion(monkeypatch:
     assert [row.start for row in rows] == [0, *(row.stop for row in rows[:-1])]
 
 
-def test_slopes_take_the_memory_of_one_portion(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Beside what is known of all: a side for each coordinate would be there of all runs at once."""
+def test_jacobians_take_the_memory_of_one_chunk(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A Jacobian of all runs at once would hold one series for each coordinate."""
     many = [run(number, *PIECES[number % len(PIECES)]) for number in range(30)]
     taken = []
     for at_once in (100_000, 100):
-        misfit = misfit_of(monkeypatch, at_once, "supply_sag:drift", runs=many)
-        x = point(misfit)
-        known = misfit.evaluate_with_spare(x)
+        objective = objective_of(monkeypatch, at_once, "supply_sag:drift", runs=many)
+        x = point(objective)
+        known = objective.evaluate_with_spare(x)
         # What is kept of the logs is there already.
-        NormalEquations.from_jacobians(misfit.jacobian(x, known))
+        NormalEquations.from_jacobians(objective.jacobian(x, known))
         tracemalloc.start()
-        NormalEquations.from_jacobians(misfit.jacobian(x, known))
+        NormalEquations.from_jacobians(objective.jacobian(x, known))
         taken.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     whole, cut = taken
     assert cut < 0.3 * whole
 
 
-def test_slopes_promise_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_score_tests_of_chunks_equal_those_of_all_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     forms = [effect_named(key) for key in KEYS[1:]]
     every = []
     for at_once in (10_000, 100):
-        misfit = misfit_of(monkeypatch, at_once, "")
-        every.append(screen(FitResult.at(misfit, misfit.parametrization.initial()), forms))
+        objective = objective_of(monkeypatch, at_once, "")
+        every.append(screen(FitResult.at(objective, objective.parametrization.initial()), forms))
     for one, other in zip(*every, strict=True):
         assert other.gain == pytest.approx(one.gain, rel=0.01, abs=0.01)
         assert other.directions.gains_unfitted == pytest.approx(one.directions.gains_unfitted, rel=1e-3, abs=0.02)

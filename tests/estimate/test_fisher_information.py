@@ -20,7 +20,7 @@ from rovid.estimate.fisher_information import (
 )
 
 
-def test_costs_are_those_of_a_normal_distribution_but_for_outliers() -> None:
+def test_likelihood_is_normal_except_for_outliers() -> None:
     error, variance = np.array([0.0, 0.5, -1.0]), np.array([1.0, 4.0, 0.25])
     assert negative_log_likelihoods(error, variance) == pytest.approx(-norm.logpdf(error, scale=np.sqrt(variance)))
     # Beyond the limit in proportion, and without a jump in value or slope.
@@ -29,11 +29,11 @@ def test_costs_are_those_of_a_normal_distribution_but_for_outliers() -> None:
     assert farther - far == pytest.approx(OUTLIER)
 
 
-def test_an_innovation_that_ran_away_costs_no_infinity() -> None:
+def test_a_diverged_innovation_has_a_finite_likelihood() -> None:
     assert np.isfinite(negative_log_likelihoods(np.array([1e200]), np.ones(1))).all()
 
 
-def test_a_filter_that_ran_away_has_no_likelihood_and_warns_of_nothing() -> None:
+def test_a_negative_variance_gives_nan_without_a_warning() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         runaway, sound = negative_log_likelihoods(np.ones(2), np.array([-1.0, 1.0]))
@@ -45,11 +45,11 @@ UNITS = np.diag((1e6, 1e-3))
 SHAPE = np.array([[2.0, 0.5], [0.5, 1.0]])
 
 
-def test_units_have_no_say_in_the_inverse() -> None:
+def test_the_inverse_does_not_depend_on_units() -> None:
     assert inverse_information(UNITS @ SHAPE @ UNITS) == pytest.approx(np.linalg.inv(UNITS @ SHAPE @ UNITS), rel=1e-6)
 
 
-def test_a_flat_direction_is_uncertain_and_no_infinity() -> None:
+def test_a_flat_direction_gets_a_large_finite_variance() -> None:
     flat = inverse_information(np.array([[1.0, 1.0], [1.0, 1.0]]))
     assert np.isfinite(flat).all()
     # The sum of both is known, their difference is not.
@@ -58,7 +58,7 @@ def test_a_flat_direction_is_uncertain_and_no_infinity() -> None:
     assert across @ flat @ across > 1e6
 
 
-def test_scores_that_scatter_as_the_information_says_change_nothing() -> None:
+def test_the_sandwich_equals_the_inverse_information_for_consistent_scores() -> None:
     rng = np.random.default_rng(1)
     scores = rng.multivariate_normal([0.0, 0.0], SHAPE, 20_000)
     bread = np.linalg.inv(SHAPE * len(scores))
@@ -68,7 +68,7 @@ def test_scores_that_scatter_as_the_information_says_change_nothing() -> None:
 
 
 @pytest.mark.parametrize("name", ["coloured", "spiky"])
-def test_what_is_not_white_is_seen(name: str) -> None:
+def test_coloured_and_spiky_series_are_not_white(name: str) -> None:
     rng = np.random.default_rng()
     white = rng.normal(size=20_000)
     series = {
@@ -78,14 +78,14 @@ def test_what_is_not_white_is_seen(name: str) -> None:
     assert not is_white([series])
 
 
-def test_white_is_seldom_called_coloured() -> None:
+def test_white_series_are_seldom_rejected() -> None:
     rng = np.random.default_rng()
     trials = rng.normal(size=(200, 25, 200))
     # One in a thousand expected: more than three of 200 happens once in 15 000 runs.
     assert sum(not is_white(list(series)) for series in trials) <= 3
 
 
-def test_whitening_gains_what_an_autoregression_does() -> None:
+def test_the_whitening_gain_of_a_first_order_autoregression() -> None:
     """Of a first-order autoregression of unit variance: half the count times -log(1 - a^2)."""
     rng, memory, count = np.random.default_rng(3), 0.6, 20000
     noise = rng.normal(size=count) * math.sqrt(1.0 - memory**2)

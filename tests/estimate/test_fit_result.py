@@ -1,4 +1,4 @@
-"""A fitted model: what is its own, and how sure it is."""
+"""A fitted model: coordinates and covariance."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ LAG = effect_named("thruster_lag")
 @pytest.fixture(scope="module")
 def plain() -> FitResult:
     runs = [synthetic.run(TIME[:1500], TORQUE[:1500], noise=NOISE[:1500])]
-    misfit = InnovationLikelihood(InnovationData(runs, synthetic.LOGGED, synthetic.ROSUB), 0.05)
-    return fit(misfit, misfit.parametrization.initial())
+    objective = InnovationLikelihood(InnovationData(runs, synthetic.LOGGED, synthetic.ROSUB), 0.05)
+    return fit(objective, objective.parametrization.initial())
 
 
-def test_what_is_an_effects_own_and_what_is_left_without_it(plain: FitResult) -> None:
+def test_coordinates_of_an_effect_and_of_the_rest(plain: FitResult) -> None:
     x = np.concatenate((plain.x, [0.25, 0.5]))
     both = FitResult.at(plain.objective.with_effects((BIAS, LAG)), x)
     assert both.effect_coordinates(BIAS).tolist() == [0.25]
@@ -33,7 +33,7 @@ def test_what_is_an_effects_own_and_what_is_left_without_it(plain: FitResult) ->
     assert rest.tolist() == [*plain.x, 0.5]
 
 
-def test_the_best_is_physical_white_and_near_the_truth(plain: FitResult) -> None:
+def test_the_fit_is_physical_white_and_near_the_truth(plain: FitResult) -> None:
     assert plain.is_physical
     assert plain.is_white
     assert plain.simulated_r2 > 0.999
@@ -42,7 +42,7 @@ def test_the_best_is_physical_white_and_near_the_truth(plain: FitResult) -> None
     assert abs(plain.model.inertia - synthetic.ROSUB.inertia) < 4.0 * error
 
 
-def test_a_model_beside_which_others_run_away_is_not_known(plain: FitResult, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_covariance_is_infinite_where_a_neighbour_diverges(plain: FitResult, monkeypatch: pytest.MonkeyPatch) -> None:
     first, *others = plain.objective.jacobian(plain.x)
     first.matrix[7, 1] = np.nan
     monkeypatch.setattr(InnovationLikelihood, "robust_jacobian", lambda *_: [first, *others])

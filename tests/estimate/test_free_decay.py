@@ -74,7 +74,7 @@ def within(reading: dict[str, Any], truth: float, share: float) -> bool:
     return bool(off < 4.0 * reading["standard_error"] and reading["standard_error"] < share * abs(truth))
 
 
-def test_a_log_is_taken_from_each_release_on() -> None:
+def test_a_log_is_used_from_each_release_on() -> None:
     first, second = swings(0.3, 40.0), swings(-0.2, 30.0)
     tilt = np.concatenate((pushed(0.3), first, pushed(-0.2), second))
     begins = [240, 240 + 800 + 240]
@@ -93,7 +93,7 @@ def test_swings_that_are_held_up_end_a_release() -> None:
     assert whole.stop > 1000
 
 
-def test_a_motion_that_does_not_die_out_is_no_release() -> None:
+def test_an_undamped_motion_is_no_release() -> None:
     time = np.arange(0.0, 60.0, 0.05)
     beats = 0.2 * np.sin(2.0 * time) * np.sin(0.9 * time)
     assert find_releases(log_of(beats)) == []
@@ -136,13 +136,13 @@ def test_period_damping_and_ratios_come_back(tmp_path: Path, rovid: Rovid) -> No
         ("plan", "there are no commands to plan"),
     ],
 )
-def test_what_cannot_be_had_is_refused(command: str, said: str, rovid: Rovid) -> None:
+def test_undetermined_quantities_are_refused(command: str, said: str, rovid: Rovid) -> None:
     done = rovid(command, SHIP, "--axis", "roll", "-p", "p.toml")
     assert done.code == 2
     assert said in done.err
 
 
-def test_a_vehicle_that_does_not_right_itself_needs_a_drive(tmp_path: Path, rovid: Rovid) -> None:
+def test_a_vehicle_without_restoring_torque_needs_actuators(tmp_path: Path, rovid: Rovid) -> None:
     write(tmp_path / "day", {"one.csv": swings(0.2, 30.0)}, TOML.replace("roll =", "heading ="))
     done = rovid("fit", "day", "--json")
     assert done.code == 2

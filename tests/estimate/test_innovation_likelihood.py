@@ -22,34 +22,34 @@ from tests.predictions import NOISE, TIME, TORQUE
 from tools.trial_day import write_trial_day
 
 
-def test_a_model_that_misses_much_is_fitted_to_the_end(tmp_path: Path) -> None:
+def test_the_fit_of_an_incomplete_model_converges(tmp_path: Path) -> None:
     write_trial_day(tmp_path / "day", seed=secrets.randbelow(10**6), formats="csv", campaign=SHORT)
     advanced_commands(tmp_path / "day", 32)
     runs = open_study([tmp_path / "day"]).runs
     assert runs is not None
-    misfit = InnovationLikelihood(
+    objective = InnovationLikelihood(
         InnovationData(runs.items, None, fit_output_error(runs.items)), DISTURBANCE_LIMITS[-2]
     )
-    first = misfit.parametrization.initial()
-    soon, late = minimize(misfit, first, iterations=25), minimize(misfit, first, iterations=300, tolerance=1e-6)
+    first = objective.parametrization.initial()
+    soon, late = minimize(objective, first, iterations=25), minimize(objective, first, iterations=300, tolerance=1e-6)
     # By scoring alone it would still be thousands away.
     assert soon.value - late.value < 1.0
-    begun = minimize(misfit, first, iterations=1)
-    assert minimize(misfit, late.x).stop_reason is StopReason.CONVERGED
+    begun = minimize(objective, first, iterations=1)
+    assert minimize(objective, late.x).stop_reason is StopReason.CONVERGED
     assert begun.stop_reason is StopReason.MAX_ITERATIONS
     # One step says that much is left, and at the end there is nothing.
     assert begun.remaining_gain > begun.value - late.value
     assert soon.remaining_gain <= TOLERANCE
 
 
-def test_misfits_of_any_effects_are_looked_at_together_as_each_alone() -> None:
+def test_objectives_evaluated_together_equal_each_alone() -> None:
     """Of waves, of water that rings, of terms with states and of none, in whatever order."""
-    records = InnovationData([synthetic.run(TIME, TORQUE, noise=NOISE)], synthetic.LOGGED, synthetic.ROSUB)
+    data = InnovationData([synthetic.run(TIME, TORQUE, noise=NOISE)], synthetic.LOGGED, synthetic.ROSUB)
     names = ("wave_torque", "tank_seiche", "bias_torque", "added_mass_memory", "thruster_lag", "wave_torque")
-    misfits = [InnovationLikelihood(records, DISTURBANCE_LIMITS[0], (effect_named(name),)) for name in names]
-    pairs = [(misfit, misfit.parametrization.initial()) for misfit in misfits]
-    for (misfit, x), together in zip(pairs, InnovationLikelihood.evaluate_each(pairs), strict=True):
-        alone = misfit.innovations(x)
+    objectives = [InnovationLikelihood(data, DISTURBANCE_LIMITS[0], (effect_named(name),)) for name in names]
+    pairs = [(objective, objective.parametrization.initial()) for objective in objectives]
+    for (objective, x), together in zip(pairs, InnovationLikelihood.evaluate_each(pairs), strict=True):
+        alone = objective.innovations(x)
         scatter = np.sqrt(alone.variance)
         # Side by side all take the steps of the one that needs most.
         assert np.max(np.abs(together.error - alone.error) / scatter) < 1e-3
@@ -57,16 +57,16 @@ def test_misfits_of_any_effects_are_looked_at_together_as_each_alone() -> None:
 
 
 @pytest.mark.parametrize(("limit", "missed", "at_limit"), [(0.01, 0.5, True), (0.01, 0.0, False), (1e-7, 0.0, False)])
-def test_a_disturbance_is_at_its_limit_where_half_of_that_is_less_likely(
+def test_a_disturbance_is_at_its_limit_where_half_of_it_is_less_likely(
     limit: float, missed: float, *, at_limit: bool
 ) -> None:
     """Not where nothing is missed, nor where so little is allowed that no reading shows it."""
-    records = InnovationData([synthetic.run(TIME, TORQUE, noise=NOISE)], synthetic.LOGGED, synthetic.ROSUB)
-    misfit = InnovationLikelihood(records, limit)
-    x = misfit.parametrization.initial()
+    data = InnovationData([synthetic.run(TIME, TORQUE, noise=NOISE)], synthetic.LOGGED, synthetic.ROSUB)
+    objective = InnovationLikelihood(data, limit)
+    x = objective.parametrization.initial()
     x[INERTIA] += missed
-    x[DISTURBANCE] = misfit.parametrization.high[DISTURBANCE]
+    x[DISTURBANCE] = objective.parametrization.high[DISTURBANCE]
     half = x.copy()
     half[DISTURBANCE] -= np.log(2.0)
-    assert misfit.at_limit(x) is at_limit
-    assert not misfit.at_limit(half)
+    assert objective.at_limit(x) is at_limit
+    assert not objective.at_limit(half)

@@ -1,4 +1,4 @@
-"""What drives each run, worked out once for a model."""
+"""Torque inputs of runs, and how finely commands are resolved."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ QUICK = [effect for effect in EVERY if model_with(effect).actuators.settling_tim
 @pytest.mark.parametrize("noise", [1.0, 1e-8], ids=["whole", "cut"])
 @pytest.mark.parametrize("few", [False, True], ids=["all", "few"])
 @pytest.mark.parametrize("effect", QUICK, ids=lambda effect: effect.key)
-def test_what_has_settled_need_not_be_looked_at_closely(run: Run, effect: Effect, noise: float, *, few: bool) -> None:
+def test_settled_commands_need_few_samples(run: Run, effect: Effect, noise: float, *, few: bool) -> None:
     model = model_with(effect)
     steps = np.arange(0, len(TIME), 8)
     here = replace(driving(run), position_noise=noise, steps=[steps] if few else None)
@@ -77,7 +77,7 @@ def test_what_has_settled_need_not_be_looked_at_closely(run: Run, effect: Effect
     parts = MAX_SUBDIVISION if noise < 1e-6 else 1
     given = CommandSeries.from_trials(synthetic.VEHICLE, [run.trial], parts)
     true = model.actuators.torque_inputs(given, given.intervals_between([steps]) if few else None)
-    # What is looked at is no more than what may change.
+    # Only samples in transients are used.
     looked_at, _ = here._commands(synthetic.VEHICLE, model)  # noqa: SLF001 - what it is for
     assert len(looked_at.inputs.time) < 0.8 * len(given.inputs.time) or (parts == 1 and not few)
     most = np.max(np.abs(true.torque))
@@ -87,8 +87,8 @@ def test_what_has_settled_need_not_be_looked_at_closely(run: Run, effect: Effect
 
 
 @pytest.mark.parametrize("few", [False, True], ids=["all", "few"])
-def test_some_of_the_runs_are_looked_at_as_finely_as_all(run: Run, *, few: bool) -> None:
-    """Of logs whose readings are far apart, and whose commands change little, what all ask for."""
+def test_a_subset_has_the_resolution_of_all_runs(run: Run, *, few: bool) -> None:
+    """Of a log with a low sampling rate and small command changes too."""
     time = TIME[::4]
     seldom = synthetic.run(time, 0.2 * TORQUE[::4])
     seldom = replace(seldom, trial=replace(seldom.trial, name="seldom", commands=0.2 * COMMAND[::4, None]))

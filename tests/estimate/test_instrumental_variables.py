@@ -1,4 +1,4 @@
-"""Regression on all excited data."""
+"""Regression by instrumental variables and the output-error fit."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import pytest
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
 from rovid.estimate.instrumental_variables import fit_regression
+from rovid.estimate.output_error import fit_output_error
 from rovid.model.model import Model
 from rovid.signals.preprocessing import Run
 from tests.synthetic import ROSUB, clock, gauss_markov, run
@@ -121,7 +122,7 @@ def test_a_rate_of_noise_alone_is_no_motion() -> None:
             fit_regression([log])
 
 
-def test_of_a_torque_that_never_changes_nothing_is_explained() -> None:
+def test_r_squared_of_a_constant_torque_is_nan() -> None:
     """One step from rest: it tells the inertia, and no share of the torque's changes, for there are none."""
     time = clock(100.0)
     rng = np.random.default_rng(11)
@@ -133,8 +134,20 @@ def test_of_a_torque_that_never_changes_nothing_is_explained() -> None:
     assert np.isnan(fit_regression([sure]).r_squared)
 
 
-def test_thrust_of_the_wrong_sign_is_told() -> None:
+def test_thrust_of_the_wrong_sign_is_refused() -> None:
     good = run(clock(200.0), levels(10.0, 20, 200.0, np.random.default_rng(3)))
     wrong = Run(trial=good.trial, torque=-good.torque, rates=good.rates, filtered_torque=-good.filtered_torque)
     with pytest.raises(DataError, match="signs of yaw_arm"):
         fit_regression([wrong])
+
+
+def test_the_output_error_fit_starts_where_a_delay_makes_both_drags_negative() -> None:
+    time = clock(240.0)
+    model = replace(ROSUB, inertia=200.0, quadratic_drag=10.0, linear_drag=100.0)
+    torque = 100.0 * np.sign(np.sin(2.0 * np.pi * time / 4.0))
+    log = run(time, np.roll(torque, 8), model)
+    told = replace(log, torque=torque, filtered_torque=log.rates.filter_held(log.trial, torque))
+    assert fit_regression([told]).estimate.values[1:].tolist() == [0.0, 0.0]
+    fitted = fit_output_error([told])
+    assert np.isfinite(fitted.values).all()
+    assert fitted.inertia > 0.0

@@ -136,7 +136,7 @@ def test_an_effect_hidden_in_the_files_is_measured(effect: str, tmp_path: Path, 
     for name, value in truth.items():
         found = fit["parameters"][name]
         assert abs(found["value"] - value) < FARTHEST * found["standard_error"], name
-    # Without the effect the inertia is off by more than its error says: that is why it matters.
+    # Without the effect the inertia is off by more than its standard error.
     inertia = base["parameters"]["inertia"]
     assert abs(inertia["value"] - TRUTH["inertia"]) > 5.0 * fit["parameters"]["inertia"]["standard_error"]
     simulated = [rovid("simulate", "--json", "-p", p).document for p in ("base.toml", "parameters.toml")]
@@ -156,7 +156,7 @@ def weaken(path: Path, gain: float) -> None:
     table.to_csv(path, index=False)
 
 
-def test_thrust_of_another_size_in_one_trial_is_measured_and_named(tmp_path: Path, rovid: Rovid) -> None:
+def test_a_change_of_thrust_in_one_trial_is_measured_and_named(tmp_path: Path, rovid: Rovid) -> None:
     seed = secrets.randbelow(10**6)
     print(f"seed {seed}")
     write_trial_day(tmp_path / "day", seed=seed, formats="csv", campaign=SHORT)
@@ -175,11 +175,11 @@ def test_thrust_of_another_size_in_one_trial_is_measured_and_named(tmp_path: Pat
     assert "'multilevel.csv'" in refused.err
 
 
-def test_thrust_of_another_size_in_each_trial_is_measured_and_named(tmp_path: Path, rovid: Rovid) -> None:
+def test_changes_of_thrust_in_each_trial_are_measured_and_named(tmp_path: Path, rovid: Rovid) -> None:
     seed = secrets.randbelow(10**6)
     print(f"seed {seed}")
     write_trial_day(tmp_path / "day", seed=seed, formats="csv", campaign=SHORT)
-    # In the mean one: what scales all thrust alike no log tells.
+    # Their mean is one, because no log shows a common factor of all thrust.
     gains = dict(zip(sorted(f"{run.name}.csv" for run in SHORT), (1.1, 0.85, 1.05, 0.9, 1.1), strict=True))
     for name, gain in gains.items():
         weaken(tmp_path / "day" / name, gain)
@@ -196,7 +196,7 @@ def test_thrust_of_another_size_in_each_trial_is_measured_and_named(tmp_path: Pa
 
 
 @pytest.mark.slow
-def test_a_constant_torque_of_another_size_in_each_trial_is_named(tmp_path: Path, rovid: Rovid) -> None:
+def test_a_different_constant_torque_in_each_trial_is_named(tmp_path: Path, rovid: Rovid) -> None:
     seed = secrets.randbelow(10**6)
     print(f"seed {seed}")
     day = tmp_path / "day"
@@ -218,7 +218,7 @@ def test_a_constant_torque_of_another_size_in_each_trial_is_named(tmp_path: Path
 
 
 @pytest.mark.parametrize("holds_at", [60.0, slow(240.0)])
-def test_a_bent_curve_leaves_the_scale_of_all_thrust_open(holds_at: float, tmp_path: Path, rovid: Rovid) -> None:
+def test_a_fitted_thrust_curve_leaves_the_thrust_scale_uncertain(holds_at: float, tmp_path: Path, rovid: Rovid) -> None:
     """Wherever in the range in use the bench's thrust in N is right, the truth is within what is stated."""
     seed = secrets.randbelow(10**6)
     print(f"seed {seed}")
@@ -240,7 +240,7 @@ def test_a_bent_curve_leaves_the_scale_of_all_thrust_open(holds_at: float, tmp_p
     assert any("at which thrust" in warning for warning in fit["warnings"])
 
 
-def test_an_open_scale_is_of_forces_alone_and_has_no_sign() -> None:
+def test_the_thrust_scale_error_is_a_factor_on_forces_only() -> None:
     names = ("inertia", "quadratic_drag", "thrust_curve_shape.exponent", "bias_torque.torque")
     sure = Estimate(
         names=names,
@@ -263,7 +263,7 @@ def test_an_open_scale_is_of_forces_alone_and_has_no_sign() -> None:
     assert np.array_equal(openly.covariance, sure.covariance)
 
 
-def test_the_disturbance_is_let_go_once_the_cause_is_in(tmp_path: Path, rovid: Rovid) -> None:
+def test_the_limit_of_the_disturbance_is_loosened_once_the_effect_is_in(tmp_path: Path, rovid: Rovid) -> None:
     write_trial_day(tmp_path / "day", seed=secrets.randbelow(10**6), formats="csv", campaign=SHORT)
     advanced_commands(tmp_path / "day", 32)
     plain, delayed = (
@@ -275,7 +275,7 @@ def test_the_disturbance_is_let_go_once_the_cause_is_in(tmp_path: Path, rovid: R
     assert not delayed["at_limit"]
 
 
-def test_an_effect_that_is_not_there_is_told_from_nothing(tmp_path: Path, rovid: Rovid) -> None:
+def test_an_absent_effect_is_not_significant(tmp_path: Path, rovid: Rovid) -> None:
     deviations = []
     for day in ("one", "two", "three", "four"):
         seed = secrets.randbelow(10**6)
@@ -289,7 +289,7 @@ def test_an_effect_that_is_not_there_is_told_from_nothing(tmp_path: Path, rovid:
     assert sum(z**2 for z in deviations) < chi2.isf(1e-5, len(deviations))
 
 
-def test_an_unknown_effect_is_offered_its_neighbours(csv_day: Path, rovid: Rovid) -> None:
+def test_an_unknown_effect_gets_suggestions(csv_day: Path, rovid: Rovid) -> None:
     done = rovid("fit", csv_day, "--effect", "thruster_leg")
     assert done.code == 2
     assert "'thruster_lag'" in done.err
@@ -311,7 +311,7 @@ def gyro_day(bias: float, rng: np.random.Generator) -> list[Run]:
 
 
 @pytest.mark.parametrize("bias", [0.0, 0.004])
-def test_a_gyro_narrows_what_a_poor_compass_leaves_open(bias: float) -> None:
+def test_a_gyro_reduces_the_errors_of_a_poor_compass(bias: float) -> None:
     rng = np.random.default_rng(seed := secrets.randbelow(10**6))
     print(f"seed {seed}")
     days = [gyro_day(bias, rng) for _ in range(8)]
@@ -324,19 +324,21 @@ def test_a_gyro_narrows_what_a_poor_compass_leaves_open(bias: float) -> None:
     assert both[0].standard_error("inertia") < 0.9 * alone.standard_error("inertia")
 
 
-def test_a_gyro_that_is_not_logged_is_asked_for(rovid: Rovid) -> None:
+def test_a_missing_gyro_is_refused(rovid: Rovid) -> None:
     done = rovid("fit", SAMPLES / "rosub_tank", "--gyro")
     assert done.code == 2
     assert "Map yaw_rate" in done.err
 
 
 @pytest.mark.parametrize(("jump", "every"), [(0.05, 5000), (3.0, 100)])
-def test_jumps_of_innovations_make_no_certainty(jump: float, every: int, tmp_path: Path) -> None:
+def test_jumps_of_innovations_do_not_reduce_the_errors(jump: float, every: int, tmp_path: Path) -> None:
     write_trial_day(tmp_path / "day", seed=secrets.randbelow(10**6), formats="csv", campaign=SHORT)
     runs = open_study([tmp_path / "day"]).runs
     assert runs is not None
-    misfit = InnovationLikelihood(InnovationData(runs.items, None, fit_output_error(runs.items)), DISTURBANCE_LIMITS[0])
-    top = fit(misfit, misfit.parametrization.initial())
+    objective = InnovationLikelihood(
+        InnovationData(runs.items, None, fit_output_error(runs.items)), DISTURBANCE_LIMITS[0]
+    )
+    top = fit(objective, objective.parametrization.initial())
 
     class Jumping(InnovationLikelihood):
         """Innovations move by a part of their error where the inertia is above the best."""
@@ -346,12 +348,12 @@ def test_jumps_of_innovations_make_no_certainty(jump: float, every: int, tmp_pat
             moves = jump * (x[0] > top.x[0]) * (np.arange(len(error)) % every == 0)
             return Innovations(error + moves * np.sqrt(variance), variance)
 
-    moved = FitResult.at(Jumping(misfit.data, DISTURBANCE_LIMITS[0]), top.x)
+    moved = FitResult.at(Jumping(objective.data, DISTURBANCE_LIMITS[0]), top.x)
     smooth, jumping = (np.sqrt(np.diag(one.covariance(sandwich=False))) for one in (top, moved))
     assert jumping == pytest.approx(smooth, rel=0.02)
 
 
-def test_horizons_that_disagree_widen_the_errors_and_are_named() -> None:
+def test_disagreeing_horizons_widen_the_errors_with_a_warning() -> None:
     """A torque that comes late shows to short predictions as another drag than to long ones."""
     right = fitted_ahead([synthetic.run(TIME[:900], TORQUE[:900], noise=NOISE[:900]) for _ in range(4)])
     doubt, said = misspecification_covariance(right)

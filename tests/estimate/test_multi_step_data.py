@@ -1,19 +1,23 @@
-"""Predictions some time ahead, and what counts of them."""
+"""Multi-step predictions, their weights and their likelihood."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from rovid.core.array_types import FloatArray
+from rovid.estimate.dataset import ANGLE_NOISE_FLOOR
 from rovid.estimate.filter_data import InnovationData
+from rovid.estimate.fit_result import fit
 from rovid.estimate.multi_step_data import MultiStepData, prediction_errors, time_constant
+from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
 from rovid.estimate.restart_grid import HORIZONS
 from rovid.model.model import Model
 from rovid.signals.rates import compute_rates
 from tests import synthetic
-from tests.predictions import NOISE, TIME, TORQUE, biased, records
+from tests.predictions import BIAS, NOISE, TIME, TORQUE, biased, records
 
 
 def rms(ahead: MultiStepData, model: Model) -> FloatArray:
@@ -29,7 +33,7 @@ def test_the_true_model_predicts_and_a_wrong_one_does_not() -> None:
     assert (np.diff(wrong) > 0.0).all()
 
 
-def test_restarts_take_away_what_drifts() -> None:
+def test_restarts_remove_drift() -> None:
     """A constant torque turns a free run away without end, and a prediction only for as long as its horizon."""
     ahead = records(disturbance=np.full(len(TIME), 5.0))
     constant = time_constant(synthetic.ROSUB, ahead.rms_rate)
@@ -51,7 +55,7 @@ def test_nothing_is_predicted_across_a_gap() -> None:
     assert (begin > 760.0).any()
 
 
-def test_errors_that_are_alike_count_as_few() -> None:
+def test_correlated_errors_count_as_few() -> None:
     """White errors count for themselves; what lasts makes one of many."""
     slow = synthetic.gauss_markov(len(TIME), 0.2, 20.0, 200.0, np.random.default_rng(1))
     assert records(disturbance=slow).effective_count < 0.5 * records().effective_count
@@ -63,6 +67,29 @@ def test_a_long_log_costs_no_more_predictions() -> None:
     assert len(many.horizon) < 3 * len(few.horizon)
 
 
-def test_what_is_missing_makes_all_errors_alike() -> None:
+def test_a_missing_effect_correlates_all_errors() -> None:
     unknown = records(disturbance=np.full(len(TIME), 12.0))
     assert unknown.effective_count < 0.2 * biased().effective_count
+
+
+def test_a_constant_torque_is_found_with_its_size() -> None:
+    ahead = biased()
+    objective = MultiStepLikelihood(ahead)
+    plain = fit(objective, objective.parametrization.initial())
+    with_bias = fit(objective.with_effects((BIAS,)), np.concatenate((plain.x, [0.01])))
+    assert plain.value - with_bias.value > 20.0
+    assert with_bias.model.effect_values[0] == pytest.approx(12.0, rel=0.03)
+
+
+def test_the_variance_of_a_single_prediction_has_a_floor() -> None:
+    """Else the likelihood of a horizon with one alone would have no bounds, and rounding would tell the best model."""
+    ahead = records()
+    alone = np.arange(len(ahead.horizon)) == 5
+    objective = MultiStepLikelihood(ahead, mask=alone)
+    best = fit(objective, objective.parametrization.initial())
+    error, variance = objective.innovations(best.x)
+    least = 2.0 * ANGLE_NOISE_FLOOR**2
+    assert np.abs(error).max() < np.sqrt(least)
+    assert variance.tolist() == pytest.approx([least])
+    (held_out,) = objective.held_out_values([objective], [best.x])
+    assert held_out == pytest.approx(best.value)

@@ -20,58 +20,56 @@ RUNS = [synthetic.run(TIME[:600], TORQUE[:600], noise=NOISE[:600])]
 
 
 @pytest.fixture(scope="module")
-def misfit() -> InnovationLikelihood:
+def objective() -> InnovationLikelihood:
     return InnovationLikelihood(InnovationData(RUNS, synthetic.LOGGED, synthetic.ROSUB), 0.05)
 
 
-def test_the_cost_is_the_sum_of_what_each_innovation_costs(misfit: InnovationLikelihood) -> None:
-    x = misfit.parametrization.initial()
-    assert misfit.value(x) == pytest.approx(float(np.sum(misfit.contributions(x))))
+def test_the_value_is_the_sum_of_the_contributions(objective: InnovationLikelihood) -> None:
+    x = objective.parametrization.initial()
+    assert objective.value(x) == pytest.approx(float(np.sum(objective.contributions(x))))
 
 
-def test_the_gradient_is_the_slope_of_the_cost(misfit: InnovationLikelihood) -> None:
-    x = misfit.parametrization.initial()
-    # Away from the best, so that there is a slope.
+def test_the_gradient_is_the_derivative_of_the_value(objective: InnovationLikelihood) -> None:
+    x = objective.parametrization.initial()
+    # Away from the optimum the gradient is not zero.
     x[0] += 0.2
-    gradient = NormalEquations.from_jacobians(misfit.jacobian(x)).gradient
+    gradient = NormalEquations.from_jacobians(objective.jacobian(x)).gradient
     for at in range(3):
         aside = np.zeros(len(x))
         aside[at] = 1e-4
-        central = (misfit.value(x + aside) - misfit.value(x - aside)) / 2e-4
+        central = (objective.value(x + aside) - objective.value(x - aside)) / 2e-4
         assert gradient[at] == pytest.approx(central, rel=0.02, abs=0.02 * np.abs(gradient[:3]).max())
 
 
-def test_scores_of_all_stretches_add_up_to_the_gradient(misfit: InnovationLikelihood) -> None:
-    x, groups = misfit.parametrization.initial(), misfit.data.block_index
-    here = NormalEquations.from_jacobians(misfit.jacobian(x))
-    scatter = GroupedScores.of(misfit.robust_jacobian(x), [groups])
+def test_scores_of_all_blocks_add_up_to_the_gradient(objective: InnovationLikelihood) -> None:
+    x, groups = objective.parametrization.initial(), objective.data.block_index
+    here = NormalEquations.from_jacobians(objective.jacobian(x))
+    scatter = GroupedScores.of(objective.robust_jacobian(x), [groups])
     (scores,) = scatter.scores
     assert len(scores) == len(np.unique(groups))
     assert scores.sum(axis=0) == pytest.approx(here.gradient)
     assert scatter.information == pytest.approx(here.information)
-    (whole,) = misfit.jacobian(x)
+    (whole,) = objective.jacobian(x)
     assert scores[0] == pytest.approx(whole.scores[groups == groups[0]].sum(axis=0))
 
 
 @pytest.mark.parametrize("at_once", [1, 7, 599])
-def test_sums_are_those_of_all_innovations_however_many_are_taken_at_once(
-    misfit: InnovationLikelihood, at_once: int
-) -> None:
-    x, step = misfit.parametrization.initial(), np.full(6, 1e-3)
-    centre, *sides = misfit.evaluate_nearby(x, list(x + np.diag(step)))
-    whole = NormalEquations.from_jacobians(jacobian_chunks(centre, sides, step, misfit.weight))
-    sums = NormalEquations.from_jacobians(jacobian_chunks(centre, sides, step, misfit.weight, at_once))
+def test_sums_do_not_depend_on_the_chunk_size(objective: InnovationLikelihood, at_once: int) -> None:
+    x, step = objective.parametrization.initial(), np.full(6, 1e-3)
+    centre, *sides = objective.evaluate_nearby(x, list(x + np.diag(step)))
+    whole = NormalEquations.from_jacobians(jacobian_chunks(centre, sides, step, objective.weight))
+    sums = NormalEquations.from_jacobians(jacobian_chunks(centre, sides, step, objective.weight, at_once))
     assert sums.gradient == pytest.approx(whole.gradient)
     assert sums.information == pytest.approx(whole.information)
 
 
-def test_one_with_an_effect_looks_at_the_same_records(misfit: InnovationLikelihood) -> None:
-    with_bias = misfit.with_effects((effect_named("bias_torque"),))
-    assert with_bias.data is misfit.data
-    assert len(with_bias.parametrization.initial()) == len(misfit.parametrization.initial()) + 1
-    # At its null it changes nothing.
-    nothing = np.append(misfit.parametrization.initial(), 0.0)
-    assert with_bias.value(nothing) == pytest.approx(misfit.value(misfit.parametrization.initial()))
+def test_an_objective_with_an_effect_shares_the_data(objective: InnovationLikelihood) -> None:
+    with_bias = objective.with_effects((effect_named("bias_torque"),))
+    assert with_bias.data is objective.data
+    assert len(with_bias.parametrization.initial()) == len(objective.parametrization.initial()) + 1
+    # An effect at its neutral value changes nothing.
+    nothing = np.append(objective.parametrization.initial(), 0.0)
+    assert with_bias.value(nothing) == pytest.approx(objective.value(objective.parametrization.initial()))
 
 
 def small_effect(key: str) -> FitResult:

@@ -14,7 +14,7 @@ TIME = synthetic.clock(400.0, rate=5.0)
 TORQUE = np.where(TIME % 100.0 < 50.0, 100.0, -100.0)
 
 
-def test_a_rate_that_the_filter_has_not_is_bridged_by_the_angle() -> None:
+def test_missing_rates_are_bridged_by_the_slope_of_the_angle() -> None:
     time = np.arange(6.0)
     rate = np.array([np.nan, 3.0, 3.0, 3.0, 3.0, np.nan])
     angle = 10.0 + 2.0 * time

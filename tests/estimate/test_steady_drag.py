@@ -1,4 +1,4 @@
-"""Drag from steady turns."""
+"""Drag from steady turns, its steady states and its weighted least squares."""
 
 from __future__ import annotations
 
@@ -8,10 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
+from rovid.estimate.drag_wls import TorqueBalance, with_pooled_errors
 from rovid.estimate.steady_drag import fit_drag
-from rovid.estimate.steady_points import SteadyPoint, points_from_table
-from rovid.trial.axis import AXES
+from rovid.estimate.steady_points import SteadyPoint, long_run_variance, points_from_table
+from rovid.trial.axis import AXES, YAW
 from rovid.trial.tables import read_table
 from tests.conftest import SAMPLES
 
@@ -56,7 +58,7 @@ def test_paper_table_by_ordinary_least_squares() -> None:
     assert fit.left_out[-1] == pytest.approx([4158, 19.9, -13.8], rel=0.01)
 
 
-def test_only_logs_tell_how_well_their_torque_is_known() -> None:
+def test_torque_errors_are_known_for_logs_only() -> None:
     table = fit_drag(points_from_table(read_table(PAPER)))
     assert not table.torque_error_known
     assert (table.torque_error == 1.0).all()
@@ -77,7 +79,7 @@ def test_one_speed_refuses_linear_drag_by_name() -> None:
     assert any("linear_drag is not determined" in text for text in fit.estimate.warnings)
 
 
-def test_a_rate_that_makes_all_others_nothing_is_named() -> None:
+def test_an_impossible_rate_is_named() -> None:
     points = [point(r, truth(r)) for r in (-0.2, 0.1, 0.15, 0.2)]
     points[1] = replace(point(1e15, 30.0), source="steady.csv:3")
     with pytest.raises(
@@ -91,7 +93,7 @@ def test_too_few_rates_for_all_unknowns_are_refused() -> None:
         fit_drag([point(r, truth(r), error=1e-3) for r in (0.1, 0.2, 0.1, 0.2)], AXES["heave"])
 
 
-def test_without_the_only_other_rate_nothing_is_left_to_say() -> None:
+def test_leaving_out_the_only_other_rate_gives_nan() -> None:
     fit = fit_drag([point(r, truth(r), error=1e-4) for r in (0.1, 0.1, 0.1, 0.2)])
     assert fit.estimate.values == pytest.approx([3532.0, 132.0], rel=1e-9)
     assert np.isnan(fit.left_out[-1]).all()
@@ -104,19 +106,19 @@ def test_a_direction_that_does_not_determine_both_is_not_fitted_alone() -> None:
     assert list(fit.directions) == ["down"]
 
 
-def test_a_rate_of_next_to_nothing_is_rest() -> None:
+def test_a_negligible_rate_is_rest() -> None:
     points = [point(r, truth(r)) for r in (-0.2, 0.1, 0.15, 0.2)]
     assert fit_drag([*points, point(1e-200, 30.0)]).estimate.samples == 4
 
 
-def test_negative_linear_drag_is_held_at_zero_and_said() -> None:
+def test_negative_linear_drag_is_held_at_zero_with_a_warning() -> None:
     fit = fit_drag([point(r, 4000 * r * abs(r) - 20 * r, error=1e-3) for r in (-0.2, -0.1, 0.1, 0.15, 0.2)])
     assert fit.estimate.value("linear_drag") == 0.0
     assert fit.estimate.standard_error("linear_drag") > 0.0
     assert any("came out negative" in text for text in fit.estimate.warnings)
 
 
-def test_directions_that_differ_are_said() -> None:
+def test_directions_that_differ_give_a_warning() -> None:
     points = [point(r, truth(r) * (1.0 if r > 0 else 0.8), error=2e-4) for r in (-0.25, -0.2, -0.15, -0.1, -0.05)]
     points += [point(r, truth(r), error=2e-4) for r in (0.05, 0.1, 0.15, 0.2, 0.25)]
     fit = fit_drag(points)
@@ -124,7 +126,7 @@ def test_directions_that_differ_are_said() -> None:
     assert fit.directions["up"].value("quadratic_drag") > 1.1 * fit.directions["down"].value("quadratic_drag")
 
 
-def test_same_directions_are_not_said_to_differ() -> None:
+def test_equal_directions_give_no_warning() -> None:
     rng = np.random.default_rng()
     alarms = 0
     for _ in range(200):
@@ -156,7 +158,7 @@ def test_unsteady_holds_are_shown_but_not_fitted() -> None:
     assert len(fit.unsteady) == 1
 
 
-def test_no_steady_turn_says_what_to_run() -> None:
+def test_without_a_steady_turn_the_message_advises_runs() -> None:
     with pytest.raises(DataError, match=r"no held command.*Run held commands"):
         fit_drag([])
     with pytest.raises(DataError, match="still changing"):
@@ -177,3 +179,70 @@ def test_long_holds_at_rest_in_a_current_do_not_outweigh_the_turns() -> None:
     # A rate of 0.2 rad/s takes 168 N m.
     assert estimate.value("quadratic_drag") * 0.04 + estimate.value("linear_drag") * 0.2 == pytest.approx(168, rel=0.1)
     assert any("4 of 10 holds" in text for text in estimate.warnings)
+
+
+RATES = (-0.2, -0.1, 0.05, 0.12, 0.2, 0.25)
+BOTH = np.array([True, True])
+
+
+def balance(torque: FloatArray | None = None) -> TorqueBalance:
+    made = TorqueBalance.of([point(rate, 0.0) for rate in RATES], YAW, BOTH)
+    return made if torque is None else replace(made, torque=torque)
+
+
+def drag(rates: tuple[float, ...], quadratic: float = 3000.0, linear: float = 100.0) -> FloatArray:
+    return np.array([quadratic * abs(rate) * rate + linear * rate for rate in rates])
+
+
+def test_exact_torques_give_exact_drag_and_leave_one_out_residuals() -> None:
+    exact = balance(drag(RATES))
+    assert exact.solve().values == pytest.approx([3000.0, 100.0])
+    left_out = exact.leave_one_out()
+    assert left_out[:, 0] == pytest.approx(3000.0)
+    assert left_out[:, 2] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_an_unknown_that_is_not_free_stays_zero() -> None:
+    solution = balance(drag(RATES, linear=0.0)).with_free(np.array([True, False])).solve()
+    assert solution.values == pytest.approx([3000.0, 0.0])
+    assert solution.covariance[1, 1] == 0.0
+
+
+def test_one_speed_both_ways_does_not_distinguish_the_drags() -> None:
+    assert balance().is_determined
+    assert not TorqueBalance.of([point(rate, 0.0) for rate in (-0.2, 0.2)], YAW, BOTH).is_determined
+
+
+def test_a_known_error_sets_the_scale_unless_the_scatter_is_larger() -> None:
+    off = drag(RATES) + np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
+    large, small = (balance(off).with_error(np.full(len(RATES), size)).solve() for size in (10.0, 0.01))
+    assert large.degrees_of_freedom == np.inf
+    assert small.degrees_of_freedom == 4.0
+    # With an error that is too small the scatter alone counts, as where none is known.
+    assert small.covariance == pytest.approx(balance(off).solve().covariance)
+    assert np.sqrt(large.covariance[0, 0]) > np.sqrt(small.covariance[0, 0])
+
+
+def test_variance_between_holds_does_not_depend_on_their_length() -> None:
+    points = [point(rate, 0.0, error=1e-3) for rate in RATES]
+    points[2] = replace(points[2], stop=points[2].start + 100.0 * points[2].duration)
+    off = drag(RATES) + np.array([8.0, -8.0, 8.0, -8.0, 8.0, -8.0])
+    errors = with_pooled_errors(balance(off), points).error
+    assert errors.min() > 0.5 * errors.max()
+    quiet = with_pooled_errors(balance(drag(RATES)), points).error
+    assert quiet.min() < 0.2 * quiet.max()
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.5, 0.8])
+def test_long_run_variance_of_an_autoregression(memory: float) -> None:
+    rng = np.random.default_rng()
+    estimates = []
+    for _ in range(200):
+        noise = rng.normal(size=400)
+        values = np.empty(400)
+        values[0] = noise[0] / np.sqrt(1 - memory**2)
+        for k in range(1, 400):
+            values[k] = memory * values[k - 1] + noise[k]
+        estimates.append(long_run_variance(values - values.mean()))
+    expected = 1.0 / (1.0 - memory) ** 2
+    assert np.mean(estimates) == pytest.approx(expected, rel=0.15)  # first-order bias at n = 400 is a few percent

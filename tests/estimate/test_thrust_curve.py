@@ -78,12 +78,12 @@ def test_vendor_sheet_with_units_in_its_header() -> None:
         ("command,thrust_N\n", "no rows"),
     ],
 )
-def test_bad_bench_is_told(text: str, message: str, tmp_path: Path) -> None:
+def test_a_bad_bench_table_is_refused(text: str, message: str, tmp_path: Path) -> None:
     with pytest.raises(LogError, match=message):
         bench_readings(table(text, tmp_path), command=None, thrust=None, unit=None)
 
 
-def test_two_commands_make_no_curve() -> None:
+def test_two_commands_are_too_few() -> None:
     with pytest.raises(DataError, match="three commands"):
         fit_thrust_curve(np.array([0.0, 1.0]), np.array([0.0, 1.0]))
 

@@ -22,13 +22,13 @@ def test_a_slow_ramp_is_no_single_run() -> None:
         assert np.ptp(ramp[first:stop]) <= 0.1
 
 
-def test_what_is_held_is_one_run() -> None:
+def test_a_constant_series_is_one_run() -> None:
     assert find_constant_runs(np.zeros((7, 2)), np.zeros(2)).tolist() == [0.0]
 
 
 @pytest.mark.parametrize("fade", [0.0, 0.9, -0.5, 1.0])
 @pytest.mark.parametrize("count", [0, 1, 500])
-def test_each_has_what_is_left_of_those_before(fade: float, count: int) -> None:
+def test_the_first_order_sum_equals_lfilter(fade: float, count: int) -> None:
     values = np.random.default_rng().normal(size=count)
     wanted = lfilter([1.0], [1.0, -fade], values)
     np.testing.assert_allclose(first_order_sum(values, fade), wanted, rtol=1e-12, atol=1e-12)

@@ -45,7 +45,7 @@ def test_a_cutoff_beyond_the_sampling_rate_is_refused() -> None:
         prepare(campaign(turning()), synthetic.LOGGED, cutoff=50.0)
 
 
-def test_a_trial_too_short_for_the_filter_is_left_out_and_said() -> None:
+def test_a_trial_too_short_for_the_filter_is_left_out_with_a_remark() -> None:
     short = synthetic.trial(TIME[:20], TORQUE[:20], name="short")
     runs = prepare(campaign(turning(), short), synthetic.LOGGED, cutoff=0.2)
     assert len(runs.items) == 1
@@ -54,7 +54,7 @@ def test_a_trial_too_short_for_the_filter_is_left_out_and_said() -> None:
         prepare(campaign(short), synthetic.LOGGED, cutoff=0.2)
 
 
-def test_a_gyro_that_is_off_is_said() -> None:
+def test_a_gyro_that_is_off_gives_a_remark() -> None:
     assert not prepare(campaign(turning()), synthetic.LOGGED).remarks
     for off in (turning(gain=1.1), turning(offset=0.01)):
         (remark,) = prepare(campaign(off), synthetic.LOGGED).remarks
@@ -62,7 +62,7 @@ def test_a_gyro_that_is_off_is_said() -> None:
         assert "Check its unit and sign" in remark.text
 
 
-def test_a_channel_counts_that_every_trial_has_and_one_has_readings_of() -> None:
+def test_a_shared_channel_is_in_every_trial_and_has_readings() -> None:
     some, none = np.ones(len(TIME)), np.full(len(TIME), np.nan)
     runs = prepare(campaign(turning(a=some, b=none, c=some), turning(a=none, b=none)), synthetic.LOGGED)
     assert shared_channels(runs.items) == {"a"}

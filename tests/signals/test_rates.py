@@ -160,7 +160,7 @@ def test_a_trial_shorter_than_the_filter_is_refused() -> None:
         compute_rates(trial(0.1 * TIME[:40], TIME[:40]), cutoff=0.1)
 
 
-def test_on_grid_bridges_a_lost_sample_but_not_a_gap() -> None:
+def test_resample_bridges_a_lost_sample_but_not_a_gap() -> None:
     keep = np.ones(len(TIME), dtype=bool)
     keep[50] = False
     keep[100:140] = False

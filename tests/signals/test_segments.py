@@ -103,7 +103,7 @@ def test_period_and_amplitude_are_found_at_every_rate(period: float, rate: float
     ],
     ids=["square wave", "one period", "never reverses", "idle", "held"],
 )
-def test_what_is_no_sine(torque: FloatArray) -> None:
+def test_other_waveforms_are_no_sine(torque: FloatArray) -> None:
     assert sines(torque) == []
 
 
