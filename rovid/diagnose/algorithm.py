@@ -102,7 +102,7 @@ def screen(objective: InnovationObjective, found: FitResult, shape: FitResult, i
     return not is_hopeless(start, lambda: gains_by_cause(search.score_tests(start)))
 
 
-def select(objective: SearchObjective, search: StepwiseSearch, start: FitResult, *, multi_step: bool) -> Selection:
+def select(objective: SearchObjective, search: StepwiseSearch, start: FitResult) -> Selection:
     """The model that a stepwise search by one of the objectives reaches from ``start``."""
     return Selection(
         search=search,
@@ -110,7 +110,7 @@ def select(objective: SearchObjective, search: StepwiseSearch, start: FitResult,
         base=objective.base,
         model=search.run(start),
         pieces=objective.pieces,
-        multi_step=multi_step,
+        multi_step=objective.multi_step,
     )
 
 
@@ -181,7 +181,7 @@ def select_by_innovations(
     if not screen(objective, found, shape, is_hopeless):
         return None
     start = objective.begin(objective.search_data, found, shape)
-    selection = select(objective, objective.search(start, is_hopeless), start, multi_step=False)
+    selection = select(objective, objective.search(start, is_hopeless), start)
     return selection if selection.is_adequate and not selection.search.progress.given_up else None
 
 
@@ -191,11 +191,11 @@ def select_by_predictions(problem: Problem) -> Iterator[Selection]:
     start = objective.base
     is_enough: Callable[[FitResult], bool] | None = problem.innovations.is_adequate
     if not objective.candidates:
-        yield replace(select(objective, objective.search(None), start, multi_step=True), wave_test=problem.wave_test)
+        yield replace(select(objective, objective.search(None), start), wave_test=problem.wave_test)
         return
     while True:
         search = objective.search(is_enough)
-        selection = select(objective, search, start, multi_step=True)
+        selection = select(objective, search, start)
         selection = replace(selection, wave_test=problem.wave_test)
         if search.progress.has_enough:
             yield selection

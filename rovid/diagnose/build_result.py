@@ -58,7 +58,8 @@ def build_diagnosis(selection: Selection, warnings: list[str]) -> Diagnosis:
     estimate = _average_over_forms(selection, _estimate(model, white=model.is_white))
     base_estimate = _estimate(base, white=base.is_white)
     # Missing effects make one of the estimates uncertain; where both are, the vehicle was not excited.
-    require_inertia(min(base_estimate, estimate, key=_relative_inertia_error), MIN_INERTIA_SIGMAS)
+    surer = min(base_estimate, estimate, key=lambda one: one.standard_error("inertia") / one.value("inertia"))
+    require_inertia(surer, MIN_INERTIA_SIGMAS)
     estimate = average_over_suspects(estimate.with_thrust_scale_uncertainty(model.thrust_scale_uncertainty), suspected)
     if not model.effects:
         base_estimate = estimate
@@ -196,10 +197,6 @@ def _effect_key(name: str) -> str:
     """Key of the effect in a parameter name; empty for a parameter of the base model."""
     key, _, _ = name.rpartition(".")
     return key
-
-
-def _relative_inertia_error(estimate: Estimate) -> float:
-    return estimate.standard_error("inertia") / estimate.value("inertia")
 
 
 def _finding(selection: Selection, cause: Cause, estimate: Estimate) -> Finding:

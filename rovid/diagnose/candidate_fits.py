@@ -266,8 +266,12 @@ def shortlist(
     def is_enough(test: ScoreTest) -> bool:
         return test.gain >= share * (threshold + penalty * test.penalised_parameters)
 
+    def gain_at_start(test: ScoreTest) -> float:
+        begins = [np.concatenate((current.x, start)) for start in (test.start, test.best_start)]
+        return current.value - min(_extended(current, test).values(begins))
+
     ranked = [group for group in group_by_cause(tests)[: THRESHOLDS.shortlisted_causes] if any(map(is_enough, group))]
-    confirmed = parallel_map(lambda group: min(group[0].gain, _gain_at_start(current, group[0])), ranked)
+    confirmed = parallel_map(lambda group: min(group[0].gain, gain_at_start(group[0])), ranked)
     least = THRESHOLDS.shortlist_share * max((known_gain, *confirmed))
     listed: list[ScoreTest] = []
     for group in ranked:
@@ -286,12 +290,6 @@ def _shortlisted_forms(group: Sequence[ScoreTest], is_enough: Callable[[ScoreTes
 
 def _is_simpler(test: ScoreTest, others: Sequence[ScoreTest]) -> bool:
     return test.gain > 0.0 and len(test.effect.parameters) < min(len(one.effect.parameters) for one in others)
-
-
-def _gain_at_start(current: FitResult, test: ScoreTest) -> float:
-    """Gain of a form at the starts of its fit, before any step."""
-    begins = [np.concatenate((current.x, start)) for start in (test.start, test.best_start)]
-    return current.value - min(_extended(current, test).values(begins))
 
 
 def fit_candidates(

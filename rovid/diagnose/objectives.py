@@ -1,6 +1,6 @@
 """The two objectives of the search: likelihood of one-step innovations, and likelihood of multi-step predictions.
 
-Both have the same interface: `data`, `pieces`, `base` and `search`.
+Both have the same interface: `data` of the final fit, `pieces` for cross-validation, `base` model, and `search`.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib import import_module
-from typing import Protocol, Self
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -23,7 +23,6 @@ from rovid.diagnose.stepwise import Gains, ProgressCallback, StepwiseSearch, Sto
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.diagnose.wave_test import WaveTest, run_wave_test
 from rovid.effects import Effect, forms_for
-from rovid.estimate.dataset import FitData
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.maximum_likelihood import DISTURBANCE_LIMITS, INNOVATIONS_R2, fit_innovations, loosen_limit
@@ -40,31 +39,11 @@ from rovid.trial.vehicle import Vehicle
 _MULTI_STEP_MARGIN = math.log(THRESHOLDS.established / (1.0 - THRESHOLDS.established) / THRESHOLDS.prior_odds)
 
 
-class SearchObjective(Protocol):
-    """Objective of a stepwise search.
-
-    Attributes
-    ----------
-    data
-        All data to which the selected model is fitted in the end.
-    pieces
-        Pieces of the runs for cross-validation.
-    base
-        Model without effects, fitted.
-    """
-
-    @property
-    def data(self) -> FitData: ...  # noqa: D102
-    @property
-    def pieces(self) -> Sequence[CvPiece]: ...  # noqa: D102
-    @property
-    def base(self) -> FitResult: ...  # noqa: D102
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MultiStepObjective:
     """Likelihood of multi-step predictions, from half to eight time constants ahead; ``data`` sets their weights."""
 
+    multi_step: ClassVar[bool] = True
     data: MultiStepData
     pieces: Sequence[CvPiece]
     base: FitResult
@@ -113,6 +92,7 @@ class MultiStepObjective:
 class InnovationObjective:
     """Likelihood of one-step innovations of ``data``; ``wave_data`` are thinned for the test for waves."""
 
+    multi_step: ClassVar[bool] = False
     data: InnovationData
     wave_data: InnovationData
     candidates: Sequence[Effect]
@@ -123,7 +103,7 @@ class InnovationObjective:
 
     @property
     def pieces(self) -> list[CvPiece]:
-        """Each run as one piece."""
+        """Each run is a piece."""
         return [CvPiece(number, -math.inf, math.inf, run) for number, run in enumerate(self.data.runs)]
 
     @property
@@ -182,6 +162,9 @@ class InnovationObjective:
         x = np.concatenate((base.x, found.x[len(found.common_coordinates) :]))
         x[:DISTURBANCE] = shape.x[:DISTURBANCE]
         return base.objective.with_effects(found.effects), x
+
+
+SearchObjective = InnovationObjective | MultiStepObjective
 
 
 def thin_for_waves(data: InnovationData) -> InnovationData:

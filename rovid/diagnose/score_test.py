@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -33,8 +33,7 @@ def bic_penalty(objective: NegativeLogLikelihood) -> float:
     return 0.5 * math.log(max(objective.effective_count, 1.0))
 
 
-@dataclass(frozen=True, eq=False)
-class Directions:
+class Directions(NamedTuple):
     """Derivatives of the objective along the directions from a model to the initial values of a further form.
 
     Attributes
@@ -60,13 +59,8 @@ class Directions:
         """The sum over chunks of the data."""
         # Starts from which the model diverges have infinite values in any chunk.
         with np.errstate(over="ignore", invalid="ignore"):
-            return cls(
-                each[0].starts,
-                np.sum([one.gradient for one in each], axis=0),
-                np.sum([one.information for one in each], axis=0),
-                np.sum([one.cross_information for one in each], axis=0),
-                np.sum([one.gains_unfitted for one in each], axis=0),
-            )
+            sums = [np.sum(chunks, axis=0) for chunks in zip(*(one[1:] for one in each), strict=True)]
+        return cls(each[0].starts, *sums)
 
     @property
     def valid(self) -> Self:
@@ -263,7 +257,7 @@ def gain_together(score: FloatArray, information: FloatArray) -> float:
 def _predict_several_sizes(
     objective: NegativeLogLikelihood, starts: FloatArray, score: FloatArray, information: FloatArray
 ) -> _Prediction:
-    """As `_predict`, for an effect with several sizes, each of which one of its starts has alone."""
+    """As `_predict`, for an effect with several sizes; each start has one size alone."""
     form = objective.effects[-1]
     neutral = np.array([parameter.neutral for parameter in form.parameters])
     step = np.linalg.pinv(information, rcond=1e-6) @ score
@@ -296,16 +290,15 @@ def possible_substitutes(current: FitResult, effect: Effect, tests: Sequence[Sco
     held, moved = np.zeros(len(current.x), dtype=bool), np.zeros(len(current.x))
     held[place], moved[place] = True, scaled_start(effect, own, 0.0) - own
     projection = NuisanceProjection(tests[0].equations, held, moved)
+
+    def gain(test: ScoreTest) -> float:
+        if not len(test.directions.starts):
+            return math.inf  # no valid direction: the prediction is unknown
+        score, information = projection(test.directions)
+        if test.effect.size_count > 1:
+            return gain_together(score, information)
+        gains, _ = gains_each(test.effect, score, information)
+        return float(gains.max())
+
     least = THRESHOLDS.substitute_share * projection.lost
-    return [test.effect for test in tests if _substitute_gain(test, projection) >= least]
-
-
-def _substitute_gain(test: ScoreTest, projection: NuisanceProjection) -> float:
-    """Predicted gain of a form; infinite where it has no valid direction."""
-    if not len(test.directions.starts):
-        return math.inf
-    score, information = projection(test.directions)
-    if test.effect.size_count > 1:
-        return gain_together(score, information)
-    gains, _ = gains_each(test.effect, score, information)
-    return float(gains.max())
+    return [test.effect for test in tests if gain(test) >= least]
