@@ -17,8 +17,7 @@ from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect, forms_for
 from rovid.effects.base import OnHeading, Scales, WaveTorque
 from rovid.estimate.estimate import Estimate
-from rovid.estimate.inertia import InertiaFit
-from rovid.estimate.inertia_table import row_names, table_drag
+from rovid.estimate.inertia import InertiaFit, row_names, table_drag
 from rovid.model.command_series import CommandSeries
 from rovid.model.model import Model
 from rovid.model.torque_input import MAX_SUBDIVISION

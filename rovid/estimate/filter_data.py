@@ -15,7 +15,6 @@ from rovid.core.lru_cache import SizedCache
 from rovid.estimate.dataset import FitData
 from rovid.estimate.input_cache import InputCache
 from rovid.model.filter_batch import FilterData
-from rovid.model.heading_sensor import HeadingSensor
 from rovid.model.model import Model
 from rovid.model.ode import initial_rate
 from rovid.model.torque_input import TorqueInput
@@ -84,12 +83,13 @@ class DataChunk:
         sensor = model.heading_sensor
         if not sensor.deviates:
             return CorrectedAngle(self.angle, None)
-        return self.cache.get_or_make((self.rows.start, sensor.cache_key), lambda: self._correct(sensor))
 
-    def _correct(self, sensor: HeadingSensor) -> CorrectedAngle:
-        position = np.concatenate([run.trial.position[at] for run, at in self.runs])
-        true, gain = sensor.to_true(position)
-        return CorrectedAngle(self.angle - (position - true), gain)
+        def correct() -> CorrectedAngle:
+            position = np.concatenate([run.trial.position[at] for run, at in self.runs])
+            true, gain = sensor.to_true(position)
+            return CorrectedAngle(self.angle - (position - true), gain)
+
+        return self.cache.get_or_make((self.rows.start, sensor.cache_key), correct)
 
 
 @dataclass(frozen=True, eq=False)

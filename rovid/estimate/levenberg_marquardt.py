@@ -4,11 +4,10 @@ One step s from x solves the damped normal equations (docs/method.md, (13))
 
     (J_FF + lambda diag(J_FF)) s_F = -g_F,        s_i = 0 for i not in F,
 
-with g the gradient and J the Fisher information of the negative log-likelihood at x, and lambda the damping of
-Marquardt (1963). F is the active set of free coordinates: a coordinate at its lower (upper) bound is not in F where -g
-or the solved step points below (above) that bound. Solving and removing such coordinates repeat until no coordinate
-leaves its bounds. The step is shortened until no logarithmic coordinate changes by more than one, and x + s is clipped
-to the bounds.
+with the gradient g and the Fisher information J of the negative log-likelihood at x, and the damping lambda of
+Marquardt (1963). F is the set of free coordinates. A coordinate at a bound is not in F where -g, or the solved step,
+points out of the bounds; such coordinates are removed and the system is solved again until none is left. The step is
+shortened until no logarithmic coordinate changes by more than one. Then x + s is clipped to the bounds.
 
 J is corrected by BFGS updates over the last steps (docs/method.md, (14); Nocedal and Wright 2006, equation 6.19), since
 the Fisher information underestimates the curvature far from white innovations. lambda falls tenfold after a step whose

@@ -14,9 +14,8 @@ from rovid.core.errors import DataError
 from rovid.core.formatting import plus_minus, round_to_error, significant
 from rovid.core.stats import f_sf
 from rovid.core.toml import SMALLEST
-from rovid.estimate.drag_wls import TorqueBalance, WlsSolution, with_pooled_errors
 from rovid.estimate.estimate import Estimate, r_squared
-from rovid.estimate.steady_points import SteadyPoint
+from rovid.estimate.steady_points import SteadyPoint, TorqueBalance, WlsSolution, with_pooled_errors
 from rovid.model.parameter_names import base_names
 from rovid.signals.segments import MIN_HOLD_SECONDS
 from rovid.trial.axis import YAW, Axis

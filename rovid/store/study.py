@@ -26,8 +26,7 @@ from rovid.diagnose.tables import TableDiagnosis, diagnose_tables
 from rovid.effects import Effect, forms_for
 from rovid.effects.per_trial import trials_in_form
 from rovid.estimate.estimate import Estimate
-from rovid.estimate.inertia import InertiaFit, fit_inertia, rigid_body_warnings
-from rovid.estimate.inertia_table import fit_inertia_table
+from rovid.estimate.inertia import InertiaFit, fit_inertia, fit_inertia_table, rigid_body_warnings
 from rovid.estimate.maximum_likelihood import LikelihoodFit, fit_likelihood
 from rovid.estimate.steady_drag import DragFit, fit_drag
 from rovid.estimate.steady_points import points_from_table, steady_points

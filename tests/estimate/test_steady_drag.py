@@ -10,9 +10,14 @@ import pytest
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
-from rovid.estimate.drag_wls import TorqueBalance, with_pooled_errors
 from rovid.estimate.steady_drag import fit_drag
-from rovid.estimate.steady_points import SteadyPoint, long_run_variance, points_from_table
+from rovid.estimate.steady_points import (
+    SteadyPoint,
+    TorqueBalance,
+    long_run_variance,
+    points_from_table,
+    with_pooled_errors,
+)
 from rovid.trial.axis import AXES, YAW
 from rovid.trial.tables import read_table
 from tests.conftest import SAMPLES
