@@ -1,4 +1,4 @@
-"""The runs to choose from: within what a crew allows."""
+"""Candidate runs within the limits of a crew."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from tests.synthetic import VEHICLE, clock, trial
 MODEL = Model(inertia=5057.0, quadratic_drag=3532.0, linear_drag=132.37)
 
 
-def test_every_run_begins_at_rest_and_keeps_to_the_commands_in_use() -> None:
+def test_every_run_starts_at_rest_within_the_commands_in_use() -> None:
     time = clock(60.0)
     log = trial(time, np.where(time < 30.0, 2.0, -1.5))
-    pace = RunScales.from_trials(MODEL, VEHICLE, [log], 0.5)
-    runs = candidate_runs(pace, ["a"])
+    scales = RunScales.from_trials(MODEL, VEHICLE, [log], 0.5)
+    runs = candidate_runs(scales, ["a"])
     assert len({run.name for run in runs}) == len(runs) > 20
     for run in runs:
         assert (run.commands[run.time < LEAD_SECONDS] == run.commands[0]).all()
         assert np.abs(run.commands).max() <= 0.5 * 2.0 + 1e-9
-        assert np.diff(run.time) == pytest.approx(pace.period)
+        assert np.diff(run.time) == pytest.approx(scales.period)
         assert run.commands.min() < 0.0 < run.commands.max() or "alone at rest" in run.name
 
 
-def test_no_run_goes_beyond_a_curve_whose_neutral_is_off_its_middle() -> None:
+def test_no_run_exceeds_a_curve_with_an_off_centre_neutral() -> None:
     curve = ThrustCurve(command=np.array([-1.0, 0.05, 1.0]), thrust=np.array([-40.0, 0.0, 40.0]))
     vehicle = Vehicle(name="test", thrusters=(Thruster(name="a", arm=1.0, curve=curve),))
     time = clock(60.0)
-    pace = RunScales.from_trials(MODEL, vehicle, [trial(time, np.where(time < 30.0, 1.0, -1.0))], 1.0)
-    for run in candidate_runs(pace, ["a"]):
+    scales = RunScales.from_trials(MODEL, vehicle, [trial(time, np.where(time < 30.0, 1.0, -1.0))], 1.0)
+    for run in candidate_runs(scales, ["a"]):
         assert np.abs(run.commands).max() <= 1.0

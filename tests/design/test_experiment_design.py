@@ -19,8 +19,8 @@ STEP = CandidateRun(name="step", time=TIME, commands=np.where(TIME < 100.0, 2.0,
 NUDGE = CandidateRun(name="nudge", time=TIME, commands=0.002 * STEP.commands)
 
 
-def belief(model: Model = ROSUB, error: float = 0.1) -> CandidateModel:
-    """Each parameter known to such a share of itself."""
+def model_with(model: Model = ROSUB, error: float = 0.1) -> CandidateModel:
+    """Model whose parameters have the relative standard ``error``."""
     values = np.array([model.inertia, model.quadratic_drag, model.linear_drag])
     return CandidateModel(
         name="a",
@@ -32,37 +32,37 @@ def belief(model: Model = ROSUB, error: float = 0.1) -> CandidateModel:
     )
 
 
-def test_a_run_that_moves_the_vehicle_narrows_its_inertia_and_a_nudge_does_not() -> None:
-    step, nudge = rank_runs([NUDGE, STEP], [belief()], VEHICLE, RunLimits(), parameter="inertia")
+def test_a_large_step_improves_the_inertia_more_than_a_small_one() -> None:
+    step, nudge = rank_runs([NUDGE, STEP], [model_with()], VEHICLE, RunLimits(), parameter="inertia")
     assert (step.run, nudge.run) == (STEP, NUDGE)
     assert step.gain > 1.0
     assert nudge.gain < 0.05
     assert step.gain_per_minute == pytest.approx(step.gain * 60.0 / 200.0)
 
 
-def test_a_run_at_rest_tells_nothing_and_complains_of_nothing() -> None:
+def test_a_run_at_rest_has_no_information() -> None:
     rest = CandidateRun(name="rest", time=TIME, commands=0.0 * STEP.commands)
-    (found,) = rank_runs([rest], [belief()], VEHICLE, RunLimits(), parameter="inertia")
+    (found,) = rank_runs([rest], [model_with()], VEHICLE, RunLimits(), parameter="inertia")
     assert found.gain == pytest.approx(0.0, abs=1e-6)
 
 
-def test_models_that_move_apart_are_told_apart_and_one_model_twice_is_not() -> None:
-    sure = belief(error=1e-3)
-    other = belief(replace(ROSUB, inertia=1.2 * ROSUB.inertia), error=1e-3)
+def test_different_models_are_distinguishable_and_equal_ones_are_not() -> None:
+    sure = model_with(error=1e-3)
+    other = model_with(replace(ROSUB, inertia=1.2 * ROSUB.inertia), error=1e-3)
     (apart,) = rank_runs([STEP], [sure, other], VEHICLE, RunLimits())
     (same,) = rank_runs([STEP], [sure, sure], VEHICLE, RunLimits())
     assert apart.gain > 10.0
-    assert same.gain < 1e-3  # the rounding of the filter's steps
+    assert same.gain < 1e-3  # rounding of the filter
     assert apart.rates.shape == (2, len(TIME))
 
 
 @pytest.mark.parametrize("limits", [RunLimits(seconds=100.0), RunLimits(rate=0.01), RunLimits(travel=0.1)])
-def test_where_no_run_is_allowed_that_is_said(limits: RunLimits) -> None:
+def test_limits_that_exclude_every_run_are_an_error(limits: RunLimits) -> None:
     with pytest.raises(DataError, match="no run stays within these limits"):
-        rank_runs([STEP], [belief()], VEHICLE, limits, parameter="inertia")
+        rank_runs([STEP], [model_with()], VEHICLE, limits, parameter="inertia")
 
 
-def test_a_plan_starts_no_formula() -> None:
+def test_a_command_file_contains_no_formula() -> None:
     run = CandidateRun(name="", time=np.array([0.0, 1.0]), commands=np.zeros((2, 2)))
     worth = ExpectedInformation(run=run, gain=1.0, rates=np.zeros((1, 2)))
     found = ExperimentPlan(models=(), parameter="", runs=(worth,), thrusters=("=1+1", "fore"), disturbance_rate=0.0)

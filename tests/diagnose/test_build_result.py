@@ -30,11 +30,11 @@ def estimate() -> Estimate:
 @pytest.fixture(scope="module")
 def rival() -> Alternative:
     runs = [synthetic.run(TIME[:FEW], TORQUE[:FEW], noise=NOISE[:FEW])]
-    misfit = InnovationLikelihood(InnovationData(runs, synthetic.LOGGED, synthetic.ROSUB), 0.05, (BIAS,))
-    return Alternative(BIAS, 10.0, FitResult.at(misfit, misfit.parametrization.initial()))
+    objective = InnovationLikelihood(InnovationData(runs, synthetic.LOGGED, synthetic.ROSUB), 0.05, (BIAS,))
+    return Alternative(BIAS, 10.0, FitResult.at(objective, objective.parametrization.initial()))
 
 
-def test_a_suspect_adds_by_its_odds_what_it_would_change(rival: Alternative) -> None:
+def test_a_suspect_adds_its_deviation_to_the_covariance_by_its_probability(rival: Alternative) -> None:
     suspected = Suspected(rival, 0.5, 10.0, ())
     off = rival.fitted.model.values[:3] - VALUES
     told = average_over_suspects(estimate(), [suspected])
@@ -43,7 +43,7 @@ def test_a_suspect_adds_by_its_odds_what_it_would_change(rival: Alternative) -> 
     assert told.warnings == ("The standard errors include what constant torque would change, if it acts.",)
 
 
-def test_suspects_share_no_more_than_all_odds(rival: Alternative) -> None:
+def test_probabilities_of_suspects_add_up_to_one_at_most(rival: Alternative) -> None:
     one, two = (
         average_over_suspects(estimate(), [Suspected(rival, 1.0, 10.0, ())]),
         [Suspected(rival, 0.8, 10.0, ())] * 2,
@@ -51,7 +51,7 @@ def test_suspects_share_no_more_than_all_odds(rival: Alternative) -> None:
     assert average_over_suspects(estimate(), two).covariance == pytest.approx(one.covariance)
 
 
-def test_without_a_suspect_nothing_is_added() -> None:
+def test_without_suspects_the_covariance_stays() -> None:
     assert average_over_suspects(estimate(), []).covariance.tolist() == np.eye(3).tolist()
 
 
@@ -59,13 +59,13 @@ def keys(count: int) -> list[tuple[str, ...]]:
     return [tuple(effect.key for effect in chosen) for chosen in subsets(CATALOGUE[:count])]
 
 
-def test_of_up_to_three_causes_every_combination_is_there() -> None:
+def test_up_to_three_causes_give_all_subsets() -> None:
     one, two, three = (effect.key for effect in CATALOGUE[:3])
     assert keys(0) == keys(1) == []
     assert keys(2) == [(one,), (two,)]
     assert keys(3) == [(one,), (two,), (three,), (one, two), (one, three), (two, three)]
 
 
-def test_of_more_one_is_added_after_another() -> None:
+def test_more_causes_are_added_one_by_one() -> None:
     names = tuple(effect.key for effect in CATALOGUE[:5])
     assert keys(5) == [names[:1], names[:2], names[:3], names[:4]]

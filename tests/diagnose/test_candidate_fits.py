@@ -36,24 +36,24 @@ from tests.predictions import BIAS, NOISE, TIME, TORQUE, biased
 
 
 @dataclass(frozen=True)
-class Keeping:
-    """Stands for a misfit of which each effect gains what it ``keeps``, wherever its fit would start."""
+class MadeUpGains:
+    """Stand-in for an objective; each effect gains ``gains`` at any start."""
 
-    keeps: Mapping[str, float]
+    gains: Mapping[str, float]
     effective_count: float
     effects: tuple[Effect, ...] = ()
 
-    def with_effects(self, effects: tuple[Effect, ...]) -> Keeping:
+    def with_effects(self, effects: tuple[Effect, ...]) -> MadeUpGains:
         return replace(self, effects=effects)
 
     def values(self, points: Sequence[FloatArray]) -> list[float]:
         count = 1 + sum(len(effect.parameters) for effect in self.effects)
         assert all(len(x) == count for x in points)
-        return [1000.0 - sum(self.keeps[effect.key] for effect in self.effects)] * len(points)
+        return [1000.0 - sum(self.gains[effect.key] for effect in self.effects)] * len(points)
 
 
-def promise(key: str, gain: float) -> ScoreTest:
-    """Of so much, by no slopes."""
+def predicted_test(key: str, gain: float) -> ScoreTest:
+    """Score test with a given predicted gain."""
     effect, none, square = effect_named(key), np.zeros(0), np.zeros((0, 0))
     tried = Directions(np.zeros((0, len(effect.parameters))), none, square, np.zeros((0, 0)), none)
     return ScoreTest(
@@ -62,59 +62,61 @@ def promise(key: str, gain: float) -> ScoreTest:
 
 
 def listed(
-    promised: Mapping[str, float],
-    keeps: Mapping[str, float] | None = None,
+    predicted: Mapping[str, float],
+    gains: Mapping[str, float] | None = None,
     *,
     threshold: float = 0.0,
     price: float = 0.0,
     share: float = 1.0,
 ) -> list[str]:
-    """Keys of what is fitted; everything is kept that is promised, but for ``keeps``. A parameter has its ``price``."""
-    promises = [promise(key, gain) for key, gain in promised.items()]
-    misfit: Any = Keeping(
-        {**promised, **(keeps or {})}, effective_count=math.exp(2.0 * price)
-    )  # stands in for a Misfit
-    current = FitResult(misfit, np.zeros(1), 1000.0)
-    return [promise.effect.key for promise in shortlist(current, promises, threshold, share)]
+    """Keys of the shortlist; gains at the starts are as predicted, except ``gains``; ``price`` is the BIC penalty."""
+    tests = [predicted_test(key, gain) for key, gain in predicted.items()]
+    objective: Any = MadeUpGains(
+        {**predicted, **(gains or {})}, effective_count=math.exp(2.0 * price)
+    )  # stand-in for an objective
+    current = FitResult(objective, np.zeros(1), 1000.0)
+    return [test.effect.key for test in shortlist(current, tests, threshold, share)]
 
 
-def test_the_best_comes_first_and_what_promises_a_tenth_of_it_comes_too() -> None:
+def test_the_shortlist_has_the_best_cause_and_those_with_a_tenth_of_its_gain() -> None:
     assert listed({"bias_torque": 11.0, "thruster_lag": 100.0, "tether_torsion": 9.0}) == [
         "thruster_lag",
         "bias_torque",
     ]
 
 
-@pytest.mark.parametrize(("kept", "others"), [(57_000.0, []), (8_000.0, ["thruster_lag"])])
-def test_a_promise_that_is_not_kept_keeps_no_other_cause_out(kept: float, others: list[str]) -> None:
-    found = listed({"command_delay": 57_000.0, "thruster_lag": 3_000.0}, {"command_delay": kept})
+@pytest.mark.parametrize(("confirmed", "others"), [(57_000.0, []), (8_000.0, ["thruster_lag"])])
+def test_a_predicted_gain_that_the_start_does_not_confirm_excludes_no_other_cause(
+    confirmed: float, others: list[str]
+) -> None:
+    found = listed({"command_delay": 57_000.0, "thruster_lag": 3_000.0}, {"command_delay": confirmed})
     assert found == ["command_delay", *others]
 
 
-def test_small_promises_are_kept_to_the_letter() -> None:
+def test_a_predicted_gain_below_the_threshold_is_not_fitted() -> None:
     assert listed({"bias_torque": 3.0, "thruster_lag": 5.0}, threshold=4.0) == ["thruster_lag"]
     assert listed({"bias_torque": 3.0}, threshold=4.0) == []
 
 
-def test_who_promises_too_little_for_the_price_of_its_parameters_is_not_fitted() -> None:
+def test_a_predicted_gain_below_the_bic_penalty_is_not_fitted() -> None:
     # A bias has one parameter, a dependence on the heading two.
-    promised = {"bias_torque": 10.0, "heading_dependent_torque": 10.0}
-    assert listed(promised, threshold=4.0, price=4.0) == ["bias_torque"]
-    assert listed(promised, threshold=4.0, price=4.0, share=0.5) == [*promised]
+    predicted = {"bias_torque": 10.0, "heading_dependent_torque": 10.0}
+    assert listed(predicted, threshold=4.0, price=4.0) == ["bias_torque"]
+    assert listed(predicted, threshold=4.0, price=4.0, share=0.5) == [*predicted]
 
 
-def test_a_simpler_form_is_fitted_though_it_promises_little() -> None:
+def test_a_simpler_form_is_fitted_with_a_small_predicted_gain() -> None:
     # A lag with load has two parameters, a drift with time has one.
-    promised = {"supply_sag": 100.0, "supply_sag:drift": 2.0}
-    assert listed(promised) == ["supply_sag", "supply_sag:drift"]
+    predicted = {"supply_sag": 100.0, "supply_sag:drift": 2.0}
+    assert listed(predicted) == ["supply_sag", "supply_sag:drift"]
     assert listed({"supply_sag:drift": 100.0, "supply_sag": 2.0}) == ["supply_sag:drift"]
 
 
-def test_the_simplest_form_is_fitted_behind_however_many_others() -> None:
+def test_the_simplest_form_is_fitted_after_any_number_of_others() -> None:
     others = ["tether_torsion:wound", "tether_torsion:rest", "tether_torsion:stiffening"]
-    promised = {key: 100.0 - place for place, key in enumerate(others)}
-    assert listed({**promised, "tether_torsion": 90.0}) == [*others, "tether_torsion"]
-    assert listed({**promised, "tether_torsion": 0.0}) == others
+    predicted = {key: 100.0 - place for place, key in enumerate(others)}
+    assert listed({**predicted, "tether_torsion": 90.0}) == [*others, "tether_torsion"]
+    assert listed({**predicted, "tether_torsion": 0.0}) == others
 
 
 def test_no_more_than_seven_causes_are_fitted() -> None:
@@ -123,12 +125,14 @@ def test_no_more_than_seven_causes_are_fitted() -> None:
     assert listed(dict.fromkeys(causes, 10.0)) == causes[:7]
 
 
-def test_what_is_known_to_gain_more_keeps_small_promises_out() -> None:
-    promises = [promise("bias_torque", 11.0), promise("thruster_lag", 100.0)]
-    misfit: Any = Keeping({"bias_torque": 11.0, "thruster_lag": 100.0}, effective_count=1.0)  # stands in for a Misfit
-    current = FitResult(misfit, np.zeros(1), 1000.0)
-    assert len(shortlist(current, promises, 0.0, 1.0)) == 2
-    assert [one.effect.id for one in shortlist(current, promises, 0.0, 1.0, known_gain=200.0)] == ["thruster_lag"]
+def test_a_larger_known_gain_excludes_small_predicted_gains() -> None:
+    tests = [predicted_test("bias_torque", 11.0), predicted_test("thruster_lag", 100.0)]
+    objective: Any = MadeUpGains(
+        {"bias_torque": 11.0, "thruster_lag": 100.0}, effective_count=1.0
+    )  # stand-in for an objective
+    current = FitResult(objective, np.zeros(1), 1000.0)
+    assert len(shortlist(current, tests, 0.0, 1.0)) == 2
+    assert [one.effect.id for one in shortlist(current, tests, 0.0, 1.0, known_gain=200.0)] == ["thruster_lag"]
 
 
 @pytest.fixture(scope="module")
@@ -139,16 +143,18 @@ def base() -> FitResult:
 
 @pytest.fixture
 def begun(monkeypatch: pytest.MonkeyPatch) -> dict[str, float]:
-    """What each form is worth beyond the model that it is added to; those that are fitted are taken out."""
-    worths: dict[str, float] = {}
+    """BIC gain of each form; fitted forms are removed from the dictionary."""
+    bic_gains: dict[str, float] = {}
 
-    def begin(current: FitResult, misfit: NegativeLogLikelihood, promised: ScoreTest, _: float) -> FitResult:
-        x = np.concatenate((current.x, promised.start))
-        return FitResult(misfit, x, value_at_score(bic_score(current) + worths.pop(promised.effect.key), misfit))
+    def begin(current: FitResult, objective: NegativeLogLikelihood, predicted: ScoreTest, _: float) -> FitResult:
+        x = np.concatenate((current.x, predicted.start))
+        return FitResult(
+            objective, x, value_at_score(bic_score(current) + bic_gains.pop(predicted.effect.key), objective)
+        )
 
     monkeypatch.setattr(candidate_fits, "_begin", begin)
     monkeypatch.setattr(candidate_fits, "refine_fit", lambda fit, *_: fit)
-    return worths
+    return bic_gains
 
 
 def keys_of(fits: Sequence[FitResult]) -> list[str]:
@@ -158,39 +164,47 @@ def keys_of(fits: Sequence[FitResult]) -> list[str]:
 RING = ("tank_seiche", "tank_seiche:following", "tank_seiche:thrust")
 
 
-@pytest.mark.parametrize(("promised", "fitted"), [(90.0, False), (300.0, True)])
-def test_of_a_cause_whose_first_form_fell_behind_no_others_are_fitted_that_promise_no_more_than_that(
-    base: FitResult, begun: dict[str, float], promised: float, *, fitted: bool
+@pytest.mark.parametrize(("predicted", "fitted"), [(90.0, False), (300.0, True)])
+def test_further_forms_of_a_poor_cause_need_a_large_predicted_gain(
+    base: FitResult, begun: dict[str, float], predicted: float, *, fitted: bool
 ) -> None:
     begun.update(dict.fromkeys(RING, 5.0) | {"bias_torque": 1000.0})
-    promises = [promise("bias_torque", 900.0), promise(RING[0], 400.0), *(promise(key, promised) for key in RING[1:])]
-    ahead, behind = fit_candidates(base, promises, lambda _: True, {})
+    tests = [
+        predicted_test("bias_torque", 900.0),
+        predicted_test(RING[0], 400.0),
+        *(predicted_test(key, predicted) for key in RING[1:]),
+    ]
+    ahead, behind = fit_candidates(base, tests, lambda _: True, {})
     assert keys_of(ahead) == ["bias_torque"]
     assert keys_of(behind) == [*(RING if fitted else RING[:1])]
     assert [*begun] == [*(() if fitted else RING[1:])]
 
 
-def test_of_a_cause_that_keeps_up_every_form_is_fitted(base: FitResult, begun: dict[str, float]) -> None:
+def test_all_forms_of_a_good_cause_are_fitted(base: FitResult, begun: dict[str, float]) -> None:
     begun.update(dict.fromkeys(RING, 5.0) | {"bias_torque": 20.0})
-    promises = [promise("bias_torque", 900.0), *(promise(key, 1.0) for key in RING)]
-    ahead, behind = fit_candidates(base, promises, lambda _: True, {})
+    tests = [predicted_test("bias_torque", 900.0), *(predicted_test(key, 1.0) for key in RING)]
+    ahead, behind = fit_candidates(base, tests, lambda _: True, {})
     assert {*keys_of(ahead), *keys_of(behind)} == {"bias_torque", *RING}
 
 
-def test_the_plainest_form_is_fitted_though_the_first_falls_behind(base: FitResult, begun: dict[str, float]) -> None:
+def test_the_simplest_form_is_fitted_where_the_first_form_is_poor(base: FitResult, begun: dict[str, float]) -> None:
     begun.update({"command_delay:scattered": -1.0, "command_delay": 700.0, "bias_torque": 1000.0})
-    promises = [promise("bias_torque", 900.0), promise("command_delay:scattered", 50.0), promise("command_delay", 1.0)]
+    tests = [
+        predicted_test("bias_torque", 900.0),
+        predicted_test("command_delay:scattered", 50.0),
+        predicted_test("command_delay", 1.0),
+    ]
     assert len(effect_named("command_delay").parameters) < len(effect_named("command_delay:scattered").parameters)
-    ahead, _ = fit_candidates(base, promises, lambda _: True, {})
+    ahead, _ = fit_candidates(base, tests, lambda _: True, {})
     assert keys_of(ahead) == ["bias_torque", "command_delay"]
 
 
-def test_what_is_known_to_its_end_is_not_fitted_again(base: FitResult, begun: dict[str, float]) -> None:
+def test_a_converged_model_is_not_fitted_again(base: FitResult, begun: dict[str, float]) -> None:
     begun["bias_torque"] = 10.0
-    (known,), _ = fit_candidates(base, [promise("bias_torque", 10.0)], lambda _: True, {})
+    (known,), _ = fit_candidates(base, [predicted_test("bias_torque", 10.0)], lambda _: True, {})
     begun["thruster_lag"] = 9.0
-    promises = [promise("thruster_lag", 9.0), promise("bias_torque", 10.0)]
-    ahead, _ = fit_candidates(base, promises, lambda _: True, {"bias_torque": known})
+    tests = [predicted_test("thruster_lag", 9.0), predicted_test("bias_torque", 10.0)]
+    ahead, _ = fit_candidates(base, tests, lambda _: True, {"bias_torque": known})
     assert keys_of(ahead) == ["bias_torque", "thruster_lag"]
     assert ahead[0].value == known.value
 
@@ -207,7 +221,7 @@ def objective() -> InnovationLikelihood:
 
 
 @pytest.mark.parametrize(("frequency", "plausible"), [(SLOWEST, False), (1.5 * SLOWEST, True)])
-def test_a_wave_without_a_cycle_in_any_run_is_none(
+def test_a_wave_with_less_than_one_cycle_is_not_plausible(
     objective: InnovationLikelihood, frequency: float, *, plausible: bool
 ) -> None:
     coordinates = objective.parametrization
@@ -217,14 +231,14 @@ def test_a_wave_without_a_cycle_in_any_run_is_none(
     assert is_plausible(fitted) is plausible
 
 
-def test_a_wave_that_is_no_narrow_band_is_none(objective: InnovationLikelihood) -> None:
+def test_a_wave_without_a_narrow_band_is_not_plausible(objective: InnovationLikelihood) -> None:
     coordinates = objective.parametrization
     x = coordinates.initial()
     x[coordinates.effects_begin :] = 0.05, 2.0 * SLOWEST, coordinates.high[-1]
     assert not is_plausible(FitResult.at(objective, x))
 
 
-def test_who_cannot_reach_the_goal_is_not_followed(
+def test_a_fit_stops_where_the_goal_is_out_of_reach(
     objective: InnovationLikelihood, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     looked: list[InnovationLikelihood] = []
@@ -240,14 +254,14 @@ def test_who_cannot_reach_the_goal_is_not_followed(
     assert not looked
     further = refine_fit(begun, 1, goal=begun.value - 19.5)
     assert further.value < begun.value
-    # Without a goal all is followed, until nothing is left to be gained.
+    # Without a goal, a fit continues to convergence.
     assert is_converged(refine_fit(begun, 60))
     ended = replace(begun, remaining_gain=0.0)
     assert refine_fit(ended, 60) is ended
 
 
 @pytest.mark.parametrize(("many", "at_once"), [(10**9, True), (1, False)])
-def test_fits_of_many_readings_come_one_after_the_other(
+def test_large_data_are_fitted_one_model_at_a_time(
     objective: InnovationLikelihood, monkeypatch: pytest.MonkeyPatch, many: int, *, at_once: bool
 ) -> None:
     asked: list[bool] = []
@@ -268,26 +282,24 @@ BEND, UNEQUAL = effect_named("drag_curvature"), effect_named("thrust_asymmetry")
 
 
 def with_effects(base: FitResult, *effects: Effect) -> FitResult:
-    """As they start, as if that were the end of a climb."""
+    """The model with ``effects`` at their initial values, as if converged."""
     x = np.concatenate((base.x, *(effect.initial_values[0] for effect in effects)))
     return replace(FitResult.at(base.objective.with_effects(effects), x), remaining_gain=0.0)
 
 
-def test_a_model_without_several_of_its_effects_is_fitted_once(
-    base: FitResult, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_model_without_several_effects_is_fitted_once(base: FitResult, monkeypatch: pytest.MonkeyPatch) -> None:
     models, whole = FitCache(), with_effects(base, BIAS, BEND, UNEQUAL)
     rest = models.without(whole, BEND, UNEQUAL)
     assert rest.effects == (BIAS,)
     assert rest.value < with_effects(base, BIAS).value
-    # Nothing is fitted on the way, and it is known from then on.
+    # There are no fits of intermediate models, and the result is in the cache.
     assert [*models.fits] == [rest.key]
     monkeypatch.setattr(candidate_fits, "fit_coarse", None)
     assert models.without(whole, UNEQUAL, BEND) is rest
     assert models.without(whole) is whole
 
 
-def test_what_was_left_behind_is_followed_to_its_end_before_it_stands_for_a_model_without_an_effect(
+def test_a_model_without_an_effect_is_fitted_to_convergence(
     base: FitResult,
 ) -> None:
     models, left = FitCache(), replace(with_effects(base, BIAS), remaining_gain=math.inf)
@@ -298,7 +310,7 @@ def test_what_was_left_behind_is_followed_to_its_end_before_it_stands_for_a_mode
     assert models.converged(ended) is ended
 
 
-def test_ends_beside_a_model_have_one_effect_more_which_stands_last(base: FitResult) -> None:
+def test_converged_extensions_have_one_effect_more_which_is_the_last(base: FitResult) -> None:
     models, here = FitCache(), with_effects(base, BIAS)
     ended, unfinished = (
         with_effects(base, BEND, BIAS),
@@ -314,7 +326,7 @@ def test_ends_beside_a_model_have_one_effect_more_which_stands_last(base: FitRes
     assert found.model.values == pytest.approx(with_effects(base, BIAS, BEND).model.values)
 
 
-def test_a_fit_worse_than_one_with_an_effect_less_is_begun_anew_from_there(
+def test_a_fit_worse_than_its_nested_model_is_repeated_from_there(
     base: FitResult, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     models, plain = FitCache(), replace(base, remaining_gain=0.0)

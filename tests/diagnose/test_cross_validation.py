@@ -37,7 +37,7 @@ def runs_of(torque: FloatArray, disturbance: FloatArray | None = None) -> list[R
     return [synthetic.run(MINUTES, torque, disturbance=disturbance, noise=noise) for _ in range(4)]
 
 
-def test_runs_that_are_pushed_and_move_lack_nothing() -> None:
+def test_driven_and_moving_runs_are_enough_data() -> None:
     assert missing_data(runs_of(PUSHED), CUTOFF) == ""
 
 
@@ -47,30 +47,30 @@ def test_two_short_trials_are_too_few() -> None:
     assert "Record more runs" in said
 
 
-def test_a_motion_that_no_thruster_made_cannot_be_explained() -> None:
+def test_runs_without_thrust_are_refused() -> None:
     drift = runs_of(np.zeros(len(MINUTES)), disturbance=PUSHED)
     assert "no thruster ever runs" in missing_data(drift, CUTOFF)
 
 
-def test_a_vehicle_that_never_turns_is_told_from_one_that_is_not_pushed() -> None:
+def test_runs_without_motion_are_refused() -> None:
     stuck = runs_of(PUSHED, disturbance=-PUSHED)
     assert "the vehicle never turns" in missing_data(stuck, CUTOFF)
 
 
-def test_pieces_are_as_many_as_runs_where_those_are_short() -> None:
+def test_short_runs_are_whole_pieces() -> None:
     short = [synthetic.run(TIME[:80], TORQUE[85:165], noise=NOISE[:80]) for _ in range(12)]
     pieces = cv_pieces(short, synthetic.LOGGED, 1.0)
     assert [piece.run_index for piece in pieces] == list(range(12))
     assert all(isinstance(piece, CvPiece) for piece in pieces)
 
 
-def test_a_run_that_is_long_enough_is_told_by_one_piece_and_tried_on_another() -> None:
+def test_long_runs_have_two_pieces() -> None:
     runs = [synthetic.run(TIME[:600], TORQUE[:600], noise=NOISE[:600]) for _ in range(12)]
     pieces = cv_pieces(runs, synthetic.LOGGED, 1.0)
     assert [piece.run_index for piece in pieces] == [number for number in range(12) for _ in range(2)]
 
 
-def test_what_reaches_into_another_piece_is_held_out_of_neither() -> None:
+def test_cross_validation_shows_the_gain_of_a_cause() -> None:
     ahead = biased()
     plain = MultiStepLikelihood(ahead)
     fitted = fit(plain, plain.parametrization.initial())
@@ -85,32 +85,32 @@ def test_what_reaches_into_another_piece_is_held_out_of_neither() -> None:
     assert (after[2:] < 0.5 * before[2:]).all()
 
 
-def test_what_the_other_pieces_do_not_tell_is_held_out_as_nothing() -> None:
-    """Thrust of one trial alone, with that trial held out whole: its size must not come from what is held out."""
+def test_a_parameter_that_the_training_data_do_not_determine_is_neutral() -> None:
+    """Thrust of one trial, with that trial held out whole: its size must not come from the held-out data."""
     named = weakened((0.0, 0.0, 0.1, 0.0))
     ahead = MultiStepData.from_data(InnovationData(named, synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB)
-    misfit = MultiStepLikelihood(ahead, effects=(effect_named("supply_sag:trial run_2"),))
-    begin = misfit.parametrization.initial()
+    objective = MultiStepLikelihood(ahead, effects=(effect_named("supply_sag:trial run_2"),))
+    begin = objective.parametrization.initial()
     begin[-1] = 0.8
     pieces = [CvPiece(number, -math.inf, math.inf, run) for number, run in enumerate(named)]
-    folds = cross_validate(FitResult.at(misfit, begin), pieces)
+    folds = cross_validate(FitResult.at(objective, begin), pieces)
     (without,) = [fold.x[-1] for fold in folds if fold.pieces == [pieces[2]]]
     assert without == 1.0
     others = [fold.x[-1] for fold in folds if fold.pieces != [pieces[2]]]
     assert others == pytest.approx([0.9] * 3, abs=0.02)
 
 
-def test_a_threshold_between_two_levels_is_told_though_it_has_no_slope() -> None:
+def test_a_threshold_without_a_slope_keeps_its_value() -> None:
     runs = [synthetic.run(TIME[:900], TORQUE[:900], noise=NOISE[:900]) for _ in range(4)]
     ahead = MultiStepData.from_data(InnovationData(runs, synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB)
-    misfit = MultiStepLikelihood(ahead, effects=(effect_named("thruster_deadband:jump"),))
-    at = misfit.parametrization.effects_begin
-    begin = misfit.parametrization.initial()
-    begin[at] = misfit.parametrization.high[at]
-    assert not any(piece.matrix[:, at].any() for piece in misfit.jacobian(begin))
+    objective = MultiStepLikelihood(ahead, effects=(effect_named("thruster_deadband:jump"),))
+    at = objective.parametrization.effects_begin
+    begin = objective.parametrization.initial()
+    begin[at] = objective.parametrization.high[at]
+    assert not any(piece.matrix[:, at].any() for piece in objective.jacobian(begin))
     pieces = [CvPiece(number, -math.inf, math.inf, run) for number, run in enumerate(runs)]
-    folds = cross_validate(FitResult.at(misfit, begin), pieces)
-    assert [fold.x[at] for fold in folds] == [misfit.parametrization.high[at]] * 4
+    folds = cross_validate(FitResult.at(objective, begin), pieces)
+    assert [fold.x[at] for fold in folds] == [objective.parametrization.high[at]] * 4
 
 
 MODEL = Model(inertia=5000.0, quadratic_drag=3500.0, linear_drag=130.0)
@@ -118,7 +118,7 @@ DISTURBANCE, MEMORY, RATE = 2.5, 4.0, 0.15
 
 
 def drawn(seconds: float, begun: tuple[float, float], count: int = 4000, step: float = 0.02) -> float:
-    """Standard deviation of the position over so many motions, one Euler step after another."""
+    """Standard deviation of the position of many motions, simulated by Euler steps."""
     rng = np.random.default_rng(7)
     slope = 2.0 * MODEL.quadratic_drag * RATE + MODEL.linear_drag
     position, rate = (np.sqrt(variance) * rng.normal(size=count) for variance in begun)
@@ -132,19 +132,19 @@ def drawn(seconds: float, begun: tuple[float, float], count: int = 4000, step: f
 
 
 @pytest.mark.parametrize("seconds", [10.0, 60.0])
-def test_it_is_what_many_motions_scatter_by(seconds: float) -> None:
+def test_the_position_error_is_the_scatter_of_many_simulations(seconds: float) -> None:
     begun = (1e-6, 1e-6)
     expected = position_std_after(MODEL, RATE, (DISTURBANCE, MEMORY), begun, seconds)
-    # 4000 motions know their scatter to 1.1 %.
+    # 4000 motions determine their scatter within 1.1 %.
     assert drawn(seconds, begun) == pytest.approx(expected, rel=0.05)
 
 
-def test_a_vehicle_that_answers_at_once_overflows_nothing() -> None:
+def test_a_fast_vehicle_causes_no_overflow() -> None:
     quick = Model(inertia=0.01, quadratic_drag=1.0, linear_drag=5.0)
     off = position_std_after(quick, 1.0, (0.1, 0.2), (0.0, 0.0), 60.0)
-    # Long after its memory a white torque of the same power: T sqrt(2 memory t) / slope.
+    # Long after its correlation time, the torque acts as white noise: T sqrt(2 memory t) / slope.
     assert off == pytest.approx(0.1 * np.sqrt(2.0 * 0.2 * 60.0) / 7.0, rel=0.01)
 
 
-def test_nothing_drives_what_is_known_exactly() -> None:
+def test_without_disturbance_and_noise_the_position_is_exact() -> None:
     assert position_std_after(MODEL, RATE, (0.0, MEMORY), (0.0, 0.0), 60.0) == 0.0

@@ -38,14 +38,14 @@ from tests.predictions import TIME, fitted, records, weakened
         ({"a": -1e4}, ("a",), 0.0, 1e-9),
     ],
 )
-def test_odds(worths: dict[str, float], alike: tuple[str, ...], least: float, most: float) -> None:
+def test_posterior_probability(worths: dict[str, float], alike: tuple[str, ...], least: float, most: float) -> None:
     found = posterior_probability(worths, alike, len(worths))
     assert least <= found <= most
     assert math.isfinite(found)
 
 
 @pytest.mark.parametrize(("white", "least", "enough"), [(False, 19.0, 21.0), (True, 12.0, 14.0)])
-def test_what_gains_little_is_no_surer_than_its_stand_ins_are_rare(white: bool, least: float, enough: float) -> None:
+def test_a_small_held_out_gain_caps_the_probability(white: bool, least: float, enough: float) -> None:
     def sure(gain: float) -> float:
         return stand_in_cap(gain, gain, white=white)
 
@@ -56,13 +56,13 @@ def test_what_gains_little_is_no_surer_than_its_stand_ins_are_rare(white: bool, 
     assert posterior_probability({"a": least}, ("a",), 1, cap=sure(least)) == sure(least)
 
 
-def test_where_innovations_are_white_the_lesser_gain_counts() -> None:
+def test_with_white_innovations_the_smaller_gain_counts() -> None:
     assert stand_in_cap(30.0, 6.0, white=True) == stand_in_cap(6.0, 30.0, white=True) == pytest.approx(0.5)
     assert stand_in_cap(30.0, 6.0, white=False) > ESTABLISHED
 
 
 @pytest.mark.parametrize("white", [True, False])
-def test_odds_that_are_said_keep_their_order_and_what_is_established(white: bool) -> None:
+def test_recalibration_is_monotonic_and_keeps_established_causes(white: bool) -> None:
     said = [recalibrated(sure, white=white) for sure in (0.0, 1e-3, 0.05, 0.3, 0.5, 0.8, ESTABLISHED, 0.97, 1.0)]
     assert said == sorted(said)
     assert (said[0], said[-1]) == (0.0, 1.0)
@@ -71,17 +71,17 @@ def test_odds_that_are_said_keep_their_order_and_what_is_established(white: bool
     assert recalibrated(1e-3, white=white) < POSSIBLE
 
 
-def test_a_likelihood_is_taken_at_its_word_where_innovations_are_white() -> None:
+def test_with_white_innovations_there_is_no_recalibration() -> None:
     assert recalibrated(0.15, white=True) == 0.15
     assert recalibrated(0.15, white=False) > 0.3
 
 
-def test_a_cause_that_acts_has_one_size() -> None:
+def test_a_true_cause_has_a_consistent_size() -> None:
     found, near = fitted("bias_torque", records(disturbance=np.full(len(TIME), 8.0)))
     assert has_consistent_size(found, near, found.effects[0])
 
 
-def test_a_size_that_only_predictions_show_is_told() -> None:
+def test_a_size_that_one_step_predictions_do_not_show_is_inconsistent() -> None:
     found, near = fitted("bias_torque", records(disturbance=np.full(len(TIME), 8.0)))
     at = len(found.common_coordinates)
     twice = found.x.copy()
@@ -97,21 +97,21 @@ def test_a_size_that_only_predictions_show_is_told() -> None:
     [
         ((0.0, 0.0, 0.4, 0.0), True),
         ((0.0, 0.01, 0.4, -0.01, 0.0), True),
-        # No more than others differ by, or than any battery does.
+        # Within the scatter of the others, and of any battery.
         ((0.2, -0.2, 0.4, 0.0), False),
         ((0.0, 0.0, 0.05, 0.0), False),
-        # One of three.
+        # Three trials are too few.
         ((0.0, 0.0, 0.15), False),
     ],
 )
-def test_a_trial_has_to_stand_out_from_the_others(shares: Sequence[float], stands: bool) -> None:
+def test_a_trial_is_an_outlier_relative_to_the_scatter_of_the_others(shares: Sequence[float], stands: bool) -> None:
     ahead = MultiStepData.from_data(
         InnovationData(weakened(shares), synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB
     )
     odd = effect_named("supply_sag:trial run_2")
-    misfit = MultiStepLikelihood(ahead, effects=(odd,))
-    begin = misfit.parametrization.initial()
+    objective = MultiStepLikelihood(ahead, effects=(odd,))
+    begin = objective.parametrization.initial()
     begin[-1] = 0.8
-    fitted = fit_coarse(misfit, begin, 20)
+    fitted = fit_coarse(objective, begin, 20)
     assert fitted.x[-1] < 0.99
     assert (outlier_probability(fitted, odd) >= ESTABLISHED) is stands

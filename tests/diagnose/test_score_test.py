@@ -26,7 +26,7 @@ from tests.predictions import NOISE, TIME, TORQUE
 
 @dataclass(frozen=True)
 class RunningAway:
-    """Stands for a misfit whose last coordinate explains the innovations, and that nothing bears below zero."""
+    """Stand-in for an objective; the last coordinate explains the innovations, and diverges below zero."""
 
     effects: tuple[Effect, ...] = ()
 
@@ -57,7 +57,7 @@ class RunningAway:
 
     @staticmethod
     def evaluate_each(pairs: Sequence[tuple[RunningAway, FloatArray]]) -> list[Innovations]:
-        return [misfit.innovations(x) for misfit, x in pairs]
+        return [objective.innovations(x) for objective, x in pairs]
 
     def value_of(self, here: Innovations) -> float:
         return total_negative_log_likelihood(here, 1.0)
@@ -75,19 +75,19 @@ class RunningAway:
         return jacobian_chunks(centre, sides, step, 1.0)
 
 
-def test_a_start_that_runs_away_keeps_no_other_start_of_its_form_out() -> None:
+def test_a_start_that_diverges_excludes_no_other_start() -> None:
     form = effect_named("drag_curvature")
     assert {np.sign(start[0]) for start in form.initial_values} == {-1.0, 1.0}
-    misfit: Any = RunningAway()  # stands in for a Misfit
-    (promise,) = screen(FitResult(misfit, np.zeros(1), 0.0), [form])
-    # All of half the sum of squares is there to be gained.
-    assert promise.gain == pytest.approx(0.5 * 9.0 * 100.0, rel=0.02)
-    assert promise.start[0] > 0.0
+    objective: Any = RunningAway()  # stand-in for an objective
+    (test,) = screen(FitResult(objective, np.zeros(1), 0.0), [form])
+    # The effect can gain half the sum of squares.
+    assert test.gain == pytest.approx(0.5 * 9.0 * 100.0, rel=0.02)
+    assert test.start[0] > 0.0
 
 
 @dataclass(frozen=True)
 class Noise(RunningAway):
-    """Stands for a misfit of which each start of an effect changes the innovations, as noise does, by nothing true."""
+    """Stand-in for an objective; each start of an effect adds noise to the innovations."""
 
     effects: tuple[Effect, ...] = ()
 
@@ -101,16 +101,16 @@ class Noise(RunningAway):
 
     @staticmethod
     def evaluate_each(pairs: Sequence[tuple[RunningAway, FloatArray]]) -> list[Innovations]:
-        return [misfit.innovations(x) for misfit, x in pairs]
+        return [objective.innovations(x) for objective, x in pairs]
 
 
-def test_many_starts_promise_nothing_together_that_noise_does() -> None:
+def test_many_starts_together_predict_no_gain_from_noise() -> None:
     form = effect_named("tank_seiche")
     assert len(form.initial_values) == 36
-    misfit: Any = Noise()  # stands in for a Misfit
-    (promise,) = screen(FitResult(misfit, np.zeros(1), 0.0), [form])
-    # Together 36 directions take 18 from noise, as chi squared has it; the best of them alone a few.
-    assert 0.0 < promise.gain < 8.0
+    objective: Any = Noise()  # stand-in for an objective
+    (test,) = screen(FitResult(objective, np.zeros(1), 0.0), [form])
+    # Together, 36 directions gain 18 from noise (chi-square); the best one alone gains a few.
+    assert 0.0 < test.gain < 8.0
 
 
 LATE = ("command_delay", "thruster_lag:spin", "slew_limit")
@@ -127,23 +127,23 @@ def late() -> FitResult:
     return fit(plain.with_effects((LAG,)), with_more(fit(plain, plain.parametrization.initial()), 1.0))
 
 
-def test_what_comes_late_may_stand_for_a_lag_and_what_does_not_may_not(late: FitResult) -> None:
-    promises = screen(late, [effect_named(key) for key in (*LATE, *OTHERS)])
-    found = {form.key for form in possible_substitutes(late, LAG, promises)}
+def test_delays_are_possible_substitutes_for_a_lag(late: FitResult) -> None:
+    tests = screen(late, [effect_named(key) for key in (*LATE, *OTHERS)])
+    found = {form.key for form in possible_substitutes(late, LAG, tests)}
     assert {"command_delay", "thruster_lag:spin"} <= found
     assert not found & {*OTHERS}
 
 
-def test_where_nothing_is_no_size_every_form_may(late: FitResult) -> None:
+def test_every_form_is_a_substitute_where_the_neutral_value_is_infinite(late: FitResult) -> None:
     limit = effect_named("slew_limit")
     assert limit.parameters[0].neutral_at_infinity
     limited = late.objective.with_effects((LAG, limit))
     current = FitResult.at(limited, with_more(late, *limit.initial_values[0]))
-    promises = screen(current, [effect_named(key) for key in OTHERS])
-    assert len(possible_substitutes(current, limit, promises)) == len(OTHERS)
+    tests = screen(current, [effect_named(key) for key in OTHERS])
+    assert len(possible_substitutes(current, limit, tests)) == len(OTHERS)
 
 
-def test_in_the_place_of_a_cause_those_are_tried_that_may_do_as_much(late: FitResult) -> None:
+def test_substitutes_are_fitted_in_the_place_of_a_cause(late: FitResult) -> None:
     candidates = [LAG, *(effect_named(key) for key in (*LATE, *OTHERS))]
     search = StepwiseSearch(candidates)
     search.cache.fits[late.key] = late
@@ -154,18 +154,18 @@ def test_in_the_place_of_a_cause_those_are_tried_that_may_do_as_much(late: FitRe
     whole = StepwiseSearch(candidates)
     every = [rival for rival in whole.further_causes(whole.without(late, LAG)) if rival.effect.id != LAG.id]
     assert cause.alternatives[0].effect.id == every[0].effect.id == "command_delay"
-    # One that is out of reach is not followed to its end.
+    # The fit of an alternative out of reach is not continued.
     assert every[0].bic_gain - 50.0 < cause.alternatives[0].bic_gain <= every[0].bic_gain + 0.1 < cause.bic_gain
 
 
-def test_what_gains_so_little_that_chance_does_is_compared_with_every_form(late: FitResult) -> None:
+def test_a_cause_with_a_small_gain_is_compared_with_every_form(late: FitResult) -> None:
     bias = effect_named("bias_torque")
-    misfit = late.objective.with_effects((LAG, bias))
-    idle = fit(misfit, with_more(late, *bias.initial_values[0]))
+    objective = late.objective.with_effects((LAG, bias))
+    idle = fit(objective, with_more(late, *bias.initial_values[0]))
     search = StepwiseSearch([LAG, bias, *(effect_named(key) for key in OTHERS)])
     search.cache.fits.update({late.key: late, idle.key: idle})
     search.cause(idle, bias)
-    assert {promise.effect.id for promise in search.cache.score_tests[late.key]} == {*OTHERS}
+    assert {test.effect.id for test in search.cache.score_tests[late.key]} == {*OTHERS}
 
 
 def small_torque(key: str, torque: FloatArray) -> FloatArray:

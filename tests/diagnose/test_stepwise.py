@@ -1,4 +1,4 @@
-"""When a search for causes ends, and how another goes on from there."""
+"""Stepwise search: its end, its continuation, and the choice of forms."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ def base() -> FitResult:
     return fit(plain, plain.parametrization.initial())
 
 
-def test_it_ends_with_enough_and_another_goes_on_from_there(base: FitResult) -> None:
+def test_a_search_ends_at_an_adequate_model_and_another_continues_there(base: FitResult) -> None:
     search = StepwiseSearch(CANDIDATES, is_enough=lambda found: bool(found.effects))
     early = search.run(base)
     assert search.progress.has_enough
     assert early.effects == (BIAS,)
-    # What else there may be beside it was not looked for.
+    # Further effects were not screened.
     assert early.key not in search.cache.score_tests
     further = StepwiseSearch(CANDIDATES)
     later, whole = further.run(early), StepwiseSearch(CANDIDATES).run(base)
@@ -37,18 +37,18 @@ def test_it_ends_with_enough_and_another_goes_on_from_there(base: FitResult) -> 
     assert later.x == pytest.approx(whole.x, rel=1e-6)
 
 
-def test_where_nothing_is_missing_nothing_is_looked_at(base: FitResult) -> None:
+def test_an_adequate_base_model_is_not_screened(base: FitResult) -> None:
     search = StepwiseSearch(CANDIDATES, is_enough=lambda _: True)
     assert search.run(base) is base
     assert search.cache.score_tests == {}
 
 
-def test_a_model_that_is_far_off_is_never_enough(base: FitResult) -> None:
+def test_a_model_that_fits_poorly_is_never_adequate(base: FitResult) -> None:
     search = StepwiseSearch(CANDIDATES, is_enough=lambda _: True, fits_poorly=lambda found: not found.effects)
     assert search.run(base).effects == (BIAS,)
 
 
-def test_what_is_never_enough_changes_nothing(base: FitResult) -> None:
+def test_a_stop_rule_that_never_holds_changes_nothing(base: FitResult) -> None:
     asked: list[tuple[str, ...]] = []
 
     def enough(found: FitResult) -> bool:
@@ -62,14 +62,14 @@ def test_what_is_never_enough_changes_nothing(base: FitResult) -> None:
 
 
 def with_form(current: FitResult, key: str, gains: float) -> FitResult:
-    """``current`` with one form more, which is worth so much."""
+    """``current`` with one form more and the BIC gain ``gains``."""
     effect = effect_named(key)
-    misfit = current.objective.with_effects((*current.effects, effect))
-    fitted = FitResult(misfit, np.concatenate((current.x, effect.initial_values[0])), 0.0)
+    objective = current.objective.with_effects((*current.effects, effect))
+    fitted = FitResult(objective, np.concatenate((current.x, effect.initial_values[0])), 0.0)
     return replace(fitted, value=bic_score(fitted) - bic_score(current) - gains)
 
 
-def test_a_plain_form_is_taken_up_that_gains_nearly_as_much_as_long_as_another_cause_is_missing(
+def test_a_simpler_form_with_nearly_the_gain_is_preferred_while_a_cause_is_missing(
     base: FitResult,
 ) -> None:
     smooth, scattered = with_form(base, "command_delay", 97.0), with_form(base, "command_delay:scattered", 100.0)
@@ -81,7 +81,7 @@ def test_a_plain_form_is_taken_up_that_gains_nearly_as_much_as_long_as_another_c
     assert simplest_form(smooth, [other, smooth, scattered], base) is smooth
 
 
-def test_where_no_cause_is_missing_the_form_that_gains_most_is_taken_up(
+def test_with_white_innovations_the_form_with_the_largest_gain_is_preferred(
     base: FitResult, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     smooth, scattered = with_form(base, "command_delay", 97.0), with_form(base, "command_delay:scattered", 100.0)

@@ -68,14 +68,14 @@ def test_tables_of_a_vehicle_that_is_known(cubic: float, explains: bool, tmp_pat
     ("row", "words"),
     [("0,60,0.2", "period_s is 0"), ("-20,60,0.2", "period_s is -20"), ("20,60,0", "peak_yaw_rate_rad_s is 0")],
 )
-def test_a_sine_that_cannot_be(row: str, words: str, tmp_path: Path, rovid: Rovid) -> None:
+def test_impossible_values_are_refused(row: str, words: str, tmp_path: Path, rovid: Rovid) -> None:
     (tmp_path / "rovid.toml").write_text('[vehicle]\nname = "x"\n')
     (tmp_path / "steady.csv").write_text("command,yaw_rate_rad_s,torque_Nm\n1,0.1,13\n2,0.2,44\n3,0.3,93\n")
     (tmp_path / "sines.csv").write_text(f"period_s,torque_amplitude_Nm,peak_yaw_rate_rad_s\n20,60,0.2\n{row}\n")
     assert_one_message(rovid("diagnose", tmp_path, "--json"), words, "sines.csv:3", "above 0")
 
 
-def test_sines_alone_take_the_drag_that_is_stored(tmp_path: Path, rovid: Rovid) -> None:
+def test_sines_alone_use_the_stored_drag(tmp_path: Path, rovid: Rovid) -> None:
     paper = SAMPLES / "rosub_paper"
     sines = tmp_path / "sines"
     sines.mkdir()
