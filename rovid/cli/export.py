@@ -69,7 +69,7 @@ def export(
     json: Json = False,
 ) -> None:
     """Write the model in the format of a simulator."""
-    from rovid.export.export_input import export_input
+    from rovid.export.interface import export_input
     from rovid.export.run_export import select_exporter
     from rovid.export.run_export import verified_export as make
     from rovid.present.documents.results import export_document

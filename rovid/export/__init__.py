@@ -1,23 +1,32 @@
-"""The parameters in a simulator's own format, checked by re-simulation: one file a target, one line here."""
+"""Export of the parameters in the formats of simulators, verified by re-simulation: one line for each format here."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
-# Format -> file written where none is given, in the order in which formats are listed everywhere. The exporter is the
-# file of the format's name, with underscores; nothing here may be slow to import, for the Tab key does.
-FORMATS: Mapping[str, str] = {
-    "gz-sim": "gz_sim.sdf",
-    "uuv": "uuv.xacro",
-    "vrx": "vrx.sdf",
-    "stonefish": "stonefish.scn",
-    "mujoco": "mujoco.xml",
-    "ros2": "ros2.yaml",
-    "matlab": "rovid.mat",
-    "json": "rovid.json",
-    "python-vehicle-simulator": "rovid_vehicle.py",
+
+class ExportFormat(NamedTuple):
+    """Module of the exporter, file that it writes by default, and name of the exporter in the module."""
+
+    module: str
+    file: str
+    function: str = "export"
+
+
+# Formats in the order of all lists. Shell completion imports this module, which therefore imports no exporter.
+FORMATS: Mapping[str, ExportFormat] = {
+    "gz-sim": ExportFormat("gazebo", "gz_sim.sdf", "export_gz_sim"),
+    "uuv": ExportFormat("uuv", "uuv.xacro"),
+    "vrx": ExportFormat("gazebo", "vrx.sdf", "export_vrx"),
+    "stonefish": ExportFormat("stonefish", "stonefish.scn"),
+    "mujoco": ExportFormat("mujoco", "mujoco.xml"),
+    "ros2": ExportFormat("rovid_equation", "ros2.yaml", "export_ros2"),
+    "matlab": ExportFormat("rovid_equation", "rovid.mat", "export_matlab"),
+    "json": ExportFormat("rovid_equation", "rovid.json", "export_json"),
+    "python-vehicle-simulator": ExportFormat("python_vehicle_simulator", "rovid_vehicle.py"),
 }
-# What they are called besides -> format.
+# Other names -> format.
 ALIASES: Mapping[str, str] = {
     "gazebo": "gz-sim",
     "ignition": "gz-sim",

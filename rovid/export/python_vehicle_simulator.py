@@ -1,7 +1,7 @@
-"""PythonVehicleSimulator: a vehicle class, since its vehicles have no parameter files and no free |r|*r term.
+"""PythonVehicleSimulator: a vehicle class, because its vehicles have no parameter files and no free |r|*r term.
 
-Its main loop calls stepInput(t) or a controller, then dynamics(eta, nu, u_actual, u_control, sampleTime). Axes are NED,
-as rovid's: no sign changes. Yaw alone moves; the class is one to extend.
+Its main loop calls stepInput(t) or a controller, then dynamics(eta, nu, u_actual, u_control, sampleTime). Axes are NED
+as in rovid. Only yaw moves; users may extend the class.
 """
 
 from __future__ import annotations
@@ -13,21 +13,19 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.core.escaping import python_docstring
 from rovid.core.signatures import export_mark
-from rovid.export.curves import ThrusterCurve, curve_effect_keys, thruster_curves
-from rovid.export.export_input import ExportInput
-from rovid.export.export_result import ExportResult
+from rovid.export.interface import PERIOD, ExportInput, ExportResult
 from rovid.export.resimulation import repeat_held
+from rovid.export.thruster_curves import THRUST_LAG, curve_effect_keys, thruster_curves, thruster_lag
 
 _STEP = 0.02  # s, of the simulator's main.py
-# Further terms of the equation of motion as Python, torque in N m.
+# Further terms of the equation of motion in Python, torque in N m.
 _TERMS = {
     "bias_torque": " + {torque!r}",
     "drag_curvature": " - {cubic!r} * r**3",
     "drag_asymmetry": " - ({ratio!r} - 1.0) * (self.DQ * abs(r) + self.DL) * r * (r < 0.0)",
     "tether_torsion": " - {stiffness!r} * psi",
 }
-_LAGS = ("thruster_lag", "thruster_lag:command")
-# The class, with the numbers of the subject to be put in.
+# The class, with places for the numbers.
 _MODULE = '''"""Yaw of {title}, identified by rovid, as a vehicle of PythonVehicleSimulator.
 
 {mark}.
@@ -97,37 +95,18 @@ class RovidVehicle:
 
 def export(subject: ExportInput) -> ExportResult:
     """A module with the class RovidVehicle."""
-    propulsion = thruster_curves(subject)
-    lag = next((key for key in subject.effects if key in _LAGS), "")
-    content = _module(subject, propulsion, lag)
-
-    def plant(commands: FloatArray, period: float) -> FloatArray:
-        space: dict[str, Any] = {}
-        exec(compile(content, "rovid_vehicle.py", "exec"), space)  # noqa: S102 - our own text, run as its user will
-        vehicle = space["RovidVehicle"]()
-        nu, actual, eta, rates = vehicle.nu, vehicle.u_actual, np.zeros(6), []
-        for control in repeat_held(commands, period, _STEP):
-            rates.append(nu[5])
-            nu, actual = vehicle.dynamics(eta, nu, actual, control, _STEP)
-            eta[5] += _STEP * nu[5]
-        return np.array(rates[:: round(period / _STEP)])
-
-    stated = {key for key in subject.effects if key in _TERMS or key == lag}
-    return ExportResult(
-        content=content,
-        simulate=plant,
-        kept_effects=curve_effect_keys(subject) | stated,
-        notes=(
-            "Axes are NED, as rovid's: no sign changes.",
-            "Yaw alone moves: surge to pitch keep their velocity.",
-            "The simulator's vehicles share no base class: the class has what its main loop calls.",
-        ),
-    )
-
-
-def _module(subject: ExportInput, propulsion: list[ThrusterCurve], lag: str) -> str:
-    model, vehicle = subject.model, subject.vehicle
-    return _MODULE.format(
+    model, vehicle, curves = subject.model, subject.vehicle, thruster_curves(subject)
+    time_constant, lag = thruster_lag(subject)
+    tables = ""
+    for curve in curves:
+        command, thrust = curve.command.tolist(), curve.thrust.tolist()
+        tables += f"            ({curve.arm!r}, {curve.neutral!r}, {command!r}, {thrust!r}),\n"
+    # The lag acts on the thrust, behind the curves, or on the command.
+    lagged = {"acting": "command", "push": "self.torque(u)", "goal": "u_control", "start": [c.neutral for c in curves]}
+    if lag == THRUST_LAG:
+        push, goal = "float(np.dot(self.arms, u))", "self.thrusts(u_control)"
+        lagged = {"acting": "thrust", "push": push, "goal": goal, "start": [0.0] * len(curves)}
+    content = _MODULE.format(
         title=python_docstring(vehicle.name),
         mark=export_mark("python-vehicle-simulator"),
         name=vehicle.name,
@@ -135,42 +114,31 @@ def _module(subject: ExportInput, propulsion: list[ThrusterCurve], lag: str) -> 
         inertia=model.inertia,
         quadratic_drag=model.quadratic_drag,
         linear_drag=model.linear_drag,
-        time_constant=subject.effects[lag]["time_constant"] if lag else 0.0,
-        terms=_terms(subject),
-        tables=_tables(propulsion),
-        names=[f"{curve.name} command" for curve in propulsion],
-        **_acting(propulsion, lag),
+        time_constant=time_constant,
+        terms="".join(_TERMS[key].format(**values) for key, values in subject.effects.items() if key in _TERMS),
+        tables=tables,
+        names=[f"{curve.name} command" for curve in curves],
+        **lagged,
     )
 
+    def simulate(commands: FloatArray) -> FloatArray:
+        space: dict[str, Any] = {}
+        exec(compile(content, "rovid_vehicle.py", "exec"), space)  # noqa: S102 - our own text, run as its user will
+        simulated = space["RovidVehicle"]()
+        nu, actual, eta, rates = simulated.nu, simulated.u_actual, np.zeros(6), []
+        for control in repeat_held(commands, _STEP):
+            rates.append(nu[5])
+            nu, actual = simulated.dynamics(eta, nu, actual, control, _STEP)
+            eta[5] += _STEP * nu[5]
+        return np.array(rates[:: round(PERIOD / _STEP)])
 
-def _terms(subject: ExportInput) -> str:
-    """Further terms of the equation of motion."""
-    terms = [_TERMS[key].format(**values) for key, values in subject.effects.items() if key in _TERMS]
-    return "".join(terms)
-
-
-def _tables(propulsion: list[ThrusterCurve]) -> str:
-    """A line for each thruster."""
-    return "".join(map(_table, propulsion))
-
-
-def _table(curve: ThrusterCurve) -> str:
-    command, thrust = curve.command.tolist(), curve.thrust.tolist()
-    return f"            ({curve.arm!r}, {curve.neutral!r}, {command!r}, {thrust!r}),\n"
-
-
-def _acting(propulsion: list[ThrusterCurve], lag: str) -> dict[str, Any]:
-    """What acts late: the thrust, behind the curves, or the command; where it starts and what it goes to."""
-    if lag == "thruster_lag":
-        return {
-            "acting": "thrust",
-            "push": "float(np.dot(self.arms, u))",
-            "goal": "self.thrusts(u_control)",
-            "start": [0.0] * len(propulsion),
-        }
-    return {
-        "acting": "command",
-        "push": "self.torque(u)",
-        "goal": "u_control",
-        "start": [curve.neutral for curve in propulsion],
-    }
+    return ExportResult(
+        content=content,
+        simulate=simulate,
+        kept_effects=curve_effect_keys(subject) | {key for key in subject.effects if key in _TERMS or key == lag},
+        notes=(
+            "Axes are NED, as rovid's: no sign changes.",
+            "Yaw alone moves: surge to pitch keep their velocity.",
+            "The simulator's vehicles share no base class: the class has what its main loop calls.",
+        ),
+    )

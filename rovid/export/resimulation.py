@@ -1,4 +1,4 @@
-"""One standard manoeuvre, the steppers of the targets, and how far two yaw rates lie apart."""
+"""Verification commands, integration schemes of simulators, and the mismatch between two yaw rates."""
 
 from __future__ import annotations
 
@@ -10,17 +10,14 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.effects.actuator_inputs import neutral_commands
-from rovid.export.curves import ThrusterCurve
-from rovid.export.export_input import ExportInput
+from rovid.export.interface import PERIOD, ExportInput
+from rovid.export.thruster_curves import ThrusterCurve
 from rovid.model.model import Model
 from rovid.signals.numba_loops import first_order_sum
 from rovid.trial.trial import Trial
-from rovid.trial.vehicle import Thruster
 
-# s; every target's step goes into it a whole number of times.
-PERIOD = 0.1
-# Shapes, each (length in settling times, share of the largest command at a share x of that length).
-_SHAPES: tuple[tuple[float, Callable[[float], float]], ...] = (
+# Sections of the verification: length in settling times, and share of the largest command at a share x of the length.
+_SECTIONS: tuple[tuple[float, Callable[[float], float]], ...] = (
     (1.0, lambda _: 0.0),
     (5.0, lambda _: 1.0),
     (4.0, lambda _: 0.0),
@@ -31,21 +28,17 @@ _SHAPES: tuple[tuple[float, Callable[[float], float]], ...] = (
     (10.0, lambda x: 0.7 * math.sin(8.0 * math.pi * x)),
     (5.0, lambda _: 0.0),
 )
-# s; a fast vehicle still needs samples, and a slow one's manoeuvre an end.
+# s, range of the settling time, for enough samples and a finite length.
 _SETTLING = (1.0, 15.0)
-_HALVINGS = 30
+# Number of bisections for the amplitude.
+_BISECTIONS = 30
 
 
 @dataclass(frozen=True, kw_only=True)
 class Mismatch:
-    """How far a target's yaw rate is from rovid's on the manoeuvre.
+    """Difference between the yaw rates of a simulator and of rovid.
 
-    Attributes
-    ----------
-    percent_of_range
-        Largest difference over the range of rovid's own rate.
-    rms
-        rad/s.
+    ``percent_of_range`` is the largest difference relative to the range of rovid's rate; ``rms`` is in rad/s.
     """
 
     percent_of_range: float
@@ -53,78 +46,75 @@ class Mismatch:
 
 
 def verification_commands(subject: ExportInput) -> FloatArray:
-    """(n, k) commands, each held for ``PERIOD``: hold both ways, coast down, two sines, within the measured rates."""
+    """(n, k) commands for `PERIOD` each: holds, coast-downs and sines, within the yaw rates of the logs."""
     settling = min(max(settling_time(subject), _SETTLING[0]), _SETTLING[1])
-    share: list[float] = []
-    for length, shape in _SHAPES:
+    samples: list[float] = []
+    for length, shape in _SECTIONS:
         count = round(length * settling / PERIOD)
-        share += [shape(k / count) for k in range(count)]
-    shares = np.array(share)
+        samples += [shape(k / count) for k in range(count)]
+    shares = np.array(samples)
+
+    def stays_within(factor: float) -> bool:
+        rate = rovid_rate(subject, subject.model, commands_at(subject, factor * shares))
+        return float(np.max(np.abs(rate))) <= subject.largest_rate
+
+    if stays_within(1.0):
+        return commands_at(subject, shares)
     low, high = 0.0, 1.0
-    if _largest(subject, commands_at(subject, shares)) > subject.largest_rate:
-        for _ in range(_HALVINGS):
-            middle = 0.5 * (low + high)
-            if _largest(subject, commands_at(subject, middle * shares)) <= subject.largest_rate:
-                low = middle
-            else:
-                high = middle
-        shares = low * shares
-    return commands_at(subject, shares)
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        if stays_within(middle):
+            low = middle
+        else:
+            high = middle
+    return commands_at(subject, low * shares)
 
 
 def settling_time(subject: ExportInput) -> float:
-    """Time constant in s of small changes at half the largest measured rate."""
+    """Time constant in s of small changes at half the largest yaw rate of the logs."""
     model = subject.model
     slope = model.linear_drag + model.quadratic_drag * subject.largest_rate
     return model.inertia / max(slope, 1e-12)
 
 
 def commands_at(subject: ExportInput, shares: FloatArray) -> FloatArray:
-    """(n, k) commands that push by (n,) ``shares`` of the largest in use, positive ones turning the heading up."""
-    vehicle = subject.vehicle
-    each = zip(vehicle.thrusters, neutral_commands(vehicle), subject.commands, strict=True)
-    columns = [np.interp(shares, [-1.0, 0.0, 1.0], _reach(*one)) for one in each]
+    """(n, k) commands of (n,) ``shares`` of the largest ones in the logs, positive where the heading turns up."""
+    vehicle, columns = subject.vehicle, []
+    for thruster, neutral, ends in zip(vehicle.thrusters, neutral_commands(vehicle), subject.commands, strict=True):
+        order = np.argsort(thruster.torque(ends), kind="stable")
+        columns.append(np.interp(shares, [-1.0, 0.0, 1.0], [ends[order[0]], neutral, ends[order[1]]]))
     return np.column_stack(columns)
 
 
-def _reach(thruster: Thruster, neutral: float, ends: FloatArray) -> list[float]:
-    """The commands in use that turn the heading down most, not at all, and up most."""
-    down, up = sorted(ends, key=lambda command: float(thruster.torque(np.array([command]))[0]))
-    return [down, neutral, up]
-
-
-def _largest(subject: ExportInput, commands: FloatArray) -> float:
-    """Largest size of the yaw rate in rad/s that (n, k) ``commands`` lead to."""
-    return float(np.max(np.abs(rovid_rate(subject, subject.model, commands))))
-
-
 def rovid_rate(subject: ExportInput, model: Model, commands: FloatArray) -> FloatArray:
-    """(n,) yaw rate in rad/s of ``model`` under (n, k) ``commands``, from rest."""
-    trial = Trial.from_commands(
-        PERIOD * np.arange(len(commands), dtype=np.float64), commands, reference=subject.reference
-    )
+    """(n,) yaw rate in rad/s of ``model`` from rest under (n, k) ``commands`` for `PERIOD` each."""
+    time = PERIOD * np.arange(len(commands), dtype=np.float64)
+    trial = Trial.from_commands(time, commands, reference=subject.reference)
     return model.simulate(trial, model.torque_input(subject.vehicle, trial))[0]
 
 
 def compare_rates(rovid: FloatArray, other: FloatArray) -> Mismatch:
-    """How far ``other`` lies from the yaw rate ``rovid``, both (n,) rad/s."""
+    """Mismatch of the (n,) yaw rate ``other`` in rad/s."""
     error, span = other - rovid, float(np.ptp(rovid))
-    worst = float(np.max(np.abs(error)))
+    largest = float(np.max(np.abs(error)))
     percent = 0.0
-    if worst != 0.0:
-        percent = 100.0 * worst / span if span > 0.0 else math.inf
-    # A model that runs away is off by more than can be squared.
-    scale = worst or 1.0
+    if largest != 0.0:
+        percent = 100.0 * largest / span if span > 0.0 else math.inf
+    # The square of an unstable solution would overflow.
+    scale = largest or 1.0
     return Mismatch(percent_of_range=percent, rms=scale * float(np.sqrt(np.mean((error / scale) ** 2))))
 
 
-def repeat_held(values: FloatArray, period: float, step: float) -> FloatArray:
-    """(n*m, ...) of (n, ...) values held for ``period``: one for each of its m steps."""
-    return np.repeat(values, round(period / step), axis=0)
+# ---- integration schemes
+
+
+def repeat_held(values: FloatArray, step: float) -> FloatArray:
+    """(n*m, ...) of (n, ...) values that are held for `PERIOD`: one for each of its m steps."""
+    return np.repeat(values, round(PERIOD / step), axis=0)
 
 
 def first_order_lag(values: FloatArray, time_constant: float, step: float) -> FloatArray:
-    """First-order lag of (m,) ``values``, from zero, updated exactly and ahead of each step."""
+    """First-order lag of (m,) ``values`` from zero, updated exactly before each step."""
     if time_constant <= 0.0:
         return values
     fade = math.exp(-step / time_constant)
@@ -132,30 +122,28 @@ def first_order_lag(values: FloatArray, time_constant: float, step: float) -> Fl
 
 
 def thrust_torque(
-    propulsion: Sequence[ThrusterCurve],
+    curves: Sequence[ThrusterCurve],
     commands: FloatArray,
-    period: float,
     step: float,
     *,
     command_lag: float = 0.0,
     thrust_lag: float = 0.0,
 ) -> FloatArray:
-    """(m,) yaw torque in N m, positive as rovid's, in each step of (n, k) commands held for ``period``."""
-    total = np.zeros(len(commands) * round(period / step))
-    for curve, command in zip(propulsion, commands.T, strict=True):
-        beyond = first_order_lag(repeat_held(command - curve.neutral, period, step), command_lag, step)
+    """(m,) yaw torque in N m in each step under (n, k) commands, positive where the heading turns up."""
+    total = np.zeros(len(commands) * round(PERIOD / step))
+    for curve, command in zip(curves, commands.T, strict=True):
+        beyond = first_order_lag(repeat_held(command - curve.neutral, step), command_lag, step)
         total += curve.arm * first_order_lag(curve(curve.neutral + beyond), thrust_lag, step)
     return total
 
 
-def integrate_rate(
-    torque: FloatArray, steps: int, advance: Callable[[float, float, float], float], step: float
-) -> FloatArray:
-    """(n,) rate in rad/s before every ``steps`` of the (m,) torques in N m, from rest.
+def integrate_rate(torque: FloatArray, advance: Callable[[float, float, float], float], step: float) -> FloatArray:
+    """(n,) rate in rad/s at the beginning of each `PERIOD` under (m,) torques in N m for ``step`` s each, from rest.
 
-    ``advance`` turns (rate, angle, torque) into the rate a step later; the angle follows with the new rate, as in the
+    ``advance`` maps (rate, angle, torque) to the rate after a step. The angle follows with the new rate, by the
     semi-implicit Euler method of rigid-body engines.
     """
+    steps = round(PERIOD / step)
     rate = angle = 0.0
     rates = []
     for index, push in enumerate(torque.tolist()):

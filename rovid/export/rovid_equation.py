@@ -1,28 +1,115 @@
-"""What the formats that hold rovid's own equation share: ROS 2 parameters, MATLAB and JSON."""
+"""Formats with rovid's own equation and all of its numbers: ROS 2 parameters, a MATLAB struct, and JSON."""
 
 from __future__ import annotations
 
+import io
+import json
+from collections.abc import Callable, Mapping
 from typing import Any
 
+import numpy as np
+
 from rovid.core.array_types import FloatArray
-from rovid.core.escaping import identifiers
-from rovid.export.export_input import ExportInput
-from rovid.export.export_result import ExportResult
+from rovid.core.escaping import identifiers, toml_text
+from rovid.core.formatting import to_json
+from rovid.core.signatures import export_mark
+from rovid.export.interface import ExportInput, ExportResult
 from rovid.export.resimulation import rovid_rate
 from rovid.model.model import Model
 
-BASE = ("inertia", "quadratic_drag", "linear_drag")
-EQUATION = "inertia*rdot + quadratic_drag*|r|*r + linear_drag*r = sum(yaw_arm*thrust(command)) + effects"
-AXES = "Yaw is positive in the sense in which the heading grows (NED: clockwise from above); SI units and radians."
-_NOTE = (AXES + " In a z-up frame the rate and the thrusters' yaw arms change sign, inertia and drag do not.",)
+_BASE = ("inertia", "quadratic_drag", "linear_drag")
+_EQUATION = "inertia*rdot + quadratic_drag*|r|*r + linear_drag*r = sum(yaw_arm*thrust(command)) + effects"
+_AXES = "Yaw is positive in the sense in which the heading grows (NED: clockwise from above); SI units and radians."
+_NOTE = _AXES + " In a z-up frame the rate and the thrusters' yaw arms change sign, inertia and drag do not."
+
+EffectValues = Mapping[str, Mapping[str, float]]
 
 
-def effect_names(subject: ExportInput) -> dict[str, str]:
-    """Key of each effect -> the same as a name of a field."""
+def export_ros2(subject: ExportInput) -> ExportResult:
+    """Parameters of any ROS 2 node in YAML; colons in names become underscores."""
+    base, keys = _base_parameters(subject), _field_names(subject)
+    names = ", ".join(toml_text(thruster.name) for thruster in subject.vehicle.thrusters)
+    lines = [f"# {export_mark('ros2')}.", f"# {_EQUATION}", f"# {_AXES}", "/**:", "  ros__parameters:"]
+    lines += [*_yaml_lines("    ", base), f"    thruster_names: [{names}]"]
+    for index, thruster in enumerate(_thruster_entries(subject, list)):
+        lines.append(f"    thruster_{index}:")
+        lines += _yaml_lines("      ", {name: thruster[name] for name in ("yaw_arm", "command", "thrust")})
+    lines.append(f"    effect_names: [{', '.join(map(toml_text, subject.effects))}]")
+    if subject.effects:
+        lines.append("    effects:")
+    for key, values in subject.effects.items():
+        lines += [f"      {keys[key]}:", *_yaml_lines("        ", values)]
+    return _result(subject, "\n".join(lines) + "\n", base, subject.effects)
+
+
+def _yaml_lines(indent: str, values: Mapping[str, Any]) -> list[str]:
+    return [f"{indent}{name}: {_yaml(value)}" for name, value in values.items()]
+
+
+def _yaml(value: Any) -> str:
+    """A list, or a float that every YAML 1.1 reader recognises: with a point and a signed exponent."""
+    if isinstance(value, list):
+        return f"[{', '.join(map(_yaml, value))}]"
+    text = repr(float(value))
+    return text.replace("e", ".0e") if "e" in text and "." not in text else text
+
+
+def export_matlab(subject: ExportInput) -> ExportResult:
+    """A .mat file of version 5 with one struct ``rovid``."""
+    from scipy.io import loadmat, savemat
+
+    keys = _field_names(subject)
+    values = _base_parameters(subject) | {
+        "equation": _EQUATION,
+        "axes": _AXES,
+        "thrusters": np.array(_thruster_entries(subject, np.array), dtype=object),
+        "effects": {keys[key]: values for key, values in subject.effects.items()},
+    }
+    stream: Any = io.BytesIO()
+    savemat(stream, {"rovid": values}, oned_as="column", long_field_names=True)
+    # The file begins with 116 bytes of text.
+    title = f"MATLAB 5.0 MAT-file. {export_mark('matlab')}. {subject.guess.file_notice}".ljust(116)
+    content = title.encode() + stream.getvalue()[116:]
+    written: Any = io.BytesIO(content)
+    read = loadmat(written, simplify_cells=True)["rovid"]
+    effects = {key: {name: read["effects"][keys[key]][name] for name in own} for key, own in subject.effects.items()}
+    return _result(subject, content, read, effects)
+
+
+def export_json(subject: ExportInput) -> ExportResult:
+    """All numbers with units and standard errors, and the equations of the effects."""
+    entries: dict[str, dict[str, Any]] = {}
+    for name, entry in subject.entries.items():
+        entries[name] = {"value": entry.value, "standard_error": entry.standard_error, "unit": entry.unit}
+    entries.setdefault("linear_drag", {"value": 0.0, "standard_error": None, "unit": "N m s/rad"})
+    effects = []
+    for effect in subject.model.effects:
+        own = {parameter.name: entries[f"{effect.key}.{parameter.name}"] for parameter in effect.parameters}
+        effects.append({"key": effect.key, "equation": effect.equation, "parameters": own})
+    document = {
+        "schema": "rovid-model/1",
+        "vehicle": subject.vehicle.name,
+        "equation": _EQUATION,
+        "axes": _AXES,
+        "parameters": {name: value for name, value in entries.items() if "." not in name},
+        "rigid_body_inertia": subject.vehicle.rigid_body_inertia,
+        "thrusters": _thruster_entries(subject, list),
+        "effects": effects,
+        "guessed": list(subject.guess.items),
+    }
+    content = to_json(document) + "\n"
+    read = json.loads(content)
+    base = {name: read["parameters"][name]["value"] for name in _BASE}
+    values = {one["key"]: {name: own["value"] for name, own in one["parameters"].items()} for one in read["effects"]}
+    return _result(subject, content, base, values)
+
+
+def _field_names(subject: ExportInput) -> dict[str, str]:
+    """Key of each effect -> name of a field."""
     return dict(zip(subject.effects, identifiers(list(subject.effects)), strict=True))
 
 
-def base_parameters(subject: ExportInput) -> dict[str, float]:
+def _base_parameters(subject: ExportInput) -> dict[str, Any]:
     """Inertia and drag by name, in SI."""
     model = subject.model
     return {
@@ -34,33 +121,28 @@ def base_parameters(subject: ExportInput) -> dict[str, float]:
     }
 
 
-def thruster_entry(subject: ExportInput, index: int, made: Any) -> dict[str, Any]:
-    """The bench curve; a logged torque is its own."""
-    thruster = subject.vehicle.thrusters[index]
-    if thruster.curve is None:
-        command = thrust = made(subject.commands[index])
-    else:
-        command, thrust = made(thruster.curve.command), made(thruster.curve.thrust)
-    return {"name": thruster.name, "yaw_arm": thruster.arm, "command": command, "thrust": thrust}
+def _thruster_entries(subject: ExportInput, as_array: Callable[[FloatArray], Any]) -> list[dict[str, Any]]:
+    """Name, arm and bench curve of each thruster; a logged torque is its own curve."""
+    entries = []
+    for thruster, ends in zip(subject.vehicle.thrusters, subject.commands, strict=True):
+        command, thrust = (ends, ends) if thruster.curve is None else (thruster.curve.command, thruster.curve.thrust)
+        entry = {"name": thruster.name, "yaw_arm": thruster.arm}
+        entries.append({**entry, "command": as_array(command), "thrust": as_array(thrust)})
+    return entries
 
 
-def rovid_result(
-    subject: ExportInput, content: str | bytes, base: list[float], effects: dict[str, dict[str, float]]
-) -> ExportResult:
-    """The target's equation is rovid's, with the numbers as they stand in the file."""
-    inertia, quadratic, linear = base
-    values: list[float] = []
-    for effect in subject.model.effects:
-        values += effects[effect.key].values()
+def _result(subject: ExportInput, content: str | bytes, base: Mapping[str, Any], effects: EffectValues) -> ExportResult:
+    """The result, with rovid's equation and the numbers as read back from the file."""
     read = Model(
-        inertia=inertia,
-        quadratic_drag=quadratic,
-        linear_drag=linear,
+        inertia=float(base["inertia"]),
+        quadratic_drag=float(base["quadratic_drag"]),
+        linear_drag=float(base["linear_drag"]),
         effects=subject.model.effects,
-        effect_values=tuple(values),
+        effect_values=tuple(float(value) for one in subject.model.effects for value in effects[one.key].values()),
     )
-
-    def plant(commands: FloatArray, period: float) -> FloatArray:  # noqa: ARG001 - the manoeuvre's own
-        return rovid_rate(subject, read, commands)
-
-    return ExportResult(content=content, simulate=plant, kept_effects=frozenset(subject.effects), notes=_NOTE)
+    return ExportResult(
+        content=content,
+        simulate=lambda commands: rovid_rate(subject, read, commands),
+        kept_effects=frozenset(subject.effects),
+        notes=(_NOTE,),
+    )

@@ -1,64 +1,59 @@
-"""uuv_simulator: a xacro with its underwater-object and thruster plugins, or, as .yaml, its controllers' model.
+"""uuv_simulator: a xacro with its plugins for underwater objects and thrusters, or, as .yaml, its controllers' model.
 
-From its sources: the torque is -Ma*a + (linear_damping + quadratic_damping*|r|)*r, so that added mass is positive and
-damping negative; a is the acceleration of the step before through a filter of weight 0.3. Thrusters are a lag of the
-command (FirstOrder) ahead of a conversion (LinearInterp). Axes are FLU, z up: the yaw rate is minus rovid's.
+From its sources: the torque is -Ma*a + (linear_damping + quadratic_damping*|r|)*r, with positive added mass and
+negative damping; a is the acceleration of the step before through a filter of weight 0.3. A thruster is a lag of the
+command (FirstOrder) in front of a conversion (LinearInterp). Axes are FLU, z up: the yaw rate is minus rovid's.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 from rovid.core.array_types import FloatArray
 from rovid.core.escaping import identifiers
 from rovid.core.signatures import export_mark
-from rovid.export.command_lag import COMMAND_LAG, input_notes, thruster_inputs, thruster_lag
-from rovid.export.curves import ThrusterCurve, curve_comment, curve_effect_keys, number_list, thruster_curves
-from rovid.export.export_input import ExportInput
-from rovid.export.export_result import ExportResult
-from rovid.export.gz_sim import frame_notes, place, side_of
+from rovid.export.gazebo import frame_notes, place, side_of
+from rovid.export.interface import ExportInput, ExportResult, Simulate
 from rovid.export.resimulation import integrate_rate, settling_time, thrust_torque
+from rovid.export.thruster_curves import (
+    COMMAND_LAG,
+    ThrusterCurve,
+    curve_comment,
+    curve_effect_keys,
+    input_note,
+    number_list,
+    thruster_curves,
+    thruster_inputs,
+    thruster_lag,
+)
 
 _STEP = 0.002  # s, of uuv_simulator's worlds
 _FILTER = 0.3
-# The filtered acceleration is late by 1/0.3 steps; with the added share of the inertia in it, the rate is off by
-# 1/e of delay over settling time at most. Beyond this share of the range the split would show.
+# Share of the range. The filtered acceleration is late by 1/0.3 steps. With the added share of the inertia in it, the
+# rate is off by at most 1/e of delay over settling time. Above this limit the added inertia joins the rigid one.
 _VISIBLE = 3e-4
-# 0.7 - 0.3*ratio > -1: the loop through the acceleration of the step before must not diverge; half of it is prudent.
+# Ratio of added to rigid inertia. The loop through the acceleration of the step before is stable for
+# 0.7 - 0.3*ratio > -1; half of that ratio is safe.
 _STABLE = 2.8
 
 
 def export(subject: ExportInput) -> ExportResult:
     """A xacro for uuv_simulator."""
-    split, note = _split(subject)
-    lag, form = thruster_lag(subject)
-    tables = thruster_curves(subject)
-    inputs = thruster_inputs(tables, form)
-    command_lag = lag if form == COMMAND_LAG else 0.0
-    stated = {form} if form else set()
+    body, added, note = _split_inertia(subject)
+    lag, key = thruster_lag(subject)
+    curves = thruster_curves(subject)
+    lags = {"command_lag" if key == COMMAND_LAG else "thrust_lag": lag}
     return ExportResult(
-        content=_xacro(subject, split, inputs, tables, lag),
-        simulate=_plant(subject, split, tables, command_lag, lag),
-        kept_effects=curve_effect_keys(subject) | stated,
-        notes=(*frame_notes(subject), note, *input_notes(form)),
+        content=_xacro(subject, body, added, curves, lag, key),
+        simulate=_simulator(subject, body, added, curves, **lags),
+        kept_effects=curve_effect_keys(subject) | ({key} if key else set()),
+        notes=(*frame_notes(subject), note, input_note(key)),
     )
 
 
 def export_yaml(subject: ExportInput) -> ExportResult:
-    """The vehicle model of uuv_simulator's controllers; it has no thrusters."""
-    split, note = _split(subject)
-    return ExportResult(
-        content=_controllers(subject, *split),
-        simulate=_plant(subject, split, thruster_curves(subject), 0.0, 0.0),
-        kept_effects=curve_effect_keys(subject),
-        notes=(*frame_notes(subject), note, "The controllers' model takes forces: a thruster manager has the curves."),
-    )
-
-
-def _controllers(subject: ExportInput, body: float, added: float) -> str:
-    """Their YAML, of the yaw inertia in kg m^2 of the ``body`` and the ``added`` one."""
-    model = subject.model
+    """Model of uuv_simulator's controllers, without thrusters."""
+    model, (body, added, note) = subject.model, _split_inertia(subject)
     lines = [
         f"# {export_mark('uuv as yaml')}.",
         "# Yaw identified by rovid; z up, a yaw rate is minus the heading's. Only the yaw entries are known.",
@@ -72,27 +67,38 @@ def _controllers(subject: ExportInput, body: float, added: float) -> str:
         f"quad_damping: [0, 0, 0, 0, 0, {-model.quadratic_drag:.10g}]",
         "",
     ]
-    return "\n".join(lines)
-
-
-def _split(subject: ExportInput) -> tuple[tuple[float, float], str]:
-    body, added = subject.rigid_inertia, subject.added_inertia
-    late = _STEP / _FILTER * added / subject.model.inertia / settling_time(subject) / math.e
-    if added <= _STABLE * body and late < _VISIBLE:
-        return (body, added), "The added inertia stands in <added_mass>, the body's in <inertia>."
-    return (subject.model.inertia, 0.0), (
-        "The whole inertia is the link's and the yaw entry of <added_mass> 0: the plugin filters the acceleration of "
-        f"the step before, which would put the rate off by {100.0 * late:.2g} % or diverge."
+    return ExportResult(
+        content="\n".join(lines),
+        simulate=_simulator(subject, body, added, thruster_curves(subject)),
+        kept_effects=curve_effect_keys(subject),
+        notes=(*frame_notes(subject), note, "The controllers' model takes forces: a thruster manager has the curves."),
     )
 
 
-def _plant(
-    subject: ExportInput, split: tuple[float, float], propulsion: list[ThrusterCurve], command_lag: float, lag: float
-) -> Callable[[FloatArray, float], FloatArray]:
-    model, (body, added) = subject.model, split
-    thrust_lag = 0.0 if command_lag else lag
+def _split_inertia(subject: ExportInput) -> tuple[float, float, str]:
+    """Yaw inertia in kg m^2 of the link and of <added_mass>, and a note."""
+    body, added = subject.rigid_inertia, subject.added_inertia
+    late = _STEP / _FILTER * added / subject.model.inertia / settling_time(subject) / math.e
+    if added <= _STABLE * body and late < _VISIBLE:
+        return body, added, "The added inertia stands in <added_mass>, the body's in <inertia>."
+    note = (
+        "The whole inertia is the link's and the yaw entry of <added_mass> 0: the plugin filters the acceleration of "
+        f"the step before, which would put the rate off by {100.0 * late:.2g} % or diverge."
+    )
+    return subject.model.inertia, 0.0, note
 
-    def plant(commands: FloatArray, period: float) -> FloatArray:
+
+def _simulator(
+    subject: ExportInput,
+    body: float,
+    added: float,
+    curves: list[ThrusterCurve],
+    command_lag: float = 0.0,
+    thrust_lag: float = 0.0,
+) -> Simulate:
+    model = subject.model
+
+    def simulate(commands: FloatArray) -> FloatArray:
         filtered = before = 0.0
 
         def advance(rate: float, _: float, torque: float) -> float:
@@ -102,26 +108,21 @@ def _plant(
             before = (torque + drag - added * filtered) / body
             return rate + _STEP * before
 
-        torque = thrust_torque(propulsion, commands, period, _STEP, command_lag=command_lag, thrust_lag=thrust_lag)
-        return -integrate_rate(-torque, round(period / _STEP), advance, _STEP)
+        torque = thrust_torque(curves, commands, _STEP, command_lag=command_lag, thrust_lag=thrust_lag)
+        return -integrate_rate(-torque, advance, _STEP)
 
-    return plant
+    return simulate
 
 
-def _xacro(
-    subject: ExportInput,
-    split: tuple[float, float],
-    inputs: list[ThrusterCurve],
-    tables: list[ThrusterCurve],
-    lag: float,
-) -> str:
-    model, (body, added) = subject.model, split
+def _xacro(subject: ExportInput, body: float, added: float, curves: list[ThrusterCurve], lag: float, key: str) -> str:
+    inputs = thruster_inputs(curves, key)
+    model = subject.model
     name = identifiers([subject.vehicle.name])[0].lower()
     matrix = "            0 0 0 0 0 0\n" * 5 + f"            0 0 0 0 0 {added:.10g}"
     thrusters = []
     for index, thruster in enumerate(subject.vehicle.thrusters):
         if thruster.curve is not None:
-            thrusters.append(_thruster(name, index, inputs[index], tables[index], side_of(index), lag))
+            thrusters.append(_thruster(name, index, inputs[index], curves[index], side_of(index), lag))
     return f"""<?xml version="1.0"?>
 <!-- {export_mark("uuv")}. Yaw identified by rovid; z up, a yaw rate is minus the heading's. -->
 <robot name="{name}" xmlns:xacro="http://www.ros.org/wiki/xacro">

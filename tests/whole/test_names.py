@@ -22,8 +22,7 @@ from scipy.io import loadmat
 from rovid.cli import cli
 from rovid.effects import effect_named
 from rovid.export import FORMATS
-from rovid.export.export_input import ExportInput
-from rovid.export.export_result import ExportResult
+from rovid.export.interface import ExportInput, ExportResult
 from rovid.export.run_export import load_exporter, verified_export
 from rovid.export.uuv import export_yaml
 from rovid.model.model import Model

@@ -16,7 +16,7 @@ from rovid.diagnose.result import Diagnosis
 from rovid.effects import effect_named
 from rovid.estimate.estimate import Estimate
 from rovid.export import FORMATS
-from rovid.export.export_input import export_input
+from rovid.export.interface import export_input
 from rovid.export.run_export import VerifiedExport, load_exporter, verified_export
 from rovid.model.model import Model
 from rovid.model.simulation import TrialSimulation, simulate_runs

@@ -27,7 +27,7 @@ def formats_table(exports: Mapping[str, VerifiedExport]) -> ResultTable:
         rms = format_number(made.mismatch.rms, ".2g")
         of_held = format_number(made.kept_mismatch.percent_of_range, ".2g")
         not_held = "; ".join(map(_sized, made.losses)) or NOTHING
-        table.add(name, FORMATS[name], off_by, rms, of_held, not_held)
+        table.add(name, FORMATS[name].file, off_by, rms, of_held, not_held)
     return table.grid()
 
 

@@ -19,6 +19,7 @@ from scipy.io import loadmat
 
 from rovid.core.array_types import FloatArray
 from rovid.export import FORMATS
+from rovid.export.resimulation import compare_rates
 from rovid.store.load import read_parameters
 from rovid.trial.config import load_config
 from rovid.trial.trial import Trial
@@ -514,14 +515,17 @@ def test_a_parameter_file_alone_is_exported_with_what_was_assumed(fitted: Path, 
     alone.write_text(tomli_w.dumps(document))
     for name in FORMATS:
         document, _ = exported(name, alone, tmp_path)
-        assert any("is assumed" in text for text in document["warnings"])
+        assert any("largest yaw rate of 0.3 rad/s is assumed" in text for text in document["warnings"])
         if name != "stonefish":
             assert document["mismatch"]["yaw_rate_percent_of_range"] < ALLOWED
     document, file = exported("gz-sim", alone, tmp_path)
     assert any("rigid-body inertia is not known" in text for text in document["warnings"])
     assert read_sdf(file).inertia == pytest.approx(read_parameters(fitted).model().inertia)
     alone.write_text(tomli_w.dumps(tomllib.loads(fitted.read_text()) | {"logs": []}))
-    assert any("is assumed" in text for text in exported("gz-sim", alone, tmp_path)[0]["warnings"])
+    assert any(
+        "largest yaw rate of 0.3 rad/s is assumed" in text
+        for text in exported("gz-sim", alone, tmp_path)[0]["warnings"]
+    )
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -533,7 +537,7 @@ def test_a_file_that_hangs_on_a_guess_says_so(name: str, fitted: Path, tmp_path:
     path.write_text(tomli_w.dumps(document))
     refused = run_rovid("export", name, "-p", path, "-o", tmp_path / "out")
     assert refused.code == 2
-    assert "rests on a guess of rovid init" in refused.err
+    assert "depends on values guessed by rovid init" in refused.err
     file = tmp_path / f"{name}.out"
     assert run_rovid("export", name, "-p", path, "-o", file, "--force").code == 0
     mark = b'"guessed": [' if name == "json" else b"PLACEHOLDERS: arms or thrust curves are guesses."
@@ -565,3 +569,8 @@ def test_mistakes_end_with_two_and_one_message(fitted: Path, rovid: Rovid, tmp_p
         assert words in done.err
         assert "Traceback" not in done.err
     assert sorted(p.name for p in tmp_path.iterdir()) == ["drag.toml", "file"]
+
+
+def test_what_runs_away_is_off_by_a_number_all_the_same() -> None:
+    mismatch = compare_rates(np.array([0.0, 0.1, 0.2]), np.array([0.0, 1e200, -1e200]))
+    assert mismatch.rms == pytest.approx(1e200 * math.sqrt(2.0 / 3.0))

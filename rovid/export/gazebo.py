@@ -1,0 +1,205 @@
+"""gz-sim and VRX: models in SDF with thrusters, and with the systems Hydrodynamics or SimpleHydrodynamics.
+
+gz-sim, from its sources: the torque on the link is (nR + nRabsR*|r|)*r, with negative numbers for damping; <nRR> is the
+term without absolute value. VRX, from its sources: the torque is -(nR + nRR*|r|)*r - nDotR*rdot, limited to max_effort,
+with rdot of the step before. An added inertia as large as the rigid body's makes that loop diverge, a smaller one adds
+a lag: the link has the whole inertia. Axes are FLU, z up: the yaw rate is minus rovid's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from rovid.core.array_types import FloatArray
+from rovid.core.escaping import xml_attribute, xml_comment
+from rovid.core.signatures import export_mark
+from rovid.effects.actuator_inputs import actuator_inputs
+from rovid.export.interface import ExportInput, ExportResult
+from rovid.export.resimulation import integrate_rate, thrust_torque
+from rovid.export.thruster_curves import ThrusterCurve, curve_comment, curve_effect_keys, thruster_curves
+from rovid.trial.trial import Trial
+
+_NEWTONS = "Thruster takes newtons: the curves in the file turn commands into them, effects of the curve included."
+# s, integration steps of gz-sim with DART (semi-implicit Euler) and of VRX's worlds.
+_STEP, _VRX_STEP = 0.001, 0.004
+# VRX: N m, default limit of the hydrodynamic torque, and its limit relative to the largest drag in the logs.
+_EFFORT, _EFFORT_FACTOR = 10_000.0, 10.0
+# Number of points of a curve behind a dead band.
+_POINTS = 20001
+
+
+def export_gz_sim(subject: ExportInput) -> ExportResult:
+    """A model in SDF for gz-sim with DART."""
+    model, body, added = subject.model, subject.rigid_inertia, subject.added_inertia
+    hydrodynamics = f"""    <plugin filename="gz-sim-hydrodynamics-system" name="gz::sim::systems::Hydrodynamics">
+      <link_name>base_link</link_name>
+      <nR>{-model.linear_drag:.10g}</nR>
+      <nRabsR>{-model.quadratic_drag:.10g}</nRabsR>
+    </plugin>"""
+    fluid = f"<fluid_added_mass><rr>{added:.10g}</rr></fluid_added_mass>"
+
+    def advance(rate: float, _: float, torque: float) -> float:
+        drag = (-model.linear_drag - model.quadratic_drag * abs(rate)) * rate
+        return rate + _STEP * (torque + drag) / (body + added)
+
+    notes = (
+        "The added inertia stands in <fluid_added_mass>, which DART alone honours; <nDotR> would count it twice.",
+        "<nRabsR> needs a gz-sim that has it (its pull request 1888); older ones give <nR> the opposite sign.",
+    )
+    return _model("gz-sim", subject, body, fluid, hydrodynamics, advance, _STEP, notes)
+
+
+def export_vrx(subject: ExportInput) -> ExportResult:
+    """A model in SDF for VRX on gz-sim."""
+    model = subject.model
+    effort = max(_EFFORT, _EFFORT_FACTOR * float(model.drag(np.array(subject.largest_rate))))
+    hydrodynamics = f"""    <plugin filename="libSimpleHydrodynamics.so" name="vrx::SimpleHydrodynamics">
+      <link_name>base_link</link_name>
+      <nDotR>0</nDotR>
+      <nR>{model.linear_drag:.10g}</nR>
+      <nRR>{model.quadratic_drag:.10g}</nRR>
+      <max_effort>{effort:.10g}</max_effort>
+    </plugin>"""
+
+    def advance(rate: float, _: float, torque: float) -> float:
+        drag = -(model.linear_drag + model.quadratic_drag * abs(rate)) * rate
+        return rate + _VRX_STEP * (torque + min(max(drag, -effort), effort)) / model.inertia
+
+    ratio = subject.added_inertia / subject.rigid_inertia
+    inertia_note = (
+        "The whole inertia is the link's and <nDotR> 0: VRX takes the acceleration of the step before, which lags and, "
+        f"with an added inertia beyond the body's (here {ratio:.2g} times it), diverges."
+    )
+    notes = (
+        inertia_note,
+        "What is not written keeps SimpleHydrodynamics' defaults, which are not zero (xU, yV 20): set your own.",
+    )
+    return _model("vrx", subject, model.inertia, "", hydrodynamics, advance, _VRX_STEP, notes)
+
+
+def _model(
+    name: str,
+    subject: ExportInput,
+    izz: float,
+    fluid: str,
+    hydrodynamics: str,
+    advance: Callable[[float, float, float], float],
+    step: float,
+    notes: tuple[str, ...],
+) -> ExportResult:
+    """An SDF model with one link, its thrusters and these hydrodynamics; ``advance`` integrates in FLU axes."""
+    curves = thruster_curves(subject)
+    bands = [_deadband_thrust(subject, index) for index in range(len(curves))]
+    thrusters = []
+    for index, thruster in enumerate(subject.vehicle.thrusters):
+        # A logged torque has no thruster.
+        if thruster.curve is not None:
+            thrusters.append(_thruster(curves[index], bands[index], side_of(index)))
+    content = f"""<?xml version="1.0"?>
+<!-- {export_mark(name)}.
+     {xml_comment(subject.vehicle.name)}: yaw identified by rovid; z up, a yaw rate is minus the heading's. -->
+<sdf version="1.11">
+  <model name={xml_attribute(subject.vehicle.name)}>
+    <link name="base_link">
+      <inertial>
+        <mass>{subject.mass:.10g}</mass>
+        <inertia><ixx>{izz:.10g}</ixx><iyy>{izz:.10g}</iyy><izz>{izz:.10g}</izz></inertia>
+        {fluid}
+      </inertial>
+    </link>
+{hydrodynamics}
+{"".join(thrusters)}  </model>
+</sdf>
+"""
+    banded = [_with_deadband(curve, band) for curve, band in zip(curves, bands, strict=True)]
+
+    def simulate(commands: FloatArray) -> FloatArray:
+        return -integrate_rate(-thrust_torque(banded, commands, step), advance, step)
+
+    kept = curve_effect_keys(subject)
+    return ExportResult(
+        content=content, simulate=simulate, kept_effects=kept, notes=(*frame_notes(subject), _NEWTONS, *notes)
+    )
+
+
+def frame_notes(subject: ExportInput) -> tuple[str, ...]:
+    """Assumptions about inertia and thrusters in FLU axes."""
+    rigid = subject.vehicle.rigid_body_inertia
+    notes = ["Axes are FLU, z up: a yaw rate there is minus rovid's, which grows with the heading."]
+    if rigid is None:
+        notes.append("The rigid-body inertia is not known: the whole inertia is taken as the body's, added inertia 0.")
+    elif rigid > subject.model.inertia:
+        notes.append(
+            f"The rigid-body inertia of [vehicle], {rigid:.4g} kg m^2, exceeds the identified "
+            f"{subject.model.inertia:.4g} kg m^2: the whole is taken as the body's, added inertia 0."
+        )
+    if subject.vehicle.mass is None:
+        notes.append("The mass is not known: 1 kg stands in its place.")
+    notes.append("Roll, pitch and the other axes are not identified: their inertia is a stand-in, their drag missing.")
+    if any(thruster.curve is not None for thruster in subject.vehicle.thrusters):
+        notes.append(
+            "Thrusters stand on the x axis at plus and minus their yaw arm in turn, pushing across: the yaw torque is "
+            "right, the places are not known."
+        )
+    return tuple(notes)
+
+
+def _deadband_thrust(subject: ExportInput, index: int) -> float:
+    """Thrust in N at the edge of a thruster's dead band, if thrust sets in with a jump; else 0."""
+    values = subject.effects.get("thruster_deadband:jump")
+    if values is None:
+        return 0.0
+    still = Trial.from_commands(np.zeros(1), np.zeros((1, len(subject.vehicle.thrusters))))
+    where = actuator_inputs(subject.vehicle, still)
+    # The smaller thrust of both directions, half a ramp before the threshold: no thrust of the curve is lost.
+    size = np.full(len(where.names), (1.0 - 0.5 * values["edge"]) * values["deadband"])
+    ends = [subject.vehicle.thrust(where.from_excess(sign * size)[None])[0, index] for sign in (1.0, -1.0)]
+    return min(abs(float(end)) for end in ends)
+
+
+def _with_deadband(curve: ThrusterCurve, band: float) -> ThrusterCurve:
+    """The curve without thrusts below ``band`` in N."""
+    if band <= 0.0:
+        return curve
+    command = np.union1d(curve.command, np.linspace(curve.command[0], curve.command[-1], _POINTS))
+    thrust = curve(command)
+    return replace(curve, command=command, thrust=np.where(np.abs(thrust) < band, 0.0, thrust))
+
+
+def side_of(index: int) -> float:
+    """1 ahead and -1 astern in turn, as the places of the thrusters are not known."""
+    return 1.0 if index % 2 == 0 else -1.0
+
+
+def place(curve: ThrusterCurve, side: float) -> tuple[float, float]:
+    """Place on the x axis in m and direction along y, in FLU axes, with a torque about z of minus arm * thrust."""
+    return side * curve.arm, -side
+
+
+def _thruster(curve: ThrusterCurve, band: float, side: float) -> str:
+    name, (x, direction) = curve.identifier, place(curve, side)
+    deadband = f"\n      <deadband>{band:.10g}</deadband>" if band > 0.0 else ""
+    return f"""    <!-- {curve_comment(curve)} -->
+    <link name="{name}_link">
+      <pose>{x:.10g} 0 0 0 0 0</pose>
+      <inertial>
+        <mass>1e-3</mass>
+        <inertia><ixx>1e-6</ixx><iyy>1e-6</iyy><izz>1e-6</izz></inertia>
+      </inertial>
+    </link>
+    <joint name="{name}_joint" type="revolute">
+      <parent>base_link</parent>
+      <child>{name}_link</child>
+      <axis><xyz>0 {direction:g} 0</xyz></axis>
+    </joint>
+    <plugin filename="gz-sim-thruster-system" name="gz::sim::systems::Thruster">
+      <joint_name>{name}_joint</joint_name>
+      <use_angvel_cmd>false</use_angvel_cmd>
+      <velocity_control>true</velocity_control>
+      <max_thrust_cmd>{max(float(curve.thrust.max()), 0.0):.10g}</max_thrust_cmd>
+      <min_thrust_cmd>{min(float(curve.thrust.min()), 0.0):.10g}</min_thrust_cmd>{deadband}
+    </plugin>
+"""

@@ -1,0 +1,160 @@
+"""Input and result of an exporter."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from rovid.core.array_types import FloatArray
+from rovid.effects import Effect
+from rovid.model.model import Model
+from rovid.store.parameter_file import Entry, Parameters
+from rovid.store.study import Study
+from rovid.trial.assumptions import Assumptions
+from rovid.trial.vehicle import Thruster, Vehicle
+
+# s, for which each command of the verification is held; a multiple of the integration step of every simulator.
+PERIOD = 0.1
+# kg, stand-in for an unknown mass. Simulators refuse a mass of zero; yaw motion does not depend on it.
+_STAND_IN_MASS = 1.0
+# rad/s, largest yaw rate without logs.
+_ASSUMED_RATE = 0.3
+
+# The simulator's equation of motion, integrated as the simulator does: (n, k) commands, each held for `PERIOD` -> (n,)
+# yaw rate in rad/s at the beginning of each, from rest, positive where the heading grows.
+Simulate = Callable[[FloatArray], FloatArray]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ExportInput:
+    """Model and vehicle to export.
+
+    Attributes
+    ----------
+    entries
+        Parameters with units and standard errors.
+    largest_rate
+        rad/s, largest yaw rate in the logs.
+    commands
+        (k, 2) smallest and largest command of each thruster in the logs.
+    reference
+        Median of each further channel of the logs.
+    notes
+        Assumptions about the vehicle and its trials.
+    guess
+        Arms and curves that were not measured.
+    """
+
+    model: Model
+    vehicle: Vehicle
+    entries: Mapping[str, Entry]
+    largest_rate: float
+    commands: FloatArray
+    reference: Mapping[str, float]
+    notes: tuple[str, ...] = ()
+    guess: Assumptions = field(default_factory=Assumptions)
+
+    @property
+    def effects(self) -> dict[str, dict[str, float]]:
+        """Key of each effect -> its parameters."""
+        found = {}
+        for effect in self.model.effects:
+            names = [parameter.name for parameter in effect.parameters]
+            found[effect.key] = {name: self.entries[f"{effect.key}.{name}"].value for name in names}
+        return found
+
+    def value(self, key: str, name: str) -> float:
+        """Parameter ``name`` of the effect ``key``; 0 if the model is without the effect."""
+        return self.effects.get(key, {}).get(name, 0.0)
+
+    @property
+    def mass(self) -> float:
+        """Mass in kg, or a stand-in."""
+        return self.vehicle.mass or _STAND_IN_MASS
+
+    @property
+    def rigid_inertia(self) -> float:
+        """Inertia of the rigid body in kg m^2; the whole inertia if not known or larger than that."""
+        rigid = self.vehicle.rigid_body_inertia
+        if rigid is None or rigid > self.model.inertia:
+            return self.model.inertia
+        return rigid
+
+    @property
+    def added_inertia(self) -> float:
+        """Added inertia in kg m^2."""
+        return self.model.inertia - self.rigid_inertia
+
+    def with_effects(self, keys: frozenset[str]) -> Model:
+        """The model with only these effects."""
+        kept = tuple(effect for effect in self.model.effects if effect.key in keys)
+        return replace(self.model, effects=kept, effect_values=self.effect_values(kept))
+
+    def effect_values(self, effects: Sequence[Effect]) -> tuple[float, ...]:
+        """Parameters of these ``effects`` in order."""
+        values = self.effects
+        return tuple(value for effect in effects for value in values[effect.key].values())
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ExportResult:
+    """Content of an exported file, and the simulator's equation with the numbers in it.
+
+    Attributes
+    ----------
+    kept_effects
+        Keys of the effects that the file represents.
+    base_losses
+        (parameter, reason) of the parts of the base model that the file cannot represent.
+    notes
+        Assumptions, and facts that the user has to know.
+    """
+
+    content: str | bytes
+    simulate: Simulate
+    kept_effects: frozenset[str]
+    base_losses: tuple[tuple[str, str], ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def export_input(stored: Parameters, study: Study | None) -> ExportInput:
+    """Input from a parameter file and, if they exist, from the logs behind it.
+
+    Raises
+    ------
+    ConfigError
+        The file holds no inertia or drag.
+    """
+    model = stored.model()
+    vehicle = Vehicle(name=stored.vehicle or "vehicle", thrusters=()) if study is None else study.vehicle
+    # An effect whose channel is not logged is evaluated at 1.
+    reference = {channel: 1.0 for effect in model.effects for channel in effect.needs}
+    if study is not None and study.runs is not None and study.campaign is not None:
+        study.require_effects(model.effects)
+        trials = study.campaign.trials
+        commands = np.concatenate([trial.commands for trial in trials])
+        return ExportInput(
+            model=model,
+            vehicle=vehicle,
+            entries=stored.entries,
+            largest_rate=max(float(np.nanmax(np.abs(run.rates.rate))) for run in study.runs.items),
+            commands=np.column_stack([np.nanmin(commands, axis=0), np.nanmax(commands, axis=0)]),
+            reference=reference | dict(trials[0].reference),
+        )
+    largest = float(model.drag(np.array(_ASSUMED_RATE)))
+    thruster = Thruster(name="yaw_torque", arm=1.0, curve=None, max_logged_torque=largest)
+    note = (
+        f"There are no logs of the yaw rate and the thrusters. A largest yaw rate of {_ASSUMED_RATE:g} rad/s is "
+        "assumed, and the yaw torque itself is the command."
+    )
+    return ExportInput(
+        model=model,
+        vehicle=replace(vehicle, thrusters=(thruster,)),
+        entries=stored.entries,
+        largest_rate=_ASSUMED_RATE,
+        commands=np.array([[-largest, largest]]),
+        reference=reference,
+        notes=(note,),
+    )
