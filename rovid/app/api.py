@@ -24,7 +24,7 @@ from rovid.preflight.log_reading import LogsRead, is_thrust_curve, log_files, re
 from rovid.preflight.log_survey import LogSurvey, SurveyOptions, output_files, survey_read_logs
 from rovid.preflight.raw_columns import RawColumn
 from rovid.present.documents.results import check_document, survey_document
-from rovid.present.terminal.check_text import VERDICTS, check_notes, check_tasks
+from rovid.present.terminal.check import VERDICTS, check_notes, check_tasks
 from rovid.readers.formats import READERS
 from rovid.trial.config import FILE_NAME, load_config
 from rovid.trial.signal_names import SIGNAL_UNITS

@@ -33,9 +33,9 @@ PAGE = Page(
 def check(logs: Logs, *, axis: AxisName = None, json: Json = False) -> None:
     """Say what is in the logs, and what is wrong."""
     from rovid.preflight.check import check_logs
+    from rovid.present.console import show_caution
     from rovid.present.documents.results import check_document
-    from rovid.present.terminal.check_text import show_check
-    from rovid.present.terminal.result_tables import show_caution
+    from rovid.present.terminal.check import show_check
     from rovid.trial.axis import YAW, axis_named
     from rovid.trial.config import find_config, load_config
 

@@ -83,7 +83,8 @@ def compare(
         )
     compile_beside()
     from rovid.compare.comparison import compare as compared
-    from rovid.present.terminal.comparison import comparison_document, show_comparison
+    from rovid.present.documents.diagnosis import comparison_document
+    from rovid.present.terminal.diagnosis import show_comparison
     from rovid.trial.axis import YAW, axis_named
 
     wanted = axis_named(axis) if axis else YAW

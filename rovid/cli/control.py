@@ -104,9 +104,9 @@ def control(
     from rovid.control.specs import ControllerOptions, loop_conditions
     from rovid.core.atomic_write import OutputFile
     from rovid.core.signatures import C_SOURCE, PYTHON_SOURCE
+    from rovid.present.console import show_caution, show_warnings
     from rovid.present.documents.results import control_document
-    from rovid.present.terminal.diagnosis_text import show_control
-    from rovid.present.terminal.result_tables import show_caution, show_warnings
+    from rovid.present.terminal.diagnosis import show_control
 
     options = ControllerOptions(
         kp=kp,

@@ -65,8 +65,8 @@ def diagnose(
 
         print_json(diagnosis_document(diagnosis, study))
     else:
-        from rovid.present.terminal.diagnosis_text import show_diagnosis
-        from rovid.present.terminal.result_tables import show_caution, show_warnings
+        from rovid.present.console import show_caution, show_warnings
+        from rovid.present.terminal.diagnosis import show_diagnosis
 
         show_caution(console(), study.vehicle.assumptions)
         show_diagnosis(console(), diagnosis, study.vehicle)

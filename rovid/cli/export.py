@@ -72,8 +72,9 @@ def export(
     from rovid.export.interface import export_input
     from rovid.export.run_export import select_exporter
     from rovid.export.run_export import verified_export as make
+    from rovid.present.console import show_caution
     from rovid.present.documents.results import export_document
-    from rovid.present.terminal.result_tables import show_caution, show_export
+    from rovid.present.terminal.results import show_export
 
     function, target = select_exporter(format, output)
     stored = of_yaw(known_at(parameters))

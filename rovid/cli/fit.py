@@ -72,7 +72,7 @@ def fit(
     compile_beside()
     from rovid.effects import effect_named
     from rovid.present.documents.fits import likelihood_document
-    from rovid.present.terminal.result_tables import show_fit, show_likelihood
+    from rovid.present.terminal.results import show_fit, show_likelihood
 
     effects = tuple(effect_named(name) for name in dict.fromkeys(effect or ()))
     stored = stored_at(parameters, axis, force=force)

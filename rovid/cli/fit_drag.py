@@ -41,7 +41,7 @@ def fit_drag(
 ) -> None:
     """Find drag from steady turns."""
     from rovid.present.documents.fits import drag_document
-    from rovid.present.terminal.result_tables import show_drag, show_fit
+    from rovid.present.terminal.results import show_drag, show_fit
 
     stored = stored_at(parameters, axis, force=force)
     claim = claim_of([stored.output], logs, force=force)

@@ -68,7 +68,7 @@ def fit_inertia(
 def estimate_inertia(study: Study, stored: Parameters, claim: OutputSet, *, json: bool) -> None:
     """Fit, put what was found into the parameter file, and print it."""
     from rovid.present.documents.fits import inertia_document
-    from rovid.present.terminal.result_tables import show_fit, show_inertia
+    from rovid.present.terminal.results import show_fit, show_inertia
 
     stored, notes = standing_now(stored, study)
     with busy("Fitting inertia …"):

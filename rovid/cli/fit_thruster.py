@@ -77,7 +77,7 @@ def fit_thruster(
     from rovid.core.signatures import CURVE
     from rovid.estimate.thrust_curve import THRUST_UNITS, bench_readings, fit_thrust_curve
     from rovid.present.documents.fits import bench_document
-    from rovid.present.terminal.result_tables import show_bench
+    from rovid.present.terminal.results import show_bench
     from rovid.trial.tables import CURVE_COLUMNS, curve_csv, read_table
 
     if unit is not None and unit not in THRUST_UNITS:

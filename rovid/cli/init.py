@@ -77,7 +77,7 @@ def init(
     from rovid.preflight.config_writer import write_config
     from rovid.preflight.log_survey import SurveyOptions, output_files, survey
     from rovid.present.documents.results import survey_document
-    from rovid.present.terminal.result_tables import show_survey
+    from rovid.present.terminal.results import show_survey
     from rovid.trial.axis import YAW, axis_named
 
     # Asked for before the logs are read.

@@ -94,9 +94,10 @@ def plan(
     from rovid.design.candidate_runs import RunLimits
     from rovid.design.experiment_design import command_csv
     from rovid.effects import effect_named
+    from rovid.present.console import show_caution, show_warnings
     from rovid.present.documents.results import plan_document
-    from rovid.present.plots.planned import plan_picture
-    from rovid.present.terminal.result_tables import show_caution, show_plan, show_warnings
+    from rovid.present.plots.results import plan_picture
+    from rovid.present.terminal.results import show_plan
     from rovid.store.staleness import check_freshness
 
     rivals = tuple(effect_named(name) for name in between or ())

@@ -63,9 +63,10 @@ def simulate(
 ) -> None:
     """Simulate the runs and compare with the logs."""
     from rovid.model.simulation import simulate_runs
+    from rovid.present.console import show_caution, show_warnings
     from rovid.present.documents.results import simulation_document
     from rovid.present.mcap_output import recording_outputs, write_recordings
-    from rovid.present.terminal.result_tables import show_caution, show_simulation, show_warnings
+    from rovid.present.terminal.results import show_simulation
 
     stored = known_at(parameters, axis)
     model = stored.model()

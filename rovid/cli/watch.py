@@ -87,7 +87,7 @@ def watch(
     from rovid.core.signatures import PLAN
     from rovid.design.experiment_design import command_csv
     from rovid.present.documents.watch import watch_documents, watch_start_document
-    from rovid.present.terminal.watch_text import show_watch_event, show_watch_start
+    from rovid.present.terminal.watch import show_watch_event, show_watch_start
     from rovid.watch.folder_monitor import FolderMonitor, Problem, SettleTimes
     from rovid.watch.session import SessionActions, WatchSession
     from rovid.watch.stop_criteria import parse_criteria

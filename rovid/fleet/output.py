@@ -18,7 +18,7 @@ from rovid.fleet.campaign_record import CampaignRecord
 from rovid.fleet.page import cause_changes, caution, headline
 from rovid.fleet.results import Fleet, causes, guessed, outliers, verdict
 from rovid.fleet.shrinkage import ShrunkParameter
-from rovid.present.terminal.table import table
+from rovid.present.tables.table import ResultTable, text_column
 
 SCHEMA = "rovid-fleet/1"
 _Column = tuple[Any, list[Any], str]
@@ -114,7 +114,7 @@ def _campaign_document(record: CampaignRecord) -> dict[str, Any]:
 def show_fleet(console: Console, output: FleetOutput) -> None:
     """Print one row a campaign, a summary line and the path of the page."""
     fleet = output.fleet
-    rows = table("", "campaign", "vehicle", "verdict", "causes or error", left=4)
+    rows = ResultTable("", *map(text_column, ("campaign", "vehicle", "verdict", "causes or error")))
     for record in fleet.records:
         found = record.error or ", ".join(causes(record, "findings")) or "–"
         words = (verdict(record) or "no diagnosis").replace("_", " ")

@@ -18,11 +18,11 @@ from rovid.fleet.campaign_record import CampaignRecord
 from rovid.fleet.plots import VERDICTS, history, timeline
 from rovid.fleet.results import RULE, Fleet, Outlier, causes, guessed, outliers, verdict
 from rovid.fleet.shrinkage import ShrunkParameter
-from rovid.present.number_text import NOTHING, parameter_title, unit_symbol
+from rovid.present.numbers import DASH, parameter_title, unit_symbol
 from rovid.present.page.templating import template_environment
 from rovid.present.plots.canvas import render_inline_svg
-from rovid.present.tables.table import ResultTable, TableBuilder, mixed_number_column, text_column
-from rovid.present.verdict import join_words
+from rovid.present.sentences import join_words
+from rovid.present.tables.table import ResultTable, mixed_number_column, text_column
 from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import axis_named
 
@@ -115,7 +115,7 @@ def _date_range(fleet: Fleet) -> str:
 
 def _campaign_table(fleet: Fleet) -> ResultTable:
     """All campaigns by vehicle and date, then those without a diagnosis."""
-    table = TableBuilder(
+    table = ResultTable(
         "All campaigns. Each name links to the full diagnosis.",
         *map(text_column, ("campaign", "vehicle", "start, UTC", "verdict", "causes", "suspects")),
     )
@@ -123,12 +123,12 @@ def _campaign_table(fleet: Fleet) -> ResultTable:
         key = verdict(record)
         words = VERDICTS[key][-1] if key else "no diagnosis"
         found, suspected = (
-            ", ".join(_effect_title(fleet, effect) for effect in causes(record, kind)) or NOTHING
+            ", ".join(_effect_title(fleet, effect) for effect in causes(record, kind)) or DASH
             for kind in ("findings", "suspects")
         )
-        start = NOTHING if record.start is None else f"{datetime.fromtimestamp(record.start, UTC):%Y-%m-%d %H:%M}"
-        table.add(_link(record), record.vehicle or NOTHING, start, words, record.error or found, suspected)
-    return table.grid()
+        start = DASH if record.start is None else f"{datetime.fromtimestamp(record.start, UTC):%Y-%m-%d %H:%M}"
+        table.add_row(_link(record), record.vehicle or DASH, start, words, record.error or found, suspected)
+    return table
 
 
 def _link(record: CampaignRecord) -> Markup:
@@ -161,7 +161,7 @@ def _cause_table(fleet: Fleet) -> ResultTable | None:
     if not effects:
         return None
     heads = [text_column(_effect_title(fleet, effect)) for effect in effects]
-    table = TableBuilder(
+    table = ResultTable(
         "Causes by campaign, in order of time.", text_column("vehicle"), text_column("campaign"), *heads
     )
     for vehicle, records in fleet.vehicles.items():
@@ -169,19 +169,19 @@ def _cause_table(fleet: Fleet) -> ResultTable | None:
             cells = dict.fromkeys(effects, ABSENT)
             cells |= dict.fromkeys(causes(record, "suspects"), SUSPECTED)
             cells |= dict.fromkeys(causes(record, "findings"), FOUND)
-            table.add(vehicle, _link(record), *cells.values())
-    return table.grid()
+            table.add_row(vehicle, _link(record), *cells.values())
+    return table
 
 
 def _outlier_table(found: Sequence[Outlier]) -> ResultTable:
-    table = TableBuilder(
+    table = ResultTable(
         "Outliers, the farthest first.",
         *map(text_column, ("campaign", "vehicle", "parameter")),
         *map(mixed_number_column, ("value", "median", "distance")),
     )
     for one in found:
         value = f"{plus_minus(one.value.value, one.value.error)} {unit_symbol(one.value.unit)}".strip()
-        table.add(
+        table.add_row(
             one.campaign,
             one.vehicle,
             parameter_title(one.name),
@@ -189,14 +189,14 @@ def _outlier_table(found: Sequence[Outlier]) -> ResultTable:
             significant(one.median, 4),
             f"{one.distance:+.1f}",
         )
-    return table.grid()
+    return table
 
 
 def _mean_table(fleet: Fleet, means: Sequence[ShrunkParameter]) -> ResultTable | None:
     """Hierarchical means and scatters; None if there are none."""
     if not means:
         return None
-    table = TableBuilder(
+    table = ResultTable(
         "Fleet means and scatter of the vehicles about them.",
         text_column("parameter"),
         *map(mixed_number_column, ("mean", "between vehicles", "between a vehicle's campaigns")),
@@ -207,5 +207,5 @@ def _mean_table(fleet: Fleet, means: Sequence[ShrunkParameter]) -> ResultTable |
             f"{100.0 * scatter:.2g} %" if one.logarithmic else significant(scatter, 2)
             for scatter in (one.between, one.within)
         ]
-        table.add(parameter_title(one.name), mean, *scatters)
-    return table.grid()
+        table.add_row(parameter_title(one.name), mean, *scatters)
+    return table

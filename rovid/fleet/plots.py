@@ -17,7 +17,7 @@ from rovid.core.formatting import significant
 from rovid.fleet.campaign_record import CampaignRecord
 from rovid.fleet.results import Fleet, ParameterValue, median_of, verdict
 from rovid.fleet.shrinkage import ShrunkParameter
-from rovid.present.number_text import parameter_title, unit_symbol
+from rovid.present.numbers import parameter_title, unit_symbol
 from rovid.present.plots.canvas import BLACK, ORANGE, PALE, RED, panel_grid, report_style, shorten_name
 
 # Verdict -> marker, colour, fill style and words.

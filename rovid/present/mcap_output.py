@@ -1,8 +1,8 @@
-"""Each trial's measurement, its simulation and what is left over, as MCAP beside the commands."""
+"""Measurement, simulation, residual torque and commands of each trial as MCAP."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,7 @@ from rovid.core.escaping import field_names
 from rovid.core.signatures import RECORDING, RECORDING_LIBRARY
 from rovid.model.model import Model
 from rovid.model.simulation import TrialSimulation
-from rovid.present.page.residual_torque import ResidualTorque, unexplained_torques
+from rovid.present.page.residuals import ResidualTorque, unexplained_torques
 from rovid.readers.mcap_writer import OutputTopic, mcap_bytes, name_with_unit
 from rovid.signals.preprocessing import PreparedRuns
 from rovid.trial.trial import Trial
@@ -23,18 +23,23 @@ from rovid.trial.vehicle import Vehicle
 _SUFFIX = ".mcap"
 
 
+def recording_outputs(target: Path, trials: Sequence[Trial]) -> list[OutputFile]:
+    """The recording of each trial, at the paths of `recording_paths`."""
+    return [OutputFile(path, RECORDING) for path in recording_paths(target, trials)]
+
+
 def recording_paths(target: Path, trials: Sequence[Trial]) -> list[Path]:
-    """Where the recording of each trial goes: ``target`` itself for a single one, else into it as a folder.
+    """Path of each trial's recording: ``target`` itself for a single trial, else files in the folder ``target``.
 
     Raises
     ------
     ConfigError
-        ``target`` names one file, and there are more trials; or a log would be written over.
+        ``target`` is one file for several trials, or a log would be overwritten.
     """
     place = f"--mcap {target}"
     paths = [target]
     if target.suffix.lower() != _SUFFIX or target.is_dir():
-        paths = [target / name for name in _names(trials)]
+        paths = [target / name for name in _recording_names(trials)]
     elif len(trials) > 1:
         several = f"names one file, but there are {len(trials)} trials."
         raise ConfigError(several, where=place, mend="Name a folder, for one file a trial.")
@@ -45,20 +50,18 @@ def recording_paths(target: Path, trials: Sequence[Trial]) -> list[Path]:
     return paths
 
 
-def _names(trials: Sequence[Trial]) -> Iterator[Path]:
-    """A recording's name for each trial; with the log's format in it where two differ by that alone."""
-    names = [_inside(Path(trial.name)) for trial in trials]
-    plain = [name.with_suffix(_SUFFIX) for name in names]
-    for name, short in zip(names, plain, strict=True):
-        if plain.count(short) == 1:
-            yield short
-        else:
-            yield name.with_name(name.name + _SUFFIX)
-
-
-def _inside(name: Path) -> Path:
-    """``name`` with nothing that leads out of a folder: a trial from elsewhere may be called by its whole path."""
-    return Path(*(part for part in name.parts if part not in {"..", name.anchor}))
+def _recording_names(trials: Sequence[Trial]) -> list[Path]:
+    """A file name for each trial, with the log's suffix where trials differ by that only."""
+    # A trial may be named by an absolute path: its recording stays inside the folder.
+    parts = [
+        [part for part in Path(trial.name).parts if part not in {"..", Path(trial.name).anchor}] for trial in trials
+    ]
+    names = [Path(*each) for each in parts]
+    short = [name.with_suffix(_SUFFIX) for name in names]
+    return [
+        plain if short.count(plain) == 1 else name.with_name(name.name + _SUFFIX)
+        for name, plain in zip(names, short, strict=True)
+    ]
 
 
 def write_recordings(
@@ -69,63 +72,46 @@ def write_recordings(
     model: Model,
     vehicle: Vehicle,
 ) -> None:
-    """Write one recording a trial, all or none.
+    """Write the recordings of all trials, or none.
 
     Raises
     ------
     OutputError
-        One cannot be written.
+        A recording cannot be written.
     """
+    recordings = {}
     residuals = unexplained_torques(runs, model, vehicle)
-    recordings = []
-    for simulation, residual in zip(simulations, residuals, strict=True):
-        topics = simulation_topics(simulation, residual, vehicle)
-        recordings.append(mcap_bytes(topics, RECORDING_LIBRARY))
-    claim.write(dict(zip(outputs, recordings, strict=True)))
-
-
-def recording_outputs(target: Path, trials: Sequence[Trial]) -> list[OutputFile]:
-    """As `recording_paths`."""
-    return [OutputFile(path, RECORDING) for path in recording_paths(target, trials)]
+    for output, simulation, residual in zip(outputs, simulations, residuals, strict=True):
+        recordings[output] = mcap_bytes(simulation_topics(simulation, residual, vehicle), RECORDING_LIBRARY)
+    claim.write(recordings)
 
 
 def simulation_topics(simulation: TrialSimulation, residual: ResidualTorque, vehicle: Vehicle) -> list[OutputTopic]:
-    """Rate, position, torques and commands of one trial; rates and torques behind the filter they share."""
-    trial, rates = simulation.run.trial, simulation.run.rates
-    axis = trial.axis
-    residuals = simulation.measured - simulation.simulated
-    rate = {"measured": simulation.measured, "simulated": simulation.simulated, "residual": residuals}
-    guessed = vehicle.assumptions.is_placeholder(axis.force_unit)
-    push = {"drive": residual.thruster_torque, "disturbance": residual.residual}
+    """Rate, position, torques and commands of one trial; rates and torques after the same low-pass filter."""
+    trial, time, axis = simulation.run.trial, simulation.run.rates.time, simulation.run.trial.axis
+    unit, factor = axis.display_unit
+    rate = {
+        "measured": simulation.measured,
+        "simulated": simulation.simulated,
+        "residual": simulation.measured - simulation.simulated,
+    }
+    # A position that was integrated from a rate was not measured.
+    position = {} if trial.rate_only else {"measured": trial.position * factor}
+    position["simulated"] = simulation.position * factor
+    torque = {"drive": residual.thruster_torque, "disturbance": residual.residual}
+    # The topic's name marks guessed torques, because a recording has no other place for a caution.
+    guessed = "guessed_" * vehicle.assumptions.is_placeholder(axis.force_unit)
+    names = field_names([thruster.name for thruster in vehicle.thrusters])
+    commands = dict(zip(names, trial.commands.T, strict=True))
     return [
-        _topic(axis.rate_signal, rates.time, rate, axis.rate_unit),
-        _topic(axis.position_signal, trial.time, _positions(simulation), axis.display_unit[0]),
-        # Whoever sees the recording sees no other word of rovid's.
-        _topic(f"{'guessed_' * guessed}{axis.force_name}", residual.run.rates.time, push, axis.force_unit),
-        _topic("commands", trial.time, _commands(trial, vehicle), ""),
+        _topic(axis.rate_signal, time, rate, axis.rate_unit),
+        _topic(axis.position_signal, trial.time, position, unit),
+        _topic(guessed + axis.force_name, residual.run.rates.time, torque, axis.force_unit),
+        _topic("commands", trial.time, commands, ""),
     ]
 
 
-def _positions(simulation: TrialSimulation) -> dict[str, FloatArray]:
-    """(n,) in deg or m; what was integrated from a rate was not measured."""
-    trial = simulation.run.trial
-    _, factor = trial.axis.display_unit
-    positions = {"simulated": simulation.position * factor}
-    if trial.rate_only:
-        return positions
-    return {"measured": trial.position * factor} | positions
-
-
-def _commands(trial: Trial, vehicle: Vehicle) -> dict[str, FloatArray]:
-    """(n,) of each thruster, as logged."""
-    names = field_names([thruster.name for thruster in vehicle.thrusters])
-    return dict(zip(names, trial.commands.T, strict=True))
-
-
-def _topic(name: str, time: FloatArray, fields: dict[str, FloatArray], unit: str) -> OutputTopic:
-    """What is known of the ``fields``."""
-    named = {}
-    for field, values in fields.items():
-        if np.isfinite(values).any():
-            named[name_with_unit(field, unit)] = values
-    return OutputTopic(name=f"/{name}", time=time, fields=named, units=dict.fromkeys(named, unit))
+def _topic(name: str, time: FloatArray, signals: dict[str, FloatArray], unit: str) -> OutputTopic:
+    """A topic with the signals that have any finite value."""
+    known = {name_with_unit(signal, unit): values for signal, values in signals.items() if np.isfinite(values).any()}
+    return OutputTopic(name=f"/{name}", time=time, fields=known, units=dict.fromkeys(known, unit))

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from rovid.core.errors import NAME_LENGTH, ConfigError, suggestion
-from rovid.core.transaction import recover
 from rovid.core.paths import require_exists, special_kind
 from rovid.core.toml import expected_number, read_toml
+from rovid.core.transaction import recover
 from rovid.trial.axis import AXES, YAW, Axis, other_axes
 from rovid.trial.config_fingerprint import ConfigFingerprint, config_fingerprint
 from rovid.trial.log_files import KINDS, Join

@@ -19,9 +19,9 @@ from rovid.model.parameter_names import base_names
 from rovid.present.page import build
 from rovid.present.page.render import write_report
 from rovid.present.page.report_data import ReportData
-from rovid.present.page.residual_torque import residual_torques, rms_sizes
+from rovid.present.page.residuals import residual_torques, rms_sizes
 from rovid.present.page.viewer_data import viewer_document
-from rovid.present.plots import inertia, residuals, simulations, sines, steady, thrust
+from rovid.present.plots import identification, residuals, trials
 from rovid.store.parameter_file import Parameters
 from rovid.store.study import open_study
 from rovid.trial.axis import AXES
@@ -104,13 +104,13 @@ def figures(evidence: ReportData) -> list[Figure]:
     assert evidence.inertia is not None
     model = evidence.parameters.model()
     left = residual_torques(evidence.runs.items, model, evidence.vehicle)
-    curves = thrust.plot_thrust_curves(evidence.vehicle, evidence.runs.items)
+    curves = identification.plot_thrust_curves(evidence.vehicle, evidence.runs.items)
     assert curves is not None
     drawn = [
         curves,
-        inertia.plot_inertia_methods(evidence.inertia, None),
-        simulations.plot_overview([(item, item) for item in evidence.simulations]),
-        simulations.plot_trial(evidence.simulations[0]),
+        identification.plot_inertia_methods(evidence.inertia, None),
+        trials.plot_overview([(item, item) for item in evidence.simulations]),
+        trials.plot_trial(evidence.simulations[0]),
         residuals.plot_residuals(left, evidence.runs.cutoff),
     ]
     if evidence.drag is None:
@@ -118,8 +118,8 @@ def figures(evidence: ReportData) -> list[Figure]:
         return drawn
     return [
         *drawn,
-        steady.plot_steady_states(evidence.drag),
-        sines.plot_sine_runs(evidence.inertia.trials, model, evidence.axis),
+        identification.plot_steady_states(evidence.drag),
+        identification.plot_sine_runs(evidence.inertia.trials, model, evidence.axis),
     ]
 
 
@@ -136,7 +136,7 @@ def test_what_brings_the_vehicle_back_is_not_left_over(shown: tuple[ReportData, 
 def test_the_curve_of_steady_states_holds_the_net_buoyancy() -> None:
     rates = np.array([-0.5, -0.4, -0.3, 0.25, 0.35, 0.45])
     points = [point(rate, 2000.0 * abs(rate) * rate + 100.0 * rate + 60.0) for rate in rates]
-    figure = steady.plot_steady_states(fit_drag(points, AXES["heave"]))
+    figure = identification.plot_steady_states(fit_drag(points, AXES["heave"]))
     curve = next(line for line in figure.axes[0].get_lines() if str(line.get_label()).startswith("fit"))
     assert curve.get_label() == "fit: DQ·|r|·r + DL·r + B"
     x, y = (np.asarray(values, dtype=np.float64) for values in curve.get_data())

@@ -14,9 +14,8 @@ import pytest
 
 from rovid.effects import effect_named
 from rovid.present.page.figures import ReportFigures
-from rovid.present.page.nested_simulations import NestedSimulation
 from rovid.present.page.render import render_page
-from rovid.present.page.report_data import ReportData
+from rovid.present.page.report_data import NestedSimulation, ReportData
 from tests.conftest import SAMPLES, run_rovid
 from tests.present.conftest import make_evidence, nearer, staged
 

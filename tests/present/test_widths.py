@@ -16,7 +16,7 @@ from rovid.control import design
 from rovid.export import run_export
 from rovid.preflight import check
 from rovid.present.page import build
-from rovid.present.plots import planned
+from rovid.present.plots import results
 from rovid.store import study
 from rovid.store.study import Study
 from tests.conftest import SAMPLES, Rovid, write_short_day
@@ -93,7 +93,7 @@ def slow(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
         (design, "design_controller"),
         (build, "build_report"),
         (run_export, "export"),
-        (planned, "plan_picture"),
+        (results, "plan_picture"),
         (study, "read_campaign"),
     ):
         monkeypatch.setattr(owner, name, _once(name, getattr(owner, name), kept))

@@ -1,20 +1,22 @@
-"""A diagnosis as JSON."""
+"""Diagnosis and comparison as JSON."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
+from rovid.compare.comparison import Comparison, CrossPrediction
 from rovid.diagnose.result import (
+    NEVER_IDENTIFIABLE,
     Diagnosis,
     Finding,
-    HorizonErrors,
     ModelAssessment,
     discriminating_experiment,
     next_experiment,
     unidentifiable_parameters,
 )
 from rovid.diagnose.signal_regressors import is_signal, signal_name
-from rovid.diagnose.tables import Explanation, SinePrediction, TableDiagnosis
+from rovid.diagnose.tables import TableDiagnosis
 from rovid.estimate.estimate import Estimate
 from rovid.model.parameter_names import unit_of, without_form
 from rovid.present.documents.fits import (
@@ -25,25 +27,45 @@ from rovid.present.documents.fits import (
     parameter_document,
     position_errors,
     simulation_units,
+    value_document,
 )
+from rovid.present.sentences import change_sentence, document_key
+from rovid.present.tables.diagnosis import inertia_ratios
 from rovid.store.study import Study
+from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import Axis
 
 
 def diagnosis_document(diagnosis: Diagnosis, study: Study) -> Document:
-    """What `rovid diagnose --json` prints."""
+    """The document of `rovid diagnose --json`."""
     base, extended, axis = diagnosis.base, diagnosis.extended, study.vehicle.axis
+    shown = "deg" if axis.angular else "m"
+    names = [signal_name(signal) for signal, _ in diagnosis.signals]
     document = {
         "schema": "rovid-diagnosis/1",
         **axis_document(axis),
         "verdict": diagnosis.verdict,
-        "base": _side(base, axis),
+        "base": None if base is None else _assessment(base, axis),
         "findings": [_finding(finding) for finding in diagnosis.findings],
         "suspects": [_finding(suspect) for suspect in diagnosis.suspects],
-        "horizons": [_ahead(ahead, axis) for ahead in diagnosis.horizons],
-        "extended": _side(extended, axis),
-        "held_out_gain": _gain(base, extended, diagnosis.noise_floor, axis),
-        "unexplained": _unexplained(diagnosis),
+        "horizons": [
+            {
+                "seconds": errors.seconds,
+                f"base_{shown}": axis.to_display(errors.base),
+                f"extended_{shown}": axis.to_display(errors.extended),
+            }
+            for errors in diagnosis.horizons
+        ],
+        "extended": None if extended is None else _assessment(extended, axis),
+        "held_out_gain": _held_out_gain(diagnosis, axis),
+        "unexplained": {
+            "share_of_torque_variance": diagnosis.unexplained_share,
+            "depends_on": list(dict.fromkeys(names)),
+            "signals": [
+                {"signal": name, "acts_as": signal.form, "log_likelihood_gain": gain}
+                for name, (signal, gain) in zip(names, diagnosis.signals, strict=True)
+            ],
+        },
         "not_identifiable": list(unidentifiable_parameters(study.vehicle)),
         "detectable": _detectable(diagnosis, axis),
         "next_experiment": next_experiment(diagnosis),
@@ -51,143 +73,197 @@ def diagnosis_document(diagnosis: Diagnosis, study: Study) -> Document:
         **guess_document(study.vehicle.assumptions),
     }
     if diagnosis.from_tables is not None:
-        document["tables"] = _tables(diagnosis.from_tables)
+        document["tables"] = _table_diagnosis(diagnosis.from_tables)
     document["warnings"] = all_warnings(study.vehicle.assumptions, [*study.remarks(), *diagnosis.warnings])
     return document
 
 
-def _unexplained(diagnosis: Diagnosis) -> Document:
-    """What of the motion no effect explains, and the signals that it follows."""
-    depends_on, signals = [], []
-    for signal, worth in diagnosis.signals:
-        name = signal_name(signal)
-        depends_on.append(name)
-        signals.append({"signal": name, "acts_as": signal.form, "log_likelihood_gain": worth})
-    return {
-        "share_of_torque_variance": diagnosis.unexplained_share,
-        # A signal may act in several ways: it is named once.
-        "depends_on": list(dict.fromkeys(depends_on)),
-        "signals": signals,
-    }
-
-
 def _detectable(diagnosis: Diagnosis, axis: Axis) -> Document:
-    """The smallest size of each effect that would have been seen, by its name."""
+    """Effect and parameter -> the smallest size that would have been found; None where no size would."""
     document = {}
     for effect, size in diagnosis.detectable:
         name = effect.parameters[0].name
-        value = size if math.isfinite(size) else None
         unit = unit_of(f"{effect.key}.{name}", axis)
-        document[f"{effect.id}.{name}"] = {"value": value, "unit": unit}
+        document[f"{effect.id}.{name}"] = value_document(size if math.isfinite(size) else None, unit)
     return document
 
 
-def _tables(amplitudes: TableDiagnosis) -> Document:
+def _table_diagnosis(diagnosis: TableDiagnosis) -> Document:
+    """Predictions of the plain model, and the effects that would or would not explain the tables alone."""
+    predictions = [
+        {
+            "trial": row.trial,
+            "inertia": row.inertia,
+            "inertia_method": row.method,
+            "peak_yaw_rate": {"measured": row.measured, "predicted": row.predicted, "unit": "rad/s"},
+        }
+        for row in diagnosis.predictions
+    ]
+    explanations = []
+    for cause in diagnosis.causes:
+        effect = cause.model.effects[0]
+        explanation = {
+            "effect": effect.id,
+            "form": effect.form or None,
+            "parameters": {name: value_document(value, unit) for name, (value, unit) in cause.sizes.items()},
+            "inertia": cause.model.inertia,
+            "chance_of_the_misfit": None if math.isnan(cause.p_value) else cause.p_value,
+            "deciding_experiment": effect.experiment,
+        }
+        explanations.append(explanation)
     return {
-        "predictions": [_prediction(each) for each in amplitudes.predictions],
-        "plain_model_explains": amplitudes.without_effect.explains,
-        "would_explain": [_cause(cause) for cause in amplitudes.causes],
-        "would_not_explain": [effect.id for effect in amplitudes.ruled_out],
+        "predictions": predictions,
+        "plain_model_explains": diagnosis.without_effect.explains,
+        "would_explain": explanations,
+        "would_not_explain": [effect.id for effect in diagnosis.ruled_out],
     }
 
 
-def _prediction(each: SinePrediction) -> Document:
-    return {
-        "trial": each.trial,
-        "inertia": each.inertia,
-        "inertia_method": each.method,
-        "peak_yaw_rate": {"measured": each.measured, "predicted": each.predicted, "unit": "rad/s"},
-    }
-
-
-def _cause(cause: Explanation) -> Document:
-    """What would explain the tables alone, with its size."""
-    effect = cause.model.effects[0]
-    parameters = {name: {"value": value, "unit": unit} for name, (value, unit) in cause.sizes.items()}
-    return {
-        "effect": effect.id,
-        "form": effect.form or None,
-        "parameters": parameters,
-        "inertia": cause.model.inertia,
-        "chance_of_the_misfit": None if math.isnan(cause.p_value) else cause.p_value,
-        "deciding_experiment": effect.experiment,
-    }
-
-
-def _side(side: ModelAssessment | None, axis: Axis) -> Document | None:
-    """A model's parameters and what it makes of trials that were not fitted; None where there is no model."""
-    if side is None:
-        return None
-    held = side.held_out
+def _assessment(side: ModelAssessment, axis: Axis) -> Document:
+    """A model's parameters, and its errors on held-out trials."""
+    held_out = side.held_out
     return {
         "parameters": _without_forms(side.estimate),
         "held_out": {
-            "log_likelihood": held.log_likelihood,
-            f"{axis.rate_signal}_r2": held.rate_r2,
-            f"{axis.rate_signal}_rmse": held.rate_rmse,
-            **position_errors(held.position_errors, axis),
+            "log_likelihood": held_out.log_likelihood,
+            f"{axis.rate_signal}_r2": held_out.rate_r2,
+            f"{axis.rate_signal}_rmse": held_out.rate_rmse,
+            **position_errors(held_out.position_errors, axis),
             "units": simulation_units(axis),
         },
     }
 
 
 def _without_forms(estimate: Estimate) -> Document:
-    """The parameters; a form of an effect goes by the effect's name: which fits best is said with the finding."""
+    """The parameters, named by effects without their forms."""
     return {without_form(name): value for name, value in parameter_document(estimate).items()}
-
-
-def _ahead(ahead: HorizonErrors, axis: Axis) -> Document:
-    unit = "deg" if axis.angular else "m"
-    return {
-        "seconds": ahead.seconds,
-        f"base_{unit}": axis.to_display(ahead.base),
-        f"extended_{unit}": axis.to_display(ahead.extended),
-    }
 
 
 def _finding(finding: Finding) -> Document:
     effect = finding.effect
+    # Without the effect's name before that of the parameter.
+    parameters = {name.rpartition(".")[2]: value for name, value in _without_forms(finding.estimate).items()}
+    others = [other for other in finding.alternatives if not is_signal(other.effect)]
     return {
         "effect": effect.id,
         "form": effect.form or None,
-        "parameters": _own_names(_without_forms(finding.estimate)),
+        "parameters": parameters,
         "log_likelihood_gain": finding.gain,
         "held_out_log_likelihood_gain": finding.held_out_gain,
-        "runner_up": _runner_up(finding),
+        "runner_up": {"effect": others[0].effect.id, "gain": others[0].bic_gain} if others else None,
         "confidence": finding.probability,
         "cannot_be_told_from": [other.id for other in finding.indistinguishable],
         "deciding_experiment": discriminating_experiment(finding),
     }
 
 
-def _own_names(parameters: Document) -> Document:
-    """The parameters by their names alone, without that of the effect before it."""
-    return {name.rpartition(".")[2]: value for name, value in parameters.items()}
-
-
-def _runner_up(finding: Finding) -> Document | None:
-    """The best other cause; a dependence on a signal is none."""
-    for rival in finding.alternatives:
-        if not is_signal(rival.effect):
-            return {"effect": rival.effect.id, "gain": rival.bic_gain}
-    return None
-
-
-def _gain(base: ModelAssessment | None, extended: ModelAssessment | None, floor: float, axis: Axis) -> Document | None:
-    """What the simulation of trials that were not fitted gains; None where one of the two is missing."""
-    if base is None or extended is None:
+def _held_out_gain(diagnosis: Diagnosis, axis: Axis) -> Document | None:
+    """Errors of both models on held-out trials; None where one of the models is missing."""
+    if diagnosis.base is None or diagnosis.extended is None:
         return None
-    one, other = base.held_out, extended.held_out
-    document = {
-        f"{axis.rate_signal}_rmse": _pair(one.rate_rmse, other.rate_rmse, axis.rate_unit) | {"noise_floor": floor},
-        f"{axis.rate_signal}_r2": _pair(one.rate_r2, other.rate_r2, "1"),
+    one, other = diagnosis.base.held_out, diagnosis.extended.held_out
+
+    def pair(before: float | None, after: float | None, unit: str) -> Document:
+        return {"base": before, "extended": after, "unit": unit}
+
+    rate_rmse = pair(one.rate_rmse, other.rate_rmse, axis.rate_unit)
+    positions = {
+        horizon: pair(before, other.position_errors[horizon], axis.unit("rad"))
+        for horizon, before in one.position_errors.items()
     }
-    for horizon, before in one.position_errors.items():
-        after = other.position_errors[horizon]
-        document[f"{axis.position_signal}_error_{horizon:.0f}s"] = _pair(before, after, axis.unit("rad"))
-    document["log_likelihood"] = _pair(one.log_likelihood, other.log_likelihood, "1")
+    return {
+        f"{axis.rate_signal}_rmse": rate_rmse | {"noise_floor": diagnosis.noise_floor},
+        f"{axis.rate_signal}_r2": pair(one.rate_r2, other.rate_r2, "1"),
+        **position_errors(positions, axis),
+        "log_likelihood": pair(one.log_likelihood, other.log_likelihood, "1"),
+    }
+
+
+def comparison_document(comparison: Comparison, guess: Assumptions, warnings: Sequence[str]) -> Document:
+    """The document of `rovid compare --json`."""
+    axis, changes = comparison.a.axis, comparison.changes
+    ratios = {}
+    for symbols, (of_a, of_b), (over, error), unit in inertia_ratios(comparison):
+        sides = {"a": value_document(of_a[0], unit, of_a[1]), "b": value_document(of_b[0], unit, of_b[1])}
+        ratios[symbols] = {**sides, "ratio": over, "standard_error": error}
+    return {
+        "schema": "rovid-comparison/1",
+        **axis_document(axis),
+        "verdict": comparison.verdict,
+        "campaigns": {"a": comparison.a.name, "b": comparison.b.name},
+        "parameters": _compared_parameters(comparison, guess),
+        "changed": list(map(document_key, comparison.changed)),
+        "changes": [
+            {
+                "what": change.candidate.name,
+                "parameters": list(map(document_key, change.candidate.parameters)),
+                "ratio": change.ratio,
+                "standard_error": change.standard_error,
+                "log_likelihood_gain": change.bic_score,
+                "confidence": change.confidence,
+                "established": change.established,
+                "cannot_be_told_from": [other.name for other in change.indistinguishable],
+                "words": change_sentence(comparison, change),
+            }
+            for change in changes.changes
+        ],
+        "causes": {"a": list(comparison.causes[0]), "b": list(comparison.causes[1])},
+        "of_the_day": list(comparison.transient_causes),
+        "ratios": ratios,
+        "prediction": {
+            f"{model}_on_{runs}": _cross_prediction(comparison.predictions.get((model, runs)), axis)
+            for model, runs in (("a", "b"), ("a", "a"), ("b", "b"), ("b", "a"))
+        },
+        "smallest_seen": dict(changes.detectable_changes),
+        "matters": comparison.relevant_change,
+        "open": list(comparison.open_questions),
+        "not_identifiable": list(NEVER_IDENTIFIABLE),
+        **guess_document(guess),
+        "warnings": all_warnings(guess, [*comparison.warnings, *warnings]),
+    }
+
+
+def _compared_parameters(comparison: Comparison, guess: Assumptions) -> Document:
+    """Each parameter in both campaigns, with its ratio, its difference, and the probability of a change."""
+    changes, pair = comparison.changes, comparison.changes.pair
+    document: Document = {}
+    for place, name in enumerate(pair.names):
+        unit = pair.units[place]
+        ratio, ratio_error = changes.ratio(name) or (None, None)
+        difference, difference_error = changes.difference(name)
+        joint = {
+            side: value_document(value, unit, error)
+            for side, (value, error) in zip("ab", changes.joint_values(name), strict=True)
+        }
+        document[document_key(name)] = {
+            "a": value_document(float(pair.a[place]), unit, math.sqrt(pair.covariance_a[place, place])),
+            "b": value_document(float(pair.b[place]), unit, math.sqrt(pair.covariance_b[place, place])),
+            "ratio": ratio,
+            "standard_error": ratio_error,
+            "difference": value_document(difference, unit, difference_error),
+            "confidence": changes.probabilities[name],
+            "together": joint,
+        }
+        if guess.is_placeholder(unit):
+            document[document_key(name)]["placeholder"] = True
+    for change in changes.changes:
+        if change.candidate.inverse:
+            document[change.candidate.name] = {
+                "a": value_document(1.0, "1", 0.0),
+                "b": value_document(change.ratio, "1", change.standard_error),
+                "ratio": change.ratio,
+                "standard_error": change.standard_error,
+                "confidence": change.confidence,
+            }
     return document
 
 
-def _pair(before: float | None, after: float | None, unit: str) -> Document:
-    return {"base": before, "extended": after, "unit": unit}
+def _cross_prediction(prediction: CrossPrediction | None, axis: Axis) -> Document:
+    """How well a model predicts a campaign's runs; None values where there are no logs."""
+    if prediction is None:
+        return {f"{axis.rate_signal}_r2": None, f"{axis.rate_signal}_rmse": None}
+    return {
+        f"{axis.rate_signal}_r2": prediction.rate_r2,
+        f"{axis.rate_signal}_rmse": prediction.rate_rmse,
+        **position_errors(prediction.position_errors, axis),
+    }

@@ -1,4 +1,4 @@
-"""Results as the JSON documents that other programs rely on."""
+"""Simulations, plans, controllers, exports, surveys and checks as JSON."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rovid.control.design import ClosedLoopResult, ControllerDesign
-from rovid.design.experiment_design import ExpectedInformation, ExperimentPlan, commands_by_name
+from rovid.design.experiment_design import ExperimentPlan, commands_by_name
 from rovid.export.resimulation import Mismatch
-from rovid.export.run_export import ExportLoss, VerifiedExport
-from rovid.model.simulation import TrialSimulation, pooled_fit
+from rovid.export.run_export import VerifiedExport
+from rovid.model.simulation import FitMeasures, TrialSimulation, pooled_fit
 from rovid.preflight.check import LogCheck, remark_document
 from rovid.preflight.clock_alignment import ClockOffset
+from rovid.preflight.command_effects import ThrusterCheck
 from rovid.preflight.config_writer import assumptions_in
 from rovid.preflight.log_survey import LogSurvey
 from rovid.preflight.signal_guess import ColumnMapping
-from rovid.preflight.command_effects import ThrusterCheck
 from rovid.present.documents.fits import (
     Document,
     all_warnings,
@@ -23,9 +23,11 @@ from rovid.present.documents.fits import (
     guess_document,
     position_errors,
     simulation_units,
+    value_document,
 )
-from rovid.store.parameter_file import Entry, Parameters
+from rovid.store.parameter_file import Parameters
 from rovid.trial.assumptions import Assumptions
+from rovid.trial.axis import Axis
 from rovid.trial.vehicle import Vehicle
 
 _CONTROL_UNITS = {"kp": "N m/rad", "kd": "N m s/rad", "bandwidth": "rad/s", "crossover": "rad/s", "effort": "N m"}
@@ -34,50 +36,47 @@ _CONTROL_UNITS = {"kp": "N m/rad", "kd": "N m s/rad", "bandwidth": "rad/s", "cro
 def simulation_document(
     parameters: Parameters, simulations: Sequence[TrialSimulation], warnings: Sequence[str], guess: Assumptions
 ) -> Document:
-    """What `rovid simulate --json` prints; position errors in rad or m."""
-    total, axis = pooled_fit(simulations), parameters.axis
+    """The document of `rovid simulate --json`; position errors in rad or m."""
+    axis = parameters.axis
+    entries = {}
+    for name, entry in parameters.entries.items():
+        entries[name] = value_document(entry.value, entry.unit, entry.standard_error)
+        if guess.is_placeholder(entry.unit):
+            entries[name]["placeholder"] = True
+    trials = [
+        {
+            "name": item.run.trial.name,
+            "samples": item.fit.samples,
+            **_fit_measures(item.fit, axis),
+            **position_errors(item.position_errors, axis),
+        }
+        for item in simulations
+    ]
     return {
         "schema": "rovid-simulation/1",
         **axis_document(axis),
-        "parameters": {name: _entry(entry, guess) for name, entry in parameters.entries.items()},
+        "parameters": entries,
         "effects": parameters.effects,
-        "trials": [_trial_simulation(item) for item in simulations],
-        "overall": {
-            f"{axis.rate_signal}_r2": total.r2,
-            f"{axis.rate_signal}_fit_percent": total.fit_percent,
-            f"{axis.rate_signal}_rmse": total.rmse,
-        },
+        "trials": trials,
+        "overall": _fit_measures(pooled_fit(simulations), axis),
         "units": simulation_units(axis),
         **guess_document(guess),
         "warnings": all_warnings(guess, warnings),
     }
 
 
-def _entry(entry: Entry, guess: Assumptions) -> Document:
-    placeholder = {"placeholder": True} if guess.is_placeholder(entry.unit) else {}
-    return {"value": entry.value, "standard_error": entry.standard_error, "unit": entry.unit, **placeholder}
-
-
-def _trial_simulation(item: TrialSimulation) -> Document:
-    """How well one trial is followed."""
-    axis = item.run.trial.axis
-    return {
-        "name": item.run.trial.name,
-        "samples": item.fit.samples,
-        f"{axis.rate_signal}_r2": item.fit.r2,
-        f"{axis.rate_signal}_fit_percent": item.fit.fit_percent,
-        f"{axis.rate_signal}_rmse": item.fit.rmse,
-        **position_errors(item.position_errors, axis),
-    }
+def _fit_measures(fit: FitMeasures, axis: Axis) -> Document:
+    rate = axis.rate_signal
+    return {f"{rate}_r2": fit.r2, f"{rate}_fit_percent": fit.fit_percent, f"{rate}_rmse": fit.rmse}
 
 
 def plan_document(
     plan: ExperimentPlan, vehicle: Vehicle, command_file: str, picture: str, warnings: Sequence[str]
 ) -> Document:
-    """What `rovid plan --json` prints."""
+    """The document of `rovid plan --json`."""
     between, gain = None, "logarithm of the ratio of variances"
     if len(plan.models) > 1:
-        between = [belief.name for belief in plan.models]
+        between = [model.name for model in plan.models]
         gain = "expected log-likelihood ratio"
     return {
         "schema": "rovid-plan/1",
@@ -85,7 +84,15 @@ def plan_document(
         "between": between,
         "narrow": plan.parameter or None,
         "decides": plan.is_decisive,
-        "runs": [_run(one) for one in plan.runs],
+        "runs": [
+            {
+                "run": best.run.name,
+                "seconds": best.run.seconds,
+                "gain": best.gain,
+                "gain_per_minute": best.gain_per_minute,
+            }
+            for best in plan.runs
+        ],
         "gain": gain,
         "command_file": command_file,
         "picture": picture,
@@ -95,19 +102,15 @@ def plan_document(
     }
 
 
-def _run(one: ExpectedInformation) -> Document:
-    return {"run": one.run.name, "seconds": one.run.seconds, "gain": one.gain, "gain_per_minute": one.gain_per_minute}
-
-
-def control_document(result: ControllerDesign, warnings: Sequence[str], guess: Assumptions) -> Document:
-    """What `rovid control --json` prints; times in s, angles in deg, torques in N m, frequencies in rad/s."""
-    law, margins, spread = result.law, result.margins, result.spread
-    lag = {"total": result.lag, "delay": result.conditions.delay, "period": law.period, "rate_filter": law.rate_filter}
+def control_document(design: ControllerDesign, warnings: Sequence[str], guess: Assumptions) -> Document:
+    """The document of `rovid control --json`; times in s, angles in deg, torques in N m, frequencies in rad/s."""
+    law, margins, spread = design.law, design.margins, design.spread
+    lag = {"total": design.lag, "delay": design.conditions.delay, "period": law.period, "rate_filter": law.rate_filter}
     return {
         "schema": "rovid-control/1",
         "gains": {"kp": law.kp, "kd": law.kd},
-        "damping_ratio": result.damping,
-        "bandwidth": result.bandwidth,
+        "damping_ratio": design.damping,
+        "bandwidth": design.bandwidth,
         "margins": {"gain_db": margins.gain_db, "phase_deg": margins.phase_deg, "delay_s": margins.delay_s},
         "stable": margins.stable,
         "gain_down_db": margins.gain_down_db,
@@ -116,10 +119,10 @@ def control_document(result: ControllerDesign, warnings: Sequence[str], guess: A
         "sensitivity_peak": margins.sensitivity_peak,
         "lag": lag,
         "torque_limits": [law.lowest, law.highest],
-        "torque_in_use": result.conditions.torque_in_use,
+        "torque_in_use": design.conditions.torque_in_use,
         "monte_carlo": None if spread is None else vars(spread),
-        "effects": [effect.key for effect in result.model.effects],
-        "runs": [_closed_run(run) for run in result.runs],
+        "effects": [effect.key for effect in design.model.effects],
+        "runs": [_closed_run(run) for run in design.runs],
         "units": dict(_CONTROL_UNITS),
         **guess_document(guess),
         "warnings": all_warnings(guess, warnings),
@@ -128,39 +131,38 @@ def control_document(result: ControllerDesign, warnings: Sequence[str], guess: A
 
 def _closed_run(run: ClosedLoopResult) -> Document:
     """A closed-loop run: times in s, angles in deg, effort in N m."""
-    measures = run.metrics
+    metrics = run.metrics
     return {
         "name": run.name,
         "effects": list(run.effects),
         "model_aid": run.model_aid,
         "effects_known": run.effects_known,
-        "time_constant": measures.time_constant,
-        "rise_time": measures.rise_time,
-        "settling_time": measures.settling_time,
-        "overshoot_deg": measures.overshoot_deg,
-        "steady_error_deg": measures.steady_error_deg,
-        "effort": measures.effort,
-        "effort_change": measures.effort_change,
-        "limit_cycle": None if measures.limit_cycle is None else vars(measures.limit_cycle),
+        "time_constant": metrics.time_constant,
+        "rise_time": metrics.rise_time,
+        "settling_time": metrics.settling_time,
+        "overshoot_deg": metrics.overshoot_deg,
+        "steady_error_deg": metrics.steady_error_deg,
+        "effort": metrics.effort,
+        "effort_change": metrics.effort_change,
+        "limit_cycle": None if metrics.limit_cycle is None else vars(metrics.limit_cycle),
     }
 
 
 def export_document(name: str, file: str, made: VerifiedExport, guess: Assumptions) -> Document:
-    """What `rovid export --json` prints; percentages are of the range of the yaw rate on the manoeuvre."""
+    """The document of `rovid export --json`; percentages are of the range of the yaw rate in the manoeuvre."""
     return {
         "schema": "rovid-export/1",
         "format": name,
         "file": file,
         "mismatch": _mismatch(made.mismatch),
         "mismatch_of_what_is_held": _mismatch(made.kept_mismatch),
-        "not_held": [_loss(loss) for loss in made.losses],
+        "not_held": [
+            {"what": loss.what, "why": loss.why, "yaw_rate_percent_of_range": loss.percent_of_range}
+            for loss in made.losses
+        ],
         **guess_document(guess),
         "warnings": all_warnings(guess, made.warnings),
     }
-
-
-def _loss(loss: ExportLoss) -> Document:
-    return {"what": loss.what, "why": loss.why, "yaw_rate_percent_of_range": loss.percent_of_range}
 
 
 def _mismatch(mismatch: Mismatch) -> Document:
@@ -168,7 +170,7 @@ def _mismatch(mismatch: Mismatch) -> Document:
 
 
 def survey_document(survey: LogSurvey, written: Sequence[Path]) -> Document:
-    """What `rovid init --json` prints."""
+    """The document of `rovid init --json`."""
     return {
         "schema": "rovid-init/1",
         "written": [str(path) for path in written],
@@ -177,41 +179,44 @@ def survey_document(survey: LogSurvey, written: Sequence[Path]) -> Document:
         "vehicle": None if survey.profile is None else {"type": survey.profile.id, "guessed": survey.profile_guessed},
         "curve": {"file": survey.curve or None, "guessed": survey.curve_guessed},
         "joined": None if survey.join is None else list(survey.join.parts),
-        "clocks": [clock_document(clock) for clock in survey.clock_offsets.offsets],
-        "signals": {kind: _guessed_signals(guesses) for kind, guesses in survey.mappings.items()},
-        "commands": {kind: _guessed_commands(guesses) for kind, guesses in survey.mappings.items()},
-        "unused": {kind: list(guesses.unused) for kind, guesses in survey.mappings.items()},
+        "clocks": list(map(_clock_document, survey.clock_offsets.offsets)),
+        "signals": {kind: _guessed_signals(mapping) for kind, mapping in survey.mappings.items()},
+        "commands": {kind: _guessed_commands(mapping) for kind, mapping in survey.mappings.items()},
+        "unused": {kind: list(mapping.unused) for kind, mapping in survey.mappings.items()},
         "open": [*survey.unrecognised, *(f"sense of {source}" for source in survey.unknown_directions)],
         **guess_document(assumptions_in(survey)),
         "warnings": list(survey.warnings),
     }
 
 
-def _guessed_signals(guesses: ColumnMapping) -> Document:
-    document = {}
-    for name, one in guesses.signals.items():
-        document[name] = {"source": one.source, "unit": one.unit or None, "sign": one.sign, "why": one.reason}
-    return document
+def _guessed_signals(mapping: ColumnMapping) -> Document:
+    return {
+        name: {"source": guess.source, "unit": guess.unit or None, "sign": guess.sign, "why": guess.reason}
+        for name, guess in mapping.signals.items()
+    }
 
 
-def _guessed_commands(guesses: ColumnMapping) -> list[Document]:
-    document = []
-    for one in guesses.commands:
-        command = {
-            "name": one.name,
-            "source": one.source,
-            "turns": one.direction,
-            "arm": one.arm or None,
-            "why": one.reason,
+def _guessed_commands(mapping: ColumnMapping) -> list[Document]:
+    return [
+        {
+            "name": guess.name,
+            "source": guess.source,
+            "turns": guess.direction,
+            "arm": guess.arm or None,
+            "why": guess.reason,
+            "told": guess.direction_known,
+            "lowest": guess.lowest,
+            "highest": guess.highest,
+            "rests_at": guess.neutral,
+            "standard_errors": guess.observed.t_statistic,
+            "share": guess.observed.explained_share,
         }
-        command |= {"told": one.direction_known, "lowest": one.lowest, "highest": one.highest, "rests_at": one.neutral}
-        command |= {"standard_errors": one.observed.t_statistic, "share": one.observed.explained_share}
-        document.append(command)
-    return document
+        for guess in mapping.commands
+    ]
 
 
 def check_document(checked: LogCheck, vehicle: Vehicle) -> Document:
-    """What `rovid check --json` prints; places in rad or m."""
+    """The document of `rovid check --json`; positions in rad or m."""
     return {
         "schema": "rovid-check/1",
         **axis_document(vehicle.axis),
@@ -220,25 +225,25 @@ def check_document(checked: LogCheck, vehicle: Vehicle) -> Document:
         "logs": [{"name": trial.name} | dict(facts) for trial, facts in checked.rows],
         "unreadable": [{"name": name, "problem": problem} for name, problem in checked.problems.items()],
         "remarks": [remark_document(remark) for remark in checked.remarks],
-        "advice": [vars(one) for one in checked.advice],
-        "feedback": [vars(one) for one in checked.feedback],
-        "clocks": [clock_document(clock) for clock in checked.clocks.offsets],
-        "thrusters": [_pushing(push) for push in checked.thrusters],
+        "advice": list(map(vars, checked.advice)),
+        "feedback": list(map(vars, checked.feedback)),
+        "clocks": list(map(_clock_document, checked.clocks.offsets)),
+        "thrusters": list(map(_thruster_document, checked.thrusters)),
     }
 
 
-def _pushing(push: ThrusterCheck) -> Document:
-    """What the logs tell of a thruster by themselves."""
-    sense = push.observed
+def _thruster_document(thruster: ThrusterCheck) -> Document:
+    """Direction and strength of a thruster as the logs show them."""
+    observed = thruster.observed
     return {
-        "name": push.name,
-        "way": sense.direction,
-        "standard_errors": sense.t_statistic,
-        "share": sense.explained_share,
-        "strength": {"value": push.strength, "standard_error": push.error},
+        "name": thruster.name,
+        "way": observed.direction,
+        "standard_errors": observed.t_statistic,
+        "share": observed.explained_share,
+        "strength": {"value": thruster.strength, "standard_error": thruster.error},
     }
 
 
-def clock_document(clock: ClockOffset) -> Document:
-    """How far the clock of a file is off: s and ppm to be added to it."""
+def _clock_document(clock: ClockOffset) -> Document:
+    """Offset in s and drift in ppm of a file's clock, to be added to its times."""
     return {**vars(clock), "given": list(clock.given), "certain": clock.certain}

@@ -1,11 +1,10 @@
-"""What happens on a trial day as JSON: one document a line."""
+"""Events of a watched trial day as JSON, one document a line."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import Any
 
 from rovid.design.experiment_design import commands_by_name
 from rovid.estimate.estimate import Estimate
@@ -20,23 +19,23 @@ SCHEMA = "rovid-watch/1"
 
 
 def watch_start_document(folder: Path, until: Sequence[StopCriterion]) -> Document:
-    """That a folder is watched."""
-    return _line("start", {"folder": str(folder), "until": [str(one) for one in until]})
+    """The first document of a session."""
+    return _line("start", {"folder": str(folder), "until": list(map(str, until))})
 
 
 def watch_documents(event: Event) -> list[Document]:
-    """One of each log, else one of each event."""
+    """The documents of an event: one for each log, one for any other event."""
     if isinstance(event, LogsChanged):
-        return [_line("log", each) for each in _logs(event)]
+        return [_line("log", document) for document in _log_documents(event)]
     if isinstance(event, ModelFitted):
-        return [_line("model", _model(event))]
+        return [_line("model", _model_document(event))]
     if isinstance(event, LogsDiagnosed):
-        return [_line("suspects", _suspects(event))]
+        return [_line("suspects", _suspects_document(event))]
     if isinstance(event, NextRun):
-        return [_line("next_run", _next_run(event))]
+        return [_line("next_run", _next_run_document(event))]
     if isinstance(event, Problem):
         return [_line("problem", {"where": event.where, "text": event.text, "over": event.resolved})]
-    return [_line("stop", _stop(event))]
+    return [_line("stop", _end_document(event))]
 
 
 def _line(kind: str, content: Document) -> Document:
@@ -44,36 +43,35 @@ def _line(kind: str, content: Document) -> Document:
     return {"schema": SCHEMA, "event": kind, "time": now, **content}
 
 
-def _logs(event: LogsChanged) -> list[Document]:
+def _log_documents(event: LogsChanged) -> list[Document]:
     change = event.change
-    told = [(what, log) for what in ("removed", "replaced", "added") for log in getattr(change, what)]
-    documents = [_log(what, log) for what, log in told]
-    documents += [_log("renamed", after) | {"before": before.name} for before, after in change.renamed]
+    logs = {"removed": change.removed, "replaced": change.replaced, "added": change.added}
+    documents = [_log_document(action, log) for action, each in logs.items() for log in each]
+    documents += [_log_document("renamed", after) | {"before": before.name} for before, after in change.renamed]
     if change.settings:
         documents.append({"action": "settings", "name": "rovid.toml"})
     return documents
 
 
-def _log(what: str, log: WatchedLog) -> Document:
-    remarks = [remark.text for trial in log.trials for remark in trial.remarks]
+def _log_document(action: str, log: WatchedLog) -> Document:
     return {
-        "action": what,
+        "action": action,
         "name": log.name,
         "path": str(log.path),
         "samples": log.samples,
         "seconds": log.seconds,
         "cut": bool(log.cut),
-        "remarks": remarks,
+        "remarks": [remark.text for trial in log.trials for remark in trial.remarks],
     }
 
 
-def _model(event: ModelFitted) -> Document:
+def _model_document(event: ModelFitted) -> Document:
     fit = event.fit
     document: Document = {
-        "logs": _names(event),
+        "logs": _trial_names(event),
         "new": list(event.new),
         "missing": event.missing or None,
-        "until": _standings(event.criteria),
+        "until": _criteria(event.criteria),
     }
     if fit is None:
         return document | {"effects": [], "parameters": {}, "fit": None}
@@ -85,71 +83,75 @@ def _model(event: ModelFitted) -> Document:
 
 
 def parameters_with_previous(estimate: Estimate, before: Estimate | None) -> dict[str, Document]:
-    """Each parameter with what it was before the last logs, and how many times as narrow its interval is now."""
-    now = parameter_document(estimate)
-    then: Mapping[str, Any] = {} if before is None else parameter_document(before)
-    for name, document in now.items():
-        was = then.get(name)
+    """Each parameter with its value before the last logs, and the factor by which its interval is narrower now."""
+
+    def width(document: Document) -> float:
+        low, high = document["interval_95"]
+        return float(high - low)
+
+    documents: dict[str, Document] = parameter_document(estimate)
+    previous = {} if before is None else parameter_document(before)
+    for name, document in documents.items():
+        old = previous.get(name)
         document["relative_interval"] = relative_half_width(estimate, name)
-        document["before"] = was
-        document["narrower"] = None if was is None else _width(was) / max(_width(document), 1e-300)
-    return now
+        document["before"] = old
+        document["narrower"] = None if old is None else width(old) / max(width(document), 1e-300)
+    return documents
 
 
-def _width(document: Document) -> float:
-    low, high = document["interval_95"]
-    return float(high - low)
-
-
-def _names(event: ModelFitted | LogsDiagnosed) -> list[str]:
+def _trial_names(event: ModelFitted | LogsDiagnosed) -> list[str]:
     campaign = event.study.campaign
     return [] if campaign is None else [trial.name for trial in campaign.trials]
 
 
-def _suspects(event: LogsDiagnosed) -> Document:
-    document, side = diagnosis_document(event.diagnosis, event.study), event.diagnosis.extended
+def _suspects_document(event: LogsDiagnosed) -> Document:
+    document, extended = diagnosis_document(event.diagnosis, event.study), event.diagnosis.extended
     return {
-        "logs": _names(event),
+        "logs": _trial_names(event),
         "verdict": document["verdict"],
         "findings": document["findings"],
         "suspects": document["suspects"],
-        "parameters": {} if side is None else parameters_with_previous(side.estimate, None),
+        "parameters": {} if extended is None else parameters_with_previous(extended.estimate, None),
         "next_experiment": document["next_experiment"],
-        "until": _standings(event.criteria),
+        "until": _criteria(event.criteria),
     }
 
 
-def _next_run(event: NextRun) -> Document:
+def _next_run_document(event: NextRun) -> Document:
     plan = event.plan
-    return {
+    document: Document = dict.fromkeys(("seconds", "narrow", "between", "gain", "commands"))
+    if plan is not None:
+        document |= {
+            "seconds": plan.best.run.seconds,
+            "narrow": plan.parameter or None,
+            "between": [model.name for model in plan.models] if len(plan.models) > 1 else None,
+            "gain": plan.best.gain,
+            "commands": commands_by_name(plan),
+        }
+    return document | {
         "run": event.words,
         "reason": event.reason,
-        "seconds": None if plan is None else plan.best.run.seconds,
-        "narrow": None if plan is None else plan.parameter or None,
-        "between": [belief.name for belief in plan.models] if plan is not None and len(plan.models) > 1 else None,
-        "gain": None if plan is None else plan.best.gain,
         "command_file": None if event.written is None else str(event.written),
-        "commands": None if plan is None else commands_by_name(plan),
     }
 
 
-def _stop(event: SessionEnded) -> Document:
+def _end_document(event: SessionEnded) -> Document:
     study, fit, diagnosis = event.study, event.fit, event.diagnosis
     return {
         "reason": event.reason,
         "logs": [log.name for log in event.logs],
-        "until": _standings(event.criteria),
+        "until": _criteria(event.criteria),
         "fit": None if fit is None or study is None else likelihood_document(fit, study),
         "diagnosis": None if diagnosis is None or study is None else diagnosis_document(diagnosis, study),
     }
 
 
-def _standings(standings: Sequence[CriterionStatus]) -> list[Document]:
+def _criteria(criteria: Sequence[CriterionStatus]) -> list[Document]:
     return [
         {
-            "condition": str(one.criterion),
-            "percent": None if one.current is None else 100.0 * one.current,
-            "met": one.met,
+            "condition": str(status.criterion),
+            "percent": None if status.current is None else 100.0 * status.current,
+            "met": status.met,
         }
-        for one in standings
+        for status in criteria
     ]

@@ -1,4 +1,4 @@
-"""From logs and a parameter file to the page."""
+"""From logs and a parameter file to the report."""
 
 from __future__ import annotations
 
@@ -19,11 +19,10 @@ from rovid.export import FORMATS
 from rovid.export.interface import export_input
 from rovid.export.run_export import VerifiedExport, load_exporter, verified_export
 from rovid.model.model import Model
-from rovid.model.simulation import TrialSimulation, simulate_runs
-from rovid.present.page.nested_simulations import simulate_nested_models
+from rovid.model.simulation import simulate_runs
 from rovid.present.page.pdf import print_pdf, require_browser
 from rovid.present.page.render import claim_report, write_report
-from rovid.present.page.report_data import ReportData
+from rovid.present.page.report_data import ReportData, simulate_nested_models
 from rovid.store.agreement import JOINT_METHODS
 from rovid.store.history import history_output
 from rovid.store.parameter_file import Parameters
@@ -33,7 +32,8 @@ from rovid.store.update import update_parameters
 from rovid.trial.axis import YAW
 
 _T = TypeVar("_T")
-_PATIENCE = "Diagnosing, which takes some seconds or more (--no-diagnosis leaves it out):"
+_Report = Callable[[str], None]
+_DIAGNOSING = "Diagnosing, which takes some seconds or more (--no-diagnosis leaves it out):"
 
 
 def build_report(
@@ -46,48 +46,52 @@ def build_report(
     exported: bool = True,
     pdf: bool = False,
     force: bool = False,
-    report: Callable[[str], None] = lambda _: None,
+    report: _Report = lambda _: None,
 ) -> tuple[Path, ReportData]:
-    """Work the evidence out anew from the logs and write the page, all of it of one model; the page, and what it shows.
+    """Compute all results from the logs and write the report; return the page and its contents.
 
-    That is the model of the diagnosis, which goes into the parameter file in the place of what that held. Without one
-    the file's own is kept where it holds for these logs, and what it lacks is fitted and written to it.
+    The report's model is that of the diagnosis, which replaces the contents of the parameter file. Without a diagnosis
+    the model is that of the file, if the file holds for these logs; parameters that it lacks are fitted and added.
 
     Parameters
     ----------
     diagnosed
-        Whether the page says what the simulation misses, which takes longer than all the rest.
+        Whether to diagnose, which takes longer than all the rest.
     controlled, exported
-        Whether it says what controller suits the vehicle, and what simulators' formats hold of it; in yaw alone.
+        Whether to design a heading controller, and to export to every simulator; in yaw only.
     pdf
-        Whether the page is printed too, as `printed_page` in ``folder``.
+        Whether to print the page too, into `pdf_output` of ``folder``.
     force
-        Whether to write over files that are in the way; never over what the report is made from.
+        Whether to overwrite files of other programs; the report's inputs are never overwritten.
     report
-        Called with a line of text as the work goes on.
+        Called with a line of text on the progress.
 
     Raises
     ------
     OutputError
-        The folder or the parameter file cannot be written, or the page not be printed.
+        The folder or the parameter file cannot be written, or the page cannot be printed.
     ConfigError
-        There is no browser to print it with.
+        There is no browser to print with.
     """
-    at_hand = input_files(study.paths)
-    parameters = OutputSet([stored.output, history_output(stored.path)], force=force, protected=at_hand)
-    protected = [*at_hand, stored.path]
+    inputs = input_files(study.paths)
+    parameters = OutputSet([stored.output, history_output(stored.path)], force=force, protected=inputs)
+    protected = [*inputs, stored.path]
     page = claim_report(folder, force=force, protected=protected)
     browser = require_browser() if pdf else ""
     paper = OutputSet([pdf_output(folder)] if pdf else [], force=force, protected=protected)
-    evidence = _identified(stored, study, parameters, report, diagnosed=diagnosed)
-    evidence = _handed_on(evidence, study, report, controlled=controlled, exported=exported)
+    data = _identified(stored, study, parameters, report, diagnosed=diagnosed)
+    data = _with_control_and_exports(data, study, report, controlled=controlled, exported=exported)
     report("Drawing and writing the page …")
-    evidence = _simulated(evidence, study)
-    written = write_report(folder, evidence, claim=page)
+    if study.runs is not None and _is_complete(data.parameters):
+        simulations = simulate_runs(study.runs.items, _model_of(study, data.parameters), study.vehicle)
+        data = replace(data, simulations=tuple(simulations))
+    if data.diagnosis is not None:
+        data = replace(data, nested=simulate_nested_models(study, data.diagnosis))
+    written = write_report(folder, data, claim=page)
     if pdf:
         report("Printing the page …")
         paper.write({pdf_output(folder): print_pdf(written, browser)})
-    return written, evidence
+    return written, data
 
 
 def pdf_output(folder: Path) -> OutputFile:
@@ -95,32 +99,30 @@ def pdf_output(folder: Path) -> OutputFile:
     return OutputFile(folder / "report.pdf", pdf_signature("report"))
 
 
-def _identified(
-    stored: Parameters, study: Study, claim: OutputSet, report: Callable[[str], None], *, diagnosed: bool
-) -> ReportData:
-    """What the logs say, and the one model, which is in the parameter file by then."""
+def _identified(stored: Parameters, study: Study, claim: OutputSet, report: _Report, *, diagnosed: bool) -> ReportData:
+    """Estimates and diagnosis; writes the report's model into the parameter file."""
     before = stored
-    stored, notes = _holding(stored, study)
+    stored, notes = _if_valid(stored, study)
     drag, drag_refusal = _or_refusal(study.drag)
     estimates = {"quadratic_drag": None if drag is None else drag.estimate}
-    # A drag that was found together with the inertia cannot judge it; the steady turns of these logs can.
-    judge = _completed(stored, study, estimates).independent_drag() or estimates["quadratic_drag"]
-    inertia, inertia_refusal = _or_refusal(lambda: study.inertia(judge))
+    # Drag that was estimated together with the inertia cannot check it; steady turns can.
+    independent_drag = _completed(stored, study, estimates).independent_drag() or estimates["quadratic_drag"]
+    inertia, inertia_refusal = _or_refusal(lambda: study.inertia(independent_drag))
     estimates["inertia"] = None if inertia is None else inertia.estimate
-    diagnosis, refusal = _diagnosis(study, judge, report) if diagnosed else (None, "")
-    whole = None
+    diagnosis, refusal = _diagnosis(study, independent_drag, report) if diagnosed else (None, "")
+    joint = None
     if diagnosis is not None and diagnosis.extended is not None:
-        whole = diagnosis.extended.estimate
+        joint = diagnosis.extended.estimate
     elif stored is not before:
-        whole = _fitted_again(before, study)
+        joint = _fitted_again(before, study)
 
-    def change(now: Parameters) -> Parameters:
-        held, _ = _holding(now, study)
-        return _completed(held, study, estimates) if whole is None else held.with_estimate(whole, study.provenance)
+    def change(current: Parameters) -> Parameters:
+        held, _ = _if_valid(current, study)
+        return _completed(held, study, estimates) if joint is None else held.with_estimate(joint, study.provenance)
 
-    if whole is not None or change(stored) is not stored or not stored.path.exists():
-        seen = {} if diagnosis is None else diagnosis.detectable_sizes
-        stored = update_parameters(stored, claim, change, seen=None if whole is None else seen)
+    if joint is not None or change(stored) is not stored or not stored.path.exists():
+        limits = {} if diagnosis is None else diagnosis.detectable_sizes
+        stored = update_parameters(stored, claim, change, seen=None if joint is None else limits)
     return ReportData(
         vehicle=study.vehicle,
         parameters=stored,
@@ -137,48 +139,44 @@ def _identified(
     )
 
 
-def _handed_on(
-    evidence: ReportData, study: Study, report: Callable[[str], None], *, controlled: bool, exported: bool
+def _with_control_and_exports(
+    data: ReportData, study: Study, report: _Report, *, controlled: bool, exported: bool
 ) -> ReportData:
-    """With controller and exports, which are of yaw alone, and never of what hangs on a guess."""
-    stored, guess = evidence.parameters, study.vehicle.assumptions
+    """The data with controller and exports, which exist for yaw only, and never with guessed parameters."""
+    stored, guess = data.parameters, study.vehicle.assumptions
     if study.vehicle.axis is not YAW:
-        return evidence
+        return data
     guessed = f"{stored.path.name} {guess.refusal}" if guess else ""
     if controlled:
         control, refusal = (None, guessed) if guess else designed_control(study, stored, report)
-        evidence = replace(evidence, control=control, control_refusal=refusal)
+        data = replace(data, control=control, control_refusal=refusal)
     if exported:
         exports, refusal = (None, guessed) if guess else every_export(study, stored, report)
-        evidence = replace(evidence, exports=exports, export_refusal=refusal)
-    return evidence
+        data = replace(data, exports=exports, export_refusal=refusal)
+    return data
 
 
-def _simulated(evidence: ReportData, study: Study) -> ReportData:
-    """With every trial simulated by the model, and without what was found and with some of it."""
-    stages = () if evidence.diagnosis is None else simulate_nested_models(study, evidence.diagnosis)
-    return replace(evidence, simulations=_simulations(study, evidence.parameters), nested=stages)
-
-
-def _holding(stored: Parameters, study: Study) -> tuple[Parameters, list[str]]:
-    """``stored`` without what does not hold for exactly these logs, and what is to be said of that."""
+def _if_valid(stored: Parameters, study: Study) -> tuple[Parameters, list[str]]:
+    """The stored parameters, emptied where they do not hold for exactly these logs, and sentences on their state."""
     if not stored.entries:
         return stored, []
-    origin, found = study.provenance, check_freshness(stored, study.provenance)
-    # Some of the logs that it rests on are no others, wherever they are.
+    provenance, freshness = study.provenance, check_freshness(stored, study.provenance)
+    # Logs are compared by content, wherever they are.
     known = {source.sha256 for source in stored.sources}
-    other = bool(known) and any(source.sha256 not in known for source in origin.sources)
-    given = set(origin.options.split())
-    otherwise = any(not given <= set(entry.options.split()) for entry in stored.entries.values())
-    if not found.changes and not other and not otherwise:
-        return stored, list(found.remarks)
-    options = f"it was fitted without {origin.options}" if otherwise else ""
-    why = found.reason or ("these are other logs than those that it was fitted to" if other else options)
-    return stored.cleared(), [f"{stored.path.name} no longer held, and was fitted again: {why}."]
+    other_logs = bool(known) and any(source.sha256 not in known for source in provenance.sources)
+    options = set(provenance.options.split())
+    other_options = any(not options <= set(entry.options.split()) for entry in stored.entries.values())
+    if not freshness.changes and not other_logs and not other_options:
+        return stored, list(freshness.remarks)
+    reason = f"it was fitted without {provenance.options}" if other_options else ""
+    if other_logs:
+        reason = "these are other logs than those that it was fitted to"
+    reason = freshness.reason or reason
+    return stored.cleared(), [f"{stored.path.name} no longer held, and was fitted again: {reason}."]
 
 
 def _fitted_again(before: Parameters, study: Study) -> Estimate | None:
-    """What a model that was fitted as a whole is by now, with the same effects; None where it was not.
+    """A joint fit with the effects of ``before``; None where its parameters were not fitted jointly.
 
     Raises
     ------
@@ -188,12 +186,13 @@ def _fitted_again(before: Parameters, study: Study) -> Estimate | None:
     if not any(entry.method in JOINT_METHODS for entry in before.entries.values()):
         return None
     gyro = any("--gyro" in entry.options for entry in before.entries.values())
-    fit, _ = _or_refusal(lambda: study.likelihood(tuple(map(effect_named, before.effects)), gyro=gyro))
+    effects = tuple(map(effect_named, before.effects))
+    fit, _ = _or_refusal(lambda: study.likelihood(effects, gyro=gyro))
     return None if fit is None else fit.estimate
 
 
 def _completed(stored: Parameters, study: Study, estimates: Mapping[str, Estimate | None]) -> Parameters:
-    """With those of the estimates by name that it lacks; itself where it lacks none."""
+    """The parameters with those of ``estimates``, by name, that they lack; the same object where they lack none."""
     for name, estimate in estimates.items():
         if estimate is not None and name not in stored.entries:
             stored = stored.with_estimate(estimate, study.provenance)
@@ -201,11 +200,16 @@ def _completed(stored: Parameters, study: Study, estimates: Mapping[str, Estimat
 
 
 def _or_refusal(fit: Callable[[], _T]) -> tuple[_T | None, str]:
-    """What ``fit`` gives, or None and why it gives nothing."""
+    """The result of ``fit``, or None and the reason why there is none."""
     try:
         return fit(), ""
     except DataError as error:
         return None, str(error)
+
+
+def _is_complete(stored: Parameters) -> bool:
+    """Whether the file has the parameters that a simulation needs."""
+    return {"inertia", "quadratic_drag"} <= set(stored.entries)
 
 
 def _model_of(study: Study, stored: Parameters) -> Model:
@@ -214,60 +218,41 @@ def _model_of(study: Study, stored: Parameters) -> Model:
     Raises
     ------
     DataError
-        It has none.
+        The file has no complete model.
     ConfigError
         An effect does not suit the vehicle.
     """
-    if not _whole(stored):
+    if not _is_complete(stored):
         raise DataError("inertia or drag is missing.")
     model = stored.model()
     study.require_effects(model.effects)
     return model
 
 
-def designed_control(
-    study: Study, stored: Parameters, report: Callable[[str], None]
-) -> tuple[ControllerDesign | None, str]:
-    """What `rovid control` designs where nothing else is asked for."""
+def _diagnosis(study: Study, drag: Estimate | None, report: _Report) -> tuple[Diagnosis | None, str]:
+    report(_DIAGNOSING)
+    return _or_refusal(lambda: study.diagnosis(lambda text: report(f"{_DIAGNOSING} {text}"), drag=drag))
+
+
+def designed_control(study: Study, stored: Parameters, report: _Report) -> tuple[ControllerDesign | None, str]:
+    """The controller that `rovid control` designs without options; None and the reason where there is none."""
 
     def design() -> ControllerDesign:
         model, options = _model_of(study, stored), ControllerOptions()
-        setting = loop_conditions(options, model, study.position_noise(), study.median_torque())
-        return design_controller(stored, study.vehicle, setting, options)
+        conditions = loop_conditions(options, model, study.position_noise(), study.median_torque())
+        return design_controller(stored, study.vehicle, conditions, options)
 
     report("Closing the loop, which takes long where there are effects (--no-control leaves it out) …")
     return _or_refusal(design)
 
 
-def every_export(
-    study: Study, stored: Parameters, report: Callable[[str], None]
-) -> tuple[Mapping[str, VerifiedExport] | None, str]:
-    """What `rovid export` makes, format by format."""
+def every_export(study: Study, stored: Parameters, report: _Report) -> tuple[Mapping[str, VerifiedExport] | None, str]:
+    """Export to every format of `rovid export`; None and the reason where there is none."""
 
     def every() -> Mapping[str, VerifiedExport]:
         _model_of(study, stored)
         subject = export_input(stored, study)
         return {name: verified_export(load_exporter(name), subject) for name in FORMATS}
 
-    report("Simulating what simulators make of it (--no-export leaves it out) …")
+    report("Simulating with the equations of the simulators (--no-export leaves it out) …")
     return _or_refusal(every)
-
-
-def _diagnosis(study: Study, drag: Estimate | None, report: Callable[[str], None]) -> tuple[Diagnosis | None, str]:
-    report(_PATIENCE)
-
-    def patiently(text: str) -> None:
-        report(f"{_PATIENCE} {text}")
-
-    return _or_refusal(lambda: study.diagnosis(patiently, drag=drag))
-
-
-def _simulations(study: Study, stored: Parameters) -> tuple[TrialSimulation, ...]:
-    if study.runs is None or not _whole(stored):
-        return ()
-    return tuple(simulate_runs(study.runs.items, _model_of(study, stored), study.vehicle))
-
-
-def _whole(stored: Parameters) -> bool:
-    """Whether the file has all that a simulation needs."""
-    return {"inertia", "quadratic_drag"} <= set(stored.entries)

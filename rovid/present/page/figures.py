@@ -1,4 +1,4 @@
-"""The report's plots: which there are, what they show in words, and their files."""
+"""The plots of the report, their descriptions in words, and their files."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import itertools
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TypeVar
 
@@ -20,49 +20,31 @@ from rovid.core.signatures import png_signature, svg_signature
 from rovid.core.spmd import forked_workers, parallel_map
 from rovid.diagnose.cross_validation import split_runs
 from rovid.diagnose.result import Finding
-from rovid.effects import Effect
 from rovid.model.model import Model
 from rovid.model.simulation import TrialSimulation
-from rovid.present.number_text import format_number, steady_state_words, unit_symbol
-from rovid.present.page import residual_drivers
-from rovid.present.page.control_runs import paper_step_runs
-from rovid.present.page.nested_simulations import worst_first
-from rovid.present.page.report_data import ReportData
-from rovid.present.page.residual_torque import ResidualTorque, rms_sizes, unexplained_torques
-from rovid.present.plots import (
-    before_after,
-    canvas,
-    closed_loop,
-    findings,
-    inertia,
-    residual_torque,
-    residuals,
-    simulations,
-    sines,
-    steady,
-    thrust,
-)
-from rovid.present.plots import missing as missing_torque
-from rovid.present.tables.diagnosis import RIVALS, effect_name
+from rovid.present.numbers import format_number, steady_state_words, unit_symbol
+from rovid.present.page.report_data import ReportData, worst_first
+from rovid.present.page.residuals import missing_without, rms_sizes, unexplained_torques
+from rovid.present.plots import canvas, identification, residuals, results, trials
+from rovid.present.sentences import effect_title
+from rovid.present.tables.diagnosis import ALTERNATIVES_SHOWN
+from rovid.present.tables.fits import method_title
 from rovid.signals.preprocessing import PreparedRuns
 from rovid.trial.assumptions import Assumptions
-from rovid.trial.axis import Axis
 
-# A page with more large trial plots than this is slow to open on a tablet; the overview shows all trials.
+# Most large trial plots: a page with more opens slowly on a tablet. The overview shows all trials.
 LARGE_PLOTS = 40
-
-# What a plot of any report may be called.
-_NAMES = re.compile(
+# File names of the plots of any report.
+_FILE_NAMES = re.compile(
     r"(thrust_curves|steady_\w+|inertia|residuals|diagnosis_gain|diagnosis_residuals|closed_loop|rivals_\w+|missing_\w+"
     r"|(sine_runs|overview)(_\d\d+)?|trial_\d\d+_\w*)\.(png|svg)"
 )
-
-T = TypeVar("T")
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReportFigure:
-    """A plot: file name without suffix, the text under it, the text in its place, and its bytes."""
+    """A plot: file name without suffix, caption, alternative text, and its bytes."""
 
     name: str
     caption: str
@@ -72,20 +54,13 @@ class ReportFigure:
 
     @property
     def data(self) -> str:
-        """The PNG, to be embedded."""
+        """The PNG in base64."""
         return base64.b64encode(self.png).decode("ascii")
-
-    def files(self, folder: Path) -> dict[OutputFile, bytes]:
-        """The plot as PNG and as SVG."""
-        return {
-            OutputFile(folder / f"{self.name}.png", png_signature("report")): self.png,
-            OutputFile(folder / f"{self.name}.svg", svg_signature("report")): self.svg,
-        }
 
 
 @dataclass(frozen=True, eq=False)
 class FigureDraft:
-    """A plot before it is drawn: file name without suffix, the text under it, and the text in its place."""
+    """A plot that is not yet rendered: file name without suffix, caption and alternative text."""
 
     name: str
     figure: Figure
@@ -95,7 +70,7 @@ class FigureDraft:
 
 @dataclass(frozen=True, kw_only=True)
 class WorstTrialFigure:
-    """The worst trial before and after, as SVG to stand in the page: for a wide one and for a narrow one."""
+    """The worst trial without and with the causes as inline SVG, for a wide and for a narrow screen."""
 
     caption: str
     alt: str
@@ -105,14 +80,12 @@ class WorstTrialFigure:
 
 @dataclass(frozen=True, kw_only=True)
 class ReportFigures:
-    """All plots of a page, by the section that shows them.
+    """All plots of a report by section; ``rivals`` and ``drivers`` by the key of an effect.
 
-    ``worst`` is the picture of the first screen; ``rivals`` and ``drivers`` are by the key of the effect found.
-    The page shows neither ``large`` nor ``compared``: its viewer, and its first screen, do.
+    ``worst`` is on the first screen. ``large`` and ``compared`` are files only: the viewer and ``worst`` show the same.
     """
 
     worst: WorstTrialFigure | None = None
-
     thrust: tuple[ReportFigure, ...] = ()
     steady: tuple[ReportFigure, ...] = ()
     inertia: tuple[ReportFigure, ...] = ()
@@ -127,127 +100,113 @@ class ReportFigures:
     closed_loop: tuple[ReportFigure, ...] = ()
 
     def files(self, folder: Path) -> dict[OutputFile, bytes]:
-        """Every plot, as the files in ``folder`` that it makes."""
-        first = (self.thrust, self.steady, self.inertia, self.sines, self.overview, self.large, self.residuals)
-        sections = (
-            *first,
-            self.rivals.values(),
-            self.drivers.values(),
-            self.compared,
-            self.left_over,
-            self.closed_loop,
-        )
-        files: dict[OutputFile, bytes] = {}
-        for pictures in sections:
-            for picture in pictures:
-                files |= picture.files(folder)
+        """Every plot as PNG and as SVG in ``folder``."""
+        files = {}
+        for section in (getattr(self, each.name) for each in fields(self) if each.name != "worst"):
+            for figure in section.values() if isinstance(section, Mapping) else section:
+                files[OutputFile(folder / f"{figure.name}.png", png_signature("report"))] = figure.png
+                files[OutputFile(folder / f"{figure.name}.svg", svg_signature("report"))] = figure.svg
         return files
 
 
 def existing_plots(folder: Path) -> list[OutputFile]:
-    """Files in ``folder`` that are called like a report's plots, whoever made them."""
+    """Files in ``folder`` with names of a report's plots, whatever program wrote them."""
     if not folder.is_dir():
         return []
-    forms = {".png": png_signature("report"), ".svg": svg_signature("report")}
-    plots = [path for path in sorted(folder.iterdir()) if _NAMES.fullmatch(path.name)]
-    return [OutputFile(path, forms[path.suffix]) for path in plots]
+    signatures = {".png": png_signature("report"), ".svg": svg_signature("report")}
+    plots = [path for path in sorted(folder.iterdir()) if _FILE_NAMES.fullmatch(path.name)]
+    return [OutputFile(path, signatures[path.suffix]) for path in plots]
 
 
-def draw_figures(evidence: ReportData) -> ReportFigures:
-    """Draw whatever the evidence allows: on Linux copies of this process draw their part of it."""
+def draw_figures(report: ReportData) -> ReportFigures:
+    """Draw all plots that the data allow; on Linux several processes share the work."""
     with forked_workers():
-        return _album(evidence)
+        return _draw(report)
 
 
-def _album(evidence: ReportData) -> ReportFigures:
+def _draw(report: ReportData) -> ReportFigures:
     sections = {
-        "thrust": [*_thrust(evidence)],
-        "steady": [*_steady(evidence)],
-        "inertia": [*_inertia(evidence)],
-        "sines": [*_sines(evidence)],
-        "overview": [*_overview(evidence)],
-        "large": [*_large(evidence.simulations_with)],
-        "residuals": [*_residuals(evidence)],
-        "compared": [*_compared(evidence)],
-        "left_over": [*_left_over(evidence)],
-        "closed_loop": [*_closed_loop(evidence)],
+        "thrust": list(_thrust(report)),
+        "steady": list(_steady(report)),
+        "inertia": list(_inertia(report)),
+        "sines": list(_sines(report)),
+        "overview": list(_overview(report)),
+        "large": list(_large(report.simulations_with)),
+        "residuals": list(_residuals(report)),
+        "compared": list(_compared(report)),
+        "left_over": list(_left_over(report)),
+        "closed_loop": list(_closed_loop(report)),
     }
-    of_rivals, of_drivers = dict(_rivals(evidence)), dict(_drivers(evidence))
-    sketches = [*itertools.chain(*sections.values()), *of_rivals.values(), *of_drivers.values()]
-    guess = evidence.vehicle.assumptions
-    # Matplotlib's style is that of the process, so that threads cannot draw.
-    pictures = parallel_map(lambda sketch: _picture(sketch, guess), sketches, use_threads=False)
-    drawn = dict(zip(sketches, pictures, strict=True))
+    by_effect = {"rivals": dict(_rivals(report)), "drivers": dict(_drivers(report))}
+    drafts = [*itertools.chain(*sections.values()), *itertools.chain(*(each.values() for each in by_effect.values()))]
+    guess = report.vehicle.assumptions
+    # Matplotlib's style belongs to the process: threads cannot draw.
+    figures = parallel_map(lambda draft: _render(draft, guess), drafts, use_threads=False)
+    rendered = dict(zip(drafts, figures, strict=True))
+    rivals, drivers = ({key: rendered[draft] for key, draft in drafts.items()} for drafts in by_effect.values())
     return ReportFigures(
-        worst=_worst(evidence),
-        rivals={key: drawn[sketch] for key, sketch in of_rivals.items()},
-        drivers={key: drawn[sketch] for key, sketch in of_drivers.items()},
-        **{name: tuple(drawn[sketch] for sketch in every) for name, every in sections.items()},
+        worst=_worst(report),
+        rivals=rivals,
+        drivers=drivers,
+        **{name: tuple(rendered[draft] for draft in section) for name, section in sections.items()},
     )
 
 
-def _picture(sketch: FigureDraft, guess: Assumptions) -> ReportFigure:
-    figure = canvas.mark_guessed(sketch.figure, guess)
-    return ReportFigure(
-        name=sketch.name,
-        caption=sketch.caption,
-        alt=sketch.alt,
-        png=canvas.render_png(figure),
-        svg=canvas.render_svg(figure),
-    )
+def _render(draft: FigureDraft, guess: Assumptions) -> ReportFigure:
+    figure = canvas.mark_guessed(draft.figure, guess)
+    png, svg = canvas.render_png(figure), canvas.render_svg(figure)
+    return ReportFigure(name=draft.name, caption=draft.caption, alt=draft.alt, png=png, svg=svg)
 
 
-def _worst(evidence: ReportData) -> WorstTrialFigure | None:
-    """The trial that is simulated worst, without and with what was found."""
-    if not evidence.simulations_without:
+def _worst(report: ReportData) -> WorstTrialFigure | None:
+    """The trial with the largest error, without and with the causes."""
+    if not report.simulations_without:
         return None
-    number_of, *_ = worst_first(evidence.simulations_without)
-    before, after, guess = (
-        evidence.simulations_without[number_of],
-        evidence.simulations_with[number_of],
-        evidence.vehicle.assumptions,
-    )
-    wide = before_after.plot_before_after(before, after, width=5.6, rows=(1.9, 1.0))
-    narrow = before_after.plot_before_after(before, after, width=3.9, rows=(0.75, 0.45))
-    return WorstTrialFigure(
-        caption=f"The worst trial, {before.run.trial.name}, simulated freely.",
-        alt=_alt(before, after),
-        wide=canvas.render_inline_svg(canvas.mark_guessed(wide, guess), "wide"),
-        narrow=canvas.render_inline_svg(canvas.mark_guessed(narrow, guess), "narrow"),
-    )
+    before, after = _worst_pair(report)
+    drawn = []
+    for name, width, rows in (("wide", 5.6, (1.9, 1.0)), ("narrow", 3.9, (0.75, 0.45))):
+        figure = trials.plot_before_after(before, after, width=width, rows=rows)
+        drawn.append(canvas.render_inline_svg(canvas.mark_guessed(figure, report.vehicle.assumptions), name))
+    wide, narrow = drawn
+    caption = f"The worst trial, {before.run.trial.name}, simulated freely."
+    return WorstTrialFigure(caption=caption, alt=_error_words(before, after), wide=wide, narrow=narrow)
 
 
-def _alt(before: TrialSimulation, after: TrialSimulation) -> str:
-    """What the picture of the worst trial says."""
-    axis = before.run.trial.axis
-    rates = f"{axis.rate_words} is off by {format_number(before.fit.rmse, '.2g')}"
-    if after is not before:
-        rates = f"{rates} {axis.rate_unit} without and by {format_number(after.fit.rmse, '.2g')}"
-    return f"{before.run.trial.name}: the simulated {rates} {axis.rate_unit}{' with' if after is not before else ''}."
+def _worst_pair(report: ReportData) -> tuple[TrialSimulation, TrialSimulation]:
+    worst, *_ = worst_first(report.simulations_without)
+    return report.simulations_without[worst], report.simulations_with[worst]
 
 
-def _steady_drag(evidence: ReportData) -> Model | None:
-    """Model of what balances the push in a steady state; None where the drag is not known."""
-    entries = evidence.parameters.entries
-    if "quadratic_drag" not in entries or evidence.parameters.per_inertia:
+def _error_words(before: TrialSimulation, after: TrialSimulation) -> str:
+    """RMS errors of the rate as alternative text of a trial's plot."""
+    trial, axis = before.run.trial, before.run.trial.axis
+    errors = [f"{format_number(item.fit.rmse, '.2g')} {axis.rate_unit}" for item in (before, after)]
+    size = errors[0] if after is before else f"{errors[0]} without and by {errors[1]} with"
+    return f"{trial.name}: the simulated {axis.rate_words} is off by {size}."
+
+
+def _steady_drag(report: ReportData) -> Model | None:
+    """Model of the torque in steady states; None where the drag is not known."""
+    entries = report.parameters.entries
+    if "quadratic_drag" not in entries or report.parameters.per_inertia:
         return None
-    quadratic, linear, buoyancy = map(entries.get, ("quadratic_drag", "linear_drag", "net_buoyancy"))
+    values = {name: entry.value for name, entry in entries.items()}
+    buoyancy = values.get("net_buoyancy")
     return Model(
         inertia=math.nan,
-        quadratic_drag=quadratic.value if quadratic else 0.0,
-        linear_drag=linear.value if linear else 0.0,
-        axis=evidence.axis,
-        restoring_values=(buoyancy.value,) if buoyancy else (),
+        quadratic_drag=values["quadratic_drag"],
+        linear_drag=values.get("linear_drag", 0.0),
+        axis=report.axis,
+        restoring_values=() if buoyancy is None else (buoyancy,),
     )
 
 
-def _thrust(evidence: ReportData) -> Iterator[FigureDraft]:
-    """Thrust curves with the commands in use."""
-    runs = () if evidence.runs is None else evidence.runs.items
-    figure = thrust.plot_thrust_curves(evidence.vehicle, runs)
+def _thrust(report: ReportData) -> Iterator[FigureDraft]:
+    runs = () if report.runs is None else report.runs.items
+    figure = identification.plot_thrust_curves(report.vehicle, runs)
     if figure is None:
         return
-    names = ", ".join(thruster.name for thruster in evidence.vehicle.thrusters)
+    names = ", ".join(thruster.name for thruster in report.vehicle.thrusters)
     yield FigureDraft(
         "thrust_curves",
         figure,
@@ -256,221 +215,209 @@ def _thrust(evidence: ReportData) -> Iterator[FigureDraft]:
     )
 
 
-def _steady(evidence: ReportData) -> Iterator[FigureDraft]:
-    fit = evidence.drag
+def _steady(report: ReportData) -> Iterator[FigureDraft]:
+    fit = report.drag
     if fit is None:
         return
-    axis = fit.estimate.axis
+    axis, state = fit.estimate.axis, steady_state_words(fit.estimate.axis)
     rates = [point.rate for point in fit.points]
-    what = steady_state_words(axis)
     yield FigureDraft(
         f"steady_{axis.force_name}",
-        steady.plot_steady_states(fit),
-        caption=f"{axis.force_name.capitalize()} of each {what} against its {axis.rate_words}, and the fitted drag. Below, "
-        "what the fit leaves over.",
-        alt=f"{len(rates)} {what}s from {min(rates):.3g} to {max(rates):.3g} {axis.rate_unit} with the fitted curve; "
+        identification.plot_steady_states(fit),
+        caption=f"{axis.force_name.capitalize()} of each {state} against its {axis.rate_words}, and the fitted drag. "
+        "Below, the residuals.",
+        alt=f"{len(rates)} {state}s from {min(rates):.3g} to {max(rates):.3g} {axis.rate_unit} with the fitted curve; "
         f"the largest residual is {max(abs(fit.residuals)):.3g} {axis.force_unit}.",
     )
 
 
-def _inertia(evidence: ReportData) -> Iterator[FigureDraft]:
-    """Inertia by each method."""
-    fit = evidence.inertia
+def _inertia(report: ReportData) -> Iterator[FigureDraft]:
+    fit = report.inertia
     if fit is None:
         return
-    readings = []
-    for name, each in fit.methods.items():
-        value = plus_minus(each.value, each.standard_error)
-        readings.append(f"{inertia.method_title(name)} {value}")
+    readings = [
+        f"{method_title(name)} {plus_minus(reading.value, reading.standard_error)}"
+        for name, reading in fit.methods.items()
+    ]
     yield FigureDraft(
         "inertia",
-        inertia.plot_inertia_methods(fit, evidence.vehicle.rigid_body_inertia),
+        identification.plot_inertia_methods(fit, report.vehicle.rigid_body_inertia),
         caption="Inertia by each method: points with 95 % intervals, and ticks for single sine runs.",
         alt=f"Inertia in {unit_symbol(fit.estimate.unit('inertia'))}: {'; '.join(readings)}.",
     )
 
 
-def _sines(evidence: ReportData) -> Iterator[FigureDraft]:
-    fit, axis = evidence.inertia, evidence.axis
+def _sines(report: ReportData) -> Iterator[FigureDraft]:
+    fit, axis = report.inertia, report.axis
     if fit is None:
         return
-    drag = _steady_drag(evidence)
-    parts = list(paginate(fit.trials, sines.PER_SHEET))
-    # The first sheet explains them all.
-    caption = (
-        f"Mean period of each sine run; right, {axis.force_name} over rate. The marks are the three moments that the peak "
-        "method takes for one."
-    )
-    for k, (trials, suffix) in enumerate(parts):
-        if k > 0:
-            caption = f"Mean period of each sine run, sheet {k + 1} of {len(parts)}."
-        periods = ", ".join(f"{trial.period:.3g}" for trial in trials)
+    drag, force = _steady_drag(report), axis.force_name
+    sheets = list(paginate(fit.trials, identification.SINES_PER_SHEET))
+    for number, (runs, suffix) in enumerate(sheets, start=1):
+        # The first sheet explains them all.
+        caption = (
+            f"Mean period of each sine run; right, {force} over rate. The marks are the three moments that the peak "
+            "method takes for one."
+        )
+        if number > 1:
+            caption = f"Mean period of each sine run, sheet {number} of {len(sheets)}."
+        periods = ", ".join(f"{trial.period:.3g}" for trial in runs)
         yield FigureDraft(
             f"sine_runs{suffix}",
-            sines.plot_sine_runs(trials, drag, axis),
+            identification.plot_sine_runs(runs, drag, axis),
             caption=caption,
-            alt=f"{axis.force_name.capitalize()}, {axis.rate_words} and acceleration over one period of {periods} s: the "
-            f"acceleration peaks about when the {axis.force_name} does, the rate later.",
+            alt=f"{force.capitalize()}, {axis.rate_words} and acceleration over one period of {periods} s: the "
+            f"acceleration peaks about when the {force} does, the rate later.",
         )
 
 
-def paginate(items: Sequence[T], size: int) -> Iterator[tuple[Sequence[T], str]]:
-    """Up to ``size`` items at a time, with a suffix for the file's name where there is more than one sheet."""
+def paginate(items: Sequence[_T], size: int) -> Iterator[tuple[Sequence[_T], str]]:
+    """Up to ``size`` items at a time, with a suffix for the file name where there is more than one sheet."""
     if 0 < len(items) <= size:
         yield items, ""
         return
-    starts = range(0, len(items), size)
-    for place, first in enumerate(starts, start=1):
-        yield items[first : first + size], f"_{place:02d}"
+    for number, first in enumerate(range(0, len(items), size), start=1):
+        yield items[first : first + size], f"_{number:02d}"
 
 
-def _overview(evidence: ReportData) -> Iterator[FigureDraft]:
-    """All trials, simulated, in small panels."""
-    pairs = list(zip(evidence.simulations_without, evidence.simulations_with, strict=True))
-    both = " without and with what was found" if evidence.extended else ""
-    for part, suffix in paginate(pairs, simulations.PER_SHEET):
-        rate = part[0][0].run.trial.axis.rate_words
-        fits = "; ".join(f"{item.run.trial.name} R² {format_number(item.fit.r2, '.4f')}" for _, item in part)
+def _overview(report: ReportData) -> Iterator[FigureDraft]:
+    """All trials in small panels."""
+    pairs = list(zip(report.simulations_without, report.simulations_with, strict=True))
+    models = " without and with what was found" if report.extended else ""
+    rate = report.axis.rate_words
+    for sheet, suffix in paginate(pairs, trials.PER_SHEET):
+        fits = "; ".join(f"{item.run.trial.name} R² {format_number(item.fit.r2, '.4f')}" for _, item in sheet)
         yield FigureDraft(
             f"overview{suffix}",
-            simulations.plot_overview(part),
-            caption=f"Measured {rate} of every trial, simulated freely{both}.",
+            trials.plot_overview(sheet),
+            caption=f"Measured {rate} of every trial, simulated freely{models}.",
             alt=f"Measured and simulated {rate} over time: {fits}.",
         )
 
 
 def _large(items: Sequence[TrialSimulation]) -> Iterator[FigureDraft]:
-    """Each trial, or those with the largest error where there are too many."""
+    """Each trial, or those with the largest errors where there are too many."""
     for place in sorted(worst_first(items)[:LARGE_PLOTS]):
         item = items[place]
         name, axis = item.run.trial.name, item.run.trial.axis
         yield FigureDraft(
             f"trial_{place + 1:02d}_{_file_name(name)}",
-            simulations.plot_trial(item),
+            trials.plot_trial(item),
             caption=f"{name}: {axis.force_name}, {axis.rate_words} and the simulation's errors.",
-            alt=_alt(item, item),
+            alt=_error_words(item, item),
         )
 
 
-def _residuals(evidence: ReportData) -> Iterator[FigureDraft]:
-    """What the model leaves of the torque."""
-    if evidence.runs is None or not evidence.simulations:
+def _residuals(report: ReportData) -> Iterator[FigureDraft]:
+    if report.runs is None or not report.simulations:
         return
-    axis = evidence.axis
-    items = unexplained_torques(evidence.runs, evidence.parameters.model(), evidence.vehicle)
+    axis, force = report.axis, report.axis.force_name
+    items = unexplained_torques(report.runs, report.parameters.model(), report.vehicle)
     yield FigureDraft(
         "residuals",
-        residuals.plot_residuals(items, evidence.runs.cutoff),
-        caption=f"Residual {axis.force_name} against rate, {axis.force_name} and time, its autocorrelation, and its spectrum.",
-        alt=f"Five panels of the residual {axis.force_name}: against {axis.rate_words}, against {axis.force_name}, over time, "
+        residuals.plot_residuals(items, report.runs.cutoff),
+        caption=f"Residual {force} against rate, {force} and time, its autocorrelation, and its spectrum.",
+        alt=f"Five panels of the residual {force}: against {axis.rate_words}, against {force}, over time, "
         "its autocorrelation and its spectrum.",
     )
 
 
-def _rivals(evidence: ReportData) -> Iterator[tuple[str, FigureDraft]]:
-    """A plot for each finding that has rivals, by the key of its effect."""
-    for finding in evidence.diagnosis.findings if evidence.diagnosis else ():
+def _rivals(report: ReportData) -> Iterator[tuple[str, FigureDraft]]:
+    """Key of each effect that has alternatives, and the plot of their gains."""
+    for finding in report.diagnosis.findings if report.diagnosis else ():
         if finding.alternatives:
             yield finding.effect.key, _rivals_of(finding)
 
 
 def _rivals_of(finding: Finding) -> FigureDraft:
-    axis = finding.estimate.axis
-    shown = [f"{effect_name(rival.effect, axis)} {rival.bic_gain:.0f}" for rival in finding.alternatives[:RIVALS]]
-    rest = "; ".join(shown)
+    effect, axis = finding.effect, finding.estimate.axis
+    shown = finding.alternatives[:ALTERNATIVES_SHOWN]
+    others = "; ".join(f"{effect_title(other.effect, axis)} {other.bic_gain:.0f}" for other in shown)
     return FigureDraft(
-        f"rivals_{_file_name(finding.effect.key)}",
-        findings.plot_alternatives(finding),
+        f"rivals_{_file_name(effect.key)}",
+        results.plot_alternatives(finding),
         caption="Log-likelihood that each cause gains in its place, less the price of its parameters.",
-        alt=f"Log-likelihood gained by {effect_name(finding.effect, axis)}: {finding.bic_gain:.0f}; in its place {rest}.",
+        alt=f"Log-likelihood gained by {effect_title(effect, axis)}: {finding.bic_gain:.0f}; in its place {others}.",
     )
 
 
-def _drivers(evidence: ReportData) -> Iterator[tuple[str, FigureDraft]]:
-    """A plot for each finding, by the key of its effect: the torque that is missing without it."""
-    diagnosis, runs = evidence.diagnosis, _diagnosed(evidence)
-    if diagnosis is None or evidence.extended is None or runs is None:
+def _drivers(report: ReportData) -> Iterator[tuple[str, FigureDraft]]:
+    """Key of each effect that was found, and the plot of the torque that is missing without it."""
+    diagnosis, runs, axis = report.diagnosis, _diagnosed_runs(report), report.axis
+    if diagnosis is None or report.extended is None or runs is None:
         return
-    for finding in diagnosis.findings:
-        missing = residual_drivers.missing_without(finding.effect, runs, evidence.extended.model, evidence.vehicle)
-        if missing is not None:
-            yield finding.effect.key, _driver(finding.effect, missing, evidence.axis)
+    for effect in (finding.effect for finding in diagnosis.findings):
+        missing = missing_without(effect, runs, report.extended.model, report.vehicle)
+        if missing is None:
+            continue
+        driver = missing.driver.rpartition(",")[0] or missing.driver
+        yield (
+            effect.key,
+            FigureDraft(
+                f"missing_{_file_name(effect.key)}",
+                residuals.plot_missing_torque(missing, axis),
+                caption=f"The {axis.force_name} that the model misses without {effect_title(effect, axis)}.",
+                alt=f"Missing {axis.force_name} against {driver}: the readings lie about the line of the equation.",
+            ),
+        )
 
 
-def _driver(effect: Effect, missing: residual_drivers.MissingTorque, axis: Axis) -> FigureDraft:
-    what, _, _ = missing.driver.rpartition(",")
-    name = effect_name(effect, axis)
-    return FigureDraft(
-        f"missing_{_file_name(effect.key)}",
-        missing_torque.plot_missing_torque(missing, axis),
-        caption=f"The {axis.force_name} that the model misses without {name}.",
-        alt=f"Missing {axis.force_name} against {what or missing.driver}: the readings lie about the line of the equation.",
-    )
-
-
-def _diagnosed(evidence: ReportData) -> PreparedRuns | None:
-    """The runs that were diagnosed: all, or the parts into which they were cut."""
-    if evidence.runs is None:
+def _diagnosed_runs(report: ReportData) -> PreparedRuns | None:
+    """The runs of the diagnosis: all runs, or the parts into which they were split."""
+    if report.runs is None:
         return None
-    return split_runs(evidence.runs.items, evidence.vehicle, evidence.runs.cutoff) or evidence.runs
+    return split_runs(report.runs.items, report.vehicle, report.runs.cutoff) or report.runs
 
 
-def _compared(evidence: ReportData) -> Iterator[FigureDraft]:
-    """The picture of the first screen, as a file."""
-    if not evidence.nested or evidence.extended is None:
+def _compared(report: ReportData) -> Iterator[FigureDraft]:
+    """The plot of the first screen, as a file."""
+    if not report.nested or report.extended is None:
         return
-    worst, *_ = worst_first(evidence.simulations_without)
-    before, after = evidence.simulations_without[worst], evidence.simulations_with[worst]
+    before, after = _worst_pair(report)
     yield FigureDraft(
         "diagnosis_gain",
-        before_after.plot_before_after(before, after, width=canvas.WIDTH, rows=(2.4, 1.5)),
+        trials.plot_before_after(before, after, width=canvas.WIDTH, rows=(2.4, 1.5)),
         caption=f"The worst trial, {before.run.trial.name}, simulated freely without and with what was found.",
-        alt=_alt(before, after),
+        alt=_error_words(before, after),
     )
 
 
-def _left_over(evidence: ReportData) -> Iterator[FigureDraft]:
-    diagnosis, runs = evidence.diagnosis, _diagnosed(evidence)
-    found = evidence.extended
-    if runs is None or diagnosis is None or diagnosis.base is None or found is None:
+def _left_over(report: ReportData) -> Iterator[FigureDraft]:
+    diagnosis, runs, vehicle = report.diagnosis, _diagnosed_runs(report), report.vehicle
+    if runs is None or diagnosis is None or diagnosis.base is None or report.extended is None:
         return
-    axis, vehicle = evidence.axis, evidence.vehicle
-    before = unexplained_torques(runs, diagnosis.base.model, vehicle)
-    after = unexplained_torques(runs, found.model, vehicle)
-    was, now = (vehicle.assumptions.mark_number(_root_mean_square(left), axis.force_unit) for left in (before, after))
+    force, unit = report.axis.force_name, report.axis.force_unit
+    models = (diagnosis.base.model, report.extended.model)
+    before, after = (unexplained_torques(runs, model, vehicle) for model in models)
+    sizes = [format_number(rms_sizes(items)[0], ".3g") for items in (before, after)]
+    was, now = (vehicle.assumptions.mark_number(size, unit) for size in sizes)
     yield FigureDraft(
         "diagnosis_residuals",
-        residual_torque.plot_residual_comparison(before, after, runs.cutoff),
-        caption=f"The {axis.force_name} that the model leaves over, without and with what was found: {was} and {now} "
-        f"{axis.force_unit} root mean square.",
-        alt=f"Five panels of the residual {axis.force_name}: {was} {axis.force_unit} root mean square without what was "
-        f"found, {now} {axis.force_unit} with it.",
+        residuals.plot_residual_comparison(before, after, runs.cutoff),
+        caption=f"The {force} that the model does not explain, without and with what was found: {was} and {now} "
+        f"{unit} root mean square.",
+        alt=f"Five panels of the residual {force}: {was} {unit} root mean square without what was found, {now} {unit} "
+        "with it.",
     )
 
 
-def _root_mean_square(items: Sequence[ResidualTorque]) -> str:
-    """Of what is left, in N m or N, as text."""
-    left, _, _ = rms_sizes(items)
-    return format_number(left, ".3g")
-
-
-def _closed_loop(evidence: ReportData) -> Iterator[FigureDraft]:
-    control = evidence.control
+def _closed_loop(report: ReportData) -> Iterator[FigureDraft]:
+    control = report.control
     if control is None:
         return
-    courses = paper_step_runs(control)
+    runs = results.paper_step_runs(control)
     effects = bool(control.model.effects)
     full = {run.name: run.metrics for run in control.runs if run.model_aid and run.effects_known == effects}
-    steps = "; ".join(f"{name}, {format_number(full[name].overshoot_deg, '.1f')} deg too far" for name in courses)
+    steps = "; ".join(f"{name}, {format_number(full[name].overshoot_deg, '.1f')} deg too far" for name in runs)
     yield FigureDraft(
         "closed_loop",
-        closed_loop.plot_closed_loop(courses, control.bandwidth),
+        results.plot_closed_loop(runs, control.bandwidth),
         caption="Steps of the wanted heading, simulated without noise and disturbance: heading against set point, and "
-        "the torque that the controller asks for.",
+        "the torque that the controller commands.",
         alt=f"Heading and torque over time in three steps; with full aid, and disturbed as in the table: {steps}.",
     )
 
 
 def _file_name(name: str) -> str:
-    """``name`` with nothing in it that a file's name may not hold."""
+    """``name`` with underscores in place of all characters that a file name may not contain."""
     return re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_")[-60:]

@@ -1,33 +1,57 @@
-"""Everything that a report shows."""
+"""The contents of a report, with every trial simulated by each nested model."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from rovid.control.design import ControllerDesign
+from rovid.core.threads import thread_map
+from rovid.diagnose.cross_validation import split_runs
 from rovid.diagnose.result import Diagnosis, ModelAssessment
+from rovid.diagnose.signal_regressors import is_signal
+from rovid.effects import Effect
 from rovid.estimate.inertia import InertiaFit
 from rovid.estimate.steady_drag import DragFit
 from rovid.export.run_export import VerifiedExport
-from rovid.model.simulation import TrialSimulation
-from rovid.present.page.nested_simulations import NestedSimulation
+from rovid.model.model import Model
+from rovid.model.simulation import HORIZONS, TrialSimulation, pooled_fit, simulate_runs
 from rovid.signals.preprocessing import PreparedRuns
 from rovid.store.parameter_file import Parameters
+from rovid.store.study import Study
 from rovid.trial.axis import Axis
 from rovid.trial.trial import Campaign
 from rovid.trial.vehicle import Vehicle
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ReportData:
-    """What the logs gave; where something is missing its refusal says why.
+class NestedSimulation:
+    """A model, and every trial simulated with it."""
 
-    ``parameters`` are the one model's, and ``simulations`` its. ``campaign`` and ``runs`` are None where tables stood
-    in place of logs. ``diagnosis`` is None where there was none: with a refusal it was not possible, without one it was
-    not wanted. ``stages`` has every trial simulated with none of what it found first, with all of it, the one model,
-    last; it is empty without a diagnosis of logs. ``control`` and ``exports``, by the format's name, are None as
-    ``diagnosis`` is, and along other axes than yaw. ``notes`` tell how the parameter file stood.
+    model: Model
+    simulations: tuple[TrialSimulation, ...]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ReportData:
+    """Results of a study; a refusal states why a result is missing.
+
+    Attributes
+    ----------
+    parameters, simulations
+        Of the report's model.
+    campaign, runs
+        None where tables replace logs.
+    diagnosis, control, exports
+        None without a refusal where they were not requested; controller and exports exist for yaw only.
+    nested
+        Every trial simulated without causes first, and with all causes, the report's model, last; empty without a
+        diagnosis of logs.
+    notes
+        Sentences on the state of the parameter file.
     """
 
     vehicle: Vehicle
@@ -50,21 +74,76 @@ class ReportData:
 
     @property
     def axis(self) -> Axis:
-        """The degree of freedom that the page is about."""
+        """The axis of the report."""
         return self.vehicle.axis
 
     @property
     def simulations_without(self) -> tuple[TrialSimulation, ...]:
-        """Every trial simulated without what was found; by the model where nothing was looked for."""
+        """Every trial simulated without the causes; by the report's model where there is no diagnosis."""
         return self.nested[0].simulations if self.nested else self.simulations
 
     @property
     def simulations_with(self) -> tuple[TrialSimulation, ...]:
-        """The same with all that was found."""
+        """Every trial simulated with all causes."""
         return self.nested[-1].simulations if self.nested else self.simulations
 
     @property
     def extended(self) -> ModelAssessment | None:
-        """The model with what was found; None where nothing was."""
+        """The model with the causes; None where there are none."""
         side = self.diagnosis.extended if self.diagnosis else None
         return side if side is not None and side.model.effects else None
+
+
+def simulate_nested_models(study: Study, diagnosis: Diagnosis) -> tuple[NestedSimulation, ...]:
+    """Every trial simulated by the base model, the models between, and the extended model.
+
+    The base model alone where no cause was found. Trials whose parts were diagnosed separately, each with its own
+    response to a signal, are simulated in these parts.
+    """
+    base, extended = diagnosis.base, diagnosis.extended
+    if study.runs is None or base is None or extended is None:
+        return ()
+    runs, models = study.runs, [base.model]
+    if extended.model.effects:
+        models += [*diagnosis.nested_models, extended.model]
+    if any(map(is_signal, extended.model.effects)):
+        runs = split_runs(runs.items, study.vehicle, runs.cutoff) or runs
+
+    def simulated(model: Model) -> NestedSimulation:
+        return NestedSimulation(model=model, simulations=tuple(simulate_runs(runs.items, model, study.vehicle)))
+
+    return tuple(thread_map(simulated, models))
+
+
+def effects_of(nested: Sequence[NestedSimulation]) -> tuple[Effect, ...]:
+    """Effects that a simulation shows, in the order of the models; waves, which have no known phase, are left out."""
+    effects: dict[str, Effect] = {}
+    for simulation in nested:
+        for effect in simulation.model.effects:
+            if not effect.is_wave:
+                effects.setdefault(effect.key, effect)
+    return tuple(effects.values())
+
+
+def worst_first(simulations: Sequence[TrialSimulation]) -> list[int]:
+    """Indices of the trials by decreasing RMS error of the rate; trials without an error last."""
+    errors = [item.fit.rmse if math.isfinite(item.fit.rmse) else -1.0 for item in simulations]
+    return sorted(range(len(errors)), key=lambda index: -errors[index])
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulationErrors:
+    """RMS error of the rate in rad/s or m/s, its R²; horizon in s -> RMS error of the position in rad or m."""
+
+    rate: float
+    r2: float
+    position: dict[float, float | None]
+
+
+def simulation_errors(simulations: Sequence[TrialSimulation]) -> SimulationErrors:
+    """Errors of all trials together; of the position over the trials that last long enough."""
+    fit, position = pooled_fit(simulations), {}
+    for horizon in HORIZONS:
+        known = [error for item in simulations if (error := item.position_errors.get(horizon)) is not None]
+        position[horizon] = float(np.sqrt(np.mean(np.square(known)))) if known else None
+    return SimulationErrors(rate=fit.rmse, r2=fit.r2, position=position)

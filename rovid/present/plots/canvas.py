@@ -1,4 +1,4 @@
-"""What all figures share: palette, style, sheets of panels, decimation, and rendering without dates."""
+"""Palette, style, grids of panels, decimation and reproducible rendering of all figures."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from rovid.core.errors import escape_invisible
 from rovid.core.signatures import plot_mark
 from rovid.trial.assumptions import Assumptions
 
-# Okabe and Ito's palette: told apart by every kind of colour vision; markers and dashes say the same again.
+# Palette of Okabe and Ito for every kind of colour vision; markers and dashes distinguish the lines too.
 BLACK, BLUE, ORANGE, GREEN, GREY, PALE = "#111111", "#0072B2", "#D55E00", "#009E73", "#767676", "#8CBFE6"
 RED = "#B3001B"
 STYLE: dict[str, Any] = {
@@ -49,11 +49,11 @@ STYLE: dict[str, Any] = {
     "legend.handlelength": 2.4,
     "lines.linewidth": 1.4,
     "svg.hashsalt": "rovid",
-    "text.parse_math": False,  # a log may be called run$1$.csv
+    "text.parse_math": False,  # a log may have the name run$1$.csv
 }
 WIDTH = 9.0  # in
 _COLOURS, _NEARLY_WHITE = 192, 251
-# What stands for each colour in the page's style.
+# Colour -> variable of the page's style.
 _VARIABLES = {
     BLACK: "simulated",
     ORANGE: "without",
@@ -63,14 +63,14 @@ _VARIABLES = {
     "#444444": "soft",
     "#e2e2e2": "line",
 }
-_POINTS = 1200
+POINTS = 1200
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
 
 def report_style(draw: Callable[P, R]) -> Callable[P, R]:
-    """Let ``draw`` run under the report's style, whatever the user's matplotlibrc says."""
+    """Run ``draw`` with the report's style instead of the user's matplotlibrc."""
 
     @functools.wraps(draw)
     def under_style(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -94,8 +94,7 @@ def panel_grid(
 ) -> tuple[Figure, list[list[Axes]]]:
     """A figure with rows of panels.
 
-    Margins are fixed: the axes of one figure stand exactly under those of another, and no layout has to be
-    searched for.
+    Margins are fixed, so that axes of successive figures align, and no layout has to be computed.
 
     Parameters
     ----------
@@ -130,11 +129,11 @@ def panel_grid(
 
 @report_style
 def mark_guessed(figure: Figure, guess: Assumptions) -> Figure:
-    """``figure``, with what is guessed along its edge, where the label of an axis names a unit that hangs on it."""
+    """``figure``, with the assumptions along its edge where the unit of an axis depends on them."""
     labels = [text for axes in figure.axes for text in (axes.get_xlabel(), axes.get_ylabel())]
     units = [label.rpartition(",")[2].strip() for label in labels]
     if any(map(guess.is_placeholder, units)):
-        # The margin there is narrow, and no figure has anything else in it.
+        # The right margin of every figure is narrow and empty.
         figure.text(
             0.999, 0.5, f"by guessed {guess.quantities}", color=RED, size=8, rotation=90, ha="right", va="center"
         )
@@ -143,14 +142,14 @@ def mark_guessed(figure: Figure, guess: Assumptions) -> Figure:
 
 @report_style
 def render_png(figure: Figure, of: str = "report") -> bytes:
-    """The figure as PNG with a palette, a third of the size of one in full colour; ``of`` is what it belongs to."""
+    """The figure as PNG with a palette, a third of the size of full colour; ``of`` is the kind of document."""
     canvas: Any = FigureCanvasAgg(figure)  # its methods carry no annotations
     with warnings.catch_warnings():
         _accept_any_name(figure)
         canvas.draw()
     pixels = np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., :3])
     image = Image.fromarray(pixels).quantize(_COLOURS, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
-    # The octree rounds white down by a shade, which shows beside the page's own white.
+    # The octree quantiser darkens white slightly, which is visible on the white page.
     image.putpalette([255 if level > _NEARLY_WHITE else level for level in image.getpalette() or ()])
     buffer = io.BytesIO()
     text = PngInfo()
@@ -161,7 +160,7 @@ def render_png(figure: Figure, of: str = "report") -> bytes:
 
 @report_style
 def render_svg(figure: Figure) -> bytes:
-    """The figure as SVG, text as outlines, without date: the same evidence gives the same bytes."""
+    """The figure as SVG, text as outlines, without date: the same data give the same bytes."""
     buffer = io.BytesIO()
     canvas: Any = FigureCanvasSVG(figure)  # its methods carry no annotations
     with warnings.catch_warnings():
@@ -172,9 +171,9 @@ def render_svg(figure: Figure) -> bytes:
 
 @report_style
 def render_inline_svg(figure: Figure, name: str) -> Markup:
-    """The figure as SVG to stand in a page: text as text, colours those of the page's style, light or dark.
+    """The figure as SVG inside a page: text as text, colours of the page's style, light or dark.
 
-    ``name`` tells its parts from those of the page's other pictures.
+    ``name`` makes the identifiers unique within the page.
     """
     buffer = io.BytesIO()
     figure.set_facecolor("none")
@@ -186,7 +185,7 @@ def render_inline_svg(figure: Figure, name: str) -> Markup:
         canvas.print_svg(buffer, metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
     text = buffer.getvalue().decode()
     text = text[text.index("<svg") :]
-    # Its style would be the whole page's; lines end within their panels; and of the names only those of ticks are used.
+    # A style element would apply to the whole page. Clipping is not needed. Only tick marks are referred to by id.
     text = re.sub(r"<style.*?</style>", "", text, flags=re.DOTALL)
     text = re.sub(r' clip-path="[^"]*"', "", text)
     used = set(re.findall(r'href="#([^"]*)"', text))
@@ -195,22 +194,22 @@ def render_inline_svg(figure: Figure, name: str) -> Markup:
     for colour, variable in _VARIABLES.items():
         text = re.sub(colour, f"var(--{variable})", text, flags=re.IGNORECASE)
     text = re.sub(r"font: ([\w. ]+px) [^;\"]*", r"font: \1 system-ui, sans-serif", text)
-    # Black text has no colour of its own.
+    # Matplotlib gives black text no colour.
     text = text.replace("<text ", '<text fill="currentColor" ')
     return Markup(text)  # noqa: S704 - matplotlib escapes what a log may hold
 
 
 def _accept_any_name(figure: Figure) -> None:
-    """A log or thruster may be called anything: what is not seen becomes an escape, in which SVG is none the worse."""
+    """Escape invisible characters, which names of logs and thrusters may contain, and which SVG forbids."""
     for text in _texts(figure):
         lines = text.get_text().split("\n")
         text.set_text("\n".join(map(escape_invisible, lines)))
-    # A box stands for each sign of a script that the font lacks.
+    # A box replaces each character that the font lacks.
     warnings.filterwarnings("ignore", message=r"Glyph \d+")
 
 
 def _texts(artist: Artist) -> Iterator[Text]:
-    """All texts in ``artist`` but those of ticks, which are made and said anew whenever it is drawn."""
+    """All texts in ``artist`` except those of ticks, which matplotlib recreates for every drawing."""
     if isinstance(artist, Text):
         yield artist
     elif isinstance(artist, Axis):
@@ -221,17 +220,17 @@ def _texts(artist: Artist) -> Iterator[Text]:
 
 
 def plot_overlay(
-    panel: Axes, time: FloatArray, measured: FloatArray, simulated: FloatArray, count: int = _POINTS
+    panel: Axes, time: FloatArray, measured: FloatArray, simulated: FloatArray, count: int = POINTS
 ) -> None:
-    """A thin dark simulation over a broad pale measurement: both show where they agree, with or without colour."""
+    """Plot a thin dark simulation over a broad pale measurement: both are visible where they agree."""
     panel.plot(*decimate_min_max(time, measured, count), color=PALE, linewidth=3.6, label="measured")
     panel.plot(*decimate_min_max(time, simulated, count), color=BLACK, linewidth=1.1, label="simulated")
 
 
-def decimate_min_max(time: FloatArray, values: FloatArray, count: int = _POINTS) -> tuple[FloatArray, FloatArray]:
-    """At most about ``count`` points of a long series, with the lowest and highest of each stretch kept.
+def decimate_min_max(time: FloatArray, values: FloatArray, count: int = POINTS) -> tuple[FloatArray, FloatArray]:
+    """At most about ``count`` points of a long series, with the lowest and highest of each stretch.
 
-    A stretch without any value gives NaN, so that a gap stays a gap.
+    A stretch without values gives NaN, so gaps remain visible.
     """
     size = -(-2 * len(values) // count)
     if size <= 2:
@@ -241,7 +240,7 @@ def decimate_min_max(time: FloatArray, values: FloatArray, count: int = _POINTS)
 
 
 def min_max_indices(values: FloatArray, size: int) -> IntArray:
-    """Where the lowest and highest of each stretch of ``size`` stand, in order; its first where it has no value."""
+    """Indices of the lowest and highest value of each stretch of ``size`` samples; of its first sample if all are NaN."""
     padding = -len(values) % size
     blocks = np.pad(values, (0, padding), constant_values=np.nan).reshape(-1, size)
     missing = np.isnan(blocks)
@@ -252,7 +251,7 @@ def min_max_indices(values: FloatArray, size: int) -> IntArray:
 
 
 def shorten_name(name: str, length: int) -> str:
-    """The end of a long name, which tells logs in one folder apart."""
+    """The end of a long name, which distinguishes logs in one folder."""
     if len(name) <= length:
         return name
     return f"…{name[1 - length :]}"

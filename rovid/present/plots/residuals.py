@@ -1,4 +1,4 @@
-"""The torque that the model leaves over, seen from five sides."""
+"""The torque that the model does not explain: residuals, and the part that one cause explains."""
 
 from __future__ import annotations
 
@@ -9,58 +9,88 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.legend import Legend
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from rovid.core.array_types import FloatArray
-from rovid.present.page.residual_torque import (
+from rovid.present.page.residuals import (
+    MissingTorque,
     ResidualTorque,
     all_rates,
     all_residuals,
     all_thruster_torques,
     autocorrelation,
+    bin_means,
     binned_means,
     spectrum,
 )
-from rovid.present.plots.canvas import BLACK, BLUE, GREY, ORANGE, decimate_min_max, panel_grid, report_style
+from rovid.present.plots.canvas import BLACK, BLUE, GREY, ORANGE, PALE, decimate_min_max, panel_grid, report_style
 from rovid.trial.axis import Axis
 
-_DOTS = 6000
+# Most points of a scatter plot: of all residuals, and of the readings without one cause.
+_DOTS, _CLOUD = 6000, 4000
 _LONGEST_LAG = 60.0  # s
+# Number of means drawn over the readings, and the least number of readings for a mean.
+_MEANS, _FEWEST = 16, 10
+# Percentiles of the readings that set the vertical range, so that single spikes do not flatten the rest.
+_SHOWN_PERCENTILES = (0.2, 99.8)
+_MISSING_WIDTH, _MISSING_HEIGHT = 6.4, 2.3  # in
+_LOOKS = (("without", ORANGE, "--", "s"), ("with what was found", BLUE, "-", "o"))
 
 
 @report_style
 def plot_residuals(items: Sequence[ResidualTorque], cutoff: float) -> Figure:
     """Residual torque against rate, torque and time, its autocorrelation and its spectrum."""
-    figure, ((by_rate, by_torque), (course,), (lags, frequencies)) = panel_grid(
-        [(2.2, 2), (1.6, 1), (1.9, 2)], top=0.4, across=0.95
-    )
-    axis = items[0].run.trial.axis
-    left = all_residuals(items)
-    _against(by_rate, all_rates(items), left)
-    _against(by_torque, all_thruster_torques(items), left)
-    residual = f"residual {axis.force_name}, {axis.force_unit}"
-    by_rate.set(xlabel=f"{axis.rate_words}, {axis.rate_unit}", ylabel=residual)
-    by_torque.set(xlabel=f"{axis.force_name}, {axis.force_unit}", ylabel=residual)
-    legend = by_rate.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.2)
+    figure, ((by_rate, by_torque), (course,), (lags, frequencies)) = _five_panels()
+    residual = all_residuals(items)
+    _scatter(by_rate, all_rates(items), residual)
+    _scatter(by_torque, all_thruster_torques(items), residual)
+    legend = _label_residuals(by_rate, by_torque, items[0].run.trial.axis, "residual")
     legend.get_lines()[0].set(markersize=7, alpha=1.0)
-    over_time(course, items, (BLUE, GREY))
-    memory(lags, items, color=BLUE)
-    density(frequencies, items, cutoff, color=BLUE)
+    _plot_course(course, items, (BLUE, GREY))
+    _plot_autocorrelation(lags, items, color=BLUE)
+    _plot_spectrum(frequencies, items, cutoff, color=BLUE)
     return figure
 
 
-def _squared(axis: Axis) -> str:
-    return f"({axis.force_unit})²" if " " in axis.force_unit else f"{axis.force_unit}²"
+@report_style
+def plot_residual_comparison(
+    before: Sequence[ResidualTorque], after: Sequence[ResidualTorque], cutoff: float
+) -> Figure:
+    """The panels of `plot_residuals` without and with the causes; means in place of the points."""
+    figure, ((by_rate, by_torque), (course,), (lags, frequencies)) = _five_panels()
+    drivers = ((by_rate, all_rates(before)), (by_torque, all_thruster_torques(before)))
+    for items, (label, colour, dashes, marker) in zip((before, after), _LOOKS, strict=True):
+        line: dict[str, Any] = {"color": colour, "linestyle": dashes}
+        for panel, driver in drivers:
+            panel.plot(*binned_means(driver, all_residuals(items)), **line, marker=marker, markersize=4, label=label)
+        _plot_course(course, items, (colour,))
+        _plot_autocorrelation(lags, items, **line)
+        _plot_spectrum(frequencies, items, cutoff, **line)
+    for panel, _ in drivers:
+        panel.axhline(0.0, color=BLACK, linewidth=0.8)
+    _label_residuals(by_rate, by_torque, before[0].run.trial.axis, "mean residual")
+    return figure
 
 
-def _against(panel: Axes, driver: FloatArray, left: FloatArray) -> None:
-    """Some of the points, and their mean in bins, of what is ``left`` over its ``driver``."""
-    known = np.flatnonzero(np.isfinite(driver) & np.isfinite(left))
-    step = max(len(known) // _DOTS, 1)
-    rows = known[::step]
+def _five_panels() -> tuple[Figure, list[list[Axes]]]:
+    return panel_grid([(2.2, 2), (1.6, 1), (1.9, 2)], top=0.4, across=0.95)
+
+
+def _label_residuals(by_rate: Axes, by_torque: Axes, axis: Axis, quantity: str) -> Legend:
+    label = f"{quantity} {axis.force_name}, {axis.force_unit}"
+    by_rate.set(xlabel=f"{axis.rate_words}, {axis.rate_unit}", ylabel=label)
+    by_torque.set(xlabel=f"{axis.force_name}, {axis.force_unit}", ylabel=label)
+    return by_rate.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.2)
+
+
+def _scatter(panel: Axes, driver: FloatArray, residual: FloatArray) -> None:
+    """A part of the points, and their means in bins."""
+    known = np.flatnonzero(np.isfinite(driver) & np.isfinite(residual))
+    rows = known[:: max(len(known) // _DOTS, 1)]
     panel.plot(
         driver[rows],
-        left[rows],
+        residual[rows],
         linestyle="none",
         marker=".",
         markersize=2.6,
@@ -71,11 +101,11 @@ def _against(panel: Axes, driver: FloatArray, left: FloatArray) -> None:
         label="samples",
     )
     panel.axhline(0.0, color=BLACK, linewidth=0.8)
-    panel.plot(*binned_means(driver, left), color=ORANGE, marker="o", markersize=4, label="mean")
+    panel.plot(*binned_means(driver, residual), color=ORANGE, marker="o", markersize=4, label="mean")
 
 
-def over_time(panel: Axes, items: Sequence[ResidualTorque], colours: Sequence[str]) -> None:
-    """Residual torque of all runs one after another, in these colours by turns."""
+def _plot_course(panel: Axes, items: Sequence[ResidualTorque], colours: Sequence[str]) -> None:
+    """Residual torque of all runs one after another, in alternating colours."""
     clock, samples = 0.0, sum(len(item.residual) for item in items)
     for item, colour in zip(items, cycle(colours), strict=False):
         time = clock + item.run.rates.time - item.run.rates.time[0]
@@ -83,32 +113,54 @@ def over_time(panel: Axes, items: Sequence[ResidualTorque], colours: Sequence[st
         panel.plot(*decimate_min_max(time, item.residual, count), color=colour, linewidth=0.7)
         clock = float(time[-1])
     axis = items[0].run.trial.axis
-    panel.set(xlabel="time, all trials one after another, s", ylabel=f"residual {axis.force_name}, {axis.force_unit}")
+    label = f"residual {axis.force_name}, {axis.force_unit}"
+    panel.set(xlabel="time, all trials one after another, s", ylabel=label)
     panel.margins(x=0.01)
 
 
-def memory(panel: Axes, items: Sequence[ResidualTorque], **look: Any) -> None:
-    """Autocorrelation of what is left."""
-    longest = _longest_lag(items)
+def _plot_autocorrelation(panel: Axes, items: Sequence[ResidualTorque], **look: Any) -> None:
+    # Lags beyond half a run leave too few pairs of samples.
+    longest = min(_LONGEST_LAG, 0.5 * max(float(np.ptp(item.run.rates.time)) for item in items))
     panel.plot(*autocorrelation(items, longest), **look)
     panel.axhline(0.0, color=BLACK, linewidth=0.8)
     panel.set(xlabel="lag, s", ylabel="autocorrelation", xlim=(0.0, longest), ylim=(-0.6, 1.05))
 
 
-def _longest_lag(items: Sequence[ResidualTorque]) -> float:
-    """In s: of more than half a run too few pairs of samples are left."""
-    durations = [float(np.ptp(item.run.rates.time)) for item in items]
-    return min(_LONGEST_LAG, 0.5 * max(durations))
-
-
-def density(panel: Axes, items: Sequence[ResidualTorque], cutoff: float, **look: Any) -> None:
-    """Spectrum of what is left, over any that was drawn before."""
+def _plot_spectrum(panel: Axes, items: Sequence[ResidualTorque], cutoff: float, **look: Any) -> None:
+    unit = items[0].run.trial.axis.force_unit
+    squared = f"({unit})²" if " " in unit else f"{unit}²"
     panel.semilogy(*spectrum(items, cutoff), **look)
-    panel.set(xlabel="frequency, Hz", ylabel=f"density, {_squared(items[0].run.trial.axis)}/Hz", xlim=(0.0, cutoff))
+    panel.set(xlabel="frequency, Hz", ylabel=f"density, {squared}/Hz", xlim=(0.0, cutoff))
     drawn = np.concatenate([np.asarray(line.get_ydata(), dtype=np.float64) for line in panel.get_lines()])
-    # Within two decades the powers of ten alone would label too few places.
+    # Within two decades powers of ten alone would give too few labels.
     wide = np.nanmax(drawn) > 100.0 * np.nanmin(drawn)
-    labelled = (1.0,) if wide else (1.0, 3.0)
-    panel.yaxis.set_major_locator(LogLocator(subs=labelled, numticks=7))
+    panel.yaxis.set_major_locator(LogLocator(subs=(1.0,) if wide else (1.0, 3.0), numticks=7))
     panel.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     panel.yaxis.set_minor_locator(NullLocator())
+
+
+@report_style
+def plot_missing_torque(item: MissingTorque, axis: Axis) -> Figure:
+    """Torque that the model misses without one cause: readings, their means, and the equation."""
+    rows = [(_MISSING_HEIGHT, 1)]
+    figure, ((panel,),) = panel_grid(rows, left=0.8, top=0.32, bottom=0.5, width=_MISSING_WIDTH)
+    known = np.isfinite(item.driver_values) & np.isfinite(item.measured) & np.isfinite(item.equation)
+    x, y = item.driver_values[known], item.measured[known]
+    every = max(len(x) // _CLOUD, 1)
+    panel.plot(
+        x[::every], y[::every], ".", color=PALE, markersize=2.5, alpha=0.6, label="readings", zorder=1, rasterized=True
+    )
+    line, values = item.line
+    over_time = item.driver.startswith("time in ") and line is item.driver_values
+    if not over_time:
+        panel.plot(*bin_means(x, y, _MEANS, _FEWEST), "o", color=BLUE, markersize=4.5, label="their mean", zorder=3)
+    finite = np.isfinite(line) & np.isfinite(values)
+    panel.plot(line[finite], values[finite], color=ORANGE, linewidth=2.0, label="the equation", zorder=2)
+    panel.axhline(0.0, color=BLACK, linewidth=0.8, zorder=0)
+    low, high = np.percentile(y, _SHOWN_PERCENTILES)
+    low, high = min(low, float(np.nanmin(values))), max(high, float(np.nanmax(values)))
+    margin = 0.08 * (high - low)
+    panel.set_ylim(low - margin, high + margin)
+    panel.set(xlabel=item.driver, ylabel=f"missing {axis.force_name}, {axis.force_unit}")
+    figure.legend(*panel.get_legend_handles_labels(), ncols=3, loc="upper left", bbox_to_anchor=(0.08, 1.0))
+    return figure

@@ -1,10 +1,12 @@
-"""The diagnosis as the page words it, and its tables."""
+"""Tables of a diagnosis and of a comparison of two campaigns."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
 
+from rovid.compare.comparison import Comparison
+from rovid.compare.difference_tests import DifferenceTest
 from rovid.core.formatting import plus_minus, significant
 from rovid.diagnose.candidate_fits import Alternative
 from rovid.diagnose.result import (
@@ -16,243 +18,277 @@ from rovid.diagnose.result import (
     unidentifiable_parameters,
 )
 from rovid.diagnose.signal_regressors import is_signal
-from rovid.diagnose.tables import Explanation, TableDiagnosis
-from rovid.effects import Effect
+from rovid.diagnose.tables import TableDiagnosis
+from rovid.diagnose.thresholds import ESTABLISHED
 from rovid.estimate.estimate import Estimate, Ratio
 from rovid.estimate.inertia import METHODS
 from rovid.model.parameter_names import unit_of
-from rovid.present.number_text import (
-    NOTHING,
-    equal_decimals,
-    format_number,
-    number_with_unit,
-    parameter_title,
-    unit_symbol,
-)
-from rovid.present.tables.table import (
-    Column,
-    ResultTable,
-    TableBuilder,
-    mixed_number_column,
-    number_column,
-    text_column,
-    words,
-)
-from rovid.present.verdict import join_words
-from rovid.trial.axis import YAW, Axis
+from rovid.present.numbers import DASH, format_number, parameter_title, unit_symbol
+from rovid.present.sentences import document_key, effect_title, join_words
+from rovid.present.tables.table import ResultTable, mixed_number_column, number_column, text_column
+from rovid.trial.assumptions import Assumptions
+from rovid.trial.axis import Axis
 from rovid.trial.vehicle import Vehicle
 
-RIVALS = 8  # that are shown
+# Number of alternative causes that tables and plots show.
+ALTERNATIVES_SHOWN = 8
+# Probability of a change below which the table says "no".
+_NO_CHANGE = 0.01
+_HORIZONS = (10.0, 60.0)  # s
 
 
-def invisible_words(vehicle: Vehicle) -> list[str]:
-    """What data of the vehicle's axis cannot show, beside a scale of all thrust and one of the rate."""
+def unidentifiable_words(vehicle: Vehicle) -> list[str]:
+    """Quantities that the data cannot determine, besides the scales of thrust and rate."""
     return [UNIDENTIFIABLE[name] for name in unidentifiable_parameters(vehicle) if name not in NEVER_IDENTIFIABLE]
 
 
-def undecided_names(finding: Finding) -> str:
-    """What ``finding`` cannot be told from; empty where it is decided."""
+def indistinguishable_names(finding: Finding) -> str:
+    """Causes that the data do not distinguish from ``finding``; empty where there are none."""
     axis = finding.estimate.axis
     return join_words([axis.reword(effect.title) for effect in finding.indistinguishable], "or")
 
 
-def effect_title(effect: Effect, axis: Axis = YAW) -> str:
-    """An effect's name along ``axis``."""
-    return axis.reword(effect.title)
-
-
-def effect_name(effect: Effect, axis: Axis = YAW) -> str:
-    """An effect's title, with its form where it has one."""
-    name = effect_title(effect, axis)
-    return f"{name} ({with_spaces(effect.form)})" if effect.form else name
-
-
-def with_spaces(name: str) -> str:
-    """A form's name in words; a thruster's stays as it is."""
-    return name.replace("_", " ")
-
-
-def rival_status(finding: Finding, rival: Alternative) -> str:
-    """What the data say of a rival."""
-    if is_signal(rival.effect):
+def alternative_status(finding: Finding, alternative: Alternative) -> str:
+    """Whether the data rule out an alternative cause."""
+    if is_signal(alternative.effect):
         return "depends on a signal"
-    if any(rival.effect.id == effect.id for effect in finding.indistinguishable):
+    if any(alternative.effect.id == effect.id for effect in finding.indistinguishable):
         return "not ruled out"
     return "ruled out"
 
 
 def models_table(base: Estimate, extended: Estimate, findings: tuple[Finding, ...]) -> ResultTable:
-    """Parameters without and with what was found."""
-    table = TableBuilder(
+    """Parameters without and with the causes."""
+    table = ResultTable(
         "Parameters ± standard error, without and with what was found",
         text_column("parameter"),
         mixed_number_column("without"),
         mixed_number_column("with what was found"),
         number_column("change", "%"),
     )
-    without, with_it = ({ratio.name: ratio for ratio in valid_ratios(side)} for side in (base, extended))
-    for name in dict.fromkeys((*without, *with_it)):
-        sides = [side.get(name) for side in (without, with_it)]
-        values = [plus_minus(ratio.value, ratio.standard_error) if ratio else NOTHING for ratio in sides]
-        its_unit = next(ratio.unit for ratio in sides if ratio)
-        table.add(f"{parameter_title(name)}, {its_unit}", *values, NOTHING)
-    titles = _titles(findings, base.axis)
-    # A dict for a set that keeps the order.
+    without, with_causes = ({ratio.name: ratio for ratio in valid_ratios(side)} for side in (base, extended))
+    for name in dict.fromkeys((*without, *with_causes)):
+        ratios = [side.get(name) for side in (without, with_causes)]
+        values = [plus_minus(ratio.value, ratio.standard_error) if ratio else DASH for ratio in ratios]
+        unit = next(ratio.unit for ratio in ratios if ratio)
+        table.add_row(f"{parameter_title(name)}, {unit}", *values, DASH)
+    titles = {
+        f"{finding.effect.key}.{parameter.name}": f"{finding.effect.title}: {parameter.name.replace('_', ' ')}"
+        for finding in findings
+        for parameter in finding.effect.parameters
+    }
     for name in dict.fromkeys((*base.names, *extended.names)):
-        shown = titles.get(name, parameter_title(name))
-        change = _change(base, extended, name)
-        # The first column stays in sight on a narrow page.
-        its_unit = unit_symbol((base if name in base.names else extended).unit(name)).replace(" ", "\u00a0")
-        table.add(f"{shown}, {its_unit}" if its_unit else shown, _value(base, name), _value(extended, name), change)
-    return table.grid()
+        title = base.axis.reword(titles[name]) if name in titles else parameter_title(name)
+        unit = unit_symbol((base if name in base.names else extended).unit(name))
+        if unit:
+            # The first column stays visible on a narrow page: its unit is not broken.
+            title += ", " + unit.replace(" ", "\u00a0")
+        values = [_estimate_cell(side, name) for side in (base, extended)]
+        table.add_row(title, *values, _relative_change(base, extended, name))
+    return table
 
 
 def valid_ratios(estimate: Estimate) -> tuple[Ratio, ...]:
-    """What stands in the place of placeholders, as it does not hang on what is guessed; none where nothing is."""
+    """Ratios of parameters that do not depend on the assumptions; none where nothing is assumed."""
     return estimate.ratios if estimate.assumptions and estimate.assumptions.ratios_hold else ()
 
 
-def _titles(findings: tuple[Finding, ...], axis: Axis) -> dict[str, str]:
-    """Name of each parameter of what was found -> the effect and the parameter in words."""
-    titles: dict[str, str] = {}
-    for finding in findings:
-        titles |= _titles_of(finding.effect, axis)
-    return titles
-
-
-def _titles_of(effect: Effect, axis: Axis) -> dict[str, str]:
-    titles = {}
-    for parameter in effect.parameters:
-        in_words = axis.reword(f"{effect.title}: {with_spaces(parameter.name)}")
-        titles[f"{effect.key}.{parameter.name}"] = in_words
-    return titles
-
-
-def held_out_table(base: ModelAssessment, extended: ModelAssessment, floor: float) -> ResultTable:
-    """How well trials that were not fitted are simulated; one column where the two sides are the same."""
-    quantities, without, with_it, least = zip(*_gains(base, extended, floor), strict=True)
-    columns = [words("quantity", quantities)]
-    if extended.model.effects:
-        columns.append(Column(title="without", cells=without))
-        columns.append(Column(title="with what was found", cells=with_it))
-    else:
-        columns.append(Column(title="the model", cells=without))
-    columns.append(Column(title="noise floor", cells=least))
-    return ResultTable(caption="Trials that were not fitted, simulated freely", columns=tuple(columns))
-
-
-def _gains(base: ModelAssessment, extended: ModelAssessment, floor: float) -> Iterator[tuple[str, ...]]:
-    """Quantity, its value without and with what was found, and the noise floor."""
-    one, other, axis = base.held_out, extended.held_out, base.estimate.axis
-    yield f"{axis.rate_words} R²", format_number(one.rate_r2, ".4f"), format_number(other.rate_r2, ".4f"), NOTHING
-    yield f"{axis.rate_words} RMSE, {axis.rate_unit}", *equal_decimals([one.rate_rmse, other.rate_rmse, floor], 3)
-    for horizon, error in one.position_errors.items():
-        before, after = axis.to_display(error), axis.to_display(other.position_errors.get(horizon))
-        yield (
-            f"{axis.position_words} after {horizon:.0f} s, {axis.display_unit[0]}",
-            *equal_decimals([before, after], 3),
-            NOTHING,
-        )
-    yield (
-        "log-likelihood",
-        format_number(one.log_likelihood, ".0f"),
-        format_number(other.log_likelihood, ".0f"),
-        NOTHING,
-    )
-
-
-def signals_table(diagnosis: Diagnosis, axis: Axis) -> ResultTable:
-    """Logged signals that drive what no effect explains."""
-    headings = text_column("dependence"), number_column("log-likelihood gain")
-    table = TableBuilder("Signals that what is left depends on", *headings)
-    for signal, gain in diagnosis.signals:
-        table.add(axis.reword(signal.title), format_number(gain, ".0f"))
-    return table.grid()
-
-
-def detectable_table(diagnosis: Diagnosis, vehicle: Vehicle) -> ResultTable:
-    """The size of each effect that these data would have shown, in the catalogue's order."""
-    # Sizes of different units share no decimal point.
-    axis, headings = (
-        vehicle.axis,
-        (text_column("cause"), text_column("parameter"), mixed_number_column("departure from none")),
-    )
-    table = TableBuilder("The smallest that would have been seen", *headings)
-    for effect, size in diagnosis.detectable:
-        name = effect.parameters[0].name
-        its_unit = unit_of(f"{effect.key}.{name}", axis)
-        seen = number_with_unit(_seen(size), its_unit)
-        if math.isfinite(size):
-            seen = vehicle.assumptions.mark_number(seen, its_unit)
-        table.add(axis.reword(effect.title), axis.reword(with_spaces(name)), seen)
-    return table.grid()
-
-
-def predictions_table(amplitudes: TableDiagnosis) -> ResultTable:
-    """The sine trials of a table as measured, and as simulated with the inertia of each method."""
-    table = TableBuilder(
-        "Peak yaw rate of the sine trials",
-        text_column("trial"),
-        text_column("inertia by"),
-        number_column("inertia", unit_symbol("kg m^2")),
-        number_column("measured", "rad/s"),
-        number_column("simulated", "rad/s"),
-        number_column("too high by", "%"),
-    )
-    for row in amplitudes.predictions:
-        inertia = format_number(row.inertia, ".0f")
-        measured = format_number(row.measured, ".3g")
-        simulated = format_number(row.predicted, ".3f")
-        too_high = f"{100.0 * (row.predicted / row.measured - 1.0):+.0f}"
-        table.add(row.trial, METHODS[row.method], inertia, measured, simulated, too_high)
-    return table.grid()
-
-
-def explanations_table(amplitudes: TableDiagnosis) -> ResultTable:
-    """What would make one model agree with the tables, and the run that would tell."""
-    table = TableBuilder(
-        "Each of these, alone, would explain the tables",
-        text_column("effect"),
-        text_column("with"),
-        number_column("inertia then", unit_symbol("kg m^2")),
-        text_column("run that would tell"),
-    )
-    for cause in amplitudes.causes:
-        effect = cause.model.effects[0]
-        sizes = ", ".join(_sizes(cause))
-        table.add(effect_name(effect), sizes, format_number(cause.model.inertia, ".0f"), effect.experiment)
-    return table.grid()
-
-
-def ruled_out_names(amplitudes: TableDiagnosis) -> str:
-    """What would not."""
-    return join_words([effect.title for effect in amplitudes.ruled_out], "or")
-
-
-def _sizes(cause: Explanation) -> Iterator[str]:
-    for name, (value, its_unit) in cause.sizes.items():
-        yield f"{with_spaces(name)} {significant(value, 3)} {unit_symbol(its_unit)}".strip()
-
-
-def _seen(size: float) -> str:
-    if not math.isfinite(size):
-        return "not visible"
-    (text,) = equal_decimals([size], 2)
-    return text
-
-
-def _value(estimate: Estimate, name: str) -> str:
+def _estimate_cell(estimate: Estimate, name: str) -> str:
     if name not in estimate.names:
-        return NOTHING
+        return DASH
     value = plus_minus(estimate.value(name), estimate.standard_error(name))
     return estimate.assumptions.mark_number(value, estimate.unit(name))
 
 
-def _change(base: Estimate, extended: Estimate, name: str) -> str:
-    """In percent; nothing of what the base model lacks or cannot tell from zero."""
+def _relative_change(base: Estimate, extended: Estimate, name: str) -> str:
+    """Change in percent; a dash where the base model lacks the parameter or does not tell it from zero."""
     if name not in base.names or name not in extended.names:
-        return NOTHING
+        return DASH
     before, after = base.value(name), extended.value(name)
     if abs(before) <= base.standard_error(name):
-        return NOTHING
+        return DASH
     return f"{100.0 * (after / before - 1.0):+.1f}"
+
+
+def held_out_table(diagnosis: Diagnosis, base: ModelAssessment, extended: ModelAssessment) -> ResultTable:
+    """Errors of free-running simulations of held-out trials; one column where both models are the same."""
+    models = ["without", "with what was found"] if extended.model.effects else ["the model"]
+    columns = map(mixed_number_column, (*models, "noise floor"))
+    table = ResultTable("Trials that were not fitted, simulated freely", text_column("quantity"), *columns)
+    for quantity, values, floor in _held_out_rows(diagnosis, base, extended):
+        table.add_row(quantity, *values[: len(models)], floor)
+    return table
+
+
+def _held_out_rows(
+    diagnosis: Diagnosis, base: ModelAssessment, extended: ModelAssessment
+) -> Iterator[tuple[str, list[str], str]]:
+    """Quantity, its values by both models, and its noise floor."""
+    one, other, axis = base.held_out, extended.held_out, base.estimate.axis
+    rates = list(map(format_number, (one.rate_rmse, other.rate_rmse)))
+    yield f"{axis.rate_words} RMSE, {axis.rate_unit}", rates, format_number(diagnosis.noise_floor, 2)
+    for horizon, error in one.position_errors.items():
+        errors = (axis.to_display(error), axis.to_display(other.position_errors.get(horizon)))
+        floor = axis.to_display(diagnosis.position_floors.get(horizon))
+        title = f"{axis.position_words} after {horizon:.0f} s, {axis.display_unit[0]}"
+        yield title, list(map(format_number, errors)), format_number(floor, 2)
+    yield f"{axis.rate_words} R²", [format_number(side.rate_r2, ".4f") for side in (one, other)], ""
+    yield "log-likelihood", [format_number(side.log_likelihood, ".0f") for side in (one, other)], ""
+
+
+def signals_table(diagnosis: Diagnosis, axis: Axis) -> ResultTable:
+    """Logged signals that the remaining error depends on."""
+    columns = text_column("dependence"), number_column("log-likelihood gain")
+    table = ResultTable("Signals that the remaining error depends on", *columns)
+    for signal, gain in diagnosis.signals:
+        table.add_row(axis.reword(signal.title), format_number(gain, ".0f"))
+    return table
+
+
+def detectable_table(diagnosis: Diagnosis, vehicle: Vehicle) -> ResultTable:
+    """Detection limit of each effect, in the order of the catalogue."""
+    axis = vehicle.axis
+    columns = text_column("effect"), text_column("parameter"), mixed_number_column("size"), text_column("unit")
+    table = ResultTable("The smallest that would have been seen", *columns)
+    for effect, size in diagnosis.detectable:
+        name = effect.parameters[0].name
+        unit = unit_of(f"{effect.key}.{name}", axis)
+        seen = "not visible"
+        if math.isfinite(size):
+            seen = vehicle.assumptions.mark_number(format_number(size, 2), unit)
+        table.add_row(axis.reword(effect.title), axis.reword(name.replace("_", " ")), seen, unit_symbol(unit))
+    return table
+
+
+def predictions_table(diagnosis: TableDiagnosis) -> ResultTable:
+    """Peak yaw rates of tabulated sine trials, measured and simulated with the inertia of each method."""
+    table = ResultTable(
+        "Peak yaw rate of the sine trials",
+        text_column("trial"),
+        text_column("inertia by"),
+        number_column("measured", "rad/s"),
+        number_column("simulated", "rad/s"),
+        number_column("too high by", "%"),
+        number_column("inertia", "kg m²"),
+    )
+    for row in diagnosis.predictions:
+        excess = 100.0 * (row.predicted / row.measured - 1.0)
+        rates = format_number(row.measured, ".3g"), format_number(row.predicted, ".3f")
+        table.add_row(row.trial, METHODS[row.method], *rates, f"{excess:+.0f}", format_number(row.inertia, ".0f"))
+    return table
+
+
+def explanations_table(diagnosis: TableDiagnosis) -> ResultTable:
+    """Single effects with which one model agrees with the tables, and the run that decides between them."""
+    table = ResultTable(
+        "Each of these, alone, would explain the tables",
+        text_column("effect"),
+        text_column("with"),
+        number_column("inertia then", "kg m²"),
+        text_column("run that decides"),
+    )
+    for cause in diagnosis.causes:
+        sizes = [
+            f"{name.replace('_', ' ')} {significant(value, 3)} {unit_symbol(unit)}".strip()
+            for name, (value, unit) in cause.sizes.items()
+        ]
+        effect, inertia = cause.model.effects[0], format_number(cause.model.inertia, ".0f")
+        table.add_row(effect_title(effect), ", ".join(sizes), inertia, effect.experiment)
+    return table
+
+
+def ruled_out_names(diagnosis: TableDiagnosis) -> str:
+    """Effects that alone would not explain the tables."""
+    return join_words([effect.title for effect in diagnosis.ruled_out], "or")
+
+
+def changes_table(comparison: Comparison, guess: Assumptions) -> ResultTable:
+    """Parameters of both campaigns, their ratios, and the probabilities of a change."""
+    changes, pair = comparison.changes, comparison.changes.pair
+    table = ResultTable(
+        "Each campaign by itself; together where both share what did not change; ± one standard error",
+        text_column("parameter"),
+        mixed_number_column("B over A"),
+        mixed_number_column("changed"),
+        mixed_number_column("A"),
+        mixed_number_column("B"),
+        text_column("unit"),
+        mixed_number_column("together"),
+    )
+    for place, name in enumerate(pair.names):
+        ratio, unit = changes.ratio(name), pair.units[place]
+        values = [
+            plus_minus(float(pair.a[place]), math.sqrt(pair.covariance_a[place, place])),
+            plus_minus(float(pair.b[place]), math.sqrt(pair.covariance_b[place, place])),
+            _joint_value(changes, name),
+        ]
+        in_a, in_b, together = (guess.mark_number(value, unit) for value in values)
+        table.add_row(
+            parameter_title(document_key(name)),
+            DASH if ratio is None else plus_minus(*ratio),
+            _change_cell(changes, name),
+            in_a,
+            in_b,
+            unit_symbol(unit),
+            together,
+            style="bold" if changes.probabilities[name] >= ESTABLISHED else "",
+        )
+    return table
+
+
+def _joint_value(changes: DifferenceTest, name: str) -> str:
+    """The value that both campaigns share."""
+    in_a, in_b = changes.joint_values(name)
+    if not math.isclose(in_a[0], in_b[0], rel_tol=1e-9, abs_tol=1e-6 * in_a[1]):
+        return "apart"
+    return plus_minus(*in_a)
+
+
+def _change_cell(changes: DifferenceTest, name: str) -> str:
+    """The probability of a change; a change of all thrust is not one of each parameter."""
+    if any(change.candidate.inverse and name in change.candidate.parameters for change in changes.established):
+        return "as thrust did"
+    probability = changes.probabilities[name]
+    return "no" if probability < _NO_CHANGE else f"{100.0 * probability:.0f} %"
+
+
+Sides = tuple[tuple[float, float], tuple[float, float]]
+
+
+def inertia_ratios(comparison: Comparison) -> Iterator[tuple[str, Sides, tuple[float, float], str]]:
+    """Symbols, values of both campaigns, their quotient, and unit of inertia over each drag that is known."""
+    changes, axis = comparison.changes, comparison.a.axis
+    for drag, symbols, unit in (("quadratic_drag", "I/DQ", "rad"), ("linear_drag", "I/DL", "s")):
+        found = changes.parameter_ratio("inertia", drag)
+        if found is not None:
+            sides, over = found
+            yield symbols, sides, over, axis.unit(unit)
+
+
+def ratios_table(comparison: Comparison) -> ResultTable | None:
+    """Ratios of inertia and drag, which do not depend on the size of thrust; None where none is known."""
+    columns = map(mixed_number_column, ("B over A", "A", "B"))
+    table = ResultTable("Ratios, whatever the size of thrust", text_column("ratio"), *columns, text_column("unit"))
+    for symbols, sides, over, unit in inertia_ratios(comparison):
+        table.add_row(symbols, plus_minus(*over), plus_minus(*sides[0]), plus_minus(*sides[1]), unit)
+    return table if table.rows else None
+
+
+def cross_prediction_table(comparison: Comparison) -> ResultTable | None:
+    """How well each model predicts the runs of each campaign; None where no run was simulated."""
+    if not comparison.predictions:
+        return None
+    axis = comparison.a.axis
+    table = ResultTable(
+        "Runs simulated freely, by the model of the other campaign and by their own",
+        text_column("runs of"),
+        text_column("model of"),
+        number_column(f"{axis.rate_words} R²"),
+        *(number_column(f"{axis.position_words} after {horizon:.0f} s", axis.display_unit[0]) for horizon in _HORIZONS),
+    )
+    for runs, model in (("a", "a"), ("a", "b"), ("b", "a"), ("b", "b")):
+        prediction = comparison.predictions.get((model, runs))
+        if prediction is not None:
+            errors = [format_number(axis.to_display(prediction.position_errors[horizon])) for horizon in _HORIZONS]
+            table.add_row(runs.upper(), model.upper(), format_number(prediction.rate_r2, ".4f"), *errors)
+    return table

@@ -7,12 +7,11 @@ from typing import Any, ClassVar
 from rich.console import Console, ConsoleOptions, RenderResult
 from rich.markdown import Markdown, Paragraph, TableElement
 
-from rovid.present.terminal.result_tables import print_text
-from rovid.present.terminal.table import Columns
+from rovid.present.console import print_text, wrap_text
+from rovid.present.tables.table import ResultTable, text_column
 from rovid.present.terminal.topics import TOPICS, topic_names, topic_text, topic_title
-from rovid.present.terminal.wrapping import wrap_text
 
-# Longer lines are hard to read.
+# Largest line length in characters, for readability.
 _WIDEST = 100
 
 
@@ -23,36 +22,38 @@ def show_topic(console: Console, topic: str) -> None:
 
 
 def show_topics(console: Console) -> None:
-    """Print what there is to read."""
+    """Print the list of pages."""
     print_text(console, "`rovid help TOPIC` prints one of these pages, `rovid help COMMAND` the manual of a command.")
     console.print()
     pages = topic_names()
-    for heading, chosen in (("Pages", pages[: len(TOPICS)]), ("Effects", pages[len(TOPICS) :])):
-        rows = Columns(heading, ("topic", "title"), {0, 1})
-        for topic in chosen:
-            rows.add_row(topic, topic_title(topic))
-        console.print(rows)
+    for caption, topics in (("Pages", pages[: len(TOPICS)]), ("Effects", pages[len(TOPICS) :])):
+        titles = [text_column("topic", topics), text_column("title", map(topic_title, topics))]
+        console.print(ResultTable(caption, *titles))
 
 
-class _Table(TableElement):
-    """A table whose words are never cut off."""
+class _MarkdownTable(TableElement):
+    """A table with wrapped cells, none of which is cut off."""
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """What rich prints."""
-        headings = [cell.content for cell in self.header.row.cells] if self.header and self.header.row else []
-        rows = Columns("", headings, {*range(len(headings))})
+        """Yield the table."""
+        headings = self.header.row.cells if self.header and self.header.row else []
+        table = ResultTable("", *(text_column(cell.content.plain) for cell in headings))
         for row in self.body.rows if self.body else ():
-            rows.add_row(*(cell.content for cell in row.cells))
-        yield rows
+            table.add_row(*(cell.content for cell in row.cells))
+        yield table
 
 
-class _Paragraph(Paragraph):
-    """One whose numbers keep their units."""
+class _WrappedParagraph(Paragraph):
+    """A paragraph in which numbers stay with their units."""
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """What rich prints."""
+        """Yield the wrapped text."""
         yield wrap_text(self.text, options.max_width)
 
 
 class _Page(Markdown):
-    elements: ClassVar[dict[str, Any]] = {**Markdown.elements, "paragraph_open": _Paragraph, "table_open": _Table}
+    elements: ClassVar[dict[str, Any]] = {
+        **Markdown.elements,
+        "paragraph_open": _WrappedParagraph,
+        "table_open": _MarkdownTable,
+    }

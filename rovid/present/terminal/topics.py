@@ -1,7 +1,4 @@
-"""The pages of the documentation that `rovid help TOPIC` prints.
-
-They are those of docs/, which an installed rovid brings with it; nothing of them is written twice.
-"""
+"""The documentation pages that `rovid help TOPIC` prints: those of docs/, which an installed rovid contains."""
 
 from __future__ import annotations
 
@@ -13,7 +10,7 @@ from rovid.core.errors import ConfigError, suggestion
 from rovid.export import ALIASES as FORMAT_WORDS
 from rovid.export import FORMATS
 
-# In the order in which they are listed; the effects follow.
+# Pages in the order of the list; the effects follow.
 TOPICS = (
     "own_logs",
     "logs",
@@ -37,7 +34,7 @@ TOPICS = (
 )
 _INDEX = "README"
 _PACKAGE = Path(rovid.__file__).parent
-# What people look for -> the topic that tells of it.
+# Search word -> topic.
 _ALSO = {
     **dict.fromkeys((*FORMATS, *FORMAT_WORDS), "export"),
     **dict.fromkeys(("surge", "sway", "heave", "roll", "pitch", "yaw", "axis"), "axes"),
@@ -49,13 +46,13 @@ _ALSO = {
     **dict.fromkeys(("history", "refit", "before", "payload", "fouling"), "compare"),
 }
 _COMMENT = re.compile(r"<!--.*?-->\n*", re.DOTALL)
-# A picture and what tells how it was drawn.
+# A picture, and the paragraph on how it was drawn.
 _PICTURE = re.compile(r"^\[?!\[[^\n]*\n+(?:Step: .*?\n\n)?", re.MULTILINE | re.DOTALL)
 _LINK = re.compile(r"\[([^\]]+)\]\(([^)\s]+)\)")
 
 
 def topic_names() -> list[str]:
-    """Every topic: the pages, then the effects by their ids."""
+    """Names of all topics: the pages, then the effects by their ids."""
     effects = sorted(page.stem for page in (_folder() / "effects").glob("*.md") if page.stem != _INDEX)
     return [*TOPICS, *effects]
 
@@ -66,12 +63,12 @@ def topic_title(topic: str) -> str:
 
 
 def topic_text(topic: str) -> str:
-    """The page as Markdown, for reading where there are neither pictures nor links.
+    """A page as Markdown without pictures and links.
 
     Raises
     ------
     ConfigError
-        There is none; the nearest are offered.
+        The topic does not exist; the message offers the nearest ones.
     """
     there = topic_names()
     if topic not in there:
@@ -87,14 +84,14 @@ def topic_text(topic: str) -> str:
 
 
 def _effect_words() -> dict[str, str]:
-    # The catalogue is slow to import: only where a name was not found.
+    # The catalogue is slow to import, and needed only for a name that was not found.
     from rovid.effects import SYNONYMS
 
     return dict(SYNONYMS)
 
 
 def _folder() -> Path:
-    """Where the pages are: in an installed rovid beside its code, in a checkout in docs/."""
+    """The folder of the pages: next to the code of an installed rovid, docs/ in a checkout."""
     installed = _PACKAGE / "pages"
     return installed if installed.is_dir() else _PACKAGE.parent / "docs"
 
@@ -107,7 +104,7 @@ def _path(topic: str) -> Path:
 
 
 def _reference(link: re.Match[str], topic: str) -> str:
-    """A link as words, and where it leads if that can be read."""
+    """A link as words, with its target where that is a page or an address."""
     words, target = link.groups()
     if target.startswith("http"):
         return f"{words} ({target})"
@@ -115,5 +112,5 @@ def _reference(link: re.Match[str], topic: str) -> str:
     name = "effects" if page.stem == _INDEX else page.stem
     if page.suffix != ".md" or name in {topic, words} or name not in {*topic_names()}:
         return words
-    # An effect that is named goes by nearly the same name.
+    # The title of an effect is nearly its id.
     return words if words.replace(" ", "_") == name else f"{words} (`rovid help {name}`)"

@@ -15,12 +15,12 @@ from rovid import __version__
 from rovid.core import spmd
 from rovid.core.errors import OutputError
 from rovid.core.formatting import plus_minus
-from rovid.present.number_text import as_sentence
+from rovid.present.numbers import as_sentence
 from rovid.present.page import figures
 from rovid.present.page.figures import ReportFigures, draw_figures
 from rovid.present.page.render import render_page, write_report
 from rovid.present.page.report_data import ReportData
-from rovid.present.plots import simulations
+from rovid.present.plots import trials
 from rovid.store.parameter_file import Entry, Parameters, read_source
 from rovid.trial.trial import Campaign
 from tests.present.conftest import GAP, identified, make_evidence, make_vehicle
@@ -129,7 +129,7 @@ def test_page_opens_with_how_well_the_model_does(page: str) -> None:
     first = shown_text(page.split('<section id="summary"')[1].split("</section>", maxsplit=1)[0])
     assert re.search(r"The model explains R² = 0\.\d{4} of the yaw rate\.", first)
     assert re.search(r"The simulated heading is [\d.]+ deg off after \d+ s\.", first)
-    assert "No cause was looked for" in first
+    assert "No diagnosis was made" in first
     assert "rovid diagnose" in first
 
 
@@ -233,7 +233,7 @@ def test_other_methods_stand_beside_the_model_as_what_they_are(day: ReportData) 
     assert re.search(
         r"By steady turns, [^:]*: quadratic drag DQ 39\.7\d* ± 0\.20\d* N m s²/rad² \(28 % below the model's\)\.", text
     )
-    assert "It knows nothing of thruster lag." in text
+    assert "This method does not model thruster lag." in text
     assert "Read this before" not in text
 
 
@@ -347,7 +347,7 @@ def test_of_many_trials_all_are_drawn_small_and_the_worst_large(
     day: ReportData, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(figures, "LARGE_PLOTS", 2)
-    monkeypatch.setattr(simulations, "PER_SHEET", 4)
+    monkeypatch.setattr(trials, "PER_SHEET", 4)
     written(tmp_path, replace(day, drag=None, drag_refusal="none.", inertia=None, inertia_refusal="none."))
     assert sorted(path.name for path in (tmp_path / "plots").glob("overview*.png")) == [
         "overview_01.png",

@@ -42,8 +42,8 @@ def test_what_was_found_is_wrong_why_gain_and_next(lagged: ReportData) -> None:
     assert reason.size.endswith("\u00a0s")
     assert reason.sure == "established: odds 32 to 1"
     lost = [round(100 * (1 - gain.bars[1].share)) for gain in answer.gains]
-    said = f"{lost[0]} % of the heading error and {lost[1]} % of the yaw rate error gone"
-    assert answer.improvement == f"{said}, on data that the fit never saw."
+    said = f"heading error {lost[0]} % smaller and yaw rate error {lost[1]} % smaller"
+    assert answer.improvement == f"On held-out trials: {said}."
     assert answer.next_run
 
 
@@ -53,7 +53,7 @@ def test_an_error_that_grew_is_called_larger(lagged: ReportData) -> None:
     assert side is not None
     worse = replace(side, held_out=replace(side.held_out, position_errors={10.0: 9.0, 60.0: 9.0}))
     assert re.search(
-        r"\d+ % of the yaw rate error gone, the heading error \d+ % larger",
+        r"heading error \d+ % larger and yaw rate error \d+ % smaller",
         answered(lagged, extended=worse).improvement,
     )
 
@@ -79,7 +79,7 @@ def test_a_signal_is_a_dependence_without_a_name(lagged: ReportData) -> None:
     signal = replace(effect_named("bias_torque"), id="signal depth", title="a torque that follows depth")
     answer = answered(lagged, verdict="unexplained", findings=(), signals=((signal, 321.4),))
     assert answer.reasons[-1].title == "a torque that follows depth"
-    assert "no name" in answer.reasons[-1].sure
+    assert "without a known cause" in answer.reasons[-1].sure
 
 
 def test_without_a_diagnosis_the_simulation_of_all_trials_speaks(day: ReportData) -> None:

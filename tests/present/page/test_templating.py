@@ -1,10 +1,10 @@
-"""What is put into a page is escaped, and what cannot be seen is shown."""
+"""Templates and assets of pages."""
 
 from __future__ import annotations
 
 from markupsafe import Markup
 
-from rovid.present.page.templating import template_environment
+from rovid.present.page.templating import read_assets, template_environment
 
 
 def test_text_from_elsewhere_is_shown_for_what_it_is() -> None:
@@ -16,3 +16,13 @@ def test_a_page_of_another_room_finds_its_own_templates_and_the_shared_style() -
     environment = template_environment("rovid.fleet")
     assert environment.get_template("fleet.html.j2").filename
     assert environment.get_template("style.css").filename
+
+
+def test_the_library_comes_with_its_licence_and_fits_into_a_page() -> None:
+    assets = read_assets()
+    assert "The MIT License (MIT)" in assets.script
+    assert "uPlot (v1.6.32)" in assets.script
+    assert "</script" not in assets.script.lower()
+    assert "<!--" not in assets.script
+    assert "url(" not in assets.style
+    assert "@import" not in assets.style

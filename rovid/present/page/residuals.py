@@ -1,0 +1,323 @@
+"""The torque that the model does not explain, its statistics, and the signals that drive it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rovid.core.array_types import FloatArray, IntArray
+from rovid.effects import Effect
+from rovid.model.model import Model
+from rovid.model.ode import evaluate_along
+from rovid.signals.preprocessing import PreparedRuns, Run, prepare, shared_channels
+from rovid.signals.rates import fast_fft_length, finite_segments, power_spectral_density, resample
+from rovid.trial.axis import YAW, Axis
+from rovid.trial.trial import Campaign
+from rovid.trial.vehicle import Vehicle
+
+# Samples of a segment of the spectrum, and of the shortest stretch that counts.
+_SEGMENT, _SHORTEST = 1024, 64
+# Bins of means over a range: of the residual plot, and of a driver.
+_BINS, _DRIVER_BINS = 16, 32
+# Share of the missing torque by which a driver has to exceed a simpler one.
+_BETTER = 0.02
+# Least share of the missing torque that a driver has to explain.
+_FOLLOWS = 0.5
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ResidualTorque:
+    """Torques of one run in N m, or forces in N, (m,), after the same low-pass filter; NaN where not known.
+
+    Attributes
+    ----------
+    thruster_torque
+        Of the thrusters, after every effect between command and torque.
+    effect_inputs
+        As in `rovid.model.torque_input.TorqueInput`.
+    residual
+        T - I rdot - DQ |r| r - DL r, less weight and buoyancy; it contains the effects in the equation of motion.
+    noise_sd
+        Standard deviation that sensor noise alone would cause.
+    """
+
+    run: Run
+    thruster_torque: FloatArray
+    effect_inputs: FloatArray
+    residual: FloatArray
+    noise_sd: float
+
+
+def residual_torques(runs: Sequence[Run], model: Model, vehicle: Vehicle) -> list[ResidualTorque]:
+    """Torque of each run that inertia, drag, weight and buoyancy do not explain."""
+    return [_residual_torque(run, model, vehicle) for run in runs]
+
+
+def _residual_torque(run: Run, model: Model, vehicle: Vehicle) -> ResidualTorque:
+    rates = run.rates
+    filtered = model.torque_input(vehicle, run.trial).mapped(lambda series: rates.filter_held(run.trial, series))
+    torque = filtered.torque if model.effects else run.filtered_torque
+    item = ResidualTorque(
+        run=run,
+        thruster_torque=torque,
+        effect_inputs=filtered.effect_inputs,
+        residual=np.asarray(torque - model.inertia * rates.acceleration - model.drag(rates.rate)),
+        noise_sd=model.inertia * rates.acceleration_noise,
+    )
+    return replace(item, residual=item.residual + _term_torques(item, _base_model(model)))
+
+
+def _base_model(model: Model) -> Model:
+    """``model`` without effects; weight and buoyancy remain."""
+    return replace(model, effects=(), effect_values=())
+
+
+def unexplained_torques(runs: PreparedRuns, model: Model, vehicle: Vehicle) -> list[ResidualTorque]:
+    """`residual_torques` less all effects in the equation of motion, with headings corrected for their deviation.
+
+    Waves remain, because their phase is not a parameter.
+    """
+    items = []
+    for item in residual_torques(_with_true_headings(runs, model, vehicle), model, vehicle):
+        with_all = item.residual + _term_torques(item, model)
+        # Weight and buoyancy were subtracted before.
+        items.append(replace(item, residual=with_all - _term_torques(item, _base_model(model))))
+    return items
+
+
+def _with_true_headings(runs: PreparedRuns, model: Model, vehicle: Vehicle) -> Sequence[Run]:
+    """The runs with the headings that are true according to ``model``, after the same filter."""
+    if not model.heading_sensor.deviates:
+        return runs.items
+    trials = []
+    for run in runs.items:
+        heading, _ = model.heading_sensor.to_true(run.trial.position)
+        trials.append(replace(run.trial, position=heading))
+    return prepare(Campaign(trials=tuple(trials), sources=()), vehicle, cutoff=runs.cutoff).items
+
+
+def _term_torques(item: ResidualTorque, model: Model) -> FloatArray:
+    """(m,) torque in N m of the terms in the equation of motion, at the measured rate and angle."""
+    rates, equation = item.run.rates, model.equation_for(item.run.trial)
+    motion = (rates.rate, rates.position - equation.start, item.thruster_torque)
+    return evaluate_along(equation, rates.kernel.period, motion, item.effect_inputs)[0]
+
+
+def all_residuals(items: Sequence[ResidualTorque]) -> FloatArray:
+    """Residual torques of all runs, concatenated."""
+    return np.concatenate([item.residual for item in items])
+
+
+def all_thruster_torques(items: Sequence[ResidualTorque]) -> FloatArray:
+    """Thruster torques of all runs, concatenated."""
+    return np.concatenate([item.thruster_torque for item in items])
+
+
+def all_rates(items: Sequence[ResidualTorque]) -> FloatArray:
+    """Rates of all runs, concatenated."""
+    return np.concatenate([item.run.rates.rate for item in items])
+
+
+def rms_sizes(items: Sequence[ResidualTorque]) -> tuple[float, float, float]:
+    """RMS in N m of residual torque, thruster torque, and the share of sensor noise in the residual; NaN if unknown."""
+    residual = all_residuals(items)
+    noise = np.concatenate([np.full(len(item.residual), item.noise_sd) for item in items])
+    known = np.isfinite(residual)
+    if not known.any():
+        return math.nan, math.nan, math.nan
+    squares = [np.mean(values[known] ** 2) for values in (residual, all_thruster_torques(items), noise)]
+    residual_rms, torque_rms, noise_rms = map(float, np.sqrt(squares))
+    return residual_rms, torque_rms, noise_rms
+
+
+def binned_means(driver: FloatArray, residual: FloatArray, bins: int = _BINS) -> tuple[FloatArray, FloatArray]:
+    """Means of ``driver`` and ``residual`` in equal intervals of the driver; NaN where an interval has few samples."""
+    known = np.isfinite(driver) & np.isfinite(residual)
+    x, y = driver[known], residual[known]
+    if x.size < bins or np.ptp(x) == 0.0:
+        return np.empty(0), np.empty(0)
+    edges = np.linspace(x.min(), x.max(), bins + 1)
+    # The largest value lies on the last edge and belongs to the bin below it.
+    index = np.clip(np.digitize(x, edges) - 1, 0, bins - 1)
+    count = np.bincount(index, minlength=bins)
+    enough = count >= max(10, x.size // 2000)
+
+    def mean(values: FloatArray) -> FloatArray:
+        total = np.bincount(index, weights=values, minlength=bins)
+        return np.where(enough, total / np.maximum(count, 1), np.nan)
+
+    return mean(x), mean(y)
+
+
+def spectrum(items: Sequence[ResidualTorque], cutoff: float) -> tuple[FloatArray, FloatArray]:
+    """Frequency in Hz up to the cut-off, and density in (N m)^2/Hz averaged over all stretches by their length."""
+    frequency = np.linspace(0.0, cutoff, 256)[1:]
+    total, weight = np.zeros(len(frequency)), 0.0
+    for period, part in _stretches(items):
+        density = power_spectral_density(part, _SEGMENT, period, about_mean=True)
+        total += np.interp(frequency, np.fft.rfftfreq(_SEGMENT, period), density) * len(part) * period
+        weight += len(part) * period
+    if not weight:
+        return frequency, np.full(len(frequency), np.nan)
+    return frequency, total / weight
+
+
+def autocorrelation(items: Sequence[ResidualTorque], longest: float) -> tuple[FloatArray, FloatArray]:
+    """Lag in s up to ``longest``, and autocorrelation of the residual torque."""
+    lags = np.linspace(0.0, longest, 200)
+    total = np.zeros(len(lags))
+    for period, part in _stretches(items):
+        # Zero padding makes the correlation linear instead of circular.
+        size = fast_fft_length(2 * len(part))
+        products = np.fft.irfft(np.abs(np.fft.rfft(part, size)) ** 2, size)[: len(part)]
+        total += np.interp(lags, period * np.arange(len(part)), products, right=0.0) * period
+    if not total[0] > 0.0:
+        return lags, np.full(len(lags), np.nan)
+    return lags, total / total[0]
+
+
+def _stretches(items: Sequence[ResidualTorque]) -> Iterator[tuple[float, FloatArray]]:
+    """Sampling period in s and values of every unbroken stretch that is long enough for a spectrum."""
+    for item in items:
+        for start, stop in finite_segments(item.residual):
+            if stop - start >= _SHORTEST:
+                yield item.run.rates.kernel.period, item.residual[start:stop]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MissingTorque:
+    """The torque or force that a model misses without one of its effects.
+
+    Attributes
+    ----------
+    driver
+        Name and unit of the quantity on the horizontal axis.
+    driver_values
+        (n,) values of that quantity.
+    measured, equation
+        (n,) N m or N: missing torque according to the logs, and torque of the effect's equation.
+    line
+        Means of driver and equation in increasing order of the driver; the equation itself over time.
+    """
+
+    driver: str
+    driver_values: FloatArray
+    measured: FloatArray
+    equation: FloatArray
+    line: tuple[FloatArray, FloatArray]
+
+
+def missing_without(effect: Effect, runs: PreparedRuns, model: Model, vehicle: Vehicle) -> MissingTorque | None:
+    """Torque that ``model`` misses without ``effect``, against the quantity that explains it best.
+
+    Over time, in the run with most of it, if no quantity explains it. None for a wave, because its phase is not known.
+    """
+    if effect.is_wave:
+        return None
+    with_effect, without = (unexplained_torques(runs, each, vehicle) for each in (model, _less(model, effect)))
+    equation = all_residuals(with_effect) - all_residuals(without)
+    known = np.isfinite(equation)
+    if not known.any() or not np.any(equation[known]):
+        return None
+    driver_values, share, driver = np.empty(0), -np.inf, ""
+    for name, values in _drivers(runs.items, vehicle.axis):
+        explained = _explained_share(values, equation)
+        if explained > share + _BETTER:
+            driver_values, share, driver = values, explained, name
+    if share < _FOLLOWS:
+        return _over_time([item.residual for item in with_effect], [item.residual for item in without], runs)
+    return MissingTorque(
+        driver=driver,
+        driver_values=driver_values,
+        measured=-all_residuals(without),
+        equation=equation,
+        line=bin_means(driver_values, equation),
+    )
+
+
+def _less(model: Model, effect: Effect) -> Model:
+    """``model`` without ``effect``."""
+    effects, values = [], []
+    numbers = list(model.effect_values)
+    for each in model.effects:
+        own, numbers = numbers[: len(each.parameters)], numbers[len(each.parameters) :]
+        if each.key != effect.key:
+            effects.append(each)
+            values += own
+    return replace(model, effects=tuple(effects), effect_values=tuple(values))
+
+
+def _drivers(runs: Sequence[Run], axis: Axis) -> Iterator[tuple[str, FloatArray]]:
+    """Possible drivers with their values along all runs, the simplest first."""
+
+    def resampled(run: Run, values: FloatArray) -> FloatArray:
+        return resample(run.trial, values, run.rates.time)
+
+    unit, factor = axis.display_unit
+    torques = [run.filtered_torque for run in runs]
+    positions = [resampled(run, run.trial.position) for run in runs]
+    yield f"{axis.force_name} of the thrusters, {axis.force_unit}", np.concatenate(torques)
+    yield f"{axis.rate_words}, {axis.rate_unit}", np.concatenate([run.rates.rate for run in runs])
+    changes = [np.gradient(torque, run.rates.kernel.period) for torque, run in zip(torques, runs, strict=True)]
+    yield f"change of the {axis.force_name}, {axis.force_unit}/s", np.concatenate(changes)
+    yield f"acceleration, {axis.rate_unit}²", np.concatenate([run.rates.acceleration for run in runs])
+    if axis is YAW:
+        yield "heading, deg", np.concatenate([factor * position % 360.0 for position in positions])
+    turned = [factor * (position - run.trial.first_position) for position, run in zip(positions, runs, strict=True)]
+    yield f"{axis.position_words} from the start, {unit}", np.concatenate(turned)
+    yield "time in the trial, s", np.concatenate([run.rates.time for run in runs])
+    for name in sorted(shared_channels(runs)):
+        yield name.replace("_", " "), np.concatenate([resampled(run, run.trial.extras[name]) for run in runs])
+
+
+def _explained_share(driver: FloatArray, equation: FloatArray) -> float:
+    """Share of the square of ``equation`` that its mean at each value of ``driver`` explains."""
+    known = np.isfinite(driver) & np.isfinite(equation)
+    x, y = driver[known], equation[known]
+    if x.size < _DRIVER_BINS or np.ptp(x) == 0.0:
+        return -np.inf
+    index = _bin_index(x, _DRIVER_BINS)
+    mean = np.bincount(index, weights=y) / np.maximum(np.bincount(index), 1)
+    return 1.0 - float(np.sum((y - mean[index]) ** 2) / np.sum(y**2))
+
+
+def _bin_index(x: FloatArray, bins: int) -> IntArray:
+    """(n,) bin of each value: half of the edges at equal distances, half at quantiles.
+
+    Both the values about rest, which are many, and those far from rest are resolved.
+    """
+    widths = np.linspace(x.min(), x.max(), bins // 2 + 1)
+    counts = np.quantile(x, np.linspace(0.0, 1.0, bins // 2 + 1))
+    edges = np.unique(np.concatenate([widths, counts]))[1:-1]
+    return np.asarray(np.searchsorted(edges, x, side="right"))
+
+
+def bin_means(
+    driver: FloatArray, values: FloatArray, bins: int = _DRIVER_BINS, fewest: int = 3
+) -> tuple[FloatArray, FloatArray]:
+    """Means of ``driver`` and ``values`` in bins with at least ``fewest`` values, in increasing order of the driver."""
+    known = np.isfinite(driver) & np.isfinite(values)
+    x, y = driver[known], values[known]
+    index = _bin_index(x, bins)
+    count = np.bincount(index)
+    enough = count >= fewest
+    mean_x, mean_y = (np.bincount(index, weights=each)[enough] / count[enough] for each in (x, y))
+    return mean_x, mean_y
+
+
+def _over_time(with_effect: Sequence[FloatArray], without: Sequence[FloatArray], runs: PreparedRuns) -> MissingTorque:
+    """Missing torque over time, in the run in which the equation gives most."""
+    sizes = [float(np.nansum((one - other) ** 2)) for one, other in zip(with_effect, without, strict=True)]
+    most = int(np.argmax(sizes))
+    run = runs.items[most]
+    equation = with_effect[most] - without[most]
+    return MissingTorque(
+        driver=f"time in {run.trial.name}, s",
+        driver_values=run.rates.time,
+        measured=-without[most],
+        equation=equation,
+        line=(run.rates.time, equation),
+    )

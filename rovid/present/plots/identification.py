@@ -1,0 +1,242 @@
+"""Plots of thrust curves, steady states, sine runs and inertia."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from rovid.core.array_types import FloatArray
+from rovid.core.stats import t_quantile
+from rovid.effects import restoring_effect
+from rovid.effects.restoring import regressors
+from rovid.estimate.estimate import Estimate
+from rovid.estimate.inertia import InertiaFit
+from rovid.estimate.sine_inertia import SineTrial
+from rovid.estimate.steady_drag import DragFit
+from rovid.model.model import Model
+from rovid.present.numbers import arm_words, steady_state_words, unit_symbol
+from rovid.present.plots.canvas import BLACK, BLUE, GREEN, GREY, ORANGE, panel_grid, report_style, shorten_name
+from rovid.present.tables.fits import method_interval, method_title
+from rovid.signals.preprocessing import Run
+from rovid.trial.axis import Axis
+from rovid.trial.vehicle import ThrustCurve, Vehicle
+
+SINES_PER_SHEET = 6
+# Characters of a name above a panel that takes the whole width.
+_NAME_LENGTH = 48
+_STEPS = 300
+# Of torque or force, rate and acceleration.
+_SINE_LOOKS = ((BLUE, "-", "o"), (ORANGE, "--", "s"), (GREEN, ":", "^"))
+# Intervals that together take less than this share of the axis from zero are shown a second time, enlarged.
+_CROWDED = 0.3
+
+
+@report_style
+def plot_thrust_curves(vehicle: Vehicle, runs: Sequence[Run]) -> Figure | None:
+    """Thrust against command, with the commands in use; None for a vehicle whose torque was logged."""
+    curves = [(k, item, item.curve) for k, item in enumerate(vehicle.thrusters) if item.curve is not None]
+    if not curves:
+        return None
+    # Four curves stand two by two, others at most three in a row.
+    columns = 2 if len(curves) == 4 else min(len(curves), 3)
+    rows = -(-len(curves) // columns)
+    figure, panels = panel_grid([(1.9, columns)] * rows, top=0.75, across=0.85, down=0.95)
+    flat = [panel for row in panels for panel in row]
+    for panel, (k, thruster, curve) in zip(flat, curves, strict=False):
+        commands = np.concatenate([np.empty(0), *(run.trial.commands[:, k] for run in runs)])
+        _plot_thrust_curve(panel, curve, commands[np.isfinite(commands)])
+        lever = f"arm {thruster.arm:.3g} m"
+        if not vehicle.axis.angular:
+            lever = f"{arm_words(vehicle.axis)[0]} {thruster.arm:.3g}"
+        panel.set_title(f"{shorten_name(thruster.name, _NAME_LENGTH // columns)}, {lever}", fontsize=9)
+    for panel in flat[len(curves) :]:
+        panel.set_axis_off()
+    handles, labels = flat[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="upper left", bbox_to_anchor=(0.09, 1.0), ncols=3)
+    return figure
+
+
+def _plot_thrust_curve(panel: Axes, curve: ThrustCurve, used: FloatArray) -> None:
+    """A bench curve, thick within the range of the ``used`` commands."""
+    panel.plot(curve.command, curve.thrust, color=BLACK, linewidth=1.0, label="bench curve")
+    if used.size:
+        low, high = float(used.min()), float(used.max())
+        panel.axvspan(low, high, color=ORANGE, alpha=0.13, linewidth=0)
+        inside = curve.command[(curve.command > low) & (curve.command < high)]
+        command = np.concatenate(([low], inside, [high]))
+        (line,) = panel.plot(command, curve(command), color=BLUE, linewidth=3.2, label="commands that the logs use")
+        line.set_solid_capstyle("butt")
+    panel.set(xlabel="command", ylabel="thrust, N")
+    panel.locator_params(nbins=6)
+
+
+@report_style
+def plot_steady_states(fit: DragFit) -> Figure:
+    """Torque against rate with the fitted drag, its 95 % band, and the residuals."""
+    figure, ((top,), (bottom,)) = panel_grid([(3.6, 1), (1.5, 1)], top=0.25, down=0.2, share_x=True)
+    axis, estimate = fit.estimate.axis, fit.estimate
+    every = (*fit.points, *fit.unsteady)
+    rates = [0.0, *(point.rate for point in every)]
+    line = np.linspace(1.05 * min(rates), 1.05 * max(rates), _STEPS)
+    drag, reach = _drag(estimate, line), _band_half_width(estimate, line)
+    if reach is not None:
+        top.fill_between(line, drag - reach, drag + reach, color=BLUE, alpha=0.22, linewidth=0, label="95 % band")
+        bottom.fill_between(line, -reach, reach, color=BLUE, alpha=0.22, linewidth=0)
+    buoyancy = " + B" if len(estimate.names) > 2 else ""
+    top.plot(line, drag, color=BLUE, label=f"fit: DQ·|r|·r + DL·r{buoyancy}")
+    bottom.axhline(0.0, color=BLUE)
+    _plot_points(top, fit, np.array([point.torque for point in fit.points]))
+    _plot_points(bottom, fit, fit.residuals)
+    if fit.unsteady:
+        unsteady = [point.rate for point in fit.unsteady], [point.torque for point in fit.unsteady]
+        top.plot(*unsteady, "x", color=GREY, markersize=6, label="rate still changing: not fitted")
+    for name, direction in fit.directions.items():
+        part = line[line >= 0] if name == "up" else line[line <= 0]
+        bottom.plot(part, _drag(direction, part) - _drag(estimate, part), color=ORANGE, linestyle="--")
+    if fit.directions:
+        top.plot([], [], color=ORANGE, linestyle="--", label="each direction alone, below")
+    top.set_ylabel(f"{axis.force_name}, {axis.force_unit}")
+    bottom.set_ylabel(f"residual, {axis.force_unit}")
+    bottom.set_xlabel(f"{axis.rate_words}, {axis.rate_unit}")
+    top.legend(loc="upper left")
+    return figure
+
+
+def _regressors(estimate: Estimate, rate: FloatArray) -> FloatArray:
+    """(n, p) regressors of the drag parameters, and of a net buoyancy where the axis has one."""
+    buoyancy = regressors(restoring_effect(estimate.axis), np.zeros(len(rate)))
+    return np.column_stack((np.abs(rate) * rate, rate, buoyancy))
+
+
+def _drag(estimate: Estimate, rate: FloatArray) -> FloatArray:
+    """(n,) N m or N at each rate."""
+    return np.asarray(_regressors(estimate, rate) @ estimate.values)
+
+
+def _band_half_width(estimate: Estimate, rate: FloatArray) -> FloatArray | None:
+    """Half the width of the 95 % band in N m or N; None where two or fewer points leave no error."""
+    if not np.isfinite(estimate.covariance).all():
+        return None
+    design = _regressors(estimate, rate)
+    variance = np.einsum("ni,ij,nj->n", design, estimate.covariance, design)
+    # Rounding may leave a small variance below zero.
+    errors = np.sqrt(np.maximum(variance, 0.0))
+    return np.asarray(t_quantile(0.975, estimate.degrees_of_freedom) * errors)
+
+
+def _plot_points(panel: Axes, fit: DragFit, values: FloatArray) -> None:
+    """Steady states with their errors, by direction."""
+    axis, rate = fit.estimate.axis, np.array([point.rate for point in fit.points])
+    for rows, filled, text in ((rate > 0, BLACK, "growing"), (rate < 0, "white", "falling")):
+        if rows.any():
+            panel.errorbar(
+                rate[rows],
+                values[rows],
+                yerr=fit.torque_error[rows] if fit.torque_error_known else None,
+                fmt="o",
+                color=BLACK,
+                markerfacecolor=filled,
+                markersize=5,
+                elinewidth=1.2,
+                label=f"{steady_state_words(axis)}, {axis.position_words} {text}",
+            )
+
+
+@report_style
+def plot_sine_runs(trials: Sequence[SineTrial], drag: Model | None, axis: Axis) -> Figure:
+    """Mean period of each run: torque, rate and acceleration over time, and torque over rate."""
+    figure, panels = panel_grid([(1.85, 2)] * len(trials), top=0.75, down=0.85)
+    for (over_time, loop), trial in zip(panels, trials, strict=True):
+        motion = trial.motion
+        waves = [motion.over_one_period(each) for each in (motion.torque, motion.rate, motion.acceleration())]
+        # All peaks are taken on the side of the largest torque.
+        side = np.sign(waves[0][np.argmax(np.abs(waves[0]))])
+        peaks = [int(np.argmax(side * values)) for values in waves]
+        _plot_period(over_time, trial, waves, peaks, axis)
+        _plot_loop(loop, waves, peaks, drag, axis)
+    for panel, columns in zip(panels[0], (3, 2), strict=True):
+        handles, labels = panel.get_legend_handles_labels()
+        panel.legend(handles, labels, loc="lower left", bbox_to_anchor=(-0.02, 1.15), ncols=columns, borderaxespad=0.0)
+    return figure
+
+
+def _plot_period(panel: Axes, trial: SineTrial, waves: list[FloatArray], peaks: list[int], axis: Axis) -> None:
+    names = (axis.force_name, axis.rate_words, "acceleration")
+    for name, (colour, dash, marker), values, peak in zip(names, _SINE_LOOKS, waves, peaks, strict=True):
+        share = values / np.max(np.abs(values))
+        time = np.arange(len(values) + 1) * trial.period / len(values)
+        panel.plot(time, np.append(share, share[0]), color=colour, linestyle=dash, label=name)
+        panel.vlines(time[peak], 0.0, share[peak], color=colour, linewidth=0.8)
+        panel.plot(time[peak], share[peak], marker, color=colour, markersize=6)
+    panel.set_title(f"{shorten_name(trial.source, 26)}: mean of {trial.cycles} periods of {trial.period:.3g} s")
+    panel.set(xlabel="time in the period, s", ylabel="share of its peak", ylim=(-1.15, 1.15), xlim=(0.0, trial.period))
+
+
+def _plot_loop(panel: Axes, waves: list[FloatArray], peaks: list[int], drag: Model | None, axis: Axis) -> None:
+    """Torque over rate in one period, with the moments of the peaks and the steady drag."""
+    torque, rate, _ = waves
+    if drag is not None:
+        line = np.linspace(rate.min(), rate.max(), 200)
+        # Axes with sine runs have a net buoyancy at most, which does not depend on the position.
+        steady = drag.drag(line) + sum(drag.restoring_values)
+        panel.plot(line, steady, color=GREY, linewidth=1.2, linestyle="-.", label="steady drag")
+    panel.plot(np.append(rate, rate[0]), np.append(torque, torque[0]), color=BLUE)
+    names = (axis.force_name, "rate", "acceleration")
+    for name, (colour, _, marker), peak in zip(names, _SINE_LOOKS, peaks, strict=True):
+        panel.plot(rate[peak], torque[peak], marker, color=colour, markersize=6, label=f"{name} peaks here")
+    panel.set(xlabel=f"{axis.rate_words}, {axis.rate_unit}", ylabel=f"{axis.force_name}, {axis.force_unit}")
+
+
+@report_style
+def plot_inertia_methods(fit: InertiaFit, rigid_body: float | None) -> Figure:
+    """Inertia by each method with its 95 % interval and single runs; enlarged a second time where they crowd."""
+    names = list(fit.methods)
+    unbiased = [name for name in names if name != "peak"]
+    intervals = [method_interval(fit, name) for name in unbiased]
+    ends = [end for interval in intervals if interval is not None for end in interval]
+    crowded = len(names) >= 2 and bool(ends) and max(ends) - min(ends) < _CROWDED * max(ends)
+    rows = [(0.5 * len(names) + 0.3, 2 if crowded else 1)]
+    figure, ((whole, *more),) = panel_grid(rows, left=1.75, across=0.4, top=0.4)
+    _plot_methods(whole, fit, names)
+    whole.set_yticks(range(len(names)), [_method_label(fit, name) for name in names])
+    whole.set_xlim(left=0.0)
+    whole.set_title("from zero")
+    if rigid_body is not None:
+        whole.axvline(rigid_body, color=GREY, linestyle="--", label="rigid body alone")
+        whole.legend(loc="lower left", bbox_to_anchor=(0.3, 1.0), borderaxespad=0.1)
+    for enlarged in more:
+        _plot_methods(enlarged, fit, unbiased)
+        enlarged.set_yticks(range(len(names)), [""] * len(names))
+        enlarged.locator_params(axis="x", nbins=6)
+        enlarged.set_title("enlarged, without the peak method" if "peak" in fit.methods else "enlarged")
+    return figure
+
+
+def _method_label(fit: InertiaFit, name: str) -> str:
+    title = method_title(name)
+    if name == "peak":
+        bias = "" if fit.peak_bias is None else f": {100.0 * fit.peak_bias:.0f} % of true"
+        return f"{title}\n(biased{bias})"
+    return f"{title}\n(best of these)" if name == fit.chosen else title
+
+
+def _plot_methods(panel: Axes, fit: InertiaFit, names: list[str]) -> None:
+    """Each method on the row of its place among all methods."""
+    every = list(fit.methods)
+    looks = {"peak": (ORANGE, "x"), fit.chosen: (BLUE, "o")}
+    for name in names:
+        reading, row = fit.methods[name], every.index(name)
+        colour, marker = looks.get(name, (BLACK, "o"))
+        for _, value, _ in reading.runs:
+            panel.plot(value, row + 0.26, "|", color=colour, markersize=7)
+        interval = method_interval(fit, name)
+        if interval is not None:
+            half_width = 0.5 * (interval[1] - interval[0])
+            panel.errorbar(reading.value, row, xerr=half_width, color=colour, capsize=4, elinewidth=1.6)
+        panel.plot(reading.value, row, marker, color=colour, markersize=6, markeredgewidth=1.8)
+    panel.set_ylim(len(every) - 0.45, -0.55)
+    panel.set_xlabel(f"inertia, {unit_symbol(fit.estimate.unit('inertia'))}")
+    panel.grid(visible=False, axis="y")

@@ -1,0 +1,205 @@
+"""Plots of alternative causes, closed-loop runs, planned runs, and compared campaigns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from statistics import NormalDist
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from rovid.compare.difference_tests import DifferenceTest
+from rovid.control.closed_loop import ClosedLoopRun
+from rovid.control.design import ControllerDesign
+from rovid.control.specs import paper_runs
+from rovid.core.array_types import FloatArray
+from rovid.design.experiment_design import ExperimentPlan
+from rovid.diagnose.result import Finding
+from rovid.present.plots.canvas import (
+    BLACK,
+    BLUE,
+    GREY,
+    ORANGE,
+    PALE,
+    decimate_min_max,
+    panel_grid,
+    render_png,
+    report_style,
+    shorten_name,
+)
+from rovid.present.sentences import effect_title
+from rovid.present.tables.diagnosis import ALTERNATIVES_SHOWN, alternative_status
+from rovid.trial.axis import Axis
+
+# Characters of a cause's name beside its bar.
+_NAME_LENGTH = 40
+_STATUS_LOOKS = {
+    "found": (BLUE, ""),
+    "not ruled out": (ORANGE, "///"),
+    "ruled out": (GREY, ""),
+    "depends on a signal": (PALE, "..."),
+}
+# Controllers and plants to be drawn -> whether effects act, whether the model aids, whether the aid knows the effects.
+_WITH_EFFECTS = {
+    "aid of drag and effects": (True, True, True),
+    "aid of drag alone": (True, True, False),
+    "the same without effects": (False, True, False),
+}
+_WITHOUT_EFFECTS = {"aided by the model": (False, True, False), "PD alone": (False, False, False)}
+# Duration of a step's plot in units of one over the bandwidth.
+_STEP_DURATION = 15.0
+_STEP_LOOKS = ((BLACK, "-"), (ORANGE, "--"), (BLUE, "-."))
+_MODEL_LOOKS = ((BLUE, "-"), (ORANGE, "--"))
+_LEGEND_ABOVE: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.97), "borderaxespad": 0.0}
+_DRAG_STEPS = 200
+_DRAG_NAMES = ["quadratic_drag", "linear_drag"]
+# Standard errors to either end of a 95 % interval.
+_NORMAL_95 = NormalDist().inv_cdf(0.975)
+
+
+@report_style
+def plot_alternatives(finding: Finding) -> Figure:
+    """Log-likelihood gain of a cause and of its best alternatives; those not ruled out are hatched."""
+    axis = finding.estimate.axis
+    names, gains, statuses = [effect_title(finding.effect, axis)], [finding.bic_gain], ["found"]
+    for other in finding.alternatives[:ALTERNATIVES_SHOWN]:
+        names.append(effect_title(other.effect, axis))
+        gains.append(other.bic_gain)
+        statuses.append(alternative_status(finding, other))
+    figure, ((panel,),) = panel_grid([(0.3 * len(gains) + 0.15, 1)], left=3.2, right=0.55)
+    for status, (colour, hatch) in _STATUS_LOOKS.items():
+        rows = [row for row, each in enumerate(statuses) if each == status]
+        if rows:
+            shown = [gains[row] for row in rows]
+            bars = panel.barh(rows, shown, height=0.62, color=colour, hatch=hatch, edgecolor="white", label=status)
+            panel.bar_label(bars, [f"{gain:.0f}" for gain in shown], padding=3, fontsize=9)
+    panel.set_yticks(range(len(names)), [shorten_name(name, _NAME_LENGTH) for name in names])
+    panel.set_ylim(len(names) - 0.5, -0.5)
+    panel.axvline(0.0, color=BLACK, linewidth=0.8)
+    panel.margins(x=0.08)
+    panel.set_xlabel("log-likelihood gained, less the price of the parameters")
+    panel.grid(visible=False, axis="y")
+    panel.set_axisbelow(True)
+    figure.legend(*panel.get_legend_handles_labels(), ncols=4, loc="upper right", borderaxespad=0.1)
+    return figure
+
+
+def paper_step_runs(design: ControllerDesign) -> dict[str, dict[str, ClosedLoopRun]]:
+    """Noise-free steps of the founding paper: name of the step -> controller and plant -> run."""
+    ways = _WITH_EFFECTS if design.model.effects else _WITHOUT_EFFECTS
+    runs = {}
+    for run in design.runs:
+        runs[run.name, bool(run.effects), run.model_aid, run.effects_known] = run.noise_free_run
+    return {step.name: {way: runs[step.name, *key] for way, key in ways.items()} for step in paper_runs()}
+
+
+@report_style
+def plot_closed_loop(steps: Mapping[str, Mapping[str, ClosedLoopRun]], bandwidth: float) -> Figure:
+    """Heading and torque of each step; ``bandwidth`` in rad/s sets the duration that is shown."""
+    figure, panels = panel_grid([(1.5, 2)] * len(steps), top=0.55, across=0.95, down=0.55)
+    for (heading, torque), (name, ways) in zip(panels, steps.items(), strict=True):
+        for (way, run), (colour, dashes) in zip(ways.items(), _STEP_LOOKS, strict=False):
+            early = run.time <= _STEP_DURATION / bandwidth
+            time = run.time[early]
+            heading.plot(*decimate_min_max(time, np.degrees(run.heading[early])), dashes, color=colour, label=way)
+            torque.step(*decimate_min_max(time, run.torque[early]), dashes, where="post", color=colour)
+        heading.plot(time, np.degrees(run.setpoint[early]), ":", color=GREY, linewidth=1.8, label="set point")
+        heading.set_title(name)
+        heading.set_ylabel("heading, deg")
+        torque.set_ylabel("torque, N m")
+        torque.axhline(0.0, color=BLACK, linewidth=0.8)
+    for panel in panels[-1]:
+        panel.set_xlabel("time, s")
+    figure.legend(*panels[0][0].get_legend_handles_labels(), ncols=4, loc="upper right", borderaxespad=0.1)
+    return figure
+
+
+@report_style
+def plot_plan(plan: ExperimentPlan, axis: Axis) -> Figure:
+    """Commands and predicted rates of the best run; the difference of two models next to the effect of disturbance."""
+    discriminates = len(plan.models) > 1
+    rows = [(1.4, 1), (2.0, 1), (1.4, 1)] if discriminates else [(1.4, 1), (2.0, 1)]
+    figure, panels = panel_grid(rows, left=1.05, down=0.42, top=0.75, share_x=True)
+    (command,), (rate,), *more = panels
+    best, run = plan.best, plan.best.run
+    # Four kinds of dashes in each of two colours distinguish eight thrusters.
+    for place, name in enumerate(plan.thrusters):
+        dashes, colour = ("-", "--", ":", "-.")[place % 4], (BLACK, GREY)[place // 4 % 2]
+        command.step(run.time, run.commands[:, place], dashes, where="post", color=colour, linewidth=1.0, label=name)
+    command.set_ylabel("command")
+    if len(plan.thrusters) <= 8:
+        command.legend(**_LEGEND_ABOVE, ncols=4)
+    figure.suptitle(shorten_name(run.name, 90), x=0.115, ha="left", fontsize=11)
+    for model, values, (colour, dashes) in zip(plan.models, best.rates, _MODEL_LOOKS, strict=False):
+        rate.plot(run.time, values, dashes, color=colour, label=model.name.replace("_", " "))
+    rate.set_ylabel(f"{axis.rate_words},\n{axis.rate_unit}")
+    if discriminates:
+        rate.legend(**_LEGEND_ABOVE, ncols=2)
+    for (difference,) in more:
+        band = plan.disturbance_rate
+        difference.axhspan(-band, band, color=PALE, alpha=0.5, label="effect of the disturbance, ± one sd")
+        difference.plot(run.time, best.rates[0] - best.rates[1], color=BLACK, linewidth=1.0, label="difference")
+        difference.set_ylabel(f"difference,\n{axis.rate_unit}")
+        difference.legend(**_LEGEND_ABOVE, ncols=2)
+    panels[-1][0].set_xlabel("time, s")
+    return figure
+
+
+def plan_picture(plan: ExperimentPlan, axis: Axis) -> bytes:
+    """The plot of a plan as PNG."""
+    return render_png(plot_plan(plan, axis), "plan")
+
+
+@report_style
+def plot_ratios(changes: DifferenceTest, titles: Mapping[str, str]) -> Figure | None:
+    """B over A of each parameter with its 95 % interval; None where no ratio is known."""
+    ratios = {name: changes.ratio(name) for name in changes.pair.names}
+    known = {name: ratio for name, ratio in ratios.items() if ratio is not None}
+    if not known:
+        return None
+    figure, ((panel,),) = panel_grid([(0.42 * len(known) + 0.3, 1)], left=2.4, top=0.15)
+    for row, (name, (ratio, error)) in enumerate(known.items()):
+        changed = any(name in change.candidate.parameters for change in changes.established)
+        colour, filled = (ORANGE, ORANGE) if changed else (BLACK, "white")
+        panel.errorbar(ratio, row, xerr=_NORMAL_95 * error, fmt="o", capsize=3, color=colour, markerfacecolor=filled)
+    panel.axvline(1.0, color=GREY, linestyle="--")
+    panel.set_yticks(range(len(known)), [titles[name] for name in known])
+    panel.set_ylim(len(known) - 0.5, -0.5)
+    panel.set_xlabel("B over A, share of 1, with 95 % interval")
+    return figure
+
+
+@report_style
+def plot_drag(changes: DifferenceTest, fastest: float, axis: Axis) -> Figure | None:
+    """Drag of A and of B against the rate up to ``fastest``, with 95 % bands; None where one is not known."""
+    pair = changes.pair
+    if not set(_DRAG_NAMES) <= set(pair.names):
+        return None
+    places = [pair.names.index(name) for name in _DRAG_NAMES]
+    block = np.ix_(places, places)
+    figure, ((top,), (bottom,)) = panel_grid([(3.0, 1), (1.5, 1)], top=0.25, down=0.2, share_x=True)
+    rate = np.linspace(0.0, fastest, _DRAG_STEPS)
+    _plot_band(top, rate, pair.a[places], pair.covariance_a[block], (BLUE, "-", "A, 95 % band"))
+    _plot_band(top, rate, pair.b[places], pair.covariance_b[block], (ORANGE, "--", "B, 95 % band"))
+    _plot_band(bottom, rate, pair.difference[places], pair.covariance[block], (BLACK, "-", "B less A"))
+    bottom.axhline(0.0, color=GREY, linestyle="--")
+    top.set_ylabel(f"drag, {axis.force_unit}")
+    bottom.set_ylabel(f"B less A, {axis.force_unit}")
+    bottom.set_xlabel(f"{axis.rate_words}, {axis.rate_unit}")
+    top.legend(loc="upper left")
+    return figure
+
+
+def _plot_band(
+    panel: Axes, rate: FloatArray, values: FloatArray, covariance: FloatArray, look: tuple[str, str, str]
+) -> None:
+    """Quadratic and linear drag against the rate with its 95 % band."""
+    colour, dashes, name = look
+    design = np.column_stack((rate**2, rate))
+    line = design @ values
+    variance = np.einsum("ni,ij,nj->n", design, covariance, design)
+    reach = _NORMAL_95 * np.sqrt(np.maximum(variance, 0.0))
+    panel.fill_between(rate, line - reach, line + reach, color=colour, alpha=0.2, linewidth=0)
+    panel.plot(rate, line, dashes, color=colour, label=name)

@@ -1,0 +1,170 @@
+"""Results in words: the same sentences for terminal, page and JSON."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+
+from rovid.compare.comparison import Comparison
+from rovid.compare.difference_tests import DRAG, THRUST_SCALE, ChangeCandidate, ParameterChange
+from rovid.core.formatting import plus_minus, significant
+from rovid.diagnose.result import UNIDENTIFIABLE, Diagnosis, Finding
+from rovid.diagnose.thresholds import ESTABLISHED
+from rovid.effects import CATALOGUE, Effect, effect_named
+from rovid.model.parameter_names import without_form
+from rovid.trial.assumptions import Assumptions
+from rovid.trial.axis import YAW, Axis
+
+_ALL_THRUST = "all thrust"
+# Probability from which a cause is called likely.
+_LIKELY = 0.5
+
+
+def join_words(texts: Sequence[str], last: str = "and") -> str:
+    """A list in words: "a, b and c", with ``last`` before the last item."""
+    if len(texts) < 2:
+        return "".join(texts)
+    return f"{', '.join(texts[:-1])} {last} {texts[-1]}"
+
+
+def effect_title(effect: Effect, axis: Axis = YAW) -> str:
+    """An effect's title along ``axis``, with its form or thruster where it has one."""
+    title = axis.reword(effect.title)
+    return f"{title} ({effect.form.replace('_', ' ')})" if effect.form else title
+
+
+def cause_title(effect_id: str) -> str:
+    """The title of the effect with this id; the id itself where the catalogue has none."""
+    titles = {effect.id: effect.title for effect in CATALOGUE}
+    return titles.get(effect_id, effect_id)
+
+
+def cause_name(finding: Finding) -> str:
+    """A cause by name, with the causes that the data do not distinguish from it."""
+    effects = (finding.effect, *finding.indistinguishable)
+    return join_words([finding.estimate.axis.reword(effect.title) for effect in effects], "or")
+
+
+def verdict_sentence(diagnosis: Diagnosis, guess: Assumptions) -> str:
+    """The result of a diagnosis in one sentence."""
+    model = f"The plain model{guess.curve_clause}"
+    if diagnosis.verdict == "found":
+        return f"{model} misses {join_words(list(map(cause_name, diagnosis.findings)))}."
+    if diagnosis.verdict == "suspected":
+        return f"{model} may miss {cause_name(diagnosis.suspects[0])}."
+    if diagnosis.verdict == "nothing_found":
+        return "Nothing was found: the model explains these data."
+    if diagnosis.verdict == "unexplained":
+        return f"{model} misses something that no effect of the catalogue explains."
+    return "There is too little data for a diagnosis."
+
+
+def confidence_words(finding: Finding) -> str:
+    """Confidence in a cause as a word and as odds."""
+    word = "possible, not established"
+    if finding.probability >= ESTABLISHED:
+        word = "established"
+    elif finding.probability >= _LIKELY:
+        word = "likely, not established"
+    return f"{word}: {odds_words(finding.probability)}"
+
+
+def odds_words(probability: float) -> str:
+    """A probability as odds: "odds 19 to 1"."""
+    odds = probability / max(1.0 - probability, 1e-9)
+    larger = max(odds, 1.0 / max(odds, 1e-9))
+    number = f"{larger:.0f}" if larger >= 10.0 else f"{larger:.2g}"
+    return f"odds {number} to 1" if odds >= 1.0 else f"odds 1 to {number}"
+
+
+def improvement_sentence(errors: Mapping[str, tuple[float, float]]) -> str:
+    """By how much each error, without and with the causes, changes on held-out trials."""
+    parts = []
+    for title, (without, with_causes) in errors.items():
+        share = 100.0 * (1.0 - with_causes / without) if without else 0.0
+        parts.append(f"{title} {abs(share):.0f} % {'smaller' if share >= 0.0 else 'larger'}")
+    return f"On held-out trials: {join_words(parts)}."
+
+
+def comparison_headline(comparison: Comparison) -> str:
+    """The result of a comparison in one sentence."""
+    a, b = comparison.a.name, comparison.b.name
+    if comparison.verdict == "changed":
+        changes = "; ".join(change_sentence(comparison, change) for change in comparison.changes.established)
+        return f"From {a} to {b} changed: {changes}."
+    if comparison.verdict == "same":
+        return f"Nothing changed from {a} to {b} that these data show."
+    return f"These data cannot tell whether the vehicle changed from {a} to {b}."
+
+
+def comparison_sentences(comparison: Comparison) -> Iterator[str]:
+    """Open questions, possible changes, detection limits, and what the data cannot determine, a sentence each."""
+    for clause in comparison.open_questions:
+        yield f"Open: {clause}."
+    for change in comparison.changes.changes:
+        if not change.established:
+            yield f"Possible, not established: {change_sentence(comparison, change)} ({odds_words(change.confidence)})."
+    if comparison.verdict == "same":
+        limits = comparison.changes.detectable_changes
+        known = [name for name in ("inertia", DRAG, THRUST_SCALE) if math.isfinite(limits.get(name, math.inf))]
+        shares = [f"{_part_title(name)} {significant(100.0 * limits[name], 2)} %" for name in known]
+        yield f"Smallest changes that these data would establish: {', '.join(shares)}."
+    if comparison.transient_causes:
+        causes = join_words([effect_named(name).title for name in comparison.transient_causes])
+        yield f"Causes of a single campaign, which vary from day to day: {causes}."
+    yield (
+        f"{comparison.a.axis.name.capitalize()} data never show {UNIDENTIFIABLE[THRUST_SCALE]}. If inertia and drag "
+        "change by one factor, less thrust and a larger vehicle look the same. Their ratios do not depend on thrust."
+    )
+
+
+def change_sentence(comparison: Comparison, change: ParameterChange) -> str:
+    """A change with its size, and the changes that the data do not distinguish from it."""
+    said = _change_with_size(comparison, change)
+    if change.indistinguishable:
+        others = join_words(list(map(_change_title, change.indistinguishable)), "or")
+        said += f" (these data do not distinguish it from {others})"
+    return said
+
+
+def _change_with_size(comparison: Comparison, change: ParameterChange) -> str:
+    candidate = change.candidate
+    title = _change_title(candidate)
+    if candidate.is_factor:
+        if not math.isfinite(change.ratio):
+            return title
+        return f"{title}, {plus_minus(change.ratio, change.standard_error)} times"
+    in_a, in_b = (effect_named(candidate.name).id in causes for causes in comparison.causes)
+    before, after = ("; ".join(_joint_size(comparison, name, side) for name in candidate.parameters) for side in (0, 1))
+    if in_b and not in_a:
+        return f"{title}, which is new ({after})"
+    if in_a and not in_b:
+        return f"{title}, which is gone (it had {before})"
+    return f"{title} ({before} before, {after} after)"
+
+
+def _joint_size(comparison: Comparison, name: str, side: int) -> str:
+    """A parameter of a cause in campaign A (``side`` 0) or B (1)."""
+    pair = comparison.changes.pair
+    value = plus_minus(*comparison.changes.joint_values(name)[side])
+    title = name.rpartition(".")[2].replace("_", " ")
+    return f"{title} {value} {pair.units[pair.names.index(name)]}".removesuffix(" 1")
+
+
+def _change_title(candidate: ChangeCandidate) -> str:
+    if candidate.name == THRUST_SCALE:
+        return f"{_ALL_THRUST} (or inertia and drag together, in the opposite sense)"
+    if candidate.is_factor and not candidate.inverse:
+        return _part_title(candidate.name)
+    effect = effect_named(candidate.name)
+    return f"{effect.title} ({effect.form})" if effect.per_thruster else effect.title
+
+
+def _part_title(name: str) -> str:
+    return _ALL_THRUST if name == THRUST_SCALE else name.replace("_", " ")
+
+
+def document_key(name: str) -> str:
+    """A parameter's name in JSON: without the form of its effect, but with its thruster."""
+    key, dot, _ = name.rpartition(".")
+    return name if dot and effect_named(key).per_thruster else without_form(name)

@@ -1,0 +1,129 @@
+"""Tables of the heading controller and of the exports to simulators."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+
+from rovid.control.design import ClosedLoopResult, ControllerDesign
+from rovid.export import FORMATS
+from rovid.export.run_export import ExportLoss, VerifiedExport
+from rovid.present.numbers import DASH, format_number, number_with_unit
+from rovid.present.tables.table import ResultTable, mixed_number_column, number_column, text_column
+from rovid.trial.assumptions import Assumptions
+
+
+def gains_table(design: ControllerDesign, guess: Assumptions | None = None) -> ResultTable:
+    """Gains, delays, torque limits and margins; with bounds over the parameter uncertainty where known."""
+    guess = guess or Assumptions()
+    columns = [text_column("quantity"), mixed_number_column("value")]
+    if design.spread is not None and design.margins.stable:
+        columns.append(mixed_number_column(f"95 % of {design.spread.draws} draws"))
+    table = ResultTable("The controller and its margins", *columns)
+    for quantity, value, unit, bound in _gain_rows(design):
+        row = quantity, guess.mark_number(number_with_unit(value, unit), unit), bound
+        table.add_row(*row[: len(columns)])
+    return table
+
+
+def _gain_rows(design: ControllerDesign) -> Iterator[tuple[str, str, str, str]]:
+    """Quantity, value, unit, and the bound that 95 % of the draws from the parameter covariance keep."""
+    law, margins, spread = design.law, design.margins, design.spread
+    yield "gain on heading kp", format_number(law.kp, ".5g"), "N m/rad", DASH
+    yield "gain on yaw rate kd", format_number(law.kd, ".5g"), "N m s/rad", DASH
+    yield "damping ratio", format_number(design.damping, ".3f"), "", DASH
+    yield "bandwidth", format_number(design.bandwidth, ".3g"), "rad/s", DASH
+    yield "yaw inertia", format_number(design.model.inertia, ".5g"), "kg m^2", DASH
+    yield "sampling period", format_number(law.period, "g"), "s", DASH
+    yield "time constant of the rate filter", format_number(law.rate_filter, ".2g"), "s", DASH
+    yield "total delay of the loop", format_number(design.lag, ".2g"), "s", DASH
+    if design.allocation.limited:
+        yield "least torque", format_number(law.lowest), "N m", DASH
+        yield "largest torque", format_number(law.highest), "N m", DASH
+    if not margins.stable:
+        return
+    bounds = (math.nan,) * 4
+    if spread is not None:
+        bounds = spread.gain_db, spread.phase_deg, spread.delay_s, spread.sensitivity_peak
+    yield "gain margin", _bounded(margins.gain_db, ".1f"), "dB", f"≥ {_bounded(bounds[0], '.1f')}"
+    yield "phase margin", format_number(margins.phase_deg, ".0f"), "deg", f"≥ {format_number(bounds[1], '.0f')}"
+    yield "delay margin", format_number(margins.delay_s, ".2f"), "s", f"≥ {format_number(bounds[2], '.2f')}"
+    yield "lag margin", _bounded(margins.lag_s, ".2f"), "s", DASH
+    peak, bound = (format_number(value, ".2f") for value in (margins.sensitivity_peak, bounds[3]))
+    yield "peak of the sensitivity", peak, "", f"≤ {bound}"
+
+
+def _bounded(value: float, form: str) -> str:
+    return "without limit" if math.isinf(value) else format_number(value, form)
+
+
+def runs_table(design: ControllerDesign) -> ResultTable:
+    """Step metrics of every closed-loop run, in the order of the design."""
+    table = ResultTable(
+        "Closed-loop runs, with 2 % of the torque in use as disturbance",
+        text_column("run"),
+        text_column("effects"),
+        text_column("model aid"),
+        number_column("settled after", "s"),
+        number_column("overshoot", "deg"),
+        number_column("steady error", "deg"),
+        mixed_number_column("limit cycle"),
+        number_column("63 % after", "s"),
+        number_column("10 to 90 % in", "s"),
+        number_column("torque rms", "N m"),
+    )
+    before = ""
+    for run in design.runs:
+        effects = "all" if run.effects else "none"
+        table.add_row(run.name, effects, *_run_cells(run), begins_section=run.name != before)
+        before = run.name
+    # Without effects in the model the column has no information.
+    return table if design.model.effects else table.without("effects")
+
+
+def _run_cells(run: ClosedLoopResult) -> Iterator[str]:
+    metrics, cycle = run.metrics, run.metrics.limit_cycle
+    aid = "none"
+    if run.model_aid:
+        aid = "drag and effects" if run.effects_known else "drag"
+    yield aid
+    yield format_number(metrics.settling_time, ".1f")
+    yield format_number(metrics.overshoot_deg, ".1f")
+    yield format_number(metrics.steady_error_deg, ".2f")
+    yield "none" if cycle is None else f"±{cycle.amplitude_deg:.2f} deg, {cycle.period_s:.3g} s"
+    yield format_number(metrics.time_constant, ".1f")
+    yield format_number(metrics.rise_time, ".1f")
+    yield format_number(metrics.effort, ".1f")
+
+
+def formats_table(exports: Mapping[str, VerifiedExport]) -> ResultTable:
+    """Difference between each format's equation and the model, and the parts that the format lacks."""
+    table = ResultTable(
+        "Yaw rate of each format's own equation against the model's",
+        text_column("format"),
+        text_column("file"),
+        number_column("off by", "% of range"),
+        mixed_number_column("rms", "rad/s"),
+        number_column("of what it holds", "% of range"),
+        text_column("not held, % of range"),
+    )
+    for name, made in exports.items():
+        mismatches = (made.mismatch.percent_of_range, made.mismatch.rms, made.kept_mismatch.percent_of_range)
+        lost = [f"{_loss_title(loss)} {format_number(loss.percent_of_range, '.2g')}" for loss in made.losses]
+        numbers = [format_number(value, ".2g") for value in mismatches]
+        table.add_row(name, FORMATS[name].file, *numbers, "; ".join(lost) or DASH)
+    return table
+
+
+def _loss_title(loss: ExportLoss) -> str:
+    title, _, form = loss.what.replace("_", " ").partition(":")
+    return f"{title} ({form})" if form else title
+
+
+def loss_reasons(exports: Mapping[str, VerifiedExport]) -> list[tuple[str, str, str]]:
+    """Formats, the part that they lack, and why; each reason once."""
+    formats: dict[tuple[str, str], list[str]] = {}
+    for name, made in exports.items():
+        for loss in made.losses:
+            formats.setdefault((_loss_title(loss), loss.why), []).append(name)
+    return [(", ".join(names), title, why) for (title, why), names in formats.items()]

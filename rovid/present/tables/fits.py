@@ -1,0 +1,323 @@
+"""Tables of parameters, of drag from steady states, and of inertia by every method."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from rovid.core.array_types import FloatArray
+from rovid.core.formatting import plus_minus, round_to_error
+from rovid.core.stats import t_quantile
+from rovid.estimate.estimate import Estimate
+from rovid.estimate.inertia import METHODS, InertiaFit
+from rovid.estimate.steady_drag import DragFit
+from rovid.model.parameter_names import base_names, unit_of
+from rovid.present.numbers import (
+    DASH,
+    equal_decimals,
+    format_number,
+    number_with_unit,
+    parameter_title,
+    same_decimals,
+    steady_state_words,
+    unit_symbol,
+)
+from rovid.present.page.report_data import ReportData
+from rovid.present.tables.diagnosis import valid_ratios
+from rovid.present.tables.table import Column, ResultTable, mixed_number_column, number_column, text_column
+from rovid.store.agreement import effect_titles, relative_deviation
+from rovid.store.parameter_file import Entry, Parameters
+
+# Standard errors to either end of a two-sided 95 % interval of the normal distribution.
+_NORMAL_95 = 1.959964
+_METHOD_TITLES = {"peak": "peak method", "orbit_integral": "orbit integral", "harmonic_balance": "harmonic balance"}
+_DIRECTIONS = {"up": "growing", "down": "falling"}
+# Absolute correlations from which a cell is shaded, one shade darker at each.
+_SHADES = (0.5, 0.8, 0.95)
+
+
+def estimate_table(estimate: Estimate) -> ResultTable:
+    """Parameters by the names that options and files use, with their 95 % intervals."""
+    columns = text_column("parameter"), mixed_number_column("value ± standard error"), mixed_number_column("unit")
+    table = ResultTable("", *columns, mixed_number_column("95 % interval"))
+    for name in estimate.names:
+        if name in estimate.refused:
+            table.add_row(name, "not determined", estimate.unit(name), DASH)
+            continue
+        error = estimate.standard_error(name)
+        row = name, plus_minus(estimate.value(name), error), estimate.unit(name)
+        if estimate.is_placeholder(name):
+            table.add_row(*row, "guessed", style="red")
+            continue
+        low, high = (round_to_error(end, error) for end in estimate.interval(name))
+        table.add_row(*row, f"{low} … {high}" if math.isfinite(error) else DASH)
+    for ratio in valid_ratios(estimate):
+        table.add_row(ratio.symbols, plus_minus(ratio.value, ratio.standard_error), ratio.unit)
+    return table
+
+
+def parameters_table(report: ReportData) -> ResultTable:
+    """Every parameter of the file, and those that it lacks."""
+    axis, entries, guess = report.axis, report.parameters.entries, report.vehicle.assumptions
+    columns = text_column("parameter"), mixed_number_column("value ± standard error"), text_column("95 % interval")
+    table = ResultTable("Parameters", *columns, text_column("found by"))
+    for ratio in valid_ratios(report.parameters.base_estimate()):
+        value = plus_minus(ratio.value, ratio.standard_error)
+        interval = _interval_text(value, _normal_interval(ratio.value, ratio.standard_error))
+        table.add_row(parameter_title(ratio.name), number_with_unit(value, ratio.unit), interval)
+    for name in dict.fromkeys((*base_names(axis), *entries)):
+        title = axis.reword(parameter_title(name))
+        entry = entries.get(name)
+        if entry is None:
+            table.add_row(title, "not determined", DASH, DASH)
+            continue
+        value = plus_minus(entry.value, entry.standard_error)
+        shown = guess.mark_number(number_with_unit(value, entry.unit), entry.unit)
+        interval = DASH if guess.is_placeholder(entry.unit) else _entry_interval(report, name, value)
+        table.add_row(title, shown, interval, method_words(entry))
+    return table
+
+
+def method_words(entry: Entry) -> str:
+    """The method of a parameter, with its options where there were any."""
+    return f"{entry.method} ({entry.options})" if entry.options else entry.method
+
+
+def _entry_interval(report: ReportData, name: str, text: str) -> str:
+    """95 % interval of a stored parameter, by the estimate that it comes from where that is known."""
+    entry = report.parameters.entries[name]
+    if not math.isfinite(entry.standard_error):
+        return DASH
+    estimate = source_estimate(report, name)
+    if estimate is not None:
+        return _interval_text(text, estimate.interval(name))
+    return _interval_text(text, _normal_interval(entry.value, entry.standard_error))
+
+
+def _normal_interval(value: float, error: float) -> tuple[float, float]:
+    return value - _NORMAL_95 * error, value + _NORMAL_95 * error
+
+
+def _interval_text(text: str, interval: tuple[float, float]) -> str:
+    """An interval with the decimals of ``text``."""
+    return " … ".join(same_decimals(text, end) for end in interval)
+
+
+def source_estimate(report: ReportData, name: str) -> Estimate | None:
+    """The estimate of this report that the stored parameter ``name`` comes from; None where it comes from elsewhere."""
+    value = report.parameters.entries[name].value
+    for fit in (report.drag, report.inertia):
+        if fit is not None and name in fit.estimate.names and math.isclose(fit.estimate.value(name), value):
+            return fit.estimate
+    return None
+
+
+def is_source_of_model(report: ReportData, estimate: Estimate) -> bool:
+    """Whether any parameter of the model comes from ``estimate``."""
+    return any(source_estimate(report, name) is estimate for name in report.parameters.entries)
+
+
+def differences_from_model(report: ReportData, estimate: Estimate) -> list[str]:
+    """Paragraphs on how an estimate by another method differs from the model's parameters, and its warnings."""
+    axis, entries = report.axis, report.parameters.entries
+    known = [name for name in estimate.names if name in entries and name not in estimate.refused]
+    others = [_difference(report, estimate, name) for name in known if source_estimate(report, name) is None]
+    paragraphs = []
+    if others:
+        causes = axis.reword(effect_titles(entries))
+        paragraphs.append(f"By {estimate.method}: {', '.join(others)}.")
+        if causes:
+            paragraphs[0] += f" This method does not model {causes}."
+    if not is_source_of_model(report, estimate):
+        paragraphs += estimate.warnings
+    return paragraphs
+
+
+def _difference(report: ReportData, estimate: Estimate, name: str) -> str:
+    """A parameter by another method, and how far it is from the model's."""
+    entry, guess = report.parameters.entries[name], report.vehicle.assumptions
+    value, error = estimate.value(name), estimate.standard_error(name)
+    size = guess.mark_number(number_with_unit(plus_minus(value, error), entry.unit), entry.unit)
+    shown = f"{report.axis.reword(parameter_title(name))} {size}"
+    if abs(value - entry.value) <= _NORMAL_95 * math.hypot(error, entry.standard_error) or entry.value == 0.0:
+        return f"{shown} (as the model, within their errors)"
+    return f"{shown} ({relative_deviation(value, entry.value)})"
+
+
+def steady_table(fit: DragFit) -> ResultTable:
+    """Steady states with residuals, and the drag that the fit gives without each of them."""
+    axis, points = fit.estimate.axis, fit.points
+    residuals = [f"{value:.2f}" for value in fit.residuals]
+    if fit.torque_error_known:
+        residuals = [f"{text} ± {error:.2f}" for text, error in zip(residuals, fit.torque_error, strict=True)]
+    rates = [
+        plus_minus(point.rate, point.rate_error) if math.isfinite(point.rate_error) else f"{point.rate:.4g}"
+        for point in points
+    ]
+    columns = [
+        text_column("source", [point.source for point in points]),
+        number_column(axis.force_name, axis.force_unit, [format_number(point.torque, ".2f") for point in points]),
+        number_column(axis.rate_words, axis.rate_unit, rates),
+        number_column("residual", axis.force_unit, residuals),
+    ]
+    if any(math.isfinite(point.start) for point in points):
+        columns.append(text_column("from–to, s", [f"{point.start:.0f}–{point.stop:.0f}" for point in points]))
+    columns.append(text_column("command", [" ".join(f"{value:.4g}" for value in point.command) for point in points]))
+    for place, (symbol, name, digits) in enumerate((("DQ", "quadratic_drag", 5), ("DL", "linear_drag", 3))):
+        cells = [format_number(row[place], digits) for row in fit.left_out.tolist()]
+        columns.append(number_column(f"{symbol} without it", unit_symbol(unit_of(name, axis)), cells))
+    return ResultTable(f"{steady_state_words(axis).capitalize()}s that were fitted", *columns)
+
+
+def directions_table(fit: DragFit) -> ResultTable:
+    """Drag from both directions together, and from each alone."""
+    axis = fit.estimate.axis
+    names = {"DQ": "quadratic_drag", "DL": "linear_drag"}
+    table = ResultTable(
+        "Drag from each direction alone",
+        text_column("turns" if axis.angular else "direction"),
+        number_column(f"{steady_state_words(axis)}s"),
+        *(number_column(symbol, unit_symbol(unit_of(name, axis))) for symbol, name in names.items()),
+    )
+    rows = {"both": fit.estimate}
+    for name, estimate in fit.directions.items():
+        rows[f"{axis.position_words} {_DIRECTIONS.get(name, name)}"] = estimate
+    for title, estimate in rows.items():
+        cells = [DASH if name in estimate.refused else _plus_minus(estimate, name) for name in names.values()]
+        table.add_row(title, str(estimate.samples), *cells)
+    return table
+
+
+def _plus_minus(estimate: Estimate, name: str) -> str:
+    return plus_minus(estimate.value(name), estimate.standard_error(name))
+
+
+def method_title(name: str) -> str:
+    """Short title of an inertia method."""
+    return _METHOD_TITLES.get(name, name)
+
+
+def method_interval(fit: InertiaFit, name: str) -> tuple[float, float] | None:
+    """95 % interval of the inertia by a method; None where its error is not known, or where the method is biased."""
+    reading = fit.methods[name]
+    if name == "peak" or not math.isfinite(reading.standard_error):
+        return None
+    if name == fit.chosen:
+        return fit.estimate.interval("inertia")
+    if name == "regression" and fit.regression is not None:
+        return fit.regression.estimate.interval("inertia")
+    periods = sum(trial.cycles for trial in fit.trials)
+    degrees_of_freedom = periods - 1.0 if periods > 1 else math.inf
+    reach = t_quantile(0.975, degrees_of_freedom) * reading.standard_error
+    return reading.value - reach, reading.value + reach
+
+
+def methods_table(fit: InertiaFit, rigid_body: float | None, *, used: bool = True) -> ResultTable:
+    """Inertia by every method."""
+    unit = unit_symbol(fit.estimate.unit("inertia"))
+    columns = [text_column("method"), number_column("inertia", unit), text_column("note")]
+    columns.append(text_column(f"95 % interval, {unit}"))
+    if rigid_body is not None:
+        columns.append(number_column("over rigid body"))
+    table = ResultTable("Inertia by each method", *columns)
+    for name in (name for name in METHODS if name in fit.methods):
+        reading = fit.methods[name]
+        value = plus_minus(reading.value, reading.standard_error)
+        interval = method_interval(fit, name)
+        cells = [METHODS[name], value, _method_note(fit, name, used=used)]
+        cells.append(DASH if interval is None else _interval_text(value, interval))
+        if rigid_body is not None:
+            cells.append(f"{reading.value / rigid_body:.3f}")
+        table.add_row(*cells)
+    return table
+
+
+def _method_note(fit: InertiaFit, name: str, *, used: bool) -> str:
+    if name == fit.chosen:
+        return "used" if used else "the best of these"
+    if name != "peak":
+        return "for comparison"
+    if fit.peak_bias is None:
+        return "biased"
+    return f"biased: {100.0 * fit.peak_bias:.0f} % of the true inertia on the model's own motion"
+
+
+def sine_table(fit: InertiaFit) -> ResultTable:
+    """Each sine run, and the inertia that each method reads from it."""
+    unit, axis = unit_symbol(fit.estimate.unit("inertia")), fit.estimate.axis
+    readings = {name: _run_readings(fit, name) for name in METHODS if name in fit.methods and fit.methods[name].runs}
+    keys = list(dict.fromkeys(key for runs in readings.values() for key in runs))
+    columns: list[Column] = [text_column("sine run", [source for source, _ in keys])]
+    if len(fit.trials) == len(keys):
+        waves = [trial.motion for trial in fit.trials]
+        torques = [_peak(wave.over_one_period(wave.torque)) for wave in waves]
+        rates = [_peak(wave.over_one_period(wave.rate)) for wave in waves]
+        columns += [
+            number_column("period", "s", [f"{trial.period:.4g}" for trial in fit.trials]),
+            number_column("periods used", "", [str(trial.cycles) for trial in fit.trials]),
+            number_column(f"peak {axis.force_name}", axis.force_unit, equal_decimals(torques, 4)),
+            number_column("peak rate", axis.rate_unit, equal_decimals(rates, 3)),
+        ]
+    for name, runs in readings.items():
+        columns.append(number_column(method_title(name), unit, [runs.get(key, DASH) for key in keys]))
+    return ResultTable("Inertia from each sine run", *columns)
+
+
+def _run_readings(fit: InertiaFit, name: str) -> dict[tuple[str, int], str]:
+    """Log and number of the sine run in that log -> inertia by the method ``name``."""
+    count: Counter[str] = Counter()
+    readings = {}
+    for source, value, error in fit.methods[name].runs:
+        readings[source, count[source]] = plus_minus(value, error)
+        count[source] += 1
+    return readings
+
+
+def _peak(values: FloatArray) -> float:
+    return float(np.max(np.abs(values)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class CorrelationTable:
+    """Correlations of parameters as text, each with its shade, 0 for none."""
+
+    caption: str
+    names: tuple[str, ...]
+    cells: tuple[tuple[tuple[str, int], ...], ...]
+
+    @property
+    def rows(self) -> list[tuple[str, tuple[tuple[str, int], ...]]]:
+        """Each parameter with its cells."""
+        return list(zip(self.names, self.cells, strict=True))
+
+
+def correlation_table(stored: Parameters) -> CorrelationTable | None:
+    """Correlations of stored parameters; None where no two of them were estimated together."""
+    known, axis = stored.covariance, stored.axis
+    names = [name for name in dict.fromkeys((*base_names(axis), *stored.entries)) if name in stored.entries]
+
+    def correlation(first: str, second: str) -> float:
+        covariance = known.get((first, second), known.get((second, first), 0.0))
+        variances = known.get((first, first), 0.0) * known.get((second, second), 0.0)
+        # The file holds zero for parameters that were not estimated together.
+        return covariance / math.sqrt(variances) if variances > 0.0 and covariance != 0.0 else math.nan
+
+    if not any(math.isfinite(correlation(*pair)) for pair in combinations(names, 2)):
+        return None
+
+    def cell(first: str, second: str) -> tuple[str, int]:
+        if first == second:
+            return "1", 0
+        value = correlation(first, second)
+        shade = sum(abs(value) >= least for least in _SHADES)
+        return format_number(value, "+.2f").replace("-", "−"), shade
+
+    return CorrelationTable(
+        caption="Correlation of parameters",
+        names=tuple(axis.reword(parameter_title(name)) for name in names),
+        cells=tuple(tuple(cell(first, second) for second in names) for first in names),
+    )

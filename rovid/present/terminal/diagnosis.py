@@ -1,0 +1,163 @@
+"""Diagnosis, comparison and controller on a terminal."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+
+from rich.console import Console
+from rich.text import Text
+
+from rovid.compare.comparison import Comparison
+from rovid.control.design import ControllerDesign
+from rovid.core.console import labelled_text
+from rovid.core.formatting import plus_minus
+from rovid.diagnose.result import (
+    UNIDENTIFIABLE,
+    Diagnosis,
+    Finding,
+    ModelAssessment,
+    discriminating_experiment,
+    next_experiment,
+    unidentifiable_parameters,
+)
+from rovid.present.console import print_labelled, print_text, show_caution, show_warnings
+from rovid.present.sentences import (
+    cause_name,
+    cause_title,
+    comparison_headline,
+    comparison_sentences,
+    confidence_words,
+    improvement_sentence,
+    join_words,
+    verdict_sentence,
+)
+from rovid.present.tables.control import gains_table, runs_table
+from rovid.present.tables.diagnosis import (
+    changes_table,
+    cross_prediction_table,
+    detectable_table,
+    explanations_table,
+    held_out_table,
+    predictions_table,
+    ratios_table,
+    ruled_out_names,
+)
+from rovid.present.tables.fits import estimate_table
+from rovid.trial.assumptions import Assumptions
+from rovid.trial.vehicle import Vehicle
+
+_ALTERNATIVES_SHOWN = 3
+
+
+def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> None:
+    """Print the verdict, the causes with their evidence, the improvement, and the next run."""
+    axis, guess = vehicle.axis, vehicle.assumptions
+    print_labelled(console, verdict_sentence(diagnosis, guess))
+    if diagnosis.missing:
+        print_text(console, diagnosis.missing)
+    if diagnosis.from_tables is not None:
+        predictions_table(diagnosis.from_tables).print(console, guess)
+        if diagnosis.from_tables.causes:
+            explanations_table(diagnosis.from_tables).print(console, guess)
+        if diagnosis.from_tables.ruled_out:
+            print_text(console, f"would not explain the tables alone: {ruled_out_names(diagnosis.from_tables)}")
+    for finding in (*diagnosis.findings, *diagnosis.suspects):
+        _show_finding(console, finding)
+    for signal, gain in diagnosis.signals:
+        console.print()
+        dependence = f"{axis.reword(signal.title)} (log-likelihood gain {gain:.0f})"
+        print_text(console, f"Unexplained: {dependence}. This is a dependence, not a cause.")
+    if diagnosis.base is not None and diagnosis.extended is not None:
+        _show_improvement(console, diagnosis, diagnosis.base, diagnosis.extended)
+        console.print(estimate_table(diagnosis.extended.estimate))
+        share = 100.0 * diagnosis.unexplained_share
+        print_text(console, f"left unexplained: {share:.2g} % of the {axis.force_name}'s variance")
+    if diagnosis.verdict == "nothing_found":
+        detectable_table(diagnosis, vehicle).print(console, guess)
+    unidentifiable = [UNIDENTIFIABLE[name] for name in unidentifiable_parameters(vehicle)]
+    print_text(console, f"never visible in {axis.name} data: {join_words(unidentifiable)}")
+    run = next_experiment(diagnosis)
+    print_labelled(console, "Next:", f"{run['run']} ({run['reason']})")
+
+
+def _show_finding(console: Console, finding: Finding) -> None:
+    """Print a cause with its parameters, its evidence, and the run that decides between alternatives."""
+    effect, estimate = finding.effect, finding.estimate
+    sizes = []
+    for parameter in effect.parameters:
+        name = f"{effect.key}.{parameter.name}"
+        value = plus_minus(estimate.value(name), estimate.standard_error(name))
+        guessed = "guessed " * estimate.is_placeholder(name)
+        sizes.append(f"{parameter.name} {guessed}{value} {estimate.unit(name)}".removesuffix(" 1"))
+    console.print()
+    name = cause_name(finding)
+    print_labelled(console, f"{name[:1].upper()}{name[1:]}:", ", ".join(sizes))
+    if caveat := estimate.assumptions.effect_caveat(effect.id):
+        print_text(console, Text(f"  {caveat}", style="red"), 2)
+    print_text(console, f"  {confidence_words(finding)}")
+    print_text(console, f"  {effect.key}: {effect.equation}")
+    evidence = f"log-likelihood gained: {finding.bic_gain:.0f}, on held-out trials {finding.held_out_gain:.0f}"
+    if finding.alternatives:
+        others = [
+            f"{estimate.axis.reword(other.effect.title)} {other.bic_gain:.0f}"
+            for other in finding.alternatives[:_ALTERNATIVES_SHOWN]
+        ]
+        evidence += f"; by alternative causes: {', '.join(others)}"
+    print_text(console, f"  {evidence}", 2)
+    decides = discriminating_experiment(finding)
+    if decides is None:
+        return
+    verb = "decides" if "commands" in decides else "may decide"
+    print_text(console, f"  these data do not distinguish the causes; this run {verb}: {decides['run']}", 2)
+    if "commands" in decides:
+        one, other = (shlex.quote(each.key) for each in (effect, finding.indistinguishable[0]))
+        command = labelled_text(f"rovid plan --between {one} --between {other}", "writes it")
+        console.print(f"  in {decides['minutes']:.1f} min;", command, highlight=False)
+
+
+def _show_improvement(console: Console, diagnosis: Diagnosis, base: ModelAssessment, extended: ModelAssessment) -> None:
+    """Print the errors on held-out trials without and with the causes."""
+    axis, one, other = base.estimate.axis, base.held_out, extended.held_out
+    errors = {}
+    # Of several horizons the longest remains.
+    for horizon, before in one.position_errors.items():
+        after = other.position_errors[horizon]
+        if before is not None and after is not None:
+            errors[f"{axis.position_words} error"] = (before, after)
+    errors[f"{axis.rate_words} error"] = (one.rate_rmse, other.rate_rmse)
+    console.print()
+    if extended.model.effects:
+        print_labelled(console, "Gain:", improvement_sentence(errors))
+    held_out_table(diagnosis, base, extended).print(console, base.estimate.assumptions)
+
+
+def show_comparison(console: Console, comparison: Comparison, guess: Assumptions, warnings: Sequence[str]) -> None:
+    """Print the result of a comparison, its tables, and the causes of both campaigns."""
+    show_caution(console, guess)
+    print_labelled(console, comparison_headline(comparison))
+    for sentence in comparison_sentences(comparison):
+        print_text(console, sentence)
+    console.print()
+    for table in (changes_table(comparison, guess), ratios_table(comparison), cross_prediction_table(comparison)):
+        if table is not None:
+            table.print(console, guess)
+    for side, campaign, causes in zip("AB", (comparison.a, comparison.b), comparison.causes, strict=True):
+        titles = join_words(list(map(cause_title, causes))) or "none"
+        print_text(console, f"{side} is {campaign.name}; causes: {titles}")
+    show_warnings(console, [*comparison.warnings, *warnings])
+
+
+def show_control(console: Console, design: ControllerDesign, guess: Assumptions) -> None:
+    """Print gains, margins and closed-loop runs."""
+    if not design.margins.stable:
+        print_labelled(console, "The loop is unstable about rest with these gains.")
+    gains_table(design, guess).print(console, guess)
+    if design.spread is not None:
+        stable = f"{100.0 * design.spread.stable:.0f} %"
+        print_text(console, f"{stable} of {design.spread.draws} loops drawn from the parameter uncertainty are stable")
+    if not design.allocation.limited:
+        print_text(console, "no thrusters are known: the torque itself is commanded, without limit")
+    runs_table(design).print(console, guess)
+    if design.model.effects:
+        print_text(console, f"effects: {', '.join(effect.key for effect in design.model.effects)}")

@@ -1,0 +1,260 @@
+"""Results of fits, simulations, plans, exports and surveys on a terminal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from rich.console import Console
+
+from rovid.core.formatting import plus_minus, rounded
+from rovid.design.experiment_design import DECISIVE_LLR, ExperimentPlan
+from rovid.estimate.estimate import PER_INERTIA
+from rovid.estimate.free_decay import FreeDecay, Quantity, analyse_free_decay
+from rovid.estimate.inertia import InertiaFit
+from rovid.estimate.maximum_likelihood import LikelihoodFit
+from rovid.estimate.steady_drag import DragFit
+from rovid.estimate.thrust_curve import ThrustCurveFit
+from rovid.export.run_export import VerifiedExport
+from rovid.model.simulation import TrialSimulation
+from rovid.preflight.config_writer import assumptions_in, log_count_text
+from rovid.preflight.log_survey import LogSurvey
+from rovid.present.console import print_labelled, print_path, print_text, show_caution, show_warnings
+from rovid.present.numbers import format_number, unit_symbol
+from rovid.present.tables.fits import directions_table, estimate_table, methods_table, sine_table, steady_table
+from rovid.present.tables.table import ResultTable, mixed_number_column, text_column
+from rovid.present.tables.trials import simulation_table
+from rovid.signals.preprocessing import PreparedRuns
+from rovid.store.parameter_file import Parameters
+from rovid.store.study import Study
+from rovid.trial.assumptions import Assumptions
+from rovid.trial.axis import YAW
+
+_RUNS_SHOWN = 8
+# Largest number of bench readings in the table.
+_READINGS_SHOWN = 40
+_Fit = TypeVar("_Fit", DragFit, InertiaFit, LikelihoodFit)
+
+
+def show_fit(
+    console: Console, fit: _Fit, show: Callable[[Console, _Fit], None], study: Study, parameters: Parameters
+) -> None:
+    """Print a fit, the low-pass filter, the warnings, and the path of the parameter file."""
+    show_caution(console, study.vehicle.assumptions)
+    show(console, fit)
+    if study.runs is not None and isinstance(fit, LikelihoodFit) and fit.estimate.per_inertia:
+        _show_decay(console, analyse_free_decay(fit.model, fit.estimate, study.runs.items, study.vehicle))
+    if study.runs is not None:
+        _show_filter(console, study.runs)
+    show_warnings(console, [*study.remarks(), *fit.estimate.warnings])
+    print_text(console, f"written to {parameters.path}")
+
+
+def _show_filter(console: Console, runs: PreparedRuns) -> None:
+    """Print the cut-off frequency and the noise of the filtered signals."""
+    noise, rate, acceleration = runs.noise()
+    name, shown, factor = runs.axis.measured_quantity(integrated=runs.rate_only)
+    unit = runs.axis.rate_unit
+    origin = "chosen from the data" if runs.chosen else "as given"
+    print_text(
+        console,
+        f"low pass {runs.cutoff:.3g} Hz, {origin}; noise: {name} {format_number(noise * factor, 2)} {shown}, "
+        f"rate {format_number(rate, 2)} {unit}, acceleration {format_number(acceleration, 2)} {unit}²",
+    )
+
+
+def show_drag(console: Console, fit: DragFit) -> None:
+    """Print the result of `rovid fit-drag`."""
+    estimate, guess, correlation = fit.estimate, fit.estimate.assumptions, math.nan
+    steady_table(fit).print(console, guess)
+    if fit.unsteady:
+        logs = ", ".join(dict.fromkeys(point.source for point in fit.unsteady))
+        print_text(console, f"{len(fit.unsteady)} holds left out because the rate was still changing, in {logs}")
+    console.print(estimate_table(estimate))
+    if not estimate.refused:
+        correlation = estimate.correlation("quadratic_drag", "linear_drag")
+    print_text(
+        console,
+        f"{estimate.method}; R² {format_number(fit.r_squared, '.4f')}; correlation of DQ and DL "
+        f"{format_number(correlation, '.2f')}; {estimate.samples} steady states",
+    )
+    if fit.directions:
+        directions_table(fit).print(console, guess)
+
+
+def show_inertia(console: Console, fit: InertiaFit) -> None:
+    """Print the result of `rovid fit-inertia`."""
+    estimate = fit.estimate
+    methods_table(fit, None).print(console, estimate.assumptions)
+    if any(reading.runs for reading in fit.methods.values()):
+        sine_table(fit).print(console, estimate.assumptions)
+    console.print(estimate_table(estimate))
+    if fit.added_inertia is not None:
+        added = plus_minus(fit.added_inertia, estimate.standard_error("inertia"))
+        unit = unit_symbol(estimate.unit("inertia"))
+        print_text(console, f"added inertia (inertia less that of the rigid body): {added} {unit}")
+
+
+def show_likelihood(console: Console, fit: LikelihoodFit) -> None:
+    """Print the result of `rovid fit`."""
+    estimate, axis = fit.estimate, fit.estimate.axis
+    console.print(estimate_table(estimate))
+    innovations = "white" if fit.white else "not white"
+    print_text(
+        console,
+        f"{estimate.method}: log-likelihood {fit.log_likelihood:.1f} over {estimate.samples} readings; "
+        f"innovations {innovations}",
+    )
+    name, unit, factor = axis.measured_quantity(integrated=fit.rate_only)
+    force_unit = axis.force_unit + (PER_INERTIA if estimate.per_inertia else "")
+    noise = format_number(factor * fit.position_noise, 2)
+    disturbance = estimate.assumptions.mark_number(format_number(fit.disturbance), axis.force_unit)
+    print_text(
+        console,
+        f"disturbance {axis.force_name} {disturbance} {force_unit} with a correlation time of "
+        f"{format_number(fit.correlation_time, 2)} s; {name} noise {noise} {unit}",
+    )
+    print_text(
+        console,
+        f"free-running {axis.rate_words} R² {fit.free_run_r2:.4f}; a fit to the free-running rate alone reaches "
+        f"{fit.simulation_r2:.4f}",
+    )
+
+
+def _show_decay(console: Console, decay: FreeDecay) -> None:
+    """Print period and damping of the swings, and the ratios to the inertia."""
+
+    def shown(quantity: Quantity) -> str:
+        return plus_minus(quantity.value, quantity.standard_error)
+
+    columns = map(mixed_number_column, ("deg", "natural period", "damping ratio"), ("", "s", ""))
+    table = ResultTable("Free decay", text_column("swing from"), *columns)
+    for swing in (*decay.swings, decay.rms_swing):
+        name = f"the largest of {swing.name}" if swing.name else "the root mean square of all"
+        amplitude = format_number(math.degrees(swing.amplitude), ".1f")
+        table.add_row(name, amplitude, shown(swing.natural_period), shown(swing.damping_ratio))
+    console.print(table)
+    linear, quadratic = map(shown, decay.terms.values())
+    frequency = decay.natural_frequency
+    ratios = [f"{name.replace('_', ' ')} {shown(each)} {each.unit}" for name, each in decay.over_inertia.items()]
+    print_text(
+        console,
+        f"natural frequency {shown(frequency)} {frequency.unit}; damping ratio {linear} from the linear drag, and "
+        f"{quadratic} for each rad of amplitude from the quadratic drag",
+    )
+    print_text(console, f"over the inertia: {', '.join(ratios)}")
+
+
+def show_simulation(console: Console, simulations: Sequence[TrialSimulation], guess: Assumptions) -> None:
+    """Print how well the free-running simulation follows each trial."""
+    simulation_table(simulations).print(console, guess)
+
+
+def show_bench(console: Console, fit: ThrustCurveFit, output: Path) -> None:
+    """Print bench readings next to the fitted thrust curve."""
+    columns = map(mixed_number_column, ("command", "thrust", "curve", "residual"), ("", "N", "N", "N"))
+    table = ResultTable("Bench readings against the curve", *columns)
+    step = max(len(fit.command) // _READINGS_SHOWN, 1)
+    # Decimals of a thousandth of the largest reading, the accuracy of a good bench.
+    decimals = 3 - math.ceil(math.log10(float(np.max(np.abs(fit.thrust)))))
+    readings = zip(fit.command[::step], fit.thrust[::step], fit.residuals[::step], strict=True)
+    for command, thrust, residual in readings:
+        cells = [rounded(value, decimals) for value in (thrust, thrust - residual, residual)]
+        table.add_row(f"{command:.5g}", *cells)
+    console.print(table)
+    if step > 1:
+        print_text(console, f"every {step}th of {len(fit.command)} readings shown")
+    dead_zone = "none" if fit.dead_zone is None else " to ".join(f"{end:.5g}" for end in fit.dead_zone)
+    least, most = (rounded(value, decimals) for value in (fit.curve.thrust.min(), fit.curve.thrust.max()))
+    largest = format_number(float(np.max(np.abs(fit.residuals))), 2)
+    print_text(
+        console,
+        f"dead zone {dead_zone}; thrust {least} to {most} N; residual {format_number(fit.rms, 2)} N rms, "
+        f"{largest} N at most",
+    )
+    print_text(console, f"written to {output}")
+
+
+def show_plan(console: Console, plan: ExperimentPlan, written: Sequence[Path]) -> None:
+    """Print the best runs and the paths of the files that were written."""
+    discriminates = len(plan.models) > 1
+    if discriminates:
+        gain, caption = "log-likelihood", f"Runs that distinguish {plan.models[0].name} from {plan.models[1].name}"
+    else:
+        gain, caption = "variance over", f"Runs that make {plan.parameter.replace('_', ' ')} more certain"
+    columns = map(mixed_number_column, ("minutes", f"{gain} a minute", gain))
+    table = ResultTable(caption, text_column("run"), *columns)
+    for best in plan.runs[:_RUNS_SHOWN]:
+        gains = [best.gain_per_minute, best.gain]
+        if not discriminates:
+            # The gain is the logarithm of the factor by which the variance falls.
+            gains = list(map(math.exp, gains))
+        table.add_row(best.run.name, format_number(best.run.seconds / 60.0, ".1f"), *map(format_number, gains))
+    console.print(table)
+    if not plan.is_decisive:
+        undecided = (
+            f"No run is expected to decide: this takes a log-likelihood gain of {DECISIVE_LLR:.0f}. Allow longer runs "
+            "or larger commands, or repeat the best run several times."
+        )
+        show_warnings(console, [undecided])
+    for path in written:
+        print_path(console, f"written: {path}")
+
+
+def show_export(console: Console, path: Path, made: VerifiedExport) -> None:
+    """Print the difference between the target's equation and the model, and the parts that the target lacks."""
+
+    def difference(percent: float, rms: float) -> str:
+        return f"{format_number(percent, 2)} % of its range, {format_number(rms, 2)} rad/s rms"
+
+    print_path(console, str(path))
+    size = difference(made.mismatch.percent_of_range, made.mismatch.rms)
+    print_text(console, f"re-simulated with the target's equation: yaw rate off by {size}")
+    if made.losses:
+        size = difference(made.kept_mismatch.percent_of_range, made.kept_mismatch.rms)
+        print_text(console, f"without the parts that the target lacks: {size}")
+    for loss in made.losses:
+        text = f"{loss.what}, {format_number(loss.percent_of_range, 2)} % of range: {loss.why}."
+        print_labelled(console, "Not held:", text, "red")
+    show_warnings(console, made.warnings)
+
+
+def show_survey(console: Console, survey: LogSurvey, written: Sequence[Path]) -> None:
+    """Print the columns that were recognised, open questions, and the next steps."""
+    guess, config = assumptions_in(survey), written[0]
+    for signal in survey.unrecognised:
+        option = "command" if signal == "command" else "heading"
+        text = f"no column was recognised as {signal}; name it in {config}, or with --{option}."
+        print_labelled(console, "Open:", text)
+    if survey.unknown_directions:
+        verb = survey.axis.motion_verb.removesuffix("s")
+        thrusters = ", ".join(survey.unknown_directions)
+        print_labelled(console, "Open:", f"which way {thrusters} {verb} the vehicle: the logs do not show it.")
+    show_caution(console, guess)
+    if survey.profile is not None:
+        origin = "a guess, from the outputs that turn it" if survey.profile_guessed else "as published"
+        print_labelled(console, "Vehicle:", f"{survey.profile.name} ({survey.profile.id}), {origin}.")
+    if survey.join is not None:
+        parts = " and ".join(survey.join.parts)
+        print_labelled(console, "Joined:", f"files whose names differ in {parts} form one trial.")
+    for group in survey.clock_offsets.groups:
+        print_labelled(console, "Clocks:", survey.clock_offsets.text(group))
+    columns = map(text_column, ("signal", "taken from", "unit", "why"))
+    table = ResultTable(f"Guessed from {log_count_text(survey)}", *columns)
+    for mapping in survey.mappings.values():
+        for name, signal_guess in mapping.signals.items():
+            table.add_row(name, signal_guess.source, signal_guess.unit, signal_guess.reason)
+        for command in mapping.commands:
+            table.add_row(f"command of {command.name}", command.source, "", command.reason)
+    console.print(table)
+    show_warnings(console, survey.warnings)
+    for path in written:
+        print_path(console, f"written: {path}")
+    task = f"measure {guess.listing}, enter them in {config}" if guess else f"check the columns in {config}"
+    print_labelled(console, "Next:", f"{task}; then")
+    axis = "" if survey.axis is YAW else f" --axis {survey.axis.name}"
+    for name in ("check", "report"):
+        print_path(console, f"  rovid {name} {survey.folder}{axis}")

@@ -1,0 +1,195 @@
+"""Events of a watched trial day on a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from datetime import datetime
+from pathlib import Path
+
+from rich.console import Console
+
+from rovid.core.formatting import plus_minus
+from rovid.estimate.estimate import Estimate
+from rovid.present.console import print_labelled, print_path, print_text, show_caution, show_warnings
+from rovid.present.documents.watch import parameters_with_previous
+from rovid.present.numbers import DASH, format_number
+from rovid.present.sentences import cause_name, confidence_words, join_words, verdict_sentence
+from rovid.present.tables.table import ResultTable, mixed_number_column, text_column
+from rovid.watch.folder_monitor import Problem
+from rovid.watch.session import Event, LogsChanged, LogsDiagnosed, ModelFitted, NextRun, SessionEnded
+from rovid.watch.stop_criteria import CriterionStatus, StopCriterion
+from rovid.watch.watched_log import WatchedLog
+
+# Ratio of the 95 % intervals before and after a log from which the log is said to narrow them.
+_NARROWER = 1.05
+
+
+def show_watch_start(
+    console: Console, folder: Path, until: Sequence[StopCriterion], interval: float, *, once: bool
+) -> None:
+    """Print which folder is watched, and what ends the session."""
+    if once:
+        return
+    end = "until Ctrl-C"
+    if until:
+        end = f"until {join_words(list(map(str, until)))}; Ctrl-C ends it before"
+    print_labelled(console, "Watching", f"{folder}, every {interval:g} s, {end}.")
+
+
+def show_watch_event(console: Console, event: Event, *, at: datetime | None = None) -> None:
+    """Print an event, with its time of day where one is given."""
+    if isinstance(event, LogsChanged):
+        _show_logs(console, event, "Logs:" if at is None else f"{at:%H:%M:%S}")
+    elif isinstance(event, ModelFitted):
+        _show_model(console, event)
+    elif isinstance(event, LogsDiagnosed):
+        _show_diagnosis(console, event)
+    elif isinstance(event, NextRun):
+        _show_next_run(console, event)
+    elif isinstance(event, Problem):
+        label, style = ("Mended:", "green") if event.resolved else ("Note:", "yellow")
+        text = event.text if event.text.startswith(event.where) else f"{event.where}: {event.text}"
+        print_labelled(console, label, text, style)
+    else:
+        _show_end(console, event)
+
+
+def _show_logs(console: Console, event: LogsChanged, label: str) -> None:
+    console.print()
+    print_labelled(console, label, f"{'; '.join(_log_changes(event))}.", indent=2)
+    for log in (*event.change.added, *event.change.replaced):
+        if log.cut:
+            show_warnings(console, [f"{log.name}: the log was cut short and has not grown since. {log.cut}"])
+
+
+def _log_changes(event: LogsChanged) -> Iterator[str]:
+    change = event.change
+    if len(change.added) == 1:
+        yield f"{change.added[0].name}, {_duration(change.added)}"
+    elif change.added:
+        yield f"{len(change.added)} logs, {_duration(change.added)}: {_names(change.added)}"
+    for log in change.replaced:
+        yield f"{log.name} was replaced, {_duration([log])}"
+    for before, after in change.renamed:
+        yield f"{before.name} was renamed to {after.name}"
+    if change.removed:
+        yield f"{_names(change.removed)} removed from the folder"
+    if change.settings:
+        yield "rovid.toml, or a thrust curve, has changed"
+
+
+def _names(logs: Sequence[WatchedLog]) -> str:
+    return join_words([log.name for log in logs])
+
+
+def _duration(logs: Sequence[WatchedLog]) -> str:
+    return f"{sum(log.seconds for log in logs) / 60.0:.1f} min"
+
+
+def _show_model(console: Console, event: ModelFitted) -> None:
+    if event.fit is None:
+        print_labelled(console, "Not enough yet:", event.missing, "bold yellow", indent=2)
+        return
+    estimate = event.fit.estimate
+    show_caution(console, estimate.assumptions)
+    headline = _narrowing_sentence(estimate, event.before) if event.new else "The model with these logs."
+    print_labelled(console, headline, indent=2)
+    console.print(_parameters_table(estimate, event.before))
+    _show_criteria(console, event.criteria)
+
+
+def _narrowing_sentence(estimate: Estimate, before: Estimate | None) -> str:
+    """By how much new logs narrowed the intervals."""
+    if before is None:
+        return "A first model."
+    rows = parameters_with_previous(estimate, before).items()
+    factors = {name: row["narrower"] for name, row in rows if (row["narrower"] or 0.0) >= _NARROWER}
+    if not factors:
+        return "The new logs narrowed no interval."
+    largest_first = sorted(factors, key=lambda name: -factors[name])
+    factors_words = [f"{name} {factors[name]:.2g} times" for name in largest_first]
+    return f"The new logs narrowed the intervals: {join_words(factors_words)}."
+
+
+def _parameters_table(estimate: Estimate, before: Estimate | None) -> ResultTable:
+    """Parameters with their relative intervals, and how these compare with those before the last logs."""
+    titles = ["value ± error", "unit", "95 % within"]
+    if before is not None:
+        titles += ["before", "narrower"]
+    table = ResultTable("", text_column("parameter"), *map(mixed_number_column, titles))
+    for name, row in parameters_with_previous(estimate, before).items():
+        cells = [name, plus_minus(row["value"], row["standard_error"]), row["unit"]]
+        if row.get("placeholder"):
+            table.add_row(*cells, "guessed", style="red")
+            continue
+        cells.append(_percent(row["relative_interval"]))
+        if before is not None:
+            old, factor = row["before"], row["narrower"]
+            cells.append(DASH if old is None else plus_minus(old["value"], old["standard_error"]))
+            cells.append(DASH if factor is None else f"{factor:.2g} ×")
+        table.add_row(*cells)
+    for name in estimate.refused:
+        table.add_row(name, "not determined", estimate.unit(name), DASH)
+    return table
+
+
+def _percent(share: float | None) -> str:
+    return DASH if share is None else f"{format_number(100.0 * share, 2)} %"
+
+
+def _show_criteria(console: Console, criteria: Sequence[CriterionStatus]) -> None:
+    if criteria:
+        print_labelled(console, "Until:", "; ".join(map(_criterion_words, criteria)) + ".", indent=2)
+
+
+def _criterion_words(status: CriterionStatus) -> str:
+    current = "not known yet" if status.current is None else f"{_percent(status.current)} now"
+    return f"{status.criterion}: {'reached, ' if status.met else ''}{current}"
+
+
+def _show_diagnosis(console: Console, event: LogsDiagnosed) -> None:
+    diagnosis, extended = event.diagnosis, event.diagnosis.extended
+    if diagnosis.verdict == "too_little_data":
+        print_labelled(console, "Causes:", f"not yet determined: {diagnosis.missing}", indent=2)
+        return
+    print_labelled(console, "Causes:", verdict_sentence(diagnosis, event.study.vehicle.assumptions), indent=2)
+    for finding in (*diagnosis.findings, *diagnosis.suspects):
+        print_text(console, f"  {cause_name(finding)}: {confidence_words(finding)}", 4)
+    fitted = None if event.fit is None else event.fit.estimate
+    if extended is not None and (fitted is None or extended.estimate.names != fitted.names):
+        print_labelled(console, "With these causes:")
+        console.print(_parameters_table(extended.estimate, fitted))
+    if not all(status.met for status in event.criteria):
+        _show_criteria(console, event.criteria)
+
+
+def _show_next_run(console: Console, event: NextRun) -> None:
+    minutes = "" if event.plan is None else f", {event.plan.best.run.seconds / 60.0:.1f} min"
+    print_labelled(console, "Next:", f"{event.words}{minutes}; {event.reason}.", indent=2)
+    if event.written is not None:
+        print_path(console, f"  written: {event.written}")
+
+
+def _show_end(console: Console, event: SessionEnded) -> None:
+    """Print why the session ended; after Ctrl-C also the causes and the parameters."""
+    count = len(event.logs)
+    logs = f"{count} log{'s' * (count != 1)}"
+    console.print()
+    if event.reason == "reached":
+        criteria = "; ".join(map(_criterion_words, event.criteria))
+        print_labelled(console, "Stop:", f"enough is known, by {logs}: {criteria}.", "bold green", indent=2)
+        return
+    print_labelled(console, "Ended:", f"{logs}.")
+    _show_criteria(console, event.criteria)
+    if event.reason != "interrupted":
+        return
+    estimate = None if event.fit is None else event.fit.estimate
+    if event.diagnosis is not None and event.study is not None:
+        guess = event.study.vehicle.assumptions
+        print_labelled(console, "Causes:", verdict_sentence(event.diagnosis, guess), indent=2)
+        if event.diagnosis.extended is not None:
+            estimate = event.diagnosis.extended.estimate
+    if estimate is not None:
+        console.print(_parameters_table(estimate, None))
+    if event.diagnosis is None and event.fit is not None:
+        print_text(console, "The last logs were fitted but not diagnosed: run `rovid diagnose`.")

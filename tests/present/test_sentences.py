@@ -1,0 +1,81 @@
+"""What a diagnosis comes to, in words."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rovid.diagnose.result import Diagnosis, Finding
+from rovid.effects import effect_named
+from rovid.estimate.estimate import Estimate
+from rovid.present.sentences import cause_name, confidence_words, improvement_sentence, join_words, verdict_sentence
+from rovid.trial.assumptions import Assumptions
+
+LAG = Finding(
+    effect=effect_named("thruster_lag"),
+    estimate=Estimate(
+        names=("thruster_lag.time_constant",),
+        values=np.array([0.6]),
+        covariance=np.array([[0.01**2]]),
+        method="",
+        samples=100,
+    ),
+    gain=4004.0,
+    bic_gain=4000.0,
+    held_out_gain=4500.0,
+    probability=0.97,
+    alternatives=(),
+    indistinguishable=(),
+)
+DELAY = effect_named("command_delay")
+
+
+def test_causes_are_named_in_one_sentence() -> None:
+    found = Diagnosis(verdict="found", findings=(LAG, replace(LAG, effect=DELAY)))
+    assert verdict_sentence(found, Assumptions()) == "The plain model misses thruster lag and command delay."
+    suspected = Diagnosis(verdict="suspected", suspects=(replace(LAG, indistinguishable=(DELAY,)),))
+    assert verdict_sentence(suspected, Assumptions()) == "The plain model may miss thruster lag or command delay."
+    guess = Assumptions(items=("curve of fore",), thrusters=1)
+    assert verdict_sentence(found, guess).startswith("The plain model, with a guessed thrust curve, misses")
+    assert cause_name(LAG) == "thruster lag"
+
+
+def test_where_no_cause_is_named_that_is_said() -> None:
+    said = {
+        verdict_sentence(Diagnosis(verdict=each), Assumptions())
+        for each in ("nothing_found", "unexplained", "too_little_data")
+    }
+    assert len(said) == 3
+
+
+@pytest.mark.parametrize(
+    ("sure", "words"),
+    [
+        (0.97, "established: odds 32 to 1"),
+        (0.8, "likely, not established: odds 4 to 1"),
+        (0.25, "possible, not established: odds 1 to 3"),
+    ],
+)
+def test_sureness_is_a_word_and_odds(sure: float, words: str) -> None:
+    assert confidence_words(replace(LAG, probability=sure)) == words
+
+
+def test_what_is_gained_is_a_share_of_each_error() -> None:
+    assert (
+        improvement_sentence({"heading error": (40.0, 4.0), "yaw rate error": (0.02, 0.01)})
+        == "On held-out trials: heading error 90 % smaller and yaw rate error 50 % smaller."
+    )
+    grown = improvement_sentence({"heading error": (4.0, 5.0), "yaw rate error": (0.02, 0.01)})
+    assert grown == "On held-out trials: heading error 25 % larger and yaw rate error 50 % smaller."
+
+
+def test_lists_end_in_a_word() -> None:
+    assert [join_words(texts) for texts in ([], ["a"], ["a", "b"], ["a", "b", "c"])] == [
+        "",
+        "a",
+        "a and b",
+        "a, b and c",
+    ]
+    assert join_words(["a", "b"], "or") == "a or b"
