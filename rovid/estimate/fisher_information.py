@@ -37,11 +37,6 @@ class Innovations(NamedTuple):
         """The innovations of some ``rows``."""
         return type(self)(self.error[rows], self.variance[rows])
 
-    @classmethod
-    def empty(cls, count: int) -> Self:
-        """Uninitialised arrays of ``count`` innovations."""
-        return cls(np.empty(count), np.empty(count))
-
 
 @dataclass(frozen=True, eq=False)
 class Jacobian:
@@ -106,33 +101,17 @@ class NormalEquations(NamedTuple):
         return cls(np.asarray(gradient), np.asarray(information))
 
 
-@dataclass(frozen=True, eq=False)
-class GroupedScores:
-    """Fisher information, and the gradient of each group of innovations.
-
-    Attributes
-    ----------
-    information
-        (p, p) of all innovations.
-    scores
-        For each grouping, the (m, p) gradients of its m groups.
-    """
-
-    information: FloatArray
-    scores: list[FloatArray]
-
-    @classmethod
-    def of(cls, pieces: Iterable[Jacobian], groupings: Sequence[IntArray]) -> Self:
-        """From the (N,) group numbers of each grouping."""
-        numbered = [np.unique(groups, return_inverse=True) for groups in groupings]
-        information, scores = np.zeros(()), [np.zeros(()) for _ in groupings]
-        for piece in pieces:
-            information = information + piece.information
-            columns = piece.scores.T
-            for at, (used, number) in enumerate(numbered):
-                sums = [np.bincount(number[piece.rows], weights=column, minlength=len(used)) for column in columns]
-                scores[at] = scores[at] + np.column_stack(sums)
-        return cls(information, scores)
+def grouped_scores(pieces: Iterable[Jacobian], groupings: Sequence[IntArray]) -> tuple[FloatArray, list[FloatArray]]:
+    """(p, p) Fisher information, and for each grouping by (N,) group numbers the (m, p) gradients of its m groups."""
+    numbered = [np.unique(groups, return_inverse=True) for groups in groupings]
+    information, scores = np.zeros(()), [np.zeros(()) for _ in groupings]
+    for piece in pieces:
+        information = information + piece.information
+        columns = piece.scores.T
+        for at, (used, number) in enumerate(numbered):
+            sums = [np.bincount(number[piece.rows], weights=column, minlength=len(used)) for column in columns]
+            scores[at] = scores[at] + np.column_stack(sums)
+    return information, scores
 
 
 def negative_log_likelihoods(error: FloatArray, variance: FloatArray) -> FloatArray:

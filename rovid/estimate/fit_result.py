@@ -13,7 +13,7 @@ from rovid.core.array_types import FloatArray
 from rovid.effects import Effect
 from rovid.estimate.dataset import FitData
 from rovid.estimate.fisher_information import (
-    GroupedScores,
+    grouped_scores,
     inverse_information,
     is_white,
     sandwich_covariance,
@@ -168,16 +168,16 @@ class FitResult:
         parametrization, data = self.objective.parametrization, self.data
         # Coordinates at a bound are included: taking them as certain would make the others look certain.
         groupings = [self.objective.masked(groups) for groups in (data.block_index, data.run_index)]
-        here = GroupedScores.of(self.objective.robust_jacobian(self.x), groupings if sandwich else [])
+        information, scores = grouped_scores(self.objective.robust_jacobian(self.x), groupings if sandwich else [])
         shown, size = parametrization.model_jacobian(self.x)
-        if not np.isfinite(here.information).all():
+        if not np.isfinite(information).all():
             # A model that diverges within a difference step leaves the covariance unknown.
             return np.diag(np.full(len(size), math.inf))
-        plain = covariance = inverse_information(here.information)
+        plain = covariance = inverse_information(information)
         if sandwich:
-            covariance = _sandwich_by_runs(plain, *here.scores)
+            covariance = _sandwich_by_runs(plain, *scores)
             # A coordinate without derivatives has no scores, which does not make it certain.
-            flat = np.diag(here.information) == 0.0
+            flat = np.diag(information) == 0.0
             covariance = np.where(flat | flat[:, np.newaxis], plain, covariance)
         inflation = float(np.median(np.sqrt(np.diag(covariance)[:3] / np.diag(plain)[:3])))
         covariance = self._with_piecewise_constant(covariance, inflation)

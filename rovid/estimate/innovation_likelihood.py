@@ -197,7 +197,8 @@ def _evaluate_batch(pairs: Sequence[tuple[InnovationLikelihood, FloatArray]]) ->
     chunks = [objective.chunks for objective, _ in pairs]
     if len(chunks[0]) == 1:
         return _filter_chunk(pairs)
-    joined = [Innovations.empty(objective.rows.stop) for objective, _ in pairs]
+    counts = [objective.rows.stop for objective, _ in pairs]
+    joined = [Innovations(np.empty(count), np.empty(count)) for count in counts]
 
     def fill(each: Sequence[InnovationLikelihood]) -> None:
         few = [(chunk, x) for chunk, (_, x) in zip(each, pairs, strict=True)]

@@ -12,7 +12,6 @@ from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
 from rovid.core.formatting import significant
 from rovid.effects import Effect
-from rovid.estimate.dataset import FitData
 from rovid.estimate.estimate import PER_INERTIA, Estimate
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult, fit
@@ -118,7 +117,11 @@ def fit_likelihood(
     start = fit_output_error(runs, min_sigmas=0.0 if effects else MIN_INERTIA_SIGMAS)
     data = InnovationData(runs, vehicle, start, gyro=gyro)
     simulation_r2 = free_run_r2(runs, start)
-    fitted = fit_innovations(data, simulation_r2) if simulation_r2 >= INNOVATIONS_R2 else _fit_multi_step(data)
+    if simulation_r2 >= INNOVATIONS_R2:
+        fitted = fit_innovations(data, simulation_r2)
+    else:
+        objective = MultiStepLikelihood(MultiStepData.from_data(data, start))
+        fitted = fit(objective, objective.parametrization.initial())
     if effects:
         fitted = add_effects(fitted, effects)
     return _result(fitted, simulation_r2)
@@ -137,12 +140,6 @@ def fit_innovations(data: InnovationData, simulation_r2: float) -> FitResult:
         if fitted.simulated_r2 >= simulation_r2 - _MAX_R2_LOSS:
             break
     return max(tried, key=lambda one: one.simulated_r2)
-
-
-def _fit_multi_step(data: FitData) -> FitResult:
-    """Fit of multi-step predictions without effects."""
-    objective = MultiStepLikelihood(MultiStepData.from_data(data, data.initial_model))
-    return fit(objective, objective.parametrization.initial())
 
 
 def add_effects(base: FitResult, effects: tuple[Effect, ...]) -> FitResult:

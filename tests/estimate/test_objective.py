@@ -8,7 +8,7 @@ import pytest
 from rovid.diagnose.score_test import screen
 from rovid.effects import effect_named
 from rovid.estimate.filter_data import InnovationData
-from rovid.estimate.fisher_information import GroupedScores, NormalEquations, jacobian_chunks
+from rovid.estimate.fisher_information import NormalEquations, grouped_scores, jacobian_chunks
 from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from rovid.estimate.multi_step_data import MultiStepData
@@ -44,11 +44,10 @@ def test_the_gradient_is_the_derivative_of_the_value(objective: InnovationLikeli
 def test_scores_of_all_blocks_add_up_to_the_gradient(objective: InnovationLikelihood) -> None:
     x, groups = objective.parametrization.initial(), objective.data.block_index
     here = NormalEquations.from_jacobians(objective.jacobian(x))
-    scatter = GroupedScores.of(objective.robust_jacobian(x), [groups])
-    (scores,) = scatter.scores
+    information, (scores,) = grouped_scores(objective.robust_jacobian(x), [groups])
     assert len(scores) == len(np.unique(groups))
     assert scores.sum(axis=0) == pytest.approx(here.gradient)
-    assert scatter.information == pytest.approx(here.information)
+    assert information == pytest.approx(here.information)
     (whole,) = objective.jacobian(x)
     assert scores[0] == pytest.approx(whole.scores[groups == groups[0]].sum(axis=0))
 
