@@ -1,4 +1,4 @@
-"""What an estimate says of its parameters."""
+"""Intervals, ratios and placeholders of an estimate."""
 
 from __future__ import annotations
 

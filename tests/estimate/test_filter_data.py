@@ -128,7 +128,7 @@ def test_chunks_give_the_likelihood_of_all_runs(monkeypatch: pytest.MonkeyPatch,
     cut = objective_of(monkeypatch, 100, key, interval)
     x = point(whole)
     here, there = whole.innovations(x), cut.innovations(x)
-    # Filters of one chunk take the steps that it needs, and no more.
+    # The filter of a chunk takes the integration steps that the chunk needs, fewer than those of all runs.
     scatter = np.sqrt(here.variance)
     assert np.max(np.abs(there.error - here.error) / scatter) < 1e-3
     assert np.max(np.abs(np.sqrt(there.variance) / scatter - 1.0)) < 1e-3
@@ -176,7 +176,7 @@ def test_jacobians_take_the_memory_of_one_chunk(monkeypatch: pytest.MonkeyPatch)
         objective = objective_of(monkeypatch, at_once, "supply_sag:drift", runs=many)
         x = point(objective)
         known = objective.evaluate_with_spare(x)
-        # What is kept of the logs is there already.
+        # The first evaluation fills the caches.
         NormalEquations.from_jacobians(objective.jacobian(x, known))
         tracemalloc.start()
         NormalEquations.from_jacobians(objective.jacobian(x, known))

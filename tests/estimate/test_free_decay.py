@@ -1,4 +1,4 @@
-"""Free decays: simulated by scipy, and three real ones; what is known of them, and what is refused."""
+"""Free decays, simulated by scipy and three real ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The climb to the most likely parameters."""
+"""The innovation likelihood: its optimum, evaluation of several models together, the limit of the disturbance."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_the_fit_of_an_incomplete_model_converges(tmp_path: Path) -> None:
     begun = minimize(objective, first, iterations=1)
     assert minimize(objective, late.x).stop_reason is StopReason.CONVERGED
     assert begun.stop_reason is StopReason.MAX_ITERATIONS
-    # One step says that much is left, and at the end there is nothing.
+    # The remaining gain is large after one step and below the tolerance at the end.
     assert begun.remaining_gain > begun.value - late.value
     assert soon.remaining_gain <= TOLERANCE
 
@@ -51,7 +51,7 @@ def test_objectives_evaluated_together_equal_each_alone() -> None:
     for (objective, x), together in zip(pairs, InnovationLikelihood.evaluate_each(pairs), strict=True):
         alone = objective.innovations(x)
         scatter = np.sqrt(alone.variance)
-        # Side by side all take the steps of the one that needs most.
+        # All lanes take the integration steps of the lane that needs most.
         assert np.max(np.abs(together.error - alone.error) / scatter) < 1e-3
         assert np.max(np.abs(np.sqrt(together.variance) / scatter - 1.0)) < 1e-3
 
@@ -60,7 +60,7 @@ def test_objectives_evaluated_together_equal_each_alone() -> None:
 def test_a_disturbance_is_at_its_limit_where_half_of_it_is_less_likely(
     limit: float, missed: float, *, at_limit: bool
 ) -> None:
-    """Not where nothing is missed, nor where so little is allowed that no reading shows it."""
+    """A limit is inactive for a complete model, and for a disturbance too small to show in any reading."""
     data = InnovationData([synthetic.run(TIME, TORQUE, noise=NOISE)], synthetic.LOGGED, synthetic.ROSUB)
     objective = InnovationLikelihood(data, limit)
     x = objective.parametrization.initial()

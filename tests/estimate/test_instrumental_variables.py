@@ -70,7 +70,7 @@ def test_standard_errors_hold_in_repetition_and_least_squares_is_worse() -> None
     # A jackknife over 12 blocks knows its error to a quarter, and a spread from 25 days has 15 % of its own.
     assert ((np.std(z, axis=0) > 0.45) & (np.std(z, axis=0) < 1.8)).all()
     assert (np.abs(np.mean(z, axis=0)) < 4.0 * 1.2 / np.sqrt(25)).all()
-    # The disturbance moves the vehicle too, so that least squares finds less inertia than there is.
+    # The disturbance moves the vehicle too, and least squares underestimates the inertia.
     assert np.mean(plain, axis=0)[0] < truth[0]
 
 

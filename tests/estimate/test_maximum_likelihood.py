@@ -269,7 +269,7 @@ def test_the_limit_of_the_disturbance_is_loosened_once_the_effect_is_in(tmp_path
     plain, delayed = (
         rovid("fit", "day", "--json", *option).document["disturbance"] for option in ([], ["--effect", "command_delay"])
     )
-    # Else it would take the delay's part, and the simulation would be the worse for it.
+    # Otherwise the disturbance takes up part of the delay, and the simulation is worse.
     assert plain["at_limit"]
     assert plain["limit_share_of_torque"] < delayed["limit_share_of_torque"] == max(DISTURBANCE_LIMITS)
     assert not delayed["at_limit"]
@@ -354,7 +354,7 @@ def test_jumps_of_innovations_do_not_reduce_the_errors(jump: float, every: int, 
 
 
 def test_disagreeing_horizons_widen_the_errors_with_a_warning() -> None:
-    """A torque that comes late shows to short predictions as another drag than to long ones."""
+    """A delayed torque gives short and long predictions different drags."""
     right = fitted_ahead([synthetic.run(TIME[:900], TORQUE[:900], noise=NOISE[:900]) for _ in range(4)])
     doubt, said = misspecification_covariance(right)
     assert not said

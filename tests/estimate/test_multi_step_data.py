@@ -56,7 +56,7 @@ def test_nothing_is_predicted_across_a_gap() -> None:
 
 
 def test_correlated_errors_count_as_few() -> None:
-    """White errors count for themselves; what lasts makes one of many."""
+    """White errors are independent; slow errors are correlated."""
     slow = synthetic.gauss_markov(len(TIME), 0.2, 20.0, 200.0, np.random.default_rng(1))
     assert records(disturbance=slow).effective_count < 0.5 * records().effective_count
 

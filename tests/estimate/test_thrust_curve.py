@@ -1,4 +1,4 @@
-"""Bench curves."""
+"""Monotone thrust curves from bench readings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Trials made ready: one filter for all, and what is said of those that do not fit."""
+"""Prepared runs: a common filter, and remarks on trials that are left out."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ TORQUE = np.where(TIME < 60.0, 100.0, -100.0)
 
 
 def turning(gain: float = 1.0, offset: float = 0.0, **extras: FloatArray) -> Trial:
-    """A log of a turn one way and the other, with a gyro that is off by so much in rad/s."""
+    """A log of a turn one way and the other, with a gain and an offset (rad/s) of the gyro."""
     run = synthetic.run(TIME, TORQUE)
     gyro = gain * np.gradient(run.trial.position, TIME) + offset
     return replace(run.trial, rate=gyro, extras=extras)

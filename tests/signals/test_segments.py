@@ -1,4 +1,4 @@
-"""Where a command is held and where it is a sine."""
+"""Held commands and sine runs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tests.synthetic import LOGGED, VEHICLE, clock, trial
 
 
 def steps(*pieces: tuple[float, float], rate: float = 20.0) -> FloatArray:
-    """Levels, each held for its seconds."""
+    """Piecewise constant command from (level, seconds) pairs."""
     return np.concatenate([*(np.full(round(seconds * rate), level) for level, seconds in pieces), [pieces[-1][0]]])
 
 
