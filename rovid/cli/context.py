@@ -24,8 +24,7 @@ if TYPE_CHECKING:
     from rovid.core.atomic_write import OutputFile, OutputSet
     from rovid.diagnose.result import Diagnosis
     from rovid.estimate.estimate import Estimate
-    from rovid.readers.discover import TrialReader
-    from rovid.readers.prefetch import PrefetchedReader
+    from rovid.readers.campaign import PrefetchedReader, TrialReader
     from rovid.store.parameter_file import Parameters
     from rovid.store.study import Study
     from rovid.trial.assumptions import Assumptions
@@ -127,7 +126,7 @@ def read_ahead(
     logs: Sequence[Path] | None, parameters: Path | None, axis: str | None, *, force: bool
 ) -> PrefetchedReader:
     """Have a copy of this process read the logs, while this one loads what a diagnosis takes: a second's work."""
-    from rovid.readers.prefetch import PrefetchedReader
+    from rovid.readers.campaign import PrefetchedReader
 
     def meanwhile() -> None:
         from rovid.diagnose.objectives import preload

@@ -16,7 +16,7 @@ from rovid.preflight.clock_offsets import estimate_clock_offsets
 from rovid.preflight.command_effects import ThrusterCheck, check_thrusters
 from rovid.preflight.feedback_detection import Feedback, detect_feedback
 from rovid.readers import find_logs, read_trials
-from rovid.readers.duplicates import without_duplicates
+from rovid.readers.campaign import without_duplicates
 from rovid.signals.rates import white_noise
 from rovid.signals.segments import find_holds, find_sines
 from rovid.trial.config import Config

@@ -25,7 +25,7 @@ from rovid.effects.restoring import regressors
 from rovid.estimate.maximum_likelihood import LikelihoodFit, fit_likelihood
 from rovid.preflight.clock_alignment import SIGNIFICANT, ClockAlignment, ClockOffset, ClockOffsets, align_clocks
 from rovid.preflight.raw_columns import RawColumn
-from rovid.readers.join_files import all_channels, relative_name
+from rovid.readers.formats import all_channels, relative_name
 from rovid.signals.preprocessing import PreparedRuns, Run, prepare
 from rovid.trial.config import Config
 from rovid.trial.trial import Campaign, Trial

@@ -17,7 +17,8 @@ from rovid.preflight.signal_guess import ColumnMapping, map_columns
 from rovid.preflight.thruster_guess import GuessHints
 from rovid.readers.csv_dialect import read_layout
 from rovid.readers.formats import READERS
-from rovid.readers.raw_log import LogContents, is_plausible
+from rovid.readers.raw_log import LogContents
+from rovid.readers.timestamps import is_plausible
 from rovid.trial.axis import YAW, Axis
 from rovid.trial.config import Config
 from rovid.trial.log_files import Join, guess_parts

@@ -1,13 +1,14 @@
-"""From files to frozen trials: one file a format, one time base for all.
+"""From log files to trials: one reader for each format, one time base for all.
 
-A reader is a function ``read(path, config) -> RawLog`` that hands over channels as logged. A new format is one such
-file, one line in `rovid.trial.log_files` and one in docs/logs.md; ordering, units, unwrapping, outliers, gaps and the
-common time base are the same for all (`rovid.readers.build_trial`).
+A reader is a module with a function ``read(path, config) -> RawLog`` that returns channels as logged. A new format is
+one such module, one line in `rovid.trial.log_files` and one in docs/logs.md. Time order, units, unwrapping, outliers,
+gaps and the time base are common to all formats (`rovid.readers.build_trial`).
 """
 
 from __future__ import annotations
 
-from rovid.readers.discover import find_logs, read_campaign, read_trials
+from rovid.readers.campaign import read_campaign, read_trials
+from rovid.readers.discover import find_logs
 from rovid.readers.formats import READERS, read_log
 
 __all__ = ["READERS", "find_logs", "read_campaign", "read_log", "read_trials"]

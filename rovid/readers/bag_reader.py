@@ -1,54 +1,42 @@
-"""ROS bags: ROS 1 (.bag) and ROS 2 in SQLite (.db3); rosbags decodes their messages, fields are named as in MCAP."""
+"""ROS bags: ROS 1 (.bag) and ROS 2 in SQLite (.db3), decoded by rosbags. Fields are named as in MCAP."""
 
 from __future__ import annotations
 
-import bz2
 import json
 import sqlite3
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import Any
 from urllib.parse import quote
 
-import lz4.frame
-
 from rovid.core.errors import LogError, suggestion
-from rovid.readers.raw_log import LogContents, RawLog, foreign, mapped, require_library
-from rovid.readers.topic_extractor import Decoder, Handler, Listing, Topics
+from rovid.readers.message_topics import Decoder, TopicExtractor, TopicListing
+from rovid.readers.raw_log import LogContents, RawLog, require_library, required_signals, wrong_format
 from rovid.trial.config import Config
 from rovid.trial.trial import Remark
 
 KIND = "bag"
 _EXTRA = "ros"
-# Kinds of fields in rosbags' definitions.
-_NAME, _ARRAY, _SEQUENCE = 2, 3, 4
 _ROS1_MARK, _ROS2_MARK = b"#ROSBAG V", b"SQLite format 3\0"
-# Of SQLite's header, up to the byte that is 2 where the database is written ahead.
+# Bytes of SQLite's header, up to the read version, which is 2 for write-ahead logging.
 _READ_VERSION, _HEADER = 19, 20
-# What a damaged table holds in the place of a number, text or bytes is made such: decoding then says what is wrong.
-# Of IS NOT NULL SQLite believes a column's definition, and does not look.
+# Values of damaged tables are cast, so that decoding reports the damage. TYPEOF finds NULL in columns that are declared
+# NOT NULL, for which SQLite does not evaluate IS NOT NULL.
 _TOPICS = """SELECT CAST(id AS INTEGER), CAST(name AS TEXT), CAST(type AS TEXT), CAST(serialization_format AS TEXT)
     FROM topics WHERE 'null' NOT IN (TYPEOF(id), TYPEOF(name), TYPEOF(type), TYPEOF(serialization_format))"""
 _DEFINITIONS = """SELECT CAST(topic_type AS TEXT), CAST(encoded_message_definition AS TEXT) FROM message_definitions
     WHERE 'null' NOT IN (TYPEOF(topic_type), TYPEOF(encoded_message_definition))"""
 _MESSAGES = """SELECT CAST(topic_id AS INTEGER), CAST(timestamp AS INTEGER), CAST(data AS BLOB) FROM messages
     WHERE topic_id IN (SELECT value FROM json_each(?)) AND 'null' NOT IN (TYPEOF(timestamp), TYPEOF(data))"""
-# Views could make up rows without end.
 _TABLES = "SELECT CAST(name AS TEXT) FROM sqlite_master WHERE type = 'table'"
-# Of a chunk when unpacked, or of a row, in bytes.
-_LARGEST = 128 << 20
-# A type of more fields, fixed arrays of types written out, takes rosbags longer than anybody waits.
-_MOST_FIELDS = 8192
-_LONGEST_DEFINITION = 1 << 20
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Connection:
-    """A topic of one type; ``definition`` is empty where the bag does not hold it."""
+    """A topic of one type; ``definition`` is empty if the bag does not hold it."""
 
     number: int
     topic: str
@@ -58,36 +46,31 @@ class _Connection:
 
 
 _Messages = Callable[[Collection[int]], Iterable[tuple[int, int, bytes]]]
-# Connections, messages of some of them, and what is known to be lacking.
+# Connections, messages of some of them, and descriptions of damage.
 _Bag = tuple[list[_Connection], _Messages, list[str]]
 
 
 def read(path: Path, config: Config) -> RawLog:
-    """Wanted fields of ``path``, on the clocks that MCAP has too.
+    """Mapped fields of ``path``, with the same clocks as MCAP.
 
     Raises
     ------
     LogError
-        It is no bag, rosbags is not installed, or a topic or field is missing or no number.
+        The file is no bag, rosbags is not installed, or a topic or field is missing or no number.
     ConfigError
         rovid.toml does not map the heading or a command for bags or MCAP.
     """
-    topics = Topics(path, KIND, mapped(config, KIND, path), config.time)
+    topics = TopicExtractor(path, KIND, required_signals(config, KIND, path), config.time)
     with _opened(path) as (connections, messages, damage):
-        found = {one.number: _handler(path, topics, one) for one in connections}
-        handlers = {number: handler for number, handler in found.items() if handler is not None}
+        handlers = {}
+        for one in connections:
+            handler = topics.handler(one.topic, partial(_decoder, path, one), mapping=False)
+            if handler is not None:
+                handlers[one.number] = handler
         for number, stamp, data in _until_damage(messages, handlers, damage):
             handlers[number](data, stamp, stamp)
     remarks = tuple(Remark(kind="truncated", count=1, text=text) for text in damage)
     return topics.result(lambda _: remarks, "".join(f" {text}" for text in damage))
-
-
-def _handler(path: Path, topics: Topics, one: _Connection) -> Handler | None:
-    """What takes the messages of ``one``; None where they are not wanted."""
-    topic = topics.open(one.topic, mapping=False)
-    if topic is None:
-        return None
-    return topic.handler(partial(_decoder, path, one), mapping=False)
 
 
 def sources(path: Path) -> LogContents:
@@ -96,9 +79,9 @@ def sources(path: Path) -> LogContents:
     Raises
     ------
     LogError
-        It is no bag, or rosbags is not installed.
+        The file is no bag, or rosbags is not installed.
     """
-    listing = Listing(path, KIND)
+    listing = TopicListing(path, KIND)
     require_library("rosbags.typesys", _EXTRA, path)
     with _opened(path) as (connections, messages, damage):
         for one in connections:
@@ -110,15 +93,15 @@ def sources(path: Path) -> LogContents:
 
 
 def _until_damage(messages: _Messages, wanted: Collection[int], damage: list[str]) -> Iterator[tuple[int, int, bytes]]:
-    """The messages of the connections ``wanted``; what ends them early is put into ``damage``."""
+    """The messages of the connections ``wanted``; an early end is described in ``damage``."""
     try:
-        # To rosbags an empty choice would be every connection.
+        # rosbags takes an empty selection for every connection.
         for message in messages(wanted) if wanted else ():
-            # A damaged index leads to messages of any.
+            # A damaged index leads to messages of other connections.
             if message[0] in wanted:
                 yield message
-    except Exception as error:  # noqa: BLE001 - damaged files make the libraries raise anything
-        damage.append(f"The bag is cut or damaged ({str(error)[:100]}); what comes behind was not read.")
+    except Exception as error:  # noqa: BLE001 - libraries raise any exception on damaged files
+        damage.append(f"The bag is cut or damaged ({str(error)[:100]}); the rest was not read.")
 
 
 def _opened(path: Path) -> AbstractContextManager[_Bag]:
@@ -126,10 +109,10 @@ def _opened(path: Path) -> AbstractContextManager[_Bag]:
         head = file.read(len(_ROS2_MARK))
     if path.suffix.lower() == ".db3":
         if head != _ROS2_MARK:
-            raise foreign(path, "a ROS 2 bag in SQLite")
+            raise wrong_format(path, "a ROS 2 bag in SQLite")
         return _ros2(path)
     if not head.startswith(_ROS1_MARK):
-        raise foreign(path, "a ROS 1 bag")
+        raise wrong_format(path, "a ROS 1 bag")
     return _ros1(path)
 
 
@@ -140,56 +123,43 @@ def _ros1(path: Path) -> Iterator[_Bag]:
         reader.open()
     except Exception as error:
         raise _unreadable(path, error, "If it was not closed, `rosbag reindex` mends it; else leave it out.") from error
-    reader.chunks = {at: chunk._replace(decompressor=_unpacker(chunk)) for at, chunk in reader.chunks.items()}
 
     def messages(wanted: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
         chosen = [one for one in reader.connections if one.id in wanted]
         for one, stamp, data in reader.messages(connections=chosen):
             yield one.id, stamp, data
 
+    connections = []
+    for one in reader.connections:
+        definition = one.msgdef.data
+        connection = _Connection(
+            number=one.id, topic=one.topic, kind=one.msgtype, encoding="ros1", definition=definition
+        )
+        connections.append(connection)
     try:
-        yield list(map(_connection, reader.connections)), messages, []
+        yield connections, messages, []
     finally:
         reader.close()
 
 
-def _connection(one: Any) -> _Connection:
-    """As rosbags has it of a ROS 1 bag."""
-    return _Connection(number=one.id, topic=one.topic, kind=one.msgtype, encoding="ros1", definition=one.msgdef.data)
-
-
-def _unpacker(chunk: Any) -> Callable[[bytes], bytes]:
-    """What unpacks a chunk of rosbags' and makes no more of it than there is room for."""
-    kinds: dict[Any, Any] = {bz2.decompress: bz2.BZ2Decompressor, lz4.frame.decompress: lz4.frame.LZ4FrameDecompressor}
-    kind = kinds.get(chunk.decompressor)
-
-    def unpack(data: bytes) -> bytes:
-        unpacked: bytes = data if kind is None else kind().decompress(data, max_length=_LARGEST + 1)
-        if len(unpacked) > _LARGEST:
-            raise ValueError(f"a chunk holds more than {_LARGEST >> 20} MB")
-        return unpacked
-
-    return unpack
-
-
 @contextmanager
 def _connected(path: Path) -> Iterator[sqlite3.Connection]:
-    """The database; nothing is left beside it.
+    """The database; no new file is left next to it.
 
-    Of one that is written ahead SQLite makes a journal and its index where they are not, and leaves them there. Where
-    no journal was left there is nothing in it, and the database is read as what cannot change.
+    SQLite creates a journal and an index next to a database with write-ahead logging, and leaves them. Without a
+    journal all data are in the database, which is then opened as immutable.
     """
-    whole = path.resolve()
-    journal, index = (whole.with_name(whole.name + end) for end in ("-wal", "-shm"))
-    with whole.open("rb") as file:
-        ahead = file.read(_HEADER)[_READ_VERSION:] == b"\2"
-    how = "mode=ro&immutable=1" if ahead and not journal.exists() else "mode=ro"
-    is_ours = ahead and not index.exists()
+    absolute = path.resolve()
+    journal, index = (absolute.with_name(absolute.name + end) for end in ("-wal", "-shm"))
+    with absolute.open("rb") as file:
+        is_write_ahead = file.read(_HEADER)[_READ_VERSION:] == b"\2"
+    mode = "mode=ro&immutable=1" if is_write_ahead and not journal.exists() else "mode=ro"
+    creates_index = is_write_ahead and not index.exists()
     try:
-        with closing(sqlite3.connect(f"file:{quote(str(whole))}?{how}", uri=True)) as bag:
+        with closing(sqlite3.connect(f"file:{quote(str(absolute))}?{mode}", uri=True)) as bag:
             yield bag
     finally:
-        if is_ours:
+        if creates_index:
             index.unlink(missing_ok=True)
 
 
@@ -197,36 +167,23 @@ def _connected(path: Path) -> Iterator[sqlite3.Connection]:
 def _ros2(path: Path) -> Iterator[_Bag]:
     with _connected(path) as bag:
         bag.text_factory = lambda text: text.decode("utf-8", errors="replace")
-        bag.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _LARGEST)
+        connections = []
         try:
             names = {name for (name,) in bag.execute(_TABLES)}
             if lacking := {"topics", "messages"} - names:
                 raise sqlite3.DatabaseError(f"no table {min(lacking)}")
             # Bags up to ROS 2 Humble do not hold the definitions of their messages.
             definitions = dict(bag.execute(_DEFINITIONS)) if "message_definitions" in names else {}
-            connections = _connections(bag, definitions)
-            size = _whole_size(bag)
-        except (sqlite3.Error, UnicodeDecodeError) as error:  # SQLite quotes what is damaged, text or not
+            for number, topic, kind, encoding in bag.execute(_TOPICS):
+                definition = definitions.get(kind, "")
+                one = _Connection(number=number, topic=topic, kind=kind, encoding=encoding, definition=definition)
+                connections.append(one)
+            ((pages,),), ((page_size,),) = bag.execute("PRAGMA page_count"), bag.execute("PRAGMA page_size")
+        except (sqlite3.Error, UnicodeDecodeError) as error:  # SQLite quotes damaged text in its messages.
             raise _unreadable(path, error, "Record the log again, or leave it out.") from error
-        lost = size - path.stat().st_size
-        damage = [f"The bag is cut: {lost} bytes of it are not there."] if lost > 0 else []
+        lost = int(pages * page_size) - path.stat().st_size
+        damage = [f"The bag is cut: its last {lost} bytes are missing."] if lost > 0 else []
         yield connections, lambda wanted: bag.execute(_MESSAGES, (json.dumps(sorted(wanted)),)), damage
-
-
-def _connections(bag: sqlite3.Connection, definitions: Mapping[str, str]) -> list[_Connection]:
-    connections = []
-    for number, topic, kind, encoding in bag.execute(_TOPICS):
-        text = definitions.get(kind, "")
-        one = _Connection(number=number, topic=topic, kind=kind, encoding=encoding, definition=text)
-        connections.append(one)
-    return connections
-
-
-def _whole_size(bag: sqlite3.Connection) -> int:
-    """Bytes that the file has if it is not cut."""
-    ((pages,),) = bag.execute("PRAGMA page_count")
-    ((page,),) = bag.execute("PRAGMA page_size")
-    return int(pages * page)
 
 
 def _unreadable(path: Path, error: Exception, mend: str) -> LogError:
@@ -235,17 +192,15 @@ def _unreadable(path: Path, error: Exception, mend: str) -> LogError:
 
 
 def _decoder(path: Path, one: _Connection) -> Decoder:
-    """What turns the payloads of ``one`` into objects."""
+    """Function that turns the payloads of a connection into objects."""
     types = require_library("rosbags.typesys", _EXTRA, path)
     try:
         store = types.get_typestore(types.Stores.EMPTY if one.definition else types.Stores.LATEST)
         if one.definition:
-            layouts = types.get_types_from_msg(_short_enough(one.definition), one.kind)
-            _count_fields(layouts, one.kind, {})
-            store.register(layouts)
+            store.register(types.get_types_from_msg(one.definition, one.kind))
     except Exception as error:
         raise LogError(
-            f"the type {one.kind} of topic {one.topic!r} cannot be understood ({str(error)[:100]!r}).",
+            f"the type {one.kind} of topic {one.topic!r} cannot be parsed ({str(error)[:100]!r}).",
             where=path,
             mend="Convert the bag to MCAP, or leave it out.",
         ) from error
@@ -258,36 +213,3 @@ def _decoder(path: Path, one: _Connection) -> Decoder:
         )
     decode = store.deserialize_ros1 if one.encoding == "ros1" else store.deserialize_cdr
     return lambda payload: decode(payload, one.kind)
-
-
-def _short_enough(definition: str) -> str:
-    if len(definition) > _LONGEST_DEFINITION:
-        raise ValueError(f"its definition is {len(definition)} characters long")
-    return definition
-
-
-def _count_fields(types: Mapping[str, Any], kind: str, known: dict[str, int]) -> int:
-    """Fields of ``kind``, those of the types inside it counted; the types in ``known`` have been.
-
-    Raises
-    ------
-    ValueError
-        They are too many, or without end: a type holds itself.
-    """
-    known[kind] = _MOST_FIELDS  # until it is counted: a type that holds itself is too large
-    known[kind] = sum(_count(types, field, known) for _, field in types.get(kind, ((), ()))[1])
-    if known[kind] >= _MOST_FIELDS:
-        raise ValueError(f"{kind} has more than {_MOST_FIELDS} fields")
-    return known[kind]
-
-
-def _count(types: Mapping[str, Any], field: tuple[int, Any], known: dict[str, int]) -> int:
-    """What a field of rosbags' definitions counts for; a fixed array of what is no number, for each of its places."""
-    node, description = field
-    if node == _NAME:
-        return known[description] if description in known else _count_fields(types, description, known)
-    if node in {_ARRAY, _SEQUENCE}:
-        inside, length = description
-        places = length if node == _ARRAY and (inside[0] == _NAME or inside[1][0] == "string") else 1
-        return places * _count(types, inside, known)
-    return 1

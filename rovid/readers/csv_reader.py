@@ -1,4 +1,4 @@
-"""CSV tables: one row an instant, any names, any of the usual spellings of numbers and times."""
+"""CSV tables: one row an instant, any column names, any usual notation of numbers and times."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -19,47 +19,47 @@ import pandas as pd
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import LogError
-from rovid.readers.csv_dialect import Layout, last_whole_line, read_layout, refuse_long_lines
-from rovid.readers.raw_log import Channel, LogContents, RawLog, mapped, time_signal
-from rovid.readers.timestamps import column_to_seconds, epoch_of
+from rovid.readers.csv_dialect import Layout, last_whole_line, read_layout
+from rovid.readers.raw_log import Channel, LogContents, RawLog, required_signals, required_time
+from rovid.readers.timestamps import column_to_seconds, start_epoch
 from rovid.trial.config import Config
 from rovid.trial.signal_names import CLOCK_WORDS, NOT_CLOCK, Signal, name_words
 from rovid.trial.trial import Remark
 
 KIND = "csv"
-# How a date, or a date and a time of day, begins.
+# Beginning of a date, or of a date and a time of day.
 _ISO = re.compile(r"\d{4}-\d{2}-\d{2}([T ]\d{2}:\d{2}|$)")
 _MISSING = ("", "nan", "NaN", "NAN", "-nan")
-# A whole number this long does not fit a float64 without loss: nanoseconds since 1970.
+# Digits from which on a float64 cannot hold an integer: nanoseconds since 1970.
 _LONG_INTEGER = 16
-# Columns that are left out for what they hold; each costs another look at the file.
-_MOST_LEFT_OUT = 8
+# Number of optional columns with text that are left out; each costs another pass over the file.
+_MAX_LEFT_OUT = 8
 
 
 def read(path: Path, config: Config) -> RawLog:
-    """Wanted columns of ``path``.
+    """Mapped columns of ``path``.
 
     Raises
     ------
     LogError
-        It is no such table, lacks a column, or holds text in the place of a number.
+        The file is no such table, lacks a column, or holds text in place of a number.
     ConfigError
         rovid.toml does not map the time, the heading or a command for CSV.
     """
-    signals = {"time": time_signal(config, KIND), **mapped(config, KIND, path)}
+    signals = {"time": required_time(config, KIND), **required_signals(config, KIND, path)}
     layout = read_layout(path, {signal.sources[KIND] for signal in signals.values()})
     layout.refuse_long_rows()
     columns = {name: layout.column(signal.sources[KIND], name) for name, signal in signals.items()}
     with path.open("rb") as file:
         size = file.seek(0, io.SEEK_END)
         end, nul = (size, 0) if layout.wide else last_whole_line(file, size)
-    refuse_long_lines(path, end)
     table = _Table(layout=layout, columns=columns, signals=signals, end=end, size=size)
-    frame, left_out = _read(table)
+    frame, skipped = _read_columns(table)
     if not len(frame):
         raise LogError("has a header but no rows.", where=path, mend="Leave it out.")
-    time = table.time(frame)
-    clock = signals["time"].sources[KIND]
+    clock, unit = signals["time"].sources[KIND], signals["time"].unit
+    column = frame[columns["time"]]
+    time = column_to_seconds(column, clock, unit, lambda row: f"{path}:{table.line(row)}")
     channels = {}
     for name, signal in signals.items():
         at = columns[name]
@@ -70,46 +70,46 @@ def read(path: Path, config: Config) -> RawLog:
     return RawLog(
         channels=channels,
         place=lambda _, row: f"line {table.line(row)}",
-        remarks=(*_cut(size - nul - end, nul), *left_out),
-        epoch=table.epoch(frame, time),
+        remarks=(*_cut_remarks(size - nul - end, nul), *skipped),
+        epoch=start_epoch(column, time, clock, unit),
     )
 
 
-def _read(table: _Table) -> tuple[pd.DataFrame, list[Remark]]:
-    """The wanted columns, and what is said of those that hold text and that a log may lack."""
-    left_out: list[Remark] = []
+def _read_columns(table: _Table) -> tuple[pd.DataFrame, list[Remark]]:
+    """The mapped columns without optional ones that hold text, and remarks on these."""
+    skipped: list[Remark] = []
     while True:
         try:
-            return table.read(), left_out
+            return table.read(), skipped
         except _NoNumberError as error:
-            if not table.signals[error.signal].optional or len(left_out) == _MOST_LEFT_OUT:
+            if not table.signals[error.signal].optional or len(skipped) == _MAX_LEFT_OUT:
                 raise
-            left_out.append(Remark(kind="skipped", count=1, text=str(error)))
+            skipped.append(Remark(kind="skipped", count=1, text=str(error)))
             columns = {name: at for name, at in table.columns.items() if at != table.columns[error.signal]}
             table = replace(table, columns=columns)
 
 
 class _NoNumberError(LogError):
-    """A cell that holds no number; ``signal`` is what it would be of."""
+    """A cell of ``signal`` holds no number."""
 
     signal = ""
 
 
-def _cut(line: int, nul: int) -> tuple[Remark, ...]:
-    if not line and not nul:
-        return ()
+def _cut_remarks(line: int, nul: int) -> tuple[Remark, ...]:
     parts = []
     if line:
         parts.append(f"a last line of {line} bytes without an end")
     if nul:
         parts.append(f"{nul} NUL bytes")
-    text = f"The file ends in {' and '.join(parts)}, as a crash leaves it; that was left out."
+    if not parts:
+        return ()
+    text = f"The file ends in {' and '.join(parts)}, as a crash leaves it; that part was left out."
     return (Remark(kind="truncated", count=line + nul, text=text),)
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Table:
-    """The file, and where in it the wanted numbers are."""
+    """The rows of a file up to the byte ``end`` of ``size``, and the index of each signal's column."""
 
     layout: Layout
     columns: Mapping[str, int]
@@ -118,34 +118,35 @@ class _Table:
     size: int
 
     def read(self) -> pd.DataFrame:
-        """The wanted columns as float64; time as int64 or text where a float would lose digits."""
-        for kind, decimal, spaces in self._attempts():
-            kinds = {**dict.fromkeys(self.columns.values(), "float64"), self.columns["time"]: kind}
+        """The columns as float64; the time as int64 or text where a float would lose digits."""
+        for time_type, decimal, skip_spaces in self._attempts():
+            types = {**dict.fromkeys(self.columns.values(), "float64"), self.columns["time"]: time_type}
             try:
-                return self._parse(kinds, decimal, spaces=spaces)
-            except (ValueError, TypeError, OverflowError) as error:  # pandas' own errors are among them
+                return self._parse(types, decimal, skip_spaces=skip_spaces)
+            except (ValueError, TypeError, OverflowError) as error:  # pandas' errors are subclasses.
                 reason = error
-        raise self._complaint(str(reason)) from reason
+        raise self._error(str(reason)) from reason
 
     def _attempts(self) -> Iterator[tuple[str, str, bool]]:
-        """(type of the time, decimal sign, whether to drop spaces before cells), the likely first.
+        """(type of the time, decimal sign, whether to skip spaces before cells), the most likely first.
 
-        Dropping spaces costs pandas 40 % more time, and numbers do not need it; empty cells and quotes do.
+        Skipping spaces costs pandas 40 % more time. Empty cells and quotes need it, numbers do not.
         """
-        kind, decimal = self._time_kind(), self.decimal
-        yield kind, decimal, self.layout.spaced
-        yield kind, decimal, True
+        time_type, decimal = self._time_type(), self.decimal
+        yield time_type, decimal, self.layout.spaced
+        yield time_type, decimal, True
         if decimal == "." and self.layout.delimiter != ",":
-            yield kind, ",", True
-        if kind == "int64":
+            yield time_type, ",", True
+        if time_type == "int64":
             yield "Int64", decimal, True
             yield "float64", decimal, True
 
     @property
     def decimal(self) -> str:
+        """Decimal sign of the columns."""
         return self.layout.decimal(self.columns.values())
 
-    def _time_kind(self) -> str:
+    def _time_type(self) -> str:
         at = self.columns["time"]
         cells = [row[at].strip() for row in self.layout.rows if at < len(row)]
         cell = next((cell for cell in cells if cell not in _MISSING), "0")
@@ -155,24 +156,25 @@ class _Table:
             return "int64"
         return "float64"
 
-    def _parse(self, kinds: Mapping[int, str], decimal: str, *, spaces: bool) -> pd.DataFrame:
+    def _parse(self, types: Mapping[int, str], decimal: str, *, skip_spaces: bool) -> pd.DataFrame:
+        # pandas reads a path in bytes, which is faster than a text file.
         direct = self.layout.plain and not self.layout.wide and self.end == self.size
-        opened = _nothing() if direct else self._body()
+        opened = nullcontext(str(self.layout.path)) if direct else self._body()
         with np.errstate(all="ignore"), opened as body:
             frame = pd.read_csv(
-                body or str(self.layout.path),  # pandas reads a path in bytes, faster than a file in text
+                body,
                 engine="c",
                 sep=self.layout.delimiter,
                 decimal=decimal,
                 header=self.layout.before if direct else None,
-                # Not numbers: where there are no rows pandas takes those for places among the columns that it keeps.
+                # Texts, because pandas takes integers for positions among the used columns if there are no rows.
                 names=list(map(str, range(self.layout.width))),
                 index_col=False,
-                usecols=list(map(str, sorted(set(kinds)))),
-                dtype={str(at): kind for at, kind in kinds.items()},
+                usecols=list(map(str, sorted(set(types)))),
+                dtype={str(at): kind for at, kind in types.items()},
                 keep_default_na=False,
                 na_values=[word + space for word in _MISSING for space in ("", " ")],
-                skipinitialspace=spaces,
+                skipinitialspace=skip_spaces,
                 encoding="utf-8",
                 encoding_errors="replace",
             )
@@ -184,27 +186,14 @@ class _Table:
         """The rows between the header and the end of the last whole line."""
         if self.layout.wide:
             text = self.layout.path.read_bytes().decode(self.layout.encoding, errors="replace")
-            yield io.StringIO(text[self.layout.offset : _last_end(text)])
+            yield io.StringIO(text[self.layout.offset : max(text.rfind("\n"), text.rfind("\r")) + 1])
             return
         with self.layout.path.open("rb") as file:
             rows = _Slice(file, self.layout.offset, self.end)
             yield io.TextIOWrapper(io.BufferedReader(rows, 1 << 18), encoding="utf-8", errors="replace", newline="")
 
-    def time(self, frame: pd.DataFrame) -> FloatArray:
-        """(n,) s; NaN where missing."""
-        signal = self.signals["time"]
-        column = frame[self.columns["time"]]
-        return column_to_seconds(
-            column, signal.sources[KIND], signal.unit, lambda row: f"{self.layout.path}:{self.line(row)}"
-        )
-
-    def epoch(self, frame: pd.DataFrame, time: FloatArray) -> float | None:
-        """Seconds since 1970 of time zero; None where nobody knows."""
-        signal = self.signals["time"]
-        return epoch_of(frame[self.columns["time"]], time, signal.sources[KIND], signal.unit)
-
     def line(self, row: int) -> int:
-        """Number, from 1, of the line in the file that holds the data row ``row``; slow, for messages only."""
+        """Line number, from 1, of a data row; slow, for messages."""
         number, _ = next(islice(self._rows(), row, None), (0, []))
         return number
 
@@ -219,7 +208,7 @@ class _Table:
                     cells = next(reader)
                 except StopIteration:
                     return
-                except csv.Error as error:  # a cell beyond the module's limit
+                except csv.Error as error:  # A cell beyond the module's limit.
                     raise LogError(
                         "has a cell of more than 100 000 characters; a number was expected.",
                         where=f"{self.layout.path}:{number}",
@@ -228,18 +217,19 @@ class _Table:
                 if len(cells) > 1 or any(cell.strip() for cell in cells):
                     yield number, cells
 
-    def _complaint(self, reason: str) -> LogError:
-        """The first wanted cell that is no number, found by a slow second look."""
+    def _error(self, reason: str) -> LogError:
+        """Error for the first cell that is no number, found by a second, slow pass."""
         numeric = {at: name for name, at in self.columns.items()}
-        if self._time_kind() == "str":
+        if self._time_type() == "str":
             numeric = {at: name for name, at in self.columns.items() if name != "time"}
         decimal = self.decimal
         for number, cells in self._rows():
             for at, name in numeric.items():
                 cell = cells[at].strip() if at < len(cells) else ""
                 if cell not in _MISSING and not _is_number(cell, decimal):
+                    shown = cell[:40] + "…" if len(cell) > 40 else cell
                     error = _NoNumberError(
-                        f"{self.signals[name].sources[KIND]} is {_short(cell)}, a number was expected.",
+                        f"{self.signals[name].sources[KIND]} is {shown!r}, a number was expected.",
                         where=f"{self.layout.path}:{number}",
                         mend="Delete the row or leave the cell empty.",
                     )
@@ -253,21 +243,6 @@ def _is_number(cell: str, decimal: str) -> bool:
         return "_" not in cell and not math.isnan(float(cell.replace(decimal, ".")))
     except ValueError:
         return False
-
-
-def _short(cell: str) -> str:
-    if len(cell) > 40:
-        cell = cell[:40] + "…"
-    return repr(cell)
-
-
-def _last_end(text: str) -> int:
-    return max(text.rfind("\n"), text.rfind("\r")) + 1
-
-
-@contextmanager
-def _nothing() -> Iterator[None]:
-    yield None
 
 
 class _Slice(io.RawIOBase):
@@ -287,27 +262,27 @@ class _Slice(io.RawIOBase):
 
 
 def sources(path: Path) -> LogContents:
-    """The column of the clock, empty if none looks like one, and every other column that begins with numbers.
+    """The time column, empty if none looks like a time, and every other column that begins with numbers.
 
     Raises
     ------
     LogError
-        It is no table, or none of its columns is a time.
+        The file is no table, or none of its columns is a time.
     """
     layout = read_layout(path, ())
-    twice = {name for name, count in Counter(layout.names).items() if count > 1}
+    repeated = {name for name, count in Counter(layout.names).items() if count > 1}
     numbers: dict[str, FloatArray] = {}
-    rising = []
+    increasing = []
     for at, name in enumerate(layout.names):
-        if not name or name in twice:
+        if not name or name in repeated:
             continue
         values = _numbers([row[at] for row in layout.rows if at < len(row)], layout)
         if values is not None:
             numbers[name] = values
-        # What is no number may be a time in words.
-        if values is None or _rises(values):
-            rising.append(name)
-    clock = _clock(rising, numbers, layout)
+        # A column of text may hold dates.
+        if values is None or _is_increasing(values):
+            increasing.append(name)
+    clock = _guess_clock(increasing, numbers, layout)
     if numbers and not clock:
         raise LogError(
             "holds no column that could be the time: none only grows.",
@@ -317,33 +292,32 @@ def sources(path: Path) -> LogContents:
     return LogContents(
         clock=clock,
         sources=tuple(name for name in numbers if name != clock),
-        unreadable=tuple(f"{path}: several columns are named {name!r}; none was looked at." for name in sorted(twice)),
+        unreadable=tuple(f"{path}: several columns are named {name!r}; none was used." for name in sorted(repeated)),
     )
 
 
-def _clock(rising: Sequence[str], numbers: Mapping[str, FloatArray], layout: Layout) -> str:
-    """The likeliest of the columns that only grow, empty if there is none.
+def _guess_clock(increasing: Sequence[str], numbers: Mapping[str, FloatArray], layout: Layout) -> str:
+    """The most likely time among ``increasing`` columns, empty if there is none.
 
-    By its name, else one of dates and times of day, else the first of numbers that does not count rows.
+    The order of preference: by its name; dates and times of day; the first column of numbers that does not count rows.
     """
-    called = [name for name in rising if name_words(name) & CLOCK_WORDS]
-    likely = [name for name in called if not name_words(name) & NOT_CLOCK]
-    texts = [name for name in rising if name not in numbers]
-    dated = [name for name in texts if all(map(_ISO.match, _cells(layout, name)))]
-    unnamed = [name for name in rising if name in numbers]
-    lasting = [name for name in unnamed if not _counts(numbers[name])]
-    plain = [name for name in likely or called if name in numbers or name in dated]
-    return next(iter(plain or dated or likely or called or lasting or unnamed), "")
+    named = [name for name in increasing if name_words(name) & CLOCK_WORDS]
+    likely = [name for name in named if not name_words(name) & NOT_CLOCK]
+    dated = [name for name in increasing if name not in numbers and _holds_dates(layout, name)]
+    numeric = [name for name in increasing if name in numbers]
+    uneven = [name for name in numeric if not _counts_rows(numbers[name])]
+    plain = [name for name in likely or named if name in numbers or name in dated]
+    return next(iter(plain or dated or likely or named or uneven or numeric), "")
 
 
-def _cells(layout: Layout, name: str) -> list[str]:
-    """What stands in a column, where anything does."""
+def _holds_dates(layout: Layout, name: str) -> bool:
     at = layout.names.index(name)
-    return [row[at].strip() for row in layout.rows if at < len(row) and row[at].strip()] or [""]
+    cells = [row[at].strip() for row in layout.rows if at < len(row) and row[at].strip()]
+    return bool(cells) and all(map(_ISO.match, cells))
 
 
 def _numbers(cells: Sequence[str], layout: Layout) -> FloatArray | None:
-    """(n,) what the cells hold, NaN where empty; None where one holds something else, or all are empty."""
+    """(n,) numbers, NaN where empty; None if a cell holds text, or all are empty."""
     values = np.full(len(cells), np.nan)
     for row, cell in enumerate(cells):
         text = cell.strip()
@@ -360,12 +334,11 @@ def _numbers(cells: Sequence[str], layout: Layout) -> FloatArray | None:
     return values
 
 
-def _counts(values: FloatArray) -> bool:
-    """Whether they are the numbers of rows."""
+def _counts_rows(values: FloatArray) -> bool:
     known = values[np.isfinite(values)]
     return bool(np.all(np.diff(known) == 1.0) and np.all(known == np.round(known)))
 
 
-def _rises(values: FloatArray) -> bool:
+def _is_increasing(values: FloatArray) -> bool:
     known = values[np.isfinite(values)]
     return len(known) > 1 and bool(np.all(known[1:] > known[:-1]))

@@ -1,55 +1,54 @@
-"""Which reader reads which file."""
+"""The reader of each file, and trials that were logged in several files."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
-from types import ModuleType
 from typing import cast
+
+import numpy as np
 
 from rovid.core.errors import LogError
 from rovid.core.paths import require_regular
-from rovid.readers.raw_log import LogContents, RawLog
+from rovid.readers.raw_log import Channel, LogContents, RawLog
 from rovid.trial.config import Config
-from rovid.trial.log_files import FORMATS
-from rovid.trial.trial import Trial
+from rovid.trial.log_files import FORMATS, Join
+from rovid.trial.signal_names import Signal
+from rovid.trial.trial import Remark, Trial
 
 
 @dataclass(frozen=True, kw_only=True)
 class LogFormat:
-    """A log format; whatever keeps one of its files from being read is that file's `RovidError`.
+    """A log format. Its reader, imported on first use, raises a `RovidError` for a file that cannot be read.
 
     Attributes
     ----------
     kind
-        Its key in the sources of a signal in rovid.toml, and the name of its reader: a file that holds
-        ``read(path, config) -> RawLog`` and ``sources(path)``.
+        Key in the sources of a signal in rovid.toml, and name of the reader: the module `rovid.readers.<kind>_reader`
+        with the functions ``read(path, config) -> RawLog`` and ``sources(path) -> LogContents``.
     """
 
     kind: str
 
-    @property
-    def _reader(self) -> ModuleType:
-        """Imported when the first such file is read, for start-up time."""
-        return import_module(f"rovid.readers.{self.kind}_reader")
-
     def read(self, path: Path, config: Config) -> RawLog:
         """Raw channels of ``path``."""
-        with _opened(path):
-            return cast("Callable[[Path, Config], RawLog]", self._reader.read)(path, config)
+        with _system_errors(path):
+            reader = import_module(f"rovid.readers.{self.kind}_reader")
+            return cast("Callable[[Path, Config], RawLog]", reader.read)(path, config)
 
     def sources(self, path: Path) -> LogContents:
-        """What of ``path`` can be read."""
-        with _opened(path):
-            return cast("Callable[[Path], LogContents]", self._reader.sources)(path)
+        """Readable contents of ``path``."""
+        with _system_errors(path):
+            reader = import_module(f"rovid.readers.{self.kind}_reader")
+            return cast("Callable[[Path], LogContents]", reader.sources)(path)
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[None]:
-    """Say of ``path`` what the system has against reading it."""
+def _system_errors(path: Path) -> Iterator[None]:
+    """Convert errors of the operating system to a `LogError`."""
     require_regular(path, LogError)
     try:
         yield
@@ -63,19 +62,19 @@ READERS: Mapping[str, LogFormat] = {suffix: LogFormat(kind=kind) for suffix, kin
 
 
 def read_log(path: Path, config: Config, name: str | None = None) -> Trial:
-    """One trial from one file.
+    """One trial from one file, or from the files of the same trial.
 
     Parameters
     ----------
     path
         A file with one of the suffixes in `READERS`.
     name
-        What to call the trial; the file's name by default.
+        Name of the trial; the file's name by default.
 
     Raises
     ------
     LogError
-        The file cannot be read as what it claims to be, or holds no usable heading.
+        The file cannot be read in the format of its suffix, or holds no usable measurement.
     ConfigError
         rovid.toml does not map this format.
     """
@@ -89,29 +88,166 @@ def read_log(path: Path, config: Config, name: str | None = None) -> Trial:
     from rovid.readers.build_trial import build
 
     config = config.for_format(form.kind)
-    if trial_files(path, config):
-        from rovid.readers.join_files import read_joined
+    files = trial_files(path, config)
+    raw = _read_joined(path, files, config) if files else form.read(path, config)
+    return build(raw, config, path, name or path.name)
 
-        return build(_whole(read_joined(path, config), config, path), config, path, name or path.name)
-    return build(form.read(path, config), config, path, name or path.name)
+
+# --- trials of several files -----------------------------------------------------------------------------------
 
 
 def trial_files(path: Path, config: Config) -> list[Path]:
-    """The files of the trial that ``path`` is one of, itself among them; none where it is a trial by itself."""
-    if config.join is None:
+    """Files of the trial of ``path``, in the order of the parts; empty if [join] does not apply to ``path``."""
+    root, join = config.path.parent.resolve(), config.join
+    here = path.resolve()
+    if join is None or not here.is_relative_to(root) or not join.part(here.relative_to(root).as_posix()):
         return []
-    from rovid.readers.join_files import companions
+    # The part is a word of the file's own name, or of its folder's.
+    if join.part(here.name) or here.parent == root:
+        near = path.parent.glob("*")
+    else:
+        near = (path.parent.parent if path.parent.name else here.parent.parent).glob("*/*")
+    # Names are compared before files are opened: a folder may hold many.
+    logs = [file for file in near if file.suffix.lower() in READERS and join.part(f"{file.parent.name}/{file.name}")]
+    names = {file.resolve().relative_to(root).as_posix(): file for file in logs if file.is_file()}
+    return [names[name] for name in join.files_of_trial(here.relative_to(root).as_posix(), names)]
 
-    return companions(path, config)
+
+def relative_name(file: Path, config: Config) -> str:
+    """Name of a file in [join]: its path relative to rovid.toml."""
+    return file.resolve().relative_to(config.path.parent.resolve()).as_posix()
 
 
-def _whole(raw: RawLog, config: Config, path: Path) -> RawLog:
-    """``raw``, which holds all that is needed."""
+def _read_joined(path: Path, files: list[Path], config: Config) -> RawLog:
+    """Channels of all ``files`` of a trial, in the time of the first.
+
+    Raises
+    ------
+    LogError
+        A file cannot be read; one has absolute times and another has not; or a required signal is in none of them.
+    """
+    join = cast("Join", config.join)
+    read: dict[Path, RawLog] = {}
+    channels: dict[str, Channel] = {}
+    owners: dict[str, RawLog] = {}
+    remarks: list[Remark] = []
+    for file in files:
+        own = _own_config(file, config, join)
+        if not own.signals:
+            remarks.append(Remark(kind="skipped", count=1, text=f"{file.name} holds nothing that is mapped."))
+            continue
+        raw = READERS[file.suffix.lower()].read(file, own)
+        for name, channel in _synchronised(file, raw, read, config).items():
+            if name not in channels:
+                channels[name] = channel
+                owners[name] = raw
+        read[file] = raw
+        remarks += [replace(remark, text=f"{file.name}: {remark.text}") for remark in raw.remarks]
     for name in config.required_signals:
-        if name not in raw.channels:
+        if name not in channels:
             raise LogError(
-                f"neither this nor the files joined with it hold what {name} is mapped to.",
+                f"neither this nor the files joined with it hold the source of {name}.",
                 where=path,
                 mend="Correct [signals], or parts in [join], in rovid.toml.",
             )
-    return raw
+    return RawLog(
+        channels=channels,
+        place=lambda name, index: owners[name].place(name, index),
+        remarks=(*remarks, *_clock_remarks(list(read), config, join)),
+        sortable=all(raw.sortable for raw in read.values()),
+        epoch=next(iter(read.values())).epoch if read else None,
+        companion_files=tuple(file for file in read if file != path),
+    )
+
+
+def all_channels(path: Path, config: Config) -> dict[Path, dict[str, Channel]]:
+    """All channels of the files of a trial, by source, mapped or not, on the same clocks as in `read_log`.
+
+    Raises
+    ------
+    LogError
+        A file cannot be read, or one has absolute times and another has not.
+    """
+    read: dict[Path, RawLog] = {}
+    found: dict[Path, dict[str, Channel]] = {}
+    for file in trial_files(path, config):
+        form = READERS[file.suffix.lower()]
+        own = _own_config(file, config, cast("Join", config.join))
+        sources = form.sources(file).sources
+        signals = {name: Signal(name=name, sources={form.kind: name}, optional=True) for name in sources}
+        if signals:
+            raw = form.read(file, replace(own, signals=signals))
+            found[file] = _synchronised(file, raw, read, config)
+            read[file] = raw
+    return found
+
+
+def _own_config(file: Path, config: Config, join: Join) -> Config:
+    """The part of ``config`` that is mapped to ``file``; all its signals are optional."""
+    kind = READERS[file.suffix.lower()].kind
+    config = config.for_format(kind)
+    part = join.part(relative_name(file, config))
+    time = config.time
+    if part in join.time:
+        column, unit = join.time[part]
+        time = replace(time, sources={**time.sources, kind: column}, unit=unit)
+    signals = {name: replace(signal, optional=True) for name, signal in config.mapped_signals(kind).items()}
+    if kind == "csv":  # Readers of messages skip missing sources themselves.
+        from rovid.readers.csv_dialect import read_layout
+
+        present = set(read_layout(file, ()).names)
+        signals = {name: signal for name, signal in signals.items() if signal.sources[kind] in present}
+    return replace(config, signals=signals, time=time, commands=(), measured_signal="")
+
+
+def _synchronised(file: Path, raw: RawLog, before: Mapping[Path, RawLog], config: Config) -> dict[str, Channel]:
+    """Channels of ``file`` in the time of the first file, with the clock correction of [join]."""
+    shift = _shift(file, raw, before)
+    offset, drift = config.join.clock_correction(relative_name(file, config)) if config.join else (0.0, 0.0)
+    starts = [float(channel.time[np.isfinite(channel.time)].min(initial=np.inf)) for channel in raw.channels.values()]
+    begin = min(starts, default=0.0)
+    moved = {}
+    for channel in raw.channels.values():
+        since = channel.time - begin if np.isfinite(begin) else 0.0
+        moved[id(channel.time)] = channel.time + (shift + offset + 1e-6 * drift * since)
+    return {name: replace(channel, time=moved[id(channel.time)]) for name, channel in raw.channels.items()}
+
+
+def _shift(file: Path, raw: RawLog, before: Mapping[Path, RawLog]) -> float:
+    """Time zero of ``file`` in the time of the first file, s."""
+    if not before:
+        return 0.0
+    first, log = next(iter(before.items()))
+    if (log.epoch is None) is not (raw.epoch is None):
+        absolute, relative = (file, first) if log.epoch is None else (first, file)
+        raise LogError(
+            f"has no absolute time, and {absolute.name} has: their clocks cannot be synchronised.",
+            where=relative,
+            mend="Log ISO 8601 or epoch times in both, or seconds from the same moment.",
+        )
+    if log.epoch is None or raw.epoch is None:
+        return 0.0
+    return raw.epoch - log.epoch
+
+
+def _clock_remarks(files: list[Path], config: Config, join: Join) -> Iterator[Remark]:
+    """Corrections of the clocks, or the assumption that they agree."""
+    if len(files) < 2:
+        return
+    corrected = False
+    for file in files:
+        name = relative_name(file, config)
+        offset, drift = join.clock_correction(name)
+        if offset or drift:
+            corrected = True
+            # The correction of a part is the same in all trials; remarks on all trials are merged.
+            clock = join.part(name) if join.is_corrected_by_part(name) else file.name
+            more = f" and {drift:g} ppm more as it goes" if drift else ""
+            text = f"The clock of {clock} was moved by {offset:+g} s{more}, as [join] in rovid.toml says."
+            yield Remark(kind="clock", count=1, text=text)
+    if not corrected:
+        text = (
+            "Read from several files whose clocks are assumed to agree. An offset between them looks the same as a "
+            "delay of the thrusters, so a command_delay found here may be an offset. Give a known offset in [join]."
+        )
+        yield Remark(kind="joined", count=len(files), text=text)

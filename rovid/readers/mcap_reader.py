@@ -1,71 +1,82 @@
-"""MCAP recordings: the wanted fields of the wanted topics, from whole and from cut files."""
+"""MCAP recordings: the mapped fields of the mapped topics, from whole and from cut files."""
 
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping
+import json
+from collections.abc import Callable
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any
 
 from mcap.records import Channel, Schema
 
 from rovid.core.errors import LogError
-from rovid.readers.mcap_container import LARGEST, Recording
-from rovid.readers.mcap_messages import decoder
-from rovid.readers.raw_log import LogContents, RawLog, mapped
-from rovid.readers.topic_extractor import Handler, Listing, Topics
+from rovid.readers.mcap_container import MAX_MESSAGE, McapFile
+from rovid.readers.message_topics import Decoder, Handler, TopicExtractor, TopicListing
+from rovid.readers.raw_log import LogContents, RawLog, required_signals
 from rovid.trial.config import Config
-from rovid.trial.signal_names import Signal
 from rovid.trial.trial import Remark
 
 KIND = "mcap"
 
 
 def read(path: Path, config: Config) -> RawLog:
-    """Wanted fields of ``path``.
+    """Mapped fields of ``path``.
 
-    ``time = { mcap = … }`` chooses the clock: "log" (when it was recorded; the default), "publish", "header"
-    (the message's own stamp), or a field of each message.
+    ``time = { mcap = … }`` selects the clock: "log" (time of recording; the default), "publish", "header" (the
+    message's own stamp), or a field of each message.
 
     Raises
     ------
     LogError
-        It is no MCAP file, a topic or field is missing or not a number, or an encoding is not supported.
+        The file is no MCAP file, a topic or field is missing or no number, or an encoding is not supported.
     ConfigError
         rovid.toml does not map the heading or a command for MCAP.
     """
-    signals = mapped(config, KIND, path)
-    with path.open("rb", buffering=1 << 16) as file:
-        topics, recording = _collect(path, file, signals, config.time, by_index=True)
-        if recording.missed > 0 and not recording.too_large:  # messages outside the index: rare, legal
-            topics, recording = _collect(path, file, signals, config.time, by_index=False)
+    signals = required_signals(config, KIND, path)
+    topics = TopicExtractor(path, KIND, signals, config.time)
+    recording = _read_messages(path, topics.handler)
+    if recording.missed > 0 and not recording.too_large:  # Messages outside the index are rare, but legal.
+        topics = TopicExtractor(path, KIND, signals, config.time)
+        recording = _read_messages(path, topics.handler, by_index=False)
     for topic, size in recording.too_large.items():
         raise LogError(
-            f"topic {topic!r} has a message of {size / 1e6:.1f} MB; at most {LARGEST / 1e6:.1f} MB was expected.",
+            f"topic {topic!r} has a message of {size / 1e6:.1f} MB; at most {MAX_MESSAGE / 1e6:.1f} MB was expected.",
             where=path,
             mend="Map a topic of smaller messages.",
         )
     unread = recording.size - recording.end
     damage = f" The recording is cut: {recording.damage}, {unread} bytes were not read." if recording.damage else ""
-    return topics.result(lambda last: _cut(recording, last), damage)
+    return topics.result(lambda last: _damage_remarks(recording, last), damage)
 
 
-def _collect(
-    path: Path, file: BinaryIO, signals: Mapping[str, Signal], time: Signal, *, by_index: bool
-) -> tuple[Topics, Recording]:
-    topics = Topics(path, KIND, signals, time)
+def sources(path: Path) -> LogContents:
+    """Every field that holds a number or an orientation.
 
-    def opened(channel: Channel, schema: Schema | None) -> Handler | None:
-        mapping = channel.message_encoding == "json"
-        topic = topics.open(channel.topic, mapping=mapping)
-        return topic.handler(lambda: decoder(channel, schema, str(path)), mapping=mapping) if topic else None
-
-    recording = Recording(path=path, size=file.seek(0, io.SEEK_END), file=file, open_channel=opened)
-    recording.read(by_index=by_index)
-    return topics, recording
+    Raises
+    ------
+    LogError
+        The file is no MCAP file.
+    """
+    listing = TopicListing(path, KIND)
+    _read_messages(path, listing.handler)
+    return listing.contents()
 
 
-def _cut(recording: Recording, last: float) -> tuple[Remark, ...]:
+def _read_messages(path: Path, make_handler: Callable[..., Handler | None], *, by_index: bool = True) -> McapFile:
+    """Read a file whose channels get their handlers from ``make_handler(topic, make_decoder, mapping=...)``."""
+
+    def open_channel(channel: Channel, schema: Schema | None) -> Handler | None:
+        is_json = channel.message_encoding == "json"
+        return make_handler(channel.topic, lambda: _decoder(channel, schema, str(path)), mapping=is_json)
+
+    with path.open("rb", buffering=1 << 16) as file:
+        recording = McapFile(path=path, size=file.seek(0, io.SEEK_END), file=file, open_channel=open_channel)
+        recording.read(by_index=by_index)
+    return recording
+
+
+def _damage_remarks(recording: McapFile, last: float) -> tuple[Remark, ...]:
     if not recording.damage:
         return ()
     unread = recording.size - recording.end
@@ -78,21 +89,44 @@ def _cut(recording: Recording, last: float) -> tuple[Remark, ...]:
     return (Remark(kind="truncated", count=unread, text=text),)
 
 
-def sources(path: Path) -> LogContents:
-    """Every field that holds a number or an orientation.
+def _decoder(channel: Channel, schema: Schema | None, where: str) -> Decoder:
+    """Function that turns payloads of the channel into objects.
 
     Raises
     ------
     LogError
-        It is no MCAP file.
+        The encoding is not supported, or its schema cannot be parsed.
     """
-    listing = Listing(path, KIND)
+    encodings = channel.message_encoding, schema.encoding if schema else ""
+    decoder: Decoder | None = None
+    try:
+        if encodings[0] == "json":
+            decoder = _decode_json
+        elif schema is not None and encodings == ("cdr", "ros2msg"):
+            from rovid.readers.ros2_cdr import cdr_decoder
 
-    def opened(channel: Channel, schema: Schema | None) -> Handler | None:
-        mapping = channel.message_encoding == "json"
-        return listing.handler(channel.topic, lambda: decoder(channel, schema, str(path)), mapping=mapping)
+            decoder = cdr_decoder(schema.name, schema.data.decode())
+        elif schema is not None and encodings == ("protobuf", "protobuf"):
+            from mcap_protobuf.decoder import DecoderFactory
 
-    with path.open("rb", buffering=1 << 16) as file:
-        size = file.seek(0, io.SEEK_END)
-        Recording(path=path, size=size, file=file, open_channel=opened).read(by_index=True)
-    return listing.contents()
+            decoder = DecoderFactory().decoder_for("protobuf", schema)
+    except Exception as error:  # Libraries raise any exception on damaged schemas.
+        reason = f"{type(error).__name__}: {error}"[:120].split("\n", 1)[0]
+        raise LogError(
+            f"the schema of topic {channel.topic!r} cannot be parsed ({reason}).",
+            where=where,
+            mend="Record the log again, or leave it out.",
+        ) from error
+    if decoder is None:
+        of_schema = f" with schema {encodings[1]!r}" if encodings[1] else " without a schema"
+        raise LogError(
+            f"topic {channel.topic!r} is encoded as {encodings[0]!r}{of_schema}; json, cdr with ros2msg, or protobuf "
+            "with protobuf was expected.",
+            where=where,
+            mend="Convert the recording (`mcap convert`), or map a topic in one of these.",
+        )
+    return decoder
+
+
+def _decode_json(payload: bytes) -> Any:
+    return json.loads(str(payload, "utf-8"))

@@ -1,4 +1,4 @@
-"""Columns of numbers -> an MCAP recording with JSON messages, as Foxglove, PlotJuggler and rovid itself read it."""
+"""Write columns of numbers as an MCAP recording with JSON messages, for Foxglove, PlotJuggler and rovid."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 
-# Unit -> what a name that tells it ends in.
+# Unit -> end of a name with this unit.
 SUFFIXES: Mapping[str, str] = {
     "rad": "rad",
     "deg": "deg",
@@ -24,7 +24,7 @@ SUFFIXES: Mapping[str, str] = {
 
 
 def name_with_unit(name: str, unit: str) -> str:
-    """``name`` with its ``unit`` at the end, where that is known."""
+    """``name`` with its ``unit`` at the end, if the unit is known."""
     if unit not in SUFFIXES:
         return name
     return f"{name}_{SUFFIXES[unit]}"
@@ -32,16 +32,16 @@ def name_with_unit(name: str, unit: str) -> str:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OutputTopic:
-    """One topic.
+    """One topic of a recording.
 
     Attributes
     ----------
     time
         (n,) s from the beginning of the recording.
     fields
-        Name -> (n,) numbers; a message leaves out those that are not finite.
+        Name -> (n,) numbers; messages leave out numbers that are not finite.
     units
-        Name -> unit, as the schema tells it; "" where it is not known.
+        Name -> unit for the schema; "" where unknown.
     """
 
     name: str
@@ -50,7 +50,7 @@ class OutputTopic:
     units: Mapping[str, str]
 
     def schema(self) -> dict[str, object]:
-        """JSON schema of its messages."""
+        """JSON schema of the messages."""
         fields = {}
         for name in self.fields:
             field = {"type": "number"}
@@ -66,8 +66,8 @@ class OutputTopic:
         }
 
     def messages(self) -> Iterator[tuple[int, bytes]]:
-        """(ns, text) of every message that holds anything."""
-        # As lists: single numbers come out of those much faster than out of arrays.
+        """(ns, text) of every message that is not empty."""
+        # Single numbers are read much faster from lists than from arrays.
         columns = [(name, values.tolist(), np.isfinite(values).tolist()) for name, values in self.fields.items()]
         for at, ns in enumerate(np.rint(self.time * 1e9).astype(np.int64).tolist()):
             message = {name: values[at] for name, values, known in columns if known[at]}
@@ -76,7 +76,7 @@ class OutputTopic:
 
 
 def mcap_bytes(topics: Sequence[OutputTopic], library: str = "rovid") -> bytes:
-    """A whole recording, in order of time; ``library`` is what it says to have written it."""
+    """A whole recording, in order of time; ``library`` is its writer."""
     from mcap.writer import CompressionType, Writer
 
     out = io.BytesIO()

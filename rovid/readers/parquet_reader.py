@@ -1,9 +1,9 @@
-"""Parquet tables: one row an instant, as in CSV, whose names of columns count where none are given for Parquet."""
+"""Parquet tables: one row an instant, as in CSV. Sources for CSV apply where rovid.toml names none for Parquet."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -17,130 +17,124 @@ from rovid.readers.raw_log import (
     Channel,
     LogContents,
     RawLog,
-    foreign,
-    mapped,
     require_library,
-    require_room,
-    time_signal,
+    required_signals,
+    required_time,
+    wrong_format,
 )
-from rovid.readers.timestamps import column_to_seconds, epoch_of, to_datetimes
+from rovid.readers.timestamps import column_to_seconds, start_epoch, to_datetimes
 from rovid.trial.config import Config
 from rovid.trial.signal_names import CLOCK_WORDS, name_words
 
 KIND = "parquet"
 EXTRA = "parquet"
 _MARK = b"PAR1"
-# Rows that are unpacked at a time, and bytes that are read.
+# Rows in one batch, and bytes of the read buffer.
 _ROWS, _BUFFER = 1 << 16, 1 << 18
-# How a column of bytes says that they are text or numbers.
+# Logical types of byte columns that hold text or numbers.
 _READABLE = {"STRING", "ENUM", "DECIMAL", "FLOAT16"}
 
 
 def read(path: Path, config: Config) -> RawLog:
-    """Wanted columns of ``path``; ``pose.heading`` is a column inside another.
+    """Mapped columns of ``path``; ``pose.heading`` is a column inside another.
 
     Raises
     ------
     LogError
-        It is no Parquet file or is cut, pyarrow is not installed, or a column is missing, no number or too large.
+        The file is no Parquet file or is cut, pyarrow is not installed, or a column is missing or no number.
     ConfigError
         rovid.toml does not map the time, the heading or a command for it.
     """
-    signals = {"time": time_signal(config, KIND), **mapped(config, KIND, path)}
-    _check(path)
-    wanted = {name: signal.sources[KIND] for name, signal in signals.items()}
-    moments, columns = _columns(path, wanted)
-    time = column_to_seconds(moments, wanted["time"], signals["time"].unit, lambda row: f"{path}: row {row + 1}")
-    epoch = epoch_of(moments, time, wanted["time"], signals["time"].unit)
-    clock = wanted.pop("time")
+    signals = {"time": required_time(config, KIND), **required_signals(config, KIND, path)}
+    _check_mark(path)
+    sources = {name: signal.sources[KIND] for name, signal in signals.items()}
+    clock, unit = sources["time"], signals["time"].unit
+    times, columns = _columns(path, sources)
+    time = column_to_seconds(times, clock, unit, lambda row: f"{path}: row {row + 1}")
     channels = {}
-    for name, column in wanted.items():
-        channels[name] = Channel(source=column, clock=clock, time=time, values=columns[column])
+    for name, column in sources.items():
+        if name != "time":
+            channels[name] = Channel(source=column, clock=clock, time=time, values=columns[column])
+    epoch = start_epoch(times, time, clock, unit)
     return RawLog(channels=channels, place=lambda _, row: f"row {row + 1}", epoch=epoch)
 
 
-def _columns(path: Path, wanted: Mapping[str, str]) -> tuple[pd.Series[Any], dict[str, FloatArray]]:
-    """The time, and the other wanted columns by their names; a batch of rows at a time, so that little is unpacked."""
+def _columns(path: Path, sources: Mapping[str, str]) -> tuple[pd.Series[Any], dict[str, FloatArray]]:
+    """The time, and the other mapped columns by name; read in batches of rows, which takes little memory."""
     parquet = require_library("pyarrow.parquet", EXTRA, path)
-    clock = wanted["time"]
-    names = {column: name for name, column in wanted.items() if name != "time"}
+    clock = sources["time"]
+    signals = {column: name for name, column in sources.items() if name != "time"}
     with _reading(path):
         footer = parquet.read_metadata(path)
-    texts = _require(path, footer, wanted)
+    texts = _check_columns(path, footer, sources)
     if footer.num_rows < 1:
         raise LogError("has columns but no rows.", where=path, mend="Leave it out.")
-    columns = {column: np.empty(footer.num_rows) for column in names}
+    columns = {column: np.empty(footer.num_rows) for column in signals}
     times: list[pd.Series[Any]] = []
     at = 0
-    for batch in _batches(path, list({clock: None, **names}), texts):
-        times.append(_moments(path, batch[clock], clock, at))
+    for batch in _batches(path, list({clock: None, **signals}), texts):
+        times.append(_times(path, batch[clock], clock, at))
         after = at + len(times[-1])
         if after > footer.num_rows:
             break
         for column, numbers in columns.items():
-            numbers[at:after] = _numbers(path, batch[column], column, names[column], at)
+            numbers[at:after] = _numbers(path, batch[column], column, signals[column], at)
         at = after
     if at != footer.num_rows:
-        raise _damaged(path, ValueError(f"it does not hold the {footer.num_rows} rows that it tells of"))
+        raise _damaged(path, ValueError(f"its footer counts {footer.num_rows} rows"))
     return pd.concat(times, ignore_index=True), columns
 
 
-def _require(path: Path, footer: Any, wanted: Mapping[str, str]) -> list[str]:
-    """Which of the wanted columns hold text.
+def _check_columns(path: Path, footer: Any, sources: Mapping[str, str]) -> list[str]:
+    """Mapped columns that hold text.
 
     Raises
     ------
     LogError
-        One is missing, there twice, or holds neither numbers nor text; or they are too large.
+        A column is missing, not unique, or holds neither numbers nor text.
     """
     leaves = [footer.schema.column(at) for at in range(len(footer.schema.names))]
-    present = [leaf.path for leaf in leaves if leaf.max_repetition_level == 0]  # no lists
-    for name, column in wanted.items():
-        _require_one(path, column, name, present)
-    chosen = [leaf for leaf in leaves if leaf.path in wanted.values()]
-    # What the footer says of single columns is not asked for: where it is damaged, pyarrow ends the whole process.
-    require_room(path, footer.num_rows, len(chosen))
-    blobs = [leaf for leaf in chosen if leaf.physical_type.endswith("BYTE_ARRAY")]
-    _refuse_bytes(path, blobs)
-    return [leaf.path for leaf in blobs if leaf.logical_type.type in {"STRING", "ENUM"}]
-
-
-def _require_one(path: Path, column: str, name: str, present: list[str]) -> None:
-    if column not in present:
-        raise _no_column(path, column, name, present)
-    if present.count(column) > 1:
-        raise LogError(f"has {present.count(column)} columns {column!r} ({name}).", where=path, mend="Rename one.")
-
-
-def _refuse_bytes(path: Path, leaves: Iterable[Any]) -> None:
-    mend = "Map another column in rovid.toml, or leave this log out."
+    present = [leaf.path for leaf in leaves if leaf.max_repetition_level == 0]  # Without lists.
+    for name, column in sources.items():
+        if column not in present:
+            raise LogError(
+                f"has no column {column!r}, which rovid.toml maps to {name}. {suggestion(column, present)}",
+                where=path,
+                mend=f"Correct the name in rovid.toml ({name}), or leave this log out.",
+            )
+        if present.count(column) > 1:
+            raise LogError(f"has {present.count(column)} columns {column!r} ({name}).", where=path, mend="Rename one.")
+    texts = []
+    # Statistics of columns in the footer are not read: if they are damaged, pyarrow ends the whole process.
     for leaf in leaves:
+        if leaf.path not in sources.values() or not leaf.physical_type.endswith("BYTE_ARRAY"):
+            continue
         if leaf.logical_type.type not in _READABLE:
+            mend = "Map another column in rovid.toml, or leave this log out."
             raise LogError(f"{leaf.path} holds bytes; numbers were expected.", where=path, mend=mend)
+        if leaf.logical_type.type in {"STRING", "ENUM"}:
+            texts.append(leaf.path)
+    return texts
 
 
 def _batches(path: Path, columns: list[str], texts: list[str]) -> Iterator[dict[str, Any]]:
-    """Name -> values of ``columns``, some thousand rows at a time; of ``texts`` each one but once."""
+    """Name -> values of ``columns``, in batches of rows; equal ``texts`` are decoded once."""
     parquet, arrow = require_library("pyarrow.parquet", EXTRA, path), require_library("pyarrow", EXTRA, path)
     with _reading(path), parquet.ParquetFile(path, read_dictionary=texts, buffer_size=_BUFFER) as file:
         for batch in file.iter_batches(_ROWS, columns=columns, use_threads=False):
             table = arrow.Table.from_batches([batch])
             while any(arrow.types.is_struct(field.type) for field in table.schema):
                 table = table.flatten()
-            found = {name: table.column(name).combine_chunks() for name in columns}
-            yield {name: _plain(values, arrow) for name, values in found.items()}
-
-
-def _plain(values: Any, arrow: Any) -> Any:
-    """Decimals as floats; everything else as it is."""
-    if arrow.types.is_decimal(values.type):
-        return values.cast(arrow.float64())
-    return values
+            found = {}
+            for name in columns:
+                values = table.column(name).combine_chunks()
+                found[name] = values.cast(arrow.float64()) if arrow.types.is_decimal(values.type) else values
+            yield found
 
 
 @contextmanager
 def _reading(path: Path) -> Iterator[None]:
-    """Say what a damaged file makes the library raise."""
+    """Convert the exceptions of pyarrow on damaged files."""
     error = require_library("pyarrow", EXTRA, path).ArrowException
     try:
         yield
@@ -149,49 +143,41 @@ def _reading(path: Path) -> Iterator[None]:
 
 
 def sources(path: Path) -> LogContents:
-    """The column of the clock, if one is named like one, and every other column of numbers.
+    """The column with a clock's name, if any, and every other column of numbers.
 
     Raises
     ------
     LogError
-        It is no Parquet file, or pyarrow is not installed.
+        The file is no Parquet file, or pyarrow is not installed.
     """
-    _check(path)
+    _check_mark(path)
     parquet, types = require_library("pyarrow.parquet", EXTRA, path), require_library("pyarrow.types", EXTRA, path)
     with _reading(path):
         schema = parquet.read_schema(path)
     counts = Counter(schema.names)
     clock = next((name for name in counts if counts[name] == 1 and name_words(name) & CLOCK_WORDS), "")
     numbers = [column.name for column in schema if types.is_integer(column.type) or types.is_floating(column.type)]
-    once = tuple(name for name in numbers if counts[name] == 1 and name != clock)
-    return LogContents(clock=clock, sources=once)
+    unique = tuple(name for name in numbers if counts[name] == 1 and name != clock)
+    return LogContents(clock=clock, sources=unique)
 
 
-def _check(path: Path) -> None:
+def _check_mark(path: Path) -> None:
     with path.open("rb") as file:
         if file.read(len(_MARK)) != _MARK:
-            raise foreign(path, "a Parquet file")
+            raise wrong_format(path, "a Parquet file")
 
 
 def _damaged(path: Path, error: Exception) -> LogError:
     return LogError(
         f"is a Parquet file that is cut or damaged ({str(error)[:100]}).".replace("\n", " "),
         where=path,
-        mend="Write it again; what it describes stands at its end, so a part of one cannot be read.",
+        mend="Write it again; its index is at its end, so a part of the file cannot be read.",
     )
 
 
-def _no_column(path: Path, column: str, name: str, present: list[str]) -> LogError:
-    return LogError(
-        f"has no column {column!r}, which rovid.toml maps to {name}. {suggestion(column, present)}",
-        where=path,
-        mend=f"Correct the name in rovid.toml ({name}), or leave this log out.",
-    )
-
-
-def _moments(path: Path, values: Any, name: str, before: int) -> pd.Series[Any]:
-    """The time of each row; text as points in time."""
-    if _is_dictionary(values):
+def _times(path: Path, values: Any, name: str, before: int) -> pd.Series[Any]:
+    """Time of each row; text is converted to dates. ``before``: number of rows before these."""
+    if hasattr(values, "dictionary"):
         values = values.dictionary_decode()
     column = _series(path, values)
     if column.dtype == object:
@@ -200,15 +186,15 @@ def _moments(path: Path, values: Any, name: str, before: int) -> pd.Series[Any]:
 
 
 def _numbers(path: Path, values: Any, column: str, name: str, before: int) -> FloatArray:
-    """Each row as a number; ``before`` rows stand in front of them."""
-    if not _is_dictionary(values):
-        numbers, wrong = _read_numbers(_series(path, values))
+    """Each row as a number. ``before``: number of rows before these."""
+    if hasattr(values, "dictionary"):
+        numbers, wrong = _to_numbers(_series(path, values.dictionary))
+        # A missing cell gets the index after the last.
+        codes = values.indices.fill_null(len(numbers)).to_numpy()
+        numbers = np.append(numbers, np.nan)[codes]
+        wrong = np.append(wrong, False)[codes]
     else:
-        each, none = _read_numbers(_series(path, values.dictionary))
-        # A missing cell takes the place behind the last of them.
-        codes = values.indices.fill_null(len(each)).to_numpy()
-        numbers = np.append(each, np.nan)[codes]
-        wrong = np.append(none, False)[codes]
+        numbers, wrong = _to_numbers(_series(path, values))
     if wrong.any():
         row = int(np.argmax(wrong))
         raise LogError(
@@ -219,22 +205,18 @@ def _numbers(path: Path, values: Any, column: str, name: str, before: int) -> Fl
     return numbers
 
 
-def _is_dictionary(values: Any) -> bool:
-    return hasattr(values, "dictionary")
-
-
 def _series(path: Path, values: Any) -> pd.Series[Any]:
-    """As pandas has it; integers of 64 bit stay such where some are missing."""
-    whole = require_library("pyarrow", EXTRA, path).int64()
-    column = values.to_pandas(types_mapper={whole: pd.Int64Dtype()}.get)
-    if not isinstance(column, pd.Series):  # for the type checker: pyarrow tells it nothing
+    """A pandas column; 64-bit integers with missing values stay integers."""
+    int64 = require_library("pyarrow", EXTRA, path).int64()
+    column = values.to_pandas(types_mapper={int64: pd.Int64Dtype()}.get)
+    if not isinstance(column, pd.Series):  # pyarrow has no types.
         raise TypeError(type(column))
     return column
 
 
-def _read_numbers(column: pd.Series[Any]) -> tuple[FloatArray, BoolArray]:
-    """(n,) numbers, NaN where none is; and (n,) whether something else is there."""
-    if column.dtype.kind in "biuf":  # 64-bit integers with gaps among them
+def _to_numbers(column: pd.Series[Any]) -> tuple[FloatArray, BoolArray]:
+    """(n,) numbers, NaN where missing; and (n,) whether a cell is no number."""
+    if column.dtype.kind in "biuf":  # 64-bit integers with missing values among them.
         return np.asarray(column.to_numpy(dtype=np.float64, na_value=np.nan)), np.zeros(len(column), dtype=np.bool_)
     cells = column.astype(object)
     numbers = pd.to_numeric(cells, errors="coerce")

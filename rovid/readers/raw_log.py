@@ -1,45 +1,47 @@
-"""What a reader hands over: channels as logged, each on the clock that it was logged with."""
+"""Channels as logged, each on its own clock: the result of every reader, and helpers that readers share."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from rovid.core.array_types import BoolArray, FloatArray
-from rovid.core.errors import ConfigError, LogError
+from rovid.core.array_types import FloatArray
+from rovid.core.errors import ConfigError, LogError, suggestion
+from rovid.readers.timestamps import to_seconds
 from rovid.trial.config import Config
 from rovid.trial.signal_names import Signal
 from rovid.trial.trial import Remark
 
-# Bytes that the numbers of one log may take.
-_ROOM = 512 << 20
-# No time in s, angle or command is this large; a damaged log is.
-_ABSURD = 1e15
+# Signals that a quaternion can provide.
+ANGLES = ("heading", "roll", "pitch")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Channel:
-    """One signal as it stands in the log.
+    """One signal as logged.
 
-    Channels that share a clock share the array ``time`` itself, so that it is put in order once.
+    Channels of one clock share the array ``time`` itself, so that it is sorted once.
 
     Attributes
     ----------
     source
-        The column, or the topic and field, for messages.
+        Column, or topic and field, for messages.
     clock
-        The time column or the topic, for messages.
+        Time column or topic, for messages.
     time
-        (n,) s since a moment of the reader's choice, in the order logged; NaN where it is missing.
+        (n,) s from an origin of the reader's choice, in the order logged; NaN where missing.
     values
         (n,) as logged; NaN where missing.
     radians
-        The reader made an angle of it (from a quaternion), so the unit of rovid.toml does not apply.
+        The reader computed the angle from a quaternion: the unit in rovid.toml does not apply.
     """
 
     source: str
@@ -51,21 +53,21 @@ class Channel:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RawLog:
-    """All wanted channels of one file.
+    """All mapped channels of one file.
 
     Attributes
     ----------
     channels
         Signal name -> channel.
-    remarks
-        What the reader noticed about the file itself.
-    sortable
-        The format stores messages slightly out of order by nature: sort them before complaining.
     place
         (signal, index of a sample) -> "line 17" or "message 16", for messages.
+    remarks
+        Faults of the file itself.
+    sortable
+        The format may store messages slightly out of order: they are sorted.
     epoch
-        s since 1970 of the channels' time zero; None where nobody knows.
-    beside
+        s since 1970 at the channels' time zero; None where unknown.
+    companion_files
         Further files that channels come from.
     """
 
@@ -74,23 +76,23 @@ class RawLog:
     remarks: tuple[Remark, ...] = ()
     sortable: bool = False
     epoch: float | None = None
-    beside: tuple[Path, ...] = ()
+    companion_files: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
 class LogContents:
-    """What a log holds that can be read.
+    """Readable contents of a log.
 
     Attributes
     ----------
     clock
-        The source of the clock; empty where the format has one of its own.
+        Source of the time; empty where the format has its own clock.
     sources
-        Of everything else.
-    left_out
-        What is there and cannot be read, each with the reason.
+        All other sources.
+    unreadable
+        Contents that cannot be read, each with the reason.
     parameters
-        Of the autopilot that wrote it, by their own names.
+        Parameters of the autopilot that wrote the log.
     """
 
     clock: str = ""
@@ -99,27 +101,27 @@ class LogContents:
     parameters: Mapping[str, float] = field(default_factory=dict)
 
 
-def mapped(config: Config, kind: str, path: Path) -> dict[str, Signal]:
+def required_signals(config: Config, kind: str, path: Path) -> dict[str, Signal]:
     """Signals that rovid.toml maps for logs of the format ``kind``.
 
     Raises
     ------
     ConfigError
-        What is measured, or a command, is not mapped for this format.
+        The measured signal or a command has no source in this format.
     """
-    wanted = config.mapped_signals(kind)
+    signals = config.mapped_signals(kind)
     for name in config.required_signals:
-        if name not in wanted:
+        if name not in signals:
             raise ConfigError(
                 f"{name} names no {kind} source, but {path.name} is a {kind} log.",
                 where=config.path,
-                mend=f'Add {kind} = "…" beside its other sources, or leave this log out.',
+                mend=f'Add {kind} = "…" to its sources, or leave this log out.',
             )
-    return wanted
+    return signals
 
 
-def time_signal(config: Config, kind: str) -> Signal:
-    """The time column.
+def required_time(config: Config, kind: str) -> Signal:
+    """The time column of tables.
 
     Raises
     ------
@@ -136,12 +138,12 @@ def time_signal(config: Config, kind: str) -> Signal:
 
 
 def require_library(module: str, extra: str, path: Path) -> ModuleType:
-    """A package that one format needs and rovid as a whole does not.
+    """Import an optional package that one format needs.
 
     Raises
     ------
     LogError
-        It is not installed.
+        The package is not installed.
     """
     try:
         return import_module(module)
@@ -153,36 +155,172 @@ def require_library(module: str, extra: str, path: Path) -> ModuleType:
         ) from error
 
 
-def require_room(path: Path, rows: int, columns: int) -> None:
-    """Refuse a table that is too large, before it is unpacked.
+def wrong_format(path: Path, expected: str) -> LogError:
+    """Error for a file that does not begin as ``expected`` by its suffix."""
+    found = "does not begin as one" if path.stat().st_size else "is empty"
+    mend = "Fetch the log again, or give it the suffix of its format."
+    return LogError(f"is not {expected}: it {found}.", where=path, mend=mend)
+
+
+def subsampled_median(values: FloatArray) -> float:
+    """Median of at most about ten thousand evenly picked ``values``, for thresholds; NaN for none."""
+    return float(np.median(values[:: len(values) // 10_000 + 1])) if values.size else float("nan")
+
+
+def euler(quaternions: FloatArray, signal: str) -> FloatArray:
+    """(n,) heading, roll or pitch in rad of (n, 4) x, y, z, w of any length; NaN for length zero, a missing value."""
+    x, y, z, w = quaternions.T
+    with np.errstate(invalid="ignore", over="ignore"):
+        norm = x * x + y * y + z * z + w * w
+        if signal == "heading":
+            angle = np.arctan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
+        elif signal == "roll":
+            angle = np.arctan2(2.0 * (w * x + y * z), w * w - x * x - y * y + z * z)
+        else:
+            sine = 2.0 * (w * y - z * x) / np.where(norm > 0, norm, 1.0)
+            angle = np.arcsin(np.clip(sine, -1.0, 1.0))
+        return np.where((norm > 0.0) & np.isfinite(norm), angle, np.nan)
+
+
+# --- logs that give each topic as columns: DataFlash, MAVLink telemetry, ULog -------------------------------
+
+# Field -> (n,) as logged; the clock, in us, is one of the fields.
+Columns = Mapping[str, NDArray[Any]]
+_INSTANCE = re.compile(r"(.*)\[(\d+)\]$")
+
+
+def raw_log_of_topics(
+    path: Path,
+    kind: str,
+    signals: Mapping[str, Signal],
+    topic: Callable[[str], Columns],
+    clock: str,
+    remarks: list[Remark],
+) -> RawLog:
+    """The channels of ``signals`` from topics with columns.
+
+    Parameters
+    ----------
+    topic
+        Name -> columns; raises `LogError` where there is no such topic.
+    clock
+        Field of each topic that holds the time in us.
+    remarks
+        Remarks on the file, to which ``topic`` may add.
 
     Raises
     ------
     LogError
-        Its numbers take more than rovid reads of one log.
+        A topic or field is missing, or is no number.
     """
-    needed = 8 * rows * columns
-    if needed > _ROOM:
+    topics: dict[str, Columns] = {}
+    found: dict[str, tuple[str, NDArray[Any], bool]] = {}
+    for name, signal in signals.items():
+        one, _, field_name = signal.sources[kind].partition(".")
+        try:
+            columns = topics.get(one) or topics.setdefault(one, topic(one))
+            # PX4 stores quaternions as w, x, y, z.
+            parts = [f"{field_name}[{at}]" for at in (1, 2, 3, 0)]
+            if name in ANGLES and field_name not in columns and columns.keys() >= set(parts):
+                angle = euler(np.column_stack([_float64(columns[part]) for part in parts]), name)
+                found[name] = one, angle, True
+            else:
+                found[name] = one, _field(path, field_name, one, columns, name), False
+        except LogError:
+            if not signal.optional:
+                raise
+    stamps = {}
+    for one, _, _ in found.values():
+        stamp = _field(path, clock, one, topics[one], "time")
+        # Signed, so that differences are; a stamp that does not fit is damaged.
+        stamps[one] = stamp.astype(np.int64) if stamp.dtype.kind == "u" else stamp
+    origin = min((int(stamp[0]) for stamp in stamps.values() if stamp.dtype.kind == "i"), default=0)
+    times = {one: to_seconds(stamp, clock, "us", origin) for one, stamp in stamps.items()}
+    channels = {}
+    for name, (one, values, radians) in found.items():
+        source = signals[name].sources[kind]
+        channels[name] = Channel(source=source, clock=one, time=times[one], values=_float64(values), radians=radians)
+    return RawLog(
+        channels=channels,
+        place=lambda signal, index: f"message {index + 1} of {channels[signal].clock}",
+        remarks=tuple(remarks),
+        sortable=True,
+    )
+
+
+def _float64(values: NDArray[Any]) -> FloatArray:
+    with np.errstate(invalid="ignore"):  # A damaged number may be a signalling NaN.
+        return values.astype(np.float64)
+
+
+def _field(path: Path, name: str, topic: str, columns: Columns, signal: str) -> NDArray[Any]:
+    values = columns.get(name)
+    if values is None:
         raise LogError(
-            f"holds {rows} rows, of which {columns} columns are wanted: {needed >> 20} MB unpacked; "
-            f"at most {_ROOM >> 20} MB were expected.",
+            f"{topic} has no field {name!r} ({signal}). {suggestion(name, columns)}",
             where=path,
-            mend="Split the log, or keep every tenth row.",
+            mend=f"Correct {signal} in rovid.toml.",
         )
+    if values.dtype.kind not in "iuf":
+        raise LogError(
+            f"{topic}.{name} ({signal}) is text; a number was expected.",
+            where=path,
+            mend=f"Name another field for {signal} in rovid.toml.",
+        )
+    return values
 
 
-def foreign(path: Path, what: str) -> LogError:
-    """That ``path`` is not ``what`` its suffix says."""
-    found = "does not begin as one" if path.stat().st_size else "is empty"
-    mend = "Fetch the log again, or give it the suffix of its format."
-    return LogError(f"is not {what}: it {found}.", where=path, mend=mend)
+def numeric_sources(topics: Mapping[str, Columns]) -> list[str]:
+    """Sources of all numbers in ``topics``, without clocks; a quaternion is one source."""
+    sources = []
+    for topic, columns in topics.items():
+        for name, values in columns.items():
+            if values.dtype.kind in "iuf" and not name.lower().startswith("time"):
+                sources.append(f"{topic}.{'q' if name.startswith('q[') else name}")
+    return list(dict.fromkeys(sources))
 
 
-def is_plausible(values: FloatArray) -> BoolArray:
-    """(n,) where a number was measured: neither missing, nor infinite, nor beyond all units."""
-    return np.abs(values) < _ABSURD
+def autopilot_parameters(columns: Columns, name: str, value: str) -> dict[str, float]:
+    """Last value of each parameter, from the fields ``name`` and ``value`` of messages; empty without them."""
+    if name not in columns or value not in columns or columns[name].dtype.kind != "S":
+        return {}
+    names = [text.decode("ascii", errors="replace") for text in columns[name].tolist()]
+    return dict(zip(names, _float64(columns[value]).tolist(), strict=True))
 
 
-def subsampled_median(values: FloatArray) -> float:
-    """Median of at most some ten thousand ``values``, evenly picked: near enough for a threshold, and fast."""
-    return float(np.median(values[:: len(values) // 10_000 + 1])) if values.size else float("nan")
+def missing_topic(path: Path, kind: str, name: str, present: Mapping[str, Any]) -> LogError:
+    """Error for a topic that the log lacks, with similar names among those ``present``."""
+    mend = f'Write {kind} = "<message>.<field>" in rovid.toml.'
+    return LogError(f"holds no message {name!r}. {suggestion(name, present)}", where=path, mend=mend)
+
+
+def split_instance(topic: str) -> tuple[str, int | None]:
+    """Message name and sensor number of a topic such as ``IMU[1]``."""
+    match = _INSTANCE.match(topic)
+    if match is None:
+        return topic, None
+    return match[1], int(match[2])
+
+
+def select_instance(
+    path: Path, kind: str, topic: str, columns: Columns, instance_field: str, remarks: list[Remark]
+) -> Columns:
+    """Rows of the one sensor that ``topic`` names; of the first sensor, with a remark, where it names none.
+
+    Raises
+    ------
+    LogError
+        There is no such sensor.
+    """
+    if instance_field not in columns:
+        return columns
+    name, wanted = split_instance(topic)
+    numbers = columns[instance_field]
+    present = np.unique(numbers).tolist()
+    if wanted is None and len(present) > 1:
+        text = f"{name} comes from several sensors, {present}; the first was taken. {name}[{present[1]}] is another."
+        remarks.append(Remark(kind="chosen", count=len(numbers), text=text))
+    chosen = present[0] if wanted is None else wanted
+    if chosen not in present:
+        raise missing_topic(path, kind, topic, {f"{name}[{one}]": None for one in present})
+    return {field_name: values[numbers == chosen] for field_name, values in columns.items()}

@@ -1,7 +1,7 @@
-"""ROS 2 messages as recordings hold them: definitions as text (ros2msg), and the bytes they lay out (CDR).
+"""ROS 2 messages in recordings: definitions as text (ros2msg), and decoders of their bytes (CDR).
 
-The libraries for it take a time that grows with the square of a definition's length; a damaged or hostile definition
-must not.
+A core install reads ROS 2 messages in MCAP with this module alone. It decodes each run of plain numbers with one
+compiled `struct`.
 """
 
 from __future__ import annotations
@@ -10,13 +10,11 @@ import re
 import struct
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import groupby
 from types import SimpleNamespace
 from typing import Any
 
-# One message may hold this many others, and this deep: each takes a hundred times the memory of its bytes.
-_MESSAGES, _DEPTH = 100_000, 64
+# Type in ros2msg -> letter of `struct`.
 _NUMBERS = {
     "bool": "?",
     "byte": "B",
@@ -32,7 +30,6 @@ _NUMBERS = {
     "float32": "f",
     "float64": "d",
 }
-_RAW = ("byte", "uint8")  # lists of these are bytes
 _SEPARATOR = re.compile(r"={3,}")
 _TYPE = re.compile(r"(?P<kind>[A-Za-z][\w/]*)(<=\d+)?(?P<list>\[((<=)?\d+)?\])?", re.ASCII)
 _NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)
@@ -40,7 +37,7 @@ _NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)
 
 @dataclass(frozen=True, slots=True)
 class _Type:
-    """``kind`` by itself, or a list of it: of ``count``, or of as many as the message says where that is 0."""
+    """``kind``, or a list of ``count`` of it; of a count that the message holds if ``count`` is 0."""
 
     kind: str
     is_list: bool = False
@@ -48,72 +45,62 @@ class _Type:
 
 
 class Message(SimpleNamespace):
-    """What a message holds, by the names of its fields."""
+    """A decoded message with its fields as attributes."""
 
 
 _Fields = dict[str, _Type]
-_SECONDS = {"sec": _Type("uint32"), "nanosec": _Type("uint32")}
-# Definitions may leave these out.
-_BUILTIN = {"builtin_interfaces/Time": _SECONDS, "builtin_interfaces/Duration": _SECONDS}
+_STAMP = {"sec": _Type("uint32"), "nanosec": _Type("uint32")}
+# Types that need no definition, and their short names.
+_BUILTIN = {"builtin_interfaces/Time": _STAMP, "builtin_interfaces/Duration": _STAMP}
 _SHORT = {"time": "builtin_interfaces/Time", "duration": "builtin_interfaces/Duration"}
 
 
 # --- definitions --------------------------------------------------------------------------------------------------
 
 
-def _definitions(name: str, text: str) -> dict[str, _Fields]:
-    """Fields of each message that ``text`` defines; the first is ``name``, behind each separator another begins."""
+def _parse_definitions(name: str, text: str) -> dict[str, _Fields]:
+    """Type -> fields of each definition in ``text``; the first is ``name``, each separator begins another."""
     definitions: dict[str, _Fields] = dict(_BUILTIN)
-    fields = definitions[_full(name)] = {}
+    fields = definitions[_short_name(name)] = {}
     package = name.partition("/")[0]
-    named = True
+    is_named = True
     for line in text.splitlines():
         words = line.partition("#")[0].split(None, 2)
         if not words:
             continue
+        is_constant = len(words) > 1 and ("=" in words[1] or words[-1].startswith("="))
         if len(words) == 1 and _SEPARATOR.fullmatch(words[0]):
-            named = False
-        elif not named:
+            is_named = False
+        elif not is_named:
             if len(words) != 2 or words[0] != "MSG:":
                 raise ValueError(f"{line[:60]!r} does not name the message that is defined next")
-            fields = definitions[_full(words[1])] = {}
-            package, named = words[1].partition("/")[0], True
-        elif not _constant(words):
-            label, kind = _field(words, package)
-            if label in fields:
-                raise ValueError(f"two fields are called {label[:60]!r}")
-            fields[label] = kind
+            fields = definitions[_short_name(words[1])] = {}
+            package, is_named = words[1].partition("/")[0], True
+        elif not is_constant:
+            kind = _parse_type(words[0], package)
+            if kind is None or len(words) == 1 or not _NAME.fullmatch(words[1]):
+                raise ValueError(f"{' '.join(words)[:60]!r} is no field")
+            if words[1] in fields:
+                raise ValueError(f"two fields are called {words[1][:60]!r}")
+            fields[words[1]] = kind
     return definitions
 
 
-def _full(name: str) -> str:
+def _short_name(name: str) -> str:
     """``std_msgs/Header`` of ``std_msgs/msg/Header``."""
     parts = name.split("/")
     return f"{parts[0]}/{parts[-1]}"
 
 
-def _constant(words: list[str]) -> bool:
-    return len(words) > 1 and ("=" in words[1] or words[-1].startswith("="))
-
-
-def _field(words: list[str], package: str) -> tuple[str, _Type]:
-    kind = _type(words[0], package)
-    if kind is None or len(words) == 1 or not _NAME.fullmatch(words[1]):
-        raise ValueError(f"{' '.join(words)[:60]!r} is no field")
-    return words[1], kind
-
-
-@lru_cache(1000)
-def _type(text: str, package: str) -> _Type | None:
+def _parse_type(text: str, package: str) -> _Type | None:
     match = _TYPE.fullmatch(text)
     if match is None:
         return None
     kind = _SHORT.get(match["kind"], match["kind"])
     if kind not in _NUMBERS and kind != "string":
-        kind = _full(kind) if "/" in kind else f"{package}/{kind}"
+        kind = _short_name(kind) if "/" in kind else f"{package}/{kind}"
     brackets = match["list"] or ""
-    size = brackets[1:-1]
-    count = int(size) if size.isdigit() else 0
+    count = int(brackets[1:-1]) if brackets[1:-1].isdigit() else 0
     return _Type(kind, is_list=bool(brackets), count=count)
 
 
@@ -122,13 +109,11 @@ def _type(text: str, package: str) -> _Type | None:
 
 @dataclass(slots=True)
 class _Cursor:
-    """Where reading stands in the bytes behind a message's head."""
+    """Position ``at`` in the bytes after a message's header; ``order`` is the byte order of `struct`."""
 
     data: bytes
     order: str
     at: int = 0
-    messages: int = 0
-    depth: int = 0
 
     def take(self, count: int) -> bytes:
         if count > len(self.data) - self.at:
@@ -136,49 +121,49 @@ class _Cursor:
         self.at += count
         return self.data[self.at - count : self.at]
 
-    def numbers(self, code: str, count: int) -> list[Any]:
-        size = struct.calcsize(code)
-        if count:  # where there are none, nothing is aligned
+    def numbers(self, letter: str, count: int) -> list[Any]:
+        size = struct.calcsize(letter)
+        if count:  # An empty list is not aligned.
             self.take(-self.at % size)
-        return list(struct.unpack(f"{self.order}{count}{code}", self.take(count * size)))
+        return list(struct.unpack(f"{self.order}{count}{letter}", self.take(count * size)))
 
     def count(self) -> int:
         self.take(-self.at % 4)
         return int.from_bytes(self.take(4), "little" if self.order == "<" else "big")
 
     def string(self) -> str:
-        return self.take(self.count())[:-1].decode()  # the last is NUL
+        return self.take(self.count())[:-1].decode()  # Without the final NUL.
 
 
 _Step = Callable[[_Cursor, dict[str, Any]], None]
 _Steps = dict[str, list[_Step]]
 
 
-def _run(names: tuple[str, ...], codes: str) -> _Step:
-    """Reads numbers that follow each other; how they are aligned depends on where the first one is."""
+def _number_step(names: tuple[str, ...], letters: str) -> _Step:
+    """Decode consecutive numbers; their alignment depends on the position of the first."""
     layouts: dict[tuple[int, str], struct.Struct] = {}
 
     def step(cursor: _Cursor, values: dict[str, Any]) -> None:
         place = cursor.at % 8, cursor.order
         layout = layouts.get(place)
         if layout is None:
-            layout = layouts[place] = _layout(codes, *place)
+            layout = layouts[place] = _layout(letters, *place)
         values.update(zip(names, layout.unpack(cursor.take(layout.size)), strict=True))
 
     return step
 
 
-def _layout(codes: str, at: int, order: str) -> struct.Struct:
-    parts = [order]
-    for code in codes:
-        size = struct.calcsize(code)
+def _layout(letters: str, at: int, order: str) -> struct.Struct:
+    text = order
+    for letter in letters:
+        size = struct.calcsize(letter)
         gap = -at % size
-        parts.append("x" * gap + code)
+        text += "x" * gap + letter
         at += gap + size
-    return struct.Struct("".join(parts))
+    return struct.Struct(text)
 
 
-def _other(name: str, read: Callable[[_Cursor], Any]) -> _Step:
+def _other_step(name: str, read: Callable[[_Cursor], Any]) -> _Step:
     def step(cursor: _Cursor, values: dict[str, Any]) -> None:
         values[name] = read(cursor)
 
@@ -186,54 +171,47 @@ def _other(name: str, read: Callable[[_Cursor], Any]) -> _Step:
 
 
 def _reader(kind: _Type, steps: _Steps) -> Callable[[_Cursor], Any]:
-    """What reads anything but a single number."""
+    """Function that decodes any value but a single number."""
     if not kind.is_list and kind.kind == "string":
         return _Cursor.string
     if not kind.is_list:
-        return lambda cursor: _message(steps[kind.kind], cursor)
-    if kind.kind in _RAW:
+        return lambda cursor: _read_message(steps[kind.kind], cursor)
+    if kind.kind in {"byte", "uint8"}:
         return lambda cursor: cursor.take(kind.count or cursor.count())
     if kind.kind in _NUMBERS:
-        code = _NUMBERS[kind.kind]
-        return lambda cursor: cursor.numbers(code, kind.count or cursor.count())
-    one = _reader(_Type(kind.kind), steps)
-    return lambda cursor: [one(cursor) for _ in range(kind.count or cursor.count())]
+        letter = _NUMBERS[kind.kind]
+        return lambda cursor: cursor.numbers(letter, kind.count or cursor.count())
+    read_one = _reader(_Type(kind.kind), steps)
+    return lambda cursor: [read_one(cursor) for _ in range(kind.count or cursor.count())]
 
 
-def _message(steps: list[_Step], cursor: _Cursor) -> Message:
-    cursor.messages += 1
-    cursor.depth += 1
-    if cursor.messages > _MESSAGES or cursor.depth > _DEPTH:
-        raise ValueError("it holds too many messages inside, or one inside another too deep")
+def _read_message(steps: list[_Step], cursor: _Cursor) -> Message:
     message = Message()
     values = vars(message)
     for step in steps:
         step(cursor, values)
-    cursor.depth -= 1
     return message
 
 
-def _nothing(cursor: _Cursor, _: dict[str, Any]) -> None:
-    """Reads the one byte that ROS 2 gives a message without fields."""
+def _skip_byte(cursor: _Cursor, _: dict[str, Any]) -> None:
+    """Skip the one byte of a message without fields."""
     cursor.take(1)
 
 
-def _steps(fields: _Fields, steps: _Steps) -> Iterator[_Step]:
-    readers = {kind: _reader(kind, steps) for kind in set(fields.values())}
+def _steps_of(fields: _Fields, steps: _Steps) -> Iterator[_Step]:
     if not fields:
-        yield _nothing
-    for plain, group in groupby(fields.items(), lambda one: one[1].kind in _NUMBERS and not one[1].is_list):
-        run = list(group)
-        if plain:
-            names, kinds = zip(*run, strict=True)
-            yield _run(names, "".join(_NUMBERS[kind.kind] for kind in kinds))
+        yield _skip_byte
+    for is_number, group in groupby(fields.items(), lambda item: item[1].kind in _NUMBERS and not item[1].is_list):
+        if is_number:
+            names, kinds = zip(*group, strict=True)
+            yield _number_step(names, "".join(_NUMBERS[kind.kind] for kind in kinds))
             continue
-        for name, kind in run:
-            yield _other(name, readers[kind])
+        for name, kind in group:
+            yield _other_step(name, _reader(kind, steps))
 
 
 def _linked(root: str, definitions: Mapping[str, _Fields]) -> _Steps:
-    """How to read ``root`` and all that is inside it."""
+    """Steps to decode ``root`` and all types inside it."""
     steps: _Steps = {}
     waiting = [root]
     while waiting:
@@ -243,26 +221,26 @@ def _linked(root: str, definitions: Mapping[str, _Fields]) -> _Steps:
         if name not in definitions:
             raise ValueError(f"the type {name[:60]!r} is not defined, or not supported")
         fields = definitions[name]
-        steps[name] = list(_steps(fields, steps))
+        steps[name] = list(_steps_of(fields, steps))
         waiting += {one.kind for one in fields.values()} - {*_NUMBERS, "string"}
     return steps
 
 
-def decoder(name: str, text: str) -> Callable[[bytes], Any]:
-    """What turns a message of the type ``name``, which ``text`` defines, into an object with its fields.
+def cdr_decoder(name: str, text: str) -> Callable[[bytes], Any]:
+    """Function that decodes messages of the type ``name``, which ``text`` defines, into `Message` objects.
 
     Raises
     ------
     ValueError
-        The definition makes no sense; the message does not follow it, when one is decoded.
+        The definition makes no sense; on decoding, the message does not match it.
     """
-    root = _full(name)
-    steps = _linked(root, _definitions(name, text))[root]
+    root = _short_name(name)
+    steps = _linked(root, _parse_definitions(name, text))[root]
 
     def decode(payload: bytes) -> Any:
         if len(payload) < 4:
-            raise ValueError("it is shorter than its head")
+            raise ValueError("it is shorter than its header")
         order = "<" if payload[1] & 1 else ">"
-        return _message(steps, _Cursor(payload[4:], order))
+        return _read_message(steps, _Cursor(payload[4:], order))
 
     return decode

@@ -1,35 +1,51 @@
-"""Time as logged -> seconds."""
+"""Clocks: time as logged to seconds, and samples in strictly increasing time."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
-from rovid.core.array_types import FloatArray
+from rovid.core.array_types import BoolArray, FloatArray, IntArray
 from rovid.core.errors import LogError
+from rovid.trial.trial import Remark
+
+if TYPE_CHECKING:  # pandas takes long to import.
+    import pandas as pd
 
 _SCALE = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-# "time_ms", "t [us]", "stamp(ns)": the unit that a column's own name declares.
-_SUFFIX = re.compile(r"[\s_.\[(](ms|us|µs|μs|ns)[\])]?$", re.IGNORECASE)
-
-# s since 1970 from which on a time counts as one since then: 1973.
+# Unit at the end of a column's name: "time_ms", "t [us]", "stamp(ns)".
+_UNIT_AT_END = re.compile(r"[\s_.\[(](ms|us|µs|μs|ns)[\])]?$", re.IGNORECASE)
+# Largest magnitude of a plausible time, angle or command; larger numbers come from damage.
+_IMPLAUSIBLE = 1e15
+# s; a time from here on (1973) counts from 1970.
 EPOCH_FROM = 1e8
+# s; recorders store messages out of order by less than this, a clock that was set back is off by more.
+_MAX_DISORDER = 1.0
+# Share of samples, above which a log is refused.
+_MAX_BACKWARD, _MAX_DUPLICATE = 0.05, 0.5
+# A clock set while recording (GPS fix, NTP) leaps by more than this (s), and than this multiple of the log's duration.
+_LEAP, _LEAP_RATIO = 3600.0, 10.0
+# s; closer time stamps are equal; a longer run (35 days) is refused, because floats lose ticks beyond.
+_TICK, _MAX_DURATION = 1e-9, 3e6
 
 
-def unit_of(name: str, magnitude: float, declared: str) -> str:
-    """s, ms, us or ns: as ``declared``, else by the column's name, else by the size of an epoch time.
+def is_plausible(values: FloatArray) -> BoolArray:
+    """(n,) whether each number is a measurement: neither missing, nor infinite, nor implausibly large."""
+    return np.abs(values) < _IMPLAUSIBLE
 
-    Seconds since 1970 are near 1.7e9 these decades, so a factor of a thousand apart leaves no doubt; anything
-    below 1e11 counts as seconds.
+
+def time_unit(name: str, magnitude: float, declared: str) -> str:
+    """s, ms, us or ns: as ``declared``, else by the column's name, else by the magnitude of an epoch time.
+
+    Seconds since 1970 are near 1.7e9, so that factors of a thousand are unambiguous; times below 1e11 are seconds.
     """
     if declared in _SCALE:
         return declared
-    if named := _SUFFIX.search(name):
+    if named := _UNIT_AT_END.search(name):
         return named[1].lower().replace("µ", "u").replace("μ", "u")
     for unit, lowest in (("ns", 1e17), ("us", 1e14), ("ms", 1e11)):
         if magnitude >= lowest:
@@ -38,47 +54,44 @@ def unit_of(name: str, magnitude: float, declared: str) -> str:
 
 
 def to_seconds(values: NDArray[Any], name: str, declared: str, origin: int | None = None) -> FloatArray:
-    """(n,) s of (n,) numbers; integers lose their start before they become floats, so no digit is lost.
+    """(n,) s of (n,) numbers; integers are made relative before they become floats, so that no digit is lost.
 
     Parameters
     ----------
     values
-        float64 with NaN where missing, or int64.
+        float64 with NaN where missing, or integers.
     name
         The column or field.
     declared
-        Unit of rovid.toml: auto, s, ms, us or ns.
+        Unit in rovid.toml: auto, s, ms, us or ns.
     origin
-        What to take off integers; the first of them by default.
+        Subtracted from integers; the first of them by default.
     """
     if not values.size:
         return values.astype(np.float64)
     if values.dtype.kind == "u":
         values = values.astype(np.int64)
-    few = np.abs(values[:: len(values) // 1000 + 1].astype(np.float64))
-    few = few[few < 1e30]  # without what is no time at all
-    scale = _SCALE[unit_of(name, float(np.median(few)) if few.size else 0.0, declared)]
-    since: FloatArray = values
+    sample = np.abs(values[:: len(values) // 1000 + 1].astype(np.float64))
+    sample = sample[sample < 1e30]  # Larger numbers are no times.
+    scale = _SCALE[time_unit(name, float(np.median(sample)) if sample.size else 0.0, declared)]
+    relative: FloatArray = values
     if values.dtype.kind == "i":
-        since = (values - (values[0] if origin is None else origin)).astype(np.float64)
-    return since if scale == 1.0 else since * scale
+        relative = (values - (values[0] if origin is None else origin)).astype(np.float64)
+    return relative if scale == 1.0 else relative * scale
 
 
 def column_to_seconds(column: pd.Series[Any], name: str, declared: str, where: Callable[[int], str]) -> FloatArray:
-    """(n,) s of a column of numbers, dates or text; NaN where missing.
+    """(n,) s of a column of numbers, dates or text; NaN where missing. Parameters as in `to_seconds`.
 
-    Parameters
-    ----------
-    name, declared
-        As in `seconds`.
-    where
-        Row -> its place in the file, for messages.
+    ``where`` maps a row to its place in the file, for messages.
 
     Raises
     ------
     LogError
         A text is no ISO 8601 time.
     """
+    import pandas as pd
+
     if isinstance(column.dtype, np.dtype) and column.dtype.kind in "iuf":
         return to_seconds(column.to_numpy(), name, declared)
     if column.dtype == "Int64":
@@ -95,16 +108,18 @@ def column_to_seconds(column: pd.Series[Any], name: str, declared: str, where: C
 
 
 def to_datetimes(column: pd.Series[Any], name: str, where: Callable[[int], str]) -> pd.Series[Any]:
-    """A column of dates or text as points in time; none where missing.
+    """Dates of a column of dates or text; NaT where missing.
 
     Raises
     ------
     LogError
         A text is no ISO 8601 time.
     """
+    import pandas as pd
+
     dates = pd.to_datetime(column, format="ISO8601", utc=True, errors="coerce")
     if dates.notna().sum() < column.notna().sum():
-        # ISO 8601 allows a comma, pandas does not.
+        # ISO 8601 allows a decimal comma, pandas does not.
         tidy = column.astype("string").str.strip().str.replace(",", ".", regex=False)
         dates = pd.to_datetime(tidy, format="ISO8601", utc=True, errors="coerce")
     if dates.notna().sum() < column.notna().sum():
@@ -118,8 +133,10 @@ def to_datetimes(column: pd.Series[Any], name: str, where: Callable[[int], str])
     return dates
 
 
-def epoch_of(column: pd.Series[Any], time: FloatArray, name: str, declared: str) -> float | None:
-    """S since 1970 of time zero, where ``time`` in s is what `stamps` makes of ``column``; None where nobody knows."""
+def start_epoch(column: pd.Series[Any], time: FloatArray, name: str, declared: str) -> float | None:
+    """Epoch in s of time zero, where ``time`` in s is `column_to_seconds` of ``column``; None where unknown."""
+    import pandas as pd
+
     known = np.flatnonzero(np.isfinite(time))
     if not known.size:
         return None
@@ -129,5 +146,127 @@ def epoch_of(column: pd.Series[Any], time: FloatArray, name: str, declared: str)
     if isinstance(first, str | pd.Timestamp):
         moment = pd.to_datetime(str(first).strip().replace(",", "."), utc=True).timestamp()
     else:
-        moment = float(first) * _SCALE[unit_of(name, abs(float(first)), declared)]
+        moment = float(first) * _SCALE[time_unit(name, abs(float(first)), declared)]
     return float(moment - time[known[0]]) if moment > EPOCH_FROM else None
+
+
+# --- order ---------------------------------------------------------------------------------------------------
+
+Samples = Mapping[str, FloatArray]
+
+
+def make_monotonic(
+    time: FloatArray,
+    values: Samples,
+    *,
+    clock: str,
+    place: Callable[[int], str],
+    sortable: bool,
+    where: str,
+) -> tuple[FloatArray, Samples, list[Remark]]:
+    """Time and values of one clock in strictly increasing time, with remarks on order, duplicates and missing times.
+
+    Samples with one time stamp are merged: each signal keeps its first value that is not missing. A sample earlier than
+    the latest before it is removed, unless the format is ``sortable`` and the clock was not set back.
+
+    Raises
+    ------
+    LogError
+        More than 5 % of the samples run backwards, most time stamps repeat, or the clock leaps.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):  # Damaged times.
+        steps = np.diff(time)
+    remarks: list[Remark] = []
+    # A missing time makes the comparison false; increasing times are plausible between plausible ends.
+    increases = bool(steps.min(initial=np.inf) > _TICK)
+    if not (increases and is_plausible(time[:1]).all() and is_plausible(time[-1:]).all()):
+        rows = _timed_rows(time, clock, where, remarks)
+        if sortable:
+            rows = _sort_messages(rows, time, clock, remarks)
+        rows = _drop_backward(rows, time, clock, place, where, remarks)
+        time, values = _merge_duplicates(rows, time, values, clock, where, remarks)
+        steps = np.diff(time)
+    _refuse_leap(time, steps, clock, where)
+    return time, values, remarks
+
+
+def _timed_rows(time: FloatArray, clock: str, where: str, remarks: list[Remark]) -> IntArray:
+    rows = np.flatnonzero(is_plausible(time))
+    if len(time) and not len(rows):
+        text = f"{clock} holds no time in any of its {len(time)} samples."
+        raise LogError(text, where=where, mend="Map the column or field that holds the time in [signals] time.")
+    if lost := len(time) - len(rows):
+        text = f"{clock} is missing in {lost} samples; they were left out."
+        remarks.append(Remark(kind="missing", count=lost, text=text))
+    return rows
+
+
+def _sort_messages(rows: IntArray, time: FloatArray, clock: str, remarks: list[Remark]) -> IntArray:
+    steps = np.diff(time[rows])
+    if not steps.size or steps.min() >= 0 or steps.min() < -_MAX_DISORDER:
+        return rows
+    count = int(np.count_nonzero(steps < 0))
+    text = f"{clock}: {count} messages are stored out of order; they were sorted."
+    remarks.append(Remark(kind="backward", count=count, text=text))
+    return rows[np.argsort(time[rows], kind="stable")]
+
+
+def _drop_backward(
+    rows: IntArray, time: FloatArray, clock: str, place: Callable[[int], str], where: str, remarks: list[Remark]
+) -> IntArray:
+    stamps = time[rows]
+    backward = stamps < np.maximum.accumulate(stamps)
+    count = int(np.count_nonzero(backward))
+    if not count:
+        return rows
+    at = int(np.argmax(backward))
+    if count > _MAX_BACKWARD * len(rows):
+        raise LogError(
+            f"{clock} runs backwards at {place(int(rows[at]))}, from {stamps[at - 1]:.10g} s to "
+            f"{stamps[at]:.10g} s; {count} of {len(rows)} samples are not later than those before them.",
+            where=where,
+            mend="Split the log where its clock was set back, or map another time.",
+        )
+    text = f"{clock} runs backwards, first at {place(int(rows[at]))}; {count} samples were left out."
+    remarks.append(Remark(kind="backward", count=count, text=text))
+    return rows[~backward]
+
+
+def _merge_duplicates(
+    rows: IntArray, time: FloatArray, values: Samples, clock: str, where: str, remarks: list[Remark]
+) -> tuple[FloatArray, Samples]:
+    stamps = time[rows]
+    fresh = np.concatenate(([True], np.diff(stamps) > _TICK))[: len(stamps)]
+    group = np.cumsum(fresh) - 1
+    merged = {}
+    for name, column in values.items():
+        known = np.flatnonzero(is_plausible(column[rows]))[::-1]
+        merged[name] = np.full(int(fresh.sum()), np.nan)
+        merged[name][group[known]] = column[rows[known]]  # In reverse: the first of a group is written last.
+    if repeated := int(len(rows) - fresh.sum()):
+        if repeated > _MAX_DUPLICATE * len(rows):
+            text = f"{clock} repeats the stamp before it in {repeated} of {len(rows)} samples; most should differ."
+            raise LogError(text, where=where, mend="Log the time with more decimals, or map another time.")
+        text = f"{clock} repeats the stamp before it {repeated} times; the first of each was kept."
+        remarks.append(Remark(kind="duplicate", count=repeated, text=text))
+    return stamps[fresh], merged
+
+
+def _refuse_leap(time: FloatArray, steps: FloatArray, clock: str, where: str) -> None:
+    duration = float(time[-1] - time[0]) if time.size else 0.0
+    if duration <= _LEAP:
+        return
+    at = int(np.argmax(steps))
+    rest = float(steps[steps <= _LEAP].sum())
+    if steps[at] > max(_LEAP, _LEAP_RATIO * rest):
+        text = (
+            f"{clock} leaps by {steps[at]:.6g} s after sample {at + 1}; without such leaps the log lasts {rest:.6g} s."
+        )
+        raise LogError(text, where=where, mend="Cut the log where its clock was set.")
+    if duration > _MAX_DURATION:
+        days, limit = duration / 86400.0, _MAX_DURATION / 86400.0
+        raise LogError(
+            f"{clock} runs over {days:.4g} days; a run of at most {limit:.0f} was expected.",
+            where=where,
+            mend="Check the unit of time in rovid.toml, or cut the log.",
+        )

@@ -1,7 +1,7 @@
-"""MAVLink telemetry (.tlog): the wanted fields of the vehicle's messages, as pymavlink describes them.
+"""MAVLink telemetry (.tlog): the mapped fields of the vehicle's messages, by pymavlink's definitions.
 
-Each record is the time of its arrival, in us since 1970 and big-endian, and one MAVLink frame. Those wanted are put
-side by side and taken apart by numpy all at once, which takes a third of the time that one by one takes.
+Each record is the arrival time, in us since 1970 and big-endian, and one MAVLink frame. The mapped frames are collected
+and decoded by numpy all at once, which is three times as fast as one by one.
 """
 
 from __future__ import annotations
@@ -17,102 +17,99 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rovid.readers.message_columns import (
+from rovid.readers.raw_log import (
     Columns,
-    channels_of,
+    LogContents,
+    RawLog,
+    autopilot_parameters,
     missing_topic,
     numeric_sources,
-    of_sensor,
-    parameters_of,
-    raw_log,
-    split_sensor,
+    raw_log_of_topics,
+    require_library,
+    required_signals,
+    select_instance,
+    split_instance,
+    wrong_format,
 )
-from rovid.readers.raw_log import LogContents, RawLog, foreign, mapped, require_library
 from rovid.trial.config import Config
 from rovid.trial.trial import Remark
 
 KIND = "tlog"
-_NAME = "a MAVLink telemetry log"
+_FORMAT = "a MAVLink telemetry log"
 _EXTRA = "ardupilot"
 _STAMP = struct.Struct(">Q")
 _MARKS = _V1, _V2 = b"\xfe\xfd"
 _MARK = re.compile(b"[\xfd\xfe]")
-# Bytes around the payload; a signature follows where the first flag is set.
+# Bytes around the payload; a signature follows if the first flag is set.
 _AROUND_V1, _AROUND_V2, _SIGNATURE = 8, 12, 13
-_VEHICLE = "ATTITUDE"
+_ATTITUDE = "ATTITUDE"
 _CLOCK = "arrival"
-# Messages that `rovid init` looks into.
-_TELLING = (_VEHICLE, "SERVO_OUTPUT_RAW", "SYS_STATUS", "BATTERY_STATUS")
+# Messages on motion, thrusters and supply, for `rovid init`.
+_INTERESTING = (_ATTITUDE, "SERVO_OUTPUT_RAW", "SYS_STATUS", "BATTERY_STATUS")
 _PARAMETERS = "PARAM_VALUE"
 
 
 def read(path: Path, config: Config) -> RawLog:
-    """Wanted fields of ``path``, at the times at which they arrived.
+    """Mapped fields of ``path``, at their arrival times.
 
     Raises
     ------
     LogError
-        It is no telemetry log, pymavlink is not installed, or a message or field is missing or no number.
+        The file is no telemetry log, pymavlink is not installed, or a message or field is missing or no number.
     ConfigError
         rovid.toml does not map a command for it.
     """
-    signals = mapped(config, KIND, path)
-    wanted = set()
-    for signal in signals.values():
-        topic, _, _ = signal.sources[KIND].partition(".")
-        name, _ = split_sensor(topic)
-        wanted.add(name)
-    log = TelemetryLog(path, wanted)
-    channels = channels_of(path, KIND, signals, log.columns, _CLOCK)
-    return raw_log(channels, tuple(log.remarks))
+    signals = required_signals(config, KIND, path)
+    topics = [signal.sources[KIND].partition(".")[0] for signal in signals.values()]
+    log = TelemetryLog(path, {split_instance(topic)[0] for topic in topics})
+    return raw_log_of_topics(path, KIND, signals, log.columns, _CLOCK, log.remarks)
 
 
 def sources(path: Path) -> LogContents:
-    """What tells of motion, thrusters and supply.
+    """Sources on motion, thrusters and supply.
 
     Raises
     ------
     LogError
-        It is no telemetry log, or pymavlink is not installed.
+        The file is no telemetry log, or pymavlink is not installed.
     """
-    log = TelemetryLog(path, {*_TELLING, _PARAMETERS})
+    log = TelemetryLog(path, {*_INTERESTING, _PARAMETERS})
     present = {name for name, system, _ in log.frames if system == log.system}
-    topics = {name: log.columns(name) for name in _TELLING if name in present}
-    sources = [source for source in numeric_sources(topics) if not source.endswith(_CLOCK)]
+    topics = {name: log.columns(name) for name in _INTERESTING if name in present}
+    found = [source for source in numeric_sources(topics) if not source.endswith(_CLOCK)]
     parameters = {}
     if _PARAMETERS in present:
-        parameters = parameters_of(log.columns(_PARAMETERS), "param_id", "param_value")
-    return LogContents(sources=tuple(sources), parameters=parameters)
+        parameters = autopilot_parameters(log.columns(_PARAMETERS), "param_id", "param_value")
+    return LogContents(sources=tuple(found), parameters=parameters)
 
 
 class TelemetryLog:
-    """The frames of the wanted messages, by their sender."""
+    """Frames of the ``wanted`` messages, by sender."""
 
     def __init__(self, path: Path, wanted: set[str]) -> None:
         self.path = path
         with path.open("rb") as file:
             if not path.stat().st_size:
-                raise foreign(path, _NAME)
+                raise wrong_format(path, _FORMAT)
             self.data = mmap(file.fileno(), 0, access=ACCESS_READ)
         self.dialect = require_library("pymavlink.dialects.v20.ardupilotmega", _EXTRA, path)
-        self.kinds = {kind.msgname: kind for kind in self.dialect.mavlink_map.values()}
-        self.names = {kind.id: name for name, kind in self.kinds.items()}
-        chosen = self.kinds.keys() & {*wanted, _VEHICLE}
-        self.wanted = {self.kinds[name].id for name in chosen}
-        # (name, system, component) -> where its frames begin, and where they end
+        self.types = {kind.msgname: kind for kind in self.dialect.mavlink_map.values()}
+        self.names = {kind.id: name for name, kind in self.types.items()}
+        self.wanted = {self.types[name].id for name in self.types.keys() & {*wanted, _ATTITUDE}}
+        # (name, system, component) -> where its frames begin and end.
         self.frames: dict[tuple[str, int, int], tuple[array[int], array[int]]] = {}
-        self.seen: Counter[int] = Counter()
+        self.counts: Counter[int] = Counter()
         self.remarks: list[Remark] = []
-        self._walk()
-        self.system = self._vehicle()
+        self._scan()
+        self.system = self._choose_system()
 
-    def _walk(self) -> None:
+    def _scan(self) -> None:
         data, size = self.data, len(self.data)
         at = lost = 0
         while at + 8 + _AROUND_V1 <= size:
-            length, number, system, component = _head(data[at + 8 : at + 18])
-            following = at + 16 + length  # where the next frame begins
-            # Behind damage any byte may pass for a mark: the next one has to be where it should.
+            length, number, system, component = _frame_header(data[at + 8 : at + 18])
+            following = at + 16 + length
+            # After damage any byte may look like a mark: the next frame must be where it is expected.
             if not length or (lost and following < size and data[following] not in _MARKS):
                 mark = _MARK.search(data, at + 9)
                 after = mark.start() - 8 if mark else size
@@ -121,7 +118,7 @@ class TelemetryLog:
                 continue
             if at + 8 + length > size:
                 break
-            self.seen[number] += 1
+            self.counts[number] += 1
             if number in self.wanted:
                 key = (self.names[number], system, component)
                 begins, ends = self.frames.setdefault(key, (array("q"), array("q")))
@@ -129,45 +126,45 @@ class TelemetryLog:
                 ends.append(at + 8 + length)
             at += 8 + length
         lost += max(0, size - at)
-        if not any(number in self.names for number in self.seen):
-            raise foreign(self.path, _NAME)
+        if not any(number in self.names for number in self.counts):
+            raise wrong_format(self.path, _FORMAT)
         if lost:
             text = f"{lost} of {size} bytes belong to no whole message, as a loss of power or of data leaves them."
             self.remarks.append(Remark(kind="truncated", count=lost, text=text))
 
-    def _vehicle(self) -> int:
-        """The system that tells its attitude; where none does, the one that sends most of what is wanted."""
-        telling: Counter[int] = Counter()
-        every: Counter[int] = Counter()
+    def _choose_system(self) -> int:
+        """The system that sends most attitudes, or else most of the wanted messages."""
+        attitudes: Counter[int] = Counter()
+        messages: Counter[int] = Counter()
         for (name, system, _), (begins, _) in self.frames.items():
-            every[system] += len(begins)
-            if name == _VEHICLE:
-                telling[system] += len(begins)
-        counts = telling or every
+            messages[system] += len(begins)
+            if name == _ATTITUDE:
+                attitudes[system] += len(begins)
+        counts = attitudes or messages
         first = max(counts, key=lambda system: counts[system], default=0)
         if len(counts) > 1:
-            what = "tell an attitude" if telling else "send what is wanted, and no attitude"
+            what = "send an attitude" if attitudes else "send mapped messages, and no attitude"
             text = f"Systems {sorted(counts)} {what}; {first}, which does so most often, was taken."
             self.remarks.append(Remark(kind="chosen", count=counts[first], text=text))
         return first
 
     def columns(self, topic: str) -> Columns:
-        """What the messages ``topic`` of the vehicle hold, of one sensor, and when they arrived in us."""
-        name, _ = split_sensor(topic)
+        """Fields of the vehicle's messages ``topic`` of one sensor, and their arrival in us."""
+        name, _ = split_instance(topic)
         components = [component for one, system, component in self.frames if (one, system) == (name, self.system)]
         if not components:
-            known = [number for number in self.seen if number in self.names]
-            present = dict.fromkeys(self.names[number] for number in known)
+            present = dict.fromkeys(self.names[number] for number in self.counts if number in self.names)
             raise missing_topic(self.path, KIND, topic, present)
-        # An autopilot is component 1; cameras and gimbals come behind.
-        columns = self._decoded(self.kinds[name], *self.frames[name, self.system, min(components)])
+        # An autopilot is component 1; cameras and gimbals have larger numbers.
+        columns = self._decoded(self.types[name], *self.frames[name, self.system, min(components)])
         if not len(columns[_CLOCK]):
             raise missing_topic(self.path, KIND, topic, {})
-        return of_sensor(self.path, KIND, topic, columns, self.kinds[name].instance_field or "", self.remarks)
+        instance_field = self.types[name].instance_field or ""
+        return select_instance(self.path, KIND, topic, columns, instance_field, self.remarks)
 
     def _decoded(self, kind: Any, begins: array[int], ends: array[int]) -> dict[str, NDArray[Any]]:
-        """Fields, and when they arrived in us; messages whose checksum is wrong are left out."""
-        layout = _layout(kind)
+        """Fields and arrival in us, without messages that have a wrong checksum."""
+        layout = _payload_layout(kind)
         extra = bytes([kind.crc_extra])
         checksum = self.dialect.x25crc
         stamps, payloads = array("Q"), bytearray()
@@ -176,30 +173,25 @@ class TelemetryLog:
             head = 10 if frame[0] == _V2 else 6
             length = head + frame[1]
             if checksum(frame[1:length] + extra).crc == int.from_bytes(frame[length : length + 2], "little"):
-                # Zeros at the end are not sent, and newer dialects add fields.
+                # Trailing zeros are not sent, and newer dialects add fields.
                 payloads += frame[head:length].ljust(layout.itemsize, b"\0")[: layout.itemsize]
                 stamps.append(_STAMP.unpack_from(self.data, start)[0])
         bad = len(begins) - len(stamps)
         if bad:
             text = f"{bad} messages have a wrong checksum and were left out."
             self.remarks.append(Remark(kind="truncated", count=bad, text=text))
-        return {_CLOCK: np.frombuffer(stamps, dtype=np.uint64), **_flat(np.frombuffer(payloads, dtype=layout))}
+        rows = np.frombuffer(payloads, dtype=layout)
+        columns: dict[str, NDArray[Any]] = {_CLOCK: np.frombuffer(stamps, dtype=np.uint64)}
+        for field in layout.names or ():
+            if rows[field].ndim == 2:  # A field of several numbers.
+                columns |= {f"{field}[{at}]": column for at, column in enumerate(rows[field].T)}
+            else:
+                columns[field] = rows[field]
+        return columns
 
 
-def _flat(rows: NDArray[Any]) -> dict[str, NDArray[Any]]:
-    """(n,) of each field of (n,) records, and of each number of a field that holds several."""
-    columns: dict[str, NDArray[Any]] = {}
-    for field in rows.dtype.names or ():
-        values = rows[field]
-        if values.ndim == 2:
-            columns |= {f"{field}[{at}]": column for at, column in enumerate(values.T)}
-        else:
-            columns[field] = values
-    return columns
-
-
-def _head(head: bytes) -> tuple[int, int, int, int]:
-    """Length of the frame, number of its message, system and component; a length of 0 where no frame begins."""
+def _frame_header(head: bytes) -> tuple[int, int, int, int]:
+    """Frame length, message number, system and component; length 0 if no frame begins here."""
     if head[0] == _V2 and len(head) == 10:
         length = head[1] + _AROUND_V2 + _SIGNATURE * (head[2] & 1)
         return length, int.from_bytes(head[7:10], "little"), head[5], head[6]
@@ -208,14 +200,13 @@ def _head(head: bytes) -> tuple[int, int, int, int]:
     return 0, 0, 0, 0
 
 
-def _layout(kind: Any) -> np.dtype[Any]:
-    """Of the payload of a message; an array of k numbers is one field."""
+def _payload_layout(kind: Any) -> np.dtype[Any]:
+    """Numpy type of the payload of a message; an array of numbers is one field."""
     letters = bytes(kind.native_format).decode().lstrip("<")
     fields: list[Any] = []
     for name, letter, count in zip(kind.ordered_fieldnames, letters, kind.array_lengths, strict=True):
         if letter == "c":
             fields.append((name, f"S{count or 1}"))
         else:
-            shape = (count,) if count else ()
-            fields.append((name, f"<{letter}", shape))
+            fields.append((name, f"<{letter}", (count,) if count else ()))
     return np.dtype(fields)

@@ -1,4 +1,4 @@
-"""Finds a heading or a gyro that is logged in another unit or sense than rovid.toml says."""
+"""Detect a heading or a gyro that is logged in another unit or sense than declared in rovid.toml."""
 
 from __future__ import annotations
 
@@ -6,54 +6,58 @@ import math
 
 import numpy as np
 
-from rovid.core.array_types import FloatArray, IntArray
+from rovid.core.array_types import FloatArray
 from rovid.core.errors import LogError
-from rovid.readers.raw_log import Channel, is_plausible
+from rovid.readers.raw_log import Channel
+from rovid.readers.timestamps import is_plausible
 from rovid.trial.signal_names import Signal
 
-_DEGREES = 180.0 / math.pi
+_DEG_PER_RAD = 180.0 / math.pi
 _TURN_RAD, _TURN_DEG = 2.0 * math.pi, 360.0
-# More than a half turn in radians, but only three and a half degrees.
-_SPAN = 3.5
-# Radians are logged finer than to two decimals (half a degree); degrees often are not.
+# Range of a heading that is more than half a turn in radians, but only 3.5 degrees.
+_MIN_RANGE = 3.5
+# Radians are logged with more than two decimals (half a degree); degrees often are not.
 _COARSE = 0.01
-# No underwater vehicle keeps turning this fast (rad/s).
-_TOO_FAST = 6.0
-_FEWEST_WINDOWS, _WINDOW = 50, 0.5
-_ALIKE = 0.8
+# rad/s; no underwater vehicle keeps turning this fast.
+_MAX_RATE = 6.0
+# s; window of the comparison of gyro and heading, and the smallest number of windows and correlation.
+_WINDOW, _MIN_WINDOWS, _MIN_CORRELATION = 0.5, 50, 0.8
 
 
 def refuse_wrong_heading(channel: Channel, signal: Signal, heading: FloatArray, where: str) -> None:
-    """Look at the range and the jumps of a heading.
+    """Check the range and the jumps of a heading against its declared unit.
 
     Parameters
     ----------
     channel
-        The heading as logged; one made from a quaternion is in radians for sure.
+        The heading as logged; a heading computed from a quaternion is in radians.
     heading
-        (n,) rad, cleaned, as if declared right; NaN where not measured.
+        (n,) rad, cleaned, by the declared unit; NaN where not measured.
 
     Raises
     ------
     LogError
-        It is declared in degrees but logged in radians, or the other way round.
+        The heading is declared in degrees but logged in radians, or the reverse.
     """
     if channel.radians:
         return
-    looks = ""
+    evidence = ""
     if signal.unit == "deg":
-        low = float(np.fmin.reduce(heading) * _DEGREES)
-        high = float(np.fmax.reduce(heading) * _DEGREES)
+        low = float(np.fmin.reduce(heading) * _DEG_PER_RAD)
+        high = float(np.fmax.reduce(heading) * _DEG_PER_RAD)
         if max(-low, high) <= _TURN_RAD + 0.01:
-            looks = _looks_like_radians(heading[np.isfinite(heading)] * _DEGREES, low, high)
+            evidence = _evidence_of_radians(heading[np.isfinite(heading)] * _DEG_PER_RAD, low, high)
     else:
         good = is_plausible(channel.time) & is_plausible(channel.values)
-        looks = _looks_like_degrees(channel.time[good], channel.values[good])
-    if looks:
-        raise _wrong_unit(channel, signal, looks, where)
+        evidence = _evidence_of_degrees(channel.time[good], channel.values[good])
+    if evidence:
+        names = {"deg": "degrees", "rad": "radians"}
+        other = "rad" if signal.unit == "deg" else "deg"
+        text = f"{channel.source} is declared in {names[signal.unit]} but looks like {names[other]}: {evidence}."
+        raise LogError(text, where=where, mend=f'Set unit = "{other}" in [signals] heading.')
 
 
-def _looks_like_radians(values: FloatArray, low: float, high: float) -> str:
+def _evidence_of_radians(values: FloatArray, low: float, high: float) -> str:
     steps = np.abs(np.diff(values))
     whole_turn = np.abs(steps - _TURN_RAD) < 0.5
     # A vehicle that spins fast makes large steps all the time.
@@ -62,12 +66,12 @@ def _looks_like_radians(values: FloatArray, low: float, high: float) -> str:
         return f"it jumps by {_TURN_RAD:.4g}, a whole turn in radians"
     in_coarse = values / _COARSE
     rounded = bool(np.all(np.abs(in_coarse - np.rint(in_coarse)) < 1e-6))
-    if high - low > _SPAN and not rounded:
+    if high - low > _MIN_RANGE and not rounded:
         return f"all its values lie between {low:.4g} and {high:.4g}"
     return ""
 
 
-def _looks_like_degrees(time: FloatArray, values: FloatArray) -> str:
+def _evidence_of_degrees(time: FloatArray, values: FloatArray) -> str:
     low, high = float(values.min()), float(values.max())
     if max(-low, high) <= 2.0 * _TURN_RAD or low < -181.0 or high > 361.0:
         return ""
@@ -78,19 +82,12 @@ def _looks_like_degrees(time: FloatArray, values: FloatArray) -> str:
     later = seconds > 0
     rates = np.abs(steps[later] / seconds[later])
     fast = float(np.percentile(rates, 95)) if rates.size else 0.0
-    if fast > _TOO_FAST:
+    if fast > _MAX_RATE:
         return f"in radians it would turn at {fast:.3g} rad/s"
     return ""
 
 
-def _wrong_unit(channel: Channel, signal: Signal, looks: str, where: str) -> LogError:
-    names = {"deg": "degrees", "rad": "radians"}
-    other = "rad" if signal.unit == "deg" else "deg"
-    text = f"{channel.source} is declared in {names[signal.unit]} but looks like {names[other]}: {looks}."
-    return LogError(text, where=where, mend=f'Set unit = "{other}" in [signals] heading.')
-
-
-def told_by_gyro(
+def gyro_confirms_unit(
     time: FloatArray, heading: FloatArray, yaw_rate: FloatArray, signals: tuple[Signal, Signal], where: str
 ) -> bool:
     """Whether the logged yaw rate confirms the unit of the heading.
@@ -100,7 +97,7 @@ def told_by_gyro(
     time, heading, yaw_rate
         (n,) s, rad, rad/s; NaN where not measured.
     signals
-        Heading and yaw rate as rovid.toml maps them.
+        Heading and yaw rate as mapped in rovid.toml.
 
     Raises
     ------
@@ -110,66 +107,57 @@ def told_by_gyro(
     compared = _compare(time, heading, yaw_rate)
     if compared is None:
         return False
-    ratio, alike = compared
-    if alike < 0:
+    ratio, correlation = compared
+    if correlation < 0:
         raise LogError(
-            f"yaw_rate falls when heading grows (correlation {alike:.2f}); both should grow in the same sense.",
+            f"yaw_rate falls when heading grows (correlation {correlation:.2f}); both should grow in the same sense.",
             where=where,
-            mend="Set sign = -1 in [signals] yaw_rate, or in heading if that is the one turned round.",
+            mend="Set sign = -1 in [signals] yaw_rate, or in heading if that one is reversed.",
         )
-    if _DEGREES / 1.6 < max(ratio, 1.0 / ratio) < _DEGREES * 1.6:
-        raise _wrong_rate(ratio, heading, signals, where)
+    if _DEG_PER_RAD / 1.6 < max(ratio, 1.0 / ratio) < _DEG_PER_RAD * 1.6:
+        raise _wrong_unit(ratio, heading, signals, where)
     return 0.5 < ratio < 2.0
 
 
 def _compare(time: FloatArray, heading: FloatArray, yaw_rate: FloatArray) -> tuple[float, float] | None:
-    """(yaw rate over change of heading, their correlation) over half-second windows; None if they tell nothing."""
+    """(yaw rate over rate of heading, correlation) over half-second windows; None without enough correlation."""
     rows = np.flatnonzero(np.isfinite(heading) & np.isfinite(yaw_rate))
-    if len(rows) < _FEWEST_WINDOWS:
+    if len(rows) < _MIN_WINDOWS:
         return None
     t, psi, r = time[rows], heading[rows], yaw_rate[rows]
     width = max(2, 2 * round(_WINDOW / float(np.median(np.diff(t))) / 2))
-    first = _windows(t, width)
-    if len(first) < _FEWEST_WINDOWS:
+    first = np.arange(0, len(t) - width, max(1, len(t) // 20_000))
+    if first.size:  # Windows with a gap are left out.
+        span = t[first + width] - t[first]
+        first = first[span < 2.0 * np.median(span)]
+    if len(first) < _MIN_WINDOWS:
         return None
     middle, last = first + width // 2, first + width
     rate = (psi[last] - psi[first]) / (t[last] - t[first])
-    # By Simpson's rule: three readings stand for the whole window.
-    mean = (r[first] + 4.0 * r[middle] + r[last]) / 6.0
-    usual = np.abs(rate) <= np.percentile(np.abs(rate), 98)  # without the jumps that a wrong unit leaves
-    return _ratio(rate[usual], mean[usual])
-
-
-def _windows(time: FloatArray, width: int) -> IntArray:
-    """(m,) first row of each window of ``width`` rows, those with a gap left out."""
-    first = np.arange(0, len(time) - width, max(1, len(time) // 20_000))
-    span = time[first + width] - time[first]
-    # A window with a gap in it says nothing of the middle.
-    return first[span < 2.0 * np.median(span)] if span.size else first
-
-
-def _ratio(rate: FloatArray, gyro: FloatArray) -> tuple[float, float] | None:
-    own, logged = (math.sqrt(float(values @ values)) for values in (rate, gyro))
-    if min(own, logged) == 0.0:
+    gyro = (r[first] + 4.0 * r[middle] + r[last]) / 6.0  # Simpson's rule.
+    regular = np.abs(rate) <= np.percentile(np.abs(rate), 98)  # Without the jumps caused by a wrong unit.
+    rate, gyro = rate[regular], gyro[regular]
+    rate_norm, gyro_norm = math.sqrt(float(rate @ rate)), math.sqrt(float(gyro @ gyro))
+    if min(rate_norm, gyro_norm) == 0.0:
         return None
-    alike = float(rate @ gyro) / (own * logged)
-    if abs(alike) > _ALIKE:
-        return logged / own, alike
+    correlation = float(rate @ gyro) / (rate_norm * gyro_norm)
+    if abs(correlation) > _MIN_CORRELATION:
+        return gyro_norm / rate_norm, correlation
     return None
 
 
-def _wrong_rate(ratio: float, heading: FloatArray, signals: tuple[Signal, Signal], where: str) -> LogError:
-    degrees, gyro = signals
-    # Declared degrees that are radians leave less than a turn of 57; beyond it the gyro is the wrong one.
-    small = bool(np.nanmax(np.abs(heading)) <= _TURN_RAD / _DEGREES * 1.01)
-    heading_wrong = degrees.unit == "rad"
+def _wrong_unit(ratio: float, heading: FloatArray, signals: tuple[Signal, Signal], where: str) -> LogError:
+    heading_signal, gyro_signal = signals
+    # Radians declared as degrees stay within a turn divided by 57; a larger heading exonerates the heading.
+    small = bool(np.nanmax(np.abs(heading)) <= _TURN_RAD / _DEG_PER_RAD * 1.01)
+    heading_is_wrong = heading_signal.unit == "rad"
     if ratio > 1.0:
-        heading_wrong = degrees.unit == "deg" and small
-    culprit = degrees if heading_wrong else gyro
+        heading_is_wrong = heading_signal.unit == "deg" and small
+    culprit = heading_signal if heading_is_wrong else gyro_signal
     other = {"deg": "rad", "rad": "deg", "deg/s": "rad/s", "rad/s": "deg/s"}.get(culprit.unit, "rad")
     return LogError(
-        f"yaw_rate is {ratio:.3g} times the change of heading per second; with heading in {degrees.unit} and "
-        f"yaw_rate in {gyro.unit} one of them is declared in the wrong unit, degrees for radians or the reverse.",
+        f"yaw_rate is {ratio:.3g} times the change of heading per second; with heading in {heading_signal.unit} and "
+        f"yaw_rate in {gyro_signal.unit} one of them has the wrong unit, degrees for radians or the reverse.",
         where=where,
         mend=f'Set unit = "{other}" in [signals] {culprit.name}.',
     )

@@ -31,7 +31,8 @@ from rovid.estimate.maximum_likelihood import LikelihoodFit, fit_likelihood
 from rovid.estimate.steady_drag import DragFit, fit_drag
 from rovid.estimate.steady_points import points_from_table, steady_points
 from rovid.readers import read_campaign
-from rovid.readers.discover import TrialReader, candidate_files
+from rovid.readers.campaign import TrialReader
+from rovid.readers.discover import candidate_files
 from rovid.signals.preprocessing import PreparedRuns, prepare, shared_channels
 from rovid.store.parameter_file import Provenance, Source, absolute_paths, read_source
 from rovid.trial.axis import YAW, Axis

@@ -8,9 +8,13 @@ import numpy as np
 import pytest
 
 from rovid.core.array_types import FloatArray
-from rovid.readers.cleaning import Cleaned, clean
+from rovid.readers.cleaning import clean
+from rovid.trial.trial import Remark
 
 RNG = np.random.default_rng(3)
+
+
+Cleaned = tuple[FloatArray, list[Remark]]
 
 
 def cleaned(time: FloatArray, degrees: FloatArray) -> Cleaned:
@@ -18,7 +22,7 @@ def cleaned(time: FloatArray, degrees: FloatArray) -> Cleaned:
 
 
 def counts(done: Cleaned) -> dict[str, int]:
-    return {remark.kind: remark.count for remark in done.remarks}
+    return {remark.kind: remark.count for remark in done[1]}
 
 
 def course(rates: Sequence[tuple[float, float]], interval: float, start: float = 10.0) -> tuple[FloatArray, FloatArray]:
@@ -48,7 +52,7 @@ def test_clean_data_lose_nothing(wrapped: str, interval: float, noise: float, re
     done = cleaned(time, WRAPS[wrapped](psi))
     assert counts(done) == {}
     expected = -psi if wrapped == "turned round" else psi
-    off = np.rad2deg(done.position) - expected
+    off = np.rad2deg(done[0]) - expected
     # whole turns at the start are free, and none is added later
     np.testing.assert_allclose(off, off[0], atol=1e-6)
 
@@ -85,10 +89,10 @@ def test_spikes_go(length: int, size: float, rate: float) -> None:
     for at in (60, 150, 152 + length, 300):
         spiked[at : at + length] += size
     done = cleaned(time, spiked % 360.0)
-    good = np.isfinite(done.position)
+    good = np.isfinite(done[0])
     assert counts(done)["outlier"] == (~good).sum() >= 4 * length
     assert (~good).sum() <= 5 * length + 2, "hardly any good sample went"
-    off = np.rad2deg(done.position[good]) - psi[good]
+    off = np.rad2deg(done[0][good]) - psi[good]
     np.testing.assert_allclose(off, off[0], atol=1e-6)  # no false turn
 
 
@@ -98,9 +102,9 @@ def test_random_garbage_makes_no_false_turn() -> None:
     at = RNG.choice(np.arange(5, 1990, 10), 60, replace=False)
     spiked[at] = RNG.uniform(0, 360, 60)
     done = cleaned(time, spiked % 360.0)
-    good = np.isfinite(done.position)
+    good = np.isfinite(done[0])
     assert good.sum() >= 1930
-    np.testing.assert_allclose(np.rad2deg(done.position[good]), psi[good], atol=0.6)
+    np.testing.assert_allclose(np.rad2deg(done[0][good]), psi[good], atol=0.6)
 
 
 @pytest.mark.parametrize("end", ["first", "last"])
@@ -119,8 +123,8 @@ def test_zeros_before_the_first_fix_go(length: int) -> None:
     time, psi = course([(20, 7)], 0.05, start=100.0)
     psi[:length] = 0.0
     done = cleaned(time, psi)
-    assert np.isnan(done.position[:length]).all()
-    assert np.isfinite(done.position[length:]).all()
+    assert np.isnan(done[0][:length]).all()
+    assert np.isfinite(done[0][length:]).all()
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.02])
@@ -131,8 +135,8 @@ def test_a_frozen_stretch_goes(noise: float) -> None:
     frozen[300:360] = frozen[300]
     done = cleaned(time, frozen % 360.0)
     assert counts(done)["frozen"] == 59
-    np.testing.assert_array_equal(np.flatnonzero(np.isnan(done.position)), np.arange(301, 360))
-    off = np.rad2deg(done.position) - psi
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(done[0])), np.arange(301, 360))
+    off = np.rad2deg(done[0]) - psi
     np.testing.assert_allclose(off[np.isfinite(off)], 0.0, atol=1e-6)
 
 
@@ -140,8 +144,8 @@ def test_a_dropout_to_one_value_goes() -> None:
     time, psi = course([(40, 9)], 0.05)
     psi[200:207] = -1.0
     done = cleaned(time, psi % 360.0)
-    assert np.isnan(done.position[200:207]).all()
-    assert np.isfinite(np.delete(done.position, np.arange(200, 207))).all()
+    assert np.isnan(done[0][200:207]).all()
+    assert np.isfinite(np.delete(done[0], np.arange(200, 207))).all()
 
 
 @pytest.mark.parametrize("held", [2, 3, 5])
@@ -150,7 +154,7 @@ def test_held_repeats_go(held: int) -> None:
     slow = np.round(psi + RNG.normal(0.0, 0.01, len(psi)), 3)[::held]
     logged = np.repeat(slow, held)[: len(time)]
     done = cleaned(time[: len(logged)], logged % 360.0)
-    np.testing.assert_array_equal(np.flatnonzero(np.isfinite(done.position)), np.arange(0, len(logged), held))
+    np.testing.assert_array_equal(np.flatnonzero(np.isfinite(done[0])), np.arange(0, len(logged), held))
     assert counts(done)["repeated"] == len(logged) - len(range(0, len(logged), held))
 
 
@@ -161,7 +165,7 @@ def test_held_repeats_of_an_uneven_ratio_go() -> None:
     psi = 20.0 + 9.0 * reading / 30.0 + RNG.normal(0.0, 0.01, 2000)[reading.astype(int)]
     done = cleaned(rows, psi % 360.0)
     first = np.concatenate(([True], np.diff(reading) > 0))
-    np.testing.assert_array_equal(np.isfinite(done.position), first)
+    np.testing.assert_array_equal(np.isfinite(done[0]), first)
 
 
 def test_gaps_are_counted_and_left_open() -> None:
@@ -169,10 +173,10 @@ def test_gaps_are_counted_and_left_open() -> None:
     keep = np.ones(len(time), dtype=bool)
     keep[200:300] = keep[700:716] = False
     done = cleaned(time[keep], psi[keep] % 360.0)
-    (remark,) = done.remarks
+    (remark,) = done[1]
     assert (remark.kind, remark.count) == ("gap", 2)
     assert "5.9 s" in remark.text
-    np.testing.assert_allclose(np.rad2deg(done.position), psi[keep], atol=1e-6)
+    np.testing.assert_allclose(np.rad2deg(done[0]), psi[keep], atol=1e-6)
 
 
 @pytest.mark.parametrize("rate", [25.0, -60.0])
@@ -182,7 +186,7 @@ def test_whole_turns_in_a_gap_follow_the_rate(rate: float, seconds: int) -> None
     psi = psi + RNG.normal(0.0, 0.01, len(psi))
     keep = (time < 20.0) | (time > 20.0 + seconds)
     done = cleaned(time[keep], psi[keep] % 360.0)
-    off = np.rad2deg(done.position) - psi[keep]
+    off = np.rad2deg(done[0]) - psi[keep]
     np.testing.assert_allclose(off, off[0], atol=1e-6)
 
 
@@ -190,14 +194,14 @@ def test_turns_that_nobody_can_know_are_said() -> None:
     time, psi = course([(20, 30), (30, 30), (20, -5)], 0.05)
     keep = (time < 20.0) | (time > 50.0)
     done = cleaned(time[keep], psi[keep] % 360.0)
-    assert "not certain" in done.remarks[0].text
+    assert "not certain" in done[1][0].text
 
 
 def test_an_unwrapped_log_is_believed_across_a_gap() -> None:
     time, psi = course([(40, 9), (60, 30), (40, -5)], 0.05)
     keep = (time < 40.0) | (time > 100.0)
     done = cleaned(time[keep], psi[keep])
-    np.testing.assert_allclose(np.rad2deg(done.position), psi[keep], atol=1e-6)
+    np.testing.assert_allclose(np.rad2deg(done[0]), psi[keep], atol=1e-6)
 
 
 def test_noise_at_the_wrap_makes_no_turn() -> None:
@@ -205,7 +209,7 @@ def test_noise_at_the_wrap_makes_no_turn() -> None:
     psi = RNG.normal(0.0, 0.3, len(time))
     done = cleaned(time, psi % 360.0)
     assert counts(done) == {}
-    assert np.ptp(done.position) < 0.1
+    assert np.ptp(done[0]) < 0.1
 
 
 def test_a_sensor_that_dies_is_left_out_to_the_end() -> None:
@@ -213,8 +217,8 @@ def test_a_sensor_that_dies_is_left_out_to_the_end() -> None:
     noisy = psi + RNG.normal(0.0, 0.02, len(psi))
     dead = np.where(time < time[-1] - 4.0, noisy, 0.0)
     done = cleaned(time, dead)
-    assert np.isnan(done.position[time > time[-1] - 3.95]).all()
-    assert np.isfinite(done.position[time < time[-1] - 4.05]).all()
+    assert np.isnan(done[0][time > time[-1] - 3.95]).all()
+    assert np.isfinite(done[0][time < time[-1] - 4.05]).all()
     assert counts(done) == {"frozen": int(np.sum(dead == 0.0))}
     # A vehicle that stops is none.
     assert counts(cleaned(*course([(10, 8), (5, 0)], 0.1))) == {}

@@ -12,11 +12,9 @@ import numpy as np
 import pytest
 import zstandard
 
-from rovid.core.errors import LogError
-from rovid.readers import mcap_reader
 from rovid.trial.config import Config
 from tests.readers.apart import STATUS
-from tests.readers.logs import EPOCH, dive, mcap_bytes, read_mcap
+from tests.readers.logs import EPOCH, dive, mcap_bytes
 from tests.readers.test_mcap_limits import (
     MAGIC,
     WHOLE,
@@ -80,22 +78,3 @@ def test_large_records_are_not_held(config: Config, tmp_path: Path) -> None:
         start = len(MAGIC)  # which is no summary, but all of the file
         file.write(body + struct.pack("<BQQQI", 2, 20, start, 0, 0) + MAGIC)
     assert read_apart(path) == "400"
-
-
-def test_small_bombs_are_one_large_one(config: Config, tmp_path: Path) -> None:
-    """Each chunk alone may be of this size, for some are; a thousand of them in a small file are not."""
-    packed = zstandard.compress(b"\x80" + struct.pack("<Q", 60_000_000) + bytes(60_000_000))
-    bomb = chunk_head("zstd", len(packed), 60_000_009) + packed
-    path = in_front(tmp_path / "dive.mcap", bomb * 1000)
-    with pytest.raises(LogError, match="a chunk claims a size out of proportion"):
-        mcap_reader.read(path, config.for_format("mcap"))
-
-
-def test_a_frame_that_wants_too_much_memory_to_be_unpacked(tmp_path: Path) -> None:
-    wide = zstandard.ZstdCompressionParameters(window_log=27)
-    packer = zstandard.ZstdCompressor(compression_params=wide).compressobj()  # of a size that it does not know
-    packed = packer.compress(bytes(1000)) + packer.flush()
-    bomb = chunk_head("zstd", len(packed), 1000) + packed
-    end = len(LOOSE) - 29 - len(MAGIC)
-    trial = read_mcap(tmp_path, LOOSE[: end - 13] + bomb + LOOSE[end - 13 :])
-    assert any("does not unpack" in remark.text for remark in trial.remarks)

@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 from mcap.writer import CompressionType, IndexType, Writer
 
-from rovid.core.errors import LogError
 from rovid.readers import mcap_reader
 from rovid.trial.config import Config
 from tests.readers.apart import STATUS, read
@@ -65,22 +64,6 @@ def test_a_message_that_is_too_large_does_not_keep_init_from_the_others(tmp_path
     large = record(5, struct.pack("<HIQQ", 100, 0, EPOCH, EPOCH) + bytes(5_000_000))
     path = in_front(tmp_path / "dive.mcap", channel(100, "/camera") + large)
     assert "/phins/heading.data" in mcap_reader.sources(path).sources
-
-
-@pytest.mark.parametrize("opcode", [3, 4])
-def test_a_schema_or_channel_that_is_too_large(opcode: int, config: Config, tmp_path: Path) -> None:
-    path = in_front(tmp_path / "dive.mcap", record(opcode, bytes(5_000_000)))
-    with pytest.raises(LogError, match=r"a schema or channel is larger than 4\.2 MB"):
-        mcap_reader.read(path, config.for_format("mcap"))
-
-
-def test_schemas_that_are_too_large_together(config: Config, tmp_path: Path) -> None:
-    def schema(number: int) -> bytes:
-        return record(3, struct.pack("<HIII", number, 0, 0, 4_000_000) + bytes(4_000_000))
-
-    path = in_front(tmp_path / "dive.mcap", b"".join(map(schema, range(1, 20))))
-    with pytest.raises(LogError, match="its schemas and channels are larger than 67 MB"):
-        mcap_reader.read(path, config.for_format("mcap"))
 
 
 @pytest.mark.parametrize("length", [2**62, 2**63 - 1, 2**63, 2**64 - 1])

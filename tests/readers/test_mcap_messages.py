@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from pathlib import Path
 from typing import IO
 
@@ -46,13 +45,7 @@ DEEP: dict[str, tuple[str, tuple[str, str, bytes], bytes, str]] = {
     "json": ("json", ("any", "jsonschema", b"{}"), b'{"data":' * 90_000, "decoded"),
     "protobuf": ("protobuf", ("test.Deep", "protobuf", recursive(3, 2000)[0]), recursive(3, 2000)[1], "decoded"),
     "protobuf, wide": ("protobuf", ("test.Deep", "protobuf", recursive(1500, 1)[0]), b"", "never holds the field"),
-    "ros2": ("cdr", ("a/A", "ros2msg", b"B b\n===\nMSG: a/B\nA a\n"), bytes(9), "one inside another too deep"),
-    "ros2, many": (
-        "cdr",
-        ("a/A", "ros2msg", b"B[] b\n===\nMSG: a/B\n"),
-        b"\0\1\0\0" + struct.pack("<I", 200_000) + bytes(200_000),
-        "too many messages",
-    ),
+    "ros2": ("cdr", ("a/A", "ros2msg", b"B b\n===\nMSG: a/B\nA a\n"), bytes(9), "cannot be decoded"),
     "ros2, a list of all memory": ("cdr", ("a/A", "ros2msg", b"float64[4000000000] x"), bytes(9), "shorter"),
     "ros2, a list of more": ("cdr", ("a/A", "ros2msg", b"float64[" + b"9" * 5000 + b"] x"), bytes(9), "parsed"),
 }

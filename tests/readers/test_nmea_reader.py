@@ -122,8 +122,8 @@ def test_bad_sentences_are_counted(tmp_path: Path) -> None:
     ("text", "signal", "words"),
     [
         (headings("{iso} ").replace("*", "*0"), HEADING_MAP, "300 sentences, none of them with a right checksum"),
-        (headings(""), HEADING_MAP, "tells no time"),
-        (headings("17.5 "), HEADING_MAP, "tells no time"),
+        (headings(""), HEADING_MAP, "has no time"),
+        (headings("17.5 "), HEADING_MAP, "has no time"),
         (headings(), 'heading = { nmea = "headings" }', "no 'headings' .* Nearest: 'heading'"),
         (sentence("HEROT,1.0,A", f"{iso(0.0)} "), HEADING_MAP, r"no sentence HDT \(heading\)"),
     ],
@@ -136,9 +136,9 @@ def test_what_it_cannot_give(text: str, signal: str, words: str, tmp_path: Path)
 def test_the_log_beside_it(tmp_path: Path) -> None:
     config = configured(tmp_path)
     (tmp_path / "a.nmea").write_text(headings())
-    with pytest.raises(LogError, match=r"holds no commands, and no log of its name stands beside it.*a\.csv"):
+    with pytest.raises(LogError, match=r"holds no commands, and no log of its name is in its folder.*a\.csv"):
         read_log(tmp_path / "a.nmea", config)
-    with pytest.raises(LogError, match=r"a\.csv: gives no absolute time"):
+    with pytest.raises(LogError, match=r"a\.csv: has no absolute time"):
         read(tmp_path, headings(), beside="time_s,fore_V\n0.0,1\n10.0,2\n")
     (tmp_path / "a.mcap").write_bytes(mcap_bytes(dive()))
     with pytest.raises(LogError, match="2 logs of its name"):

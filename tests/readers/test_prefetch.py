@@ -11,11 +11,9 @@ import pytest
 
 from rovid.core import spmd
 from rovid.core.errors import LogError
-from rovid.readers import discover as module
-from rovid.readers import prefetch as ahead_module
+from rovid.readers import campaign as module
 from rovid.readers import read_campaign
-from rovid.readers.discover import read_trials
-from rovid.readers.prefetch import PrefetchedReader
+from rovid.readers.campaign import PrefetchedReader, read_trials
 from rovid.trial.axis import YAW, Axis
 from rovid.trial.config import Config, find_config, load_config
 from rovid.trial.trial import Campaign, Remark, Trial
@@ -55,8 +53,7 @@ def read(day: Path, *, ahead: bool) -> tuple[Campaign, list[Path]]:
     config = load_config(find_config([day]), YAW)
     asked, meanwhile = lambda: ([day], YAW), lambda: done.append(None)
     with pytest.MonkeyPatch.context() as patched, PrefetchedReader(asked, meanwhile) as reading:
-        for each in (module, ahead_module):
-            patched.setattr(each, "trials_of", noted)
+        patched.setattr(module, "read_trials", noted)
         campaign = read_campaign([day], config, reading=reading if ahead else None)
     assert len(done) == int(ahead)
     return campaign, here

@@ -1,10 +1,9 @@
-"""ROS 2 messages: they are read as another implementation writes them, and no definition takes long."""
+"""ROS 2 messages are decoded as another implementation encodes them."""
 
 from __future__ import annotations
 
 import string
 import struct
-import time
 from typing import Any
 
 import pytest
@@ -12,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap_ros2._dynamic import serialize_dynamic
 
-from rovid.readers.ros2_cdr import Message, decoder
+from rovid.readers.ros2_cdr import Message, cdr_decoder
 
 FLOAT32 = st.floats(width=32, allow_nan=False)
 NUMBERS: dict[str, st.SearchStrategy[Any]] = {
@@ -65,7 +64,7 @@ def plain(value: Any) -> Any:
 def test_messages_of_another_implementation(one: tuple[str, dict[str, Any]]) -> None:
     text, values = one
     data = serialize_dynamic("test_msgs/msg/A", text)["test_msgs/msg/A"](values)
-    decode = decoder("test_msgs/msg/A", text)
+    decode = cdr_decoder("test_msgs/msg/A", text)
     assert plain(decode(data)) == values
     for size in range(4, len(data)):
         if data[size:].strip(b"\0"):  # the last alignment and an empty text may be left out
@@ -74,7 +73,7 @@ def test_messages_of_another_implementation(one: tuple[str, dict[str, Any]]) -> 
 
 
 def test_the_order_of_bytes() -> None:
-    decode = decoder("a/A", "uint8 a\nuint32 b\nfloat64[] c")
+    decode = cdr_decoder("a/A", "uint8 a\nuint32 b\nfloat64[] c")
     for kind, order in ((0, ">"), (1, "<")):
         data = bytes([0, kind, 0, 0]) + struct.pack(f"{order}BxxxIIxxxxd", 1, 2, 1, 3.0)
         assert plain(decode(data)) == {"a": 1, "b": 2, "c": [3.0]}
@@ -84,12 +83,12 @@ def test_times_need_no_definition() -> None:
     data = b"\0\1\0\0" + struct.pack("<IIII", 1, 2, 3, 4)
     times = {"sec": 1, "nanosec": 2}, {"sec": 3, "nanosec": 4}
     for text in ("builtin_interfaces/Time a\nbuiltin_interfaces/msg/Duration b", "time a\nduration b"):
-        assert plain(decoder("a/A", text)(data)) == dict(zip("ab", times, strict=True))
+        assert plain(cdr_decoder("a/A", text)(data)) == dict(zip("ab", times, strict=True))
 
 
 def test_defaults_and_constants_take_no_bytes() -> None:
     text = "uint8 ONE=1\nstring NAME = 'a # b'\nuint8 a 7 # seven\nint8[] b [1, 2]\nuint8 TWO =2\n===\n"
-    assert plain(decoder("a/A", text)(b"\0\1\0\0" + bytes(8))) == {"a": 0, "b": []}
+    assert plain(cdr_decoder("a/A", text)(b"\0\1\0\0" + bytes(8))) == {"a": 0, "b": []}
 
 
 BAD = {
@@ -106,25 +105,4 @@ BAD = {
 @pytest.mark.parametrize("text", BAD)
 def test_definitions_that_make_no_sense(text: str) -> None:
     with pytest.raises(ValueError, match=BAD[text]):
-        decoder("a/A", text)
-
-
-LONG = {
-    "numbers": "".join(f"float64 field_{number}\n" for number in range(200_000)),
-    "lists": "".join(f"float64[1] field_{number}\n" for number in range(200_000)),
-    "texts": "".join(f"string field_{number}\n" for number in range(200_000)),
-    "constants": "float64 a\n" + "".join(f"uint8 CONSTANT_{number}=1\n" for number in range(200_000)),
-    "comments": "float64 a\n" + "#\n" * 1_000_000,
-    "brackets": "float64 a # " + "[" * 1_000_000,
-    "a constant's name": "float64 a\nuint8 " + "A" * 1_000_000 + "_=1",
-    "definitions": "a/A0 a" + "".join(f"\n===\nMSG: a/A{n}\nfloat64 a" for n in range(100_000)),
-}
-
-
-@pytest.mark.parametrize("name", LONG)
-def test_a_long_definition_takes_seconds(name: str, capfd: pytest.CaptureFixture[str]) -> None:
-    began = time.process_time()
-    message = decoder("a/A", LONG[name])(b"\0\1\0\0" + bytes(8 * 200_000))
-    assert time.process_time() - began < 10.0, "a square would take minutes"
-    assert len(vars(message)) == (200_000 if "field" in LONG[name] else 1)
-    assert capfd.readouterr() == ("", "")
+        cdr_decoder("a/A", text)

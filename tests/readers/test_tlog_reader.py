@@ -61,7 +61,7 @@ def test_two_vehicles_are_said(tmp_path: Path) -> None:
     other = [attitude_sent(t, -h, system=2) for t, h in PAIRS[:100]]
     trial = read(tmp_path, tlog(sorted([*ROWS, *other], key=lambda row: row[0])))
     np.testing.assert_allclose(np.rad2deg(trial.position), HEADING, atol=1e-4)
-    assert "Systems [1, 2] tell an attitude; 1, which does so most often, was taken" in trial.remarks[0].text
+    assert "Systems [1, 2] send an attitude; 1, which does so most often, was taken" in trial.remarks[0].text
 
 
 def test_ports_are_told_apart(tmp_path: Path) -> None:

@@ -63,7 +63,7 @@ def test_it_is_said_by_check_and_on_the_page(tmp_path: Path, rovid: Rovid) -> No
 def test_a_log_that_is_not_there_is_named(tmp_path: Path, rovid: Rovid) -> None:
     day(tmp_path / "day", '\n[[leave_out]]\nlog = "step.csv"\nfrom = 40\nto = 90\n')
     said = rovid("check", "day").out.replace("\n", " ")
-    assert "'step.csv' was left alone: no log is called so. Nearest: 'steps.csv'" in said
+    assert "'step.csv' was ignored: no log has this name. Nearest: 'steps.csv'" in said
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,233 @@
+"""Fields of decoded messages by path, whatever the log format: single numbers, quaternions and time stamps."""
+
+from __future__ import annotations
+
+import operator
+import re
+from array import array
+from collections.abc import Callable, Iterator
+from itertools import islice
+from typing import Any
+
+import numpy as np
+
+from rovid.core.array_types import FloatArray
+from rovid.core.errors import LogError
+from rovid.readers.raw_log import ANGLES, euler
+
+Getter = Callable[[Any], Any]
+
+# Errors of a getter where a message lacks the field.
+ABSENT = (KeyError, IndexError, TypeError, AttributeError)
+_STEP = re.compile(r"\[(\d+)\]|([^.\[\]]+)")
+_NAME = re.compile(r"[^.\[\]]+")
+_QUATERNION = operator.attrgetter("x", "y", "z", "w")
+# Paths of the orientation in messages mapped as a whole: a quaternion itself, Imu, Odometry, PoseStamped,
+# TransformStamped, and common names of users.
+_ORIENTATIONS: tuple[tuple[str, ...], ...] = (
+    (),
+    ("orientation",),
+    ("pose", "pose", "orientation"),
+    ("pose", "orientation"),
+    ("transform", "rotation"),
+    ("rotation",),
+    ("quaternion",),
+)
+_STAMPS = (("header", "stamp"), ("stamp",), ("timestamp",))
+_STAMP_PARTS = (("sec", "nanosec"), ("seconds", "nanos"), ("sec", "nsec"), ("secs", "nsecs"))
+# Names of fields that are no sources of signals, or that hold an orientation.
+_STAMP_NAMES = {"header", "stamp", "timestamp"}
+_ORIENTATION_NAMES = {"orientation", "quaternion", "rotation"}
+_MAX_LISTED = 20
+
+
+def split_path(path: str, topic: str) -> tuple[str, ...] | None:
+    """Fields after the topic in ``path``; None if ``path`` does not begin with ``topic``."""
+    rest = path[len(topic) :]
+    if not topic or not path.startswith(topic) or (rest and rest[0] not in ".["):
+        return None
+    return split_fields(rest)
+
+
+def split_fields(text: str) -> tuple[str, ...]:
+    """Steps of ``pose.position[2]`` or ``.data.0``."""
+    return tuple(index or name for index, name in _STEP.findall(text))
+
+
+def getter(fields: tuple[str, ...], *, mapping: bool) -> Getter:
+    """Function that returns the field of a message, and raises one of `ABSENT` where it is missing.
+
+    ``mapping``: the messages are dictionaries (JSON), not objects.
+    """
+    if not fields:
+        return lambda message: message
+    if mapping and len(fields) == 1:
+        return operator.itemgetter(fields[0])
+    if mapping or any(name.isdigit() for name in fields):
+        return lambda message: _descend(message, fields)
+    return operator.attrgetter(".".join(fields))
+
+
+def _descend(value: Any, fields: tuple[str, ...]) -> Any:
+    for name in fields:
+        if isinstance(value, dict):
+            value = value[name]
+        elif name.isdigit():
+            value = value[int(name)]
+        else:
+            value = getattr(value, name)
+    return value
+
+
+def stamp_getter(message: Any, *, mapping: bool) -> Getter | None:
+    """Function that returns the ns of a message's own time stamp; None if it has none."""
+    for fields in _STAMPS:
+        for parts in _STAMP_PARTS:
+            try:
+                for part in parts:
+                    _descend(message, (*fields, part))
+            except ABSENT:
+                continue
+            seconds, fraction = (getter((*fields, part), mapping=mapping) for part in parts)
+            return lambda message: int(seconds(message)) * 1_000_000_000 + int(fraction(message))
+    return None
+
+
+def listed_fields(message: Any) -> str:
+    """Paths of the first fields of ``message``, for error messages."""
+    return ", ".join(name for name, _ in _first_fields(message)) or "none"
+
+
+def numeric_fields(message: Any, topic: str) -> Iterator[str]:
+    """Sources of every number and orientation in ``message``, without time stamps."""
+    for name, value in _first_fields(message):
+        *parents, last = name.split(".")
+        if _STAMP_NAMES & {*parents, last}:
+            continue
+        if last in "xyzw" and parents and parents[-1] in _ORIENTATION_NAMES:
+            yield f"{topic}.{'.'.join(parents)}"
+        elif isinstance(value, int | float | np.number) and not isinstance(value, bool):
+            yield f"{topic}.{name}"
+
+
+def _first_fields(message: Any) -> Iterator[tuple[str, Any]]:
+    """(path, value) of the first fields of ``message``."""
+    return islice(_fields(message, "", depth=3), _MAX_LISTED)
+
+
+def _fields(value: Any, prefix: str, depth: int) -> Iterator[tuple[str, Any]]:
+    members = _members(value) if depth else {}
+    if not members and prefix:
+        yield prefix[1:], value
+    for name, member in members.items():
+        if _NAME.fullmatch(name):  # No path leads to other names.
+            yield from _fields(member, f"{prefix}.{name}", depth - 1)
+
+
+def _members(value: Any) -> dict[str, Any]:
+    if isinstance(value, dict):
+        return {str(name): member for name, member in value.items()}
+    if hasattr(value, "DESCRIPTOR"):
+        return {item.name: getattr(value, item.name) for item in value.DESCRIPTOR.fields}
+    if value is None or isinstance(value, str | bytes | int | float | list | tuple):
+        return {}
+    names = getattr(value, "__slots__", None) or getattr(value, "__dict__", None) or ()
+    return {str(name): getattr(value, name, None) for name in names}
+
+
+def as_float(value: Any) -> float:
+    """``value`` as a float; infinite for integers beyond the largest float."""
+    try:
+        return float(value)
+    except OverflowError:
+        return float("inf")
+
+
+class FieldCollector:
+    """Collects the values of one signal from the messages of one topic.
+
+    Attributes
+    ----------
+    take
+        Called with each message.
+    seen
+        Whether the field was present in any message.
+    quaternion
+        Whether the field is a quaternion.
+    optional
+        A log may lack the signal: values that are no numbers are missing.
+    """
+
+    def __init__(
+        self, signal: str, source: str, fields: tuple[str, ...], *, mapping: bool, where: str, optional: bool = False
+    ) -> None:
+        self.signal, self.source, self.where, self.optional = signal, source, where, optional
+        self.fields, self.mapping = fields, mapping
+        self.seen = self.quaternion = False
+        self._values = array("d")
+        self._get = getter(fields, mapping=mapping)
+        self.take: Callable[[Any], None] = self._take_number
+
+    def _take_number(self, message: Any) -> None:
+        try:
+            value = self._get(message)
+        except ABSENT:
+            value = None
+        if type(value) is float:
+            self.seen = True
+            self._values.append(value)
+        elif isinstance(value, int | float | np.number):
+            self.seen = True
+            self._values.append(as_float(value))
+        elif value is not None and self._find_quaternion(value):
+            self._values = array("d", [float("nan")] * (4 * len(self._values)))
+            self.take = self._take_quaternion
+            self._take_quaternion(message)
+        elif value is None or self.optional:
+            self._values.append(float("nan"))
+        else:
+            raise self._no_number(value, message)
+
+    def _find_quaternion(self, value: Any) -> bool:
+        """Find the quaternion in ``value``, for all further messages."""
+        if self.signal not in ANGLES or self.seen:
+            return False
+        for inner in _ORIENTATIONS:
+            try:
+                parts = _quaternion_parts(_descend(value, inner))
+            except ABSENT:
+                continue
+            if all(isinstance(part, int | float) for part in parts):
+                self.seen = self.quaternion = True
+                self._get = getter(self.fields + inner, mapping=self.mapping)
+                return True
+        return False
+
+    def _take_quaternion(self, message: Any) -> None:
+        count = len(self._values)
+        try:
+            self._values.extend(map(as_float, _quaternion_parts(self._get(message))))
+        except (*ABSENT, ValueError):
+            del self._values[count:]  # An incomplete quaternion left its first numbers.
+            self._values.extend((float("nan"),) * 4)
+
+    def _no_number(self, value: Any, message: Any) -> LogError:
+        found = repr(value) if isinstance(value, str | bytes) else f"a {type(value).__name__}"
+        wanted = "a number or a quaternion" if self.signal in ANGLES else "a number"
+        text = f"{self.source} ({self.signal}) is {found[:60]}; {wanted} was expected."
+        text += f" The message's fields: {listed_fields(message)}."
+        return LogError(text, where=self.where, mend=f"Name one field for {self.signal} in rovid.toml.")
+
+    def column(self) -> FloatArray:
+        """(n,) values as logged, in rad from a quaternion; NaN where missing."""
+        values = np.frombuffer(self._values, dtype=np.float64) if self._values else np.empty(0)
+        if self.quaternion:
+            return euler(values.reshape(-1, 4), self.signal)
+        return values
+
+
+def _quaternion_parts(value: Any) -> tuple[Any, ...]:
+    if isinstance(value, dict):
+        return tuple(value[name] for name in "xyzw")
+    parts: tuple[Any, ...] = _QUATERNION(value)
+    return parts

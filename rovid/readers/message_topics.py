@@ -1,0 +1,290 @@
+"""Logs of messages by topic (MCAP, ROS bags): the mapped fields of the mapped topics, on a clock of the messages."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rovid.core.errors import LogError, suggestion
+from rovid.readers.message_fields import (
+    ABSENT,
+    FieldCollector,
+    Getter,
+    as_float,
+    getter,
+    listed_fields,
+    numeric_fields,
+    split_fields,
+    split_path,
+    stamp_getter,
+)
+from rovid.readers.raw_log import Channel, LogContents, RawLog
+from rovid.readers.timestamps import EPOCH_FROM, to_seconds
+from rovid.trial.signal_names import Signal
+from rovid.trial.trial import Remark
+
+Decoder = Callable[[bytes], Any]
+Handler = Callable[[bytes, int, int], None]  # payload, log time ns, publish time ns
+
+# Clocks in ns; any other is a field of each message.
+_CLOCKS = ("log", "publish", "header")
+
+
+class TopicCollector:
+    """Collects the signals of one topic, message by message.
+
+    Attributes
+    ----------
+    times
+        Time of each message: ns, or the value of the chosen field.
+    last
+        The latest message; error messages list its fields.
+    error
+        Why reading ended early, for an optional topic.
+    """
+
+    def __init__(self, name: str, kind: str, clock: str, collectors: list[FieldCollector], where: str) -> None:
+        self.name, self.kind, self.clock, self.collectors, self.where = name, kind, clock, collectors, where
+        self.times: array[int] | list[Any] = array("q") if clock in _CLOCKS else []
+        self.last: Any = None
+        self.error: LogError | None = None
+        self._get_stamp: Getter | None = None
+
+    def handler(self, make_decoder: Callable[[], Decoder], *, mapping: bool) -> Handler | None:
+        """Function that takes the messages of one channel; None for an optional topic that cannot be decoded."""
+        optional = all(collector.optional for collector in self.collectors)
+        try:
+            decode = make_decoder()
+        except LogError as error:
+            if not optional:
+                raise
+            self.error = error
+            return None
+        # Local names are fast: there may be a million messages.
+        collectors, by_log, by_publish = self.collectors, self.clock == "log", self.clock == "publish"
+
+        def take(payload: bytes, log: int, publish: int) -> None:
+            try:
+                message = self.last = decode(payload)
+            except Exception as error:  # Libraries raise any exception on damaged payloads.
+                raise self._message_error(
+                    f"cannot be decoded ({type(error).__name__}: {str(error)[:100]})",
+                    "Record the log again, or leave it out.",
+                ) from error
+            try:
+                if by_log:
+                    self.times.append(log)
+                elif by_publish:
+                    self.times.append(publish)
+                else:
+                    self.times.append(self._stamp(message, mapping=mapping))
+            except OverflowError as error:
+                raise self._message_error("has a time beyond the year 2262") from error
+            for collector in collectors:
+                collector.take(message)
+
+        def attempt(payload: bytes, log: int, publish: int) -> None:
+            try:
+                if self.error is None:
+                    take(payload, log, publish)
+            except LogError as error:
+                self.error = error
+
+        return attempt if optional else take
+
+    def _stamp(self, message: Any, *, mapping: bool) -> Any:
+        """Time inside a message: ns of its own stamp, or the chosen field."""
+        if self._get_stamp is None:
+            if self.clock == "header":
+                self._get_stamp = stamp_getter(message, mapping=mapping)
+            else:
+                self._get_stamp = getter(split_fields(self.clock), mapping=mapping)
+        if self._get_stamp is None:
+            raise self._no_stamp(message)
+        try:
+            time = self._get_stamp(message)
+        except (*ABSENT, ValueError, OverflowError) as error:
+            raise self._no_stamp(message) from error
+        if isinstance(time, bool) or not isinstance(time, int | float):
+            raise self._no_stamp(message)
+        return time
+
+    def _no_stamp(self, message: Any) -> LogError:
+        wanted = "header.stamp" if self.clock == "header" else repr(self.clock)
+        mend = f'Set time = {{ {self.kind} = "log" }} in [signals] to use the time of recording.'
+        text = f"has no time {wanted}, which time in rovid.toml names; its fields: {listed_fields(message)}"
+        return self._message_error(text, mend)
+
+    def _message_error(self, problem: str, mend: str = "") -> LogError:
+        text = f"message {len(self.times) + 1} of topic {self.name!r} {problem}."
+        return LogError(text, where=self.where, mend=mend)
+
+
+class TopicExtractor:
+    """Opens the mapped topics of a log and builds raw channels from their messages.
+
+    Parameters
+    ----------
+    kind
+        Key of the format in rovid.toml.
+    time
+        Its source is the clock: "log" (time of recording; the default), "publish", "header" (the message's own stamp),
+        or a field of each message.
+    """
+
+    def __init__(self, path: Path, kind: str, signals: Mapping[str, Signal], time: Signal) -> None:
+        self.path, self.kind, self.signals, self.time = path, kind, signals, time
+        self.clock = time.sources.get(kind, "log")
+        self.topics: dict[str, TopicCollector | None] = {}  # None: no signal is mapped to the topic.
+        self.damage = ""
+
+    def handler(self, name: str, make_decoder: Callable[[], Decoder], *, mapping: bool) -> Handler | None:
+        """Function that takes the messages of a channel of the topic ``name``; None where no signal is mapped to it.
+
+        ``mapping``: the messages are dictionaries (JSON), not objects.
+        """
+        if name not in self.topics:
+            collectors = []
+            for signal, mapped_to in self.signals.items():
+                source, optional = mapped_to.sources[self.kind], mapped_to.optional
+                fields = split_path(source, name)
+                if fields is not None:
+                    where = str(self.path)
+                    one = FieldCollector(signal, source, fields, mapping=mapping, where=where, optional=optional)
+                    collectors.append(one)
+            is_mapped = bool(collectors)
+            topic = TopicCollector(name, self.kind, self.clock, collectors, str(self.path))
+            self.topics[name] = topic if is_mapped else None
+        found = self.topics[name]
+        return None if found is None else found.handler(make_decoder, mapping=mapping)
+
+    def result(self, remarks: Callable[[float], tuple[Remark, ...]], damage: str = "") -> RawLog:
+        """Raw channels.
+
+        Parameters
+        ----------
+        remarks
+            Last time read, in s -> remarks on the file.
+        damage
+            Sentence on unread parts of the file, for errors.
+
+        Raises
+        ------
+        LogError
+            A topic is missing or empty, or its messages lack the field.
+        """
+        self.damage = damage
+        chosen: dict[str, tuple[TopicCollector, FieldCollector]] = {}
+        lacking: dict[str, None] = {}
+        for signal, mapped_to in self.signals.items():
+            try:
+                chosen[signal] = self._choose(signal, mapped_to.sources[self.kind])
+            except LogError as error:
+                if not mapped_to.optional:
+                    raise
+                lacking[str(error)] = None
+        if not chosen:
+            raise LogError("holds nothing that can be read.", where=self.path, mend=next(iter(lacking), ""))
+        times, origin = self._times({topic.name: topic for topic, _ in chosen.values()})
+        channels = {}
+        for signal, (topic, collector) in chosen.items():
+            channels[signal] = Channel(
+                source=collector.source,
+                clock=f"{self.clock} time of {topic.name}",
+                time=times[topic.name],
+                values=collector.column(),
+                radians=collector.quaternion,
+            )
+        epoch = origin * 1e-9
+        last = max(float(np.max(time)) for time in times.values())
+        skipped = [Remark(kind="skipped", count=1, text=text) for text in lacking]
+        return RawLog(
+            channels=channels,
+            place=lambda signal, index: f"message {index + 1} of {chosen[signal][0].name}",
+            remarks=(*remarks(last), *skipped),
+            sortable=True,
+            epoch=epoch if self.clock in _CLOCKS and epoch > EPOCH_FROM else None,
+        )
+
+    def _choose(self, signal: str, source: str) -> tuple[TopicCollector, FieldCollector]:
+        """The longest topic that ``source`` begins with, and its field."""
+        matching = [name for name in self.topics if split_path(source, name) is not None]
+        topic = self.topics.get(max(matching, key=len, default=""))
+        if topic is None:
+            raise self._missing(
+                f"has no topic for {source!r}, which rovid.toml maps to {signal}. {suggestion(source, self.topics)}",
+                f'Write {signal} = {{ {self.kind} = "<topic>.<field>" }} in rovid.toml.',
+            )
+        if topic.error is not None:
+            raise topic.error
+        if not len(topic.times):
+            raise self._missing(f"holds no message on topic {topic.name!r} ({signal}).", "Leave this log out.")
+        collector = next(one for one in topic.collectors if one.signal == signal)
+        if not collector.seen:
+            field = ".".join(collector.fields) or "of a quaternion"
+            text = f"topic {topic.name!r} never holds the field {field!r} ({signal})."
+            text += f" Its fields: {listed_fields(topic.last)}."
+            raise self._missing(text, f"Correct {signal} in rovid.toml.")
+        return topic, collector
+
+    def _missing(self, problem: str, mend: str) -> LogError:
+        return LogError(problem + self.damage, where=self.path, mend=mend)
+
+    def _times(self, topics: Mapping[str, TopicCollector]) -> tuple[dict[str, NDArray[np.float64]], int]:
+        """(n,) s of each topic, from one common origin, and the origin as logged."""
+        logged = {name: _time_array(topic.times) for name, topic in topics.items()}
+        origin = 0
+        if any(times.dtype.kind == "f" for times in logged.values()):
+            logged = {name: times.astype(np.float64) for name, times in logged.items()}
+        else:
+            # Integers: floats would lose digits of the ns since 1970.
+            origin = min(int(times[0]) for times in logged.values())
+        unit = "ns" if self.clock in _CLOCKS else self.time.unit
+        return {name: to_seconds(times, self.clock, unit, origin) for name, times in logged.items()}, origin
+
+
+def _time_array(times: array[int] | list[Any]) -> NDArray[Any]:
+    """int64 where all times are integers that fit, else float64."""
+    if isinstance(times, array):
+        return np.frombuffer(times, dtype=np.int64)
+    if all(isinstance(time, int) and abs(time) < 2**63 - 1 for time in times):
+        return np.array(times, dtype=np.int64)
+    return np.array([as_float(time) for time in times])
+
+
+class TopicListing:
+    """Contents of all topics, by the first message of each; an unreadable topic does not hide the others."""
+
+    def __init__(self, path: Path, kind: str) -> None:
+        self.path, self.kind = path, kind
+        self._topics: list[TopicCollector] = []
+
+    def handler(self, name: str, make_decoder: Callable[[], Decoder], *, mapping: bool) -> Handler | None:
+        """Function that takes the messages of a channel of the topic ``name``; None if they cannot be decoded."""
+        topic = TopicCollector(name, self.kind, "log", [], str(self.path))
+        self._topics.append(topic)
+        take = topic.handler(make_decoder, mapping=mapping)
+        if take is None:
+            return None
+
+        def take_first(payload: bytes, log: int, publish: int) -> None:
+            if topic.last is None:
+                take(payload, log, publish)
+
+        return take_first
+
+    def contents(self, damage: Iterable[str] = ()) -> LogContents:
+        """Every number and orientation, in the order of the log; ``damage`` describes unread parts."""
+        sources: dict[str, None] = {}
+        unreadable = []
+        for topic in self._topics:
+            sources |= dict.fromkeys(numeric_fields(topic.last, topic.name))
+            if topic.error:
+                unreadable.append(str(topic.error))
+        unreadable += [f"{self.path}: {text}" for text in damage]
+        return LogContents(sources=tuple(sources), unreadable=tuple(unreadable))
