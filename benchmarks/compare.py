@@ -25,7 +25,8 @@ from typing import Any
 
 import numpy as np
 
-from rovid.compare.difference_tests import DifferenceTest, EstimatePair, change_candidates, test_difference
+from rovid.compare.candidates import EstimatePair, change_candidates
+from rovid.compare.difference_tests import DifferenceTest, find_changes
 from tools.hard import draw, write_campaign
 from tools.hidden import Hidden
 from tools.programme import Hold, Run, Sine, multilevel
@@ -232,7 +233,7 @@ def again(pair: dict[str, Any], *, apart: bool) -> dict[str, Any]:
     )
     weak = [name.rpartition(".")[0] for name in estimates.names if name.startswith("thruster_imbalance")]
     other = "thruster_imbalance:aft" if weak and apart else ""
-    found = test_difference(estimates, change_candidates(estimates, weak, other))
+    found = find_changes(estimates, change_candidates(estimates, weak, other))
     names: list[str] = []
     for change in found.established:
         names += [change.candidate.name] if change.candidate.inverse else change.candidate.parameters

@@ -1,4 +1,4 @@
-"""The command line: which commands there are, and how a run of one ends. What a command needs it imports itself."""
+"""The command line: the list of commands and the end of a run. Each command imports its own modules."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import os
 import sys
 from collections.abc import Callable
 from importlib import import_module
-from types import ModuleType
 from typing import Annotated
 
 import typer
@@ -19,7 +18,7 @@ from rovid.cli.help_format import FIRST_SESSION, ManualCommand, ManualGroup, Pag
 from rovid.core import process_tuning
 from rovid.core.errors import RovidError, display_text
 
-# The file of each command, called as it is, in the order of the help: it holds the command and its page of the manual.
+# The commands in the order of the help. Each has a module of its name, with its function and its manual page.
 COMMANDS = (
     "init",
     "check",
@@ -40,27 +39,26 @@ COMMANDS = (
     "fleet",
     "help",
 )
-_MODULES = {name.replace("_", "-"): import_module(f"rovid.cli.{name}") for name in COMMANDS}
-MANUAL: dict[str, Page] = {name: module.PAGE for name, module in _MODULES.items()}
+MANUAL: dict[str, Page] = {}
 
 app = typer.Typer(
     cls=ManualGroup,
-    help="From an underwater vehicle's trial logs to a dynamic model its owner can defend.",
+    help="From trial logs of an underwater vehicle to a dynamic model with known accuracy.",
     epilog=FIRST_SESSION,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
-    rich_markup_mode=None,  # boxes leave no room for words at 80 columns
+    rich_markup_mode=None,  # The boxes of rich leave no room for words at 80 columns.
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
 
 
 def main() -> None:
-    """Entry point: run the command; the user's mistakes end with one message and exit status 2."""
-    # Before numpy is imported: products of matrices are small here, and BLAS's own threads get in each other's way.
+    """Run the command; a user error ends with one message and exit status 2."""
+    # Before numpy is imported: the matrices are small, and threads of BLAS would compete with ours.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     process_tuning.tune_process()
     if "_ROVID_COMPLETE" in os.environ:
-        # typer folds the help that zsh and fish show beside a value; a shell takes each line for a value.
+        # typer wraps the help texts that zsh and fish show, and a shell would read each line as a value.
         os.environ["COLUMNS"] = "1000"
     try:
         _command()(prog_name="rovid")
@@ -68,24 +66,21 @@ def main() -> None:
         sys.stderr.write(f"rovid: {error}\n")
         raise SystemExit(2) from None
     except BrokenPipeError:
-        # The reader of our output went away, as `| head` does.
+        # The reader of the output ended, as `| head` does.
         sys.stderr.close()
         raise SystemExit(1) from None
     except OSError as error:
         if error.errno != errno.ENAMETOOLONG:
             raise
-        sys.stderr.write(f"rovid: {_too_long(error.filename)}\n")
+        name = display_text(str(error.filename))
+        sys.stderr.write(f"rovid: {name}: there is no such file or folder, because the name is too long.\n")
         raise SystemExit(2) from None
 
 
 @functools.cache
 def _command() -> Callable[..., object]:
-    """Every command's parameters are looked at; once, however often a process calls `main`."""
+    """The command line with all options, built once a process."""
     return get_command(app)
-
-
-def _too_long(name: object) -> str:
-    return f"{display_text(str(name))}: there is no such file or folder: no file's name is as long. Give a shorter one."
 
 
 def _version(wanted: bool) -> None:
@@ -103,11 +98,10 @@ def _root(
     pass
 
 
-def _register(name: str, command: ModuleType) -> None:
-    run, page = getattr(command, name.replace("-", "_")), MANUAL[name]
-    # The docstring says in a line what the command does, the manual says the rest.
-    app.command(name, cls=ManualCommand, help=f"{run.__doc__}\n{page.text}", epilog=page.epilog)(run)
-
-
-for _name, _module in _MODULES.items():
-    _register(_name, _module)
+for _name in COMMANDS:
+    _module = import_module(f"rovid.cli.{_name}")
+    _run, _page = getattr(_module, _name), _module.PAGE
+    MANUAL[_name.replace("_", "-")] = _page
+    # The docstring is the first line of the help.
+    _help = f"{_run.__doc__}\n{_page.text}"
+    app.command(_name.replace("_", "-"), cls=ManualCommand, help=_help, epilog=_page.epilog)(_run)

@@ -8,41 +8,43 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rovid.cli.context import (
-    claim_of,
-    compile_beside,
+    compile_in_background,
     console,
-    known_at,
-    opened,
+    existing_parameters,
+    named_axis,
+    open_logs,
+    parameters_at,
     print_json,
-    remembered,
-    require_holding,
-    working,
+    progress,
+    require_fresh,
+    reserve_outputs,
+    stored_logs,
 )
 from rovid.cli.help_format import Page
-from rovid.cli.options import AxisName, Cutoff, Force, Json, ParameterFile
+from rovid.cli.options import AxisName, Cutoff, Force, Json, ParameterFile, argument, option
 from rovid.core.errors import ConfigError
 
 if TYPE_CHECKING:
     from rovid.compare.campaign_fit import CampaignFit
-    from rovid.trial.assumptions import Assumptions
     from rovid.trial.axis import Axis
 
 PAGE = Page(
     text="""
-    Holds two campaigns of one vehicle against each other, before and after a refit, a season or another payload.
-    Prints which parameter changed, by how much and at what odds; which cause came or went; whether the model of each
-    predicts the runs of the other; and the parameters that both together say, where they share what did not change.
-    The verdict is same, changed, or cannot tell; where nothing changed it says how small a change it would have seen.
+    Compares two campaigns of one vehicle, for example before and after a refit. Prints which parameters changed, by
+    how much and with which probability; which causes appeared or disappeared; how well the model of each campaign
+    predicts the runs of the other; and joint estimates of what did not change. The verdict is same, changed or cannot
+    tell. If nothing changed, the smallest detectable changes are printed.
 
-    A and B are a folder of logs each, or a parameter file. Folders are diagnosed, both then fitted with the causes of
-    either. Of parameter files what stands in them is compared, which takes no time. Without B the parameter file at
-    hand is B, and of a folder A the logs that this file remembers. Without A as well it is compared with the last
-    model in its history that rests on other logs. -o writes a page with both over each other; nothing else is written.
+    A and B are folders of logs or parameter files. Folders are diagnosed, and both campaigns are fitted with the causes
+    of either. Parameter files are compared as they are, which takes no time. Without B, the current parameter file is
+    B; if A is a folder, B is the logs that the parameter file names. Without A and B, the current parameter file is
+    compared with the last model in its history that was fitted to other logs. -o writes a page with plots of both
+    campaigns. Nothing else is written.
     """,
     examples=(
         ("Before and after", "rovid compare my_logs surge_logs"),
-        ("What two parameter files say", "rovid compare spring.toml autumn.toml"),
-        ("The parameter file with what it held before", "rovid compare"),
+        ("Two parameter files", "rovid compare spring.toml autumn.toml"),
+        ("The current parameter file and its previous content", "rovid compare"),
         ("With a page to show", "rovid compare my_logs surge_logs -o compare.html"),
     ),
     see=("rovid diagnose", "rovid fit", "rovid help compare"),
@@ -52,130 +54,102 @@ PAGE = Page(
 def compare(
     campaigns: Annotated[
         list[Path] | None,
-        typer.Argument(
-            metavar="A B",
-            help="Two folders of logs or parameter files; one or none to compare with the parameter file at hand.",
-            show_default=False,
-        ),
+        argument("A B", "Two folders of logs or parameter files. A missing one is the current parameter file."),
     ] = None,
     *,
     axis: AxisName = None,
     parameters: ParameterFile = None,
     output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output", "-o", metavar="PAGE", help="Write a page that needs no other file.", show_default=False
-        ),
+        Path | None, option("--output", "-o", metavar="PAGE", help="Write a self-contained HTML page.")
     ] = None,
     matters: Annotated[
-        float, typer.Option(metavar="PERCENT", min=0.1, max=100.0, help="Change of drag or inertia that has to show.")
+        float,
+        typer.Option(
+            metavar="PERCENT", min=0.1, max=100.0, help="Change of drag or inertia that has to be detectable."
+        ),
     ] = 10.0,
     cutoff: Cutoff = None,
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Say what changed between two campaigns."""
+    """Find what changed between two campaigns."""
     given = campaigns or []
     if len(given) > 2:
         raise ConfigError(
-            f"{len(given)} campaigns were given; two were expected, or fewer.",
-            mend="Give each campaign's folder, not its logs one by one.",
+            f"{len(given)} campaigns were given; at most two were expected.",
+            mend="Give each campaign's folder, not its single logs.",
         )
-    compile_beside()
-    from rovid.compare.comparison import compare as compared
+    compile_in_background()
+    from rovid.compare.comparison import compare as compare_campaigns
     from rovid.present.documents.diagnosis import comparison_document
     from rovid.present.terminal.diagnosis import show_comparison
-    from rovid.trial.axis import YAW, axis_named
-
-    wanted = axis_named(axis) if axis else YAW
-    page = None
-    if output is not None:
-        from rovid.present.page.comparison import comparison_page
-
-        page = comparison_page(output)
-    claim = claim_of(
-        [page] if page else [], [path for path in given if path.exists()], *_read(parameters, axis), force=force
-    )
-    with working("Reading …") as report:
-        (a, b), notes = _asked_for(given, parameters, axis, wanted, cutoff)
-        comparison = compared(a, b, matters=matters / 100.0, report=report)
-        a, b = comparison.a, comparison.b
-        guess = _guess(a, b)
-        if page is not None:
-            from rovid.present.page.comparison import write_comparison
-
-            report("Drawing and writing the page …")
-            write_comparison(claim, page, comparison, guess, notes)
-    written = {} if page is None else {"page": str(page.path)}
-    if json:
-        print_json(comparison_document(comparison, guess, notes) | written)
-        return
-    show_comparison(console(), comparison, guess, notes)
-    for path in written.values():
-        console().print(path, highlight=False, soft_wrap=True)
-
-
-def _read(parameters: Path | None, axis: str | None) -> list[Path]:
-    """The parameter file at hand and its history, where there are any: no page goes over them."""
-    from rovid.cli.context import stored_at
     from rovid.store.history import history_output
 
-    path = stored_at(parameters, axis).path
-    return [path, history_output(path).path]
+    current = parameters_at(parameters, axis).path
+    pages = []
+    if output is not None:
+        from rovid.present.page.comparison import comparison_page, write_comparison
+
+        pages = [comparison_page(output)]
+    protected = [path for path in given if path.exists()]
+    outputs = reserve_outputs(pages, protected, current, history_output(current).path, force=force)
+    with progress("Reading …") as report:
+        (a, b), notes = _campaigns(given, parameters, axis, cutoff)
+        comparison = compare_campaigns(a, b, relevant_change=matters / 100.0, report=report)
+        assumptions = comparison.a.assumptions | comparison.b.assumptions
+        for page in pages:
+            report("Drawing and writing the page …")
+            write_comparison(outputs, page, comparison, assumptions, notes)
+    if json:
+        document = comparison_document(comparison, assumptions, notes)
+        for page in pages:
+            document["page"] = str(page.path)
+        print_json(document)
+        return
+    show_comparison(console(), comparison, assumptions, notes)
+    for page in pages:
+        console().print(str(page.path), highlight=False, soft_wrap=True)
 
 
-def _asked_for(
-    given: list[Path], parameters: Path | None, axis: str | None, wanted: Axis, cutoff: float | None
+def _campaigns(
+    given: list[Path], parameters: Path | None, axis: str | None, cutoff: float | None
 ) -> tuple[tuple[CampaignFit, CampaignFit], list[str]]:
-    """A and B, and what has to be said of them."""
-    from rovid.compare.baseline import campaign_from_file, previous_campaign
+    """Campaigns A and B, with remarks on the parameter file."""
+    from rovid.compare.campaign_fit import campaign_from_file, previous_campaign
 
     if len(given) == 2:
-        one, other = (_day(path, name, wanted, cutoff) for path, name in zip(given, _apart(given), strict=True))
-        return (one, other), []
-    stored = known_at(parameters, axis)
-    notes = require_holding(stored, None)
-    at_hand = str(stored.path)
+        names = [path.resolve().name for path in given]
+        if names[0] == names[1]:
+            names = list(map(str, given))
+        a, b = (_campaign(path, name, named_axis(axis), cutoff) for path, name in zip(given, names, strict=True))
+        return (a, b), []
+    stored = existing_parameters(parameters, axis)
+    notes = require_fresh(stored, None)
     if not given:
-        return (previous_campaign(stored), campaign_from_file(stored.path, at_hand)), notes
-    first = given[0]
-    if _is_parameters(first):
-        return (campaign_from_file(first, str(first)), campaign_from_file(stored.path, at_hand)), notes
-    logs = remembered(stored)
-    named = ", ".join(path.name for path in logs)
-    return (_logs([first], first.resolve().name, stored.axis, cutoff), _logs(logs, named, stored.axis, cutoff)), notes
+        return (previous_campaign(stored), campaign_from_file(stored.path, str(stored.path))), notes
+    (first,) = given
+    if _is_parameter_file(first):
+        return (campaign_from_file(first, str(first)), campaign_from_file(stored.path, str(stored.path))), notes
+    logs = stored_logs(stored)
+    a = _campaign(first, first.resolve().name, stored.axis, cutoff)
+    return (a, _campaign_of_logs(logs, ", ".join(path.name for path in logs), stored.axis, cutoff)), notes
 
 
-def _apart(given: list[Path]) -> list[str]:
-    """What the two are called: their names, or as much of their paths as tells them apart."""
-    names = [path.resolve().name for path in given]
-    return [str(path) for path in given] if names[0] == names[1] else names
+def _campaign(path: Path, name: str, axis: Axis, cutoff: float | None) -> CampaignFit:
+    from rovid.compare.campaign_fit import campaign_from_file
+
+    if _is_parameter_file(path):
+        return campaign_from_file(path, name)
+    return _campaign_of_logs([path], name, axis, cutoff)
 
 
-def _is_parameters(path: Path) -> bool:
+def _campaign_of_logs(paths: list[Path], name: str, axis: Axis, cutoff: float | None) -> CampaignFit:
+    from rovid.compare.campaign_fit import campaign_from_study
+
+    return campaign_from_study(open_logs(paths, cutoff, axis), name)
+
+
+def _is_parameter_file(path: Path) -> bool:
     from rovid.core.signatures import PARAMETERS
 
     return path.is_file() and (path.suffix == ".toml" or PARAMETERS.matches(path))
-
-
-def _day(path: Path, name: str, axis: Axis, cutoff: float | None) -> CampaignFit:
-    from rovid.compare.baseline import campaign_from_file
-
-    return campaign_from_file(path, name) if _is_parameters(path) else _logs([path], name, axis, cutoff)
-
-
-def _logs(paths: list[Path], name: str, axis: Axis, cutoff: float | None) -> CampaignFit:
-    from rovid.compare.campaign_fit import campaign_from_study
-
-    return campaign_from_study(opened(paths, cutoff, axis), name)
-
-
-def _guess(a: CampaignFit, b: CampaignFit) -> Assumptions:
-    """What is guessed of either vehicle."""
-    from rovid.trial.assumptions import Assumptions
-
-    guess = Assumptions()
-    for day in (a, b):
-        if day.settings is not None:
-            guess = guess | day.settings.assumptions
-    return guess

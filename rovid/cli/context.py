@@ -1,4 +1,4 @@
-"""What every command does around its work: files at hand, a session with the logs, words on the screen."""
+"""Steps that the commands share: parameter file, logs, output files, progress and printing."""
 
 from __future__ import annotations
 
@@ -6,17 +6,14 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import typer
 
 from rovid.cli import completion
 from rovid.core.errors import ConfigError
-
-# Columns where nobody says how many there are.
-_WIDE = 160
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -24,177 +21,320 @@ if TYPE_CHECKING:
     from rovid.core.atomic_write import OutputFile, OutputSet
     from rovid.diagnose.result import Diagnosis
     from rovid.estimate.estimate import Estimate
-    from rovid.readers.campaign import PrefetchedReader, TrialReader
+    from rovid.estimate.inertia import InertiaFit
+    from rovid.estimate.maximum_likelihood import LikelihoodFit
+    from rovid.estimate.steady_drag import DragFit
+    from rovid.readers.campaign import TrialReader
+    from rovid.readers.campaign import PrefetchedReader
     from rovid.store.parameter_file import Parameters
     from rovid.store.study import Study
     from rovid.trial.assumptions import Assumptions
     from rovid.trial.axis import Axis
 
+    Fit = TypeVar("Fit", DragFit, InertiaFit, LikelihoodFit)
 
-def claim_of(outputs: Sequence[OutputFile], logs: Sequence[Path], *read: Path, force: bool) -> OutputSet:
-    """Leave to write ``outputs``, but never over ``read`` or what is where the logs are."""
-    from rovid.core.atomic_write import OutputSet
-    from rovid.store.study import input_files
-
-    return OutputSet(outputs, force=force, protected=[*input_files(logs), *read])
+# Columns of the output if the terminal's width is unknown.
+_WIDTH = 160
 
 
-def claim_of_model(stored: Parameters, logs: Sequence[Path], *, force: bool) -> OutputSet:
-    """Leave to write the parameter file and the history beside it."""
-    from rovid.store.history import history_output
+def parameters_at(path: Path | None, axis: str | None, *, force: bool = False) -> Parameters:
+    """The parameter file, or an empty one if the file does not exist or is replaced with --force."""
+    from rovid.core.signatures import PARAMETERS
+    from rovid.store.parameter_file import Parameters
 
-    return claim_of([stored.output, history_output(stored.path)], logs, force=force)
-
-
-def standing_now(stored: Parameters, study: Study) -> tuple[Parameters, list[str]]:
-    """``stored`` for a new fit, without what no longer holds, and the word that has to be said of that."""
-    from rovid.store.staleness import check_freshness
-
-    found = check_freshness(stored, study.provenance)
-    if not found.changes:
-        return stored, []
-    names = ", ".join(stored.entries)
-    return stored.cleared(), [f"{stored.path.name} no longer held, and was begun anew without {names}: {found.reason}."]
+    file = _parameter_path(path, axis)
+    if file.exists() and not (force and file.is_file() and not PARAMETERS.matches(file)):
+        return existing_parameters(file, axis)
+    return Parameters(path=file, axis=named_axis(axis))
 
 
-def require_holding(stored: Parameters, study: Study | None) -> list[str]:
-    """Refuse a parameter file that no longer holds; what cannot be told of one that does.
+def existing_parameters(path: Path | None, axis: str | None = None) -> Parameters:
+    """The parameter file, which has to exist and to be of this axis."""
+    from rovid.store.load import read_parameters
+
+    stored = read_parameters(_parameter_path(path, axis))
+    if axis and stored.axis.name != axis:
+        raise ConfigError(
+            f"holds the parameters of {stored.axis.name}, but --axis is {axis}.",
+            where=stored.path,
+            mend="Give another file with -p.",
+        )
+    return stored
+
+
+def yaw_parameters(path: Path | None) -> Parameters:
+    """The parameter file, which has to exist and to be of yaw."""
+    from rovid.trial.axis import YAW
+
+    stored = existing_parameters(path)
+    if stored.axis is not YAW:
+        raise ConfigError(
+            f"holds the parameters of {stored.axis.name}; those of yaw were expected.",
+            where=stored.path,
+            mend="Give the file of yaw with -p.",
+        )
+    return stored
+
+
+def _parameter_path(path: Path | None, axis: str | None) -> Path:
+    return path or Path(completion.parameter_file(named_axis(axis).name))
+
+
+def named_axis(name: str | None) -> Axis:
+    """The axis of this name; yaw without a name."""
+    from rovid.trial.axis import YAW, axis_named
+
+    return axis_named(name) if name else YAW
+
+
+def stored_logs(stored: Parameters) -> list[Path]:
+    """The logs that the parameter file names.
 
     Raises
     ------
     ConfigError
-        What it rests on has changed.
+        There are none.
     """
-    from rovid.store.staleness import check_freshness
-
-    found = check_freshness(stored, None if study is None else study.provenance)
-    if found.changes:
-        mend = "Fit again: `rovid report`, `rovid diagnose` or `rovid fit`."
-        raise ConfigError(f"no longer holds: {found.reason}.", where=stored.path, mend=mend)
-    return list(found.remarks)
-
-
-def compared(stored: Parameters, study: Study, estimate: Estimate, notes: Sequence[str] = ()) -> Estimate:
-    """``estimate``, with ``notes`` and a warning where another method said another thing of the same logs."""
-    from rovid.store.agreement import method_disagreement
-
-    apart = method_disagreement(stored.entries_for(study.paths), estimate)
-    return replace(estimate, warnings=(*estimate.warnings, *notes, *apart))
+    if not stored.logs:
+        exists = stored.path.exists()
+        raise ConfigError(
+            "names no logs." if exists else "there is no such parameter file, and no logs were given.",
+            where=stored.path,
+            mend="Give LOGS, or run `rovid fit-drag LOGS` first.",
+        )
+    return list(stored.logs)
 
 
-def put(
-    stored: Parameters,
-    claim: OutputSet,
-    study: Study,
-    estimate: Estimate,
-    *options: str,
-    seen: Mapping[str, float] | None = None,
-    for_good: bool = True,
-) -> Parameters:
-    """Put an estimate into the parameter file, with what it comes of, and take out what no longer holds beside it.
-
-    A model of all at once goes into the history too, if ``for_good``: of a day that goes on not each step does.
-    ``seen`` is what of the effects looked for would have been seen.
-    """
-    from rovid.store.agreement import JOINT_METHODS
-    from rovid.store.update import update_parameters
-
-    def change(now: Parameters) -> Parameters:
-        held, _ = standing_now(now, study)
-        origin = study.provenance
-        given = " ".join(filter(None, (origin.options, *options)))
-        return held.with_estimate(estimate, replace(origin, options=given))
-
-    is_kept = for_good and estimate.method in JOINT_METHODS
-    return update_parameters(stored, claim, change, seen=(seen or {}) if is_kept else None)
-
-
-def diagnosed(stored: Parameters, study: Study, report: Callable[[str], None]) -> Diagnosis:
-    """The diagnosis, with what ``stored`` says of the same logs by other methods."""
-    from rovid.store.agreement import method_disagreement
-
-    stored, notes = standing_now(stored, study)
-    diagnosis = study.diagnosis(report, drag=stored.independent_drag())
-    diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, *notes))
-    if (side := diagnosis.extended) is not None:
-        apart = method_disagreement(stored.entries_for(study.paths), side.estimate)
-        diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, *apart))
-    return diagnosis
-
-
-def read_ahead(
-    logs: Sequence[Path] | None, parameters: Path | None, axis: str | None, *, force: bool
-) -> PrefetchedReader:
-    """Have a copy of this process read the logs, while this one loads what a diagnosis takes: a second's work."""
-    from rovid.readers.campaign import PrefetchedReader
-
-    def meanwhile() -> None:
-        from rovid.diagnose.objectives import preload
-
-        preload()
-
-    def asked() -> tuple[Sequence[Path], Axis]:
-        if logs and not _parameter_file(parameters, axis).exists():
-            return logs, _axis_of(axis)
-        stored = stored_at(parameters, axis, force=force)
-        return logs or remembered(stored), stored.axis
-
-    return PrefetchedReader(asked, meanwhile)
-
-
-def opened(paths: Sequence[Path], cutoff: float | None, axis: Axis, reading: TrialReader | None = None) -> Study:
-    """What the logs at ``paths`` hold, made ready; ``reading`` is what reads one, where another than usual does."""
-    compile_beside()
+def open_logs(paths: Sequence[Path], cutoff: float | None, axis: Axis, reading: TrialReader | None = None) -> Study:
+    """Read the logs; ``reading`` replaces the reader of single logs."""
+    compile_in_background()
     announce_compilation()
     from rovid.store.study import open_study
 
     return open_study(paths, cutoff=cutoff, axis=axis, reading=reading)
 
 
-def drafted(paths: Sequence[Path], axis: Axis) -> list[str]:
-    """Write a first rovid.toml for logs that have none, as `rovid init --axis` does; what has to be said of that.
+def prefetch_logs(
+    logs: Sequence[Path] | None, parameters: Path | None, axis: str | None, *, force: bool
+) -> PrefetchedReader:
+    """Read the logs in a copy of this process while this process imports the diagnosis, which takes a second."""
+    from rovid.readers.campaign import PrefetchedReader
+
+    def import_diagnosis() -> None:
+        from rovid.diagnose.objectives import preload
+
+        preload()
+
+    def logs_and_axis() -> tuple[Sequence[Path], Axis]:
+        if logs and not _parameter_path(parameters, axis).exists():
+            return logs, named_axis(axis)
+        stored = parameters_at(parameters, axis, force=force)
+        return logs or stored_logs(stored), stored.axis
+
+    return PrefetchedReader(logs_and_axis, import_diagnosis)
+
+
+def write_missing_config(paths: Sequence[Path], axis: Axis) -> list[str]:
+    """Write a first rovid.toml if the logs have none, as `rovid init --axis` does, and return remarks on it.
 
     Raises
     ------
     ConfigError
-        Not all of it is known.
+        A signal was not recognised.
     """
     from rovid.trial.config import NoConfigError, find_config
 
     try:
         find_config(paths)
     except NoConfigError:
-        return _draft(paths, axis)
-    return []
-
-
-def _draft(paths: Sequence[Path], axis: Axis) -> list[str]:
+        pass
+    else:
+        return []
     from rovid.preflight.config_writer import write_config
     from rovid.preflight.log_survey import SurveyOptions, survey
 
-    surveyed, (config, *_) = write_config(survey(paths, SurveyOptions(axis=axis)), paths, force=False)
-    if surveyed.unrecognised:
+    found, (config, *_) = write_config(survey(paths, SurveyOptions(axis=axis)), paths, force=False)
+    if found.unrecognised:
         raise ConfigError(
-            f"no column was recognised as {' and '.join(surveyed.unrecognised)}.",
+            f"no column was recognised as {' and '.join(found.unrecognised)}.",
             where=config,
-            mend="It was written from the logs just now: put in what is open.",
+            mend="rovid just wrote this file from the logs: complete its open entries.",
         )
-    known = "" if surveyed.profile is None else f" The vehicle was taken for a {surveyed.profile.name}."
-    return [f"There was no rovid.toml: {config} was written from the logs. Read it.{known}", *surveyed.warnings]
+    vehicle = "" if found.profile is None else f" The vehicle was taken for a {found.profile.name}."
+    return [f"There was no rovid.toml. rovid wrote {config} from the logs: please check it.{vehicle}", *found.warnings]
 
 
-def compile_beside() -> bool:
-    """Have a second process compile what is not compiled yet: at once, for imports alone take a second.
+def reserve_outputs(outputs: Sequence[OutputFile], logs: Sequence[Path], *inputs: Path, force: bool) -> OutputSet:
+    """Reserve output files; the input files and the files of the logs are protected."""
+    from rovid.core.atomic_write import OutputSet
+    from rovid.store.study import input_files
 
-    Whether there is one.
+    return OutputSet(outputs, force=force, protected=[*input_files(logs), *inputs])
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitSession:
+    """What a fit needs: the parameter file without stale values, the logs, the reserved files, and remarks."""
+
+    stored: Parameters
+    study: Study
+    outputs: OutputSet
+    notes: list[str]
+
+
+def open_session(
+    logs: Sequence[Path] | None,
+    parameters: Path | None,
+    axis: str | None,
+    cutoff: float | None,
+    *,
+    force: bool,
+    with_history: bool = False,
+    prefetch: PrefetchedReader | None = None,
+) -> FitSession:
+    """Open the parameter file, reserve it (and its history), and read the logs."""
+    from rovid.store.history import history_output
+
+    stored = parameters_at(parameters, axis, force=force)
+    paths = logs or stored_logs(stored)
+    files = [stored.output, history_output(stored.path)] if with_history else [stored.output]
+    outputs = reserve_outputs(files, paths, force=force)
+    study = open_logs(paths, cutoff, stored.axis, prefetch)
+    stored, notes = without_stale_values(stored, study)
+    return FitSession(stored=stored, study=study, outputs=outputs, notes=notes)
+
+
+def fit_and_store(
+    session: FitSession,
+    words: str,
+    fit: Callable[[], Fit],
+    document: Callable[[Fit, Study], dict[str, Any]],
+    show: Callable[[Console, Fit], None],
+    *options: str,
+    json: bool,
+) -> None:
+    """Run a fit, store its estimate in the parameter file, and print the result."""
+    with busy(words):
+        result: Fit = fit()
+    study, stored = session.study, session.stored
+    disagreements: list[str] = method_disagreements(stored, study, result.estimate)
+    warnings = (*result.estimate.warnings, *session.notes, *disagreements)
+    warned = replace(result, estimate=replace(result.estimate, warnings=warnings))
+    stored = store_estimate(stored, session.outputs, study, warned.estimate, *options)
+    if json:
+        print_json(document(warned, study))
+        return
+    from rovid.present.terminal.results import show_fit
+
+    show_fit(console(), warned, show, study, stored)
+
+
+def method_disagreements(stored: Parameters, study: Study, estimate: Estimate) -> list[str]:
+    """Warnings where another method gave a different value for the same logs."""
+    from rovid.store.agreement import method_disagreement
+
+    return method_disagreement(stored.entries_for(study.paths), estimate)
+
+
+def diagnose_study(stored: Parameters, study: Study, report: Callable[[str], None]) -> Diagnosis:
+    """Diagnose the logs and warn where ``stored`` disagrees."""
+    stored, notes = without_stale_values(stored, study)
+    diagnosis = study.diagnosis(report, drag=stored.independent_drag())
+    if diagnosis.extended is not None:
+        notes = [*notes, *method_disagreements(stored, study, diagnosis.extended.estimate)]
+    return replace(diagnosis, warnings=(*diagnosis.warnings, *notes))
+
+
+def store_estimate(
+    stored: Parameters,
+    outputs: OutputSet,
+    study: Study,
+    estimate: Estimate,
+    *options: str,
+    detectable_sizes: Mapping[str, float] | None = None,
+    with_history: bool = True,
+) -> Parameters:
+    """Store an estimate with its provenance in the parameter file, without values that are stale by now.
+
+    A joint estimate of all parameters also goes into the history, with the effect sizes a diagnosis could detect.
     """
+    from rovid.store.agreement import JOINT_METHODS
+    from rovid.store.history import update_parameters
+
+    def change(current: Parameters) -> Parameters:
+        fresh, _ = without_stale_values(current, study)
+        provenance = study.provenance
+        given = " ".join(filter(None, (provenance.options, *options)))
+        return fresh.with_estimate(estimate, replace(provenance, options=given))
+
+    limits = None
+    if with_history and estimate.method in JOINT_METHODS:
+        limits = detectable_sizes or {}
+    return update_parameters(stored, outputs, change, detection_limits=limits)
+
+
+def without_stale_values(stored: Parameters, study: Study) -> tuple[Parameters, list[str]]:
+    """``stored`` for a new fit, emptied if its inputs changed, with a remark in that case."""
+    from rovid.store.staleness import check_freshness
+
+    freshness = check_freshness(stored, study.provenance)
+    if not freshness.changes:
+        return stored, []
+    names = ", ".join(stored.entries)
+    note = f"{stored.path.name} was out of date and was started again without {names}: {freshness.reason}."
+    return stored.cleared(), [note]
+
+
+def require_fresh(stored: Parameters, study: Study | None) -> list[str]:
+    """Refuse a parameter file whose inputs changed; return remarks on a valid one.
+
+    Raises
+    ------
+    ConfigError
+        An input changed.
+    """
+    from rovid.store.staleness import check_freshness
+
+    freshness = check_freshness(stored, None if study is None else study.provenance)
+    if freshness.changes:
+        mend = "Fit again: `rovid report`, `rovid diagnose` or `rovid fit`."
+        raise ConfigError(f"is out of date: {freshness.reason}.", where=stored.path, mend=mend)
+    return list(freshness.remarks)
+
+
+def model_assumptions(stored: Parameters, study: Study | None) -> Assumptions:
+    """Guesses about the vehicle that the parameters and the logs depend on."""
+    from rovid.trial.assumptions import Assumptions
+
+    own = Assumptions() if stored.settings is None else stored.settings.assumptions
+    if study is None:
+        return own
+    # For the parameters' own logs a guess that was confirmed since is no guess.
+    return study.vehicle.assumptions if study.provenance.logs == stored.logs else own | study.vehicle.assumptions
+
+
+def require_measured(stored: Parameters, assumptions: Assumptions, *, force: bool) -> None:
+    """Refuse to pass on values that depend on guesses, unless forced.
+
+    Raises
+    ------
+    ConfigError
+        The values depend on guesses.
+    """
+    if assumptions and not force:
+        mend = "Or give --force, and keep the results apart."
+        raise ConfigError(assumptions.refusal, where=stored.path, mend=mend)
+
+
+def compile_in_background() -> bool:
+    """Start a second process that compiles missing kernels; return whether it was needed."""
     from rovid.model.kernels import start_compiling
 
     return start_compiling()
 
 
 def announce_compilation() -> None:
-    """Say why the first run on a machine takes some seconds longer."""
+    """Explain on a terminal why the first run takes some seconds longer."""
     if not sys.stderr.isatty():
         return
     from rovid.model.kernels import is_compiled
@@ -204,11 +344,23 @@ def announce_compilation() -> None:
 
 
 @contextmanager
-def working(text: str) -> Iterator[Callable[[str], None]]:
-    """As ``busy``, with a function that changes the text; line by line where ROVID_PROGRESS asks for that."""
+def busy(text: str) -> Iterator[None]:
+    """Show a progress text on a terminal."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    from rovid.core.console import SafeConsole
+
+    with SafeConsole(stderr=True).status(text):
+        yield
+
+
+@contextmanager
+def progress(text: str) -> Iterator[Callable[[str], None]]:
+    """Show a progress text that the yielded function changes; as lines if ROVID_PROGRESS is "lines"."""
     if os.environ.get("ROVID_PROGRESS") == "lines":
-        _line(text)
-        yield _line
+        _print_line(text)
+        yield _print_line
         return
     if not sys.stderr.isatty():
         yield lambda _: None
@@ -220,118 +372,22 @@ def working(text: str) -> Iterator[Callable[[str], None]]:
         yield lambda words: status.update(screen.render_str(words))
 
 
-def _line(text: str) -> None:
+def _print_line(text: str) -> None:
     sys.stderr.write(f"{text}\n")
     sys.stderr.flush()
 
 
-@contextmanager
-def busy(text: str) -> Iterator[None]:
-    """Show a person that work goes on; nothing where nobody watches."""
-    if not sys.stderr.isatty():
-        yield
-        return
-    from rovid.core.console import SafeConsole
-
-    with SafeConsole(stderr=True).status(text):
-        yield
-
-
-def stored_at(path: Path | None, axis: str | None, *, force: bool = False) -> Parameters:
-    """The parameter file that is there, or an empty one; where forced, in place of anything else."""
-    from rovid.core.signatures import PARAMETERS
-    from rovid.store.parameter_file import Parameters
-
-    where = _parameter_file(path, axis)
-    if where.exists() and not (force and where.is_file() and not PARAMETERS.matches(where)):
-        return known_at(where, axis)
-    return Parameters(path=where, axis=_axis_of(axis))
-
-
-def known_at(path: Path | None, axis: str | None = None) -> Parameters:
-    """The parameter file, which has to be there and of this axis."""
-    from rovid.store.load import read_parameters
-
-    stored = read_parameters(_parameter_file(path, axis))
-    if axis and stored.axis.name != axis:
-        raise ConfigError(
-            f"holds the parameters of {stored.axis.name}, and --axis says {axis}.",
-            where=stored.path,
-            mend="Give another file with -p.",
-        )
-    return stored
-
-
-def _parameter_file(path: Path | None, axis: str | None) -> Path:
-    return path or Path(completion.parameter_file(_axis_of(axis).name))
-
-
-def _axis_of(name: str | None) -> Axis:
-    from rovid.trial.axis import YAW, axis_named
-
-    return axis_named(name) if name else YAW
-
-
-def of_yaw(stored: Parameters) -> Parameters:
-    """``stored``, which has to be of yaw."""
-    from rovid.trial.axis import YAW
-
-    if stored.axis is not YAW:
-        raise ConfigError(
-            f"holds the parameters of {stored.axis.name}; those of yaw were expected.",
-            where=stored.path,
-            mend="Give the file of yaw with -p.",
-        )
-    return stored
-
-
-def remembered(stored: Parameters) -> list[Path]:
-    """The logs that the parameter file remembers; it has to."""
-    if not stored.logs:
-        raise ConfigError(
-            "remembers no logs."
-            if stored.path.exists()
-            else "there is no such parameter file, and no logs were given.",
-            where=stored.path,
-            mend="Give LOGS, or run `rovid fit-drag LOGS` first.",
-        )
-    return list(stored.logs)
-
-
 def print_json(document: Any) -> None:
-    """Print the one document that --json asks for."""
+    """Print the document of --json."""
     from rovid.core.formatting import to_json
 
     typer.echo(to_json(document))
 
 
-def guess_of(stored: Parameters, study: Study | None) -> Assumptions:
-    """What is guessed of the vehicle that the parameters are of, and of that of the logs."""
-    from rovid.trial.assumptions import Assumptions
-
-    own = Assumptions() if stored.settings is None else stored.settings.assumptions
-    if study is None:
-        return own
-    # Where the logs are those of the parameters, a guess that was confirmed since is none.
-    return study.vehicle.assumptions if study.provenance.logs == stored.logs else own | study.vehicle.assumptions
-
-
-def require_measured(stored: Parameters, guess: Assumptions, *, force: bool) -> None:
-    """Refuse to hand on what hangs on a guess, unless that is asked for.
-
-    Raises
-    ------
-    ConfigError
-        It does.
-    """
-    if guess and not force:
-        raise ConfigError(guess.refusal, where=stored.path, mend="Or give --force, and keep what comes of it apart.")
-
-
 def console() -> Console:
-    """What tables are printed on."""
+    """The console for tables."""
     from rovid.core.console import SafeConsole
 
-    # rich goes by COLUMNS, or by the terminal that any of the three is on; where there is neither, nothing gives way.
-    told = "COLUMNS" in os.environ or any(map(os.isatty, range(3)))
-    return SafeConsole(width=None if told else _WIDE)
+    # rich uses COLUMNS or the terminal of standard input, output or error. Without them nothing is cut.
+    known = "COLUMNS" in os.environ or any(map(os.isatty, range(3)))
+    return SafeConsole(width=None if known else _WIDTH)

@@ -9,35 +9,35 @@ import typer
 
 from rovid.cli.context import (
     busy,
-    claim_of,
     console,
-    guess_of,
-    known_at,
-    of_yaw,
-    opened,
+    model_assumptions,
+    open_logs,
     print_json,
-    remembered,
-    require_holding,
+    require_fresh,
     require_measured,
+    reserve_outputs,
+    stored_logs,
+    yaw_parameters,
 )
 from rovid.cli.help_format import Page
-from rovid.cli.options import ForceGuess, Json, OptionalLogs, ParameterFile
+from rovid.cli.options import ForceGuess, Json, OptionalLogs, ParameterFile, option
 
 PAGE = Page(
     text="""
-    Reads the parameter file, and the logs if they are there for noise and the torque in use. Designs a model-aided
-    PD controller of heading: drag and inertia from the model, PD on heading and yaw rate. Prints gains, margins
-    with the spread that the parameters' uncertainty leaves, and closed-loop runs with and without every effect
-    that the file holds. --c and --python write the controller as source.
+    Reads the parameter file, and the logs for the sensor noise and the usual torque. Designs a model-based PD
+    controller of heading: feedforward of drag and inertia from the model, and PD feedback of heading and yaw rate.
+    Prints gains, stability margins with their spread over the parameters' uncertainty, and closed-loop simulations with
+    and without the effects in the file. --c and --python write the controller as source code.
 
-    Use it for gains, or to judge your own. The damping ratio is that of the identified yaw inertia. Yaw alone.
-    Parameters that no longer hold are refused, and those that rest on guessed arms or curves without --force.
+    Use it to find gains or to judge your own. The damping ratio refers to the identified yaw inertia. Yaw only. A
+    parameter file that is out of date is refused. One that depends on guessed arms or thrust curves is refused without
+    --force.
     """,
     examples=(
-        ("Gains, margins and runs for the identified vehicle", "rovid control"),
-        ("Judge gains of your own, with a step from 0 to 45 deg", "rovid control --kp 100 --kd 710 --step 0:45"),
-        ("For a controller at 5 Hz behind 0.3 s of delay", "rovid control --period 0.2 --delay 0.3"),
-        ("As source", "rovid control --c heading.c --python heading.py"),
+        ("Gains, margins and simulations for the identified vehicle", "rovid control"),
+        ("Judge your own gains, with a step from 0 to 45 deg", "rovid control --kp 100 --kd 710 --step 0:45"),
+        ("A controller at 5 Hz with 0.3 s of delay", "rovid control --period 0.2 --delay 0.3"),
+        ("As source code", "rovid control --c heading.c --python heading.py"),
     ),
     see=("rovid fit", "rovid export", "rovid help control"),
 )
@@ -46,54 +46,33 @@ PAGE = Page(
 def control(
     logs: OptionalLogs = None,
     *,
-    kp: Annotated[
-        float | None,
-        typer.Option(metavar="GAIN", help="Gain on heading, in N m/rad; together with --kd.", show_default=False),
-    ] = None,
-    kd: Annotated[
-        float | None,
-        typer.Option(metavar="GAIN", help="Gain on yaw rate, in N m s/rad; together with --kp.", show_default=False),
-    ] = None,
+    kp: Annotated[float | None, option(metavar="GAIN", help="Heading gain in N m/rad; requires --kd.")] = None,
+    kd: Annotated[float | None, option(metavar="GAIN", help="Yaw rate gain in N m s/rad; requires --kp.")] = None,
     damping: Annotated[
-        float, typer.Option(metavar="RATIO", help="Damping ratio of the gains, where --kp and --kd do not say them.")
+        float, typer.Option(metavar="RATIO", help="Damping ratio, unless --kp and --kd are given.")
     ] = 0.7,
     bandwidth: Annotated[
         float | None,
-        typer.Option(
+        option(
             metavar="RAD/S",
-            help="Natural frequency of the gains, in rad/s. If not given the largest with a phase margin of 45 deg, a "
-            "sensitivity peak of 1.6 and room for twice the delay there is, that noise and actuators allow.",
-            show_default=False,
+            help="Natural frequency in rad/s. Default: the largest one with a phase margin of 45 deg, a sensitivity "
+            "peak of 1.6 and a tolerance of twice the delay, within the limits of noise and actuators.",
         ),
     ] = None,
-    period: Annotated[
-        float, typer.Option(metavar="S", help="Time from one command of the controller to the next, in s.")
-    ] = 0.1,
-    delay: Annotated[
-        float, typer.Option(metavar="S", help="Time from a heading to the command that it leads to, in s.")
-    ] = 0.0,
+    period: Annotated[float, typer.Option(metavar="S", help="Sampling period of the controller in s.")] = 0.1,
+    delay: Annotated[float, typer.Option(metavar="S", help="Delay from heading to command in s.")] = 0.0,
     rate_filter: Annotated[
         float | None,
-        typer.Option(
-            metavar="S",
-            help="Time constant of the low pass of the rate, in s; chosen if not given.",
-            show_default=False,
+        option(
+            metavar="S", help="Time constant of the low-pass filter of the rate in s. Default: chosen by the design."
         ),
     ] = None,
     step: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="FROM:TO", help="A further run, headings in deg, as 350:40; may be given again.", show_default=False
-        ),
+        option(metavar="FROM:TO", help="Simulate one more heading step, in deg, as 350:40. Repeatable."),
     ] = None,
-    c: Annotated[
-        Path | None,
-        typer.Option("--c", metavar="FILE", help="Write the controller as C into this file.", show_default=False),
-    ] = None,
-    python: Annotated[
-        Path | None,
-        typer.Option("--python", metavar="FILE", help="Write it as Python into this file.", show_default=False),
-    ] = None,
+    c: Annotated[Path | None, option("--c", metavar="FILE", help="Write the controller as C.")] = None,
+    python: Annotated[Path | None, option("--python", metavar="FILE", help="Write the controller as Python.")] = None,
     parameters: ParameterFile = None,
     force: ForceGuess = False,
     json: Json = False,
@@ -118,28 +97,27 @@ def control(
         rate_filter=rate_filter,
         steps=tuple(step or ()),
     )
-    stored = of_yaw(known_at(parameters))
+    stored = yaw_parameters(parameters)
     model = stored.model()
-    paths = logs or remembered(stored)
-    makers = {
-        OutputFile(path, form): source
-        for path, form, source in ((c, C_SOURCE, c_source), (python, PYTHON_SOURCE, python_source))
-        if path is not None
-    }
-    claim = claim_of(list(makers), paths, stored.path, force=force)
-    study = opened(paths, None, stored.axis)
+    paths = logs or stored_logs(stored)
+    generators = {}
+    for path, signature, source in ((c, C_SOURCE, c_source), (python, PYTHON_SOURCE, python_source)):
+        if path is not None:
+            generators[OutputFile(path, signature)] = source
+    outputs = reserve_outputs(list(generators), paths, stored.path, force=force)
+    study = open_logs(paths, None, stored.axis)
     study.require_effects(model.effects)
-    remarks, guess = require_holding(stored, study), guess_of(stored, study)
-    require_measured(stored, guess, force=force)
-    setting = loop_conditions(options, model, study.position_noise(), study.median_torque())
-    with busy("Closing the loop …"):
-        result = design_controller(stored, study.vehicle, setting, options)
-    if makers:
-        claim.write({output: source(result.law, guess) for output, source in makers.items()})
+    remarks, assumptions = require_fresh(stored, study), model_assumptions(stored, study)
+    require_measured(stored, assumptions, force=force)
+    conditions = loop_conditions(options, model, study.position_noise(), study.median_torque())
+    with busy("Simulating the closed loop …"):
+        result = design_controller(stored, study.vehicle, conditions, options)
+    if generators:
+        outputs.write({output: source(result.law, assumptions) for output, source in generators.items()})
     warnings = [*study.remarks(), *remarks]
     if json:
-        print_json(control_document(result, warnings, guess))
+        print_json(control_document(result, warnings, assumptions))
     else:
-        show_caution(console(), guess)
-        show_control(console(), result, guess)
+        show_caution(console(), assumptions)
+        show_control(console(), result, assumptions)
         show_warnings(console(), warnings)

@@ -2,37 +2,36 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from rovid.cli.context import (
-    claim_of_model,
-    compile_beside,
+    compile_in_background,
     console,
-    diagnosed,
-    opened,
+    diagnose_study,
+    open_session,
+    prefetch_logs,
     print_json,
-    put,
-    read_ahead,
-    remembered,
-    stored_at,
-    working,
+    progress,
+    store_estimate,
 )
 from rovid.cli.help_format import Page
 from rovid.cli.options import AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile
 
 PAGE = Page(
     text="""
-    Reads the logs, fits the plain model, and tries every effect of the catalogue on what it misses. Prints what
-    the simulation gets wrong; the cause by name, with its parameters, the evidence and its rivals; by how much
-    runs that were not fitted are predicted better; what is left unexplained; what the data cannot determine; and
-    which run to do next. Writes the model that it ends with to the parameter file.
+    Reads the logs, fits the plain model, and tests every effect of the catalogue on the remaining error. Prints the
+    error of the simulation; the causes by name, with parameters, evidence and alternatives; the gain in predicting runs
+    that were not fitted; the error that stays unexplained; the parameters that the data do not determine; and the next
+    run to make. Writes the final model to the parameter file.
 
-    Use it after fit-drag and fit-inertia, or at once. It is the slowest command: seconds to minutes, by the
-    length of the logs. Four trials or more let it test on whole trials.
+    Use it after fit-drag and fit-inertia, or directly. It is the slowest command: it takes seconds to minutes,
+    depending on the length of the logs. With four or more trials, the tests leave out whole trials.
     """,
     examples=(
-        ("What the model misses, with the logs that fit-drag remembered", "rovid diagnose"),
-        ("At once, on a folder of logs, into another file", "rovid diagnose my_logs -p tank.toml"),
-        ("Along surge", "rovid diagnose surge_logs --axis surge"),
-        ("What the published tables contradict", "rovid diagnose my_tables -p tables.toml"),
+        ("The logs named in the parameter file", "rovid diagnose"),
+        ("A folder of logs, into another parameter file", "rovid diagnose my_logs -p tank.toml"),
+        ("Motion along surge", "rovid diagnose surge_logs --axis surge"),
+        ("Published tables", "rovid diagnose my_tables -p tables.toml"),
     ),
     see=("rovid fit --effect", "rovid plan", "rovid report", "rovid help confusion"),
 )
@@ -47,19 +46,19 @@ def diagnose(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Say what the simulation gets wrong, and why."""
-    with read_ahead(logs, parameters, axis, force=force) as reading:
-        if compile_beside():
-            # Both cores have more to do than that.
-            reading.stop()
-        stored = stored_at(parameters, axis, force=force)
-        paths = logs or remembered(stored)
-        claim = claim_of_model(stored, paths, force=force)
-        study = opened(paths, cutoff, stored.axis, reading)
-    with working("Diagnosing …") as report:
-        diagnosis = diagnosed(stored, study, report)
+    """Find the errors of the simulation and their causes."""
+    with prefetch_logs(logs, parameters, axis, force=force) as prefetch:
+        if compile_in_background():
+            # The compilation already uses the second core.
+            prefetch.stop()
+        session = open_session(logs, parameters, axis, cutoff, force=force, with_history=True, prefetch=prefetch)
+    study = session.study
+    with progress("Diagnosing …") as report:
+        diagnosis = diagnose_study(session.stored, study, report)
+    diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, *session.notes))
     if diagnosis.extended is not None:
-        put(stored, claim, study, diagnosis.extended.estimate, seen=diagnosis.detectable_sizes)
+        estimate, sizes = diagnosis.extended.estimate, diagnosis.detectable_sizes
+        store_estimate(session.stored, session.outputs, study, estimate, detectable_sizes=sizes)
     if json:
         from rovid.present.documents.diagnosis import diagnosis_document
 

@@ -11,29 +11,27 @@ import typer
 from rovid.cli import completion
 from rovid.cli.context import (
     busy,
-    claim_of,
     console,
-    guess_of,
-    known_at,
-    of_yaw,
-    opened,
+    model_assumptions,
+    open_logs,
     print_json,
-    require_holding,
+    require_fresh,
     require_measured,
+    reserve_outputs,
+    yaw_parameters,
 )
 from rovid.cli.help_format import Page
-from rovid.cli.options import ForceGuess, Json, ParameterFile
+from rovid.cli.options import ForceGuess, Json, ParameterFile, option
 from rovid.export import FORMATS
 
 PAGE = Page(
     text="""
-    Reads the parameter file and writes the model in a simulator's own format. Then it puts the numbers of the file
-    into that simulator's equation, with its signs and time step, runs it beside rovid's model, and prints the
-    largest difference of the yaw rate in percent of its range. What the format cannot hold is listed with its
-    size. Yaw alone.
+    Reads the parameter file and writes the model in a simulator's own format. Then rovid simulates the written numbers
+    with that simulator's equation, signs and time step, and prints the largest difference from its own model, in
+    percent of the range of the yaw rate. Effects that the format cannot hold are listed with their size. Yaw only.
 
-    Thrusters and the largest rate come from the logs that the parameter file remembers, where they are there.
-    Parameters that no longer hold are refused, and those that rest on guessed arms or curves without --force.
+    Thrusters and the largest rate come from the logs named in the parameter file, if they exist. A parameter file that
+    is out of date is refused. One that depends on guessed arms or thrust curves is refused without --force.
     """,
     examples=(
         ("For Gazebo", "rovid export gz-sim -o model.sdf"),
@@ -47,21 +45,16 @@ PAGE = Page(
 def export(
     format: Annotated[  # noqa: A002 - the word that the help shows
         str,
-        typer.Argument(
-            metavar="FORMAT",
-            help=f"One of {', '.join(FORMATS)}.",
-            autocompletion=completion.formats,
-        ),
+        typer.Argument(metavar="FORMAT", help=f"One of {', '.join(FORMATS)}.", autocompletion=completion.formats),
     ],
     *,
     output: Annotated[
         Path | None,
-        typer.Option(
+        option(
             "--output",
             "-o",
             metavar="FILE",
-            help="Where it goes; gz_sim.sdf and the like if not given. uuv writes .xacro or .yaml.",
-            show_default=False,
+            help="The new file. Default: the name of the format, as gz_sim.sdf. uuv writes .xacro or .yaml.",
         ),
     ] = None,
     parameters: ParameterFile = None,
@@ -70,26 +63,26 @@ def export(
 ) -> None:
     """Write the model in the format of a simulator."""
     from rovid.export.interface import export_input
-    from rovid.export.run_export import select_exporter
-    from rovid.export.run_export import verified_export as make
-    from rovid.present.console import show_caution
+    from rovid.export.run_export import select_exporter, verified_export
     from rovid.present.documents.results import export_document
+    from rovid.present.console import show_caution
     from rovid.present.terminal.results import show_export
 
-    function, target = select_exporter(format, output)
-    stored = of_yaw(known_at(parameters))
+    exporter, target = select_exporter(format, output)
+    stored = yaw_parameters(parameters)
     stored.model()
-    claim = claim_of([target], stored.logs, stored.path, force=force)
-    there = bool(stored.logs) and all(path.exists() for path in stored.logs)
-    study = opened(stored.logs, None, stored.axis) if there else None
-    remarks, guess = require_holding(stored, study), guess_of(stored, study)
-    require_measured(stored, guess, force=force)
+    outputs = reserve_outputs([target], stored.logs, stored.path, force=force)
+    study = None
+    if stored.logs and all(path.exists() for path in stored.logs):
+        study = open_logs(stored.logs, None, stored.axis)
+    remarks, assumptions = require_fresh(stored, study), model_assumptions(stored, study)
+    require_measured(stored, assumptions, force=force)
     with busy("Simulating …"):
-        made = make(function, replace(export_input(stored, study), guess=guess))
-    made = replace(made, warnings=(*made.warnings, *remarks))
-    claim.write({target: made.content})
+        exported = verified_export(exporter, replace(export_input(stored, study), guess=assumptions))
+    exported = replace(exported, warnings=(*exported.warnings, *remarks))
+    outputs.write({target: exported.content})
     if json:
-        print_json(export_document(format, str(target.path), made, guess))
+        print_json(export_document(format, str(target.path), exported, assumptions))
     else:
-        show_caution(console(), guess)
-        show_export(console(), target.path, made)
+        show_caution(console(), assumptions)
+        show_export(console(), target.path, exported)

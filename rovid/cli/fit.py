@@ -2,46 +2,32 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Annotated
 
 import typer
 
 from rovid.cli import completion
-from rovid.cli.context import (
-    busy,
-    claim_of_model,
-    compared,
-    compile_beside,
-    console,
-    opened,
-    print_json,
-    put,
-    remembered,
-    standing_now,
-    stored_at,
-)
+from rovid.cli.context import compile_in_background, fit_and_store, open_session
 from rovid.cli.help_format import Page
-from rovid.cli.options import AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile
+from rovid.cli.options import AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile, option
 
 PAGE = Page(
     text="""
-    Reads logs of any kind and fits inertia, drag, the disturbance and the noise at once by maximum likelihood of
-    the Kalman filter's innovations. Writes all parameters, with their covariance, to the parameter file. --effect
-    puts a physical effect into the model and fits its parameters with the rest; without it, effects that the file
-    held are dropped.
+    Reads any logs and fits inertia, drag, disturbance and noise together, by maximum likelihood of the Kalman filter's
+    innovations. Writes all parameters with their covariance to the parameter file. --effect adds a physical effect to
+    the model and fits its parameters with the rest. Effects in the parameter file that are not given are removed.
 
-    Use it for the sharpest numbers, and always where an autopilot was on: under feedback the simple methods are
-    biased. To find out which effect is missing use diagnose.
+    Use it for the most precise parameters, and always if an autopilot was active, because feedback biases the simpler
+    methods. Use diagnose to find out which effect is missing.
     """,
     examples=(
-        ("Everything from the logs that fit-drag remembered", "rovid fit"),
+        ("The logs named in the parameter file", "rovid fit"),
         ("With an effect in the model", "rovid fit --effect thruster_lag"),
         (
             "With one form of an effect, and one more effect",
             "rovid fit --effect thruster_lag:rotor --effect bias_torque",
         ),
-        ("A real dive with its autopilot on", "rovid fit rov_logs/dive.csv -p dive.toml"),
+        ("A dive with an active autopilot", "rovid fit rov_logs/dive.csv -p dive.toml"),
     ),
     see=("rovid diagnose", "rovid simulate", "rovid help effects"),
 )
@@ -52,15 +38,14 @@ def fit(
     *,
     effect: Annotated[
         list[str] | None,
-        typer.Option(
+        option(
             metavar="ID",
-            help="Put this effect into the model, as thruster_lag; may be given again.",
+            help="Add this effect to the model, as thruster_lag. Repeatable.",
             autocompletion=completion.effects,
-            show_default=False,
         ),
     ] = None,
     gyro: Annotated[
-        bool, typer.Option("--gyro", help="Fit logged rates too, where an instrument of their own measured them.")
+        bool, typer.Option("--gyro", help="Also fit the logged rates, if they come from a gyro of their own.")
     ] = False,
     axis: AxisName = None,
     parameters: ParameterFile = None,
@@ -69,22 +54,19 @@ def fit(
     json: Json = False,
 ) -> None:
     """Fit all parameters by maximum likelihood."""
-    compile_beside()
+    compile_in_background()
     from rovid.effects import effect_named
     from rovid.present.documents.fits import likelihood_document
-    from rovid.present.terminal.results import show_fit, show_likelihood
+    from rovid.present.terminal.results import show_likelihood
 
     effects = tuple(effect_named(name) for name in dict.fromkeys(effect or ()))
-    stored = stored_at(parameters, axis, force=force)
-    paths = logs or remembered(stored)
-    claim = claim_of_model(stored, paths, force=force)
-    study = opened(paths, cutoff, stored.axis)
-    stored, notes = standing_now(stored, study)
-    with busy("Maximising the likelihood …"):
-        result = study.likelihood(effects, gyro=gyro)
-    result = replace(result, estimate=compared(stored, study, result.estimate, notes))
-    stored = put(stored, claim, study, result.estimate, "--gyro" * gyro)
-    if json:
-        print_json(likelihood_document(result, study))
-    else:
-        show_fit(console(), result, show_likelihood, study, stored)
+    session = open_session(logs, parameters, axis, cutoff, force=force, with_history=True)
+    fit_and_store(
+        session,
+        "Maximising the likelihood …",
+        lambda: session.study.likelihood(effects, gyro=gyro),
+        likelihood_document,
+        show_likelihood,
+        *["--gyro"] * gyro,
+        json=json,
+    )

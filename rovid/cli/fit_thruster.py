@@ -10,69 +10,50 @@ import typer
 from rovid.cli import completion
 from rovid.cli.context import console, print_json
 from rovid.cli.help_format import Page
-from rovid.cli.options import Force, Json
+from rovid.cli.options import Force, Json, option
 from rovid.core.errors import ConfigError, suggestion
 
 PAGE = Page(
     text="""
-    Reads a CSV of bench readings: a column of command and one of thrust, found by their names, or the first two
-    where there is no header. Fits a curve that only rises and keeps its dead zone, and writes it with the columns
+    Reads a CSV file of bench measurements: a column of commands and a column of thrusts, found by their names, or the
+    first two columns if there is no header. Fits a monotonic curve with its dead zone and writes it with the columns
     command,thrust_N, ready for rovid.toml. The command keeps its unit.
 
-    Use it where the bench gave scattered readings rather than a curve.
+    Use it if the bench gave scattered measurements instead of a curve.
     """,
     examples=(
-        (
-            "Readings without a header, in newtons",
-            "rovid fit-thruster bench.csv --unit N",
-        ),
-        (
-            "A maker's table, into a named file",
-            "rovid fit-thruster t200_bench.csv -o t200.csv",
-        ),
+        ("Measurements without a header, in newtons", "rovid fit-thruster bench.csv --unit N"),
+        ("A manufacturer's table, into a named file", "rovid fit-thruster t200_bench.csv -o t200.csv"),
     ),
     see=("rovid init", "rovid check"),
 )
 
 
 def fit_thruster(
-    bench: Annotated[Path, typer.Argument(metavar="BENCH", help="A CSV file with readings of command and thrust.")],
+    bench: Annotated[Path, typer.Argument(metavar="BENCH", help="A CSV file of measured commands and thrusts.")],
     *,
     output: Annotated[
         Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="FILE",
-            help="Where the curve goes; BENCH_curve.csv in the working folder if not given.",
-            show_default=False,
-        ),
+        option("--output", "-o", metavar="FILE", help="The new file. Default: BENCH_curve.csv in the working folder."),
     ] = None,
     command: Annotated[
-        str | None,
-        typer.Option(
-            metavar="COLUMN", help="Column of the command; found by its name if not given.", show_default=False
-        ),
+        str | None, option(metavar="COLUMN", help="Column of the command. Default: found by its name.")
     ] = None,
     thrust: Annotated[
-        str | None,
-        typer.Option(
-            metavar="COLUMN", help="Column of the thrust; found by its name if not given.", show_default=False
-        ),
+        str | None, option(metavar="COLUMN", help="Column of the thrust. Default: found by its name.")
     ] = None,
     unit: Annotated[
         str | None,
-        typer.Option(
+        option(
             metavar="UNIT",
-            help=f"Unit of the thrust: {', '.join(completion.THRUST_UNITS)}; that in the column's name if not given.",
+            help=f"Unit of the thrust: {', '.join(completion.THRUST_UNITS)}. Default: the unit in the column's name.",
             autocompletion=completion.thrust_units,
-            show_default=False,
         ),
     ] = None,
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Make a thrust curve from bench readings."""
+    """Fit a thrust curve to bench measurements."""
     from rovid.core.atomic_write import OutputFile, OutputSet
     from rovid.core.signatures import CURVE
     from rovid.estimate.thrust_curve import THRUST_UNITS, bench_readings, fit_thrust_curve
@@ -81,15 +62,14 @@ def fit_thruster(
     from rovid.trial.tables import CURVE_COLUMNS, curve_csv, read_table
 
     if unit is not None and unit not in THRUST_UNITS:
-        also = {"newton": "N", "kilonewton": "kN", "kg": "kgf", "g": "gf", "lb": "lbf", "pound": "lbf"}
-        raise ConfigError(f"is {unit!r}. {suggestion(unit, THRUST_UNITS, also)}", where="--unit")
-    target = output or Path(f"{bench.stem}_curve.csv")
-    curve = OutputFile(target, CURVE)
-    claim = OutputSet([curve], force=force, protected=[bench])
-    readings = bench_readings(read_table(bench, headerless=CURVE_COLUMNS), command=command, thrust=thrust, unit=unit)
-    result = fit_thrust_curve(*readings)
-    claim.write({curve: curve_csv(result.curve.command, result.curve.thrust)})
+        synonyms = {"newton": "N", "kilonewton": "kN", "kg": "kgf", "g": "gf", "lb": "lbf", "pound": "lbf"}
+        raise ConfigError(f"is {unit!r}. {suggestion(unit, THRUST_UNITS, synonyms)}", where="--unit")
+    curve = OutputFile(output or Path(f"{bench.stem}_curve.csv"), CURVE)
+    outputs = OutputSet([curve], force=force, protected=[bench])
+    table = read_table(bench, headerless=CURVE_COLUMNS)
+    result = fit_thrust_curve(*bench_readings(table, command=command, thrust=thrust, unit=unit))
+    outputs.write({curve: curve_csv(result.curve.command, result.curve.thrust)})
     if json:
-        print_json(bench_document(result, str(target)))
+        print_json(bench_document(result, str(curve.path)))
     else:
-        show_bench(console(), result, target)
+        show_bench(console(), result, curve.path)

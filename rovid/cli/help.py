@@ -9,20 +9,20 @@ import typer
 from rovid.cli import completion
 from rovid.cli.context import console, print_json
 from rovid.cli.help_format import Page
-from rovid.cli.options import Json
+from rovid.cli.options import Json, argument
 
 PAGE = Page(
     text="""
-    Prints a page of the documentation: how to do a thing, what a file holds, what an effect does to a vehicle and
-    how it is told from others. Of a command it prints the manual and, where there is one, the page on its task.
-    Without TOPIC it lists what there is. Reads and writes no file of yours.
+    Prints a page of the documentation: how to do a task, the content of a file, or a physical effect and how to
+    distinguish it from others. For a command it prints the manual page and the page on its task, if there is one.
+    Without TOPIC it lists all pages. Reads and writes none of your files.
 
-    Use it where there is no network: the pages come with rovid.
+    Use it without a network connection: the pages are installed with rovid.
     """,
     examples=(
-        ("What there is to read", "rovid help"),
-        ("An effect: its equation, what it is confused with, typical sizes", "rovid help thruster_lag"),
-        ("The formats of logs", "rovid help logs"),
+        ("List of the pages", "rovid help"),
+        ("An effect: its equation, similar effects, typical sizes", "rovid help thruster_lag"),
+        ("Formats of logs", "rovid help logs"),
     ),
     see=("rovid COMMAND --help",),
 )
@@ -32,12 +32,7 @@ def help(  # noqa: A001 - the command's own name
     context: typer.Context,
     topic: Annotated[
         str | None,
-        typer.Argument(
-            metavar="TOPIC",
-            help="A page, an effect or a command; all are listed if not given.",
-            autocompletion=completion.topics,
-            show_default=False,
-        ),
+        argument("TOPIC", "A page, an effect or a command. Default: list all.", autocompletion=completion.topics),
     ] = None,
     *,
     json: Json = False,
@@ -48,22 +43,23 @@ def help(  # noqa: A001 - the command's own name
 
     manual = _manual(context, topic)
     pages = topic_names()
+    has_page = manual is None or topic in pages
     if json and topic is None:
         print_json({"schema": "rovid-help/1", "topics": {name: topic_title(name) for name in pages}})
     elif json:
-        page = topic_text(topic or "") if manual is None or topic in pages else ""
-        print_json({"schema": "rovid-help/1", "topic": topic, "manual": manual, "text": page})
+        text = topic_text(topic or "") if has_page else ""
+        print_json({"schema": "rovid-help/1", "topic": topic, "manual": manual, "text": text})
     elif topic is None:
         show_topics(console())
     else:
         if manual is not None:
             typer.echo(f"{manual}\n")
-        if manual is None or topic in pages:
+        if has_page:
             show_topic(console(), topic)
 
 
 def _manual(context: typer.Context, name: str | None) -> str | None:
-    """The page of a command, as --help prints it."""
+    """The manual page of a command, as --help prints it."""
     group = context.parent.command if context.parent else None
     command = getattr(group, "commands", {}).get(name)
     if command is None:

@@ -1,4 +1,4 @@
-"""The manual: what a page of it holds, and how it is set, as plain text."""
+"""The manual pages of the commands and their layout as plain text."""
 
 from __future__ import annotations
 
@@ -11,20 +11,32 @@ from typer.core import TyperCommand, TyperGroup
 
 _EXIT = """\
 Exit status:
-  0  Done.
-  2  The input cannot be used. One message says where, what was found, what was wanted and how to mend it."""
+  0  Success.
+  2  The input cannot be used. One message says where, what was found, what was expected and what to do."""
+FIRST_SESSION = """\
+A first session, with your own folder of logs:
+  rovid init my_logs
+  # now read my_logs/rovid.toml and enter your values
+  rovid check my_logs
+  rovid fit-drag my_logs
+  rovid fit-inertia
+  rovid diagnose
+  rovid report
+
+`rovid COMMAND --help` explains a command and shows examples. `rovid help` lists pages on tasks, files and effects. \
+`rovid --install-completion` makes the Tab key complete commands, options, effects, axes and formats."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Page:
-    """One command's page, but for what it does in a line, which is the docstring of its function.
+    """The manual page of a command. Its first line is the docstring of the command's function.
 
     Attributes
     ----------
     text
-        What it reads, what it writes, when to use it; paragraphs.
+        Paragraphs on input, output and use.
     examples
-        (what for, command line); see ``tests/commands/test_manual.py``, which runs them.
+        Pairs of a purpose and a command line; ``tests/cli/test_help_format.py`` runs them.
     see
         Related commands and pages.
     """
@@ -35,81 +47,61 @@ class Page:
 
     @property
     def epilog(self) -> str:
-        """Examples, exit status and related commands, as they are to be printed."""
-        examples = "\n\n".join(f"  # {what}\n  {line}" for what, line in self.examples)
+        """Examples, exit status and related commands as printed."""
+        examples = "\n\n".join(f"  # {purpose}\n  {line}" for purpose, line in self.examples)
         return f"Examples:\n{examples}\n\n{_EXIT}\n\nSee also:\n  {', '.join(self.see)}"
 
 
 class ManualCommand(TyperCommand):
-    """A command whose help looks like a page of a manual: `LOGS...` for names, the epilog in its own lines."""
+    """A command with the help layout of a manual page."""
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:  # noqa: D102 - typer's
-        # Some versions of typer put names that are required into braces.
+        # Some versions of typer put required names into braces.
         return [piece.replace("{", "").replace("}", "") for piece in super().collect_usage_pieces(ctx)]
 
     def format_options(self, ctx: Any, formatter: Any) -> None:  # noqa: D102 - typer's
-        own: list[Any] = list(self.get_params(ctx))
-        arguments = [(one.metavar or one.name, one.help or "") for one in own if _is_argument(one)]
-        options = [one.get_help_record(ctx) for one in own if not _is_argument(one)]
+        arguments, options = [], []
+        for parameter in self.get_params(ctx):
+            described: Any = parameter
+            # Some versions of typer contain their own click, so its classes cannot be compared.
+            if described.param_type_name == "argument":
+                arguments.append((described.metavar or described.name, described.help or ""))
+            else:
+                options.append(described.get_help_record(ctx))
         for heading, rows in (("Arguments", arguments), ("Options", options)):
             if rows:
                 with formatter.section(heading):
-                    formatter.write_dl([row for row in rows if row])
+                    formatter.write_dl(list(filter(None, rows)))
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002, D102 - typer's
-        formatter.write(f"\n{_set(self.epilog or '', formatter.width)}\n")
+        formatter.write(f"\n{_wrap(self.epilog or '', formatter.width)}\n")
 
 
 class ManualGroup(TyperGroup):
-    """All commands, each with all of its line; the epilog in its own lines."""
+    """The list of all commands, each with its full first line."""
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002, D102 - typer's
         with formatter.section("Commands"):
             formatter.write_dl([(name, (one.help or "").partition("\n")[0]) for name, one in self.commands.items()])
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002, D102 - typer's
-        formatter.write(f"\n{_set(self.epilog or '', formatter.width)}\n")
+        formatter.write(f"\n{_wrap(self.epilog or '', formatter.width)}\n")
 
 
-def _set(text: str, width: int) -> str:
-    """``text`` in its own lines, those that are longer than ``width`` folded below their beginning."""
-    return "\n".join(_fold(line, width) for line in text.splitlines())
+def _wrap(text: str, width: int) -> str:
+    return "\n".join(_wrap_line(line, width) for line in text.splitlines())
 
 
-def _fold(line: str, width: int) -> str:
+def _wrap_line(line: str, width: int) -> str:
+    """Wrap a long line below its first word; a wrapped command continues after a backslash."""
     if len(line) <= width:
         return line
-    # Below the words, not below a sign or a number ahead of them.
-    begins = re.match(r"\s*(?:[#\d]\s+)?", line)
-    indent = " " * (begins.end() if begins else 0)
-    # A shell goes on behind a backslash.
-    command = line.startswith("  rovid ") and "," not in line
-    end = " \\" if command else ""
-    folded = textwrap.wrap(
-        line,
-        width - len(end),
-        subsequent_indent=indent + "  " if command else indent,
-        break_long_words=False,
-        break_on_hyphens=False,
+    marker = re.match(r"\s*(?:[#\d]\s+)?", line)
+    indent = " " * (marker.end() if marker else 0)
+    end = ""
+    if line.startswith("  rovid ") and "," not in line:
+        indent, end = indent + "  ", " \\"
+    lines = textwrap.wrap(
+        line, width - len(end), subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
     )
-    return f"{end}\n".join(folded)
-
-
-def _is_argument(parameter: Any) -> bool:
-    # Some versions of typer bring a click of their own: its classes are not everybody's.
-    return bool(parameter.param_type_name == "argument")
-
-
-FIRST_SESSION = """\
-A first session, with a folder of logs of yours:
-  rovid init my_logs
-  # now read my_logs/rovid.toml, and put your numbers in
-  rovid check my_logs
-  rovid fit-drag my_logs
-  rovid fit-inertia
-  rovid diagnose
-  rovid report
-
-`rovid COMMAND --help` explains a command, with examples; `rovid help` lists pages that tell how a thing is done, what \
-a file holds, what each effect does. `rovid --install-completion` makes the Tab key complete commands, options, \
-effects, axes and formats."""
+    return f"{end}\n".join(lines)

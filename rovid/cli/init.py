@@ -7,29 +7,29 @@ from typing import Annotated
 import typer
 
 from rovid.cli import completion
-from rovid.cli.context import console, print_json
+from rovid.cli.context import console, named_axis, print_json
 from rovid.cli.help_format import Page
-from rovid.cli.options import AxisName, Json, Logs
+from rovid.cli.options import AxisName, Json, Logs, option
 
 PAGE = Page(
     text="""
-    Reads the logs and guesses which column or topic is the heading, which are thruster commands, in what unit and
-    of what sense. Writes rovid.toml beside the logs, each guess with its reason as a comment; where there is no
-    thrust curve also thrust_guess.csv. Lever arms, and such a curve, are marked there as guessed, and so is every
-    number that hangs on them until the marks are gone.
+    Reads the logs and guesses which column or topic is the heading, which columns are thruster commands, and their
+    units and signs. Writes rovid.toml next to the logs, with the reason for each guess as a comment, and also
+    thrust_guess.csv if there is no thrust curve. Lever arms and a guessed thrust curve are marked as guessed there.
+    Results that depend on them are marked as guesses until you delete the marks.
 
-    Where an autopilot's parameters are in the logs (ArduPilot, PX4), they say which outputs are thrusters; of a type
-    of vehicle that they tell, or that --vehicle names, arms, mass and thrust curve are filled in as published.
+    If the logs contain an autopilot's parameters (ArduPilot, PX4), these show which outputs are thrusters. For a known
+    type of vehicle, recognised there or given by --vehicle, rovid fills in published arms, mass and thrust curve.
 
-    Use it first, on a new folder of logs. Then read rovid.toml, put in what was measured, and delete the marks.
+    Use it first on a new folder of logs. Then read rovid.toml, enter measured values, and delete the marks.
     """,
     examples=(
         ("A first my_logs/rovid.toml", "rovid init my_logs"),
         (
-            "The type of vehicle and the commands by hand",
+            "With the type of vehicle and the commands given",
             "rovid init my_logs --vehicle tunnel-rov --command fore_V,aft_V --force",
         ),
-        ("Once more, from one log alone, over the one that is there", "rovid init my_logs/hold_01.csv --force"),
+        ("From one log only, replacing the existing file", "rovid init my_logs/hold_01.csv --force"),
     ),
     see=("rovid check", "rovid help logs (formats)", "rovid help files (rovid.toml)"),
 )
@@ -40,36 +40,25 @@ def init(
     *,
     vehicle: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--vehicle",
             metavar="TYPE",
-            help="Type of vehicle, as bluerov2-heavy, or a file of your own, as my_rov.toml: what is published.",
+            help="Type of vehicle, as bluerov2-heavy, or your own preset file, as my_rov.toml.",
             autocompletion=completion.vehicles,
-            show_default=False,
         ),
     ] = None,
     heading: Annotated[
         str | None,
-        typer.Option(
-            "--heading",
-            metavar="COLUMN",
-            help="Column or topic of the heading, or of what is measured along --axis.",
-            show_default=False,
-        ),
+        option("--heading", metavar="COLUMN", help="Column or topic of the heading, or of the position along --axis."),
     ] = None,
     command: Annotated[
         str | None,
-        typer.Option(
-            "--command",
-            metavar="COLUMN,…",
-            help="Columns or topics of the thruster commands, with commas between them.",
-            show_default=False,
+        option(
+            "--command", metavar="COLUMN,…", help="Columns or topics of the thruster commands, separated by commas."
         ),
     ] = None,
     axis: AxisName = None,
-    force: Annotated[
-        bool, typer.Option("--force", help="Write over a rovid.toml that is there; without it that is an error.")
-    ] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing rovid.toml.")] = False,
     json: Json = False,
 ) -> None:
     """Write a first rovid.toml for your logs."""
@@ -78,15 +67,13 @@ def init(
     from rovid.preflight.log_survey import SurveyOptions, output_files, survey
     from rovid.present.documents.results import survey_document
     from rovid.present.terminal.results import show_survey
-    from rovid.trial.axis import YAW, axis_named
 
-    # Asked for before the logs are read.
+    # An existing file is an error before the logs are read.
     OutputSet([output_files(logs)[0]], force=force)
     commands = tuple(part.strip() for part in (command or "").split(",") if part.strip())
-    along = axis_named(axis) if axis else YAW
     headings = (heading,) if heading else ()
-    found = survey(logs, SurveyOptions(axis=along, headings=headings, commands=commands, vehicle=vehicle or ""))
-    found, written = write_config(found, logs, force=force)
+    options = SurveyOptions(axis=named_axis(axis), headings=headings, commands=commands, vehicle=vehicle or "")
+    found, written = write_config(survey(logs, options), logs, force=force)
     if json:
         print_json(survey_document(found, written))
     else:

@@ -11,7 +11,7 @@ import typer
 
 from rovid.cli.context import print_json
 from rovid.cli.help_format import Page
-from rovid.cli.options import Json
+from rovid.cli.options import Json, argument
 from rovid.core.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -20,19 +20,19 @@ if TYPE_CHECKING:
 
 PAGE = Page(
     text="""
-    Opens a page in the browser, served on this machine alone: choose a folder of logs or drop logs on it, see every
-    column, say which is the heading and which are the thrusters, place the thrusters on a sketch of the vehicle, leave
-    stretches out, see what rovid check says, save rovid.toml, and run fit and diagnosis, up to the report.
+    Opens a page in the browser, served on this machine only. On the page you choose a folder of logs or drop logs, see
+    every column, choose the columns of heading and thruster commands, place the thrusters on a sketch of the vehicle,
+    leave out time intervals, see the result of rovid check, save rovid.toml, and run fit, diagnosis and report.
 
-    Writes what these commands write, and nothing else: rovid.toml and a first thrust curve beside the logs, a folder
-    for what is dropped, the parameter file and the report. A rovid.toml that it did not write it does not replace. It
-    reads nothing outside the folder where it was started, or that LOGS are in. Ctrl-C ends it.
+    Writes the files of these commands and no others: rovid.toml and a first thrust curve next to the logs, a folder for
+    dropped logs, the parameter file and the report. A rovid.toml that the page did not write is not replaced. The page
+    reads only files in the folder where the command was started, or in the folder of LOGS. Ctrl-C ends it.
 
-    Use it in the place of rovid init, where guesses have to be looked at. It shows the commands that do the same.
+    Use it instead of rovid init if the guesses need a close look. It shows the equivalent commands.
     """,
     examples=(
         ("With a folder of logs", "rovid open my_logs"),
-        ("With the address alone, for a browser of your choice", "rovid open my_logs --no-browser"),
+        ("Print only the address, for another browser", "rovid open my_logs --no-browser"),
     ),
     see=("rovid init", "rovid check", "rovid report", "rovid help open"),
 )
@@ -40,23 +40,18 @@ PAGE = Page(
 
 def open(  # noqa: A001 - the command's name
     logs: Annotated[
-        list[Path] | None,
-        typer.Argument(
-            metavar="LOGS",
-            help="A folder of logs, or logs one by one; chosen on the page if not given.",
-            show_default=False,
-        ),
+        list[Path] | None, argument("LOGS", "A folder of logs, or single logs. Default: chosen on the page.")
     ] = None,
     *,
     browser: Annotated[
-        bool, typer.Option("--browser/--no-browser", help="Open a browser, or print the address alone.")
+        bool, typer.Option("--browser/--no-browser", help="Open a browser, or only print the address.")
     ] = True,
     port: Annotated[
-        int, typer.Option("--port", min=0, max=65535, help="Port of this machine; a free one if 0.", metavar="PORT")
+        int, typer.Option("--port", min=0, max=65535, help="Port of this machine; 0 is a free port.", metavar="PORT")
     ] = 0,
     json: Json = False,
 ) -> None:
-    """Set up, fit and diagnose on a page in the browser, on this machine."""
+    """Set up, fit and diagnose on a page in the browser."""
     from rovid.core.paths import require_exists
 
     for path in logs or []:
@@ -70,13 +65,13 @@ def open(  # noqa: A001 - the command's name
     from rovid.app.auth import show_in_browser
     from rovid.app.server import listen, serve
 
-    def said(guard: TokenGuard, top: RootFolder) -> None:
+    def announce(guard: TokenGuard, root: RootFolder) -> None:
         if json:
-            print_json({"schema": "rovid-open/1", "address": guard.address, "folder": str(top.folder)})
+            print_json({"schema": "rovid-open/1", "address": guard.address, "folder": str(root.folder)})
         else:
             typer.echo(f"{guard.address}\nFor this machine, and whoever has this address. Ctrl-C ends it.")
         sys.stdout.flush()
         if browser:
             show_in_browser(guard.ticket())
 
-    serve(logs or [], listen(port), said)
+    serve(logs or [], listen(port), announce)

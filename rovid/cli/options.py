@@ -1,66 +1,66 @@
-"""What several commands take: the options and arguments, each with its line of help."""
+"""Options and arguments that several commands share, each with its line of help."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from rovid.cli import completion
 
-Logs = Annotated[
-    list[Path], typer.Argument(metavar="LOGS", help="A folder of logs, or logs one by one.", show_default=False)
-]
+
+def argument(metavar: str, help: str, **settings: Any) -> Any:  # noqa: A002 - typer's word
+    """A command's argument without a default in the help."""
+    return typer.Argument(metavar=metavar, help=help, show_default=False, **settings)
+
+
+def option(*names: str, metavar: str, help: str, **settings: Any) -> Any:  # noqa: A002 - typer's word
+    """A command's option without a default in the help."""
+    return typer.Option(*names, metavar=metavar, help=help, show_default=False, **settings)
+
+
+Logs = Annotated[list[Path], argument("LOGS", "A folder of logs, or single logs.")]
 OptionalLogs = Annotated[
     list[Path] | None,
-    typer.Argument(
-        metavar="LOGS",
-        help="A folder of logs, or logs one by one; those that the parameter file remembers if not given.",
-        show_default=False,
-    ),
+    argument("LOGS", "A folder of logs, or single logs. Default: the logs named in the parameter file."),
 ]
 ParameterFile = Annotated[
     Path | None,
-    typer.Option(
+    option(
         "--parameters",
         "-p",
         metavar="FILE",
-        help="Parameter file; parameters.toml if not given, parameters_AXIS.toml for another axis than yaw.",
-        show_default=False,
+        help="Parameter file. Default: parameters.toml, or parameters_AXIS.toml for an axis other than yaw.",
     ),
 ]
 AxisName = Annotated[
     str | None,
-    typer.Option(
+    option(
         "--axis",
         metavar="AXIS",
-        help="Degree of freedom: yaw, surge, sway, heave, roll or pitch; yaw if neither this nor -p says another.",
+        help="Degree of freedom: yaw, surge, sway, heave, roll or pitch. Default: that of the parameter file, or yaw.",
         autocompletion=completion.axes,
-        show_default=False,
     ),
 ]
 Cutoff = Annotated[
     float | None,
-    typer.Option(
+    option(
         metavar="HZ",
         min=1e-3,
-        help="Cut-off of the low pass that rates come from, in Hz; chosen from the data if not given.",
-        show_default=False,
+        help="Cut-off frequency of the low-pass filter for rates, in Hz. Default: chosen from the data.",
     ),
 ]
 Force = Annotated[
     bool,
-    typer.Option("--force", help="Write over files that rovid did not write; never over what it reads here."),
+    typer.Option("--force", help="Replace files that rovid did not write. Input files are never replaced."),
 ]
 ForceGuess = Annotated[
     bool,
     typer.Option(
         "--force",
-        help="Go on where arms or thrust curves are guesses; write over files that rovid did not write, never over "
-        "what it reads here.",
+        help="Continue although arms or thrust curves are guesses, and replace files that rovid did not write. Input "
+        "files are never replaced.",
     ),
 ]
-Json = Annotated[
-    bool, typer.Option("--json", help="Print one JSON document on standard output, and nothing else there.")
-]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on standard output and nothing else.")]

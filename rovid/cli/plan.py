@@ -2,33 +2,33 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from rovid.cli import completion
-from rovid.cli.context import busy, claim_of, console, opened, print_json, remembered, stored_at
+from rovid.cli.context import busy, console, open_logs, parameters_at, print_json, reserve_outputs, stored_logs
 from rovid.cli.help_format import Page
-from rovid.cli.options import AxisName, Force, Json, OptionalLogs, ParameterFile
+from rovid.cli.options import AxisName, Force, Json, OptionalLogs, ParameterFile, option
 from rovid.core.errors import ConfigError
 
 PAGE = Page(
     text="""
-    Reads the parameter file and the logs, fits them, and ranks runs that a crew can play by what each is expected
-    to tell for a minute in the water. Writes the best as a command file (time_s and a column for each thruster;
-    each row holds until the next) and, beside it, a picture of what each cause predicts.
+    Reads the parameter file and the logs, fits them, and ranks runs that a crew can carry out by the expected
+    information per minute. Writes the best run as a command file (time_s and a column for each thruster; each row holds
+    until the next) and a plot of the predictions of each cause. Does not write the parameter file.
 
-    Use --between where diagnose left two causes open; otherwise the run makes a parameter surer. Does not write
-    the parameter file.
+    Use --between if diagnose left two causes open. Otherwise the run narrows the interval of a parameter.
     """,
     examples=(
-        ("Which run tells a lag from a delay?", "rovid plan --between thruster_lag --between command_delay"),
+        ("A run that distinguishes a lag from a delay", "rovid plan --between thruster_lag --between command_delay"),
         (
-            "A run for one parameter, 5 minutes and 2 turns at most",
+            "A run for one parameter, at most 5 minutes and 2 turns",
             "rovid plan --narrow linear_drag --minutes 5 --turns 2",
         ),
-        ("At 60 % of the commands, no faster than 10 deg/s", "rovid plan --share 0.6 --max-rate 10 -o next.csv"),
+        ("At 60 % of the commands, at most 10 deg/s", "rovid plan --share 0.6 --max-rate 10 -o next.csv"),
     ),
     see=("rovid diagnose", "rovid check", "rovid help plan"),
 )
@@ -39,46 +39,34 @@ def plan(
     *,
     between: Annotated[
         list[str] | None,
-        typer.Option(
+        option(
             metavar="ID",
-            help="Tell the effect with this id from another; to be given twice.",
+            help="Distinguish this effect from another one. Give the option twice.",
             autocompletion=completion.effects,
-            show_default=False,
         ),
     ] = None,
     narrow: Annotated[
         str | None,
-        typer.Option(
+        option(
             metavar="PARAMETER",
-            help="Make this parameter surer, as linear_drag; the least sure one if not given.",
+            help="Narrow the interval of this parameter, as linear_drag. Default: the least certain parameter.",
             autocompletion=completion.parameters,
-            show_default=False,
         ),
     ] = None,
     share: Annotated[
         float,
-        typer.Option(
-            metavar="SHARE", min=0.05, max=1.0, help="Largest command, as a share of the largest in the logs."
-        ),
+        typer.Option(metavar="SHARE", min=0.05, max=1.0, help="Largest command relative to the largest in the logs."),
     ] = 1.0,
-    minutes: Annotated[float, typer.Option(metavar="MINUTES", min=0.1, help="Longest run, in minutes.")] = 10.0,
+    minutes: Annotated[float, typer.Option(metavar="MINUTES", min=0.1, help="Longest run in minutes.")] = 10.0,
     max_rate: Annotated[
         float | None,
-        typer.Option(
-            metavar="RATE",
-            help="Fastest turn, in deg/s; fastest motion, in m/s, along surge, sway and heave. No limit if not given.",
-            show_default=False,
-        ),
+        option(metavar="RATE", help="Largest rate: deg/s, or m/s along surge, sway and heave. Default: no limit."),
     ] = None,
     turns: Annotated[
         float | None,
-        typer.Option(
-            metavar="TURNS",
-            help="Farthest around, in turns; farthest away, in m, along surge, sway and heave. No limit if not given.",
-            show_default=False,
-        ),
+        option(metavar="TURNS", help="Largest distance: turns, or m along surge, sway and heave. Default: no limit."),
     ] = None,
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="Where the command file goes.")] = Path(
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The command file.")] = Path(
         "plan.csv"
     ),
     axis: AxisName = None,
@@ -86,9 +74,7 @@ def plan(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Design the run to make next."""
-    import math
-
+    """Design the next run."""
     from rovid.core.atomic_write import OutputFile
     from rovid.core.signatures import PLAN, png_signature
     from rovid.design.candidate_runs import RunLimits
@@ -100,15 +86,14 @@ def plan(
     from rovid.present.terminal.results import show_plan
     from rovid.store.staleness import check_freshness
 
-    rivals = tuple(effect_named(name) for name in between or ())
-    if len({rival.id for rival in rivals}) not in {0, 2} or len(rivals) > 2:
-        raise ConfigError(f"names {len(rivals)} causes; two different ones were expected.", where="--between")
-    stored = stored_at(parameters, axis)
-    paths = logs or remembered(stored)
-    drawn = output.with_suffix(".png")
-    commands, drawing = OutputFile(output, PLAN), OutputFile(drawn, png_signature("plan"))
-    claim = claim_of([commands, drawing], paths, stored.path, force=force)
-    study = opened(paths, None, stored.axis)
+    causes = tuple(effect_named(name) for name in between or ())
+    if len({cause.id for cause in causes}) not in {0, 2} or len(causes) > 2:
+        raise ConfigError(f"names {len(causes)} causes; two different ones were expected.", where="--between")
+    stored = parameters_at(parameters, axis)
+    paths = logs or stored_logs(stored)
+    commands, picture = OutputFile(output, PLAN), OutputFile(output.with_suffix(".png"), png_signature("plan"))
+    outputs = reserve_outputs([commands, picture], paths, stored.path, force=force)
+    study = open_logs(paths, None, stored.axis)
     factor = math.pi / 180.0 if stored.axis.angular else 1.0
     limits = RunLimits(
         share=share,
@@ -116,14 +101,15 @@ def plan(
         rate=math.inf if max_rate is None else factor * max_rate,
         travel=math.inf if turns is None else turns,
     )
-    with busy("Fitting, and trying runs …"):
-        runs = study.plan(tuple(effect_named(name) for name in stored.effects), rivals, limits, narrow or "")
-    claim.write({commands: command_csv(runs), drawing: plan_picture(runs, stored.axis)})
-    why = check_freshness(stored, study.provenance).reason if stored.effects else ""
-    warnings = [f"{stored.path.name} no longer holds: {why}. Of it only which effects act was taken."] * bool(why)
+    with busy("Fitting, and comparing candidate runs …"):
+        found = study.plan(tuple(effect_named(name) for name in stored.effects), causes, limits, narrow or "")
+    outputs.write({commands: command_csv(found), picture: plan_picture(found, stored.axis)})
+    warnings = []
+    if stored.effects and (reason := check_freshness(stored, study.provenance).reason):
+        warnings = [f"{stored.path.name} is out of date: {reason}. Only the names of its effects were used."]
     if json:
-        print_json(plan_document(runs, study.vehicle, str(output), str(drawn), warnings))
+        print_json(plan_document(found, study.vehicle, str(commands.path), str(picture.path), warnings))
     else:
         show_caution(console(), study.vehicle.assumptions)
-        show_plan(console(), runs, [output, drawn])
+        show_plan(console(), found, [commands.path, picture.path])
         show_warnings(console(), warnings)

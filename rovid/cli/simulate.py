@@ -5,39 +5,34 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from rovid.cli.context import (
     busy,
-    claim_of,
     console,
-    guess_of,
-    known_at,
-    opened,
+    existing_parameters,
+    model_assumptions,
+    open_logs,
     print_json,
-    remembered,
-    require_holding,
+    require_fresh,
+    reserve_outputs,
+    stored_logs,
 )
 from rovid.cli.help_format import Page
-from rovid.cli.options import AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile
+from rovid.cli.options import AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile, option
 from rovid.core.errors import DataError
 
 PAGE = Page(
     text="""
-    Reads the parameter file and the logs. Simulates each run freely from its first sample, by the logged commands
-    alone, and prints R^2, fit % and root mean square error of the rate, and the error of the heading after 10 s
-    and 60 s. --mcap writes measurement, simulation and what is left over as recordings.
+    Reads the parameter file and the logs. Simulates each run freely from its first sample, with only the logged
+    commands as input, and prints R^2, fit % and root mean square error of the rate, and the error of the heading after
+    10 s and 60 s. --mcap writes measurement, simulation and residual as recordings.
 
-    Parameters that no longer hold, because rovid.toml, a thrust curve or a log has changed since, are refused.
+    A parameter file that is out of date, because rovid.toml, a thrust curve or a log changed, is refused.
 
-    Use it to judge a model: a free simulation hides nothing. Give LOGS that the fit never saw for an honest test.
+    Use it to judge a model. Give LOGS that the fit did not use for an independent test.
     """,
     examples=(
-        ("Against the logs that the parameters came from", "rovid simulate"),
-        (
-            "Against one log, with a recording of it",
-            "rovid simulate my_logs/steps.mcap --mcap simulated.mcap",
-        ),
+        ("The logs named in the parameter file", "rovid simulate"),
+        ("One log, with a recording", "rovid simulate my_logs/steps.mcap --mcap simulated.mcap"),
         ("With recordings of all runs, in a folder", "rovid simulate --mcap simulated"),
     ),
     see=("rovid diagnose", "rovid report", "rovid help logs"),
@@ -52,10 +47,9 @@ def simulate(
     cutoff: Cutoff = None,
     mcap: Annotated[
         Path | None,
-        typer.Option(
+        option(
             metavar="OUT",
-            help="Write measurement, simulation and what is left over as MCAP: a file for one run, else a folder.",
-            show_default=False,
+            help="Write measurement, simulation and residual as MCAP: a file for one run, else a folder.",
         ),
     ] = None,
     force: Force = False,
@@ -68,26 +62,24 @@ def simulate(
     from rovid.present.mcap_output import recording_outputs, write_recordings
     from rovid.present.terminal.results import show_simulation
 
-    stored = known_at(parameters, axis)
+    stored = existing_parameters(parameters, axis)
     model = stored.model()
-    study = opened(logs or remembered(stored), cutoff, stored.axis)
+    study = open_logs(logs or stored_logs(stored), cutoff, stored.axis)
     if study.campaign is None or study.runs is None:
         raise DataError("are tables; only logs can be simulated.", where="LOGS", mend="Give LOGS.")
     study.require_effects(model.effects)
-    remarks = require_holding(stored, study)
-    outputs = recording_outputs(mcap, [run.trial for run in study.runs.items]) if mcap else []
-    claim = claim_of(outputs, study.paths, stored.path, force=force)
+    remarks = require_fresh(stored, study)
+    recordings = recording_outputs(mcap, [run.trial for run in study.runs.items]) if mcap else []
+    outputs = reserve_outputs(recordings, study.paths, stored.path, force=force)
     with busy("Simulating …"):
         simulations = simulate_runs(study.runs.items, model, study.vehicle)
-        if outputs:
-            write_recordings(claim, outputs, simulations, study.runs, model, study.vehicle)
-    recordings = [output.path for output in outputs]
-    warnings, guess = [*study.remarks(), *remarks], guess_of(stored, study)
+        if recordings:
+            write_recordings(outputs, recordings, simulations, study.runs, model, study.vehicle)
+    warnings, assumptions = [*study.remarks(), *remarks], model_assumptions(stored, study)
     if json:
-        print_json(
-            simulation_document(stored, simulations, warnings, guess) | {"recordings": list(map(str, recordings))}
-        )
+        document = simulation_document(stored, simulations, warnings, assumptions)
+        print_json(document | {"recordings": [str(recording.path) for recording in recordings]})
     else:
-        show_caution(console(), guess)
-        show_simulation(console(), simulations, guess)
+        show_caution(console(), assumptions)
+        show_simulation(console(), simulations, assumptions)
         show_warnings(console(), warnings)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
@@ -12,9 +12,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rovid.cli.context import claim_of, compile_beside, console, diagnosed, put, stored_at
+from rovid.cli.context import (
+    compile_in_background,
+    console,
+    diagnose_study,
+    parameters_at,
+    reserve_outputs,
+    store_estimate,
+)
 from rovid.cli.help_format import Page
-from rovid.cli.options import AxisName, Cutoff, Force, ParameterFile
+from rovid.cli.options import AxisName, Cutoff, Force, ParameterFile, argument, option
 from rovid.core.errors import ConfigError, LogError
 
 if TYPE_CHECKING:
@@ -25,161 +32,159 @@ if TYPE_CHECKING:
     from rovid.present.documents.fits import Document
     from rovid.store.study import Study
     from rovid.watch.session import Event
+    from rovid.watch.stop_criteria import StopCriterion
 
 PAGE = Page(
     text="""
-    Looks at FOLDER through a trial day. After each new log that is whole it says what the log added, which causes
-    are suspected or established, which run to make next, and with --until when enough is known. Writes the next run
-    as a command file and the model to the parameter file, each anew after every log. Ctrl-C ends it, with a summary.
+    Monitors FOLDER during a trial day. After each complete new log it prints what the log added, the suspected and
+    established causes, the next run to make, and with --until whether enough is known. Writes the next run as a command
+    file and the model to the parameter file, again after each log. Ctrl-C ends it with a summary.
 
-    A log is taken when it has stayed as it is for some seconds and its end is found in it; one that was cut short,
-    after a longer wait. Folder and rovid.toml need not be there yet. Logs may be renamed, replaced or deleted.
+    A log is read when it has not changed for some seconds and its end is found. A truncated log is read after a longer
+    time. Folder and rovid.toml may be missing at the start. Logs may be renamed, replaced or deleted.
     """,
     examples=(
-        ("Through a trial day", "rovid watch my_logs"),
+        ("During a trial day", "rovid watch my_logs"),
         (
             "Until inertia and drag are known well enough",
             'rovid watch my_logs --until "inertia 2 %, quadratic_drag 5 %"',
         ),
-        ("What is there now, as JSON lines for a program", "rovid watch my_logs --once --json"),
+        ("The logs that are there now, as JSON lines for a program", "rovid watch my_logs --once --json"),
     ),
     see=("rovid diagnose", "rovid plan", "rovid check", "rovid help watch"),
 )
 
 
 def watch(
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Where the logs come in.", show_default=False)],
+    folder: Annotated[Path, argument("FOLDER", "The folder that receives the logs.")],
     *,
     until: Annotated[
         str | None,
-        typer.Option(
+        option(
             metavar="TEXT",
-            help='Stop when parameters are known this well, by their 95 % intervals, "inertia 2 %, linear_drag 9 %"; '
-            'or a cause is this sure, as "thruster_lag 95 %".',
-            show_default=False,
+            help="Stop when the 95 % intervals of parameters are this narrow, as in "
+            '"inertia 2 %, linear_drag 9 %", or when a cause is this probable, as in "thruster_lag 95 %".',
         ),
     ] = None,
-    once: Annotated[bool, typer.Option("--once", help="Take what is there as it is, then end.")] = False,
+    once: Annotated[bool, typer.Option("--once", help="Use the logs as they are now, then end.")] = False,
     no_diagnosis: Annotated[
-        bool, typer.Option("--no-diagnosis", help="Fit alone: seconds after each log in place of minutes.")
+        bool, typer.Option("--no-diagnosis", help="Only fit: seconds after each log instead of minutes.")
     ] = False,
     output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FILE", help="Where the next run's command file goes.")
+        Path, typer.Option("--output", "-o", metavar="FILE", help="The command file of the next run.")
     ] = Path("plan.csv"),
-    interval: Annotated[float, typer.Option(metavar="S", min=0.05, help="Between two looks, in s.")] = 2.0,
+    interval: Annotated[float, typer.Option(metavar="S", min=0.05, help="Time between two checks in s.")] = 2.0,
     whole: Annotated[
-        float, typer.Option(metavar="S", min=0.0, help="How long a log has to stay as it is to be read, in s.")
+        float, typer.Option(metavar="S", min=0.0, help="Time without changes before a log is read in s.")
     ] = 5.0,
     cut: Annotated[
-        float, typer.Option(metavar="S", min=0.0, help="The same of one that has no end, or cannot be read, in s.")
+        float, typer.Option(metavar="S", min=0.0, help="The same for a truncated or unreadable log in s.")
     ] = 60.0,
     axis: AxisName = None,
     parameters: ParameterFile = None,
     cutoff: Cutoff = None,
     force: Force = False,
     json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON document a line on standard output, and nothing else there.")
+        bool, typer.Option("--json", help="Print JSON documents on standard output, one a line, and nothing else.")
     ] = False,
 ) -> None:
-    """Follow a trial day: after each log what it added and what to run next."""
-    compile_beside()
+    """Follow a trial day: results after each log, and the next run."""
+    compile_in_background()
     from rovid.core.atomic_write import OutputFile
     from rovid.core.signatures import PLAN
     from rovid.design.experiment_design import command_csv
-    from rovid.present.documents.watch import watch_documents, watch_start_document
-    from rovid.present.terminal.watch import show_watch_event, show_watch_start
     from rovid.watch.folder_monitor import FolderMonitor, Problem, SettleTimes
     from rovid.watch.session import SessionActions, WatchSession
     from rovid.watch.stop_criteria import parse_criteria
 
     if folder.is_file():
         raise ConfigError("is a file; a folder was expected.", where=folder, mend="Give the folder of the logs.")
-    stored = stored_at(parameters, axis, force=force)
-    wanted = parse_criteria(until, stored.axis, diagnosed=not no_diagnosis) if until else ()
+    stored = parameters_at(parameters, axis, force=force)
+    criteria = parse_criteria(until, stored.axis, diagnosed=not no_diagnosis) if until else ()
     commands = OutputFile(output, PLAN)
-    claim = claim_of([stored.output, commands], [folder], force=force)
+    outputs = reserve_outputs([stored.output, commands], [folder], force=force)
 
     def keep(study: Study, estimate: Estimate) -> None:
-        put(stored, claim, study, estimate, for_good=False)
+        store_estimate(stored, outputs, study, estimate, with_history=False)
 
     def write(plan: ExperimentPlan) -> Path:
-        claim.write({commands: command_csv(plan)})
+        outputs.write({commands: command_csv(plan)})
         return output
 
-    troubles: list[str] = []
+    diagnose = None if no_diagnosis else lambda study, report: diagnose_study(stored, study, report)
+    actions = SessionActions(diagnose=diagnose, keep=keep, write=write, cutoff=cutoff)
+    monitor = FolderMonitor(path=folder, axis=stored.axis, patience=SettleTimes(whole=whole, cut=cut), once=once)
+    problems: list[str] = []
+    with _progress() as status:
+        session = WatchSession(monitor, actions, criteria, interval=interval, report=status.update)
+        show = _printer(folder, criteria, interval, once=once, json=json)
+        with _interruptible() as interruption:
+            for event in session.events():
+                if isinstance(event, Problem):
+                    problems.append(f"{event.where}: {event.text}")
+                with status.paused():
+                    show(event)
+        if interruption:
+            with status.paused():
+                show(session.ended("interrupted"))
+    if once and not session.ended("once").logs:
+        raise LogError(problems[-1] if problems else "holds no logs.", where="" if problems else folder)
+
+
+def _printer(
+    folder: Path, criteria: Sequence[StopCriterion], interval: float, *, once: bool, json: bool
+) -> Callable[[Event], None]:
+    """Print the start of the session; return a function that prints an event."""
+    from rovid.core.formatting import to_json_line
+    from rovid.present.documents.watch import watch_documents, watch_start_document
+    from rovid.present.terminal.watch import show_watch_event, show_watch_start
+
+    def print_line(document: Document) -> None:
+        typer.echo(to_json_line(document))
+        # A program may be reading.
+        sys.stdout.flush()
 
     def show(event: Event) -> None:
-        if isinstance(event, Problem):
-            troubles.append(f"{event.where}: {event.text}")
         if json:
             for document in watch_documents(event):
-                _print_line(document)
+                print_line(document)
         else:
             show_watch_event(console(), event, at=None if once else datetime.now().astimezone())
 
-    with _progress() as progress:
-        day = WatchSession(
-            FolderMonitor(path=folder, axis=stored.axis, patience=SettleTimes(whole=whole, cut=cut), once=once),
-            SessionActions(
-                diagnose=None if no_diagnosis else lambda study, report: diagnosed(stored, study, report),
-                keep=keep,
-                write=write,
-                cutoff=cutoff,
-            ),
-            wanted,
-            interval=interval,
-            report=progress.say,
-        )
-        if json:
-            _print_line(watch_start_document(folder, wanted))
-        else:
-            show_watch_start(console(), folder, wanted, interval, once=once)
-        with _ended() as ended:
-            for event in day.events():
-                with progress.aside():
-                    show(event)
-        if ended:
-            with progress.aside():
-                show(day.ended("interrupted"))
-    if once and not day.ended("once").logs:
-        raise LogError(troubles[-1] if troubles else "holds no logs.", where="" if troubles else folder)
-
-
-def _print_line(document: Document) -> None:
-    """For whoever reads along: at once."""
-    from rovid.core.formatting import to_json_line
-
-    typer.echo(to_json_line(document))
-    sys.stdout.flush()
+    if json:
+        print_line(watch_start_document(folder, criteria))
+    else:
+        show_watch_start(console(), folder, criteria, interval, once=once)
+    return show
 
 
 @contextmanager
-def _ended() -> Iterator[list[str]]:
-    """Whether Ctrl-C, or whoever asks a process to end, ended what is done here."""
-    ended: list[str] = []
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+def _interruptible() -> Iterator[list[str]]:
+    """Let Ctrl-C or SIGTERM end the block; the yielded list then has an item."""
+    interruption: list[str] = []
+    previous = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        yield ended
+        yield interruption
     except KeyboardInterrupt:
-        ended.append("interrupted")
+        interruption.append("interrupted")
     finally:
-        signal.signal(signal.SIGTERM, before)
+        signal.signal(signal.SIGTERM, previous)
 
 
-class _Progress:
-    """What is being done, on a terminal, in a line of its own below what was printed."""
+class _Status:
+    """The progress line on a terminal, below the printed text."""
 
     def __init__(self, status: Status | None) -> None:
         self._status = status
 
-    def say(self, words: str) -> None:
-        """It is this now."""
+    def update(self, words: str) -> None:
+        """Change the progress text."""
         if self._status is not None:
             self._status.update(words)
 
     @contextmanager
-    def aside(self) -> Iterator[None]:
-        """Out of the way while something is printed."""
+    def paused(self) -> Iterator[None]:
+        """Remove the progress line while something is printed."""
         if self._status is not None:
             self._status.stop()
         yield
@@ -188,11 +193,11 @@ class _Progress:
 
 
 @contextmanager
-def _progress() -> Iterator[_Progress]:
+def _progress() -> Iterator[_Status]:
     if not sys.stderr.isatty():
-        yield _Progress(None)
+        yield _Status(None)
         return
     from rovid.core.console import SafeConsole
 
     with SafeConsole(stderr=True).status("Looking …") as status:
-        yield _Progress(status)
+        yield _Status(status)

@@ -1,4 +1,4 @@
-"""One of two campaigns that are compared: logs that were diagnosed, or what a parameter file says."""
+"""One of the two campaigns of a comparison: diagnosed logs, or the content of a parameter file."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
@@ -22,37 +23,39 @@ from rovid.estimate.maximum_likelihood import fit_likelihood
 from rovid.model.model import Model
 from rovid.model.parameter_names import base_names, effect_ids
 from rovid.signals.preprocessing import Run, shared_channels
+from rovid.store.history import history_output, read_history
+from rovid.store.load import read_parameters
 from rovid.store.parameter_file import Parameters, Source
 from rovid.store.study import Study
+from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import Axis
 from rovid.trial.config_fingerprint import ConfigFingerprint
 from rovid.trial.vehicle import Vehicle
 
-# A suspect that is likelier than not is put into both models, lest it pull at the rest of one.
+# Probability from which both models include a suspected cause, because its absence would bias one of them.
 _LIKELY = 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CampaignFit:
-    """What is known of one campaign by itself.
+    """The results of one campaign.
 
     Attributes
     ----------
     name
-        The folder or file, as the user knows it.
+        Name of the folder or file for messages.
     vehicle_name
-        What its rovid.toml calls the vehicle.
+        Name of the vehicle in rovid.toml.
     settings
-        What of rovid.toml it rests on; None where that is not known.
+        Fingerprint of rovid.toml; None if unknown.
     sources
-        Its logs, by their digests.
-    stored
-        What a parameter file says; None of logs.
+        The logs with their digests.
+    stored_estimate
+        Content of a parameter file; None for logs.
     study, diagnosis
-        Of logs, the latter as soon as they are diagnosed; None of a parameter file.
-    seen
-        Of a parameter file, id of each cause that was looked for and not found -> size that would have been seen.
-        Empty where nobody looked.
+        The logs and their diagnosis; None for a parameter file.
+    detection_limits
+        For a parameter file: id of each cause that was tested and not found -> smallest detectable size.
     """
 
     name: str
@@ -67,56 +70,58 @@ class CampaignFit:
 
     @property
     def runs(self) -> Sequence[Run]:
-        """None of a parameter file."""
+        """Runs of the logs; none for a parameter file."""
         return () if self.study is None or self.study.runs is None else self.study.runs.items
 
     @property
     def vehicle(self) -> Vehicle:
-        """Of logs alone."""
-        assert self.study is not None  # noqa: S101 - a file is not asked
+        """The vehicle; only for logs."""
+        assert self.study is not None  # noqa: S101 - not called for a parameter file
         return self.study.vehicle
+
+    @property
+    def assumptions(self) -> Assumptions:
+        """Guesses about the vehicle."""
+        return Assumptions() if self.settings is None else self.settings.assumptions
 
     @cached_property
     def model(self) -> Model | None:
-        """The free-running model that the diagnosis ended with, without what is of its own trials alone.
-
-        None where there is no diagnosis.
-        """
+        """The final free-running model of the diagnosis, without campaign-specific effects; None without diagnosis."""
         if self.diagnosis is None or self.diagnosis.extended is None:
             return None
         model = self.diagnosis.extended.model
-        kept: list[Effect] = []
+        effects: list[Effect] = []
         values: list[float] = []
-        at = 0
+        first = 0
         for effect in model.effects:
-            own = model.effect_values[at : at + len(effect.parameters)]
-            at += len(effect.parameters)
-            if not _is_own(effect):
-                kept.append(effect)
-                values += own
-        return replace(model, effects=tuple(kept), effect_values=tuple(values))
+            last = first + len(effect.parameters)
+            if not _is_campaign_specific(effect):
+                effects.append(effect)
+                values += model.effect_values[first:last]
+            first = last
+        return replace(model, effects=tuple(effects), effect_values=tuple(values))
 
     @property
     def found_effects(self) -> list[Effect]:
-        """Causes that are established, or stand in the parameter file."""
+        """Established causes, or the effects in the parameter file."""
         if self.stored_estimate is not None:
             return [effect_named(key) for key in effect_ids(self.stored_estimate.names)]
         return [] if self.diagnosis is None else [finding.effect for finding in self.diagnosis.findings]
 
     @property
     def likely_findings(self) -> list[Finding]:
-        """Causes that are established, or likelier than not."""
+        """Established causes, and suspected causes that are more likely than not."""
         if self.diagnosis is None:
             return []
-        suspects = [one for one in self.diagnosis.suspects if one.probability >= _LIKELY]
+        suspects = [suspect for suspect in self.diagnosis.suspects if suspect.probability >= _LIKELY]
         return [*self.diagnosis.findings, *suspects]
 
     @property
     def campaign_specific(self) -> list[Effect]:
-        """What its model has and no other campaign's can have: sizes of single trials, mere signals, waves."""
+        """Effects of its model that no other campaign can have: sizes of single trials, logged signals, waves."""
         if self.diagnosis is None or self.diagnosis.extended is None:
             return []
-        return [effect for effect in self.diagnosis.extended.model.effects if _is_own(effect)]
+        return list(filter(_is_campaign_specific, self.diagnosis.extended.model.effects))
 
     def has_signals_for(self, effect: Effect) -> bool:
         """Whether its logs hold the signals that ``effect`` needs."""
@@ -125,14 +130,14 @@ class CampaignFit:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SharedEstimate:
-    """What one campaign says of the parameters that both are asked for.
+    """A campaign's estimate of the parameters that both campaigns share.
 
     Attributes
     ----------
     values, covariance
-        (p,) and (p, p) of ``names``.
+        (p,) and (p, p), in the order of ``names``.
     white
-        Whether its model explains the data to the noise.
+        Whether the innovations are white.
     """
 
     names: tuple[str, ...]
@@ -145,56 +150,41 @@ class SharedEstimate:
 
 
 def campaign_from_study(study: Study, name: str) -> CampaignFit:
-    """The logs of ``study``, which are not diagnosed yet.
+    """A campaign of logs without a diagnosis.
 
     Raises
     ------
     DataError
-        They are tables.
+        The study holds tables.
     """
     if study.runs is None:
         raise DataError("holds tables; logs, or a parameter file, were expected.", where=name, mend="Give logs.")
-    origin = study.provenance
+    provenance = study.provenance
     return CampaignFit(
         name=name,
         axis=study.vehicle.axis,
-        vehicle_name=origin.vehicle,
-        settings=origin.settings,
-        sources=origin.sources,
+        vehicle_name=provenance.vehicle,
+        settings=provenance.settings,
+        sources=provenance.sources,
         study=study,
     )
 
 
-def with_diagnosis(day: CampaignFit, report: Callable[[str], None] = lambda _: None) -> CampaignFit:
-    """``day`` with the diagnosis of its logs, where it has logs and none yet.
+def campaign_from_parameters(
+    stored: Parameters, name: str, detection_limits: Mapping[str, float] | None = None
+) -> CampaignFit:
+    """A campaign from the content of a parameter file.
 
     Raises
     ------
     DataError
-        They tell too little.
+        The inertia or the drag is missing.
     """
-    if day.study is None or day.diagnosis is not None:
-        return day
-    diagnosis = day.study.diagnosis(lambda text: report(f"{day.name}: {text}"))
-    if diagnosis.extended is None:
-        raise DataError(f"tells too little to be compared: {diagnosis.missing}", where=day.name)
-    return replace(day, diagnosis=diagnosis)
-
-
-def campaign_from_parameters(stored: Parameters, name: str, seen: Mapping[str, float] | None = None) -> CampaignFit:
-    """What a parameter file says.
-
-    Raises
-    ------
-    DataError
-        It lacks inertia or drag.
-    """
-    names = [one for one in base_names(stored.axis) if one in stored.entries]
+    names = [base for base in base_names(stored.axis) if base in stored.entries]
     if "quadratic_drag" not in names or ("inertia" not in names and not stored.per_inertia):
-        raise DataError(
-            "holds no inertia or no drag, so that there is nothing to compare.", where=name, mend="Run `rovid fit`."
-        )
-    names += [one for one in stored.entries if "." in one]
+        text = "holds no inertia or no drag, which a comparison needs."
+        raise DataError(text, where=name, mend="Run `rovid fit`.")
+    names += [entry for entry in stored.entries if "." in entry]
     return CampaignFit(
         name=name,
         axis=stored.axis,
@@ -202,101 +192,159 @@ def campaign_from_parameters(stored: Parameters, name: str, seen: Mapping[str, f
         settings=stored.settings,
         sources=stored.sources,
         stored_estimate=stored.estimate(names),
-        detection_limits={} if seen is None else seen,
+        detection_limits=detection_limits or {},
     )
 
 
-def shared_estimate(day: CampaignFit, effects: Sequence[Effect]) -> SharedEstimate:
-    """What ``day`` says of inertia, drag and ``effects``, by a fit of all at once where there are logs.
+def campaign_from_file(path: Path, name: str) -> CampaignFit:
+    """A campaign from a parameter file, with the detection limits in its history.
 
-    A constant torque is fitted beside them: another day's trim is no change of the vehicle.
+    Raises
+    ------
+    RovidError
+        The file cannot be read, or the inertia or the drag is missing.
+    """
+    stored = read_parameters(path)
+    limits = (record.detection_limits for record in read_history(path) if _is_same_model(record.parameters, stored))
+    return campaign_from_parameters(stored, name, next(limits, None))
+
+
+def previous_campaign(stored: Parameters) -> CampaignFit:
+    """The last model in the history of ``stored`` that was fitted to other logs, or else the last different model.
 
     Raises
     ------
     DataError
-        The vehicle was not excited enough.
+        There is none.
+    ConfigError
+        The history is damaged.
     """
-    if day.stored_estimate is not None:
-        return _as_written(day, day.stored_estimate, effects)
-    own = day.campaign_specific
-    taken = {effect.id for effect in (*own, *effects)}
-    if BIAS.id not in taken and day.axis.name in BIAS.axes:
+    digests = frozenset(source.sha256 for source in stored.sources)
+    records = list(read_history(stored.path))
+    others = [record for record in records if record.digests != digests]
+    others += [record for record in records if not _is_same_model(record.parameters, stored)]
+    if not others:
+        text = "holds no other model to compare with." if records else "there is no such history of earlier models."
+        raise DataError(
+            text,
+            where=history_output(stored.path).path,
+            mend="Give A and B. Each `rovid fit`, `rovid diagnose` and `rovid report` adds a line to the history.",
+        )
+    found = others[0]
+    logs = found.parameters.logs
+    name = stored.path.name if logs == stored.logs else ", ".join(path.name for path in logs)
+    return campaign_from_parameters(found.parameters, f"{name} as of {found.written[:16]}", found.detection_limits)
+
+
+def _is_same_model(one: Parameters, other: Parameters) -> bool:
+    """Whether both hold the same parameters of the same logs."""
+    return one.entries == other.entries and one.sources == other.sources
+
+
+def with_diagnosis(campaign: CampaignFit, report: Callable[[str], None] = lambda _: None) -> CampaignFit:
+    """``campaign`` with the diagnosis of its logs.
+
+    Raises
+    ------
+    DataError
+        The data do not suffice.
+    """
+    if campaign.study is None or campaign.diagnosis is not None:
+        return campaign
+    diagnosis = campaign.study.diagnosis(lambda text: report(f"{campaign.name}: {text}"))
+    if diagnosis.extended is None:
+        raise DataError(f"holds too few data for a comparison: {diagnosis.missing}", where=campaign.name)
+    return replace(campaign, diagnosis=diagnosis)
+
+
+def shared_estimate(campaign: CampaignFit, effects: Sequence[Effect]) -> SharedEstimate:
+    """Estimate of inertia, drag and ``effects``: a joint fit for logs, the stored values for a parameter file.
+
+    The fit includes a constant torque, because another trim of the day is no change of the vehicle.
+
+    Raises
+    ------
+    DataError
+        The excitation does not suffice.
+    """
+    if campaign.stored_estimate is not None:
+        return _stored_estimate(campaign, campaign.stored_estimate, effects)
+    own = campaign.campaign_specific
+    if BIAS.id not in {effect.id for effect in (*own, *effects)} and campaign.axis.name in BIAS.axes:
         own = [*own, BIAS]
     try:
-        fit = fit_likelihood(day.runs, day.vehicle, (*own, *effects))
+        fit = fit_likelihood(campaign.runs, campaign.vehicle, (*own, *effects))
     except DataError as error:
-        raise DataError(str(error), where=day.name) from error
+        raise DataError(str(error), where=campaign.name) from error
     estimate = fit.estimate
-    wanted = (*base_names(day.axis), *_parameters_of(effects))
-    names = tuple(name for name in wanted if name in estimate.names and name not in estimate.refused)
-    at = [estimate.names.index(name) for name in names]
+    shared = [f"{effect.key}.{parameter.name}" for effect in effects for parameter in effect.parameters]
+    names = tuple(name for name in (*base_names(campaign.axis), *shared) if _is_known(estimate, name))
+    indices = list(map(estimate.names.index, names))
     return SharedEstimate(
         names=names,
-        units=tuple(estimate.unit(name) for name in names),
-        values=estimate.values[at],
-        covariance=estimate.covariance[np.ix_(at, at)],
+        units=tuple(map(estimate.unit, names)),
+        values=estimate.values[indices],
+        covariance=estimate.covariance[np.ix_(indices, indices)],
         white=fit.white,
         samples=estimate.samples,
         warnings=estimate.warnings,
     )
 
 
-def _as_written(day: CampaignFit, estimate: Estimate, effects: Sequence[Effect]) -> SharedEstimate:
-    """What a parameter file says; of a cause that was looked for and not found, how large it may be."""
-    names = [name for name in base_names(day.axis) if name in estimate.names and name not in estimate.refused]
-    values = [estimate.value(name) for name in names]
-    at = [estimate.names.index(name) for name in names]
+def _is_known(estimate: Estimate, name: str) -> bool:
+    return name in estimate.names and name not in estimate.refused
+
+
+def _stored_estimate(campaign: CampaignFit, estimate: Estimate, effects: Sequence[Effect]) -> SharedEstimate:
+    """Stored values; a cause that was tested and not found is zero, with half its detection limit as error."""
+    names = [name for name in base_names(campaign.axis) if _is_known(estimate, name)]
     absent: dict[str, tuple[float, float]] = {}
     for effect in effects:
+        limit = campaign.detection_limits.get(effect.id, math.nan)
         for parameter in effect.parameters:
             name = f"{effect.key}.{parameter.name}"
             if name in estimate.names:
-                at.append(estimate.names.index(name))
                 names.append(name)
-                values.append(estimate.value(name))
-            elif parameter is effect.parameters[0] and math.isfinite(day.detection_limits.get(effect.id, math.nan)):
-                absent[name] = (parameter.neutral, 0.5 * day.detection_limits[effect.id])
-    covariance = np.zeros((len(names) + len(absent),) * 2)
-    covariance[: len(at), : len(at)] = estimate.covariance[np.ix_(at, at)]
-    for place, (_, error) in enumerate(absent.values(), start=len(at)):
-        covariance[place, place] = error**2
-    every = (*names, *absent)
+            elif parameter is effect.parameters[0] and math.isfinite(limit):
+                absent[name] = (parameter.neutral, 0.5 * limit)
+    indices, count = list(map(estimate.names.index, names)), len(names)
+    covariance = np.zeros((count + len(absent),) * 2)
+    covariance[:count, :count] = estimate.covariance[np.ix_(indices, indices)]
+    for index, (_, error) in enumerate(absent.values(), start=count):
+        covariance[index, index] = error**2
     return SharedEstimate(
-        names=every,
-        units=tuple(estimate.unit(name) for name in every),
-        values=np.array([*values, *(null for null, _ in absent.values())]),
+        names=(*names, *absent),
+        units=tuple(map(estimate.unit, (*names, *absent))),
+        values=np.array([*map(estimate.value, names), *(neutral for neutral, _ in absent.values())]),
         covariance=covariance,
         white=False,
-        samples=sum(source.samples for source in day.sources),
+        samples=sum(source.samples for source in campaign.sources),
     )
 
 
 def shared_effects(a: CampaignFit, b: CampaignFit) -> list[Effect]:
-    """Causes of either that both models are to have, the best form of each.
+    """Causes of either campaign that both models include, in the best form of each.
 
-    What is of a day alone is among them, lest it pull at the rest, and compared by itself.
+    Environmental causes are included too, because their absence would bias the other parameters.
     """
     if not a.runs or not b.runs:
-        both = {effect.key: effect for day in (a, b) for effect in day.found_effects if not _is_own(effect)}
-        return list(both.values())
+        effects = (*a.found_effects, *b.found_effects)
+        return list({effect.key: effect for effect in effects if not _is_campaign_specific(effect)}.values())
     best: dict[str, Finding] = {}
-    for one in (*a.likely_findings, *b.likely_findings):
-        if _is_own(one.effect) or not (a.has_signals_for(one.effect) and b.has_signals_for(one.effect)):
+    for finding in (*a.likely_findings, *b.likely_findings):
+        effect = finding.effect
+        if _is_campaign_specific(effect) or not (a.has_signals_for(effect) and b.has_signals_for(effect)):
             continue
-        thruster = one.effect.form.removesuffix(WITH_OTHERS) if one.effect.per_thruster else ""
-        place = f"{one.effect.id}:{thruster}"
-        if place not in best or one.bic_gain > best[place].bic_gain:
-            best[place] = one
-    strongest = sorted(best.values(), key=lambda one: -one.bic_gain)
-    # All thrusters weaker alike is a matter of scale, which nothing shows: one of them stays as it is.
-    weak = [one for one in strongest if one.effect.per_thruster]
-    spare = weak[max(len(a.vehicle.thrusters) - 1, 1) :]
-    return [one.effect for one in strongest if one not in spare]
+        thruster = effect.form.removesuffix(WITH_OTHERS) if effect.per_thruster else ""
+        cause = f"{effect.id}:{thruster}"
+        if cause not in best or finding.bic_gain > best[cause].bic_gain:
+            best[cause] = finding
+    strongest = [finding.effect for finding in sorted(best.values(), key=lambda finding: -finding.bic_gain)]
+    # Equally weaker thrusters are not distinguishable from another scale of thrust, so one thruster stays unchanged.
+    weak = [effect for effect in strongest if effect.per_thruster]
+    dropped = weak[max(len(a.vehicle.thrusters) - 1, 1) :]
+    return [effect for effect in strongest if effect not in dropped]
 
 
-def _is_own(effect: Effect) -> bool:
+def _is_campaign_specific(effect: Effect) -> bool:
     return is_signal(effect) or bool(trials_in_form(effect.form)) or effect.is_wave
-
-
-def _parameters_of(effects: Sequence[Effect]) -> list[str]:
-    return [f"{effect.key}.{parameter.name}" for effect in effects for parameter in effect.parameters]

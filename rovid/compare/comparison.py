@@ -1,22 +1,16 @@
-"""Two campaigns side by side: what changed, which cause came or went, and whether either's model predicts the other."""
+"""Comparison of two campaigns: changed parameters, changed causes, and cross-prediction of each other's runs."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from rovid.compare.campaign_fit import CampaignFit, SharedEstimate, shared_effects, shared_estimate, with_diagnosis
-from rovid.compare.difference_tests import (
-    DRAG,
-    RELEVANT_CHANGE,
-    DifferenceTest,
-    EstimatePair,
-    change_candidates,
-    test_difference,
-)
+from rovid.compare.candidates import DRAG, EstimatePair, change_candidates
+from rovid.compare.difference_tests import RELEVANT_CHANGE, DifferenceTest, find_changes
 from rovid.core.errors import ConfigError
 from rovid.core.threads import thread_map
 from rovid.effects import Effect
@@ -25,25 +19,25 @@ from rovid.model.model import Model
 from rovid.model.simulation import HORIZONS, TrialSimulation, pooled_fit, simulate_runs
 from rovid.trial.config_fingerprint import ConfigFingerprint
 
-# Of the vehicle as a whole: a change of these that these data could not have seen leaves the question open.
-_WANTED = ("inertia", DRAG)
-# A cause acts in a campaign whose own size of it is so many standard errors from nothing.
+# Parameters of the whole vehicle: the verdict is "cannot tell" if a relevant change of them is not detectable.
+_REQUIRED = ("inertia", DRAG)
+# Standard errors from neutral above which a cause acts in a campaign; a decision.
 _ACTS = 3.0
-# What differs as much by a smaller chance is no chance.
-_CHANCE = 1e-3
+# p-value below which the difference that stays unexplained leaves the question open; a decision.
+_SIGNIFICANT = 1e-3
 Report = Callable[[str], None]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CrossPrediction:
-    """One campaign's runs simulated freely by the model of another, or by its own.
+    """Free-running simulations of a campaign's runs by a model.
 
     Attributes
     ----------
     rate_r2, rate_rmse
-        Over all runs.
+        Pooled over all runs.
     position_errors
-        Horizon in s -> RMS position error that far after a restart; None where no run is as long.
+        Horizon in s -> RMS position error at that time after a restart; None if no run is long enough.
     """
 
     simulations: tuple[TrialSimulation, ...]
@@ -54,22 +48,22 @@ class CrossPrediction:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Comparison:
-    """What `rovid compare` says.
+    """Result of `rovid compare`.
 
     Attributes
     ----------
     verdict
-        same, changed or cannot_tell.
+        "same", "changed" or "cannot_tell".
     causes
         Ids of the causes that act in A, and in B.
     predictions
-        (model of, runs of), as ("a", "b") -> how well; none of a parameter file.
-    matters
-        Share from which on a change matters.
-    passing
-        Ids of causes of a day alone that acted in one of the two.
-    why
-        What leaves the question open, a clause each; empty where nothing does.
+        (model of, runs of), as ("a", "b") -> prediction; empty for parameter files.
+    relevant_change
+        Relative change that has to be detectable.
+    transient_causes
+        Ids of environmental causes that acted in only one of the campaigns.
+    open_questions
+        Clauses on what leaves the question open.
     """
 
     verdict: str
@@ -86,231 +80,208 @@ class Comparison:
 
     @property
     def changed(self) -> tuple[str, ...]:
-        """What is established to have changed: names of parameters, or thrust_scale."""
+        """Established changes: names of parameters, or thrust_scale."""
         names: list[str] = []
         for change in self.changes.established:
-            one = change.candidate
-            names += [one.name] if one.inverse else one.parameters
+            candidate = change.candidate
+            names += [candidate.name] if candidate.inverse else candidate.parameters
         return tuple(dict.fromkeys(names))
 
 
 def compare(
-    a: CampaignFit, b: CampaignFit, *, matters: float = RELEVANT_CHANGE, report: Report = lambda _: None
+    a: CampaignFit, b: CampaignFit, *, relevant_change: float = RELEVANT_CHANGE, report: Report = lambda _: None
 ) -> Comparison:
-    """Hold two campaigns against each other; logs are diagnosed where they are not yet.
+    """Compare two campaigns; logs are diagnosed if they are not yet.
 
-    Both are fitted with the causes of either, so that no difference is one between models.
+    Both campaigns are fitted with the causes of either, because otherwise the models would differ.
 
     Raises
     ------
     ConfigError
-        They are of different vehicles.
+        The campaigns are of different vehicles.
     DataError
-        One tells too little.
+        A campaign holds too few data.
     """
-    warnings = [*_alike(a, b), *_called(a, b), *_twice(a, b)]
+    warnings = list(_input_warnings(a, b))
     a, b = with_diagnosis(a, report), with_diagnosis(b, report)
     effects = shared_effects(a, b)
     report("Fitting both with the causes of either …")
-    one, other = thread_map(lambda day: shared_estimate(day, effects), [a, b])
-    pair, named = _pair(one, other, [effect for effect in effects if effect.environmental])
+    in_a, in_b = thread_map(lambda campaign: shared_estimate(campaign, effects), [a, b])
+    pair, only_in_one = _pair(in_a, in_b, [effect for effect in effects if effect.environmental])
     weak = [effect.key for effect in effects if effect.id == IMBALANCE.id]
-    changes = test_difference(pair, change_candidates(pair, weak, _other_thruster(a, effects)))
+    changes = find_changes(pair, change_candidates(pair, weak, _remaining_thruster(a, effects)))
     report("Simulating the runs of each by the model of the other …")
-    why = [*_unseen(changes, matters), *_apart(changes), *_untold(named, pair, a, b)]
+    both_logs = bool(a.runs and b.runs)
+    open_questions = tuple(_open_questions(changes, relevant_change, only_in_one, both_logs=both_logs))
     if changes.established:
         verdict = "changed"
-    elif why or changes.changes:
+    elif open_questions or changes.changes:
         verdict = "cannot_tell"
     else:
         verdict = "same"
+    environmental = [{effect.id for effect in one.found_effects if effect.environmental} for one in (a, b)]
     return Comparison(
         verdict=verdict,
         a=a,
         b=b,
         effects=tuple(effects),
         changes=changes,
-        causes=(_causes(a, b, effects, one, changes), _causes(b, a, effects, other, changes)),
-        transient_causes=_passing(a, b),
+        causes=(_causes(a, b, effects, in_a, changes), _causes(b, a, effects, in_b, changes)),
+        transient_causes=tuple(sorted(environmental[0] ^ environmental[1])),
         predictions=_predictions(a, b),
-        relevant_change=matters,
-        open_questions=tuple(why),
-        warnings=(*warnings, *_said({a.name: _noticed(a, one), b.name: _noticed(b, other)})),
+        relevant_change=relevant_change,
+        open_questions=open_questions,
+        warnings=(*warnings, *_fit_warnings({a: in_a, b: in_b})),
     )
 
 
-def _alike(a: CampaignFit, b: CampaignFit) -> list[str]:
-    """What differs in how both are driven; refused where that leaves nothing to compare."""
+def _input_warnings(a: CampaignFit, b: CampaignFit) -> Iterator[str]:
+    """Warnings on differences of the vehicles and on shared logs.
+
+    Raises
+    ------
+    ConfigError
+        The axes or the thrusters differ.
+    """
     if a.axis is not b.axis:
         raise ConfigError(
             f"is of {a.axis.name} and {b.name} of {b.axis.name}; one degree of freedom was expected.",
             where=a.name,
             mend="Give --axis, or two parameter files of one axis.",
         )
-    if a.settings is None or b.settings is None:
-        return []
-    mine, yours = (_thrusters(day.settings) for day in (a, b))
-    if mine != yours:
-        raise ConfigError(
-            f"is driven by {_listed(mine)}, and {b.name} by {_listed(yours)}: parameters are measured by what drives "
-            "the vehicle, and these are two vehicles, or two layouts.",
-            where=a.name,
-            mend="Compare campaigns of one layout, the thrusters called alike in both rovid.toml.",
-        )
-    differing = a.settings.changes(b.settings, drive_alone=True)
-    if not differing:
-        return []
-    text = (
-        f"rovid.toml differs: {'; '.join(differing)}. Where that is a correction and no refit, make both alike: thrust "
-        "is what everything is measured by."
-    )
-    return [text]
+    if a.settings is not None and b.settings is not None:
+        thrusters_a, thrusters_b = _thrusters(a.settings), _thrusters(b.settings)
+        if thrusters_a != thrusters_b:
+            raise ConfigError(
+                f"has the thrusters {thrusters_a}, and {b.name} has {thrusters_b}. Parameters are measured relative to "
+                "thrust, so vehicles with different thrusters cannot be compared.",
+                where=a.name,
+                mend="Compare campaigns with the same thrusters, and name them alike in both rovid.toml.",
+            )
+        differences = a.settings.changes(b.settings, drive_alone=True)
+        if differences:
+            yield (
+                f"rovid.toml differs: {'; '.join(differences)}. If that is a correction and not a refit, make both "
+                "files equal, because all parameters are measured relative to thrust."
+            )
+    if a.vehicle_name != b.vehicle_name:
+        names = [repr(one.vehicle_name) if one.vehicle_name else "no name" for one in (a, b)]
+        yield f"The names of the vehicles differ: {names[0]} in {a.name}, {names[1]} in {b.name}."
+    shared = {source.sha256 for source in a.sources} & {source.sha256 for source in b.sources}
+    if shared:
+        logs = ", ".join(source.name for source in a.sources if source.sha256 in shared)
+        yield f"In both campaigns: {logs}. Results of the same logs are correlated, so the errors are not valid."
 
 
-def _called(a: CampaignFit, b: CampaignFit) -> list[str]:
-    """What is said of vehicles that are not called alike."""
-    if a.vehicle_name == b.vehicle_name:
-        return []
-    return [f"{a.name} is of {a.vehicle_name or 'no vehicle by name'}, {b.name} of {b.vehicle_name or 'none'}."]
+def _thrusters(settings: ConfigFingerprint) -> str:
+    """Names of the thrusters, or of the logged torque."""
+    return ", ".join(sorted({name.partition(" of ")[2] or f"logged {name}" for name in settings.drive})) or "nothing"
 
 
-def _twice(a: CampaignFit, b: CampaignFit) -> list[str]:
-    """What is said where a log is in both."""
-    both = {source.sha256 for source in a.sources} & {source.sha256 for source in b.sources}
-    if not both:
-        return []
-    names = [source.name for source in a.sources if source.sha256 in both]
-    return [
-        f"In both campaigns: {', '.join(names)}. What rests on the same logs agrees, and errors are no errors then."
-    ]
-
-
-def _thrusters(settings: ConfigFingerprint | None) -> list[str]:
-    """Names of what drives the vehicle."""
-    drive = {} if settings is None else settings.drive
-    return sorted({name.partition(" of ")[2] or f"logged {name}" for name in drive})
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names) or "nothing"
-
-
-def _pair(one: SharedEstimate, other: SharedEstimate, passing: Sequence[Effect]) -> tuple[EstimatePair, list[str]]:
-    """What both say of the same parameters, but for what is of a day alone; and the names of all that either has."""
-    aside = tuple(f"{effect.key}." for effect in passing)
-    named = [name for name in dict.fromkeys((*one.names, *other.names)) if not name.startswith(aside)]
-    kept = [name for name in named if _is_known(one, name) and _is_known(other, name)]
-    places = [[side.names.index(name) for name in kept] for side in (one, other)]
+def _pair(a: SharedEstimate, b: SharedEstimate, environmental: Sequence[Effect]) -> tuple[EstimatePair, list[str]]:
+    """Estimates of the parameters known in both campaigns, and the names known in only one, without environment."""
+    excluded = tuple(f"{effect.key}." for effect in environmental)
+    names = [name for name in dict.fromkeys((*a.names, *b.names)) if not name.startswith(excluded)]
+    shared = [name for name in names if _is_known(a, name) and _is_known(b, name)]
+    at_a, at_b = ([side.names.index(name) for name in shared] for side in (a, b))
     pair = EstimatePair(
-        names=tuple(kept),
-        units=tuple(one.units[at] for at in places[0]),
-        a=one.values[places[0]],
-        b=other.values[places[1]],
-        covariance_a=one.covariance[np.ix_(places[0], places[0])],
-        covariance_b=other.covariance[np.ix_(places[1], places[1])],
-        white=one.white and other.white,
-        samples=one.samples + other.samples,
+        names=tuple(shared),
+        units=tuple(a.units[index] for index in at_a),
+        a=a.values[at_a],
+        b=b.values[at_b],
+        covariance_a=a.covariance[np.ix_(at_a, at_a)],
+        covariance_b=b.covariance[np.ix_(at_b, at_b)],
+        white=a.white and b.white,
+        samples=a.samples + b.samples,
     )
-    return pair, named
+    return pair, [name for name in names if name not in shared]
 
 
-def _is_known(side: SharedEstimate, name: str) -> bool:
-    if name not in side.names:
+def _is_known(estimate: SharedEstimate, name: str) -> bool:
+    if name not in estimate.names:
         return False
-    at = side.names.index(name)
-    variance = side.covariance[at, at]
+    index = estimate.names.index(name)
+    variance = estimate.covariance[index, index]
     return math.isfinite(variance) and variance > 0.0
 
 
-def _other_thruster(a: CampaignFit, effects: Sequence[Effect]) -> str:
-    """Key of the one thruster whose gain is not among the ``effects``; empty where there is none, or more."""
-    if not a.runs:
+def _remaining_thruster(campaign: CampaignFit, effects: Sequence[Effect]) -> str:
+    """Key of the only thruster without a gain among the ``effects``; empty if there is not exactly one."""
+    if not campaign.runs:
         return ""
-    named = {effect.form for effect in effects if effect.id == IMBALANCE.id}
-    left = [
-        thruster.name for thruster in a.vehicle.thrusters if thruster.curve is not None and thruster.name not in named
-    ]
-    return f"{IMBALANCE.id}:{left[0]}" if named and len(left) == 1 else ""
+    with_gain = {effect.form for effect in effects if effect.id == IMBALANCE.id}
+    names = [thruster.name for thruster in campaign.vehicle.thrusters if thruster.curve is not None]
+    remaining = [name for name in names if name not in with_gain]
+    return f"{IMBALANCE.id}:{remaining[0]}" if with_gain and len(remaining) == 1 else ""
 
 
-def _unseen(changes: DifferenceTest, matters: float) -> list[str]:
-    """What might have changed by a share that ``matters``, and these data would not show it."""
-    return [
-        f"{name.replace('_', ' ')} would have had to change by {100.0 * changes.detectable_changes[name]:.0f} % to be seen"
-        for name in _WANTED
-        if changes.detectable_changes.get(name, 0.0) > matters
-    ]
-
-
-def _apart(changes: DifferenceTest) -> list[str]:
-    """What is said where too much differs for chance, and no few changes explain it."""
-    if changes.p_value >= _CHANCE:
-        return []
-    return [
-        "what did not change by any name differs by more than its errors, which are too small, or much changed a little"
-    ]
-
-
-def _untold(named: Sequence[str], pair: EstimatePair, a: CampaignFit, b: CampaignFit) -> list[str]:
-    """What one of the two alone knows, a clause each."""
-    clauses = []
-    for name in named:
-        if name in pair.names:
-            continue
-        what = f"{name} is known of one of the two alone"
-        if a.runs and b.runs:
-            clauses.append(what)
-        else:
-            clauses.append(f"{what}, and of a parameter file nobody tells whether its logs show it: give the logs")
-    return clauses
+def _open_questions(
+    changes: DifferenceTest, relevant_change: float, only_in_one: Sequence[str], *, both_logs: bool
+) -> Iterator[str]:
+    """Clauses on what prevents a clear verdict."""
+    for name in _REQUIRED:
+        detectable = changes.detectable_changes.get(name, 0.0)
+        if detectable > relevant_change:
+            yield f"the smallest detectable change of {name.replace('_', ' ')} is {100.0 * detectable:.0f} %"
+    if changes.p_value < _SIGNIFICANT:
+        yield (
+            "parameters without an established change differ by more than their errors: the errors are too small, or "
+            "several parameters changed slightly"
+        )
+    for name in only_in_one:
+        reason = (
+            "" if both_logs else ", and a parameter file does not show whether the other logs contain it: give the logs"
+        )
+        yield f"{name} is known in only one campaign{reason}"
 
 
 def _causes(
-    day: CampaignFit, against: CampaignFit, effects: Sequence[Effect], own: SharedEstimate, changes: DifferenceTest
+    campaign: CampaignFit,
+    other: CampaignFit,
+    effects: Sequence[Effect],
+    estimate: SharedEstimate,
+    changes: DifferenceTest,
 ) -> tuple[str, ...]:
-    """Ids of what acts in ``day``: what was found there, and what was found in the other, did not change, and shows."""
-    found = {effect.key: effect.id for effect in day.found_effects}
-    gone = {change.candidate.name for change in changes.established}
+    """Ids of the causes that act in ``campaign``.
+
+    These are the causes found there, and the unchanged causes found in the ``other`` campaign that are significant.
+    """
+    found = {effect.key: effect.id for effect in campaign.found_effects}
+    found_in_other = {effect.id for effect in other.found_effects}
+    changed = {change.candidate.name for change in changes.established}
     for effect in effects:
-        size = f"{effect.key}.{effect.parameters[0].name}"
-        acts = size in own.names and _is_away(own, size, effect.parameters[0].neutral)
-        if effect.key in gone and effect.id in found.values() and not acts:
+        parameter = effect.parameters[0]
+        acts = _is_significant(estimate, f"{effect.key}.{parameter.name}", parameter.neutral)
+        if effect.key in changed and effect.id in found.values() and not acts:
             found = {key: name for key, name in found.items() if name != effect.id}
-        elif acts and any(effect.id == other.id for other in against.found_effects) and not effect.environmental:
+        elif acts and effect.id in found_in_other and not effect.environmental:
             found[effect.key] = effect.id
     return tuple(dict.fromkeys(found.values()))
 
 
-def _is_away(own: SharedEstimate, name: str, null: float) -> bool:
-    at = own.names.index(name)
-    return bool(abs(own.values[at] - null) > _ACTS * math.sqrt(own.covariance[at, at]))
-
-
-def _passing(a: CampaignFit, b: CampaignFit) -> tuple[str, ...]:
-    """Ids of what is of a day alone and acted in one of the two."""
-    each = [{effect.id for effect in day.found_effects if effect.environmental} for day in (a, b)]
-    return tuple(sorted(each[0] ^ each[1]))
+def _is_significant(estimate: SharedEstimate, name: str, neutral: float) -> bool:
+    if name not in estimate.names:
+        return False
+    index = estimate.names.index(name)
+    return bool(abs(estimate.values[index] - neutral) > _ACTS * math.sqrt(estimate.covariance[index, index]))
 
 
 def _predictions(a: CampaignFit, b: CampaignFit) -> dict[tuple[str, str], CrossPrediction]:
-    """Each model on each campaign's runs, where there are any."""
-    days = {"a": a, "b": b}
-    wanted = []
-    for name, day in days.items():
-        for runs_of, on in days.items():
-            if day.model is not None and on.runs and (day is on or _suits(day.model, on)):
-                wanted.append((name, runs_of, day.model, on))
-    made = thread_map(lambda one: _predicted(one[2], one[3]), wanted)
-    return {(name, runs_of): prediction for (name, runs_of, *_), prediction in zip(wanted, made, strict=True)}
+    """Simulations of each campaign's runs by each model, if the logs hold the signals of its effects."""
+    campaigns = {"a": a, "b": b}
+    tasks: dict[tuple[str, str], tuple[Model, CampaignFit]] = {}
+    for name, campaign in campaigns.items():
+        model = campaign.model
+        for other_name, other in campaigns.items():
+            if model is None or not other.runs:
+                continue
+            if campaign is other or all(map(other.has_signals_for, model.effects)):
+                tasks[name, other_name] = model, other
+    return dict(zip(tasks, thread_map(lambda task: _predict(*task), list(tasks.values())), strict=True))
 
 
-def _suits(model: Model, on: CampaignFit) -> bool:
-    """Whether the logs hold what the effects of ``model`` need."""
-    return all(on.has_signals_for(effect) for effect in model.effects)
-
-
-def _predicted(model: Model, on: CampaignFit) -> CrossPrediction:
-    simulations = simulate_runs(on.runs, model, on.vehicle)
+def _predict(model: Model, campaign: CampaignFit) -> CrossPrediction:
+    simulations = simulate_runs(campaign.runs, model, campaign.vehicle)
     fit = pooled_fit(simulations)
     errors: dict[float, float | None] = {}
     for horizon in HORIZONS:
@@ -319,16 +290,11 @@ def _predicted(model: Model, on: CampaignFit) -> CrossPrediction:
     return CrossPrediction(simulations=tuple(simulations), rate_r2=fit.r2, rate_rmse=fit.rmse, position_errors=errors)
 
 
-def _noticed(day: CampaignFit, own: SharedEstimate) -> list[str]:
-    """What was noticed in the logs, and of the fit."""
-    remarks = [] if day.study is None else day.study.remarks()
-    return [*remarks, *own.warnings]
-
-
-def _said(noticed: Mapping[str, Sequence[str]]) -> list[str]:
-    """Each remark once, with the campaign that it is on, or both."""
-    of: dict[str, list[str]] = {}
-    for name, texts in noticed.items():
-        for text in texts:
-            of.setdefault(text, []).append(name)
-    return [f"{' and '.join(names)}: {text}" for text, names in of.items()]
+def _fit_warnings(estimates: Mapping[CampaignFit, SharedEstimate]) -> list[str]:
+    """Remarks on the logs and on the fits, each once, with the names of its campaigns."""
+    campaigns: dict[str, list[str]] = {}
+    for campaign, estimate in estimates.items():
+        remarks = [] if campaign.study is None else campaign.study.remarks()
+        for text in dict.fromkeys((*remarks, *estimate.warnings)):
+            campaigns.setdefault(text, []).append(campaign.name)
+    return [f"{' and '.join(names)}: {text}" for text, names in campaigns.items()]

@@ -1,4 +1,4 @@
-"""Whether two methods say the same of one parameter, and which one to believe where they do not."""
+"""Comparison of the results of two methods for the same parameters."""
 
 from __future__ import annotations
 
@@ -13,62 +13,65 @@ from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
 from rovid.model.parameter_names import effect_ids
 from rovid.store.parameter_file import Entry
 
-# Joint standard errors beyond which two methods do not say the same.
-_APART = 3.0
-# Methods that fit all parameters at once.
+# Joint standard errors beyond which two methods disagree; a decision.
+_LIMIT = 3.0
+# Methods that fit all parameters together.
 JOINT_METHODS = (InnovationLikelihood.method, MultiStepLikelihood.method)
 _BASE = ("inertia", "quadratic_drag", "linear_drag")
 
 
 def method_disagreement(entries: Mapping[str, Entry], estimate: Estimate) -> list[str]:
-    """One line on the parameter of ``estimate`` that another method, in ``entries``, has farthest off; none if none is.
+    """A warning about the parameter in ``entries`` that differs most from ``estimate``, if it differs too much.
 
-    Where both rest on the same logs their errors are not independent, and the line comes late rather than early.
+    If both methods used the same logs, their errors are correlated and the test is conservative.
     """
-    gaps = {name: _gap(entries[name], estimate, name) for name in _BASE if _compared(entries, estimate, name)}
-    worst = max(gaps, key=lambda name: gaps[name], default=None)
-    if worst is None or gaps[worst] <= _APART:
+    distances = {
+        name: _distance(entries[name], estimate, name) for name in _BASE if _is_compared(entries, estimate, name)
+    }
+    worst = max(distances, key=distances.__getitem__, default=None)
+    if worst is None or distances[worst] <= _LIMIT:
         return []
-    entry, unit = entries[worst], estimate.unit(worst)
-    here = plus_minus(estimate.value(worst), estimate.standard_error(worst))
-    there = plus_minus(entry.value, entry.standard_error)
-    mine, theirs = effect_titles(estimate.names), effect_titles(entries)
-    if mine != theirs and not (mine and theirs):
-        # The difference is what the causes do, and no riddle.
-        share = (
-            relative_deviation(entry.value, estimate.value(worst))
-            if mine
-            else relative_deviation(estimate.value(worst), entry.value)
-        )
-        poorer, value = (entry.method, there) if mine else (estimate.method, here)
-        return [f"{worst} by {poorer} is {value} {unit}, {share}: that knows nothing of {mine or theirs}."]
+    entry, value, unit = entries[worst], estimate.value(worst), estimate.unit(worst)
+    here = plus_minus(value, estimate.standard_error(worst))
+    stored = plus_minus(entry.value, entry.standard_error)
+    own, other = effect_titles(estimate.names), effect_titles(entries)
+    # If only one of the models has effects, they explain the difference.
+    if own and not other:
+        deviation = relative_deviation(entry.value, value)
+        return [f"{worst} by {entry.method} is {stored} {unit}, {deviation}, because that method does not model {own}."]
+    if other and not own:
+        deviation = relative_deviation(value, entry.value)
+        return [
+            f"{worst} by {estimate.method} is {here} {unit}, {deviation}, because this method does not model {other}."
+        ]
     text = (
-        f"{worst} is {here} {unit} here and {there} {unit} by {entry.method}: {gaps[worst]:.0f} joint standard errors "
-        f"apart. {_advice(entry, estimate)}"
+        f"{worst} is {here} {unit} by this method and {stored} {unit} by {entry.method}: they differ by "
+        f"{distances[worst]:.0f} joint standard errors. {_advice(entry, estimate)}"
     )
     return [text]
 
 
 def effect_titles(names: Iterable[str]) -> str:
-    """The effects among parameter ``names``, in words; nothing where there are none."""
+    """Titles of the effects among parameter ``names``, joined by "and"; empty if there are none."""
     return " and ".join(dict.fromkeys(effect_named(key).title for key in effect_ids(names)))
 
 
-def relative_deviation(value: float, of: float) -> str:
-    """How far a ``value`` is from the model's ``of``, in words."""
-    share = 100.0 * (value / of - 1.0)
+def relative_deviation(value: float, reference: float) -> str:
+    """Deviation of a ``value`` from the model's ``reference`` in words."""
+    share = 100.0 * (value / reference - 1.0)
     size = f"{abs(share):.0f}" if abs(share) >= 10.0 else f"{abs(share):.2g}"
     return f"{size} % {'above' if share > 0.0 else 'below'} the model's"
 
 
-def _compared(entries: Mapping[str, Entry], estimate: Estimate, name: str) -> bool:
+def _is_compared(entries: Mapping[str, Entry], estimate: Estimate, name: str) -> bool:
     if name not in entries or name not in estimate.names or name in estimate.refused:
         return False
-    same = entries[name].method == estimate.method and entries.keys() >= set(estimate.names)
-    return not same and entries[name].unit == estimate.unit(name)
+    same_method = entries[name].method == estimate.method and entries.keys() >= set(estimate.names)
+    return not same_method and entries[name].unit == estimate.unit(name)
 
 
-def _gap(entry: Entry, estimate: Estimate, name: str) -> float:
+def _distance(entry: Entry, estimate: Estimate, name: str) -> float:
+    """Difference in joint standard errors."""
     joint = math.hypot(entry.standard_error, estimate.standard_error(name))
     if 0.0 < joint < math.inf:
         return abs(entry.value - estimate.value(name)) / joint
@@ -76,13 +79,13 @@ def _gap(entry: Entry, estimate: Estimate, name: str) -> float:
 
 
 def _advice(entry: Entry, estimate: Estimate) -> str:
-    mine, other = estimate.method in JOINT_METHODS, entry.method in JOINT_METHODS
-    if mine and other:
-        return "Believe the one whose model has the causes that were found."
-    if mine or other:
-        which = "this one" if mine else "the other"
+    this, other = estimate.method in JOINT_METHODS, entry.method in JOINT_METHODS
+    if this and other:
+        return "Use the result of the model with the causes that were found."
+    if this or other:
+        result = "this result" if this else "the other result"
         return (
-            f"Believe {which}: it takes all logs at once and knows of disturbances. That they differ may mean that a "
-            "cause is missing, for which `rovid diagnose` looks."
+            f"Use {result}: it is a joint fit of all logs with a disturbance. The difference may mean that a cause is "
+            "missing. Run `rovid diagnose` to look for it."
         )
-    return "Believe neither before `rovid fit`, which takes all logs at once and knows of disturbances."
+    return "Use neither before you run `rovid fit`, a joint fit of all logs with a disturbance."

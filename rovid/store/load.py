@@ -1,4 +1,4 @@
-"""A parameter file, read and checked."""
+"""Reading and validation of parameter files."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from rovid.store.parameter_file import SCHEMA, SCHEMA_VERSION, Entry, Parameters
 from rovid.trial.axis import YAW, axis_named
 from rovid.trial.config_fingerprint import ConfigFingerprint
 
-# Of a correlation: numbers rounded to three digits by hand are still a covariance.
+# Tolerance of correlations: accepts numbers that a user rounded to three digits.
 _ROUNDING = 1e-3
 _AGAIN = "Put it back, or delete it and run `rovid fit-drag LOGS` again."
-_ANOTHER = "Point to a parameter file with -p, or to a name that is free."
+_ANOTHER = "Give a parameter file, or the name of a new one, with -p."
 
 
 def read_parameters(path: Path) -> Parameters:
@@ -34,19 +34,22 @@ def read_parameters(path: Path) -> Parameters:
     Raises
     ------
     ConfigError
-        It is missing, not a parameter file, or of a schema newer than this rovid knows.
+        The file is missing, not a parameter file, or of a newer schema.
     """
-    _require_file(path)
+    require_regular(path)
+    if not path.is_file():
+        text = "is a folder, not a parameter file." if path.exists() else "there is no such parameter file."
+        raise ConfigError(text, where=path, mend="Run `rovid fit-drag LOGS` first, or give a parameter file with -p.")
     return parse_parameters(path, read_toml(path, mend=_AGAIN if PARAMETERS.matches(path) else _ANOTHER))
 
 
 def parse_parameters(path: Path, document: Mapping[str, Any]) -> Parameters:
-    """What a ``document`` in ``path`` says.
+    """Parse the ``document`` of the parameter file ``path``.
 
     Raises
     ------
     ConfigError
-        It is none of parameters, or of a schema newer than this rovid knows.
+        The document is not of parameters, or of a newer schema.
     """
     _check_schema(path, document.get("schema"))
     try:
@@ -57,13 +60,6 @@ def parse_parameters(path: Path, document: Mapping[str, Any]) -> Parameters:
         raise ConfigError(f"is damaged: {error}.", where=path, mend=_AGAIN) from error
 
 
-def _require_file(path: Path) -> None:
-    require_regular(path)
-    if not path.is_file():
-        text = "is a folder, not a parameter file." if path.exists() else "there is no such parameter file."
-        raise ConfigError(text, where=path, mend="Run `rovid fit-drag LOGS` first, or point to one with -p.")
-
-
 def _check_schema(path: Path, schema: object) -> None:
     version = re.fullmatch(rf"{SCHEMA}/([0-9]{{1,9}})", str(schema))
     if version is None:
@@ -72,21 +68,20 @@ def _check_schema(path: Path, schema: object) -> None:
         raise ConfigError(
             f"has schema {schema}, newer than the {SCHEMA}/{SCHEMA_VERSION} that rovid {__version__} reads.",
             where=path,
-            mend="Use the rovid that wrote it, or a newer one.",
+            mend="Use the version of rovid that wrote it, or a newer one.",
         )
 
 
 def _parse(path: Path, document: Mapping[str, Any]) -> Parameters:
     entries = {name: _entry(name, written) for name, written in document["parameters"].items()}
-    for name, entry in entries.items():
-        _check_entry(name, entry)
+    covariance = document["covariance"]
     return Parameters(
         path=path,
         vehicle=str(document.get("vehicle", "")),
         axis=axis_named(str(document.get("axis", YAW.name))),
         logs=tuple((path.parent / str(item)).resolve() for item in document["logs"]),
         entries=entries,
-        covariance=_covariance(document["covariance"]["names"], document["covariance"]["matrix"], entries),
+        covariance=_covariance(covariance["names"], covariance["matrix"], entries),
         sources=tuple(_source(written, path.parent) for written in document["sources"]),
         settings=_settings(document.get("rests_on")),
     )
@@ -95,6 +90,11 @@ def _parse(path: Path, document: Mapping[str, Any]) -> Parameters:
 def _entry(name: str, written: Mapping[str, Any]) -> Entry:
     value = _number(written["value"], name)
     error = _number_or_nan(written["standard_error"], f"standard_error of {name}")
+    # Drag may be zero but not negative. Inertia has to be positive.
+    if (name in base_names(YAW) and not value >= 0.0) or (name == "inertia" and value < SMALLEST):
+        raise ValueError(f"{name} is {value:g}, which is not possible")
+    if error < 0.0:
+        raise ValueError(f"standard_error of {name} is {error:g}; zero or more was expected")
     return Entry(
         value=value,
         standard_error=error,
@@ -104,68 +104,55 @@ def _entry(name: str, written: Mapping[str, Any]) -> Entry:
     )
 
 
-def _check_entry(name: str, entry: Entry) -> None:
-    # Drag may be zero, not negative.
-    negative = name in base_names(YAW) and not entry.value >= 0.0
-    weightless = name == "inertia" and entry.value < SMALLEST
-    if negative or weightless:
-        raise ValueError(f"{name} is {entry.value:g}, which no vehicle has")
-    if entry.standard_error < 0.0:
-        raise ValueError(f"standard_error of {name} is {entry.standard_error:g}; zero or more was expected")
-
-
 def _source(written: Mapping[str, Any], folder: Path) -> Source:
-    place = written.get("path")
+    path, samples = written.get("path"), written["samples"]
+    if isinstance(samples, bool) or not isinstance(samples, int) or samples < 0:
+        raise ValueError(f"samples is {samples!r}; a whole number was expected")
     return Source(
         name=str(written["name"]),
         sha256=str(written["sha256"]),
-        samples=_count(written["samples"]),
-        path=None if place is None else (folder / str(place)).resolve(),
+        samples=samples,
+        path=None if path is None else (folder / str(path)).resolve(),
     )
 
 
 def _settings(written: Mapping[str, Any] | None) -> ConfigFingerprint | None:
-    """What of rovid.toml the parameters rest on; None of a file of rovid 0.2."""
+    """Fingerprint of rovid.toml; None for a file of rovid 0.2."""
     if written is None:
         return None
-    told = {
-        key: {str(name): str(text) for name, text in written[key].items()} for key in ("drive", "signals", "further")
-    }
-    return ConfigFingerprint(**told, guessed=tuple(map(str, written["guessed"])))
+    drive, signals, further = (
+        {str(name): str(text) for name, text in written[key].items()} for key in ("drive", "signals", "further")
+    )
+    guessed = tuple(map(str, written["guessed"]))
+    return ConfigFingerprint(drive=drive, signals=signals, further=further, guessed=guessed)
 
 
-def _number(value: object, place: str, largest: float = LARGEST) -> float:
-    wanted = expected_number(value, largest=largest)
-    if wanted or not isinstance(value, int | float):
-        raise ValueError(f"{place} is {value!r}; {wanted} was expected")
+def _number(value: object, name: str, largest: float = LARGEST) -> float:
+    expected = expected_number(value, largest=largest)
+    if expected or not isinstance(value, int | float):
+        raise ValueError(f"{name} is {value!r}; {expected} was expected")
     return float(value)
 
 
-def _number_or_nan(value: object, place: str, largest: float = LARGEST) -> float:
-    """As ``_number``; NaN for an error that one reading alone cannot tell."""
+def _number_or_nan(value: object, name: str, largest: float = LARGEST) -> float:
+    """A number; NaN is an error that the data did not determine."""
     if isinstance(value, float) and math.isnan(value):
         return value
-    return _number(value, place, largest)
-
-
-def _count(value: object) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-        raise ValueError(f"samples is {value!r}; a whole number was expected")
-    return value
+    return _number(value, name, largest)
 
 
 def _covariance(
     names: Sequence[str], matrix: Sequence[Any], entries: Mapping[str, Entry]
 ) -> dict[tuple[str, str], float]:
-    """Covariance of each pair of ``names``, where the matrix can be one.
+    """Covariance of each pair of ``names``, after validation of the matrix.
 
-    Its diagonal may be less than the square of the standard errors, which hold the scale of thrust too. Variance and
-    standard error may be NaN together: nothing told them.
+    A variance may be smaller than the squared standard error, which includes the uncertainty of the thrust's scale.
+    Variance and standard error may be NaN together if the data did not determine them.
     """
     if not set(names) <= set(entries) or len(set(names)) < len(names):
-        raise ValueError("names of the covariance are not those of parameters, each once")
+        raise ValueError("the names of the covariance are not unique names of parameters")
     if [len(names)] * len(names) != [len(row) for row in matrix]:
-        raise ValueError(f"the covariance of {len(names)} parameters is not a matrix of as many rows and columns")
+        raise ValueError(f"the covariance is not a square matrix of {len(names)} rows")
     written = np.array([[_number_or_nan(cell, "a covariance", LARGEST**2) for cell in row] for row in matrix])
     variance = {name: float(written[i, i]) for i, name in enumerate(names)}
     for name, entry in entries.items():
@@ -180,12 +167,12 @@ def _covariance(
 def _check_covariance(matrix: FloatArray) -> None:
     if np.isnan(matrix).any():
         raise ValueError("a covariance is nan; a number was expected")
-    spread = np.sqrt(np.maximum(np.diag(matrix), 0.0))
-    most = np.outer(spread, spread)
-    # As correlations all are of one size, whatever the units.
-    correlation = np.divide(matrix, most, out=np.zeros_like(matrix), where=most > 0.0)
+    errors = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    largest = np.outer(errors, errors)
+    # Correlations do not depend on the units.
+    correlation = np.divide(matrix, largest, out=np.zeros_like(matrix), where=largest > 0.0)
     if not np.allclose(correlation, correlation.T, rtol=0.0, atol=_ROUNDING):
         raise ValueError("the covariance is not symmetric")
-    too_large = np.any(np.abs(matrix) > (1.0 + _ROUNDING) * most)
+    too_large = np.any(np.abs(matrix) > (1.0 + _ROUNDING) * largest)
     if too_large or np.linalg.eigvalsh(correlation).min(initial=0.0) < -_ROUNDING:
-        raise ValueError("the covariance is none: a variance is negative, or parameters go together more than wholly")
+        raise ValueError("the covariance is not positive semidefinite")

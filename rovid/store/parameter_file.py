@@ -28,7 +28,7 @@ from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import YAW, Axis
 from rovid.trial.config_fingerprint import ConfigFingerprint
 
-# 1/s; no motion dies out faster, and none could be followed that did.
+# Largest decay rate of a motion in 1/s; faster decay is implausible and could not be integrated. A decision.
 _FASTEST = 1e3
 SCHEMA = "rovid-parameters"
 SCHEMA_VERSION = 1
@@ -36,7 +36,7 @@ SCHEMA_VERSION = 1
 
 @dataclass(frozen=True, kw_only=True)
 class Entry:
-    """One parameter: its value, standard error, unit, and how it was found: the method, and options that were given."""
+    """One parameter with the method and the options of its fit."""
 
     value: float
     standard_error: float
@@ -47,7 +47,7 @@ class Entry:
 
 @dataclass(frozen=True, kw_only=True)
 class Source:
-    """One log the parameters rest on; a file of rovid 0.2 does not say where it is."""
+    """A log that the parameters were fitted to; files of rovid 0.2 hold no path."""
 
     name: str
     sha256: str
@@ -57,7 +57,7 @@ class Source:
 
 @dataclass(frozen=True, kw_only=True)
 class Provenance:
-    """What an estimate comes of: LOGS as given, absolute; the logs in them; what of rovid.toml and which options."""
+    """Origin of an estimate: the absolute paths of LOGS, the logs in them, settings of rovid.toml and options."""
 
     logs: tuple[Path, ...]
     vehicle: str
@@ -73,16 +73,14 @@ class Parameters:
     Attributes
     ----------
     path
-        Where it is, or will be.
+        Path of the file, which may not exist yet.
     logs
-        What the user gave as LOGS, absolute.
+        Absolute paths of the LOGS that the user gave.
     covariance
-        (first, second) -> covariance of two parameters, in the product of their units; pairs found by
-        different methods are taken as uncorrelated and are absent.
-    axis
-        The degree of freedom that they are of.
+        (first, second) -> covariance of two parameters, in the product of their units. Pairs from different
+        methods are absent: they are treated as uncorrelated.
     settings
-        What of rovid.toml all of them rest on; None where that is not known, as of a file of rovid 0.2.
+        Fingerprint of the rovid.toml of the fits; None if unknown, as in a file of rovid 0.2.
     """
 
     path: Path
@@ -95,48 +93,44 @@ class Parameters:
     settings: ConfigFingerprint | None = None
 
     def cleared(self) -> Parameters:
-        """The same file without parameters; which logs it remembers stays."""
+        """A copy without parameters; the paths of the logs stay."""
         return replace(self, entries={}, covariance={}, sources=(), settings=None)
 
-    def with_estimate(self, estimate: Estimate, origin: Provenance | None = None) -> Parameters:
-        """The same with the parameters of ``estimate`` put in or replaced; they come of ``origin``, if one is told."""
-        found = self._with(estimate, "" if origin is None else origin.options)
-        if origin is None:
-            return found
-        others = found.entries.keys() - set(estimate.names)
-        unknown = others and self.settings is None
-        kept = self.sources if others else ()
-        sources = {(source.name, source.path): source for source in (*kept, *origin.sources)}
+    def with_estimate(self, estimate: Estimate, provenance: Provenance | None = None) -> Parameters:
+        """A copy with the parameters of ``estimate`` added or replaced."""
+        replaced = set(estimate.names)
+        covariance = {pair: value for pair, value in self.covariance.items() if replaced.isdisjoint(pair)}
+        # Effects belong to the fit that found them: another fit of the inertia removes them or fits them again.
+        if "inertia" in estimate.names:
+            replaced.update(filter(_is_of_effect, self.entries))
+        kept = {name: entry for name, entry in self.entries.items() if name not in replaced}
+        entries = kept | _entries(estimate, "" if provenance is None else provenance.options)
+        updated = replace(self, entries=entries, covariance=covariance | _covariance(estimate))
+        if provenance is None:
+            return updated
+        others = entries.keys() - set(estimate.names)
+        sources = {
+            (source.name, source.path): source for source in (*(self.sources if others else ()), *provenance.sources)
+        }
         return replace(
-            found,
-            vehicle=origin.vehicle,
-            logs=origin.logs,
+            updated,
+            vehicle=provenance.vehicle,
+            logs=provenance.logs,
             sources=tuple(sources.values()),
-            settings=None if unknown else origin.settings,
+            settings=None if others and self.settings is None else provenance.settings,
         )
 
-    def _with(self, estimate: Estimate, options: str) -> Parameters:
-        stale = set(estimate.names)
-        covariance = {pair: value for pair, value in self.covariance.items() if stale.isdisjoint(pair)}
-        # Effects belong to the fit that found them: another fit of the inertia does without, or finds them anew.
-        if "inertia" in estimate.names:
-            stale.update(filter(_of_an_effect, self.entries))
-        entries = {name: entry for name, entry in self.entries.items() if name not in stale}
-        entries |= _entries(estimate, options)
-        covariance |= _covariance(estimate)
-        return replace(self, entries=entries, covariance=covariance)
-
     def entries_for(self, paths: Sequence[Path]) -> Mapping[str, Entry]:
-        """What methods said of the logs at ``paths``; nothing where the file rests on others."""
+        """The parameters if they were fitted to the logs at ``paths``; else none."""
         if self.logs == absolute_paths(paths):
             return self.entries
         return {}
 
     def independent_drag(self) -> Estimate | None:
-        """Quadratic and linear drag from elsewhere than the inertia; a refused linear drag is zero.
+        """Quadratic and linear drag that were fitted without the inertia; a refused linear drag is zero.
 
-        None where there is no drag, or where it was found together with the inertia: it cannot judge that inertia, and
-        a second `rovid fit-inertia` has to give what the first gave.
+        None if there is no drag, or if it was fitted together with the inertia: such drag is not independent of the
+        inertia, and a second `rovid fit-inertia` has to repeat the first result.
         """
         names = ("quadratic_drag", "linear_drag")
         quadratic, linear = map(self.entries.get, names)
@@ -145,7 +139,7 @@ class Parameters:
             return None
         return Estimate(
             names=names,
-            values=np.array([quadratic.value, _value(linear)]),
+            values=np.array([quadratic.value, 0.0 if linear is None else linear.value]),
             covariance=np.array(self._matrix(names)),
             method=quadratic.method,
             samples=0,
@@ -153,11 +147,11 @@ class Parameters:
         )
 
     def base_estimate(self) -> Estimate:
-        """Inertia, drag and what weight does, as far as they are here, whatever found them."""
+        """Inertia, drag and restoring terms, from any method."""
         return self.estimate([name for name in base_names(self.axis) if name in self.entries])
 
     def estimate(self, names: Sequence[str]) -> Estimate:
-        """The entries of these ``names``, whatever found them."""
+        """The parameters of these ``names``, from any method."""
         names = tuple(names)
         return Estimate(
             names=names,
@@ -171,36 +165,35 @@ class Parameters:
 
     @property
     def per_inertia(self) -> bool:
-        """Whether the inertia could not be known, and all else is that of 1 kg m^2."""
+        """Whether the inertia is unknown and all parameters are per unit inertia."""
         entry = self.entries.get("quadratic_drag")
         return entry is not None and entry.unit.endswith(PER_INERTIA)
 
     def model(self) -> Model:
-        """The model that these parameters describe.
+        """The model with these parameters.
 
         Raises
         ------
         ConfigError
-            Inertia, drag or a parameter of an effect is missing, or the drag ends any motion at once.
+            Inertia, drag or a parameter of an effect is missing, or the drag is implausibly large.
         """
         quadratic_drag = self._needed("quadratic_drag", "Run `rovid fit-drag LOGS` first.")
         inertia = 1.0
         if not self.per_inertia:
             inertia = self._needed("inertia", "Run `rovid fit-inertia` first.")
-        linear_drag = _value(self.entries.get("linear_drag"))
+        linear_drag = self.entries["linear_drag"].value if "linear_drag" in self.entries else 0.0
         effects = tuple(map(effect_named, self.effects))
-        # Behind the inertia and the two drags stands what weight and buoyancy do.
-        righting = base_names(self.axis)[3:]
-        restoring = [self._needed(name, "Run `rovid fit-inertia LOGS` first.") for name in righting]
+        # The first three names are the inertia and the two drags; the others are restoring terms.
+        restoring = [self._needed(name, "Run `rovid fit-inertia LOGS` first.") for name in base_names(self.axis)[3:]]
         effect_values: list[float] = []
         for effect in effects:
             effect_values += self._effect_values(effect)
         if quadratic_drag + linear_drag > _FASTEST * inertia:
             raise ConfigError(
-                f"the drag of {quadratic_drag:.3g} and {linear_drag:.3g} would end a motion at 1 {self.axis.rate_unit} "
-                f"of an inertia of {inertia:.3g} within {1.0 / _FASTEST} s: no vehicle brakes like that.",
+                f"quadratic drag {quadratic_drag:.3g} and linear drag {linear_drag:.3g} stop a motion at "
+                f"1 {self.axis.rate_unit} with inertia {inertia:.3g} within {1.0 / _FASTEST} s, which is implausible.",
                 where=self.path,
-                mend="Look for a slipped digit, or fit the parameters again.",
+                mend="Look for a wrong digit, or fit the parameters again.",
             )
         return Model(
             inertia=inertia,
@@ -213,13 +206,13 @@ class Parameters:
         )
 
     def _needed(self, name: str, mend: str) -> float:
-        """The value of a parameter without which there is no model."""
+        """The value of a parameter that the model requires."""
         if name not in self.entries:
             raise ConfigError(f"holds no {name}.", where=self.path, mend=mend)
         return self.entries[name].value
 
     def _effect_values(self, effect: Effect) -> list[float]:
-        mend = f"Run `rovid fit --effect {effect.key}`, or delete what is left of the effect."
+        mend = f"Run `rovid fit --effect {effect.key}`, or delete the other entries of the effect."
         return [self._needed(f"{effect.key}.{parameter.name}", mend) for parameter in effect.parameters]
 
     def _matrix(self, names: Sequence[str]) -> list[list[float]]:
@@ -237,23 +230,25 @@ class Parameters:
         return effect_ids(self.entries)
 
     def _written(self, entry: Entry) -> dict[str, Any]:
-        """One parameter for the file; whoever looks at it alone learns there that it is a placeholder."""
+        """One parameter for the file, marked if it is a placeholder."""
         marked = self.settings is not None and self.settings.assumptions.is_placeholder(entry.unit)
-        written = asdict(entry) | ({"placeholder": True} if marked else {})
+        written: dict[str, Any] = asdict(entry)
+        if marked:
+            written["placeholder"] = True
         return {key: value for key, value in written.items() if key != "options" or value}
 
     @property
     def output(self) -> OutputFile:
-        """The file."""
+        """The output file."""
         return OutputFile(self.path, PARAMETERS)
 
     def write(self) -> None:
-        """Write the file as it is here, whatever another process wrote.
+        """Write the file, replacing changes by other processes.
 
         Raises
         ------
         OutputError
-            It cannot be written, or what stands there is no parameter file.
+            The file cannot be written, or the existing file is no parameter file.
         """
         OutputSet([self.output]).write({self.output: self.text()})
 
@@ -264,9 +259,9 @@ class Parameters:
         return tomli_w.dumps(self.document())
 
     def document(self) -> dict[str, Any]:
-        """What the file says, as TOML has it."""
+        """The content as a TOML document."""
         names = [name for name in base_names(self.axis) if name in self.entries]
-        names += filter(_of_an_effect, self.entries)
+        names += filter(_is_of_effect, self.entries)
         axis = {} if self.axis is YAW else {"axis": self.axis.name}
         return {
             "schema": f"{SCHEMA}/{SCHEMA_VERSION}",
@@ -282,18 +277,12 @@ class Parameters:
         }
 
 
-def _of_an_effect(name: str) -> bool:
+def _is_of_effect(name: str) -> bool:
     return "." in name
 
 
-def _value(entry: Entry | None) -> float:
-    if entry is None:
-        return 0.0
-    return entry.value
-
-
 def _entries(estimate: Estimate, options: str) -> dict[str, Entry]:
-    """What an estimate says, but for what it refuses to say."""
+    """Entries of the parameters that the estimate does not refuse."""
     entries = {}
     for name in estimate.names:
         if name not in estimate.refused:
@@ -308,7 +297,7 @@ def _entries(estimate: Estimate, options: str) -> dict[str, Entry]:
 
 
 def _covariance(estimate: Estimate) -> dict[tuple[str, str], float]:
-    """Each pair once, the one that is named first in front."""
+    """Covariance of each pair of parameters, in the order of their names."""
     known = [(k, name) for k, name in enumerate(estimate.names) if name not in estimate.refused]
     pairs = combinations_with_replacement(known, 2)
     return {(first, second): float(estimate.covariance[i, j]) for (i, first), (j, second) in pairs}
@@ -320,12 +309,12 @@ def _written(source: Source, folder: Path) -> dict[str, Any]:
 
 
 def absolute_paths(paths: Sequence[Path]) -> tuple[Path, ...]:
-    """``paths`` from the root, as text that a file can hold."""
+    """Absolute ``paths``, encodable as text."""
     return tuple(Path(encodable(str(path.resolve()))) for path in paths)
 
 
 def sha256(path: Path) -> str:
-    """SHA-256 of a file, in hexadecimal; read again where its size, or when it was written, is another."""
+    """Hexadecimal SHA-256 of a file; cached by path, size and modification time."""
     found = path.stat()
     return _sha256(path, found.st_size, found.st_mtime_ns)
 
@@ -337,14 +326,14 @@ def _sha256(path: Path, _size: int, _written: int) -> str:
 
 
 def read_source(name: str, path: Path, samples: int) -> Source:
-    """The log at ``path``, by its digest."""
-    # A file may be called by bytes that are no text, and then cannot be found by what is written of it.
+    """The log at ``path`` with its digest."""
+    # A name may hold bytes that are no text. The encoded path then does not exist.
     (place,) = absolute_paths([path])
     return Source(name=encodable(name), sha256=sha256(path), samples=samples, path=place if place.exists() else None)
 
 
 def _relative(path: Path, folder: Path) -> str:
-    """Relative to the parameter file, so that both can be moved together."""
+    """Path relative to the parameter file, because both may be moved together."""
     try:
         return Path(os.path.relpath(path, folder.resolve())).as_posix()
     except ValueError:  # another drive on Windows

@@ -1,4 +1,4 @@
-"""Whether a parameter file still holds: whether what it rests on is as it was."""
+"""Check whether the inputs of a parameter file are unchanged."""
 
 from __future__ import annotations
 
@@ -11,19 +11,20 @@ from rovid.store.parameter_file import Parameters, Provenance, Source, sha256
 from rovid.trial.config import find_config, load_config
 from rovid.trial.config_fingerprint import ConfigFingerprint
 
+# Maximum number of items that a message names.
 _NAMED = 3
 
 
 @dataclass(frozen=True, kw_only=True)
 class Freshness:
-    """What is known of a parameter file.
+    """Result of the check.
 
     Attributes
     ----------
-    changed
-        What it rests on and is not as it was, a clause each; the parameters hold where there is none.
+    changes
+        One clause for each changed input; the parameters are valid if there are none.
     remarks
-        Sentences on what cannot be told, and on logs that came after the fit.
+        Sentences on what could not be checked, and on logs added after the fit.
     """
 
     changes: tuple[str, ...] = ()
@@ -31,22 +32,23 @@ class Freshness:
 
     @property
     def reason(self) -> str:
-        """What has changed, in a clause."""
+        """The changes in one clause."""
         more = len(self.changes) - _NAMED
-        return "; ".join((*self.changes[:_NAMED], *[f"{more} more"] * (more > 0)))
+        clauses = [*self.changes[:_NAMED], f"{more} more"] if more > 0 else self.changes
+        return "; ".join(clauses)
 
 
-def check_freshness(stored: Parameters, origin: Provenance | None) -> Freshness:
-    """How ``stored`` stands, from the files that it rests on; ``origin`` is of the study at hand, if there is one."""
+def check_freshness(stored: Parameters, provenance: Provenance | None) -> Freshness:
+    """Compare the inputs of ``stored`` with the current files, and with the ``provenance`` of a study if given."""
     if not stored.entries:
         return Freshness()
-    own = _own_settings(stored)
-    changed = [*_changed_settings(stored, own, origin), *_changed_logs(stored, origin)]
-    return Freshness(changes=tuple(dict.fromkeys(changed)), remarks=tuple(_remarks(stored, own, origin)))
+    own = _current_settings(stored)
+    changes = [*_changed_settings(stored, own, provenance), *_changed_logs(stored, provenance)]
+    return Freshness(changes=tuple(dict.fromkeys(changes)), remarks=tuple(_remarks(stored, own, provenance)))
 
 
-def _own_settings(stored: Parameters) -> ConfigFingerprint | None:
-    """What its own rovid.toml says now; None where that is not there, or cannot be read, which others will say."""
+def _current_settings(stored: Parameters) -> ConfigFingerprint | None:
+    """Fingerprint of its rovid.toml now; None if the file is missing or invalid, which other checks report."""
     if not stored.logs:
         return None
     try:
@@ -55,66 +57,74 @@ def _own_settings(stored: Parameters) -> ConfigFingerprint | None:
         return None
 
 
-def _changed_settings(stored: Parameters, own: ConfigFingerprint | None, origin: Provenance | None) -> Iterator[str]:
-    # Tables of results rest on nothing in rovid.toml.
+def _changed_settings(
+    stored: Parameters, own: ConfigFingerprint | None, provenance: Provenance | None
+) -> Iterator[str]:
+    # Tables of results do not depend on rovid.toml.
     if stored.settings is None or not stored.settings.signals:
         return
     if own is not None:
         yield from stored.settings.changes(own)
-    if origin is not None and origin.logs != stored.logs and origin.settings.signals:
-        # Other logs may hold their signals elsewhere; what drives the vehicle has to be the same.
-        yield from stored.settings.changes(origin.settings, drive_alone=True)
+    if provenance is not None and provenance.logs != stored.logs and provenance.settings.signals:
+        # Other logs may have other columns; only the thrusters have to be the same.
+        yield from stored.settings.changes(provenance.settings, drive_alone=True)
 
 
-def _changed_logs(stored: Parameters, origin: Provenance | None) -> Iterator[str]:
-    known = () if origin is None else origin.sources
-    # Large logs are read once for their digest.
-    digests = {source.path: source.sha256 for source in known}
-    named = {source.name: source.sha256 for source in known if origin is not None and origin.logs == stored.logs}
+def _changed_logs(stored: Parameters, provenance: Provenance | None) -> Iterator[str]:
+    by_path: dict[Path | None, str] = {}
+    by_name: dict[str, str] = {}
+    if provenance is not None:
+        # Reuses the digests of the study, because logs may be large.
+        by_path = {source.path: source.sha256 for source in provenance.sources}
+        if provenance.logs == stored.logs:
+            by_name = {source.name: source.sha256 for source in provenance.sources}
     for source in stored.sources:
-        place = _place(stored, source)
-        if place is not None:
-            now = digests.get(place) or sha256(place)
+        path = _find(stored, source)
+        if path is not None:
+            digest = by_path.get(path) or sha256(path)
         elif _is_gone(stored, source.path):
             yield f"{source.name} is gone"
             continue
         else:
-            now = named.get(source.name, source.sha256)
-        if now != source.sha256:
+            digest = by_name.get(source.name, source.sha256)
+        if digest != source.sha256:
             yield f"{source.name} has changed"
 
 
-def _place(stored: Parameters, source: Source) -> Path | None:
-    """Where a log is: where it was, or else in LOGS, with which it may have moved; None where it is in neither."""
+def _find(stored: Parameters, source: Source) -> Path | None:
+    """Path of a log: its stored path, or its name in LOGS, which may have moved; None if neither exists."""
     if source.path is None:
         return None
-    places = (source.path, *(logs / source.name for logs in stored.logs))
-    return next((place for place in places if place.is_file()), None)
+    paths = (source.path, *(logs / source.name for logs in stored.logs))
+    return next((path for path in paths if path.is_file()), None)
 
 
 def _is_gone(stored: Parameters, log: Path | None) -> bool:
-    """Whether a ``log`` is missing where its folder, or the LOGS that it was in, are still there."""
+    """Whether a ``log`` is missing although its folder, or the LOGS that contained it, still exist."""
     if log is None:
         return False
     return log.parent.exists() or any(logs.exists() and log.is_relative_to(logs) for logs in stored.logs)
 
 
-def _remarks(stored: Parameters, own: ConfigFingerprint | None, origin: Provenance | None) -> Iterator[str]:
+def _remarks(stored: Parameters, own: ConfigFingerprint | None, provenance: Provenance | None) -> Iterator[str]:
+    name = stored.path.name
     if stored.settings is None:
         yield (
-            f"{stored.path.name} does not say what its parameters rest on, as files of rovid 0.2 and before: whether "
-            "they still hold cannot be told. The next fit notes it."
+            f"{name} was written by rovid 0.2 or earlier and does not name its inputs, so rovid cannot check whether "
+            "it is up to date. The next fit stores them."
         )
     elif stored.settings.signals and own is None:
-        yield f"The logs and rovid.toml of {stored.path.name} are not where they were: whether it holds cannot be told."
-    if origin is not None and origin.logs == stored.logs and stored.sources:
-        known, here = ({source.name: source for source in sources} for sources in (stored.sources, origin.sources))
-        if new := [name for name in here if name not in known]:
-            yield f"{_several(new)}: came after the fit, and no parameter rests on it."
-        if others := [name for name in known if name not in here]:
-            yield f"{_several(others)}: parameters rest on it too, and it is not among these logs."
+        yield f"The logs and rovid.toml of {name} have moved, so rovid cannot check whether it is up to date."
+    if provenance is not None and provenance.logs == stored.logs and stored.sources:
+        fitted = [source.name for source in stored.sources]
+        present = [source.name for source in provenance.sources]
+        if new := [log for log in present if log not in fitted]:
+            yield f"{_several(new)}: added after the fit and not part of it."
+        if missing := [log for log in fitted if log not in present]:
+            yield f"{_several(missing)}: part of the fit, but not among these logs."
 
 
 def _several(names: Sequence[str]) -> str:
+    names = list(dict.fromkeys(names))
     more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
     return f"{', '.join(names[:_NAMED])}{more}"

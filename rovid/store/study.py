@@ -1,4 +1,4 @@
-"""What the user's LOGS hold, logs or tables, and what can be identified from them."""
+"""The public Python interface: a study of the logs, or tables, in a folder, and what can be identified from them."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from rovid.estimate.steady_points import points_from_table, steady_points
 from rovid.readers import read_campaign
 from rovid.readers.campaign import TrialReader
 from rovid.readers.discover import candidate_files
-from rovid.signals.preprocessing import PreparedRuns, prepare, shared_channels
+from rovid.signals.preprocessing import PreparedRuns, Run, prepare, shared_channels
 from rovid.store.parameter_file import Provenance, Source, absolute_paths, read_source
 from rovid.trial.axis import YAW, Axis
 from rovid.trial.config import find_config, load_config, vehicle_without_thrusters
@@ -42,24 +42,24 @@ from rovid.trial.tables import SINE_COLUMNS, STEADY_COLUMNS, find_table, read_ta
 from rovid.trial.trial import Campaign, merged_remarks
 from rovid.trial.vehicle import Vehicle
 
-# Effects that a clock which is behind looks like.
-_LATE = ("command_delay", "thruster_lag")
+# Effects that a clock offset between commands and motion resembles.
+_DELAYS = ("command_delay", "thruster_lag")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Study:
-    """Logs with their runs, or tables of results in their place.
+    """A campaign of logs with their runs, or tables of results instead.
 
     Attributes
     ----------
     paths
-        As the user gave them.
+        Files and folders as given.
     campaign, runs
-        None where there are tables.
+        The logs, and the runs prepared from them; None for tables.
     steady, sine
-        Tables of steady states and of sine trials; None where there are logs, or no such table.
+        Tables of steady states and of sine trials; None for logs, or if there is no such table.
     settings
-        What of rovid.toml the logs were read by.
+        Fingerprint of the rovid.toml that the logs were read with.
     """
 
     paths: tuple[Path, ...]
@@ -72,7 +72,7 @@ class Study:
 
     @property
     def provenance(self) -> Provenance:
-        """What an estimate of this study comes of; every log is read for its digest."""
+        """Origin of an estimate from this study; reads every log for its digest."""
         return Provenance(
             logs=absolute_paths(self.paths),
             vehicle=self.vehicle.name,
@@ -84,24 +84,27 @@ class Study:
     @cached_property
     def _sources(self) -> tuple[Source, ...]:
         trials = () if self.campaign is None else self.campaign.trials
-        logs = [read_source(trial.name, trial.path, int(trial.measured.sum())) for trial in trials]
-        # Parts of one log were read from the same files.
-        beside = {
+        sources = [read_source(trial.name, trial.path, int(trial.measured.sum())) for trial in trials]
+        # Several trials may come from the same files.
+        companions = {
             path: f"{path.name} of {trial.parent or trial.name}" for trial in trials for path in trial.companion_files
         }
-        logs += [read_source(name, path, 0) for path, name in beside.items()]
-        tables = [table for table in (self.steady, self.sine) if table is not None]
-        return (
-            *logs,
-            *(read_source(table.name, table, len(read_table(table).rows)) for table in dict.fromkeys(tables)),
-        )
+        sources += [read_source(name, path, 0) for path, name in companions.items()]
+        for table in dict.fromkeys((self.steady, self.sine)):
+            if table is not None:
+                sources.append(read_source(table.name, table, len(read_table(table).rows)))
+        return tuple(sources)
+
+    @property
+    def _run_list(self) -> Sequence[Run]:
+        return () if self.runs is None else self.runs.items
 
     def remarks(self) -> list[str]:
-        """What was noticed in the logs, so that nothing is dropped silently."""
+        """Remarks on the logs, including everything that was dropped."""
         if self.campaign is None or self.runs is None:
             return []
-        logs = merged_remarks(self.campaign.trials)
-        return [*logs, *(remark.text for remark in (*self.campaign.remarks, *self.runs.remarks))]
+        remarks = [remark.text for remark in (*self.campaign.remarks, *self.runs.remarks)]
+        return [*merged_remarks(self.campaign.trials), *remarks]
 
     def drag(self) -> DragFit:
         """Drag from steady turns.
@@ -109,85 +112,91 @@ class Study:
         Raises
         ------
         DataError
-            There are none.
+            There are no steady turns.
         """
-        if self.runs is not None:
-            if self.vehicle.axis.self_righting:
-                raise DataError(
-                    f"no constant torque keeps {self.vehicle.axis.name} turning: drag is found with the inertia.",
-                    mend="Run `rovid fit-inertia`.",
-                )
-            fit = fit_drag(steady_points(self.runs.items, self.vehicle), self.vehicle.axis)
-            directions = {name: self._guessing(each) for name, each in fit.directions.items()}
-            return replace(fit, estimate=self._guessing(fit.estimate), directions=directions)
-        if self.steady is None:
-            raise DataError(f"there is no table of steady states (columns {', '.join(STEADY_COLUMNS)}).")
-        return fit_drag(points_from_table(read_table(self.steady)))
+        if self.runs is None:
+            if self.steady is None:
+                raise DataError(f"there is no table of steady states (columns {', '.join(STEADY_COLUMNS)}).")
+            return fit_drag(points_from_table(read_table(self.steady)))
+        axis = self.vehicle.axis
+        if axis.self_righting:
+            raise DataError(
+                f"a constant torque does not keep {axis.name} turning. Drag is fitted together with the inertia.",
+                mend="Run `rovid fit-inertia`.",
+            )
+        fit = fit_drag(steady_points(self.runs.items, self.vehicle), axis)
+        directions = {name: self._with_assumptions(each) for name, each in fit.directions.items()}
+        return replace(fit, estimate=self._with_assumptions(fit.estimate), directions=directions)
 
     def inertia(self, drag: Estimate | None) -> InertiaFit:
-        """Inertia from sine runs and all excited data, with the steady ``drag`` where it is known.
+        """Inertia from sine runs and all other excited data, with the steady ``drag`` if it is known.
 
         Raises
         ------
         DataError
-            There is nothing to read it from.
+            The data do not determine the inertia.
         """
         rigid_body = self.vehicle.reference_inertia
-        if self.runs is not None:
-            fit = fit_inertia(self.runs.items, drag=drag, rigid_body=rigid_body)
-            regression = fit.regression and replace(fit.regression, estimate=self._guessing(fit.regression.estimate))
-            return replace(fit, estimate=self._guessing(fit.estimate), regression=regression)
-        if self.sine is None:
-            raise DataError(f"there is no table of sine trials (columns {', '.join(SINE_COLUMNS)}).")
-        return fit_inertia_table(read_table(self.sine), drag=drag, rigid_body=rigid_body)
+        if self.runs is None:
+            if self.sine is None:
+                raise DataError(f"there is no table of sine trials (columns {', '.join(SINE_COLUMNS)}).")
+            return fit_inertia_table(read_table(self.sine), drag=drag, rigid_body=rigid_body)
+        fit = fit_inertia(self.runs.items, drag=drag, rigid_body=rigid_body)
+        regression = fit.regression
+        if regression is not None:
+            regression = replace(regression, estimate=self._with_assumptions(regression.estimate))
+        return replace(fit, estimate=self._with_assumptions(fit.estimate), regression=regression)
 
     def require_effects(self, effects: Sequence[Effect]) -> None:
-        """Refuse effects that this axis, or these trials, do not know, or on a thruster lacking or with none beside it.
+        """Refuse effects that do not exist for this axis, these trials or these thrusters.
 
         Raises
         ------
         ConfigError
-            There is such an effect; those of this vehicle are offered.
+            There is such an effect. The message suggests a similar one.
         """
-        known = [form.key for form in forms_for(self.vehicle) if form.per_thruster]
-        trials = [run.trial.name for run in (self.runs.items if self.runs else ())]
+        thruster_forms = [form.key for form in forms_for(self.vehicle) if form.per_thruster]
+        trials = [run.trial.name for run in self._run_list]
+        axis = self.vehicle.axis.name
         for effect in effects:
             for name in set(trials_in_form(effect.form)).difference(trials):
-                raise ConfigError(
-                    f"there is no trial {name!r} among these. {suggestion(name, trials)}", where=effect.key
-                )
-            if effect.axes and self.vehicle.axis.name not in effect.axes:
-                raise ConfigError(f"is nothing that acts in {self.vehicle.axis.name}.", where=effect.key)
-            if effect.per_thruster and effect.key not in known:
-                raise ConfigError(
-                    f"does not suit the thrusters of this vehicle. {suggestion(effect.key, known)}", where=effect.key
-                )
+                text = f"there is no trial {name!r} among these. {suggestion(name, trials)}"
+                raise ConfigError(text, where=effect.key)
+            if effect.axes and axis not in effect.axes:
+                raise ConfigError(f"does not exist for {axis}.", where=effect.key)
+            if effect.per_thruster and effect.key not in thruster_forms:
+                text = f"does not suit the thrusters of this vehicle. {suggestion(effect.key, thruster_forms)}"
+                raise ConfigError(text, where=effect.key)
 
     def likelihood(self, effects: tuple[Effect, ...] = (), *, gyro: bool = False) -> LikelihoodFit:
-        """All parameters at once by maximum likelihood, those of ``effects`` included; see `fit_likelihood`.
+        """Fit of all parameters and of ``effects`` by maximum likelihood; see `fit_likelihood`.
 
         Raises
         ------
         DataError
-            There are no logs, or the vehicle was not excited enough.
+            There are no logs, or the excitation does not suffice.
         ConfigError
-            An effect acts on a thruster or through a signal that is not there.
+            An effect refers to a missing thruster or signal.
         """
         if self.runs is None:
             raise DataError("a table holds no time series to fit.", where=self.paths[0], mend="Give logs.")
         self.require_effects(effects)
         logged = shared_channels(self.runs.items)
         for effect in effects:
-            _require_channels(effect, logged)
+            missing = " and ".join(name for name in effect.needs if name not in logged)
+            if missing:
+                mend = f"Map {missing} in [signals] of rovid.toml, or leave the effect out."
+                raise ConfigError(f"needs {missing}, which not all of these logs hold.", where=effect.key, mend=mend)
         fit = fit_likelihood(self.runs.items, self.vehicle, effects, gyro=gyro)
-        odd = rigid_body_warnings(fit.estimate, self.vehicle.reference_inertia)
-        estimate = replace(fit.estimate, warnings=(*fit.estimate.warnings, *odd))
-        return replace(fit, estimate=self._guessing(estimate))
+        warnings = rigid_body_warnings(fit.estimate, self.vehicle.reference_inertia)
+        estimate = replace(fit.estimate, warnings=(*fit.estimate.warnings, *warnings))
+        return replace(fit, estimate=self._with_assumptions(estimate))
 
-    def _guessing(self, estimate: Estimate) -> Estimate:
-        """``estimate``, which knows what of the vehicle is a guess, and says so in what it warns of."""
-        guess = self.vehicle.assumptions
-        return replace(estimate, assumptions=guess, warnings=tuple(map(guess.mark_sentence, estimate.warnings)))
+    def _with_assumptions(self, estimate: Estimate) -> Estimate:
+        """``estimate`` with the vehicle's guesses, which its warnings then mention."""
+        assumptions = self.vehicle.assumptions
+        warnings = tuple(map(assumptions.mark_sentence, estimate.warnings))
+        return replace(estimate, assumptions=assumptions, warnings=warnings)
 
     def plan(
         self,
@@ -196,34 +205,33 @@ class Study:
         limits: RunLimits,
         narrow: str = "",
     ) -> ExperimentPlan:
-        """The run to make next: to tell two causes apart, each beside ``effects``, or to make a parameter surer.
+        """The next run: one that distinguishes two causes ``between``, or that narrows the interval of a parameter.
 
         Raises
         ------
         DataError
             There are no logs, or no run stays within the limits.
         ConfigError
-            An effect or a parameter is not there.
+            An effect or a parameter does not exist.
         """
         if self.campaign is None:
-            raise DataError(
-                "a table does not say how fast the vehicle answers.", where=self.paths[0], mend="Give logs."
-            )
+            raise DataError("a table does not hold the vehicle's dynamics.", where=self.paths[0], mend="Give logs.")
         require_thrusters(self.vehicle)
-        fits = self._beliefs(effects, between)
-        if narrow and narrow not in fits[0].model.names:
-            raise ConfigError(f"is {narrow!r}. {suggestion(narrow, fits[0].model.names)}", where="--narrow")
-        return plan_experiment(fits, self.vehicle, self.campaign.trials, limits, narrow)
+        models = self._candidate_models(effects, between)
+        names = models[0].model.names
+        if narrow and narrow not in names:
+            raise ConfigError(f"is {narrow!r}. {suggestion(narrow, names)}", where="--narrow")
+        return plan_experiment(models, self.vehicle, self.campaign.trials, limits, narrow)
 
-    def _beliefs(self, effects: tuple[Effect, ...], between: tuple[Effect, ...]) -> list[CandidateModel]:
-        """What the logs say of each rival beside ``effects``, or of those alone where there is none."""
-        others = tuple(effect for effect in effects if effect.id not in {rival.id for rival in between})
-        models = [(*others, rival) for rival in between] or [others]
-        names = [rival.key for rival in between] or ["the model"]
-        return [candidate_model(self.likelihood(model), name) for model, name in zip(models, names, strict=True)]
+    def _candidate_models(self, effects: tuple[Effect, ...], causes: tuple[Effect, ...]) -> list[CandidateModel]:
+        """A fit with ``effects`` and each of the ``causes``, or one fit with ``effects`` only."""
+        if not causes:
+            return [candidate_model(self.likelihood(effects), "the model")]
+        others = tuple(effect for effect in effects if effect.id not in {cause.id for cause in causes})
+        return [candidate_model(self.likelihood((*others, cause)), cause.key) for cause in causes]
 
     def amplitudes(self, drag: Estimate | None = None) -> TableDiagnosis:
-        """What would make one model agree with all rows of the tables; the steady turns' own drag goes before ``drag``.
+        """Diagnosis of tables; the drag of a table of steady turns takes precedence over ``drag``.
 
         Raises
         ------
@@ -231,18 +239,20 @@ class Study:
             There is no table of sine trials.
         """
         if self.sine is None:
-            raise DataError("a table of steady turns fits any inertia.", where=self.paths[0], mend="Give logs.")
-        steady = None if self.steady is None else read_table(self.steady)
-        drag = drag if steady is None else self.drag().estimate
+            text = "a table of steady turns does not determine the inertia."
+            raise DataError(text, where=self.paths[0], mend="Give logs.")
+        steady = None
+        if self.steady is not None:
+            steady, drag = read_table(self.steady), self.drag().estimate
         rigid_body = self.vehicle.rigid_body_inertia
         return diagnose_tables(read_table(self.sine), steady, drag, self.inertia(drag), rigid_body)
 
     def position_noise(self) -> float | None:
-        """Median standard deviation of the noise of what is measured; None for tables."""
+        """Median standard deviation of the position noise; None for tables."""
         return None if self.runs is None else self.runs.noise()[0]
 
     def median_torque(self) -> float | None:
-        """Median size in N m of the torque while there was any; None where the study has none."""
+        """Median magnitude of the nonzero torque in N m; None if there is none."""
         if self.runs is not None:
             torque = np.abs(np.concatenate([run.torque for run in self.runs.items]))
         elif self.steady is not None:
@@ -253,9 +263,14 @@ class Study:
         return float(np.median(acting)) if acting.size else None
 
     def diagnosis(self, report: Callable[[str], None] = lambda _: None, *, drag: Estimate | None = None) -> Diagnosis:
-        """What the simulation gets wrong and why; ``report`` is told how far it is.
+        """Errors of the simulation and their causes.
 
-        Where there are tables of sines alone, ``drag`` is that of the model.
+        Parameters
+        ----------
+        report
+            Called with progress messages.
+        drag
+            Drag of the model if there are only tables of sine trials.
 
         Raises
         ------
@@ -263,44 +278,46 @@ class Study:
             There are neither logs nor a table of sine trials.
         """
         if self.runs is None:
-            amplitudes = self.amplitudes(drag)
-            return Diagnosis(verdict="too_little_data", missing=amplitudes.missing, from_tables=amplitudes)
+            from_tables = self.amplitudes(drag)
+            return Diagnosis(verdict="too_little_data", missing=from_tables.missing, from_tables=from_tables)
         from rovid.diagnose.algorithm import diagnose
 
         diagnosis = diagnose(self.runs, self.vehicle, report)
-        side = diagnosis.extended or diagnosis.base
-        odd = rigid_body_warnings(side.estimate, self.vehicle.reference_inertia) if side else ()
+        causes = (*diagnosis.findings, *diagnosis.suspects)
+        warnings = [*diagnosis.warnings]
+        if final := diagnosis.extended or diagnosis.base:
+            warnings += rigid_body_warnings(final.estimate, self.vehicle.reference_inertia)
         return replace(
             diagnosis,
-            base=self._guessing_side(diagnosis.base),
-            extended=self._guessing_side(diagnosis.extended),
-            findings=tuple(map(self._guessing_finding, diagnosis.findings)),
-            suspects=tuple(map(self._guessing_finding, diagnosis.suspects)),
-            warnings=(*diagnosis.warnings, *odd, *self._of_clocks((*diagnosis.findings, *diagnosis.suspects))),
+            base=self._assessment_with_assumptions(diagnosis.base),
+            extended=self._assessment_with_assumptions(diagnosis.extended),
+            findings=tuple(map(self._finding_with_assumptions, diagnosis.findings)),
+            suspects=tuple(map(self._finding_with_assumptions, diagnosis.suspects)),
+            warnings=(*warnings, *self._clock_warnings(causes)),
         )
 
-    def _of_clocks(self, findings: Sequence[Finding]) -> Iterator[str]:
-        """What else makes a command late, where commands and motion were logged by two clocks that nobody compared."""
-        named = {effect.id: effect.title for one in findings for effect in (one.effect, *one.indistinguishable)}
-        late = [title for key, title in named.items() if key in _LATE]
-        taken = any(
-            remark.kind == "joined" for run in (self.runs.items if self.runs else ()) for remark in run.trial.remarks
-        )
-        if late and taken:
+    def _clock_warnings(self, causes: Sequence[Finding]) -> Iterator[str]:
+        """Warning about delays if commands and motion come from clocks that were not compared."""
+        titles = {effect.id: effect.title for cause in causes for effect in (cause.effect, *cause.indistinguishable)}
+        delays = [title for key, title in titles.items() if key in _DELAYS]
+        joined = any(remark.kind == "joined" for run in self._run_list for remark in run.trial.remarks)
+        if delays and joined:
             yield (
-                f"The {' or '.join(late)} may be the clocks of the joined files: one that is behind does the same, and "
-                "no log tells which. Give what is known of them in [join] offset."
+                f"The {' or '.join(delays)} may be a clock offset of the joined files. The logs do not distinguish the "
+                "two. Give the known offset in [join] offset."
             )
 
-    def _guessing_side(self, side: ModelAssessment | None) -> ModelAssessment | None:
-        return None if side is None else replace(side, estimate=self._guessing(side.estimate))
+    def _assessment_with_assumptions(self, assessment: ModelAssessment | None) -> ModelAssessment | None:
+        if assessment is None:
+            return None
+        return replace(assessment, estimate=self._with_assumptions(assessment.estimate))
 
-    def _guessing_finding(self, finding: Finding) -> Finding:
-        return replace(finding, estimate=self._guessing(finding.estimate))
+    def _finding_with_assumptions(self, finding: Finding) -> Finding:
+        return replace(finding, estimate=self._with_assumptions(finding.estimate))
 
 
 def input_files(paths: Sequence[Path]) -> list[Path]:
-    """What may be read where ``paths`` are: logs, tables, rovid.toml and its thrust curves; not what rovid planned."""
+    """Files that rovid may read for ``paths``: logs, tables, rovid.toml and its thrust curves, without planned runs."""
     if not paths:
         return []
     files = [path for path in candidate_files(paths) if path.is_file() and not PLAN.matches(path)]
@@ -308,25 +325,19 @@ def input_files(paths: Sequence[Path]) -> list[Path]:
 
 
 def config_files(paths: Sequence[Path]) -> list[Path]:
-    """The rovid.toml of ``paths`` and its thrust curves, as far as they are there."""
+    """The rovid.toml of ``paths`` and its thrust curves, as far as they exist."""
     files: list[Path] = []
-    # Whatever is wrong with rovid.toml is said by those who need it.
+    # Errors in rovid.toml are reported when the file is loaded.
     with contextlib.suppress(ConfigError):
         config = find_config(paths)
         files.append(config)
         blocks = read_toml(config).get("thrusters")
-        tables = [block for block in (blocks if isinstance(blocks, list) else ()) if isinstance(block, dict)]
-        curves = [config.parent / str(table["curve"]) for table in tables if "curve" in table]
-        files += [curve for curve in curves if curve.exists()]
+        for block in blocks if isinstance(blocks, list) else []:
+            if isinstance(block, dict) and "curve" in block:
+                curve = config.parent / str(block["curve"])
+                if curve.exists():
+                    files.append(curve)
     return files
-
-
-def _require_channels(effect: Effect, logged: Collection[str]) -> None:
-    missing = " and ".join(name for name in effect.needs if name not in logged)
-    if missing:
-        text = f"needs {missing}, which these logs do not all hold."
-        mend = f"Map {missing} in [signals] of rovid.toml, or leave the effect out."
-        raise ConfigError(text, where=effect.key, mend=mend)
 
 
 def open_study(
@@ -337,7 +348,14 @@ def open_study(
     reading: TrialReader | None = None,
     without: Collection[Path] = (),
 ) -> Study:
-    """Read whatever ``paths`` hold; ``reading`` and ``without`` as in `read_campaign`.
+    """Read the logs, or tables, in ``paths``.
+
+    Parameters
+    ----------
+    cutoff
+        Cut-off frequency of the low-pass filter for rates in Hz; None: chosen from the data.
+    reading, without
+        Reader of single logs, and files to leave out, as in `read_campaign`.
 
     Raises
     ------
@@ -347,7 +365,7 @@ def open_study(
     steady, sine = find_table(paths, STEADY_COLUMNS), find_table(paths, SINE_COLUMNS)
     if steady is not None or sine is not None:
         if axis is not YAW:
-            text = f"{(steady or sine)} is a table of yaw, and no table is read along another axis."
+            text = f"{(steady or sine)} is a table of yaw; tables of other axes are not supported."
             raise ConfigError(text, where="--axis", mend="Give logs, or leave --axis out.")
         return Study(paths=tuple(paths), vehicle=vehicle_without_thrusters(paths), steady=steady, sine=sine)
     config = load_config(find_config(paths), axis)

@@ -60,7 +60,7 @@ def test_a_report_on_other_logs_is_of_those(day: Path, rovid: Rovid, tmp_path: P
     assert read_parameters(tmp_path / "parameters.toml").entries == before.entries
     # One that comes later is named, and fitted too by the next report.
     shutil.copy(day / "holds dówn.csv", more)
-    (said,) = [text for text in rovid("simulate", "--json").document["warnings"] if "came after" in text]
+    (said,) = [text for text in rovid("simulate", "--json").document["warnings"] if "added after" in text]
     assert said.startswith("holds dówn.csv")
     (note,) = rovid("report", *quick, "--json").document["warnings"]
     assert "these are other logs" in note
@@ -87,7 +87,7 @@ def test_drag_of_other_arms_is_not_kept_beside_a_new_inertia(day: Path, rovid: R
     toml = (folder / "rovid.toml").read_text()
     assert "yaw_arm = 0.43" in toml
     (folder / "rovid.toml").write_text(toml.replace("yaw_arm = 0.43", "yaw_arm = 0.86"))
-    (note,) = [text for text in rovid("fit-inertia", "--json").document["warnings"] if "begun anew" in text]
+    (note,) = [text for text in rovid("fit-inertia", "--json").document["warnings"] if "started again" in text]
     assert "without quadratic_drag, linear_drag: yaw_arm of" in note
     assert "was 0.43 and is 0.86" in note
     found = read_parameters(tmp_path / "parameters.toml")

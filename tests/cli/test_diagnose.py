@@ -196,7 +196,7 @@ def test_tables_and_nothing_at_all(tmp_path: Path, rovid: Rovid) -> None:
     steady = tmp_path / "tables" / "steady.csv"
     steady.parent.mkdir()
     steady.write_text("command,yaw_rate_rad_s,torque_Nm\n1,0.1,50\n2,0.2,160\n")
-    assert_one_message(rovid("diagnose", steady.parent, "--json"), "fits any inertia", "Give logs")
+    assert_one_message(rovid("diagnose", steady.parent, "--json"), "does not determine the inertia", "Give logs")
     assert_one_message(rovid("fit", steady, "--effect", "thruster_lag"), "no time series", "Give logs")
     assert_one_message(rovid("diagnose"), "parameters.toml", "Give LOGS")
     assert_one_message(rovid("diagnose", "--json"), "parameters.toml", "fit-drag LOGS")

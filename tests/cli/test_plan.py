@@ -57,8 +57,8 @@ def test_what_no_longer_holds_gives_the_names_of_its_effects_alone(few: Path, tm
     assert "yaw_arm = 0.43" in toml
     (folder / "rovid.toml").write_text(toml.replace("yaw_arm = 0.43", "yaw_arm = 0.86"))
     (said,) = rovid("plan", "--json").document["warnings"]
-    assert "parameters.toml no longer holds: yaw_arm of" in said
-    assert "which effects act" in said
+    assert "parameters.toml is out of date: yaw_arm of" in said
+    assert "names of its effects" in said
 
 
 @pytest.mark.parametrize(

@@ -7,9 +7,8 @@ from pathlib import Path
 import pytest
 
 from rovid.core.atomic_write import OutputSet
-from rovid.store.history import history_output
+from rovid.store.history import history_output, update_parameters
 from rovid.store.parameter_file import Parameters
-from rovid.store.update import update_parameters
 from tests.compare.files import DRIVE, LAG, LAGGING, PLAIN, stored_at, times
 from tests.conftest import Rovid
 from tests.whole.test_bad_input import assert_one_message
@@ -19,7 +18,7 @@ SEEN = {"thruster_lag": 0.05}
 
 def remembered(stored: Parameters, seen: dict[str, float] | None = None) -> None:
     update_parameters(
-        stored, OutputSet([stored.output, history_output(stored.path)]), lambda _: stored, seen=seen or {}
+        stored, OutputSet([stored.output, history_output(stored.path)]), lambda _: stored, detection_limits=seen or {}
     )
 
 
@@ -115,7 +114,7 @@ def test_files_that_cannot_be_compared_are_refused(rovid: Rovid, tmp_path: Path)
     assert_one_message(rovid("compare", "a.toml", "drag.toml"), "drag.toml", "no inertia or no drag")
     other = {"yaw_arm of bow": "0.2", "curve of bow": "sha256 0"}
     stored_at(tmp_path / "bow.toml", drive=other)
-    assert_one_message(rovid("compare", "a.toml", "bow.toml"), "aft, fore", "bow", "two layouts")
+    assert_one_message(rovid("compare", "a.toml", "bow.toml"), "aft, fore", "bow", "different thrusters")
 
 
 def test_another_arm_is_a_warning(rovid: Rovid, tmp_path: Path) -> None:

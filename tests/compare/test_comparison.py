@@ -91,7 +91,9 @@ def test_hidden_changes(write: Write, before: Path, seed: int, rovid: Rovid) -> 
 
 def test_two_layouts_are_told(write: Write, before: Path, rovid: Rovid) -> None:
     three = replace(VEHICLE, thrusters=(*VEHICLE.thrusters, Thruster(name="bow", arm=0.2)))
-    assert_one_message(rovid("compare", before, write("three", three, seed=3)), "bow", "two vehicles, or two layouts")
+    assert_one_message(
+        rovid("compare", before, write("three", three, seed=3)), "bow", "different thrusters cannot be compared"
+    )
 
 
 @pytest.mark.parametrize(

@@ -8,19 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rovid.compare.difference_tests import (
-    DRAG,
-    THRUST_SCALE,
-    DifferenceTest,
-    EstimatePair,
-    change_candidates,
-    test_difference,
-)
+from rovid.compare.candidates import DRAG, THRUST_SCALE, EstimatePair, change_candidates
+from rovid.compare.difference_tests import DifferenceTest, find_changes
 from tests.compare.pairs import NAMES, VALUES, pair
 
 
 def found(given: EstimatePair, weak: tuple[str, ...] = (), other: str = "") -> DifferenceTest:
-    return test_difference(given, change_candidates(given, weak, other))
+    return find_changes(given, change_candidates(given, weak, other))
 
 
 def moved(*names: str, by: float) -> np.ndarray:

@@ -142,4 +142,4 @@ def test_a_fit_rests_on_every_file_of_a_trial_and_on_how_they_are_joined(
     text = (folder / what).read_text(encoding="utf-8")
     text = text.replace('["ins", "thr"]', '["ins", "thr", "gps"]') if what == "rovid.toml" else f"{text}900.0,0.0,0.0\n"
     (folder / what).write_text(text, encoding="utf-8")
-    assert "no longer holds" in rovid("simulate").err
+    assert "is out of date" in rovid("simulate").err

@@ -29,12 +29,12 @@ def entries(inertia: float, error: float, method: str) -> Mapping[str, Entry]:
 
 @pytest.mark.parametrize(
     ("before", "now", "believed"),
-    [(ORBIT, InnovationLikelihood.method, "this one"), (InnovationLikelihood.method, ORBIT, "the other")],
+    [(ORBIT, InnovationLikelihood.method, "this result"), (InnovationLikelihood.method, ORBIT, "the other result")],
 )
 def test_methods_far_apart_are_told_in_a_line(before: str, now: str, believed: str) -> None:
     (text,) = method_disagreement(entries(67.0, 2.0, before), estimate(17.0, 1.0, now))
     assert "22 joint standard errors" in text
-    assert f"Believe {believed}" in text
+    assert f"Use {believed}" in text
 
 
 def test_methods_within_their_errors_are_not_told() -> None:

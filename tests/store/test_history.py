@@ -11,9 +11,8 @@ import pytest
 
 from rovid.core.atomic_write import OutputSet
 from rovid.core.errors import OutputError
-from rovid.store.history import history_output, read_history
+from rovid.store.history import history_output, read_history, update_parameters
 from rovid.store.parameter_file import Parameters, Source
-from rovid.store.update import update_parameters
 from tests.conftest import Rovid
 from tests.store.test_parameter_file import estimate, written
 from tests.whole.test_bad_input import assert_one_message
@@ -28,7 +27,7 @@ def claim_for(stored: Parameters) -> OutputSet:
 def added(stored: Parameters, digest: str, scale: float = 1.0, seen: dict[str, float] | None = None) -> Parameters:
     source = Source(name=f"{digest}.csv", sha256=digest, samples=7)
     changed = replace(stored.with_estimate(estimate(scale=scale)), sources=(source,))
-    return update_parameters(changed, claim_for(changed), lambda _: changed, seen=seen or {})
+    return update_parameters(changed, claim_for(changed), lambda _: changed, detection_limits=seen or {})
 
 
 def test_records_come_back_the_last_first(tmp_path: Path) -> None:

@@ -129,5 +129,5 @@ def test_a_drag_that_ends_any_motion_at_once_is_no_model(name: str, tmp_path: Pa
     """Each second of it would be stepped through in millions of steps."""
     stored = written(tmp_path)
     entries = {**stored.entries, name: replace(stored.entries[name], value=2147483647.0)}
-    with pytest.raises(ConfigError, match="no vehicle brakes like that"):
+    with pytest.raises(ConfigError, match="which is implausible"):
         replace(stored, entries=entries).model()

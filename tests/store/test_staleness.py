@@ -65,7 +65,7 @@ def test_a_log_that_came_after_the_fit_is_remarked(stored: Parameters, day: Path
     found = check_freshness(stored, origin_of(day))
     assert found.changes == ()
     (said,) = found.remarks
-    assert said.startswith("log_3.csv: came after the fit")
+    assert said.startswith("log_3.csv: added after the fit")
 
 
 def test_other_logs_may_name_their_signals_otherwise_but_not_drive_otherwise(
@@ -83,7 +83,7 @@ def test_what_moved_away_cannot_be_told(stored: Parameters, day: Path) -> None:
     shutil.rmtree(day)
     found = check_freshness(stored, None)
     assert found.changes == ()
-    assert "whether it holds cannot be told" in found.remarks[0]
+    assert "cannot check whether it is up to date" in found.remarks[0]
 
 
 def test_what_moved_together_holds(stored: Parameters, day: Path, tmp_path: Path) -> None:
@@ -109,7 +109,7 @@ def test_of_an_older_file_logs_alone_are_known(stored: Parameters, day: Path) ->
     old.write()
     read = read_parameters(old.path)
     assert "rests_on" not in old.path.read_text()
-    assert "cannot be told" in check_freshness(read, origin_of(day)).remarks[0]
+    assert "cannot check whether it is up to date" in check_freshness(read, origin_of(day)).remarks[0]
     (day / "rovid.toml").write_text(TOML.replace("0.43", "0.44"))
     assert check_freshness(read, origin_of(day)).changes == ()
     (day / "log_1.csv").write_text("another")
@@ -130,7 +130,7 @@ def test_a_file_keeps_the_logs_of_each_of_its_parameters(stored: Parameters, day
     assert [source.name for source in both.sources] == ["log_1.csv", "log_2.csv", "log_9.csv"]
     found = check_freshness(both, origin_of(other))
     assert found.changes == ()
-    assert found.remarks == ("log_1.csv, log_2.csv: parameters rest on it too, and it is not among these logs.",)
+    assert found.remarks == ("log_1.csv, log_2.csv: part of the fit, but not among these logs.",)
     assert both.logs == absolute_paths([other])
     whole = both.with_estimate(estimate(), origin_of(day))
     assert [source.name for source in whole.sources] == ["log_1.csv", "log_2.csv"]

@@ -54,9 +54,9 @@ def test_effects_of_what_is_not_there_are_refused(logs: Study) -> None:
         ConfigError, match=r"thruster_imbalance:for: does not suit .*Nearest: 'thruster_imbalance:fore'"
     ):
         logs.require_effects([effect_named("thruster_imbalance:for")])
-    with pytest.raises(ConfigError, match="restoring_curve: is nothing that acts in yaw"):
+    with pytest.raises(ConfigError, match="restoring_curve: does not exist for yaw"):
         logs.require_effects([effect_named("restoring_curve")])
-    with pytest.raises(ConfigError, match="needs surge_velocity, which these logs do not all hold"):
+    with pytest.raises(ConfigError, match="needs surge_velocity, which not all of these logs hold"):
         logs.likelihood((effect_named("speed_dependent_damping"),))
 
 

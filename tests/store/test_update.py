@@ -9,10 +9,9 @@ import pytest
 
 from rovid.core.atomic_write import OutputSet
 from rovid.core.errors import OutputError
-from rovid.store.history import history_output
+from rovid.store.history import history_output, update_parameters
 from rovid.store.load import read_parameters
 from rovid.store.parameter_file import Parameters
-from rovid.store.update import update_parameters
 from rovid.trial.axis import AXES
 from tests.store.test_parameter_file import NAMES, estimate
 
@@ -40,7 +39,7 @@ def test_a_file_of_another_axis_by_now_is_left_and_the_result_saved(tmp_path: Pa
     claim = OutputSet([stored.output])
     other = Parameters(path=stored.path, axis=AXES["surge"])
     other.write()
-    with pytest.raises(OutputError, match="parameters of surge by now"):
+    with pytest.raises(OutputError, match="now holds the parameters of surge"):
         update_parameters(stored, claim, lambda now: now.with_estimate(estimate()))
     assert read_parameters(stored.path).axis is AXES["surge"]
 
@@ -52,7 +51,7 @@ def test_where_the_history_cannot_grow_both_files_stay_and_the_result_is_saved(t
     claim = OutputSet([stored.output, history])
     history.path.write_text("mine")
     with pytest.raises(OutputError, match="is not a history of parameters") as refusal:
-        update_parameters(stored, claim, lambda now: now.with_estimate(estimate(NAMES[:1])), seen={})
+        update_parameters(stored, claim, lambda now: now.with_estimate(estimate(NAMES[:1])), detection_limits={})
     assert (stored.path.read_bytes(), history.path.read_text()) == (before, "mine")
     saved = Path(str(refusal.value).rpartition(" in ")[2].rstrip("."))
     assert set(read_parameters(saved / "p.toml").entries) == set(NAMES)

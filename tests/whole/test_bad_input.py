@@ -235,7 +235,7 @@ def test_parameters_of_a_log_that_changed_are_refused(csv_day: Path, tmp_path: P
     first = next(day.glob("hold*.csv"))
     first.write_text("\n".join(first.read_text().splitlines()[:-100]) + "\n")
     assert_one_message(
-        rovid("simulate"), "parameters.toml: no longer holds", f"{first.name} has changed", "rovid report"
+        rovid("simulate"), "parameters.toml: is out of date", f"{first.name} has changed", "rovid report"
     )
 
 

@@ -229,7 +229,7 @@ UPDATE = """
     from rovid.core.atomic_write import OutputSet
     from rovid.store.parameter_file import Entry, Parameters
     from rovid.store.load import read_parameters
-    from rovid.store.update import update
+    from rovid.store.history import update_parameters
 
     path, name = Path(sys.argv[1]), sys.argv[2]
     before = read_parameters(path) if path.exists() else Parameters(path=path)
@@ -239,7 +239,7 @@ UPDATE = """
     entry = Entry(value=1.0, standard_error=0.1, unit="", method="")
     for at in range(20):
         key = f"bias_torque.{name}{at}"
-        update(before, claim, lambda now: replace(now, entries=dict(now.entries) | {key: entry}))
+        update_parameters(before, claim, lambda now: replace(now, entries=dict(now.entries) | {key: entry}))
 """
 
 

@@ -173,7 +173,7 @@ def put_right(placeholder: Played, tmp_path_factory: pytest.TempPathFactory) -> 
 def test_parameters_of_other_arms_are_refused_in_a_line(command: str, put_right: Played) -> None:
     refused = put_right.done[command]
     assert (refused.code, refused.out) == (2, "")
-    assert "parameters.toml: no longer holds: yaw_arm of fore was 1 and is 0.43" in refused.err
+    assert "parameters.toml: is out of date: yaw_arm of fore was 1 and is 0.43" in refused.err
     assert "rovid report" in refused.err
     assert refused.err.count("\n") == 1
 

@@ -28,7 +28,7 @@ from rovid.store.history import history_output
 from rovid.store.parameter_file import Parameters
 from rovid.store.staleness import check_freshness
 from rovid.store.study import Study, input_files
-from rovid.store.update import update_parameters
+from rovid.store.history import update_parameters
 from rovid.trial.axis import YAW
 
 _T = TypeVar("_T")
@@ -122,7 +122,7 @@ def _identified(stored: Parameters, study: Study, claim: OutputSet, report: _Rep
 
     if joint is not None or change(stored) is not stored or not stored.path.exists():
         limits = {} if diagnosis is None else diagnosis.detectable_sizes
-        stored = update_parameters(stored, claim, change, seen=None if joint is None else limits)
+        stored = update_parameters(stored, claim, change, detection_limits=None if joint is None else limits)
     return ReportData(
         vehicle=study.vehicle,
         parameters=stored,

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from rovid.compare.campaign_fit import campaign_from_parameters
 from rovid.compare.comparison import Comparison, compare
-from rovid.compare.difference_tests import change_candidates
-from rovid.compare.difference_tests import test_difference as compute_differences
+from rovid.compare.candidates import change_candidates
+from rovid.compare.difference_tests import find_changes
 from rovid.core.atomic_write import OutputSet
 from rovid.present.page.comparison import comparison_page, write_comparison
 from rovid.present.plots import canvas
@@ -50,7 +50,7 @@ def test_it_is_known_again(tmp_path: Path) -> None:
 def test_pictures_have_units_and_keep_within(tmp_path: Path) -> None:
     del tmp_path
     given = pair(VALUES * [1.0, 1.1, 1.0, 1.0], seed=3)
-    changes = compute_differences(given, change_candidates(given))
+    changes = find_changes(given, change_candidates(given))
     figures = [plot_ratios(changes, {name: name for name in given.names}), plot_drag(changes, 0.3, YAW)]
     for figure in figures:
         assert figure is not None
@@ -64,7 +64,7 @@ def test_pictures_have_units_and_keep_within(tmp_path: Path) -> None:
 
 def test_there_is_no_picture_of_what_is_not_known() -> None:
     given = pair(VALUES, count=1)
-    changes = compute_differences(given, change_candidates(given))
+    changes = find_changes(given, change_candidates(given))
     assert plot_drag(changes, 0.3, YAW) is None
     nothing = replace(given, a=given.a * 0.0, b=given.b * 0.0)
-    assert plot_ratios(compute_differences(nothing, change_candidates(nothing)), {}) is None
+    assert plot_ratios(find_changes(nothing, change_candidates(nothing)), {}) is None
