@@ -28,9 +28,9 @@ PAGE = Page(
 def check(logs: Logs, *, axis: AxisName = None, json: Json = False) -> None:
     """Check the logs and list their content and problems."""
     from rovid.preflight.check import check_logs
+    from rovid.present.console import show_caution
     from rovid.present.documents.results import check_document
     from rovid.present.terminal.check import show_check
-    from rovid.present.console import show_caution
     from rovid.trial.config import find_config, load_config
 
     announce_compilation()

@@ -64,8 +64,8 @@ def export(
     """Write the model in the format of a simulator."""
     from rovid.export.interface import export_input
     from rovid.export.run_export import select_exporter, verified_export
-    from rovid.present.documents.results import export_document
     from rovid.present.console import show_caution
+    from rovid.present.documents.results import export_document
     from rovid.present.terminal.results import show_export
 
     exporter, target = select_exporter(format, output)

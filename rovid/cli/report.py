@@ -69,10 +69,10 @@ def report(
 ) -> None:
     """Write all results on one page."""
     compile_in_background()
+    from rovid.present.console import show_caution, show_warnings
     from rovid.present.documents.fits import all_warnings, axis_document, guess_document
     from rovid.present.page.build import build_report, pdf_output
     from rovid.present.page.summary import summarize
-    from rovid.present.console import show_caution, show_warnings
     from rovid.trial.axis import YAW
 
     stored = parameters_at(parameters, axis, force=force)
