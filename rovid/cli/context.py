@@ -24,8 +24,7 @@ if TYPE_CHECKING:
     from rovid.estimate.inertia import InertiaFit
     from rovid.estimate.maximum_likelihood import LikelihoodFit
     from rovid.estimate.steady_drag import DragFit
-    from rovid.readers.campaign import TrialReader
-    from rovid.readers.campaign import PrefetchedReader
+    from rovid.readers.campaign import PrefetchedReader, TrialReader
     from rovid.store.parameter_file import Parameters
     from rovid.store.study import Study
     from rovid.trial.assumptions import Assumptions
