@@ -33,22 +33,12 @@ _Piece = tuple[float, float]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CandidateRun:
-    """A future run.
+    """A future run."""
 
-    Attributes
-    ----------
-    name
-        One line for a crew.
-    time, commands
-        (n,) s, and (n, k) in the unit of each actuator, held from each instant to the next.
-    reference
-        Assumed value of each further channel.
-    """
-
-    name: str
-    time: FloatArray
-    commands: FloatArray
-    reference: Mapping[str, float] = field(default_factory=dict)
+    name: str  # one line for a crew
+    time: FloatArray  # (n,) s
+    commands: FloatArray  # (n, k) in the unit of each actuator, held from each instant to the next
+    reference: Mapping[str, float] = field(default_factory=dict)  # assumed value of each further channel
 
     @property
     def seconds(self) -> float:
@@ -68,27 +58,13 @@ class RunLimits:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RunScales:
-    """Scales of the candidate runs.
+    """Scales of the candidate runs."""
 
-    Attributes
-    ----------
-    constant
-        Time constant of the vehicle in s at half of the fast rate.
-    period
-        Interval between the instants of a command file in s.
-    full
-        (2, k) full commands down and up, each actuator in the sense of its arm.
-    edge
-        (2, k) commands at which the thrust begins on either side.
-    fast
-        Steady rate at the full command in rad/s or m/s.
-    """
-
-    constant: float
-    period: float
-    full: FloatArray
-    edge: FloatArray
-    fast: float
+    constant: float  # time constant of the vehicle in s at half of the fast rate
+    period: float  # interval between the instants of a command file in s
+    full: FloatArray  # (2, k) full commands down and up, each actuator in the sense of its arm
+    edge: FloatArray  # (2, k) commands at which the thrust begins on either side
+    fast: float  # steady rate at the full command in rad/s or m/s
 
     @classmethod
     def from_trials(cls, model: Model, vehicle: Vehicle, trials: Sequence[Trial], share: float) -> RunScales:

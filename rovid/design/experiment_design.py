@@ -31,27 +31,15 @@ _MIN_NOISE = 1e-6
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CandidateModel:
-    """A fitted model with its uncertainty.
-
-    Attributes
-    ----------
-    covariance
-        (p, p) of ``model.values``.
-    disturbance, memory
-        Standard deviation in N m (N) and correlation time in s of the disturbance.
-    noise
-        Standard deviation of the measurement.
-    integrated
-        Whether the rate alone is measured.
-    """
+    """A fitted model with its uncertainty."""
 
     name: str
     model: Model
-    covariance: FloatArray
-    disturbance: float
-    memory: float
-    noise: float
-    integrated: bool = False
+    covariance: FloatArray  # (p, p) of ``model.values``
+    disturbance: float  # standard deviation in N m (N)
+    memory: float  # correlation time of the disturbance in s
+    noise: float  # standard deviation of the measurement
+    integrated: bool = False  # the rate alone is measured
 
     @classmethod
     def from_fit(cls, name: str, fitted: FitResult, covariance: FloatArray) -> CandidateModel:
@@ -83,19 +71,12 @@ def candidate_model(fit: LikelihoodFit, name: str) -> CandidateModel:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExpectedInformation:
-    """A run with its expected information.
-
-    Attributes
-    ----------
-    gain
-        Log-likelihood ratio (nats) in favour of the true model, or logarithm of the ratio of a parameter's variances.
-    rates
-        (m, n) predicted rate of each model at the instants of the run.
-    """
+    """A run with its expected information."""
 
     run: CandidateRun
+    # Log-likelihood ratio (nats) in favour of the true model, or logarithm of the ratio of a parameter's variances.
     gain: float
-    rates: FloatArray
+    rates: FloatArray  # (m, n) predicted rate of each model at the instants of the run
 
     @property
     def gain_per_minute(self) -> float:
@@ -105,21 +86,14 @@ class ExpectedInformation:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExperimentPlan:
-    """Candidate runs, the best first.
+    """Candidate runs, the best first."""
 
-    Attributes
-    ----------
-    models, parameter
-        The two models to distinguish, or the one model with the ``parameter`` to improve.
-    disturbance_rate
-        Rate in rad/s or m/s that the disturbance drives: smaller differences are not visible.
-    """
-
+    # The two models to distinguish, or the one model with the ``parameter`` to improve.
     models: tuple[CandidateModel, ...]
     parameter: str
     runs: tuple[ExpectedInformation, ...]
     thrusters: tuple[str, ...]
-    disturbance_rate: float
+    disturbance_rate: float  # rate in rad/s or m/s that the disturbance drives: smaller differences are not visible
 
     @property
     def best(self) -> ExpectedInformation:

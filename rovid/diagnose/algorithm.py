@@ -83,8 +83,9 @@ def diagnose(prepared: PreparedRuns, vehicle: Vehicle, report: ProgressCallback 
         notes = (f"{cut}, each simulated from its own start.",)
     if missing := missing_data(runs, prepared.cutoff):
         return Diagnosis(verdict="too_little_data", missing=missing, warnings=notes)
+    is_compiled = preload()
     samples = sum(len(run.trial.time) for run in prepared.items)
-    with forked_workers(enabled=preload() and samples < THRESHOLDS.fork_samples) as is_first:
+    with forked_workers(enabled=is_compiled and samples < THRESHOLDS.fork_samples) as is_first:
         try:
             start = fit_output_error(runs, min_sigmas=0.0)
         except DataError as error:
@@ -102,8 +103,12 @@ def screen(objective: InnovationObjective, found: FitResult, shape: FitResult, i
     return not is_hopeless(start, lambda: gains_by_cause(search.score_tests(start)))
 
 
-def select(objective: SearchObjective, search: StepwiseSearch, start: FitResult) -> Selection:
-    """The model that a stepwise search by one of the objectives reaches from ``start``."""
+def select(problem: Problem, objective: SearchObjective, search: StepwiseSearch, start: FitResult) -> Selection:
+    """The model that a stepwise search by one of the objectives reaches from ``start``.
+
+    Each step of the search: score tests of all candidates, staged fits of a shortlist, addition of the best one by BIC,
+    elimination, exchange; see `StepwiseSearch`.
+    """
     return Selection(
         search=search,
         data=objective.data,
@@ -111,6 +116,7 @@ def select(objective: SearchObjective, search: StepwiseSearch, start: FitResult)
         model=search.run(start),
         pieces=objective.pieces,
         multi_step=objective.multi_step,
+        wave_test=problem.wave_test if objective.multi_step else None,
     )
 
 
@@ -181,8 +187,10 @@ def select_by_innovations(
     if not screen(objective, found, shape, is_hopeless):
         return None
     start = objective.begin(objective.search_data, found, shape)
-    selection = select(objective, objective.search(start, is_hopeless), start)
-    return selection if selection.is_adequate and not selection.search.progress.given_up else None
+    selection = select(problem, objective, objective.search(start, is_hopeless), start)
+    if selection.search.progress.given_up or not selection.is_adequate:
+        return None
+    return selection
 
 
 def select_by_predictions(problem: Problem) -> Iterator[Selection]:
@@ -191,12 +199,11 @@ def select_by_predictions(problem: Problem) -> Iterator[Selection]:
     start = objective.base
     is_enough: Callable[[FitResult], bool] | None = problem.innovations.is_adequate
     if not objective.candidates:
-        yield replace(select(objective, objective.search(None), start), wave_test=problem.wave_test)
+        yield select(problem, objective, objective.search(None), start)
         return
     while True:
         search = objective.search(is_enough)
-        selection = select(objective, search, start)
-        selection = replace(selection, wave_test=problem.wave_test)
+        selection = select(problem, objective, search, start)
         if search.progress.has_enough:
             yield selection
             # If that fails, the search is repeated to its end.

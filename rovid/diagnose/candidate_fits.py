@@ -30,21 +30,11 @@ class Alternative:
 
 @dataclass(frozen=True, eq=False)
 class Cause:
-    """One effect of the selected model.
-
-    Attributes
-    ----------
-    gain
-        Log-likelihood (nats) that its removal loses, all other parameters refitted.
-    bic_gain
-        The same less the BIC penalty of its parameters.
-    alternatives
-        The best form of each other effect in its place, best first.
-    """
+    """One effect of the selected model, with the best form of each other effect in its place, best first."""
 
     effect: Effect
-    gain: float
-    bic_gain: float
+    gain: float  # log-likelihood (nats) that the removal loses, all other parameters refitted
+    bic_gain: float  # the same less the BIC penalty
     alternatives: tuple[Alternative, ...] = ()
 
 
@@ -150,30 +140,21 @@ def simplest_form(better: FitResult, others: Sequence[FitResult], current: FitRe
 
 @dataclass(frozen=True, eq=False)
 class FitCache:
-    """Everything computed for models of the same data with the same candidates; the contents grow.
-
-    Attributes
-    ----------
-    score_tests, extensions
-        By the key of a model: the score test of each further form, and the fitted models with one effect more.
-    replacements
-        By the keys of a model and of the same model without one effect: the latter with possible substitutes.
-    fits
-        Every fitted model.
-    folds, full_data
-        Cross-validation folds, and fits to all data. They start anew with each selection, see `for_selection`.
-    """
+    """Everything computed for models of the same data with the same candidates, by the key of a model."""
 
     score_tests: dict[Key, list[ScoreTest]] = field(default_factory=dict)
+    # Fitted models with one effect more.
     extensions: dict[Key, list[FitResult]] = field(default_factory=dict)
+    # By a model and the same model without one effect: fits of the latter with possible substitutes.
     replacements: dict[tuple[Key, Key], list[FitResult]] = field(default_factory=dict)
     fits: dict[Key, FitResult] = field(default_factory=dict)
+    # Cross-validation folds, and fits to all data; see `for_selection`.
     folds: dict[Key, list[Fold]] = field(default_factory=dict)
     full_data: dict[Key, FitResult] = field(default_factory=dict)
     _converged: dict[FitResult, FitResult] = field(default_factory=dict)
 
     def for_selection(self) -> Self:
-        """The same fits of the search, without folds and fits to all data."""
+        """The same cache, with no folds and no fits to all data yet: these belong to one selection."""
         return replace(self, folds={}, full_data={})
 
     def converged(self, fitted: FitResult) -> FitResult:

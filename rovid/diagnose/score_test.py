@@ -34,25 +34,13 @@ def bic_penalty(objective: NegativeLogLikelihood) -> float:
 
 
 class Directions(NamedTuple):
-    """Derivatives of the objective along the directions from a model to the initial values of a further form.
+    """Derivatives of the negative log-likelihood along the directions from a model to the starts of a further form."""
 
-    Attributes
-    ----------
-    starts
-        (s, q) initial values of the form's parameters.
-    gradient, information
-        (s,) and (s, s), of the negative log-likelihood.
-    cross_information
-        (p, s), between the model's parameters and the directions.
-    gains_unfitted
-        (s,) log-likelihood gain at each start.
-    """
-
-    starts: FloatArray
-    gradient: FloatArray
-    information: FloatArray
-    cross_information: FloatArray
-    gains_unfitted: FloatArray
+    starts: FloatArray  # (s, q) initial values of the form's parameters
+    gradient: FloatArray  # (s,)
+    information: FloatArray  # (s, s)
+    cross_information: FloatArray  # (p, s) between the model's parameters and the directions
+    gains_unfitted: FloatArray  # (s,) log-likelihood gain at each start
 
     @classmethod
     def summed(cls, each: Sequence[Self]) -> Self:
@@ -80,28 +68,17 @@ class Directions(NamedTuple):
 class ScoreTest:
     """Score test of one form of an effect.
 
-    Attributes
-    ----------
-    gain
-        Predicted log-likelihood gain (nats), over all starts together. With several sizes, less the BIC penalty of all
-        but one.
-    start
-        Initial values of a fit, with the size that the linearisation predicts.
-    best_start
-        The start with the largest gain as it stands.
-    power
-        Log-likelihood gain of an effect with the size of the first start.
-    directions, equations
-        Valid directions of the form, and the normal equations of the model.
+    ``gain`` is the predicted log-likelihood gain (nats) over all starts together. With several sizes, it includes the
+    BIC penalty of all but one.
     """
 
     effect: Effect
     gain: float
-    start: FloatArray
-    best_start: FloatArray
-    power: float
-    directions: Directions
-    equations: NormalEquations
+    start: FloatArray  # initial values of a fit, with the size that the linearisation predicts
+    best_start: FloatArray  # the start with the largest gain as it stands
+    power: float  # log-likelihood gain of an effect with the size of the first start
+    directions: Directions  # valid directions of the form
+    equations: NormalEquations  # of the model
 
     @property
     def penalised_parameters(self) -> int:

@@ -39,55 +39,33 @@ StopRule = Callable[[FitResult, Gains], bool]
 
 @dataclass(eq=False)
 class SearchProgress:
-    """Models that a search has seen, and why its last run ended.
+    """Models that a search has seen, and why its last run ended."""
 
-    Attributes
-    ----------
-    exchanged, screened
-        Models that were left by an exchange, and models with fitted extensions.
-    cut_short
-        Whether the search ended because it had screened `THRESHOLDS.max_screenings` models.
-    has_enough, given_up
-        Whether it ended because the model was adequate, or because it could not become so.
-    """
-
-    exchanged: set[Key] = field(default_factory=set)
-    screened: set[Key] = field(default_factory=set)
-    cut_short: bool = False
-    has_enough: bool = False
-    given_up: bool = False
+    exchanged: set[Key] = field(default_factory=set)  # models that an exchange replaced
+    screened: set[Key] = field(default_factory=set)  # models with fitted extensions
+    cut_short: bool = False  # the search had screened `THRESHOLDS.max_screenings` models
+    has_enough: bool = False  # the model was adequate
+    given_up: bool = False  # the model could not become adequate
 
 
 @dataclass(frozen=True, eq=False)
 class StepwiseSearch:
-    """Stepwise selection of effects.
-
-    Parameters
-    ----------
-    candidates
-        Every form that may be selected.
-    is_enough
-        Whether a model is adequate and the search may end.
-    is_hopeless
-        Whether no further effects can make a model adequate; then the search is given up.
-    fits_poorly
-        Whether a model is so wrong that score tests mislead; then every cause is fitted, and pairs of causes.
-    margin
-        BIC gain in nats that an addition needs, besides the logarithm of the number of causes.
-    screening_share
-        A form is fitted if its predicted gain is at least this share of the gain that an addition needs.
-    banned
-        Ids of effects that validation has rejected; no form of them is selected.
-    """
+    """Stepwise selection of effects among all forms of the ``candidates``."""
 
     candidates: Sequence[Effect]
     report: ProgressCallback = field(default=lambda _: None)
+    # Whether a model is adequate; then the search ends.
     is_enough: Callable[[FitResult], bool] | None = None
+    # Whether no further effects can make a model adequate; then the search is given up.
     is_hopeless: StopRule | None = None
+    # Whether a model is so wrong that score tests mislead; then every cause is fitted, and pairs of causes.
     fits_poorly: Callable[[FitResult], bool] = field(default=lambda _: False)
+    # BIC gain in nats that an addition needs, besides the logarithm of the number of causes.
     margin: float = THRESHOLDS.bic_margin
+    # A form is fitted if its predicted gain is at least this share of the gain that an addition needs.
     screening_share: float = THRESHOLDS.screening_share
     cache: FitCache = field(default_factory=FitCache)
+    # Ids of effects that validation has rejected.
     banned: frozenset[str] = frozenset()
     progress: SearchProgress = field(default_factory=SearchProgress)
 

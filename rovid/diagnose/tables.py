@@ -49,19 +49,11 @@ class SinePrediction:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Explanation:
-    """Best fit to all rows of the tables of a model with at most one effect.
-
-    Attributes
-    ----------
-    chi2
-        Sum of squared errors of the rates over their reading variance.
-    p_value
-        Probability of a larger chi-square of the true model; NaN without degrees of freedom.
-    """
+    """Best fit to all rows of the tables of a model with at most one effect."""
 
     model: Model
-    chi2: float
-    p_value: float
+    chi2: float  # sum of squared errors of the rates over their reading variance
+    p_value: float  # probability of a larger chi-square of the true model; NaN without degrees of freedom
 
     @property
     def sizes(self) -> dict[str, tuple[float, str]]:
@@ -119,29 +111,15 @@ class TableDiagnosis:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Rows:
-    """Rows of the tables as trials with known torque, the sines first.
-
-    Attributes
-    ----------
-    rates, errors
-        (n,) rad/s, peak of each sine and mean of each hold, with the standard deviation of its reading.
-    start
-        Inertia and drag from which a fit starts.
-    vehicle
-        Vehicle with the torque in N m as its only command.
-    drag_known
-        Whether the drag is given, because there are no holds to fit.
-    inertias
-        Smallest and largest admissible inertia, kg m^2.
-    """
+    """Rows of the tables as trials with known torque, the sines first."""
 
     trials: list[Trial]
-    rates: FloatArray
-    errors: FloatArray
-    start: Model
-    vehicle: Vehicle
-    drag_known: bool
-    inertias: tuple[float, float]
+    rates: FloatArray  # (n,) rad/s, peak of each sine and mean of each hold
+    errors: FloatArray  # (n,) standard deviations of their reading
+    start: Model  # inertia and drag from which a fit starts
+    vehicle: Vehicle  # its only command is the torque in N m
+    drag_known: bool  # there are no holds to which the drag is fitted
+    inertias: tuple[float, float]  # kg m^2, smallest and largest admissible
 
     def simulate(self, model: Model) -> FloatArray:
         """(n,) rad/s, the peak of a sine and the mean of a hold after settling."""

@@ -32,38 +32,18 @@ from rovid.estimate.fit_result import FitResult, fit
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Selection:
-    """State of the diagnosis: a selected model and everything needed to validate it.
+    """State of the diagnosis: a selected model and everything needed to validate it."""
 
-    Attributes
-    ----------
-    search
-        Search that selected the model, with the effects banned so far and the cache of fits.
-    data
-        All data; the search may use fewer.
-    base, model
-        Model without effects, and the selected model.
-    pieces
-        Pieces of the runs for cross-validation.
-    multi_step
-        Whether the objective is the likelihood of multi-step predictions, else of innovations.
-    wave_test, waves
-        Test for waves next to a model (multi-step predictions alone), and its last result.
-    inconsistent
-        Effects that were dropped because one-step predictions show less of them.
-    rejections
-        Messages on the effects that validation rejected.
-    """
-
-    search: StepwiseSearch
-    data: FitData
-    base: FitResult
-    model: FitResult
-    pieces: Sequence[CvPiece]
-    multi_step: bool = False
-    wave_test: Callable[[FitResult], WaveTest] | None = None
-    waves: WaveTest | None = None
-    inconsistent: tuple[Effect, ...] = ()
-    rejections: tuple[str, ...] = ()
+    search: StepwiseSearch  # with the effects banned so far and the cache of fits
+    data: FitData  # all data; the search may use fewer
+    base: FitResult  # without effects
+    model: FitResult  # as selected
+    pieces: Sequence[CvPiece]  # of the runs, for cross-validation
+    multi_step: bool = False  # objective: likelihood of multi-step predictions, else of innovations
+    wave_test: Callable[[FitResult], WaveTest] | None = None  # next to a multi-step model
+    waves: WaveTest | None = None  # last result of the test
+    inconsistent: tuple[Effect, ...] = ()  # dropped because one-step predictions show less of them
+    rejections: tuple[str, ...] = ()  # messages on the effects that validation rejected
 
     @property
     def is_adequate(self) -> bool:

@@ -25,19 +25,11 @@ from rovid.estimate.parametrization import COMMON, DISTURBANCE, MEMORY
 
 @dataclass(frozen=True, eq=False)
 class WaveTest:
-    """One-step fits without and with waves.
-
-    Attributes
-    ----------
-    plain, fitted
-        Without, and with waves; the latter is None where waves gain nothing.
-    gain, bic_gain
-        Log-likelihood gain of the waves, and the same less its BIC penalty, in nats.
-    """
+    """One-step fits without and with waves, and the gain of the waves in nats."""
 
     plain: FitResult
     pieces: Sequence[CvPiece]
-    fitted: FitResult | None = None
+    fitted: FitResult | None = None  # with waves; None where waves gain nothing
     gain: float = 0.0
     bic_gain: float = 0.0
 
