@@ -39,12 +39,12 @@ def logged(*logs: Log) -> FilterData:
     """One after the other; every instant has a place for both innovations."""
     counts = [len(log.time) for log in logs]
     return FilterData(
-        begins=np.cumsum([0, *counts]),
+        offsets=np.cumsum([0, *counts]),
         time=np.concatenate([log.time for log in logs]),
         rate=np.concatenate([log.known[:, 1] for log in logs]),
-        start=np.array([log.start for log in logs]),
-        first=np.array([log.first for log in logs]),
-        row=np.arange(2 * sum(counts)).reshape(-1, 2),
+        start_position=np.array([log.start for log in logs]),
+        initial_rate=np.array([log.first for log in logs]),
+        output_index=np.arange(2 * sum(counts)).reshape(-1, 2),
     )
 
 

@@ -1,6 +1,6 @@
 """Compiled recursions over held signals, exact between the instants.
 
-Each is of (n,) instants in s and (n,) values, for `Actuation.each` to take trial by trial.
+Each takes (n,) instants in s and (n,) values of one trial, see `ActuatorInputs.apply_per_trial`.
 """
 
 from __future__ import annotations
@@ -14,47 +14,47 @@ from rovid.core.array_types import FloatArray
 from rovid.effects.actuator_inputs import ActuatorInputs
 from rovid.jit.decorators import compiled
 
-# So many delays stand for any between two, evenly.
+# Delays over which a range of delays is averaged.
 _DELAYS = 5
-# Intervals that differ by no more than this share are one.
+# Intervals that differ by no more than this share count as equal.
 _SAME = 1e-9
 
 
-def speed_of_thrust(where: ActuatorInputs, thrust: FloatArray, time_constant: float) -> FloatArray:
-    """What stands in for a speed ahead that is not logged, in N^0.5; (n,) of (n, k) thrusts in N.
+def speed_of_thrust(inputs: ActuatorInputs, thrust: FloatArray, time_constant: float) -> FloatArray:
+    """(n,) estimate of the speed ahead in N^0.5 from (n, k) thrusts in N, if it is not logged.
 
-    Steady speed goes with the root of the thrust that drives it, and follows it late; its factor is part of whatever
-    coefficient it is multiplied with.
+    The steady speed is proportional to the root of the thrust ahead, and follows it with a lag. The constant factor is
+    part of the coefficient by which the speed is multiplied.
     """
-    ahead = where.weighted_sum(thrust, where.forward_share)
-    return where.apply_per_trial(lagged, np.sign(ahead) * np.sqrt(np.abs(ahead)), time_constant)
+    ahead = inputs.weighted_sum(thrust, inputs.forward_share)
+    return inputs.apply_per_trial(lagged, np.sign(ahead) * np.sqrt(np.abs(ahead)), time_constant)
 
 
 @compiled
 def lagged(time: FloatArray, values: FloatArray, time_constant: float) -> FloatArray:
-    """Mean until the next instant of a first-order lag of the held (n,) ``values``, at rest at the start."""
+    """Mean until the next instant of (n,) held ``values`` behind a first-order lag, in equilibrium at the start."""
     n = len(time)
     out = np.empty(n)
-    state, before, fade, mean = values[0], 0.0, 1.0, 1.0
+    state, before, decay, mean = values[0], 0.0, 1.0, 1.0
     for k in range(n):
         interval = time[k + 1] - time[k] if k + 1 < n else 0.0
         if time_constant <= 0.0 or interval <= 0.0:
             state = values[k] if time_constant <= 0.0 else state
             out[k] = state
             continue
-        # Most logs are sampled evenly, to rounding: what depends on the interval alone is kept.
+        # Most logs are sampled evenly, except for rounding: values that depend on the interval alone are kept.
         if abs(interval - before) > _SAME * before:
-            before, fade = interval, math.exp(-interval / time_constant)
-            mean = (1.0 - fade) * time_constant / interval
-        away = state - values[k]
-        out[k] = values[k] + away * mean
-        state = values[k] + away * fade
+            before, decay = interval, math.exp(-interval / time_constant)
+            mean = (1.0 - decay) * time_constant / interval
+        offset = state - values[k]
+        out[k] = values[k] + offset * mean
+        state = values[k] + offset * decay
     return out
 
 
 @compiled
 def slewed(time: FloatArray, values: FloatArray, rate: float) -> FloatArray:
-    """Mean until the next instant of a signal that follows the held (n,) ``values`` at ``rate`` per s at most."""
+    """Mean until the next instant of a signal that follows (n,) held ``values`` with a limited ``rate`` in 1/s."""
     n = len(time)
     out = np.empty(n)
     state = values[0]
@@ -63,7 +63,7 @@ def slewed(time: FloatArray, values: FloatArray, rate: float) -> FloatArray:
         gap = values[k] - state
         reach = rate * interval
         moved = min(max(gap, -reach), reach)
-        # The mean of a ramp that arrives after a part of the interval.
+        # Mean of a ramp that ends within the interval.
         share = 1.0 if abs(gap) > reach or reach <= 0.0 else abs(gap) / reach
         out[k] = state + moved * (1.0 - 0.5 * share)
         state += moved
@@ -72,7 +72,7 @@ def slewed(time: FloatArray, values: FloatArray, rate: float) -> FloatArray:
 
 @compiled
 def soft_started(time: FloatArray, values: FloatArray, rate: float) -> FloatArray:
-    """As ``slewed``, for a signal whose size is limited as it grows only, and falls at once."""
+    """As ``slewed``, but only the growth of the magnitude is limited."""
     n = len(time)
     out = np.empty(n)
     state = values[0]
@@ -101,26 +101,26 @@ def rotor_speed(speed: float, push: float, interval: float) -> float:
         return speed / (1.0 + abs(speed) * interval)
     left = interval
     if start < 0.0:
-        # It runs the other way yet: up to zero first.
-        behind = math.atan(start / goal)
-        left += behind / goal
+        # The rotor turns the other way: first down to zero.
+        phase = math.atan(start / goal)
+        left += phase / goal
         if left <= 0.0:
-            return sign * goal * math.tan(goal * interval + behind)
+            return sign * goal * math.tan(goal * interval + phase)
         start = 0.0
-    gained = math.tanh(goal * left)
-    return sign * goal * (start + goal * gained) / (goal + start * gained)
+    growth = math.tanh(goal * left)
+    return sign * goal * (start + goal * growth) / (goal + start * growth)
 
 
 @compiled
 def rotor_lagged(time: FloatArray, thrust: FloatArray, time_constant: float) -> FloatArray:
-    """Mean until the next instant of the thrust of a rotor with square-law load (Yoerger et al. 1990).
+    """Mean thrust until the next instant of a rotor with square-law load (Yoerger et al. 1990).
 
     Parameters
     ----------
     thrust
-        (n,) held thrust that the rotor is driven to, over the reference thrust.
+        (n,) held steady thrust of the rotor, over the reference thrust.
     time_constant
-        s; of small changes at the reference thrust: n' = (thrust - n*|n|) / (2*time_constant).
+        s; for small changes at the reference thrust: n' = (thrust - n*|n|) / (2*time_constant).
     """
     n = len(time)
     out = np.empty(n)
@@ -134,7 +134,7 @@ def rotor_lagged(time: FloatArray, thrust: FloatArray, time_constant: float) -> 
         else:
             scaled = 0.5 * interval / time_constant
             new = rotor_speed(speed, thrust[k], scaled)
-            # The equation of motion itself, integrated, gives the mean of n*|n|.
+            # Integrating the equation of motion gives the mean of n*|n|.
             out[k] = thrust[k] - (new - speed) / scaled
             speed = new
     return out
@@ -142,9 +142,9 @@ def rotor_lagged(time: FloatArray, thrust: FloatArray, time_constant: float) -> 
 
 @compiled
 def latched(_: FloatArray, excess: FloatArray, width: float, ramp: float) -> FloatArray:
-    """What passes of (n,) ``excess`` once it was more than ``width``, until it is 0 or turns; off at the start.
+    """(n,) ``excess`` behind a switch that closes above ``width`` and opens at zero or at a change of sign.
 
-    ``ramp``, a share of ``width``, is the range of the excess over which it comes on.
+    The switch is open at the start. It closes over a range of the excess that is ``ramp`` times ``width`` wide.
     """
     out = np.empty(len(excess))
     on = 0.0
@@ -152,15 +152,15 @@ def latched(_: FloatArray, excess: FloatArray, width: float, ramp: float) -> Flo
     for k in range(len(excess)):
         if excess[k] * before <= 0.0:
             on = 0.0
-        on = max(on, comes_on(abs(excess[k]), width, ramp))
+        on = max(on, ramp_up(abs(excess[k]), width, ramp))
         out[k] = on * excess[k]
         before = excess[k]
     return out
 
 
 @compiled
-def comes_on(size: float, threshold: float, ramp: float) -> float:
-    """From 0 to 1 as ``size`` passes ``threshold``, linearly over the share ``ramp`` of it."""
+def ramp_up(size: float, threshold: float, ramp: float) -> float:
+    """Linear ramp from 0 to 1 as ``size`` passes ``threshold``, over the share ``ramp`` of it."""
     if threshold <= 0.0:
         return 1.0
     return min(max((size / threshold - 1.0) / ramp + 0.5, 0.0), 1.0)
@@ -168,7 +168,7 @@ def comes_on(size: float, threshold: float, ramp: float) -> float:
 
 @compiled
 def played(_: FloatArray, values: FloatArray, width: float) -> FloatArray:
-    """Output of a play of total ``width`` driven by (n,) ``values``."""
+    """Output of a backlash (play) of total ``width`` for (n,) ``values``."""
     out = np.empty(len(values))
     state = values[0]
     for k in range(len(values)):
@@ -179,7 +179,7 @@ def played(_: FloatArray, values: FloatArray, width: float) -> FloatArray:
 
 @compiled
 def delayed(time: FloatArray, values: FloatArray, delay: float) -> FloatArray:
-    """Mean until the next instant of the held (n,) ``values``, ``delay`` s later; the first value before."""
+    """Mean until the next instant of (n,) held ``values`` with a ``delay`` in s; before, the first value."""
     n = len(values)
     out = np.empty(n)
     at = 0
@@ -198,8 +198,8 @@ def delayed(time: FloatArray, values: FloatArray, delay: float) -> FloatArray:
 
 
 @compiled
-def delayed_anyhow(time: FloatArray, values: FloatArray, shortest: float, longest: float) -> FloatArray:
-    """As ``delayed``, the mean over delays from the ``shortest`` to the ``longest``."""
+def mean_delayed(time: FloatArray, values: FloatArray, shortest: float, longest: float) -> FloatArray:
+    """Mean of ``delayed`` over delays from the ``shortest`` to the ``longest``."""
     out = np.zeros(len(values))
     for number in range(_DELAYS):
         out += delayed(time, values, shortest + (number + 0.5) / _DELAYS * (longest - shortest))
@@ -207,8 +207,8 @@ def delayed_anyhow(time: FloatArray, values: FloatArray, shortest: float, longes
 
 
 @compiled
-def open_changes(time: FloatArray, values: FloatArray, shortest: float, longest: float) -> FloatArray:
-    """Sum of the squared changes of (n,) ``values`` that one delay has let through, and the longer one not yet."""
+def pending_changes(time: FloatArray, values: FloatArray, shortest: float, longest: float) -> FloatArray:
+    """Sum of squared changes of (n,) ``values`` that the shortest delay has passed, and the longest not yet."""
     n = len(values)
     out = np.zeros(n)
     early = late = 0
@@ -220,18 +220,18 @@ def open_changes(time: FloatArray, values: FloatArray, shortest: float, longest:
         while late < early and time[late + 1] <= time[k] - longest:
             late += 1
             total -= (values[late] - values[late - 1]) ** 2
-        # Nothing is left of what was rounded.
+        # Remove the rounding error when nothing is pending.
         total = total if late < early else 0.0
         out[k] = total
     return out
 
 
-# Each loop over held signals, with how many numbers it takes besides, in the order in which they are asked for.
+# Loops with the number of further arguments, in the order in which a diagnosis needs them.
 LOOPS: tuple[tuple[Callable[..., FloatArray], int], ...] = (
     (lagged, 1),
     (delayed, 1),
-    (open_changes, 2),
-    (delayed_anyhow, 2),
+    (pending_changes, 2),
+    (mean_delayed, 2),
     (rotor_lagged, 1),
     (latched, 2),
     (slewed, 1),

@@ -1,4 +1,4 @@
-"""Trials on the way from command to torque: what the effects that act there are told."""
+"""Trials as the effects between command and torque see them."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from rovid.core.array_types import BoolArray, FloatArray, IntArray
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
 
-# Channels of the log that say how fast the vehicle goes ahead and to starboard, m/s.
+# Channels with the speed ahead and to starboard in m/s.
 SPEEDS = ("surge_velocity", "sway_velocity")
-# Of the bench's largest thrust; the same for thrust. Trials seldom use much more in yaw, and away from the thrust in
-# use a change of shape would be one of scale, which inertia and drag would have to follow.
+# Reference thrust as a share of the largest bench thrust. In yaw trials thrust is rarely much larger. A change of the
+# curve's shape with a reference far from the thrust in use would act like a scale of all thrust, inertia and drag.
 _REFERENCE_SHARE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class SampleSelection:
-    """Some of the n instants of a log, and the means from each of them to the next of what is held between all.
+    """Some of the n instants of a log, with means over the intervals between them.
 
     Attributes
     ----------
     at
-        (m,) which they are; the first and the last of the log are among them.
+        (m,) indices of the instants, with the first and the last of the log among them.
     length
         (n,) s from each instant of the log to the next, 0 from the last.
     """
@@ -37,11 +37,11 @@ class SampleSelection:
 
     @classmethod
     def of(cls, time: FloatArray, at: IntArray) -> Self:
-        """``at`` of a log's (n,) instants in s."""
+        """Select the instants ``at`` of a log's (n,) instants in s."""
         return cls(at, np.diff(time, append=time[-1]))
 
     def means(self, held: FloatArray) -> FloatArray:
-        """(m,) of (n,) values; of those that are known, NaN where none is."""
+        """(m,) means of (n,) held values, NaN left out; NaN if there is no other value."""
         known = np.isfinite(held)
         area = np.add.reduceat(np.where(known, held, 0.0) * self.length, self.at)
         span = np.add.reduceat(known * self.length, self.at)
@@ -49,12 +49,20 @@ class SampleSelection:
 
 
 class TrialRows(NamedTuple):
-    """One of the trials that stand one after the other.
+    """One among concatenated trials.
 
-    ``whole`` is the name of the trial that it is a part of, its own where it is none; ``since`` is in s from the
-    beginning of the campaign's first trial to that of this one. ``rows`` are its instants: those of its log that were
-    ``chosen``, all where that is None. ``cut`` is (m,) which of the intervals from these on are cut into parts, all
-    where that is None.
+    Attributes
+    ----------
+    parent
+        Name of the trial of which it is a part; otherwise its own name.
+    start_offset
+        s from the start of the campaign's first trial.
+    rows
+        Its instants among all.
+    selection
+        Selected instants of its log; None for all.
+    subdivided
+        (m,) which of the intervals after these are subdivided; None for all.
     """
 
     name: str = ""
@@ -65,40 +73,40 @@ class TrialRows(NamedTuple):
     subdivided: BoolArray | None = None
 
     def held_means(self, values: FloatArray) -> FloatArray:
-        """(m,) of (n,) values that are held between the log's instants, means where not all of these were chosen."""
+        """(m,) of (n,) held values: means over the intervals between selected instants."""
         return values if self.selection is None else self.selection.means(values)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ActuatorInputs:
-    """One trial, or several one after the other, on the way from command to torque.
+    """One trial or several concatenated ones, with k actuators.
 
     Attributes
     ----------
     time
-        (n,) s, from the beginning of each trial.
+        (n,) s from the start of each trial.
     neutral
-        (k,) command of no thrust of each actuator.
+        (k,) command without thrust.
     arms
-        (k,) yaw arm of each actuator.
+        (k,) yaw arm.
     full_thrust
-        (k,) N; largest thrust of each actuator's bench curve, or largest torque or force of a campaign that logs it.
+        (k,) N; largest thrust of the bench curve, or largest torque or force of a campaign that logs it.
     names
-        (k,) of the thrusters.
-    ahead
-        (k,) share of each thrust that drives the vehicle ahead; 0 where that is not known.
-    ends
-        (k, 2) the least and the largest command of the bench curve.
+        (k,) names of the thrusters.
+    forward_share
+        (k,) share of the thrust that drives the vehicle ahead; 0 if unknown.
+    command_range
+        (k, 2) smallest and largest command of the bench curve.
     dead_zone
-        (k, 2) commands between which the bench curve gives no thrust; both ``neutral`` where there is no such zone.
+        (k, 2) commands between which the bench curve gives no thrust; both ``neutral`` if there is no such zone.
     extras
-        Further channels of the log, (n,), held; NaN in a trial without.
+        Further channels of the logs, each (n,), held; NaN in a trial without.
     reference
-        The median of each further channel over the whole campaign.
+        Median of each further channel in the campaign.
     trials
-        Which they are.
-    parts
-        How many each interval between two of the log's instants is cut into, of those that are.
+        The trials.
+    subdivision
+        Number of parts of each subdivided interval between two log instants.
     """
 
     time: FloatArray
@@ -114,12 +122,12 @@ class ActuatorInputs:
     trials: tuple[TrialRows, ...] = (TrialRows(),)
     subdivision: int = 1
     _speeds: dict[str, FloatArray] = field(default_factory=dict, init=False, repr=False)
-    # By the identity of what it is of, which is kept too, so that nothing else has it.
-    _of_trials: dict[int, tuple[object, FloatArray]] = field(default_factory=dict, init=False, repr=False)
+    # Results of `from_trials` by the identity of the argument, which is kept so that its identity stays unique.
+    _from_trials: dict[int, tuple[object, FloatArray]] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
     def concatenated(cls, each: Sequence[Self]) -> Self:
-        """Of several trials of one vehicle, one after the other."""
+        """Concatenate trials of one vehicle."""
         trials, at = [], 0
         for one in each:
             trials.append(one.trials[0]._replace(rows=slice(at, at + len(one.time))))
@@ -131,23 +139,23 @@ class ActuatorInputs:
         return replace(each[0], time=time, extras=extras, trials=tuple(trials))
 
     def apply_per_trial(self, function: Callable[..., FloatArray], series: FloatArray, *numbers: float) -> FloatArray:
-        """``function(time, values, *numbers)`` of each trial by itself, in (n, k) ``series`` of each column too.
+        """``function(time, values, *numbers)`` of each trial, and of each column of an (n, k) ``series``.
 
-        That is for what depends on the values before, or on the next: no trial remembers the one before it.
+        Functions that depend on earlier or later values go through here, so that trials stay independent.
         """
         if series.ndim > 1:
             columns = np.ascontiguousarray(series.T)
             return np.column_stack([self.apply_per_trial(function, column, *numbers) for column in columns])
         return np.concatenate([function(self.time[one.rows], series[one.rows], *numbers) for one in self.trials])
 
-    def weighted_sum(self, thrust: FloatArray, shares: FloatArray) -> FloatArray:
-        """(n,) sum over the thrusters of their (n, k) thrust times their (k,) share in it."""
-        # Of all rows at once BLAS would take every core, for next to nothing.
-        return np.concatenate([thrust[one.rows] @ shares for one in self.trials])
+    def weighted_sum(self, thrust: FloatArray, weights: FloatArray) -> FloatArray:
+        """(n,) sum of (n, k) thrust times (k,) weights."""
+        # By trial: for all rows at once BLAS would start threads on every core.
+        return np.concatenate([thrust[one.rows] @ weights for one in self.trials])
 
     @cached_property
     def offsets(self) -> IntArray:
-        """(t + 1,) the instant with which each of t trials begins, and how many there are in all."""
+        """(t + 1,) index of each trial's first instant, and n."""
         return np.cumsum([0, *(len(self.time[one.rows]) for one in self.trials)])
 
     @cached_property
@@ -158,125 +166,133 @@ class ActuatorInputs:
 
     @cached_property
     def campaign_time(self) -> FloatArray:
-        """(n,) s from the beginning of the campaign's first trial."""
+        """(n,) s from the start of the campaign's first trial."""
         return np.concatenate([one.start_offset + self.time[one.rows] for one in self.trials])
 
     @property
     def reference_thrust(self) -> FloatArray:
-        """(k,) N; a tenth of the full thrust, at which forms of the thrust curve agree with the bench."""
+        """(k,) N; a tenth of full thrust, at which all forms of the thrust curve agree with the bench."""
         return _REFERENCE_SHARE * self.full_thrust
 
     def speed(self, name: str) -> FloatArray:
-        """(n,) m/s, the mean until the next instant of one of `SPEEDS`; that of the campaign where it is not logged."""
+        """(n,) m/s, mean until the next instant of a channel in `SPEEDS`; the campaign's median if it is not logged."""
         if name not in self._speeds:
             logged = self.extras.get(name, np.full(len(self.time), np.nan))
             self._speeds[name] = self.apply_per_trial(_mean_speed, logged, self.reference.get(name, 0.0))
         return self._speeds[name]
 
     def wash(self, thrust: FloatArray) -> FloatArray:
-        """(n,) N^0.5 m^2; sum over the thrusters of the root of their (n, k) thrust in N times their arm squared."""
+        """(n,) N^0.5 m^2; sum of sqrt(thrust) * arm^2 for (n, k) thrust in N."""
         return self.weighted_sum(np.sqrt(np.abs(thrust)), self.arms**2)
 
     def from_trials(self, held: Mapping[str, FloatArray]) -> FloatArray:
-        """(n,) values that are held between the instants of each trial's log, which are told by its name."""
-        if id(held) not in self._of_trials:
+        """(n,) values from those at the log instants of each trial, by its name; held between these."""
+        if id(held) not in self._from_trials:
             series = np.concatenate([one.held_means(held[one.name]) for one in self.trials])
-            self._of_trials[id(held)] = held, self.subdivide(series)
-        return self._of_trials[id(held)][1]
+            self._from_trials[id(held)] = held, self.subdivide(series)
+        return self._from_trials[id(held)][1]
 
     def subdivide(self, held: FloatArray) -> FloatArray:
-        """(n, ...) of values that are held between the chosen instants, with each interval cut into ``parts``."""
+        """(n, ...) values from those at the selected log instants, held between these."""
         if self.subdivision == 1:
             return held
         return np.repeat(held, np.concatenate(self.subdivisions), axis=0)
 
     @cached_property
     def subdivisions(self) -> list[IntArray]:
-        """(m,) of each trial, into how many the interval from each of the chosen instants to the next is cut."""
-        lengths = np.diff(self.offsets).tolist()
-        return [
-            _counts(
-                (length - 1) // self.subdivision + 1 if one.subdivided is None else len(one.subdivided),
-                self.subdivision,
-                one.subdivided,
-            )
-            for length, one in zip(lengths, self.trials, strict=True)
-        ]
+        """(m,) of each trial: number of parts of the interval after each selected log instant."""
+        found = []
+        for length, one in zip(np.diff(self.offsets).tolist(), self.trials, strict=True):
+            count = (length - 1) // self.subdivision + 1 if one.subdivided is None else len(one.subdivided)
+            found.append(_part_counts(count, self.subdivision, one.subdivided))
+        return found
 
     def excess(self, command: FloatArray) -> FloatArray:
-        """(n, k) how far each command is beyond the bench's dead zone, with its sign; 0 inside."""
+        """(n, k) signed distance of each command from the bench's dead zone; 0 inside."""
         low, high = self.dead_zone.T
         return np.asarray(np.maximum(command - high, 0.0) + np.minimum(command - low, 0.0))
 
     def from_excess(self, excess: FloatArray) -> FloatArray:
-        """(n, k) commands that are so far beyond the dead zone; neutral where that is 0."""
+        """(n, k) commands with this signed distance from the dead zone; neutral for 0."""
         low, high = self.dead_zone.T
         return np.where(excess > 0.0, high + excess, np.where(excess < 0.0, low + excess, self.neutral))
 
 
-def _counts(count: int, parts: int, cut: BoolArray | None) -> IntArray:
-    """(n,) into how many each of the intervals is cut; the last instant has none."""
-    counts = np.full(count, parts) if cut is None else np.where(cut, parts, 1)
+def _part_counts(count: int, subdivision: int, subdivided: BoolArray | None) -> IntArray:
+    """(n,) number of parts of each interval; the last instant begins none."""
+    counts = np.full(count, subdivision) if subdivided is None else np.where(subdivided, subdivision, 1)
     counts[-1:] = 1
     return counts
 
 
 def interpolate_gaps(values: FloatArray) -> FloatArray:
-    """(n,) ``values`` with straight lines through their gaps; zeros where none is known."""
+    """(n,) ``values`` with linear interpolation in place of NaN; zeros if all are NaN."""
     known = np.flatnonzero(np.isfinite(values))
     if known.size == len(values):
         return values
     return np.interp(np.arange(len(values)), known, values[known]) if known.size else np.zeros(len(values))
 
 
-def _mean_speed(_: FloatArray, logged: FloatArray, usual: float) -> FloatArray:
-    """(n,) mean until the next instant of what is ``logged``; ``usual`` where nothing is."""
+def _mean_speed(_: FloatArray, logged: FloatArray, default: float) -> FloatArray:
+    """(n,) mean of the ``logged`` speed until the next instant; ``default`` if nothing is logged."""
     if not np.isfinite(logged).any():
-        return np.full(len(logged), usual)
+        return np.full(len(logged), default)
     known = interpolate_gaps(logged)
     return np.asarray(0.5 * (known + np.append(known[1:], known[-1])))
 
 
-def _instants(time: FloatArray, counts: IntArray) -> FloatArray:
+def _subdivided_time(time: FloatArray, counts: IntArray) -> FloatArray:
     first = np.repeat(np.cumsum(counts) - counts, counts)
     part = (np.arange(len(first)) - first) / np.repeat(counts, counts)
     return np.asarray(np.repeat(time, counts) + part * np.repeat(np.diff(time, append=time[-1]), counts))
 
 
 def actuator_inputs(
-    vehicle: Vehicle, trial: Trial, parts: int = 1, at: IntArray | None = None, cut: BoolArray | None = None
+    vehicle: Vehicle,
+    trial: Trial,
+    subdivision: int = 1,
+    at: IntArray | None = None,
+    subdivided: BoolArray | None = None,
 ) -> ActuatorInputs:
-    """What the effects between command and torque need to know of ``vehicle`` and ``trial``.
+    """Inputs of the effects between command and torque for one trial.
 
-    ``parts`` is how many each interval between two instants is cut into, those ``at`` alone where it is not None, and
-    no other intervals than those ``cut``, where that is not None.
+    Parameters
+    ----------
+    subdivision
+        Number of parts of each interval between two instants.
+    at
+        Selected instants; all if None.
+    subdivided
+        Which of the intervals after these are subdivided; all if None.
     """
-    chosen = None if at is None else SampleSelection.of(trial.time, at)
+    selection = None if at is None else SampleSelection.of(trial.time, at)
     time = trial.time if at is None else trial.time[at]
-    counts = _counts(len(time), parts, cut)
-    stretch = TrialRows(trial.name, trial.parent or trial.name, trial.campaign_time, selection=chosen, subdivided=cut)
+    counts = _part_counts(len(time), subdivision, subdivided)
+    name = trial.parent or trial.name
+    rows = TrialRows(trial.name, name, trial.campaign_time, selection=selection, subdivided=subdivided)
+    extras = {}
+    for channel, values in trial.extras.items():
+        # Between two instants a speed is interpolated later. Other channels are held.
+        chosen = values[at] if at is not None and channel in SPEEDS else rows.held_means(values)
+        extras[channel] = np.repeat(chosen, counts)
     return replace(
-        _of_vehicle(vehicle),
-        time=time if parts == 1 else _instants(time, counts),
-        # Between two instants a speed is what is between its readings there, and any other channel is held.
-        extras={
-            name: np.repeat(values[at] if at is not None and name in SPEEDS else stretch.held_means(values), counts)
-            for name, values in trial.extras.items()
-        },
+        _vehicle_inputs(vehicle),
+        time=time if subdivision == 1 else _subdivided_time(time, counts),
+        extras=extras,
         reference=trial.reference,
-        trials=(stretch,),
-        subdivision=parts,
+        trials=(rows,),
+        subdivision=subdivision,
     )
 
 
 @lru_cache(maxsize=4)
-def _of_vehicle(vehicle: Vehicle) -> ActuatorInputs:
-    """What is told of ``vehicle``, whatever the trial; asked for by every one."""
+def _vehicle_inputs(vehicle: Vehicle) -> ActuatorInputs:
+    """Inputs that are the same in all trials of ``vehicle``."""
     return ActuatorInputs(
         time=np.zeros(0),
         names=tuple(thruster.name for thruster in vehicle.thrusters),
         forward_share=vehicle.surge_shares,
-        command_range=np.array([_ends(thruster) for thruster in vehicle.thrusters]),
+        command_range=np.array([_command_range(thruster) for thruster in vehicle.thrusters]),
         dead_zone=np.array([_dead_zone(thruster.curve) for thruster in vehicle.thrusters]),
         extras={},
         neutral=neutral_commands(vehicle),
@@ -286,12 +302,11 @@ def _of_vehicle(vehicle: Vehicle) -> ActuatorInputs:
 
 
 def neutral_commands(vehicle: Vehicle) -> FloatArray:
-    """(k,) the command of no thrust: the middle of the bench curve's zeros, or where it crosses zero."""
+    """(k,) commands without thrust: the middle of the bench curve's zeros, or its zero crossing."""
     return np.array([0.0 if t.curve is None else sum(_dead_zone(t.curve)) / 2.0 for t in vehicle.thrusters])
 
 
-def _ends(thruster: Thruster) -> tuple[float, float]:
-    """Lowest and highest command."""
+def _command_range(thruster: Thruster) -> tuple[float, float]:
     if thruster.curve is None:
         return -thruster.max_logged_torque, thruster.max_logged_torque
     return float(thruster.curve.command[0]), float(thruster.curve.command[-1])

@@ -1,7 +1,7 @@
-"""Water that is set in motion with a delay: added inertia with memory.
+"""Added inertia with memory: water that is set in motion with a delay.
 
-Cummins' convolution with one state, torque -m, dm/dt = k*r - m/tau, is no form of its own: it is the plain one with
-Im = -k*tau^2 and k*tau more linear drag.
+Cummins' convolution with one state, torque -m, dm/dt = k*r - m/tau, is the plain form with Im = -k*tau^2 and k*tau more
+linear drag.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from dataclasses import replace
 
 from rovid.effects.base import REFERENCE_RATE, Effect, EffectParameter, Instant, Numbers, Term, Values, compiled
 
-# s; water in a frame follows no faster, however large the slip, which keeps the steps of the integration stable.
-_FASTEST = 0.1
+# s; smallest time constant of water in a frame at any relative rate, which keeps the integration stable.
+_SHORTEST = 0.1
 
 
 @compiled
@@ -22,13 +22,13 @@ def _linear(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
 
 @compiled
 def _porous(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
-    slip = at.rate - x[0]
-    change = abs(slip) * slip / (REFERENCE_RATE * p[1] + _FASTEST * abs(slip))
+    relative = at.rate - x[0]
+    change = abs(relative) * relative / (REFERENCE_RATE * p[1] + _SHORTEST * abs(relative))
     return -p[0] * change, change
 
 
 def _fastest(values: Values) -> float:
-    return 1.0 / max(values["time_constant"], _FASTEST)
+    return 1.0 / max(values["time_constant"], _SHORTEST)
 
 
 def _added(values: Values) -> float:
@@ -65,7 +65,7 @@ FORMS: tuple[Effect, ...] = (
                 initial_values=(1.0,),
                 scale="torque/rate",
             ),
-            # At a slip of 0.3 rad/s; three times as long at 0.1.
+            # At a relative rate of 0.3 rad/s; three times as long at 0.1.
             EffectParameter(
                 name="time_constant", unit="s", neutral=1.0, low=0.02, high=120.0, initial_values=(0.7, 4.0)
             ),

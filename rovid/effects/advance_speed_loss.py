@@ -1,4 +1,4 @@
-"""Thrust that falls as the thruster moves through the water."""
+"""Loss of thrust with the speed of advance of the thruster."""
 
 from __future__ import annotations
 
@@ -23,37 +23,37 @@ from rovid.effects.base import (
     where_nonnegative,
 )
 
-# Thrust against the stream is half as much again at most: beyond, the curve is not known.
-_AGAINST = -0.5
+# Largest gain of thrust against the stream, as a share: the open-water curve is unknown beyond.
+_MAX_GAIN = -0.5
 
 
 @compiled
 def _term(at: Instant, p: Numbers) -> float:
-    # Of each thruster as rotor speed times speed of advance; the rotor's speed as the root of thrust.
+    # Each thruster loses rotor speed times speed of advance. The rotor's speed is proportional to the root of thrust.
     return -p[0] * at.wash * at.rate
 
 
 @compiled
 def _open_water(at: Instant, p: Numbers) -> float:
     along = where_nonnegative(at.thruster_torque, at.rate, -at.rate)
-    # The mean of the thrusters, each at its speed over the root of its thrust.
-    advance = minimum(maximum(p[0] * along * at.wash / (abs(at.thruster_torque) + 1e-9), _AGAINST), 0.6)
-    # Minerva's KT = 0.24 − 0.25 J − 0.66 J² + 0.5 J³ over its value at J = 0, with j = 1.04 J; no thrust from J = 0.53.
+    # Mean advance ratio of the thrusters: speed of each over the root of its thrust.
+    advance = minimum(maximum(p[0] * along * at.wash / (abs(at.thruster_torque) + 1e-9), _MAX_GAIN), 0.6)
+    # KT = 0.24 − 0.25 J − 0.66 J² + 0.5 J³ of the ROV Minerva over its value at J = 0, with j = 1.04 J; zero at J =
+    # 0.53.
     lost = minimum(advance * (1.0 + advance * (2.534 - 1.843 * advance)), 1.0)
     return -at.thruster_torque * where_nonnegative(advance, lost, advance)
 
 
-def _measured(where: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
-    # Where it is not told which way the thrusters push, they are taken to push ahead.
-    along = np.outer(
-        where.speed(SPEEDS[0]), where.forward_share if where.forward_share.any() else np.ones(len(where.forward_share))
-    )
+def _measured(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
+    # Without forward shares in rovid.toml all thrusters are assumed to push ahead.
+    share = inputs.forward_share
+    along = np.outer(inputs.speed(SPEEDS[0]), share if share.any() else np.ones(len(share)))
     return np.asarray(thrust - values["coefficient"] * along * np.sqrt(np.abs(thrust)))
 
 
-def _across(where: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
-    # A jet that leaves across the stream is bent along the hull, whichever way the vehicle goes (Brix 1993).
-    lost = values["coefficient"] * np.abs(where.speed(SPEEDS[0]))[:, np.newaxis] * np.sqrt(np.abs(thrust))
+def _across(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
+    # A jet across the stream is bent along the hull, when the vehicle moves ahead or astern (Brix 1993).
+    lost = values["coefficient"] * np.abs(inputs.speed(SPEEDS[0]))[:, np.newaxis] * np.sqrt(np.abs(thrust))
     return np.asarray(np.sign(thrust) * np.maximum(np.abs(thrust) - lost, 0.0))
 
 

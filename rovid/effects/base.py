@@ -1,9 +1,8 @@
-"""What an effect is: an equation, its parameters, what it looks like, and how to tell it from its rivals.
+"""An effect: equation, parameters, fingerprint, and the experiment that reveals it.
 
-Where it acts, and by which function, is one of `rovid.effects.stages`. What an effect's file needs is to be had here.
-
-Nature does not know our equations: one cause may have several forms. They share the id and are told apart by ``form``;
-a cause is named, whichever form fits best.
+The stage at which an effect acts, and its function there, is one of `rovid.effects.stages`. An effect's file imports
+all it needs from here. One physical cause may have several forms with different equations. They share the id, and
+differ in ``form``. A diagnosis names the cause by the form that fits best.
 """
 
 from __future__ import annotations
@@ -16,8 +15,23 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.effects.actuator_inputs import SPEEDS, ActuatorInputs
-from rovid.effects.stages import Acts, Actuating, OnCommand, OnHeading, OnThrust, OnTorque, Term, Values, WaveTorque
-from rovid.effects.term_inputs import TERM_PARAMETERS, TERM_STATES, Body, Instant, Numbers, drag
+from rovid.effects.stages import (
+    TERM_PARAMETERS,
+    TERM_STATES,
+    Acts,
+    Actuating,
+    Body,
+    Instant,
+    Numbers,
+    OnCommand,
+    OnHeading,
+    OnThrust,
+    OnTorque,
+    Term,
+    Values,
+    WaveTorque,
+    drag,
+)
 from rovid.jit.decorators import compiled
 from rovid.jit.simd import maximum, minimum, where_nonnegative
 
@@ -42,6 +56,7 @@ __all__ = [
     "Term",
     "Values",
     "WaveTorque",
+    "canonical_phases",
     "compiled",
     "drag",
     "maximum",
@@ -49,12 +64,12 @@ __all__ = [
     "where_nonnegative",
 ]
 
-# rad/s; where forms that depend on the rate agree with the plain one, or have the time constant that they are given.
+# rad/s; at this rate all forms of an effect agree, and have the time constant that is given.
 REFERENCE_RATE = 0.3
-# A parameter whose slopes are taken over more than this share of it makes stairs of the likelihood.
-_SMOOTH = 1e-3
-# A null so large stands for infinity.
-_ENDLESS = 1e5
+# Relative step of a difference quotient, above which the likelihood is taken to be piecewise constant.
+_SMOOTH_STEP = 1e-3
+# A neutral value beyond this stands for infinity.
+_INFINITE = 1e5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,20 +78,20 @@ class EffectParameter:
 
     Attributes
     ----------
-    null
-        Value at which the effect is not there.
+    neutral
+        Value without the effect.
     low, high
-        Physical bounds, in ``unit``, or in units of the scale.
-    starts
-        Where to begin a fit, in units of the scale.
+        Physical bounds, in ``unit`` times the scale.
+    initial_values
+        Initial values of fits, in ``unit`` times the scale.
     scale
-        What one unit of the search is: ``one``, ``command`` (a hundredth of the largest command in use), or what is in
-        use of ``torque``, ``rate``, ``race``, ``surge`` or ``sway`` speed and of ``root``, that of a thrust, the
-        heaviest ``load`` as a share of full thrust, the hours of the ``longest`` log or of the ``day`` from the first
-        log's beginning to the last one's end; or one of them over others, as ``torque/surge/rate``.
+        Typical size: ``one``; ``command``, a hundredth of the largest command; ``torque``, ``rate``, ``wash``,
+        ``sqrt_thrust``, ``surge`` and ``sway`` as they occur in the logs; ``load``, the largest share of full thrust;
+        ``longest``, hours of the longest log; ``day``, hours from the first log's start to the last one's end.
+        Quotients are written as ``torque/surge/rate``.
     step
-        Share of its size over which slopes are taken. A threshold between samples makes stairs of the likelihood: over
-        less than a step of them it has no slope, or far too much.
+        Relative step of difference quotients. A threshold makes the likelihood piecewise constant: with a small step
+        its derivative would be zero or far too large.
     """
 
     name: str
@@ -90,43 +105,43 @@ class EffectParameter:
 
     @property
     def piecewise_constant(self) -> bool:
-        """Whether the likelihood has steps along it in place of slopes."""
-        return self.step > _SMOOTH
+        """Whether the likelihood has steps along this parameter."""
+        return self.step > _SMOOTH_STEP
 
     @property
     def neutral_at_infinity(self) -> bool:
-        """Whether the effect is gone only at infinity, for which ``null`` stands."""
-        return abs(self.neutral) > _ENDLESS
+        """Whether the effect vanishes at infinity, for which ``neutral`` stands."""
+        return abs(self.neutral) > _INFINITE
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Effect:
-    """One physical cause.
+    """One physical cause, in one of its forms.
 
     Attributes
     ----------
     id
-        Its name for users and programs.
+        Name of the effect for users and programs.
     acts
-        Where it acts, and how.
+        Stage at which the effect acts, with its function.
     equation, fingerprint, experiment
-        For people: what it does, what it looks like in the residuals, and the run that reveals it.
+        Texts: the equation, the pattern in the residuals, and the run that reveals the effect.
     form
-        Which of the effect's forms this is; empty for the plain one.
+        Name of the form; empty for the plain one.
     rivals
-        Ids of the effects it is confused with.
+        Ids of effects with which it is confused.
     needs
-        Channels of the log without which this form cannot be.
+        Channels of the log without which the form cannot be evaluated.
     axes
-        Names of the axes along which there is such a thing; empty for all.
+        Names of the axes along which the effect exists; empty for all.
     canonical
-        (parameters) -> the same, in the range in which people expect them.
-    each_thruster
-        Whether it acts on one thruster, whose name is the form.
-    sizes
-        How many of its parameters, the first ones, are its size together.
-    passing
-        Whether it is of a day, of its water, its cable and its battery, rather than of the vehicle.
+        (parameters) -> equivalent parameters in the usual range.
+    per_thruster
+        Whether the effect acts on one thruster, whose name is the form.
+    size_count
+        Number of parameters, the first ones, that are the size of the effect.
+    environmental
+        Whether the effect belongs to the day (water, cable, battery) rather than to the vehicle.
     """
 
     id: str
@@ -152,50 +167,47 @@ class Effect:
 
     @property
     def changes_torque_input(self) -> bool:
-        """Whether its parameters change what drives the vehicle."""
-        stands_in = isinstance(self.acts, Term) and self.acts.surge_from_thrust is not None
-        return stands_in or isinstance(self.acts, Actuating)
+        """Whether the torque input depends on the effect's parameters."""
+        estimates_surge = isinstance(self.acts, Term) and self.acts.surge_from_thrust is not None
+        return estimates_surge or isinstance(self.acts, Actuating)
 
     @property
     def uses_wash(self) -> bool:
-        """Whether it asks for the thrusters' race."""
+        """Whether the effect depends on the wash of the thrusters."""
         return isinstance(self.acts, Term) and self.acts.uses_wash
 
     @property
     def stateful(self) -> bool:
-        """Whether it has states of its own, which move on with the vehicle."""
+        """Whether the effect has states, which are integrated with the motion."""
         return isinstance(self.acts, Term) and self.acts.states > 0
 
     @property
     def is_wave(self) -> bool:
-        """Whether it is a torque at random phase."""
+        """Whether the effect is a torque of random phase."""
         return isinstance(self.acts, WaveTorque)
 
     @property
     def oscillatory(self) -> bool:
-        """Whether it swings by itself, with its parameter ``frequency``, and a filter carries its states along."""
+        """Whether the effect oscillates with its parameter ``frequency``, and a filter estimates its states."""
         return self.is_wave or (isinstance(self.acts, Term) and self.acts.oscillatory)
 
     @property
     def initial_values(self) -> list[FloatArray]:
-        """Where to begin the search for the parameters, in units of their scale."""
+        """Initial values of fits, each (k,), in units of the scales. Short lists repeat their last value."""
         count = max(len(parameter.initial_values) for parameter in self.parameters)
-        return [self._start(number) for number in range(count)]
-
-    def _start(self, number: int) -> FloatArray:
-        """(k,) the start of that number, or a parameter's last where it has fewer."""
-        return np.array(
-            [p.initial_values[min(number, len(p.initial_values) - 1)] for p in self.parameters], dtype=float
-        )
+        return [
+            np.array([p.initial_values[min(number, len(p.initial_values) - 1)] for p in self.parameters], dtype=float)
+            for number in range(count)
+        ]
 
     def values(self, numbers: FloatArray) -> dict[str, float]:
-        """Parameters by name."""
+        """Parameter values by name."""
         return {parameter.name: float(value) for parameter, value in zip(self.parameters, numbers, strict=True)}
 
 
 @dataclass(frozen=True)
 class Scales:
-    """What one unit of each parameter's search is, in SI; see ``EffectParameter.scale``."""
+    """Typical sizes in SI; see ``EffectParameter.scale``."""
 
     command: float
     torque: float
@@ -209,7 +221,15 @@ class Scales:
     day: float = 1.0
 
     def unit_size(self, parameter: EffectParameter) -> float:
-        """Size of one unit of ``parameter``."""
+        """Scale of ``parameter``."""
         sizes = {"one": 1.0, **vars(self), "command": 0.01 * self.command}
         first, *others = parameter.scale.split("/")
         return float(sizes[first] / math.prod(sizes[name] for name in others))
+
+
+def canonical_phases(numbers: FloatArray) -> FloatArray:
+    """Pairs of amplitude and phase in rad, with amplitudes of 0 or more and phases between -pi and pi."""
+    amplitude, phase = np.asarray(numbers, dtype=np.float64).reshape(-1, 2).T
+    phase = np.where(amplitude < 0.0, phase + math.pi, phase)
+    phase = np.arctan2(np.sin(phase), np.cos(phase))
+    return np.column_stack((np.abs(amplitude), phase)).ravel()

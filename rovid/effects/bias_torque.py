@@ -1,4 +1,4 @@
-"""A constant torque in the body's frame."""
+"""A constant torque in the body frame."""
 
 from __future__ import annotations
 
@@ -45,11 +45,11 @@ FORMS: tuple[Effect, ...] = (EFFECT,)
 
 
 def for_trials(names: Sequence[str]) -> Effect:
-    """The effect with a torque of its own in each trial of these names, as of a tether or a current."""
+    """The form with another torque in each of these trials, as by a tether or a current."""
     torques = per_trial.one_size_per_trial(EFFECT.parameters[0], len(names), 0.02)
 
-    def in_trials(where: ActuatorInputs, torque: FloatArray, values: Values) -> FloatArray:
-        return torque + per_trial.held_sizes(where, names, [values[one.name] for one in torques], 0.0)
+    def in_trials(inputs: ActuatorInputs, torque: FloatArray, values: Values) -> FloatArray:
+        return torque + per_trial.held_sizes(inputs, names, [values[one.name] for one in torques], 0.0)
 
     return replace(
         EFFECT,

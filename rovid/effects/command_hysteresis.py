@@ -8,16 +8,16 @@ from rovid.core.array_types import FloatArray
 from rovid.effects.actuator_dynamics import latched, played
 from rovid.effects.base import ActuatorInputs, Effect, EffectParameter, OnCommand, Values
 
-# A sharp threshold would change the likelihood by steps, without a slope to follow: it is ten percent wide.
+# Width of the threshold as a share of it. A sharp threshold would make the likelihood piecewise constant.
 _RAMP = 0.1
 
 
-def _play(where: ActuatorInputs, command: FloatArray, values: Values) -> FloatArray:
-    return where.apply_per_trial(played, command, values["width"])
+def _play(inputs: ActuatorInputs, command: FloatArray, values: Values) -> FloatArray:
+    return inputs.apply_per_trial(played, command, values["width"])
 
 
-def _latch(where: ActuatorInputs, command: FloatArray, values: Values) -> FloatArray:
-    return where.from_excess(where.apply_per_trial(latched, where.excess(command), values["width"], _RAMP))
+def _latch(inputs: ActuatorInputs, command: FloatArray, values: Values) -> FloatArray:
+    return inputs.from_excess(inputs.apply_per_trial(latched, inputs.excess(command), values["width"], _RAMP))
 
 
 EFFECT: Effect = Effect(
@@ -39,7 +39,7 @@ FORMS: tuple[Effect, ...] = (
     replace(
         EFFECT,
         form="schmitt",
-        # Commands pass the threshold one by one: there are many places to begin.
+        # The likelihood has a local maximum for each command near the threshold.
         parameters=(
             replace(EFFECT.parameters[0], initial_values=(2.0, 4.0, 6.0, 8.0, 11.0, 14.0, 18.0, 22.0, 27.0, 33.0)),
         ),

@@ -1,4 +1,4 @@
-"""A resistance that hardly depends on the rate: rubbing tether, seals."""
+"""Coulomb friction of a rubbing tether or of seals."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def _term(at: Instant, p: Numbers) -> float:
 @compiled
 def _stiction(at: Instant, p: Numbers) -> float:
     share = at.rate / (p[1] + 1e-9)
-    # Half as much again near rest (Stribeck).
+    # Half as large again near rest (Stribeck effect).
     return -p[0] * math.tanh(5.0 * share) * (1.0 + 0.5 * math.exp(-share * share))
 
 
@@ -29,7 +29,7 @@ def _unequal(at: Instant, p: Numbers) -> float:
 _TORQUE = EffectParameter(
     name="torque", unit="N m", neutral=0.0, low=0.0, high=1.0, initial_values=(0.03,), scale="torque"
 )
-# Nothing turns its sign at once: the rate over which this does.
+# Rate over which the friction changes its sign.
 _RATE = EffectParameter(
     name="rate", unit="rad/s", neutral=0.03, low=0.03, high=0.5, initial_values=(0.03, 0.12), scale="rate"
 )

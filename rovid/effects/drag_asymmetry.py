@@ -1,4 +1,4 @@
-"""More drag turning one way than the other."""
+"""Drag that differs between the two directions of turning."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, 
 
 
 @compiled
-def _whole(at: Instant, p: Numbers) -> float:
+def _all_drag(at: Instant, p: Numbers) -> float:
     return where_nonnegative(at.relative_rate, 0.0, -(p[0] - 1.0) * drag(at.body, at.relative_rate))
 
 
@@ -27,7 +27,7 @@ EFFECT: Effect = Effect(
     fingerprint="residual torque as |r|·r in one direction only, with thrust and coasting alike",
     experiment="coast-downs from both directions",
     rivals=("thrust_asymmetry", "bias_torque"),
-    acts=Term(_whole),
+    acts=Term(_all_drag),
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,

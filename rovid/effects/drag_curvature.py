@@ -1,4 +1,4 @@
-"""Drag that rises faster, or slower, than linear and quadratic terms allow."""
+"""Drag that rises faster or slower with the rate than the linear and quadratic terms."""
 
 from __future__ import annotations
 

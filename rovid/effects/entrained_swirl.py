@@ -1,4 +1,4 @@
-"""Water that co-rotates after long turning and eases the drag."""
+"""Water that co-rotates after long turning and reduces the drag."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ def _share(p: Numbers, x: Numbers) -> float:
 
 @compiled
 def _annulus(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
-    # The walls' friction that balances the drag when the hull turns at the reference rate and the water at its share.
-    water, slip = p[0] * REFERENCE_RATE, (1.0 - p[0]) * REFERENCE_RATE
-    friction = drag(at.body, slip) / (water * water)
-    slope = 2.0 * at.body.quadratic_drag * slip + at.body.linear_drag
+    # Wall friction that balances the drag if the hull turns at the reference rate and the water at its share of that.
+    water, relative = p[0] * REFERENCE_RATE, (1.0 - p[0]) * REFERENCE_RATE
+    friction = drag(at.body, relative) / (water * water)
+    slope = 2.0 * at.body.quadratic_drag * relative + at.body.linear_drag
     inertia = p[1] * (slope + 2.0 * friction * water)
-    pulls = drag(at.body, at.rate - x[0])
-    change = (pulls - friction * abs(x[0]) * x[0]) / (inertia + 1e-12)
-    # At no share there is no such water.
-    return where_nonnegative(-p[0], 0.0, drag(at.body, at.rate) - pulls), where_nonnegative(-p[0], 0.0, change)
+    pull = drag(at.body, at.rate - x[0])
+    change = (pull - friction * abs(x[0]) * x[0]) / (inertia + 1e-12)
+    # A share of zero means no such water.
+    return where_nonnegative(-p[0], 0.0, drag(at.body, at.rate) - pull), where_nonnegative(-p[0], 0.0, change)
 
 
 @compiled
-def _whole(p: Numbers, x: Numbers) -> float:
+def _state(p: Numbers, x: Numbers) -> float:
     return x[0]
 
 
@@ -70,6 +70,6 @@ FORMS: tuple[Effect, ...] = (
         EFFECT,
         form="annulus",
         equation="all drag of r − w in place of r, If·dw/dt = drag − C·|w|·w; s = w/r and τ as at r = 0.3 rad/s",
-        acts=Term(_annulus, states=1, fastest=_fastest, entrained_rate=_whole),
+        acts=Term(_annulus, states=1, fastest=_fastest, entrained_rate=_state),
     ),
 )

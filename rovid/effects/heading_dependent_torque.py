@@ -1,12 +1,11 @@
-"""A torque that goes with the heading: current, side pull of the tether."""
+"""A torque that depends on the heading, by a current or a side pull of the tether."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
 
-from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, compiled
-from rovid.effects.harmonics import canonical
+from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, canonical_phases, compiled
 
 
 @compiled
@@ -53,16 +52,16 @@ EFFECT: Effect = Effect(
     experiment="slow full turns, both ways, from different headings",
     rivals=("bias_torque", "tether_torsion", "heading_deviation"),
     acts=Term(_once),
-    canonical=canonical,
+    canonical=canonical_phases,
 )
-# A tether pulls once a turn; a current on a body longer than wide (Munk moment) twice.
+# A tether pulls once in each turn, a current on a long body twice (Munk moment).
 FORMS: tuple[Effect, ...] = (
     EFFECT,
     replace(EFFECT, form="two_cycles", equation="+ a·sin(2ψ + φ)", acts=Term(_twice)),
     replace(
         EFFECT,
         form="mixed",
-        # Each of the two phases may be anywhere beside the other.
+        # All combinations of the two phases.
         parameters=_pair("", (0.0, 1.57, 0.0, 1.57)) + _pair("second_", (0.0, 0.0, 1.57, 1.57)),
         equation="+ a·sin(ψ + φ) + a2·sin(2ψ + φ2)",
         acts=Term(_mixed),

@@ -1,4 +1,4 @@
-"""A measured heading that deviates from the true one, by an amount that goes with the heading: compasses."""
+"""Deviation of a compass: an error of the measured heading that depends on the heading."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.effects.base import Effect, EffectParameter, OnHeading, Values
-from rovid.effects.harmonics import canonical
+from rovid.effects.base import Effect, EffectParameter, OnHeading, Values, canonical_phases
 
 
 def _once(heading: FloatArray, values: Values) -> FloatArray:
@@ -25,16 +24,16 @@ def _mixed(heading: FloatArray, values: Values) -> FloatArray:
     return np.asarray(_once(heading, values) + second)
 
 
-# rad, of an uncorrected compass amid steel; together they leave the measured heading one to one with the true.
-_MOST, _MOST_SECOND = 0.4, 0.25
+# rad; largest amplitudes, of an uncorrected compass near steel. With both the measured heading is still monotonic.
+_MAX, _MAX_SECOND = 0.4, 0.25
 
 
 def _pair(
-    prefix: str, amplitude: float, phases: tuple[float, ...], most: float = _MOST
+    prefix: str, amplitude: float, phases: tuple[float, ...], limit: float = _MAX
 ) -> tuple[EffectParameter, EffectParameter]:
     return (
         EffectParameter(
-            name=f"{prefix}amplitude", unit="rad", neutral=0.0, low=-most, high=most, initial_values=(amplitude,)
+            name=f"{prefix}amplitude", unit="rad", neutral=0.0, low=-limit, high=limit, initial_values=(amplitude,)
         ),
         EffectParameter(name=f"{prefix}phase", unit="rad", neutral=0.0, low=-6.3, high=6.3, initial_values=phases),
     )
@@ -52,7 +51,7 @@ EFFECT: Effect = Effect(
     experiment="full turns at two rates, both ways, with a gyro in the log",
     rivals=("heading_dependent_torque",),
     acts=OnHeading(_once),
-    canonical=canonical,
+    canonical=canonical_phases,
 )
 # The deviation of a magnetic compass: terms B to E of the handbook of compass adjustment (NGA).
 FORMS: tuple[Effect, ...] = (
@@ -61,9 +60,9 @@ FORMS: tuple[Effect, ...] = (
     replace(
         EFFECT,
         form="mixed",
-        # Each of the two phases may be anywhere beside the other.
+        # All combinations of the two phases.
         parameters=_pair("", 0.01, (0.0, 1.57, 0.0, 1.57))
-        + _pair("second_", 0.005, (0.0, 0.0, 1.57, 1.57), _MOST_SECOND),
+        + _pair("second_", 0.005, (0.0, 0.0, 1.57, 1.57), _MAX_SECOND),
         equation="ψ measured = ψ + a·sin(ψ + φ) + a2·sin(2ψ + φ2)",
         acts=OnHeading(_mixed),
     ),

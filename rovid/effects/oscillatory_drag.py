@@ -8,7 +8,7 @@ from dataclasses import replace
 from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, compiled, where_nonnegative
 
 
-# The state is the angle swept since the last reversal, with the sign of the turn.
+# State: the angle swept since the last reversal, with the sign of the rate.
 @compiled
 def _reversed(rate: float, x: Numbers) -> float:
     return where_nonnegative(rate * x[0], x[0], 0.0)
@@ -28,11 +28,10 @@ def _algebraic(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
 
 @compiled
 def _fading(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
-    # The state follows the direction of turning over the swept angle: opposite to it just after a reversal.
+    # State: the direction of turning behind a first-order lag in the swept angle; opposite just after a reversal.
     way = where_nonnegative(-at.rate, -1.0, 1.0)
-    return -p[0] * 0.5 * (1.0 - way * x[0]) * at.body.quadratic_drag * abs(at.relative_rate) * at.relative_rate, abs(
-        at.rate
-    ) * (way - x[0]) / p[1]
+    drag = at.body.quadratic_drag * abs(at.relative_rate) * at.relative_rate
+    return -p[0] * 0.5 * (1.0 - way * x[0]) * drag, abs(at.rate) * (way - x[0]) / p[1]
 
 
 EFFECT: Effect = Effect(

@@ -1,4 +1,4 @@
-"""Weight and buoyancy: what brings the vehicle back, or lifts it. Part of the base model of its axis, no effect."""
+"""Restoring torque and net buoyancy, part of the base model along some axes; the same interface as effects."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ RIGHTING: Effect = Effect(
 
 
 def regressors(restoring: Effect | None, position: FloatArray) -> FloatArray:
-    """(n, k) what ``restoring`` is made of at (n,) positions: it is linear in k unknowns."""
+    """(n, k) regressors of ``restoring`` at (n,) positions: it is linear in k coefficients."""
     if restoring is None:
         return np.empty((len(position), 0))
     if restoring is LIFT:
@@ -65,9 +65,9 @@ def regressors(restoring: Effect | None, position: FloatArray) -> FloatArray:
     return np.column_stack((np.sin(position), np.cos(position)))
 
 
-def from_regressors(restoring: Effect | None, unknowns: FloatArray) -> FloatArray:
-    """(k,) parameters of ``restoring`` of the (k,) factors of its columns."""
+def from_regressors(restoring: Effect | None, coefficients: FloatArray) -> FloatArray:
+    """(k,) parameters of ``restoring`` for the (k,) coefficients of its regressors."""
     if restoring is not RIGHTING:
-        return unknowns
+        return coefficients
     # K sin(theta - theta0) = (K cos theta0) sin theta - (K sin theta0) cos theta
-    return np.array([math.hypot(*unknowns), math.atan2(-unknowns[1], unknowns[0])])
+    return np.array([math.hypot(*coefficients), math.atan2(-coefficients[1], coefficients[0])])

@@ -1,4 +1,4 @@
-"""A restoring torque that does not go with the sine of the tilt: a hull whose sides are not upright."""
+"""A restoring torque that is not proportional to the sine of the tilt, as of a hull with inclined sides."""
 
 from __future__ import annotations
 

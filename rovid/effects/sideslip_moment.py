@@ -1,4 +1,4 @@
-"""The moment of a hull that drifts sideways: its own, and Munk's of one that also goes ahead."""
+"""Yaw moment of a hull with sideslip, and its Munk moment with speed ahead."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def _both(at: Instant, p: Numbers) -> float:
 
 @compiled
 def _turned(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
-    # A hull that turns with way on is carried outwards, and its sway fades (Fossen 2011, section 7.1).
+    # State: estimated sway. Turning with speed ahead excites it, and it decays (Fossen 2011, section 7.1).
     return -p[0] * x[0], (-at.surge * at.rate - x[0]) / p[1]
 
 
@@ -35,21 +35,21 @@ def _carried(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
     return -p[0] * at.surge * x[0], (-at.surge * at.rate - x[0]) / p[1]
 
 
-def _fading(values: Values) -> float:
+def _decay_rate(values: Values) -> float:
     return 1.0 / values["time_constant"]
 
 
-def _speed(where: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
-    return speed_of_thrust(where, thrust, values["surge_time_constant"])
+def _surge_from_thrust(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
+    return speed_of_thrust(inputs, thrust, values["surge_time_constant"])
 
 
 _DRIFT = EffectParameter(
     name="coefficient", unit="N s", neutral=0.0, low=-3.0, high=3.0, initial_values=(0.05, -0.05), scale="torque/sway"
 )
 _MUNK = replace(_DRIFT, name="munk", unit="kg", scale="torque/surge/sway")
-# s; of the sway, behind the turn. That of the smallest hulls takes half a second or so to fade: one that fades at once
-# is no other cause than damping by the square of the speed.
-_FADES = EffectParameter(name="time_constant", unit="s", neutral=1.0, low=0.3, high=120.0, initial_values=(0.3, 2.0))
+# Time constant of the sway: half a second for the smallest hulls. Sway that decays at once would be the same as damping
+# with the square of the speed.
+_DECAY = EffectParameter(name="time_constant", unit="s", neutral=1.0, low=0.3, high=120.0, initial_values=(0.3, 2.0))
 
 EFFECT: Effect = Effect(
     id="sideslip_moment",
@@ -63,7 +63,7 @@ EFFECT: Effect = Effect(
     needs=SPEEDS[1:],
     acts=Term(_drift),
 )
-# Munk's: (added mass across less added mass along)·u·v, which turns a hull broadside on.
+# Munk moment: (added mass across - added mass along)·u·v turns a hull broadside to the flow.
 FORMS: tuple[Effect, ...] = (
     EFFECT,
     replace(
@@ -80,7 +80,7 @@ FORMS: tuple[Effect, ...] = (
         form="estimated",
         parameters=(
             replace(_DRIFT, unit="N^0.5 m s/rad", scale="torque/sqrt_thrust/rate"),
-            _FADES,
+            _DECAY,
             EffectParameter(
                 name="surge_time_constant", unit="s", neutral=0.0, low=0.0, high=200.0, initial_values=(3.0, 12.0)
             ),
@@ -89,20 +89,20 @@ FORMS: tuple[Effect, ...] = (
         fingerprint="residual torque that follows the rate late, in proportion to the root of the thrust ahead",
         experiment="the speeds in the log; the same turns with much thrust ahead and with none",
         needs=(),
-        acts=Term(_turned, states=1, fastest=_fading, surge_from_thrust=_speed),
+        acts=Term(_turned, states=1, fastest=_decay_rate, surge_from_thrust=_surge_from_thrust),
     ),
     replace(
         EFFECT,
         form="carried",
         parameters=(
             replace(_DRIFT, unit="N m s^3/(m^2 rad)", scale="torque/surge/surge/rate"),
-            replace(_FADES, initial_values=(2.0, 10.0)),
+            replace(_DECAY, initial_values=(2.0, 10.0)),
         ),
         equation="− N·u·w, τ·dw/dt = − u·r − w, u the logged speed ahead: in place of a logged v",
         fingerprint="residual torque that follows the rate late, in proportion to the square of the speed ahead",
         experiment="the same turns at several speeds ahead, and at none",
         needs=SPEEDS[:1],
-        acts=Term(_carried, states=1, fastest=_fading),
+        acts=Term(_carried, states=1, fastest=_decay_rate),
     ),
     replace(EFFECT, form="both", parameters=(_DRIFT, _MUNK), equation="− N·v − m·u·v", needs=SPEEDS, acts=Term(_both)),
 )

@@ -1,4 +1,4 @@
-"""A limit to how fast the applied command may change."""
+"""A limit on the rate of change of the applied command."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from rovid.effects.actuator_dynamics import slewed, soft_started
 from rovid.effects.base import ActuatorInputs, Effect, EffectParameter, OnCommand, Values
 
 
-def _both_ways(where: ActuatorInputs, command: FloatArray, values: Values) -> FloatArray:
-    return where.apply_per_trial(slewed, command, values["rate"])
+def _both_ways(inputs: ActuatorInputs, command: FloatArray, values: Values) -> FloatArray:
+    return inputs.apply_per_trial(slewed, command, values["rate"])
 
 
-def _growth(where: ActuatorInputs, command: FloatArray, values: Values) -> FloatArray:
-    return np.asarray(where.apply_per_trial(soft_started, command - where.neutral, values["rate"]) + where.neutral)
+def _growth(inputs: ActuatorInputs, command: FloatArray, values: Values) -> FloatArray:
+    return np.asarray(inputs.apply_per_trial(soft_started, command - inputs.neutral, values["rate"]) + inputs.neutral)
 
 
-def _arrives(values: Values, change: float) -> float:
+def _ramp_time(values: Values, change: float) -> float:
     return change / values["rate"]
 
 
@@ -35,7 +35,7 @@ EFFECT: Effect = Effect(
     fingerprint="steps answered by a ramp whose length goes with the size of the step; slow sines untouched",
     experiment="steps of different sizes",
     rivals=("thruster_lag", "command_delay"),
-    acts=OnCommand(_both_ways, settling_time=_arrives),
+    acts=OnCommand(_both_ways, settling_time=_ramp_time),
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,
@@ -43,6 +43,6 @@ FORMS: tuple[Effect, ...] = (
         EFFECT,
         form="soft_start",
         equation="d|u'|/dt ≤ R; falls at once",
-        acts=OnCommand(_growth, settling_time=_arrives),
+        acts=OnCommand(_growth, settling_time=_ramp_time),
     ),
 )

@@ -1,4 +1,4 @@
-"""Damping that grows with the speed ahead: lift of hull, skegs and rudder in the stream."""
+"""Damping that grows with the speed ahead, by lift of hull, skegs and rudder."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ def _both(at: Instant, p: Numbers) -> float:
     return -(p[0] + p[1] * speed) * speed * at.relative_rate
 
 
-def _of_thrust(where: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
-    return speed_of_thrust(where, thrust, values["time_constant"])
+def _surge_from_thrust(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
+    return speed_of_thrust(inputs, thrust, values["time_constant"])
 
 
 _LINEAR = EffectParameter(
@@ -74,6 +74,6 @@ FORMS: tuple[Effect, ...] = (
         equation="− N·|s|·r, τ·ds/dt = sign(F)·√|F| − s, F the thrust ahead: in place of a speed that is not logged",
         experiment="the speed ahead in the log; the same turns with much thrust ahead and with none",
         needs=(),
-        acts=Term(_linear, surge_from_thrust=_of_thrust),
+        acts=Term(_linear, surge_from_thrust=_surge_from_thrust),
     ),
 )

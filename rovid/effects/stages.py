@@ -1,31 +1,86 @@
-"""Where an effect acts, on the way from command to measured heading, and by which function.
+"""Stages between command and measured heading at which an effect may act, and the functions by which it acts.
 
-    command -> [OnCommand] -> bench curve -> [OnThrust] -> sum -> [OnTorque] -> motion [Term, Wave] -> [OnHeading]
+    command -> [OnCommand] -> bench curve -> [OnThrust] -> sum -> [OnTorque] -> motion [Term, WaveTorque] -> [OnHeading]
 
-The first three are functions of the logged commands alone, those of all trials one after the other, and are worked out
-once for a set of parameters.
+The first three are functions of the logged commands alone, those of all trials concatenated. They are evaluated once
+for a set of parameters. Terms are compiled, and evaluated in each step of the integration.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from rovid.core.array_types import FloatArray
 from rovid.effects.actuator_inputs import ActuatorInputs
-from rovid.effects.term_inputs import Instant, Numbers
+from rovid.jit.decorators import compiled
 
-# Parameters of an effect by name.
+# Room for parameters and states of each term.
+TERM_PARAMETERS = 4
+TERM_STATES = 2
+# Parameters of a term in their order, or its states.
+Numbers = tuple[float, ...]
+# Parameter values of an effect by name.
 Values = Mapping[str, float]
+# (trials, series, parameter values) -> series.
 OnSeries = Callable[[ActuatorInputs, FloatArray, Values], FloatArray]
-# (parameters, largest change of a command) -> s after a change of commands.
+# (parameter values, largest change of a command) -> s after the change.
 Settling = Callable[[Values, float], float]
+
+
+class Body(NamedTuple):
+    """The plain model, in SI and rad.
+
+    ``stiffness`` in N m/rad and ``trim`` in rad belong to the restoring torque, and are 0 along an axis without.
+    """
+
+    inertia: float
+    quadratic_drag: float
+    linear_drag: float
+    stiffness: float = 0.0
+    trim: float = 0.0
+
+
+class Instant(NamedTuple):
+    """Motion and inputs at one instant.
+
+    Attributes
+    ----------
+    rate, relative_rate
+        rad/s over ground, and relative to the water around the hull.
+    angle, start
+        rad since the start of the trial, and the position at the start. Their sum is the position, in yaw the heading.
+    thruster_torque
+        N m.
+    wash
+        N^0.5 m^2; sum of sqrt(thrust) * arm^2 over the thrusters.
+    surge, sway
+        m/s ahead and to starboard.
+    body
+        The plain model.
+    """
+
+    rate: float
+    relative_rate: float
+    angle: float
+    start: float
+    thruster_torque: float
+    wash: float
+    surge: float
+    sway: float
+    body: Body
+
+
+@compiled
+def drag(body: Body, rate: float) -> float:
+    """Drag of the plain model in N m at ``rate`` in rad/s relative to the water."""
+    return (body.quadratic_drag * abs(rate) + body.linear_drag) * rate
 
 
 @dataclass(frozen=True, eq=False)
 class OnCommand:
-    """``change``: (n, k) commands -> commands; other flags as in `OnThrust`."""
+    """``change``: (n, k) commands -> commands. Other fields as in `OnThrust`."""
 
     change: OnSeries
     _: KW_ONLY
@@ -39,11 +94,10 @@ class OnThrust:
 
     Attributes
     ----------
-    settles
-        When all is over that it does in less than the interval between two samples; None where there is no such thing.
+    settling_time
+        Time until the thrust is constant after a command change, if it varies within a sample interval.
     anchored
-        Whether it leaves thrust as it was taken at one thrust, command or voltage that is a mere choice. An effect
-        that says where thrust is gone (astern, of one thruster, with load, with time) leaves the rest as it was.
+        Whether the effect leaves thrust unchanged at a reference thrust, command or voltage that is a mere convention.
     """
 
     change: OnSeries
@@ -58,11 +112,11 @@ class OnTorque:
 
     Attributes
     ----------
-    settles
+    settling_time
         As in `OnThrust`.
-    scatter
-        (n,) torque in N m, before the change -> variance of its impulse until the next instant in N^2 m^2 s^2, where
-        the equation leaves open when the torque acts.
+    impulse_variance
+        (n,) torque in N m before the change -> variance in N^2 m^2 s^2 of its integral until the next instant, if the
+        effect leaves open when the torque acts.
     """
 
     change: OnSeries
@@ -73,33 +127,31 @@ class OnTorque:
 
 @dataclass(frozen=True, eq=False)
 class Term:
-    """``torque``: a compiled term of the equation of motion, in N m: ``(at, p) -> torque``.
+    """``torque``: a compiled term of the equation of motion in N m, ``(at, p) -> torque``.
 
-    ``at`` is an `Instant`, ``p`` holds the parameters in their order. One with states is told them too, and says how
-    each of them changes with time: ``(at, p, x) -> (torque, change, ...)``.
+    ``at`` is an `Instant`, ``p`` holds the parameters in their order. A term with states x returns their derivatives
+    too: ``(at, p, x) -> (torque, derivative, ...)``.
 
     Attributes
     ----------
     states
-        How many it has.
+        Number of states.
     fastest
-        (parameters) -> the fastest rate of the states in 1/s, for the step of the integration.
-    jumps
-        Compiled; ``(rate, x) -> state``, to which its one state jumps at such a rate: itself, mostly.
-    rings
-        Whether its two states ring on after what set them off, so that a filter has to know how well it knows them.
-        They are linear in the rate and each other, the first the integral of the second; one of a model's effects may
-        be of this kind.
-    water
-        Compiled; ``(p, x)`` -> rad/s at which it takes the water about the hull along. All drag, in every term, is of
-        the rate less that of the water.
+        (parameter values) -> fastest rate of change of the states in 1/s, for the step of the integration.
+    reset
+        Compiled ``(rate, x) -> state``: the value to which the single state is reset at this rate, mostly itself.
+    oscillatory
+        Whether the two states oscillate after an excitation. A filter then estimates their covariance. They are linear
+        in the rate and in each other, and the first is the integral of the second. A model has one such effect at most.
+    entrained_rate
+        Compiled ``(p, x)`` -> rad/s of the water around the hull. Drag in all terms is that of the relative rate.
     added_inertia
-        (parameters) -> what it adds to the inertia in slow motion, in kg m^2.
-    races
-        Whether it asks for the thrusters' race, ``at.race``.
-    surge
-        (n, k) thrusts in N -> (n,) what ``at.surge`` is, each value the mean until the next instant, of a form that
-        makes do without a logged speed.
+        (parameter values) -> inertia in kg m^2 that the term adds in slow motion.
+    uses_wash
+        Whether the term depends on ``at.wash``.
+    surge_from_thrust
+        (n, k) thrusts in N -> (n,) values for ``at.surge``, each the mean until the next instant, for a form that does
+        without a logged speed.
     """
 
     torque: Callable[..., Any]
@@ -114,18 +166,18 @@ class Term:
     surge_from_thrust: OnSeries | None = None
 
     def evaluate(self, instant: Instant, numbers: Numbers, states: Numbers) -> tuple[float, Numbers]:
-        """Torque in N m, and how the states change; for loops that are not compiled."""
+        """Torque in N m and the derivatives of the states, for loops that are not compiled."""
         if not self.states:
             return self.torque(instant, numbers), ()
-        torque, *change = self.torque(instant, numbers, states)
-        return torque, tuple(change)
+        torque, *derivatives = self.torque(instant, numbers, states)
+        return torque, tuple(derivatives)
 
 
 @dataclass(frozen=True, eq=False)
 class OnHeading:
-    """``deviation``: (n,) true headings in rad -> deviation of the measured heading in rad, the same after each turn.
+    """``deviation``: (n,) true headings in rad -> deviation of the measured heading in rad, periodic in a turn.
 
-    It leaves the measured heading one to one with the true one.
+    The measured heading is a monotonic function of the true one.
     """
 
     deviation: Callable[[FloatArray, Values], FloatArray]
@@ -133,12 +185,9 @@ class OnHeading:
 
 @dataclass(frozen=True, eq=False)
 class WaveTorque:
-    """A torque of its own at random phase, which a filter carries along.
-
-    The effect's parameters are its amplitude, frequency and damping.
-    """
+    """A torque of random phase, for which a filter has two states. Parameters: amplitude, frequency and damping."""
 
 
-# Those between command and torque.
+# Stages between command and torque.
 Actuating = OnCommand | OnThrust | OnTorque
 Acts = Actuating | Term | OnHeading | WaveTorque

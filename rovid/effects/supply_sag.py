@@ -1,4 +1,4 @@
-"""Thrust that falls with the supply: with its load, with time, with its voltage."""
+"""Thrust that falls with the supply: with its load, over time, or with its voltage."""
 
 from __future__ import annotations
 
@@ -14,35 +14,35 @@ from rovid.effects.base import ActuatorInputs, Effect, EffectParameter, OnThrust
 
 _CHANNEL = "supply_voltage"
 _HOUR = 3600.0
-# A reading so far from the reference, as a ratio, is a fault of the log.
+# Ratios of a voltage to the reference are clipped to these: others are faults of the log.
 _RATIOS = (0.3, 3.0)
-# Of the logs' heaviest load, or over all their time: a supply that takes more than so much of the thrust would trip
-# before it sagged so far, and one that recovers, as a battery that warms, gives little.
-_MOST, _LEAST = 0.6, -0.2
+# Bounds of the loss of thrust, as a share, at the largest load or over the whole time. A supply would trip before a
+# larger loss. A gain, as by a battery that warms up, is small.
+_MAX_LOSS, _MAX_GAIN = 0.6, -0.2
 
 
-def _with_load(where: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
-    load = np.abs(thrust).sum(axis=1) / float(where.full_thrust.sum())
-    drop = values["sag"] * where.apply_per_trial(lagged, load, values["time_constant"])
+def _with_load(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
+    load = np.abs(thrust).sum(axis=1) / float(inputs.full_thrust.sum())
+    drop = values["sag"] * inputs.apply_per_trial(lagged, load, values["time_constant"])
     return np.asarray(thrust * np.maximum(1.0 - drop, 0.0)[:, None])
 
 
-def _with_time(where: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
-    drop = values["drift"] * where.time / _HOUR
+def _with_time(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
+    drop = values["drift"] * inputs.time / _HOUR
     return np.asarray(thrust * np.maximum(1.0 - drop, 0.0)[:, None])
 
 
-def _with_day(where: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
-    drop = values["drift"] * where.campaign_time / _HOUR
+def _with_day(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
+    drop = values["drift"] * inputs.campaign_time / _HOUR
     return np.asarray(thrust * np.maximum(1.0 - drop, 0.0)[:, None])
 
 
-def _with_voltage(where: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
-    voltage = where.extras.get(_CHANNEL)
+def _with_voltage(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
+    voltage = inputs.extras.get(_CHANNEL)
     if voltage is None or not np.isfinite(voltage).any():
         return thrust
-    # Without the campaign's voltage that of these trials has to do.
-    reference = where.reference.get(_CHANNEL, float(np.nanmedian(voltage)))
+    # Without a median of the campaign, the median of these trials.
+    reference = inputs.reference.get(_CHANNEL, float(np.nanmedian(voltage)))
     if not reference > 0.0:
         return thrust
     ratio = np.clip(np.where(np.isfinite(voltage), voltage / reference, 1.0), *_RATIOS)
@@ -50,19 +50,19 @@ def _with_voltage(where: ActuatorInputs, thrust: FloatArray, values: Values) -> 
 
 
 _DRIFT = EffectParameter(
-    name="drift", unit="1/h", neutral=0.0, low=_LEAST, high=_MOST, initial_values=(0.05,), scale="one/longest"
+    name="drift", unit="1/h", neutral=0.0, low=_MAX_GAIN, high=_MAX_LOSS, initial_values=(0.05,), scale="one/longest"
 )
-# What thrust of another size in some trials may pass for.
-_UNEQUAL = ("thrust_asymmetry", "thruster_imbalance", "bias_torque")
+# Rivals of thrust with another size in some trials.
+_RIVALS_PER_TRIAL = ("thrust_asymmetry", "thruster_imbalance", "bias_torque")
 
 EFFECT: Effect = Effect(
     id="supply_sag",
     environmental=True,
     title="supply sag",
     parameters=(
-        # 1: at a load of 15 % of full thrust 15 % of it are gone.
+        # With 1, a load of 15 % of full thrust costs 15 % of the thrust.
         EffectParameter(
-            name="sag", unit="1", neutral=0.0, low=0.0, high=_MOST, initial_values=(0.1,), scale="one/load"
+            name="sag", unit="1", neutral=0.0, low=0.0, high=_MAX_LOSS, initial_values=(0.1,), scale="one/load"
         ),
         EffectParameter(name="time_constant", unit="s", neutral=0.0, low=0.0, high=200.0, initial_values=(1.0, 20.0)),
     ),
@@ -95,7 +95,7 @@ FORMS: tuple[Effect, ...] = (
     replace(
         EFFECT,
         form="voltage",
-        # 1.0 to 1.2 in a T200's bench data over 10 to 20 V at one command; 2 for a plain voltage chopper.
+        # 1.0 to 1.2 in bench data of a T200 at 10 to 20 V; 2 for a plain voltage chopper.
         parameters=(
             EffectParameter(name="exponent", unit="1", neutral=0.0, low=-3.0, high=5.0, initial_values=(1.0,)),
         ),
@@ -110,15 +110,15 @@ _TRIAL_GAIN = EffectParameter(name="gain", unit="1", neutral=1.0, low=0.3, high=
 
 
 def for_trials(names: Sequence[str]) -> Effect:
-    """The effect in the trials of these names: in one alone, as where a battery was changed for it, or in each.
+    """The form for these trials: another thrust in one trial, as after a change of battery, or in each of several.
 
-    In each of several their mean is one, for what scales all thrust alike no log tells.
+    The mean gain of several trials is one, as the logs do not determine a common scale of all thrust.
     """
     if len(names) > 1:
-        return _of_each(names)
+        return _for_several(names)
 
-    def in_trial(where: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
-        return thrust * per_trial.held_sizes(where, names, [values["gain"]], 1.0)[:, None]
+    def in_trial(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
+        return thrust * per_trial.held_sizes(inputs, names, [values["gain"]], 1.0)[:, None]
 
     return replace(
         EFFECT,
@@ -128,18 +128,18 @@ def for_trials(names: Sequence[str]) -> Effect:
         equation="T' = g·T in the named trial",
         fingerprint="residual torque as T, in one log alone",
         experiment="that run again, and one of the others beside it; the supply's voltage in the log",
-        rivals=_UNEQUAL,
+        rivals=_RIVALS_PER_TRIAL,
         acts=OnThrust(in_trial),
     )
 
 
-def _of_each(names: Sequence[str]) -> Effect:
+def _for_several(names: Sequence[str]) -> Effect:
     gains = per_trial.one_size_per_trial(_TRIAL_GAIN, len(names) - 1, 1.1)
 
-    def in_trials(where: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
+    def in_trials(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
         own = [values[gain.name] for gain in gains]
         last = max(len(names) - sum(own), 0.0)
-        return thrust * per_trial.held_sizes(where, names, [*own, last], 1.0)[:, None]
+        return thrust * per_trial.held_sizes(inputs, names, [*own, last], 1.0)[:, None]
 
     return replace(
         EFFECT,
@@ -150,6 +150,6 @@ def _of_each(names: Sequence[str]) -> Effect:
         equation=f"T' = g·T, g of each trial by itself and 1 in the mean: {', '.join(names)}",
         fingerprint="residual torque as T in every log, of another size and sign in each",
         experiment="the same run several times; the supply's voltage in the log",
-        rivals=_UNEQUAL,
+        rivals=_RIVALS_PER_TRIAL,
         acts=OnThrust(in_trials),
     )

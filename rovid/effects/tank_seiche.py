@@ -1,4 +1,4 @@
-"""Water of the tank that swings to and fro once a run has set it off."""
+"""A standing wave of the tank, which a run excites."""
 
 from __future__ import annotations
 
@@ -8,32 +8,32 @@ from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, 
 
 
 @compiled
-def _ring(drive: float, p: Numbers, x: Numbers) -> float:
-    """Rate of change of q; the mode's equation integrated once, as rdot is not known here: the states are ∫q and q."""
-    return drive - 2.0 * p[2] * p[1] * x[1] - p[1] * p[1] * x[0]
+def _mode(excitation: float, p: Numbers, x: Numbers) -> float:
+    """dq/dt of the mode. Its equation is integrated once, as rdot is unknown here: the states are ∫q and q."""
+    return excitation - 2.0 * p[2] * p[1] * x[1] - p[1] * p[1] * x[0]
 
 
 @compiled
 def _term(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float, float]:
-    change = _ring(at.rate, p, x)
+    change = _mode(at.rate, p, x)
     return -p[0] * at.body.inertia * p[1] * change, x[1], change
 
 
 @compiled
 def _following(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float, float]:
-    return -p[0] * at.body.inertia * p[1] * p[1] * x[1], x[1], _ring(at.rate, p, x)
+    return -p[0] * at.body.inertia * p[1] * p[1] * x[1], x[1], _mode(at.rate, p, x)
 
 
 @compiled
 def _by_thrust(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float, float]:
-    return -p[0] * at.body.inertia * p[1] * x[1], x[1], _ring(at.thruster_torque / at.body.inertia, p, x)
+    return -p[0] * at.body.inertia * p[1] * x[1], x[1], _mode(at.thruster_torque / at.body.inertia, p, x)
 
 
 def _fastest(values: Values) -> float:
     return values["frequency"]
 
 
-# A weakly damped ring shows only close to its frequency.
+# A weakly damped mode has an effect only near its frequency, so many initial values are needed.
 _FREQUENCIES = tuple(0.15 * 1.12**k for k in range(36))
 
 EFFECT: Effect = Effect(
@@ -42,9 +42,10 @@ EFFECT: Effect = Effect(
     axes=("yaw", "surge", "sway"),
     title="tank seiche",
     parameters=(
-        # Water that pulls by more than the vehicle's own inertia is no tank's that swings.
+        # A standing wave does not pull by more than the vehicle's own inertia.
         EffectParameter(name="gain", unit="1", neutral=0.0, low=0.0, high=1.0, initial_values=(0.1,)),
-        # A tank of length l and depth h has ω² = g·k·tanh(k·h), k = nπ/l: 1.4 rad/s in 15 m by 7 m, 8 in half a metre.
+        # ω² = g·k·tanh(k·h) with k = nπ/l for length l and depth h: 1.4 rad/s for 15 m by 7 m, 8 rad/s for half a
+        # metre.
         EffectParameter(name="frequency", unit="rad/s", neutral=1.0, low=0.05, high=8.0, initial_values=_FREQUENCIES),
         EffectParameter(name="damping", unit="1", neutral=0.05, low=0.005, high=0.5, initial_values=(0.08,)),
     ),
@@ -66,7 +67,7 @@ FORMS: tuple[Effect, ...] = (
         EFFECT,
         form="thrust",
         equation="− g·I·ω·dq/dt, d²q/dt² + 2ζω·dq/dt + ω²·q = T/I: set off by the jets",
-        # Known thrust sets it off.
+        # Not oscillatory for the filter: the known thrust is the only excitation.
         acts=Term(_by_thrust, states=2, fastest=_fastest),
     ),
 )

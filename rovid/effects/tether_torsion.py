@@ -1,4 +1,4 @@
-"""A tether that winds up."""
+"""Torsion of a tether that winds up."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def _wound(at: Instant, p: Numbers) -> float:
 
 @compiled
 def _rest(at: Instant, p: Numbers) -> float:
-    # at.start is the heading at the start of the trial. How many turns there are in the tether then is not logged.
+    # at.start is the heading at the start of the trial. The turns in the tether at that time are not logged.
     start = at.start - p[1]
     return -p[0] * (at.angle + start - 2.0 * math.pi * math.floor(start / (2.0 * math.pi) + 0.5))
 

@@ -1,4 +1,4 @@
-"""Reverse thrust that is not what the bench curve says, beside forward thrust that is."""
+"""Reverse thrust that differs from the bench curve, while forward thrust does not."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ def _constant(_: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArr
     return np.asarray(np.where(thrust < 0.0, values["reverse_gain"] * thrust, thrust))
 
 
-def _growing(where: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
-    gain = np.maximum(1.0 - (1.0 - values["reverse_gain"]) * np.abs(thrust) / where.reference_thrust, 0.0)
+def _growing(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
+    gain = np.maximum(1.0 - (1.0 - values["reverse_gain"]) * np.abs(thrust) / inputs.reference_thrust, 0.0)
     return np.asarray(np.where(thrust < 0.0, gain * thrust, thrust))
 
 

@@ -1,4 +1,4 @@
-"""A thrust curve that bends more, or less, than the bench curve."""
+"""A thrust curve with another curvature than the bench curve."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from rovid.core.array_types import FloatArray
 from rovid.effects.base import ActuatorInputs, Effect, EffectParameter, OnCommand, OnThrust, Values
 
 
-def _power(where: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
-    share = np.abs(thrust) / where.reference_thrust
-    return np.asarray(np.sign(thrust) * where.reference_thrust * share ** values["exponent"])
+def _power(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
+    share = np.abs(thrust) / inputs.reference_thrust
+    return np.asarray(np.sign(thrust) * inputs.reference_thrust * share ** values["exponent"])
 
 
-def _saturating(where: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
-    loss, share = values["loss"], np.abs(thrust) / where.reference_thrust
+def _saturating(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
+    loss, share = values["loss"], np.abs(thrust) / inputs.reference_thrust
     gain = (1.0 + abs(loss)) / (1.0 + abs(loss) * share)
-    # A negative loss is the reciprocal: it has no pole, and the slope at none is the same from both sides.
+    # A negative loss uses the reciprocal, which has no pole. The derivative at zero is continuous.
     return np.asarray(thrust * (gain if loss >= 0.0 else 1.0 / gain))
 
 
-def _in_command(where: ActuatorInputs, command: FloatArray, values: Values) -> FloatArray:
-    excess = where.excess(command)
-    ends = np.abs(where.command_range - where.dead_zone)
-    full = np.where(excess > 0.0, ends[:, 1], ends[:, 0])
-    return where.from_excess(np.sign(excess) * full * (np.abs(excess) / full) ** values["exponent"])
+def _in_command(inputs: ActuatorInputs, command: FloatArray, values: Values) -> FloatArray:
+    excess = inputs.excess(command)
+    largest = np.abs(inputs.command_range - inputs.dead_zone)
+    full = np.where(excess > 0.0, largest[:, 1], largest[:, 0])
+    return inputs.from_excess(np.sign(excess) * full * (np.abs(excess) / full) ** values["exponent"])
 
 
 EFFECT: Effect = Effect(

@@ -1,4 +1,4 @@
-"""Thrusters that do not push near neutral, beyond what the bench curve says."""
+"""A dead band around neutral, in addition to that of the bench curve."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from rovid.core.array_types import FloatArray
 from rovid.effects.base import ActuatorInputs, Effect, EffectParameter, OnCommand, Values
 
 
-def _shift(where: ActuatorInputs, command: FloatArray, values: Values) -> FloatArray:
-    beyond = command - where.neutral
-    return np.asarray(where.neutral + np.sign(beyond) * np.maximum(np.abs(beyond) - values["deadband"], 0.0))
+def _shift(inputs: ActuatorInputs, command: FloatArray, values: Values) -> FloatArray:
+    offset = command - inputs.neutral
+    return np.asarray(inputs.neutral + np.sign(offset) * np.maximum(np.abs(offset) - values["deadband"], 0.0))
 
 
-def _jump(where: ActuatorInputs, command: FloatArray, values: Values) -> FloatArray:
-    deadband, excess = values["deadband"], where.excess(command)
+def _jump(inputs: ActuatorInputs, command: FloatArray, values: Values) -> FloatArray:
+    deadband, excess = values["deadband"], inputs.excess(command)
     if deadband <= 0.0:
         return command
     on = np.clip((np.abs(excess) / deadband - 1.0) / values["edge"] + 0.5, 0.0, 1.0)
-    return where.from_excess(on * excess)
+    return inputs.from_excess(on * excess)
 
 
-# Commands pass the threshold one by one: there are many places to begin.
+# The likelihood has a local maximum for each command near the threshold.
 _JUMPS = (4.0, 6.0, 8.0, 11.0, 14.0, 18.0, 22.0, 27.0, 33.0, 40.0)
 
 EFFECT: Effect = Effect(
@@ -53,7 +53,7 @@ FORMS: tuple[Effect, ...] = (
         form="jump",
         parameters=(
             replace(EFFECT.parameters[0], initial_values=_JUMPS, step=0.02),
-            # A sharp threshold changes the likelihood by steps, without a slope to follow: the search begins wide.
+            # A sharp threshold makes the likelihood piecewise constant: the search begins with a wide one.
             EffectParameter(name="edge", unit="1", neutral=0.02, low=0.02, high=0.5, initial_values=(0.1,), step=0.1),
         ),
         equation="u' = u where |u| is b or more beyond the bench's dead zone, else 0: thrust sets in within e·b",

@@ -1,4 +1,4 @@
-"""Thrust that follows the command late: filters and currents, or a rotor that has to spin up."""
+"""Thrust that lags the command, by filters and currents or by a rotor that has to spin up."""
 
 from __future__ import annotations
 
@@ -11,30 +11,30 @@ from rovid.effects.actuator_dynamics import lagged, rotor_lagged
 from rovid.effects.base import ActuatorInputs, Effect, EffectParameter, OnCommand, OnThrust, OnTorque, Values
 
 
-def _of_torque(where: ActuatorInputs, torque: FloatArray, values: Values) -> FloatArray:
-    return where.apply_per_trial(lagged, torque, values["time_constant"])
+def _lagged_torque(inputs: ActuatorInputs, torque: FloatArray, values: Values) -> FloatArray:
+    return inputs.apply_per_trial(lagged, torque, values["time_constant"])
 
 
-def _of_command(where: ActuatorInputs, command: FloatArray, values: Values) -> FloatArray:
-    return where.apply_per_trial(lagged, command, values["time_constant"])
+def _lagged_command(inputs: ActuatorInputs, command: FloatArray, values: Values) -> FloatArray:
+    return inputs.apply_per_trial(lagged, command, values["time_constant"])
 
 
-def _doubled(where: ActuatorInputs, command: FloatArray, values: Values) -> FloatArray:
-    return _of_command(where, _of_command(where, command, values), values)
+def _twice_lagged(inputs: ActuatorInputs, command: FloatArray, values: Values) -> FloatArray:
+    return _lagged_command(inputs, _lagged_command(inputs, command, values), values)
 
 
-def _of_spin(where: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
-    late = where.apply_per_trial(lagged, np.sign(thrust) * np.sqrt(np.abs(thrust)), values["time_constant"])
+def _lagged_speed(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
+    late = inputs.apply_per_trial(lagged, np.sign(thrust) * np.sqrt(np.abs(thrust)), values["time_constant"])
     return np.asarray(late * np.abs(late))
 
 
-def _of_rotor(where: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
-    late = where.apply_per_trial(rotor_lagged, thrust / where.reference_thrust, values["time_constant"])
-    return np.asarray(late * where.reference_thrust)
+def _rotor(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
+    late = inputs.apply_per_trial(rotor_lagged, thrust / inputs.reference_thrust, values["time_constant"])
+    return np.asarray(late * inputs.reference_thrust)
 
 
-def _fades(values: Values, _: float) -> float:
-    """Until less than a hundredth of a change is left."""
+def _settled(values: Values, _: float) -> float:
+    """Time until less than a hundredth of a change is left."""
     return 5.0 * values["time_constant"]
 
 
@@ -48,7 +48,7 @@ EFFECT: Effect = Effect(
     fingerprint="residual torque at the edges of steps and ahead of the peaks of a sine, none in steady motion",
     experiment="a fast pseudo-random command, 1 to 3 s a level",
     rivals=("command_delay", "added_mass_memory", "slew_limit"),
-    acts=OnTorque(_of_torque, settling_time=_fades),
+    acts=OnTorque(_lagged_torque, settling_time=_settled),
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,
@@ -56,26 +56,26 @@ FORMS: tuple[Effect, ...] = (
         EFFECT,
         form="command",
         equation="τ·du'/dt + u' = u, ahead of the thrust curve",
-        acts=OnCommand(_of_command, settling_time=_fades),
+        acts=OnCommand(_lagged_command, settling_time=_settled),
     ),
     replace(
         EFFECT,
         form="spin",
         equation="τ·dn/dt + n = sign(F)·√|F|, F' = n·|n|: the rotor's speed, as a motor's controller has it follow",
-        acts=OnThrust(_of_spin, settling_time=_fades),
+        acts=OnThrust(_lagged_speed, settling_time=_settled),
     ),
-    # A rotor behind a motor or a controller of its own: no thrust at once, as of one lag.
+    # A rotor after a motor or a controller with its own lag.
     replace(
         EFFECT,
         form="double",
         equation="τ²·d²u'/dt² + 2τ·du'/dt + u' = u, ahead of the thrust curve",
-        acts=OnCommand(_doubled, settling_time=lambda values, change: 2.0 * _fades(values, change)),
+        acts=OnCommand(_twice_lagged, settling_time=lambda values, change: 2.0 * _settled(values, change)),
     ),
     # Yoerger, Cooke and Slotine 1990: n' = β·u − α·n|n|, F = C·n|n|.
     replace(
         EFFECT,
         form="rotor",
         equation="2τ·√F0·dn/dt + n|n| = F, F' = n|n|: τ at a tenth of full thrust F0, longer at less",
-        acts=OnThrust(_of_rotor, settling_time=_fades),
+        acts=OnThrust(_rotor, settling_time=_settled),
     ),
 )

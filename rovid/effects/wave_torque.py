@@ -1,10 +1,10 @@
-"""A torque of waves: narrow-band, of random phase, whatever the command."""
+"""Torque of waves: narrow-band, of random phase, independent of the command."""
 
 from __future__ import annotations
 
 from rovid.effects.base import Effect, EffectParameter, WaveTorque
 
-# A narrow band shows only near its frequency.
+# A narrow band has an effect only near its frequency, so many initial values are needed.
 _FREQUENCIES = (0.05, 0.07, 0.1, 0.14, 0.2, 0.3, 0.42, 0.6, 0.85, 1.2, 1.7, 2.4, 3.4, 4.8, 6.8)
 
 EFFECT: Effect = Effect(
@@ -12,13 +12,13 @@ EFFECT: Effect = Effect(
     environmental=True,
     title="wave torque",
     parameters=(
-        # Of a sine of the same power: root 2 times the standard deviation.
+        # Amplitude of a sine with the same power: root 2 times the standard deviation.
         EffectParameter(
             name="amplitude", unit="N m", neutral=0.0, low=0.0, high=2.0, initial_values=(0.05,), scale="torque"
         ),
         EffectParameter(name="frequency", unit="rad/s", neutral=1.0, low=0.02, high=12.0, initial_values=_FREQUENCIES),
-        # Half the width of the band over its frequency, as of white noise through a filter of second order (Fossen
-        # 2011, section 8.2).
+        # Half the bandwidth over the frequency, for white noise through a second-order filter (Fossen 2011, section
+        # 8.2).
         EffectParameter(name="damping", unit="1", neutral=1e-8, low=1e-8, high=0.5, initial_values=(0.04,)),
     ),
     equation="+ w, a narrow-band torque about ω of standard deviation a/√2",

@@ -185,12 +185,14 @@ class InnovationData(FitData):
         row = np.full(2 * offsets[-1], -1)
         row[innovation_index] = np.arange(len(innovation_index))
         filter_data = FilterData(
-            begins=offsets,
+            offsets=offsets,
             time=np.concatenate(times),
             rate=np.concatenate(self.gyro_rates[place]),
-            start=np.array([run.trial.first_position for run in self.runs[place]]),
-            first=np.array([(rate, _RATE_ERROR * self.rms_rate) for rate in self.initial_rates[place]], dtype=float),
-            row=row.reshape(-1, 2),
+            start_position=np.array([run.trial.first_position for run in self.runs[place]]),
+            initial_rate=np.array(
+                [(rate, _RATE_ERROR * self.rms_rate) for rate in self.initial_rates[place]], dtype=float
+            ),
+            output_index=row.reshape(-1, 2),
         )
         return DataChunk(
             runs=self._runs[place],

@@ -107,7 +107,7 @@ class InputCache:
         torques = [run.torque for run in self.runs]
         held = np.concatenate(torques)
         if self.steps is None or self.means_only:
-            return TorqueInput.held(held, begins=np.cumsum([0, *map(len, torques)]))
+            return TorqueInput.held(held, offsets=np.cumsum([0, *map(len, torques)]))
         return TorqueInput.averaged_over(Intervals.from_times([run.trial.time for run in self.runs], self.steps), held)
 
     def _resolve(self, vehicle: Vehicle, parts: int, transient: float) -> _StepCommands:

@@ -209,7 +209,7 @@ def _term_states(
     """(m, k * TERM_STATES) states of the terms of ``model`` along the measured motion."""
     from rovid.model.kernels import effects_along
 
-    if not model.terms.remembering:
+    if not model.terms.stateful:
         return np.zeros((len(torque), 0))
     motion = np.column_stack((measured.bridged_rate, measured.angle, torque))
     runs = data.gridded_runs

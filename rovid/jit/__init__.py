@@ -1,1 +1,1 @@
-"""Compiled loops: SIMD vectors, tracing of branch-free functions, the cache of compiled code, warm-up."""
+"""Compiled loops: a four-lane vector, two backends that compile it, and a cache of compiled code; see docs/jit.md."""

@@ -1,4 +1,4 @@
-"""A second Python process that does some of the work, and says when each part of it is done."""
+"""A second Python process that compiles, and reports each function that is finished."""
 
 from __future__ import annotations
 
@@ -11,9 +11,14 @@ from collections.abc import Iterable
 
 
 class BackgroundCompiler:
-    """Runs ``code``, with what it imports from where this process has it; it ends no later than this one.
+    """Runs ``code`` in a second process with the import paths of this one, and ends it with this one.
 
-    The ``code`` hands `say` the names of the parts, which are ``parts``.
+    Parameters
+    ----------
+    code
+        Python code that passes the names of finished parts to `report_done`.
+    parts
+        Names of all parts.
     """
 
     def __init__(self, code: str, parts: Iterable[str]) -> None:
@@ -32,7 +37,7 @@ class BackgroundCompiler:
 
     @property
     def pid(self) -> int:
-        """Its number."""
+        """Number of the second process."""
         return self._process.pid
 
     def _listen(self) -> None:
@@ -40,34 +45,34 @@ class BackgroundCompiler:
             for line in process.stdout or ():
                 if (part := line.strip()) in self._done:
                     self._done[part].set()
-        # Nothing more is to be waited for, done or not.
+        # The process has ended: there is nothing more to wait for.
         for done in self._done.values():
             done.set()
 
-    def has_done(self, part: str) -> bool:
-        """Whether nothing is to be waited for, or no more."""
+    def is_done(self, part: str) -> bool:
+        """Whether a part is finished, is not among the parts, or will never be finished."""
         return part not in self._done or self._done[part].is_set()
 
-    def wait_for(self, part: str, patience: float) -> None:
-        """Until it is done, or never will be; for as many seconds of ``patience`` at most."""
-        if not self.has_done(part):
-            self._done[part].wait(patience)
+    def wait_for(self, part: str, timeout: float) -> None:
+        """Wait until `is_done`, for ``timeout`` in s at most."""
+        if not self.is_done(part):
+            self._done[part].wait(timeout)
 
     def stop(self) -> None:
-        """End it, whatever it is at."""
+        """End the second process."""
         self._process.kill()
         self._listener.join()
 
 
 def report_done(parts: Iterable[str]) -> None:
-    """In the second process: say of each of ``parts`` that it is done, and end when the first process does."""
-    threading.Thread(target=_end_with_the_first, daemon=True).start()
+    """In the second process: report each of ``parts`` as finished, and end when the first process ends."""
+    threading.Thread(target=_end_with_first_process, daemon=True).start()
     for part in parts:
         sys.stdout.write(f"{part}\n")
         sys.stdout.flush()
 
 
-def _end_with_the_first() -> None:
-    # Nothing is ever written there.
+def _end_with_first_process() -> None:
+    # The first process never writes: the read returns when that process has ended.
     sys.stdin.read()
     os._exit(1)

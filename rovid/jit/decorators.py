@@ -1,7 +1,9 @@
-"""How functions are compiled: for the machine at first use, and kept on disk."""
+"""Decorators that compile functions with numba, and keep the machine code on disk."""
 
 from __future__ import annotations
 
+import importlib
+import os
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -10,33 +12,61 @@ import numba
 from rovid.jit.cache_dirs import can_cache
 
 Function = TypeVar("Function", bound=Callable[..., object])
+# Modules of numba and llvmlite outside their public interface.
+_PRIVATE_MODULES = (
+    "llvmlite.ir",
+    "numba.core.cgutils",
+    "numba.core.caching",
+    "numba.core.datamodel.models",
+    "numba.core.dispatcher",
+    "numba.core.imputils",
+    "numba.core.registry",
+    "numba.core.runtime.nrt",
+    "numba.core.typing.templates",
+)
+
+
+def _has_private_modules() -> bool:
+    try:
+        for name in _PRIVATE_MODULES:
+            importlib.import_module(name)
+    except ImportError:
+        return False
+    return True
+
+
+HAS_PRIVATE_MODULES = _has_private_modules()
+# Whether loops are compiled by the LLVM backend. The other one is slower, and uses numba's public interface alone.
+USE_LLVM = HAS_PRIVATE_MODULES and os.environ.get("ROVID_PLAIN_NUMBA", "0") in {"", "0"}
 
 
 def compiled(function: Function) -> Function:
-    """One that several may run at once; a division by zero gives infinity, as numpy's does."""
-    return _kept(numba.njit(error_model="numpy", nogil=True)(function), function)
+    """Compile a function that several threads may run at once. A division by zero gives infinity, as in numpy."""
+    return _cached(numba.njit(error_model="numpy", nogil=True)(function), function)
 
 
 def njit_noalloc(function: Function) -> Function:
-    """An innermost loop, which makes no arrays of its own: those given are not counted up and down on the way."""
+    """Compile an innermost loop that creates no arrays: references to its array arguments are not counted."""
+    if not USE_LLVM:
+        return compiled(function)
     loop = numba.njit(error_model="numpy", nogil=True, _nrt=False)  # type: ignore[call-overload]  # its types leave it out
-    return _kept(loop(function), function)
+    return _cached(loop(function), function)
 
 
-# What is called several times in each step of a loop. Numba hands over an array as seven numbers or more, and such a
-# call costs more than what is done in it.
+# For functions that a loop calls several times in each step. Numba passes an array as seven numbers or more, and such a
+# call would cost more than the function itself.
 njit_inline = numba.njit(error_model="numpy", nogil=True, inline="always")
 
 
 def is_cached(function: Any) -> bool:
-    """Whether a compiled ``function`` is on disk, as it is now."""
-    return hasattr(function, "_cache") and bool(function._cache.is_there())  # noqa: SLF001 - as below
+    """Whether the machine code of a compiled ``function``, as it is now, is on disk."""
+    return hasattr(function, "_cache") and bool(function._cache.is_valid())  # noqa: SLF001 - as below
 
 
-def _kept(dispatcher: Any, function: Function) -> Function:
-    """The ``dispatcher`` that compiles a ``function``, keeping what it compiled."""
-    if can_cache():
+def _cached(dispatcher: Any, function: Function) -> Function:
+    """The ``dispatcher`` of ``function``, with a cache where there is a folder for it."""
+    if HAS_PRIVATE_MODULES and can_cache():
         from rovid.jit.cache import ContentHashCache
 
-        dispatcher._cache = ContentHashCache(function)  # noqa: SLF001 - numba lets nobody else say until when it is good
-    return dispatcher  # type: ignore[no-any-return]  # takes and gives the same
+        dispatcher._cache = ContentHashCache(function)  # noqa: SLF001 - numba has no public way to define validity
+    return dispatcher  # type: ignore[no-any-return]  # has the signature of the function

@@ -1,1 +1,1 @@
-"""The model, its compiled loops, and its free-running simulation."""
+"""The model, its compiled loops, a plain reference of them, and the free-running simulation."""

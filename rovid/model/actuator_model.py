@@ -1,4 +1,4 @@
-"""From commands to what drives the vehicle, through every effect on the way."""
+"""The way from commands to torque: bench curves, and the effects that act on commands, thrust and torque."""
 
 from __future__ import annotations
 
@@ -22,143 +22,133 @@ from rovid.trial.vehicle import Vehicle
 
 @dataclass(frozen=True, eq=False)
 class ActuatorModel:
-    """The bench curves, and those of a model's effects that act between command and torque."""
+    """The actuators of a vehicle with the effects of a model."""
 
-    acting: tuple[BoundEffect, ...]
+    effects: tuple[BoundEffect, ...]
 
     @property
     def is_plain(self) -> bool:
-        """Whether no effect needs more of the commands than the torque that the bench curve makes of them."""
-        effects = [one.effect for one in self.acting]
-        asked = any(effect.uses_wash or set(effect.needs) & set(SPEEDS) for effect in effects)
-        return not asked and not any(effect.changes_torque_input for effect in effects)
+        """Whether the torque by the bench curves is all that the model needs of the commands."""
+        effects = [one.effect for one in self.effects]
+        needs_inputs = any(effect.uses_wash or set(effect.needs) & set(SPEEDS) for effect in effects)
+        return not needs_inputs and not any(effect.changes_torque_input for effect in effects)
 
     @property
     def subdivision(self) -> int:
-        """How many parts each interval between two instants has to be cut into for the drive."""
-        return MAX_SUBDIVISION if self._quick else 1
+        """Number of parts into which each interval between two instants has to be divided."""
+        return MAX_SUBDIVISION if self._within_interval else 1
 
     @property
     def has_exact_means(self) -> bool:
-        """Whether the mean torque until the next instant is exact, however far that is, while commands are held."""
-        return not self._quick or (len(self._quick) == 1 and isinstance(self._quick[0], OnTorque))
+        """Whether the mean torque over any interval of held commands is exact without subdivision."""
+        quick = self._within_interval
+        return not quick or (len(quick) == 1 and isinstance(quick[0][1], OnTorque))
 
     def settling_time(self, change: float) -> float:
-        """When nothing changes within an interval any more, in s after a ``change`` of commands at most."""
-        every = ((one, one.effect.acts) for one in self.acting)
-        return sum(
-            act.settling_time(one.values, change)
-            for one, act in every
-            if isinstance(act, Actuating) and act.settling_time
-        )
+        """Time in s after a command change of at most ``change``, until the torque within an interval is constant."""
+        quick = self._within_interval
+        return sum(act.settling_time(one.values, change) for one, act in quick if act.settling_time)
 
     @property
-    def _quick(self) -> list[Actuating]:
-        """What acts within the interval between two instants."""
-        acts = [one.effect.acts for one in self.acting]
-        return [act for act in acts if isinstance(act, Actuating) and act.settling_time]
+    def _within_interval(self) -> list[tuple[BoundEffect, Actuating]]:
+        """Effects that change the torque within the interval between two instants, with their actions."""
+        acts = [(one, one.effect.acts) for one in self.effects]
+        return [(one, act) for one, act in acts if isinstance(act, Actuating) and act.settling_time]
 
     def torque_input(self, vehicle: Vehicle, trial: Trial) -> TorqueInput:
-        """After every effect between command and torque, from each instant of ``trial`` to the next."""
+        """Torque input from each instant of ``trial`` to the next."""
         if self.is_plain:
             return TorqueInput.held(vehicle.torque(trial))
         return self.torque_inputs(CommandSeries.from_trials(vehicle, [trial], self.subdivision))
 
-    def torque_inputs(self, given: CommandSeries, over: Intervals | None = None) -> TorqueInput:
-        """As ``drive``, of several trials; between the log's instants where not ``over`` others."""
-        over = given.intervals if over is None else over
-        return given.cached(
-            ("drive", None if over is None else ref(over), *self._told()), lambda: self._driven(given, over)
-        )
+    def torque_inputs(self, commands: CommandSeries, intervals: Intervals | None = None) -> TorqueInput:
+        """Torque input of several trials over ``intervals``, between the log's instants by default."""
+        intervals = commands.intervals if intervals is None else intervals
+        key = ("torque input", None if intervals is None else ref(intervals), *self._dependencies())
+        return commands.cached(key, lambda: self._torque_inputs(commands, intervals))
 
-    def _driven(self, given: CommandSeries, over: Intervals | None) -> TorqueInput:
-        where = given.inputs
-        thrust, made_of = self._thrust(given, self.acting)
-        made_of = (*made_of, None)
-        torque, scatter = given.cached(made_of, lambda: where.weighted_sum(thrust, where.arms)), None
-        for one, act in effects_at(self.acting, OnTorque):
+    def _torque_inputs(self, commands: CommandSeries, intervals: Intervals | None) -> TorqueInput:
+        inputs = commands.inputs
+        thrust, key = self._thrust(commands, self.effects)
+        key = (*key, None)
+        torque, variance = commands.cached(key, lambda: inputs.weighted_sum(thrust, inputs.arms)), None
+        for one, act in effects_at(self.effects, OnTorque):
             if act.impulse_variance is not None:
-                more = act.impulse_variance(where, torque, one.values)
-                scatter = more if scatter is None else scatter + more
-            made_of = (*made_of, one.effect, *one.parameters)
-            torque = given.cached(made_of, partial(act.change, where, torque, one.values))
-        beside = self._beside(where, thrust)
-        if over is None:
-            return TorqueInput.held(torque, beside, scatter, where.offsets)
-        return TorqueInput.averaged_over(over, torque, beside, scatter)
+                more = act.impulse_variance(inputs, torque, one.values)
+                variance = more if variance is None else variance + more
+            key = (*key, one.effect, *one.parameters)
+            torque = commands.cached(key, partial(act.change, inputs, torque, one.values))
+        effect_inputs = self._effect_inputs(inputs, thrust)
+        if intervals is None:
+            return TorqueInput.held(torque, effect_inputs, variance, inputs.offsets)
+        return TorqueInput.averaged_over(intervals, torque, effect_inputs, variance)
 
-    def _told(self) -> Iterator[Hashable]:
-        """All that a drive is made of: effects, with their parameters where these change it."""
-        for one in self.acting:
+    def _dependencies(self) -> Iterator[Hashable]:
+        """Effects on which the torque input depends, with their parameters if it depends on these too."""
+        for one in self.effects:
             if one.effect.changes_torque_input or one.effect.uses_wash or set(one.effect.needs) & set(SPEEDS):
                 yield one.effect
             if one.effect.changes_torque_input:
                 yield from one.parameters.tolist()
 
-    def thrust(self, given: CommandSeries, *, bent: bool = True) -> FloatArray:
-        """(m, k) thrust in N at the instants of ``given.where``, after every effect up to it.
+    def thrust(self, commands: CommandSeries, *, with_anchored: bool = True) -> FloatArray:
+        """(m, k) thrust in N at the instants of ``commands.inputs``; without anchored effects if asked for."""
+        effects = [one for one in self.effects if with_anchored or not getattr(one.effect.acts, "anchored", False)]
+        return self._thrust(commands, effects)[0]
 
-        ``bent`` includes effects that are anchored.
-        """
-        acting = (
-            self.acting if bent else [one for one in self.acting if not getattr(one.effect.acts, "anchored", False)]
-        )
-        return self._thrust(given, acting)[0]
+    def _thrust(
+        self, commands: CommandSeries, effects: Sequence[BoundEffect]
+    ) -> tuple[FloatArray, tuple[Hashable, ...]]:
+        """(m, k) thrust in N after ``effects``, and its cache key."""
+        inputs, values, thrust, key = commands.inputs, commands.commands, commands.thrust, tuple[Hashable, ...]()
+        for one, act in effects_at(effects, OnCommand):
+            key = (*key, one.effect, *one.parameters)
+            values = commands.cached(key, partial(act.change, inputs, values, one.values))
+        if key:
+            key = (*key, "thrust")
+            # A bench curve limits the thrust itself. Logged torques have no curve.
+            if any(thruster.curve is None for thruster in commands.vehicle.thrusters):
+                values = np.clip(values, *inputs.command_range.T)
+            thrust = commands.cached(key, lambda: commands.vehicle.thrust(values))
+        for one, on_thrust in effects_at(effects, OnThrust):
+            key = (*key, one.effect, *one.parameters)
+            thrust = commands.cached(key, partial(on_thrust.change, inputs, thrust, one.values))
+        return thrust, key
 
-    def _thrust(self, given: CommandSeries, acting: Sequence[BoundEffect]) -> tuple[FloatArray, tuple[Hashable, ...]]:
-        """As ``thrust``, after such effects; and what it is made of."""
-        where, commands, thrust, made_of = given.inputs, given.commands, given.thrust, tuple[Hashable, ...]()
-        for one, act in effects_at(acting, OnCommand):
-            made_of = (*made_of, one.effect, *one.parameters)
-            commands = given.cached(made_of, partial(act.change, where, commands, one.values))
-        if made_of:
-            made_of = (*made_of, "thrust")
-            # No effect asks for more than there is, which a bench curve sees to itself.
-            if any(thruster.curve is None for thruster in given.vehicle.thrusters):
-                commands = np.clip(commands, *where.command_range.T)
-            thrust = given.cached(made_of, lambda: given.vehicle.thrust(commands))
-        for one, bend in effects_at(acting, OnThrust):
-            made_of = (*made_of, one.effect, *one.parameters)
-            thrust = given.cached(made_of, partial(bend.change, where, thrust, one.values))
-        return thrust, made_of
-
-    def _beside(self, where: ActuatorInputs, thrust: FloatArray) -> FloatArray | None:
-        """(m, 3) what effects are told of each instant of ``where``, see `Drive`; None where they ask for nothing.
-
-        ``thrust`` is (m, k) in N.
-        """
-        told = {}
-        if any(one.effect.uses_wash for one in self.acting):
-            told[0] = where.wash(thrust)
+    def _effect_inputs(self, inputs: ActuatorInputs, thrust: FloatArray) -> FloatArray | None:
+        """(m, 3) effect inputs as in `TorqueInput` for (m, k) ``thrust`` in N; None if no effect needs them."""
+        columns = {}
+        if any(one.effect.uses_wash for one in self.effects):
+            columns[0] = inputs.wash(thrust)
         for column, name in enumerate(SPEEDS, start=1):
-            if any(name in one.effect.needs for one in self.acting):
-                told[column] = where.speed(name)
-        for term, values in actions_at(self.acting, Term):
+            if any(name in one.effect.needs for one in self.effects):
+                columns[column] = inputs.speed(name)
+        for term, values in actions_at(self.effects, Term):
             if term.surge_from_thrust is not None:
-                told[1] = term.surge_from_thrust(where, thrust, values)
-        if not told:
+                columns[1] = term.surge_from_thrust(inputs, thrust, values)
+        if not columns:
             return None
-        beside = np.zeros((len(thrust), 1 + len(SPEEDS)))
-        for column, series in told.items():
-            beside[:, column] = series
-        return beside
+        effect_inputs = np.zeros((len(thrust), 1 + len(SPEEDS)))
+        for column, series in columns.items():
+            effect_inputs[:, column] = series
+        return effect_inputs
 
     def thrust_scale_uncertainty(self, vehicle: Vehicle, trials: Iterable[Trial]) -> float:
-        """How open the scale of all thrust is, as a share: at which thrust it is as it was taken is not known.
+        """Uncertainty of the scale of all thrust, as a share, that comes from the anchors of effects.
 
-        Effects that bend the thrust leave it as it was at one that was chosen. Any other that the ``trials`` use, each
-        by how much torque it gave for how long, would do as well, and all thrust would be larger or smaller by what
-        they make of that one: the root of the mean square of its logarithm.
+        An anchored effect leaves thrust unchanged at one reference thrust, which is a convention. With another
+        reference among the thrusts that the ``trials`` use, all thrust would have another scale. The result is the root
+        mean square of the logarithm of that scale, weighted by torque and time.
         """
-        acts = [one.effect.acts for one in self.acting]
+        acts = [one.effect.acts for one in self.effects]
         if not any(isinstance(act, OnCommand | OnThrust) and act.anchored for act in acts):
             return 0.0
         total = weights = 0.0
         for trial in trials:
-            given = CommandSeries.from_trials(vehicle, [trial])
-            bent, straight = (self.thrust(given, bent=way)[:-1] for way in (True, False))
-            weight = np.abs(straight * given.inputs.arms) * np.diff(trial.time)[:, None]
-            used = (bent != 0.0) & (weight > 0.0)
-            total += float(weight[used] @ np.log(np.abs(bent[used] / straight[used])) ** 2)
+            commands = CommandSeries.from_trials(vehicle, [trial])
+            changed, unchanged = (self.thrust(commands, with_anchored=way)[:-1] for way in (True, False))
+            weight = np.abs(unchanged * commands.inputs.arms) * np.diff(trial.time)[:, None]
+            used = (changed != 0.0) & (weight > 0.0)
+            total += float(weight[used] @ np.log(np.abs(changed[used] / unchanged[used])) ** 2)
             weights += float(weight[used].sum())
         return math.sqrt(total / weights) if weights > 0.0 else 0.0

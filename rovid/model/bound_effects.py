@@ -1,36 +1,116 @@
-"""The effects of a model, each with its parameters."""
+"""Effects with parameter values, and as the arrays that compiled loops read."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple, TypeVar
 
-from rovid.core.array_types import FloatArray
-from rovid.effects import Effect
-from rovid.effects.base import Values
+import numpy as np
 
-Act = TypeVar("Act")
+from rovid.core.array_types import FloatArray, IntArray
+from rovid.effects import TERM_EFFECTS, Effect
+from rovid.effects.base import TERM_PARAMETERS, Body, Term, Values
+from rovid.jit.simd import LANES
+
+Action = TypeVar("Action")
 
 
 class BoundEffect(NamedTuple):
-    """An effect, and its (p,) parameters in their order."""
+    """An effect with its (p,) parameter values in SI, in the order of the effect's parameters."""
 
     effect: Effect
     parameters: FloatArray
 
     @property
     def values(self) -> Values:
-        """Its parameters by name."""
+        """Parameter values by name."""
         return self.effect.values(self.parameters)
 
 
-def effects_at(every: Sequence[BoundEffect], where: type[Act]) -> Iterator[tuple[BoundEffect, Act]]:
-    """Those that act ``where``, one of `rovid.effects.stages`, and what they do there."""
-    for one in every:
-        if isinstance(one.effect.acts, where):
+def effects_at(effects: Sequence[BoundEffect], stage: type[Action]) -> Iterator[tuple[BoundEffect, Action]]:
+    """Effects acting at ``stage``, a class of `rovid.effects.stages`, each with its action there."""
+    for one in effects:
+        if isinstance(one.effect.acts, stage):
             yield one, one.effect.acts
 
 
-def actions_at(every: Sequence[BoundEffect], where: type[Act]) -> Iterator[tuple[Act, Values]]:
-    """What those do that act ``where``, and their parameters."""
-    return ((act, one.values) for one, act in effects_at(every, where))
+def actions_at(effects: Sequence[BoundEffect], stage: type[Action]) -> Iterator[tuple[Action, Values]]:
+    """Actions at ``stage``, each with the parameter values of its effect."""
+    return ((action, one.values) for one, action in effects_at(effects, stage))
+
+
+class PackedTerms(NamedTuple):
+    """The m terms of an equation of motion: terms that entrain water first, then others with states, then the rest.
+
+    Attributes
+    ----------
+    kinds
+        (m,) index of each term in ``rovid.effects.TERM_EFFECTS``.
+    parameters
+        (m * TERM_PARAMETERS, LANES) parameters of one term after the other, with a column for each of several models.
+    fastest
+        1/s; the fastest rate of change among the states and the motion.
+    entraining
+        Number of terms that entrain water. Drag in all terms depends on the rate relative to that water.
+    stateful
+        Number of terms up to the last one with states.
+    resetting
+        Whether a term resets its state.
+    oscillatory
+        Index of the oscillatory term, 0 if there is none.
+    """
+
+    kinds: IntArray
+    parameters: FloatArray
+    fastest: float
+    entraining: int
+    stateful: int
+    resetting: bool
+    oscillatory: int
+
+
+class Equation(NamedTuple):
+    """``inertia*rdot = torque - drag + terms``; ``start`` is the position in rad or m at the start of the trial.
+
+    In compiled loops the numbers may be vectors, see `rovid.jit.simd`.
+    """
+
+    body: Body
+    terms: PackedTerms
+    start: float
+
+
+def pack_terms(effects: Sequence[tuple[Effect, FloatArray]], fastest: float) -> PackedTerms:
+    """Pack effects with their parameters; ``fastest`` in 1/s is the rate of the motion itself."""
+    rows = sorted(
+        ((effect, effect.acts, numbers) for effect, numbers in effects if isinstance(effect.acts, Term)),
+        key=lambda row: (row[1].entrained_rate is None, not row[1].states),
+    )
+    parameters = np.zeros((len(rows) * TERM_PARAMETERS, LANES))
+    stateful = oscillatory = 0
+    for at, (effect, term, numbers) in enumerate(rows):
+        first = TERM_PARAMETERS * at
+        parameters[first : first + len(numbers)] = numbers[:, np.newaxis]
+        if term.states:
+            stateful = at + 1
+        if term.oscillatory:
+            oscillatory = at
+        if term.fastest is not None:
+            fastest = max(fastest, term.fastest(effect.values(numbers)))
+    return PackedTerms(
+        kinds=np.array([TERM_EFFECTS.index(effect) for effect, _, _ in rows], dtype=np.int64),
+        parameters=parameters,
+        fastest=fastest,
+        entraining=sum(term.entrained_rate is not None for _, term, _ in rows),
+        stateful=stateful,
+        resetting=any(term.reset is not None for _, term, _ in rows),
+        oscillatory=oscillatory,
+    )
+
+
+def stack_terms(terms: Sequence[PackedTerms]) -> PackedTerms:
+    """The same terms of several models: a column of parameters for each model."""
+    return terms[0]._replace(
+        parameters=np.column_stack([one.parameters[:, 0] for one in terms]),
+        fastest=max(one.fastest for one in terms),
+    )

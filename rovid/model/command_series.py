@@ -1,4 +1,4 @@
-"""What was commanded in trials, and all that follows from it whichever effects there are."""
+"""Commands of trials, and what effects make of them, cached for all models that are compared."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from rovid.model.torque_input import Intervals
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Vehicle
 
-# What effects made of commands, of any trials: models that are compared share most of it.
-_MADE = SizedCache(32_000_000)
+# Commands, thrusts and torques after effects, of any trials. Models that are compared have most of them in common.
+_CACHE = SizedCache(32_000_000)
 
 
 @dataclass(frozen=True, eq=False)
 class CommandSeries:
-    """Commands of one trial, or of several one after the other.
+    """Commands of one trial or of several concatenated ones.
 
     Attributes
     ----------
-    where
-        What effects are told of the trials, with each interval between two of the log's instants cut into parts.
-    held
-        (n, k) commands at the log's instants, those that were chosen.
+    inputs
+        The trials as effects see them, with each interval between two log instants subdivided.
+    held_commands
+        (n, k) commands at the selected log instants.
     """
 
     vehicle: Vehicle
@@ -42,62 +42,68 @@ class CommandSeries:
         cls,
         vehicle: Vehicle,
         trials: Sequence[Trial],
-        parts: int = 1,
+        subdivision: int = 1,
         at: Sequence[IntArray] | None = None,
-        cut: Sequence[BoolArray] | None = None,
+        subdivided: Sequence[BoolArray] | None = None,
     ) -> Self:
-        """In ``trials``, with each interval cut into ``parts``; one for all who ask, as long as anybody has it.
+        """Commands in ``trials``. Equal arguments give the same object as long as it is in use.
 
-        Of each trial the instants ``at``, all where that is None: no command changes at any other. Of the intervals
-        from these on those ``cut``, all where that is None.
+        Parameters
+        ----------
+        subdivision
+            Number of parts of each interval.
+        at
+            Selected log instants of each trial, between which no command changes; all if None.
+        subdivided
+            Which of the intervals after the selected instants are subdivided; all if None.
         """
-        told = (series.tobytes() for series in (*(at or ()), *(cut or ())))
-        key = (vehicle, parts, at is None, *trials, *told)
-        found = _SHARED.get(key)
+        arrays = (series.tobytes() for series in (*(at or ()), *(subdivided or ())))
+        key = (vehicle, subdivision, at is None, *trials, *arrays)
+        found = _IN_USE.get(key)
         if not isinstance(found, cls):
             none = [None] * len(trials)
-            every = list(zip(trials, at or none, cut or none, strict=True))
-            where = ActuatorInputs.concatenated(
-                [actuator_inputs(vehicle, trial, parts, here, some) for trial, here, some in every]
+            every = list(zip(trials, at or none, subdivided or none, strict=True))
+            inputs = ActuatorInputs.concatenated(
+                [actuator_inputs(vehicle, trial, subdivision, here, some) for trial, here, some in every]
             )
-            held = [trial.commands if here is None else trial.commands[here] for trial, here, _ in every]
-            found = cls(vehicle, where, np.concatenate(held))
-            _SHARED[key] = found
+            commands = [trial.commands if here is None else trial.commands[here] for trial, here, _ in every]
+            found = cls(vehicle, inputs, np.concatenate(commands))
+            _IN_USE[key] = found
         return found
 
-    def cached(self, of: Hashable, make: Callable[[], Value]) -> Value:
-        """What effects ``make`` of it, by what it is made ``of``: them and their parameters."""
-        return _MADE.get_or_make((ref(self), of), make)
+    def cached(self, key: Hashable, make: Callable[[], Value]) -> Value:
+        """The cached result of ``make``; ``key`` holds the effects and parameters on which it depends."""
+        return _CACHE.get_or_make((ref(self), key), make)
 
     @property
     def nbytes(self) -> int:
-        """Bytes, about, with commands and thrust, and when they are given."""
+        """Approximate size in bytes, with commands and thrust at all instants."""
         finer = 2 * self.held_commands[:1].nbytes + (2 + len(self.inputs.extras)) * self.inputs.time.itemsize
         return 2 * self.held_commands.nbytes + finer * len(self.inputs.time)
 
     @cached_property
     def commands(self) -> FloatArray:
-        """(m, k) at the instants of ``where``."""
+        """(m, k) commands at the instants of ``inputs``."""
         return self.inputs.subdivide(self.held_commands)
 
     @cached_property
     def thrust(self) -> FloatArray:
-        """(m, k) N by the bench curves, at the instants of ``where``."""
+        """(m, k) thrust in N by the bench curves, at the instants of ``inputs``."""
         return self.inputs.subdivide(self.vehicle.thrust(self.held_commands))
 
     @cached_property
     def intervals(self) -> Intervals | None:
-        """Between the log's instants; None where these are all that there are."""
+        """Intervals between the log's instants; None if nothing is subdivided."""
         if self.inputs.subdivision == 1:
             return None
         return self.intervals_between([np.arange(len(counts)) for counts in self.inputs.subdivisions])
 
     def intervals_between(self, at: Sequence[IntArray]) -> Intervals:
-        """Of each trial from each of the chosen instants ``at`` to the next of them."""
+        """Intervals between those of each trial's selected instants with indices ``at``."""
         times = [self.inputs.time[one.rows] for one in self.inputs.trials]
         pairs = zip(self.inputs.subdivisions, at, strict=True)
         return Intervals.from_times(times, [(np.cumsum(counts) - counts)[here] for counts, here in pairs])
 
 
-# By the vehicle, the parts and the trials, which nobody else may be as long as it lasts.
-_SHARED: WeakValueDictionary[tuple[object, ...], CommandSeries] = WeakValueDictionary()
+# Command series in use, by the arguments that they were made from.
+_IN_USE: WeakValueDictionary[tuple[object, ...], CommandSeries] = WeakValueDictionary()

@@ -1,4 +1,4 @@
-"""What a filter is given: what was logged, and several models side by side with what drives each."""
+"""Inputs of the Kalman filters: measurements, and four models with the torque input of each."""
 
 from __future__ import annotations
 
@@ -8,99 +8,99 @@ from typing import NamedTuple, Self, TypeVar
 import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
+from rovid.model.bound_effects import PackedTerms, stack_terms
 from rovid.model.model import Model
-from rovid.model.packed_terms import PackedTerms, stack_terms
 from rovid.model.torque_input import TorqueInput
 
 One = TypeVar("One")
 
 
 class FilterData(NamedTuple):
-    """Readings of several trials, one after the other.
+    """Measurements of m concatenated trials.
 
     Attributes
     ----------
-    begins
-        (m + 1,) where each begins, and the end of the last.
+    offsets
+        (m + 1,) index of each trial's first instant, and n.
     time, rate
-        (n,) s, and the measured rate in rad/s; NaN where not measured.
-    start
+        (n,) s, and measured rate in rad/s, NaN where not measured.
+    start_position
         (m,) rad, the position at the start of each trial.
-    first
-        (m, 2) rate in rad/s at the first instant and its standard deviation.
-    row
-        (n, 2) where the innovation of the angle and that of the rate at each instant are put; -1 for nowhere.
+    initial_rate
+        (m, 2) rate in rad/s at the first instant, and its standard deviation.
+    output_index
+        (n, 2) places of the innovations of angle and rate in the filter's output; -1 for none.
     """
 
-    begins: IntArray
+    offsets: IntArray
     time: FloatArray
     rate: FloatArray
-    start: FloatArray
-    first: FloatArray
-    row: IntArray
+    start_position: FloatArray
+    initial_rate: FloatArray
+    output_index: IntArray
 
 
 class FilterInputs(NamedTuple):
-    """What drives models side by side, and the angles that they go by; lanes may share either.
+    """Torque inputs and measured angles of the models in the four lanes. Lanes may share either.
 
     Attributes
     ----------
-    torque, moment, scatter
-        (d, n) of each of several drives, from each instant to the next, see `rovid.model.torque_input.Drive`.
-    drive
-        (LANES,) which of them drives each lane.
-    beside
-        (b, n, 3) what effects are told beside the torque.
-    told
-        (LANES,) which of these each lane is told.
+    torque, timing_moment, impulse_variance
+        (d, n) of each distinct torque input, see `rovid.model.torque_input.TorqueInput`.
+    torque_index
+        (LANES,) index of each lane's torque input among the d.
+    effect_inputs
+        (b, n, 3) distinct effect inputs.
+    input_index
+        (LANES,) index of each lane's effect inputs among the b.
     angles
-        (e, n) measured angle in rad without the instrument's deviation; NaN where not measured, in all or none.
-    angle
-        (LANES,) which of these each lane goes by.
+        (e, n) measured angle in rad without the sensor's deviation; NaN where not measured, in all or none.
+    angle_index
+        (LANES,) index of each lane's angles among the e.
     """
 
     torque: FloatArray
-    moment: FloatArray
-    scatter: FloatArray
-    drive: IntArray
-    beside: FloatArray
-    told: IntArray
+    timing_moment: FloatArray
+    impulse_variance: FloatArray
+    torque_index: IntArray
+    effect_inputs: FloatArray
+    input_index: IntArray
     angles: FloatArray
-    angle: IntArray
+    angle_index: IntArray
 
     @classmethod
-    def stack(cls, drives: Sequence[TorqueInput], angles: Sequence[FloatArray]) -> Self:
-        """Of a drive and (n,) angles for each lane."""
-        distinct, drive = _distinct(drives)
-        beside, told = _distinct([one.effect_inputs for one in drives])
-        seen, angle = _distinct(angles)
+    def stack(cls, torque_inputs: Sequence[TorqueInput], angles: Sequence[FloatArray]) -> Self:
+        """From a torque input and (n,) angles for each lane."""
+        distinct, torque_index = _distinct(torque_inputs)
+        effect_inputs, input_index = _distinct([one.effect_inputs for one in torque_inputs])
+        distinct_angles, angle_index = _distinct(angles)
         return cls(
             _stacked([one.torque for one in distinct]),
             _stacked([one.timing_moment for one in distinct]),
             _stacked([one.impulse_variance for one in distinct]),
-            drive,
-            _stacked(beside),
-            told,
-            _stacked(seen),
-            angle,
+            torque_index,
+            _stacked(effect_inputs),
+            input_index,
+            _stacked(distinct_angles),
+            angle_index,
         )
 
 
 class ParameterBatch(NamedTuple):
-    """Models of the same terms side by side.
+    """Parameters of the models in the four lanes, which have the same terms.
 
     Attributes
     ----------
     body
-        (5, LANES) the numbers of each `rovid.effects.base.Body`.
+        (5, LANES) numbers of each `rovid.effects.base.Body`.
     terms
-        `rovid.model.packed_terms.Terms`, a column of the parameters for each.
+        Terms of all models, with a column of parameters for each.
     noise
-        (4, LANES) standard deviation of the disturbance in N m, its correlation time in s, standard deviation of the
-        white noise of a measured angle in rad and of a measured rate in rad/s.
+        (4, LANES) standard deviation of the disturbance in N m, its correlation time in s, standard deviations of the
+        white noise of measured angles in rad and rates in rad/s.
     wave
-        (3, LANES) root 2 times the standard deviation of the wave in N m, its frequency in rad/s and the damping of
-        its filter; (0, LANES) where there is none.
+        (3, LANES) root 2 times the standard deviation of the wave torque in N m, its frequency in rad/s and the damping
+        of its filter; (0, LANES) without a wave.
     """
 
     body: FloatArray
@@ -110,7 +110,7 @@ class ParameterBatch(NamedTuple):
 
     @classmethod
     def stack(cls, models: Sequence[Model], noise: Sequence[FloatArray]) -> Self:
-        """Of a model and its (4,) noise for each lane."""
+        """From a model and its (4,) noise for each lane."""
         return cls(
             body=np.column_stack([model.body for model in models]),
             terms=stack_terms([model.terms for model in models]),
@@ -120,12 +120,12 @@ class ParameterBatch(NamedTuple):
 
 
 def _distinct(series: Sequence[One]) -> tuple[list[One], IntArray]:
-    """Each of ``series`` once, and which of these each is."""
-    every = {id(one): one for one in series}
-    number = {key: at for at, key in enumerate(every)}
-    return list(every.values()), np.array([number[id(one)] for one in series])
+    """The distinct objects among ``series``, and the index of each object among them."""
+    objects = {id(one): one for one in series}
+    index = {key: at for at, key in enumerate(objects)}
+    return list(objects.values()), np.array([index[id(one)] for one in series])
 
 
 def _stacked(series: Sequence[FloatArray]) -> FloatArray:
-    """(s, ...) without a copy of what is alone."""
+    """(s, ...) array; a single one is not copied."""
     return np.ascontiguousarray(series[0])[np.newaxis] if len(series) == 1 else np.stack(series)

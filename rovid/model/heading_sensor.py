@@ -1,4 +1,4 @@
-"""What an instrument shows of the position: the true one, or what effects on the heading make of it."""
+"""The measured heading as a function of the true one."""
 
 from __future__ import annotations
 
@@ -12,36 +12,36 @@ from rovid.core.array_types import FloatArray
 from rovid.effects.base import OnHeading
 from rovid.model.bound_effects import BoundEffect, actions_at, effects_at
 
-# Into how many arcs the way round is cut: between their ends the largest deviation there is is known to 1e-8 rad.
-_ROUND, _ARCS = 2.0 * math.pi, 512
-_NUDGE = 1e-4  # rad
+# Arcs of the circle; interpolation between their ends has an error of 1e-8 rad for the largest deviation.
+_TURN, _ARCS = 2.0 * math.pi, 512
+_NUDGE = 1e-4  # rad, for a difference quotient
 
 
 @dataclass(frozen=True, eq=False)
 class HeadingSensor:
-    """That by which a model's positions are measured, with those of its effects that act there."""
+    """The sensor of a model's positions, with the effects of the model that act on the heading."""
 
-    acting: tuple[BoundEffect, ...]
+    effects: tuple[BoundEffect, ...]
 
     @property
     def deviates(self) -> bool:
-        """Whether the measured heading is not the true one."""
-        return any(isinstance(one.effect.acts, OnHeading) for one in self.acting)
+        """Whether the measured heading differs from the true one."""
+        return any(isinstance(one.effect.acts, OnHeading) for one in self.effects)
 
     @property
     def cache_key(self) -> tuple[Hashable, ...]:
-        """What tells how the heading deviates: the effects on it, with their parameters."""
-        return tuple((one.effect, *one.parameters.tolist()) for one, _ in effects_at(self.acting, OnHeading))
+        """Effects on the heading, with their parameters."""
+        return tuple((one.effect, *one.parameters.tolist()) for one, _ in effects_at(self.effects, OnHeading))
 
     def deviation(self, heading: FloatArray) -> FloatArray:
-        """(n,) rad by which the instrument's heading is off at the (n,) true headings in rad."""
-        off = np.zeros(len(heading))
-        for act, values in actions_at(self.acting, OnHeading):
-            off += act.deviation(heading, values)
-        return off
+        """(n,) deviation of the measured heading in rad at the (n,) true headings in rad."""
+        total = np.zeros(len(heading))
+        for act, values in actions_at(self.effects, OnHeading):
+            total += act.deviation(heading, values)
+        return total
 
     def to_true(self, position: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """What a measured position is without the deviation of the heading.
+        """The true position for a measured one.
 
         Parameters
         ----------
@@ -55,13 +55,13 @@ class HeadingSensor:
         """
         if not self.deviates:
             return position, np.ones(len(position))
-        # What is shown all round, and between by cubics that have its slope too (Hermite's).
-        true = np.linspace(0.0, _ROUND, _ARCS + 1)
-        shown, gain = self.to_measured(true, np.ones(_ARCS + 1))
-        within = shown[0] + np.mod(position - shown[0], _ROUND)
-        place = np.interp(within, shown, np.arange(_ARCS + 1.0))
+        # The inverse function as a cubic Hermite spline over one turn.
+        true = np.linspace(0.0, _TURN, _ARCS + 1)
+        measured, gain = self.to_measured(true, np.ones(_ARCS + 1))
+        within = measured[0] + np.mod(position - measured[0], _TURN)
+        place = np.interp(within, measured, np.arange(_ARCS + 1.0))
         arc = np.minimum(np.nan_to_num(place).astype(int), _ARCS - 1)
-        wide, rise = np.diff(shown), _ROUND / _ARCS
+        wide, rise = np.diff(measured), _TURN / _ARCS
         begins, ends = wide / gain[:-1], wide / gain[1:]
         a, b, c = (each[arc] for each in (begins, 3.0 * rise - 2.0 * begins - ends, begins + ends - 2.0 * rise))
         u = place - arc
@@ -69,6 +69,6 @@ class HeadingSensor:
         return position + (turned - within), wide[arc] / (a + u * (2.0 * b + 3.0 * u * c))
 
     def to_measured(self, heading: FloatArray, rate: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(n,) heading and rate as the instrument would give the true ones."""
-        ahead, behind = (self.deviation(heading + side) for side in (_NUDGE, -_NUDGE))
-        return heading + self.deviation(heading), rate * (1.0 + (ahead - behind) / (2.0 * _NUDGE))
+        """(n,) measured heading and rate for the true ones."""
+        above, below = (self.deviation(heading + side) for side in (_NUDGE, -_NUDGE))
+        return heading + self.deviation(heading), rate * (1.0 + (above - below) / (2.0 * _NUDGE))

@@ -1,4 +1,4 @@
-"""The model: inertia, drag, what weight and buoyancy do, and effects."""
+"""The model: inertia, drag, restoring torque, and effects."""
 
 from __future__ import annotations
 
@@ -14,10 +14,9 @@ from rovid.core.array_types import FloatArray
 from rovid.effects import Effect, restoring_effect
 from rovid.effects.base import Body, Term
 from rovid.model.actuator_model import ActuatorModel
-from rovid.model.bound_effects import BoundEffect, actions_at
+from rovid.model.bound_effects import BoundEffect, Equation, PackedTerms, actions_at, pack_terms
 from rovid.model.heading_sensor import HeadingSensor
 from rovid.model.ode import euler_heading, initial_rate, integrate, integrate_batch
-from rovid.model.packed_terms import Equation, PackedTerms, pack_terms
 from rovid.model.parameter_names import base_names
 from rovid.model.torque_input import TorqueInput
 from rovid.trial.axis import YAW, Axis
@@ -29,9 +28,9 @@ from rovid.trial.vehicle import Vehicle
 class Model:
     """``inertia*rdot + quadratic_drag*|r|*r + linear_drag*r + g(q) = torque``, qdot = r.
 
-    In yaw q is the heading psi. ``g`` is what weight and buoyancy do along ``axis``, see `rovid.effects.restoring`;
-    ``restoring_values`` are its parameters. What effects make of the commands is the ``drivetrain``'s, what they make
-    of the measured heading the ``instrument``'s; all others are terms of the ``equation``.
+    In yaw q is the heading psi. ``g`` is the restoring torque of weight and buoyancy along ``axis``, with the
+    parameters ``restoring_values``, see `rovid.effects.restoring`. Effects act on the ``actuators``, as terms of the
+    ``equation``, and on the ``heading_sensor``.
     """
 
     inertia: float
@@ -44,76 +43,76 @@ class Model:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of all parameters, in the order of ``values``."""
+        """Names of all parameters, in the order of ``values``."""
         return (*base_names(self.axis), *(f"{e.key}.{p.name}" for e in self.effects for p in e.parameters))
 
     @property
     def values(self) -> FloatArray:
-        """(p,) all parameters."""
+        """(p,) values of all parameters."""
         base = (self.inertia, self.quadratic_drag, self.linear_drag)
         return np.array([*base, *self.restoring_values, *self.effect_values])
 
     @cached_property
     def bound_effects(self) -> tuple[BoundEffect, ...]:
-        """What weight and buoyancy do, and the effects, each with its parameters."""
+        """The restoring torque, if the axis has one, and the effects, each with its parameters."""
         restoring = restoring_effect(self.axis)
         effects = self.effects if restoring is None else (restoring, *self.effects)
-        numbers, acting = np.array([*self.restoring_values, *self.effect_values]), []
+        values, bound = np.array([*self.restoring_values, *self.effect_values]), []
         for effect in effects:
             count = len(effect.parameters)
-            acting.append(BoundEffect(effect, numbers[:count]))
-            numbers = numbers[count:]
-        return tuple(acting)
+            bound.append(BoundEffect(effect, values[:count]))
+            values = values[count:]
+        return tuple(bound)
 
     @cached_property
     def actuators(self) -> ActuatorModel:
-        """From commands to what drives the vehicle."""
+        """The way from commands to torque."""
         return ActuatorModel(self.bound_effects)
 
     @cached_property
     def heading_sensor(self) -> HeadingSensor:
-        """From the true position to the measured one."""
+        """The way from the true position to the measured one."""
         return HeadingSensor(self.bound_effects)
 
     @cached_property
     def body(self) -> Body:
-        """The plain model, as terms and compiled loops take it."""
+        """The plain model for effects and compiled loops."""
         trim = self.restoring_values[1] if self.axis.self_righting else 0.0
         return Body(self.inertia, self.quadratic_drag, self.linear_drag, self.stiffness, trim)
 
     @cached_property
     def terms(self) -> PackedTerms:
-        """Those of the equation of motion, as compiled loops take them."""
+        """Terms of the equation of motion for compiled loops."""
         return pack_terms(self.bound_effects, self.natural_frequency)
 
     def equation(self, start: float) -> Equation:
-        """Of motion, from the position ``start`` on; in rad or m."""
+        """Equation of motion for a trial that starts at position ``start`` in rad or m."""
         return Equation(self.body, self.terms, start)
 
     def equation_for(self, trial: Trial) -> Equation:
-        """Of motion, from the first position that was measured in ``trial``."""
+        """Equation of motion for ``trial``."""
         return self.equation(trial.first_position)
 
     @property
     def wave_parameters(self) -> FloatArray:
-        """(3,) amplitude in N m, frequency in rad/s and damping of the wave torque; empty where there is none."""
+        """(3,) amplitude in N m, frequency in rad/s and damping of the wave torque; empty without a wave."""
         return next((one.parameters for one in self.bound_effects if one.effect.is_wave), np.zeros(0))
 
     def torque_input(self, vehicle: Vehicle, trial: Trial) -> TorqueInput:
-        """What the commands of ``trial`` make, from each of its instants to the next."""
+        """Torque input by the commands of ``trial``, from each instant to the next."""
         return self.actuators.torque_input(vehicle, trial)
 
-    def simulate(self, trial: Trial, drive: TorqueInput) -> tuple[FloatArray, FloatArray]:
-        """Simulate freely from the first sample, under ``drive`` at the instants of ``trial``.
+    def simulate(self, trial: Trial, torque_input: TorqueInput) -> tuple[FloatArray, FloatArray]:
+        """Free-running simulation of ``trial`` from its first sample.
 
         Returns
         -------
         rate, position
-            (n,) body rate and position at the instants of ``trial``, as they would be measured. The position starts at
-            the first one measured. In yaw, where roll and pitch are logged, the body rate turns into the heading's by
+            (n,) body rate, and position as the sensor would measure it, at the instants of ``trial``. The position
+            starts at the first measured one. In yaw with logged roll and pitch, the heading rate is
             psidot = (r + thetadot sin(phi)) / (cos(phi) cos(theta)) (Fossen 2011, eq. 2.28).
         """
-        rate, angle = self._integrated(trial, drive)
+        rate, angle = integrate(self.equation_for(trial), trial.time, torque_input, self._initial_motion(trial))
         if self.axis is YAW and trial.roll is not None and trial.pitch is not None:
             angle = euler_heading(trial, rate)
         first = int(np.argmax(trial.measured))
@@ -123,51 +122,46 @@ class Model:
         heading, rate = self.heading_sensor.to_measured(true[first] + angle - angle[first], rate)
         return rate, heading
 
-    def simulate_rates(self, trials: Sequence[Trial], drive: TorqueInput) -> list[FloatArray]:
-        """(n,) rate of each trial as `simulate` has it, under the ``drive`` of all, one after the other.
-
-        Most often nobody has to turn it into a position.
-        """
+    def simulate_rates(self, trials: Sequence[Trial], torque_input: TorqueInput) -> list[FloatArray]:
+        """(n,) rate of each trial as by `simulate`, without the position; ``torque_input`` is that of all trials."""
         if self.heading_sensor.deviates:
-            return [self.simulate(trial, one)[0] for trial, one in zip(trials, drive.by_trial, strict=True)]
+            pairs = zip(trials, torque_input.by_trial, strict=True)
+            return [self.simulate(trial, one)[0] for trial, one in pairs]
         time = np.concatenate([trial.time for trial in trials])
-        first = np.array([self._first(trial) for trial in trials])
+        first = np.array([self._initial_motion(trial) for trial in trials])
         starts = np.array([trial.first_position for trial in trials])
-        rate, _ = integrate_batch(self.body, self.terms, time, drive, starts, first)
-        return [rate[begin:end] for begin, end in pairwise(drive.offsets.tolist())]
+        rate, _ = integrate_batch(self.body, self.terms, time, torque_input, starts, first)
+        return [rate[begin:end] for begin, end in pairwise(torque_input.offsets.tolist())]
 
-    def _integrated(self, trial: Trial, drive: TorqueInput) -> tuple[FloatArray, FloatArray]:
-        """(n,) rate of the body, and the angle that it turned."""
-        return integrate(self.equation_for(trial), trial.time, drive, self._first(trial))
-
-    def _first(self, trial: Trial) -> tuple[float, float]:
-        """Rate of the body at the first instant, and the angle that it has turned by then."""
+    def _initial_motion(self, trial: Trial) -> tuple[float, float]:
+        """Body rate at the first instant, and the angle turned until then."""
         return initial_rate(trial, self.natural_frequency), 0.0
 
     @property
     def low_frequency_inertia(self) -> float:
-        """The inertia in slow motion, with the water that goes along; kg m^2."""
+        """Inertia in slow motion in kg m^2, with the water that moves with the vehicle."""
         terms = actions_at(self.bound_effects, Term)
         return self.inertia + sum(term.added_inertia(values) for term, values in terms if term.added_inertia)
 
     @property
     def stiffness(self) -> float:
-        """How much torque in N m a tilt of one rad from rest would ask for; 0 along an axis without."""
+        """Restoring stiffness at rest in N m/rad; 0 along an axis without."""
         return self.restoring_values[0] if self.axis.self_righting else 0.0
 
     @property
     def natural_frequency(self) -> float:
-        """Frequency in rad/s at which the vehicle would swing about its level without drag; 0 along an axis without."""
+        """Undamped natural frequency in rad/s; 0 along an axis without restoring torque."""
         return math.sqrt(max(self.stiffness, 0.0) / self.inertia)
 
-    def rate_std_per_torque(self, rate: float, memory: float) -> float:
-        """Standard deviation of the rate for each N m of a disturbance torque with a ``memory`` in s.
+    def rate_std_per_torque(self, rate: float, correlation_time: float) -> float:
+        """Standard deviation of the rate for each N m of a disturbance torque with this ``correlation_time`` T in s.
 
-        Of the motion linearised at ``rate``: variance T^2 memory / (c (I + c memory + K memory^2)), c the slope of the
-        drag and K the stiffness.
+        For the motion linearised at ``rate`` the variance is T / (c (I + c T + K T^2)), with the slope c of the drag
+        and the stiffness K.
         """
         slope = max(2.0 * self.quadratic_drag * rate + self.linear_drag, 1e-12)
-        return math.sqrt(memory / (slope * (self.inertia + slope * memory + self.stiffness * memory**2)))
+        spread = self.inertia + slope * correlation_time + self.stiffness * correlation_time**2
+        return math.sqrt(correlation_time / (slope * spread))
 
     def drag(self, rate: FloatArray) -> FloatArray:
         """Drag torque in N m at ``rate`` in rad/s."""

@@ -1,4 +1,4 @@
-"""The names of a model's parameters, and their units."""
+"""Names and units of a model's parameters."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from rovid.effects import effect_named, restoring_effect
 from rovid.trial.axis import YAW, Axis
 
-# Names of the base model's parameters, and the unit of each in yaw.
+# Parameters of the base model -> unit in yaw.
 UNITS = {
     "inertia": "kg m^2",
     "quadratic_drag": "N m s^2/rad^2",
@@ -16,13 +16,13 @@ UNITS = {
 
 
 def base_names(axis: Axis) -> tuple[str, ...]:
-    """Names of the base model's parameters along ``axis``, as they stand in the parameter file and in JSON."""
+    """Names of the base model's parameters along ``axis``, as in the parameter file and in JSON."""
     restoring = restoring_effect(axis)
     return (*UNITS, *(parameter.name for parameter in (restoring.parameters if restoring else ())))
 
 
 def unit_of(name: str, axis: Axis = YAW) -> str:
-    """Unit of a parameter, ``inertia`` or ``thruster_lag.time_constant``, along ``axis``.
+    """Unit along ``axis`` of a parameter, such as ``inertia`` or ``thruster_lag.time_constant``.
 
     Raises
     ------
@@ -38,11 +38,11 @@ def unit_of(name: str, axis: Axis = YAW) -> str:
 
 
 def effect_ids(names: Iterable[str]) -> list[str]:
-    """Keys of the effects among parameter names, each once."""
+    """Keys of the effects in parameter names, without repetition."""
     return list(dict.fromkeys(name.rpartition(".")[0] for name in names if "." in name))
 
 
 def without_form(name: str) -> str:
-    """A parameter's name without the form of its effect."""
+    """Parameter name without the form of the effect."""
     key, dot, parameter = name.rpartition(".")
     return key.partition(":")[0] + dot + parameter

@@ -1,4 +1,4 @@
-"""Free-running simulation against the measurement: how well, per trial and over all."""
+"""Free-running simulation of trials, compared to the measurement."""
 
 from __future__ import annotations
 
@@ -15,23 +15,24 @@ from rovid.signals.preprocessing import Run
 from rovid.signals.rates import resample
 from rovid.trial.vehicle import Vehicle
 
+# s; horizons of the position errors.
 HORIZONS = (10.0, 60.0)
 
 
 @dataclass(frozen=True, kw_only=True)
 class FitMeasures:
-    """Agreement of simulated with measured rate.
+    """Agreement of simulated and measured rate.
 
     Attributes
     ----------
     samples
-        Instants compared.
+        Number of compared instants.
     r2
-        1 - SSE/SST of the rate; NaN where the measured rate does not vary.
+        1 - SSE/SST of the rate; NaN if the measured rate is constant.
     fit_percent
         100 (1 - |y - yhat| / |y - mean(y)|), Ljung's NRMSE fit.
     rmse
-        rad/s.
+        Root mean square error in rad/s.
     """
 
     samples: int
@@ -42,18 +43,18 @@ class FitMeasures:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrialSimulation:
-    """One trial simulated freely from its first sample.
+    """Free-running simulation of one trial from its first sample.
 
     Attributes
     ----------
     measured, simulated
-        (m,) rate in rad/s or m/s on the run's uniform grid, through the same filter.
+        (m,) rate in rad/s or m/s on the run's uniform grid, both through the same filter.
     position
-        (n,) simulated position in rad or m at the trial's own instants.
+        (n,) simulated position in rad or m at the trial's instants.
     position_errors
-        Horizon in s -> RMS position error that far after a restart from the measured position and rate, and from what
-        the water did by then on the measured course; restarts one horizon apart; None where no stretch without a gap
-        is as long.
+        Horizon in s -> RMS position error that long after a restart. A restart has the measured position and rate, and
+        the states that effects have on the measured trajectory. Restarts are one horizon apart. None if no segment
+        without a gap is as long.
     """
 
     run: Run
@@ -65,17 +66,17 @@ class TrialSimulation:
 
 
 def simulate_runs(runs: Sequence[Run], model: Model, vehicle: Vehicle) -> list[TrialSimulation]:
-    """Simulate every run and compare; the effects of ``model`` act on the commands of ``vehicle`` too."""
+    """Simulate every run with the commands of its trial, and compare it to the measurement."""
     return [_simulate(run, model, model.torque_input(vehicle, run.trial)) for run in runs]
 
 
-def simulated_rate(run: Run, model: Model, drive: TorqueInput) -> FloatArray:
-    """(m,) rate of the free-running ``model``, behind the filter that the measured one went through."""
-    return run.rates.smooth_samples(run.trial, *model.simulate_rates([run.trial], drive))
+def simulated_rate(run: Run, model: Model, torque_input: TorqueInput) -> FloatArray:
+    """(m,) free-running rate, through the same filter as the measured one."""
+    return run.rates.smooth_samples(run.trial, *model.simulate_rates([run.trial], torque_input))
 
 
 def pooled_fit(simulations: Sequence[TrialSimulation]) -> FitMeasures:
-    """Agreement over all trials together; the mean of SST is that of all samples."""
+    """Agreement over all samples of all trials."""
     return fit_measures(
         np.concatenate([item.measured for item in simulations]),
         np.concatenate([item.simulated for item in simulations]),
@@ -83,7 +84,7 @@ def pooled_fit(simulations: Sequence[TrialSimulation]) -> FitMeasures:
 
 
 def fit_measures(measured: FloatArray, simulated: FloatArray) -> FitMeasures:
-    """Agreement of two series, over the instants at which both are known."""
+    """Agreement of two series at the instants at which both are finite."""
     known = np.isfinite(measured) & np.isfinite(simulated)
     y, error = measured[known], (measured - simulated)[known]
     if not known.any():
@@ -98,8 +99,8 @@ def fit_measures(measured: FloatArray, simulated: FloatArray) -> FitMeasures:
     )
 
 
-def _simulate(run: Run, model: Model, drive: TorqueInput) -> TrialSimulation:
-    rate, position = model.simulate(run.trial, drive)
+def _simulate(run: Run, model: Model, torque_input: TorqueInput) -> TrialSimulation:
+    rate, position = model.simulate(run.trial, torque_input)
     simulated = run.rates.smooth_samples(run.trial, rate)
     return TrialSimulation(
         run=run,
@@ -107,29 +108,30 @@ def _simulate(run: Run, model: Model, drive: TorqueInput) -> TrialSimulation:
         measured=run.rates.rate,
         simulated=simulated,
         position=position,
-        position_errors=_position_errors(run, model, drive),
+        position_errors=_position_errors(run, model, torque_input),
     )
 
 
-def _position_errors(run: Run, model: Model, drive: TorqueInput) -> dict[float, float | None]:
+def _position_errors(run: Run, model: Model, torque_input: TorqueInput) -> dict[float, float | None]:
     rates, trial = run.rates, run.trial
-    # About the body's own axis: the position itself, but for what a logged tilt and the heading's deviation add to it.
+    # Angle about the body's own axis: the measured position without the sensor's deviation and the effect of logged
+    # tilt.
     true, gain = model.heading_sensor.to_true(trial.position)
     body = trial.body_position - (trial.position - true)
     angle, gain = (resample(trial, values, rates.time) for values in (body, gain))
     at_grid = np.searchsorted(trial.time, rates.time + 1e-9, side="right") - 1
-    torque, beside = drive.torque[at_grid], drive.effect_inputs[at_grid]
+    torque, effect_inputs = torque_input.torque[at_grid], torque_input.effect_inputs[at_grid]
     rate, turned = rates.rate / gain, angle - angle[np.isfinite(angle)][0]
-    # The filter has no rate at the ends of a trial, where the water already moves.
-    course = np.where(np.isfinite(rate), rate, np.gradient(turned, rates.kernel.period))
+    # The filter gives no rate at the ends of a trial. The water moves there already.
+    full_rate = np.where(np.isfinite(rate), rate, np.gradient(turned, rates.kernel.period))
     equation = model.equation_for(trial)
-    _, states = evaluate_along(equation, rates.kernel.period, (course, turned, torque), beside)
+    _, states = evaluate_along(equation, rates.kernel.period, (full_rate, turned, torque), effect_inputs)
 
-    def turned_by(at: int, end: int) -> float:
+    def predicted_turn(at: int, end: int) -> float:
         part = slice(at, end + 1)
-        held, begin = TorqueInput.held(torque[part], beside[part]), (float(rate[at]), float(turned[at]))
-        _, reached = integrate(equation, rates.time[part], held, begin, states[at])
-        return float(reached[-1] - begin[1])
+        held, initial = TorqueInput.held(torque[part], effect_inputs[part]), (float(rate[at]), float(turned[at]))
+        _, reached = integrate(equation, rates.time[part], held, initial, states[at])
+        return float(reached[-1] - initial[1])
 
     found: dict[float, float | None] = {}
     for horizon in HORIZONS:
@@ -137,13 +139,13 @@ def _position_errors(run: Run, model: Model, drive: TorqueInput) -> dict[float, 
         errors = []
         for start in range(0, len(rates.time) - length, length):
             known = np.flatnonzero(np.isfinite(rate[start : start + length]))
-            # Nor has it one behind a gap: restart where it has.
+            # After a gap the filter gives no rate for a while: restart at its first one.
             if not known.size or known[0] > rates.kernel.half_width / rates.kernel.period + 1:
                 continue
             at = start + int(known[0])
             end = at + length
-            # How far the vehicle turned inside a gap is not measured, nor perhaps what was commanded there.
+            # Neither the turn in a gap is measured, nor perhaps the commands there.
             if end < len(angle) and np.isfinite(angle[at : end + 1]).all():
-                errors.append(turned_by(at, end) - (angle[end] - angle[at]))
+                errors.append(predicted_turn(at, end) - (angle[end] - angle[at]))
         found[horizon] = float(np.sqrt(np.mean(np.square(errors)))) if errors else None
     return found

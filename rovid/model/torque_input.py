@@ -1,4 +1,4 @@
-"""What drives a vehicle in its trials, with the effects between command and torque."""
+"""The torque that drives a vehicle in its trials, after all effects between command and torque."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from rovid.core.array_types import FloatArray, IntArray
 from rovid.effects.actuator_inputs import SPEEDS
 from rovid.jit.decorators import compiled
 
-# Into how many the interval between two samples is cut for an effect that acts within it.
+# Parts of an interval between two samples, for an effect that acts within it.
 MAX_SUBDIVISION = 8
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Intervals:
-    """Over which intervals of one trial, or of several one after the other, a drive is taken together.
+    """Intervals of one trial or of several concatenated ones, over each of which a torque input is averaged.
 
     Attributes
     ----------
-    at
-        (m,) the instants, of the n, with which they begin; the last of each trial ends its last interval.
-    begins
-        (t + 1,) which of the m begins each of t trials, and how many there are in all.
-    length, middle
-        (n,) s from each instant to the next, 0 from the last of a trial; and when half of that has passed.
-    span, end
-        (m,) s that each interval lasts, and when it ends; of the last of a trial 1 s, for it has none.
+    indices
+        (m,) index among n instants of each interval's begin. The last interval of a trial has no end, and lasts 1 s.
+    offsets
+        (t + 1,) index among the m intervals of each trial's first one, and m.
+    lengths, midpoints
+        (n,) s from each instant to the next, 0 from the last of a trial; and the time in the middle.
+    durations, ends
+        (m,) s that each interval lasts, and the time at which it ends.
     """
 
     indices: IntArray
@@ -43,47 +43,47 @@ class Intervals:
 
     @classmethod
     def from_times(cls, times: Sequence[FloatArray], at: Sequence[IntArray]) -> Self:
-        """Of each trial the instants in s, and between which of them."""
-        before = np.cumsum([0, *map(len, times)])[:-1]
-        ends = [time[here] for time, here in zip(times, at, strict=True)]
+        """From the instants of each trial in s, and the indices among these at which its intervals begin."""
+        first = np.cumsum([0, *map(len, times)])[:-1]
+        begins = [time[here] for time, here in zip(times, at, strict=True)]
         return cls(
-            indices=np.concatenate([first + here for first, here in zip(before, at, strict=True)]),
+            indices=np.concatenate([offset + here for offset, here in zip(first, at, strict=True)]),
             offsets=np.cumsum([0, *map(len, at)]),
             lengths=np.concatenate([np.append(np.diff(time), 0.0) for time in times]),
             midpoints=np.concatenate([np.append(0.5 * (time[1:] + time[:-1]), time[-1]) for time in times]),
-            durations=np.concatenate([np.append(np.diff(end), 1.0) for end in ends]),
-            ends=np.concatenate([np.append(end[1:], end[-1]) for end in ends]),
+            durations=np.concatenate([np.append(np.diff(begin), 1.0) for begin in begins]),
+            ends=np.concatenate([np.append(begin[1:], begin[-1]) for begin in begins]),
         )
 
     @property
     def nbytes(self) -> int:
-        """Bytes."""
+        """Size in bytes."""
         return sum(series.nbytes for series in (self.indices, self.lengths, self.midpoints, self.durations, self.ends))
 
     @property
     def last_indices(self) -> IntArray:
-        """(t,) which of the m is the last of each trial."""
+        """(t,) index of each trial's last interval."""
         return self.offsets[1:] - 1
 
 
 @dataclass(frozen=True, eq=False)
 class TorqueInput:
-    """What drives one trial, or several one after the other, from each instant to the next.
+    """Torque from each instant to the next, of one trial or of several concatenated ones.
 
     Attributes
     ----------
     torque
-        (n,) N m, its mean.
-    moment
-        (n,) N m s^2; integral of torque less mean times the time left. A torque that comes late in the interval gives
-        the same rate at its end, but less angle, by ``moment / inertia``.
-    beside
-        (n, 3) what else the terms of effects are told: the thrusters' race in N^0.5 m^2, which is the sum over them of
-        the root of their thrust times their arm squared, and the speeds `SPEEDS` in m/s. Zeros where no effect asks.
-    scatter
-        (n,) N^2 m^2 s^2; variance of the impulse, where an effect leaves open when a torque acts. Zeros elsewhere.
-    begins
-        (t + 1,) the instant with which each of t trials begins, and how many there are in all.
+        (n,) N m, mean over the interval.
+    timing_moment
+        (n,) N m s^2; integral of (torque - mean) times the time left in the interval. A torque that comes late gives
+        the same rate at the interval's end, but less angle, by ``timing_moment / inertia``.
+    effect_inputs
+        (n, 3) further inputs of effects' terms: the wash of the thrusters in N^0.5 m^2, which is the sum of
+        sqrt(thrust) * arm^2, and the speeds `SPEEDS` in m/s. Zeros if no effect needs them.
+    impulse_variance
+        (n,) N^2 m^2 s^2; variance of the torque's integral if an effect leaves open when the torque acts, else zeros.
+    offsets
+        (t + 1,) index of each trial's first instant, and n.
     """
 
     torque: FloatArray
@@ -96,57 +96,59 @@ class TorqueInput:
     def held(
         cls,
         torque: FloatArray,
-        beside: FloatArray | None = None,
-        scatter: FloatArray | None = None,
-        begins: IntArray | None = None,
+        effect_inputs: FloatArray | None = None,
+        impulse_variance: FloatArray | None = None,
+        offsets: IntArray | None = None,
     ) -> Self:
-        """Of a torque that is held from each instant to the next; of one trial where ``begins`` is not given."""
-        nothing = _nothing(len(torque))
+        """From a torque that is held from each instant to the next; of one trial without ``offsets``."""
+        zeros = _shared_zeros(len(torque))
         return cls(
             torque,
-            nothing,
-            _untold(len(torque)) if beside is None else beside,
-            nothing if scatter is None else scatter,
-            np.array([0, len(torque)]) if begins is None else begins,
+            zeros,
+            _no_effect_inputs(len(torque)) if effect_inputs is None else effect_inputs,
+            zeros if impulse_variance is None else impulse_variance,
+            np.array([0, len(torque)]) if offsets is None else offsets,
         )
 
     @classmethod
     def averaged_over(
-        cls, steps: Intervals, torque: FloatArray, beside: FloatArray | None = None, scatter: FloatArray | None = None
+        cls,
+        intervals: Intervals,
+        torque: FloatArray,
+        effect_inputs: FloatArray | None = None,
+        impulse_variance: FloatArray | None = None,
     ) -> Self:
-        """Over each of some intervals, of what is held between (n,) instants."""
-        last = steps.last_indices
-
-        def total(values: FloatArray) -> FloatArray:
-            return np.asarray(np.add.reduceat(values, steps.indices))
-
-        area, early = _gathered(steps.indices, steps.lengths, steps.midpoints, torque)
-        mean, moment = area / steps.durations, area * steps.ends - early - 0.5 * area * steps.durations
-        # Nothing follows the last instant of a trial, from which what is held goes on.
-        mean[last], moment[last] = torque[steps.indices[last]], 0.0
-        told, open_when = _untold(len(mean)), _nothing(len(mean))
-        if beside is not None:
-            told = total(beside * steps.lengths[:, None]) / steps.durations[:, None]
-            told[last] = beside[steps.indices[last]]
-        if scatter is not None:
-            open_when = total(scatter)
-            open_when[last] = 0.0
-        return cls(mean, moment, told, open_when, steps.offsets)
+        """Averages over ``intervals`` of (n,) values that are held from each instant to the next."""
+        last = intervals.last_indices
+        area, first_moment = _integrals(intervals.indices, intervals.lengths, intervals.midpoints, torque)
+        mean = area / intervals.durations
+        timing_moment = area * intervals.ends - first_moment - 0.5 * area * intervals.durations
+        # The last value of a trial is held on.
+        mean[last], timing_moment[last] = torque[intervals.indices[last]], 0.0
+        mean_inputs, variance = _no_effect_inputs(len(mean)), _shared_zeros(len(mean))
+        if effect_inputs is not None:
+            areas = np.add.reduceat(effect_inputs * intervals.lengths[:, None], intervals.indices)
+            mean_inputs = areas / intervals.durations[:, None]
+            mean_inputs[last] = effect_inputs[intervals.indices[last]]
+        if impulse_variance is not None:
+            variance = np.asarray(np.add.reduceat(impulse_variance, intervals.indices))
+            variance[last] = 0.0
+        return cls(mean, timing_moment, mean_inputs, variance, intervals.offsets)
 
     @property
     def nbytes(self) -> int:
-        """Bytes that it takes by itself: zeros are shared with all others."""
+        """Size in bytes, without zeros that all torque inputs share."""
         every = self.torque, self.timing_moment, self.effect_inputs, self.impulse_variance
         return sum(one.nbytes for one in every if one is not _ZEROS.get(one.shape))
 
     @property
     def has_effect_inputs(self) -> bool:
-        """Whether effects may be told anything beside the torque."""
-        return self.effect_inputs is not _untold(len(self.torque))
+        """Whether an effect needs effect inputs."""
+        return self.effect_inputs is not _no_effect_inputs(len(self.torque))
 
     @property
     def by_trial(self) -> list[Self]:
-        """That of each trial by itself."""
+        """The torque input of each trial."""
         return [self._rows(slice(begin, end)) for begin, end in pairwise(self.offsets.tolist())]
 
     def _rows(self, rows: slice) -> Self:
@@ -154,36 +156,37 @@ class TorqueInput:
         return type(self)(*series, np.array([0, len(series[0])]))
 
     def mapped(self, function: Callable[[FloatArray], FloatArray]) -> Self:
-        """Of one trial, with ``function`` of each series."""
+        """``function`` of each series of one trial."""
         torque = function(self.torque)
-        beside = np.column_stack([function(column) for column in self.effect_inputs.T])
-        begins = np.array([0, len(torque)])
-        return type(self)(torque, function(self.timing_moment), beside, function(self.impulse_variance), begins)
+        inputs = np.column_stack([function(column) for column in self.effect_inputs.T])
+        offsets = np.array([0, len(torque)])
+        return type(self)(torque, function(self.timing_moment), inputs, function(self.impulse_variance), offsets)
 
 
 @compiled
-def _gathered(at: IntArray, length: FloatArray, middle: FloatArray, held: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(m,) integral of what is (n,) held from each instant ``at`` to the next, and that of it times when it is."""
-    area, moment = np.zeros((2, len(at)))
-    for number in range(len(at)):
-        behind = at[number + 1] if number + 1 < len(at) else len(held)
-        for k in range(at[number], behind):
-            impulse = held[k] * length[k]
+def _integrals(
+    indices: IntArray, lengths: FloatArray, midpoints: FloatArray, held: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """(m,) integrals of ``held`` and of ``held`` times time, from each of ``indices`` to the next."""
+    area, moment = np.zeros((2, len(indices)))
+    for number in range(len(indices)):
+        end = indices[number + 1] if number + 1 < len(indices) else len(held)
+        for k in range(indices[number], end):
+            impulse = held[k] * lengths[k]
             area[number] += impulse
-            moment[number] += impulse * middle[k]
+            moment[number] += impulse * midpoints[k]
     return area, moment
 
 
-# Zeros of each shape, one for all drives as long as there are such: nobody writes into a drive.
+# Zeros of each shape, shared by all torque inputs that exist. They are never written to.
 _ZEROS: WeakValueDictionary[tuple[int, ...], FloatArray] = WeakValueDictionary()
 
 
-def _nothing(*shape: int) -> FloatArray:
-    """Zeros."""
+def _shared_zeros(*shape: int) -> FloatArray:
     zeros = _ZEROS.get(shape)
     return _ZEROS.setdefault(shape, np.zeros(shape)) if zeros is None else zeros
 
 
-def _untold(count: int) -> FloatArray:
-    """(n, 3) what terms are told beside the torque where none of them asks."""
-    return _nothing(count, 1 + len(SPEEDS))
+def _no_effect_inputs(count: int) -> FloatArray:
+    """(n, 3) zeros."""
+    return _shared_zeros(count, 1 + len(SPEEDS))

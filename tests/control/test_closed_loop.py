@@ -104,7 +104,7 @@ def test_loops_side_by_side_go_as_each_by_itself(model: Model, period: float) ->
         for name in ("heading", "rate", "torque", "commands", "outside"):
             assert getattr(together, name) == pytest.approx(getattr(alone, name), rel=1e-9, abs=1e-9), name
         drive = model.torque_input(VEHICLE, together.trial())
-        for name in ("torque", "moment", "beside"):
+        for name in ("torque", "timing_moment", "effect_inputs"):
             found, by_itself, whole = (getattr(one, name) for one in (together.drive, alone.drive, drive))
             assert found == pytest.approx(by_itself, rel=1e-9, abs=1e-9), name
             # What an effect remembers from before the window.

@@ -31,9 +31,8 @@ from rovid.effects.base import (
     Term,
 )
 from rovid.jit.simd import LANES
-from rovid.model.bound_effects import BoundEffect
+from rovid.model.bound_effects import BoundEffect, Equation, pack_terms
 from rovid.model.model import Model
-from rovid.model.packed_terms import Equation, pack_terms
 from rovid.model.torque_input import TorqueInput
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle

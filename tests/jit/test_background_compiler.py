@@ -84,8 +84,8 @@ def test_one_that_is_stopped_is_waited_for_no_longer() -> None:
 FIRST = """
     import os, sys, time
     from rovid.jit.background_compiler import BackgroundCompiler
-    code = "import time; from rovid.jit.background_compiler import report_done; report_done(time.sleep(1000) for _ in
-    range(2))" second = BackgroundCompiler(code, ("one",))
+    code = "import time; from rovid.jit import background_compiler as c; c.report_done(map(time.sleep, [1000, 1000]))"
+    second = BackgroundCompiler(code, ("one",))
     print(second.pid, flush=True)
     {then}
 """

@@ -32,22 +32,21 @@ DIGESTS = """
         sys.path[0] = folder
         from rovid.jit.cache import content_hash
         from rovid.model.kernels import rk4
-        from rovid.model.kernels import rk4_step
-        assert rk4_step.__file__.startswith(folder)
-        print(json.dumps({"step": content_hash(rk4_step.step.py_func), "bare": content_hash(rk4._simulate.py_func)}))
+        assert rk4.__file__.startswith(folder)
+        print(json.dumps({"step": content_hash(rk4.rk4_step.py_func), "bare": content_hash(rk4._simulate.py_func)}))
 """
 CHANGES = [
     # An equation is part of each step with effects, as is what it calls.
     ("effects/bias_torque.py", "return p[0]", "return -p[0]", {"step"}),
-    ("effects/term_inputs.py", "* abs(rate) +", "* abs(rate) -", {"step"}),
-    ("model/kernels/rk4_step.py", "2.0 * brake[0]", "3.0 * brake[0]", {"step", "bare"}),
+    ("effects/stages.py", "* abs(rate) +", "* abs(rate) -", {"step"}),
+    ("model/kernels/rk4.py", "2.0 * slopes[0]", "3.0 * slopes[0]", {"step", "bare"}),
     ("effects/base.py", "REFERENCE_RATE = 0.3", "REFERENCE_RATE = 0.4", {"step"}),
-    ("effects/__init__.py", '    "coulomb_resistance",\n', "", {"step"}),
-    ("jit/simd.py", '("contract",)', "()", {"step", "bare"}),
+    ("effects/catalogue.py", '    "coulomb_resistance",\n', "", {"step"}),
+    ("jit/llvm_vector.py", '("contract",)', "()", {"step", "bare"}),
     # What people read is no part of it, nor is what bounds a search.
     ("effects/coulomb_resistance.py", 'title="', 'title="some ', set()),
     ("effects/tank_seiche.py", "low=0.005", "low=0.004", set()),
-    ("model/kernels/rk4_step.py", '"""', '"""New: ', set()),
+    ("model/kernels/rk4.py", '"""', '"""New: ', set()),
 ]
 
 
@@ -97,8 +96,7 @@ def test_it_is_compiled_again_when_that_changes_and_only_then(tmp_path: Path) ->
     source.write_text(source.read_text().replace('"""', '"""New words.\n\n', 1))
     assert counted(tmp_path) == (True, 0, rate)
     # Another equation.
-    rk4_step = source.with_name("rk4_step.py")
-    rk4_step.write_text(rk4_step.read_text().replace("2.0 * brake[0]", "3.0 * brake[0]"))
+    source.write_text(source.read_text().replace("2.0 * slopes[0]", "3.0 * slopes[0]"))
     was, missed, changed = counted(tmp_path)
     assert (was, missed) == (False, 1)
     assert changed != rate

@@ -11,8 +11,19 @@ import numpy as np
 import pytest
 
 from rovid.jit.decorators import compiled
-from rovid.jit.simd import LANES, broadcast, exp, insert, load, maximum, store, where_nonnegative
-from rovid.jit.tracing import is_branch_free, switch, traced
+from rovid.jit.simd import (
+    LANES,
+    broadcast,
+    exp,
+    insert,
+    is_branch_free,
+    load,
+    maximum,
+    store,
+    switch,
+    traced,
+    where_nonnegative,
+)
 
 RNG = np.random.default_rng(4)
 ROWS = RNG.uniform(0.2, 2.0, (6, LANES))

@@ -37,7 +37,7 @@ def test_trials_together_are_driven_as_each_by_itself(effect: Effect, parts: int
         one = CommandSeries.from_trials(VEHICLE, [LOGS[number]], parts)
         alone = model.actuators.torque_inputs(one, None if at is None else one.intervals_between([at[number]]))
         assert len(found.torque) == len(LOGS[number].time if at is None else at[number])
-        for name in ("torque", "moment", "beside", "scatter"):
+        for name in ("torque", "timing_moment", "effect_inputs", "impulse_variance"):
             # Sums over thrusters may be rounded otherwise.
             np.testing.assert_allclose(getattr(found, name), getattr(alone, name), rtol=1e-12, atol=1e-9)
 

@@ -14,7 +14,7 @@ from rovid.model.model import Model
 from rovid.model.torque_input import TorqueInput
 
 TORQUES = [np.arange(5.0), np.ones(5)]
-DRIVES = [TorqueInput.held(torque, scatter=2.0 * torque) for torque in TORQUES]
+DRIVES = [TorqueInput.held(torque, impulse_variance=2.0 * torque) for torque in TORQUES]
 ANGLES = [np.zeros(5), np.linspace(0.0, 1.0, 5)]
 PLAIN = Model(inertia=5057.0, quadratic_drag=3532.0, linear_drag=132.0)
 SWIRL, WAVE = effect_named("entrained_swirl"), effect_named("wave_torque")
@@ -23,15 +23,15 @@ SWIRL, WAVE = effect_named("entrained_swirl"), effect_named("wave_torque")
 def test_what_lanes_share_stands_there_once() -> None:
     first, second = DRIVES
     driven = FilterInputs.stack([first, second, first, second], [ANGLES[0], ANGLES[0], ANGLES[1], ANGLES[0]])
-    assert driven.drive.tolist() == [0, 1, 0, 1]
-    assert driven.angle.tolist() == [0, 0, 1, 0]
-    for name in ("torque", "moment", "scatter"):
+    assert driven.torque_index.tolist() == [0, 1, 0, 1]
+    assert driven.angle_index.tolist() == [0, 0, 1, 0]
+    for name in ("torque", "timing_moment", "impulse_variance"):
         np.testing.assert_array_equal(getattr(driven, name), np.stack([getattr(one, name) for one in DRIVES]))
     # Neither of them tells effects anything besides.
-    assert driven.beside.shape == (1, 5, 3)
-    assert not driven.told.any()
-    telling = TorqueInput.held(TORQUES[1], beside=np.ones((5, 3)))
-    assert FilterInputs.stack([first, telling], ANGLES).told.tolist() == [0, 1]
+    assert driven.effect_inputs.shape == (1, 5, 3)
+    assert not driven.input_index.any()
+    telling = TorqueInput.held(TORQUES[1], effect_inputs=np.ones((5, 3)))
+    assert FilterInputs.stack([first, telling], ANGLES).input_index.tolist() == [0, 1]
     np.testing.assert_array_equal(driven.angles, np.stack(ANGLES))
 
 
@@ -40,7 +40,7 @@ def test_what_is_alone_is_not_copied() -> None:
     assert np.shares_memory(driven.torque, TORQUES[0])
     assert np.shares_memory(driven.angles, ANGLES[0])
     assert driven.torque.shape == driven.angles.shape == (1, 5)
-    assert not driven.drive.any()
+    assert not driven.torque_index.any()
 
 
 def test_lanes_have_their_own_numbers_in_columns() -> None:

@@ -14,7 +14,7 @@ from scipy.linalg import expm
 from rovid.core.array_types import FloatArray
 from rovid.effects import TERM_EFFECTS, Effect, effect_named
 from rovid.effects.base import TERM_STATES
-from rovid.model.bound_effects import BoundEffect
+from rovid.model.bound_effects import BoundEffect, Equation, pack_terms
 from rovid.model.kernels import (
     effects_along,
     ekf3_innovations,
@@ -25,7 +25,6 @@ from rovid.model.kernels import (
 )
 from rovid.model.model import Model
 from rovid.model.ode import evaluate_along
-from rovid.model.packed_terms import Equation, pack_terms
 from rovid.model.torque_input import TorqueInput
 from tests import synthetic
 from tests.abreast import Log, filtered

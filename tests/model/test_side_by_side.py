@@ -19,14 +19,12 @@ import pytest
 from rovid.core.array_types import FloatArray
 from rovid.effects import TERM_EFFECTS, TERMS, Effect, effect_named
 from rovid.effects.base import TERM_PARAMETERS, TERM_STATES, Body, Instant, Numbers, Term, compiled
-from rovid.jit.simd import LANES, load, store
-from rovid.jit.tracing import switch
-from rovid.model.bound_effects import BoundEffect
+from rovid.jit.simd import LANES, load, store, switch
+from rovid.model.bound_effects import BoundEffect, Equation, PackedTerms, pack_terms, stack_terms
 from rovid.model.kernels import SCRATCH_ROWS, ekf3_innovations, ekf5_innovations, predict_multi_step, simulate
-from rovid.model.kernels.effect_terms import taking_lanes, torque_at
-from rovid.model.kernels.simd_io import body_of
+from rovid.model.kernels.effect_terms import call_sum_terms, taking_lanes
+from rovid.model.kernels.simd_io import load_body
 from rovid.model.model import Model
-from rovid.model.packed_terms import Equation, PackedTerms, pack_terms, stack_terms
 from rovid.model.torque_input import TorqueInput
 from tests.abreast import Filter, Log, filtered, filtered_abreast
 from tests.conftest import ROOT
@@ -53,7 +51,7 @@ def some_logs(rng: np.random.Generator) -> tuple[list[Log], TorqueInput]:
         torques.append(torque)
     total = np.concatenate(torques)
     beside = np.column_stack((np.sqrt(np.abs(total)), 0.8 + 0.0 * total, 0.1 * np.sin(total)))
-    return logs, TorqueInput.held(total, beside, scatter=np.full(len(total), 2.0))
+    return logs, TorqueInput.held(total, beside, impulse_variance=np.full(len(total), 2.0))
 
 
 def alone(kernel: Filter, logs: list[Log], drive: TorqueInput, model: Model, noise: FloatArray) -> list[FloatArray]:
@@ -114,9 +112,9 @@ def test_a_lane_that_needs_finer_steps_has_all_take_them(kernel: Filter) -> None
 
 @numba.njit
 def _torques(body: Any, terms: Any, motion: Any, state: Any, change: Any, out: Any) -> None:
-    equation = Equation(body_of(body), terms, load(motion, 3))
+    equation = Equation(load_body(body), terms, load(motion, 3))
     beside = load(motion, 4), load(motion, 5), load(motion, 6)
-    store(out, 0, torque_at(load(motion, 0), load(motion, 1), load(motion, 2), beside, equation, state, change))
+    store(out, 0, call_sum_terms(load(motion, 0), load(motion, 1), load(motion, 2), beside, equation, state, change))
 
 
 def in_lanes(
@@ -132,7 +130,7 @@ def one_lane(effect: Effect, body: Body, motion: FloatArray, p: Numbers, x: Numb
     """The same of the (7,) motion in one lane: rate, angle, push, start, race, surge and sway."""
     term: Any = effect.acts
     rate, angle, push, start, race, surge, sway = (float(number) for number in motion)
-    water = 0.0 if term.water is None else term.water(p, x)
+    water = 0.0 if term.entrained_rate is None else term.entrained_rate(p, x)
     torque, change = term.at(Instant(rate, rate - water, angle, start, push, race, surge, sway, body), p, x)
     return torque, [*change, *[0.0] * (TERM_STATES - len(change))]
 

@@ -46,11 +46,13 @@ def test_trials_one_after_the_other_do_not_run_into_each_other() -> None:
     assert both.offsets.tolist() == [0, 4, 7]
     for found, (time, at), rows in zip(both.by_trial, ((TIME, AT), others), (slice(7), slice(7, 14)), strict=True):
         alone = TorqueInput.averaged_over(Intervals.from_times([time], [at]), torque[rows], beside[rows], scatter[rows])
-        for name in ("torque", "moment", "beside", "scatter", "begins"):
+        for name in ("torque", "timing_moment", "effect_inputs", "impulse_variance", "offsets"):
             np.testing.assert_array_equal(getattr(found, name), getattr(alone, name))
 
 
 def test_a_function_goes_over_each_series() -> None:
-    drive = TorqueInput.held(np.arange(3.0), beside=np.ones((3, 1 + len(SPEEDS)))).mapped(lambda values: 2.0 * values)
+    drive = TorqueInput.held(np.arange(3.0), effect_inputs=np.ones((3, 1 + len(SPEEDS)))).mapped(
+        lambda values: 2.0 * values
+    )
     assert drive.torque.tolist() == [0.0, 2.0, 4.0]
     assert (drive.effect_inputs == 2.0).all()

@@ -38,7 +38,7 @@ for key, values in {effects}.items():
     found += filtered(kernel, log, drive, model, (15.0, 4.0, 1e-3, 1e-2))
 here = np.array([0, 2]), np.ones(1), np.ones((2, 3)), np.zeros((2, 3)), np.ones(1)
 found += kernels.effects_along(*here, ROSUB.body, ROSUB.terms)
-others = (loop for name, loop in warmup._LONG.items() if name != warmup._OWN)
+others = (loop for name, loop in warmup._SLOW_LOOPS.items() if name != warmup._OWN)
 missed = sum(sum(loop.stats.cache_misses.values()) for loop in others)
 print(json.dumps([np.nan_to_num(np.concatenate([np.ravel(one) for one in found])).tolist(), missed, len(begun)]))
 """

@@ -1,4 +1,7 @@
-"""Compiled loops over samples. Nothing here knows of files, units or effects' names."""
+"""Compiled loops over samples, which step four models, runs or restarts at a time. They know no files and no units.
+
+The same equations in plain numpy are in `rovid.model.reference`.
+"""
 
 from rovid.model.kernels.effect_terms import SCRATCH_ROWS
 from rovid.model.kernels.ekf3 import ekf3_innovations

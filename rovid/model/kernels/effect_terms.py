@@ -1,4 +1,4 @@
-"""The torque of all terms of the equation of motion at one instant, of several motions side by side."""
+"""Sum of all terms in the equation of motion at one instant."""
 
 from __future__ import annotations
 
@@ -8,130 +8,146 @@ from typing import Any
 from rovid.effects import TERMS
 from rovid.effects.base import TERM_PARAMETERS, TERM_STATES, Instant, Term
 from rovid.jit.decorators import njit_inline, njit_noalloc
-from rovid.jit.simd import LANES, broadcast, extract, insert, load, store
-from rovid.jit.tracing import is_branch_free, switch, traced
+from rovid.jit.simd import LANES, broadcast, extract, insert, is_branch_free, load, store, switch, traced
 
-# Rows behind the rates of change of the states, in which it is kept what terms look at.
+# Rows after the derivatives of the states, which hold rate, relative rate and angle while the terms are summed.
 SCRATCH_ROWS = 3
 
 
 def taking_lanes(function: Callable[..., Any]) -> Callable[..., Any]:
-    """``function`` of an instant, parameters and states in lanes: itself, or where it branches lane by lane."""
+    """``function`` of an instant, parameters and states for vectors; if it branches, called for each lane by itself."""
     if is_branch_free(function):
         return function
 
     def lane_by_lane(*arguments: Any) -> Any:
-        def own(x: Any, i: int) -> Any:
+        def lane(x: Any, i: int) -> Any:
             if not isinstance(x, tuple):
                 return extract(x, i)
-            each = [own(one, i) for one in x]
-            return type(x)(*each) if hasattr(x, "_fields") else tuple(each)
+            members = [lane(one, i) for one in x]
+            return type(x)(*members) if hasattr(x, "_fields") else tuple(members)
 
-        def abreast(numbers: Any) -> Any:
+        def vector(numbers: Any) -> Any:
             if isinstance(numbers[0], tuple):
-                return tuple([abreast(column) for column in zip(*numbers, strict=True)])
+                return tuple([vector(column) for column in zip(*numbers, strict=True)])
             x = broadcast(0.0)
             for i in range(LANES):
                 x = insert(x, i, numbers[i])
             return x
 
-        return abreast([function(*own(arguments, i)) for i in range(LANES)])
+        return vector([function(*lane(arguments, i)) for i in range(LANES)])
 
     return traced(lane_by_lane)
 
 
-def _whole(term: Term) -> Callable[..., Any]:
-    """The torque of ``term`` and the changes of as many states as any has, in lanes."""
-    torque, states = taking_lanes(term.torque), term.states
+def _padded(term: Term) -> Callable[..., Any]:
+    """The torque of ``term`` and the derivatives of TERM_STATES states, as vectors."""
+    torque = taking_lanes(term.torque)
 
-    def whole(at: Any, p: Any, x: Any) -> Any:
-        given, *changes = torque(at, p, x) if states else (torque(at, p),)
-        return (
-            broadcast(given),
-            *(broadcast(change) for change in changes),
-            *([broadcast(0.0)] * (TERM_STATES - states)),
-        )
+    def without_states(at: Any, p: Any, x: Any) -> Any:  # noqa: ARG001 - as with states
+        return broadcast(torque(at, p)), broadcast(0.0), broadcast(0.0)
 
-    return whole
+    def one_state(at: Any, p: Any, x: Any) -> Any:
+        given, first = torque(at, p, x)
+        return broadcast(given), broadcast(first), broadcast(0.0)
+
+    def two_states(at: Any, p: Any, x: Any) -> Any:
+        given, first, second = torque(at, p, x)
+        return broadcast(given), broadcast(first), broadcast(second)
+
+    return (without_states, one_state, two_states)[term.states]
 
 
-def _nothing(at: Any, p: Any, x: Any) -> Any:  # noqa: ARG001 - as any term
+def _no_term(at: Any, p: Any, x: Any) -> Any:  # noqa: ARG001 - as any term
     return broadcast(0.0), broadcast(0.0), broadcast(0.0)
 
 
-def _still(p: Any, x: Any) -> Any:  # noqa: ARG001 - as any that takes the water along
+def _still_water(p: Any, x: Any) -> Any:  # noqa: ARG001 - as any entrained rate
     return broadcast(0.0)
 
 
-def _stays(rate: Any, x: Any) -> Any:  # noqa: ARG001 - as any that jumps
+def _no_reset(rate: Any, x: Any) -> Any:  # noqa: ARG001 - as any reset
     return x[0]
 
 
+def _choice(functions: dict[int, Callable[..., Any] | None], otherwise: Callable[..., Any]) -> Callable[..., Any]:
+    return switch({kind: taking_lanes(one) for kind, one in functions.items() if one is not None}, otherwise)
+
+
 # The kind of a term is its index in ``rovid.effects.TERMS``.
-_term = switch({kind: _whole(term) for kind, term in enumerate(TERMS)}, _nothing)
-_water_of = switch(
-    {kind: taking_lanes(term.entrained_rate) for kind, term in enumerate(TERMS) if term.entrained_rate is not None},
-    _still,
-)
-_jumped = switch({kind: taking_lanes(term.reset) for kind, term in enumerate(TERMS) if term.reset is not None}, _stays)
+_term = switch({kind: _padded(term) for kind, term in enumerate(TERMS)}, _no_term)
+_entrained_rate = _choice({kind: term.entrained_rate for kind, term in enumerate(TERMS)}, _still_water)
+_reset = _choice({kind: term.reset for kind, term in enumerate(TERMS)}, _no_reset)
 
 
 @njit_inline
-def torque_of(rate: Any, angle: Any, push: Any, beside: Any, equation: Any, state: Any, change: Any) -> Any:
-    """Torque in N m of all terms of ``equation``; fills in the rates of ``change`` of their states.
+def sum_terms(
+    rate: Any, angle: Any, thruster_torque: Any, effect_inputs: Any, equation: Any, state: Any, derivative: Any
+) -> Any:
+    """Torque in N m of all terms; writes the derivatives of their states.
 
     Parameters
     ----------
-    rate, angle, push
-        Lanes, as in `rovid.effects.base.Instant`.
-    beside
-        Lanes of the thrusters' race and of the speeds, as there.
+    rate, angle, thruster_torque
+        Vectors, as in `rovid.effects.base.Instant`.
+    effect_inputs
+        Vectors of wash, surge and sway speed, as there.
     equation
-        `rovid.model.packed_terms.Equation` in lanes.
-    state, change
-        (m * TERM_STATES, LANES); ``change`` has `ROOM` rows more.
+        `rovid.model.bound_effects.Equation` of vectors.
+    state, derivative
+        (m * TERM_STATES, LANES) of the m terms; ``derivative`` has `SCRATCH_ROWS` more rows.
     """
     terms, total = equation.terms, broadcast(0.0)
     kinds, parameters, water = terms.kinds, terms.parameters, broadcast(0.0)
-    for j in range(terms.moving):
-        water = water + _water_of(kinds[j], _parameters(parameters, j), _states(state, j))
-    # Through memory: else what every term makes of these would be worked out beforehand, for terms that are not there.
-    seen = TERM_STATES * len(kinds)
-    store(change, seen, rate)
-    store(change, seen + 1, rate - water)
-    store(change, seen + 2, angle)
+    for j in range(terms.entraining):
+        water = water + _entrained_rate(kinds[j], _parameters(parameters, j), _states(state, j))
+    # These pass through memory. LLVM would otherwise compute beforehand what any of the terms makes of them.
+    scratch = TERM_STATES * len(kinds)
+    store(derivative, scratch, rate)
+    store(derivative, scratch + 1, rate - water)
+    store(derivative, scratch + 2, angle)
     for j in range(len(kinds)):
-        moving, slip, there = load(change, seen), load(change, seen + 1), load(change, seen + 2)
-        at = Instant(moving, slip, there, equation.start, push, beside[0], beside[1], beside[2], equation.body)
+        at = Instant(
+            load(derivative, scratch),
+            load(derivative, scratch + 1),
+            load(derivative, scratch + 2),
+            equation.start,
+            thruster_torque,
+            effect_inputs[0],
+            effect_inputs[1],
+            effect_inputs[2],
+            equation.body,
+        )
         torque, first, second = _term(kinds[j], at, _parameters(parameters, j), _states(state, j))
         total = total + torque
-        store(change, TERM_STATES * j, first)
-        store(change, TERM_STATES * j + 1, second)
+        store(derivative, TERM_STATES * j, first)
+        store(derivative, TERM_STATES * j + 1, second)
     return total
 
 
 @njit_noalloc
-def torque_at(rate: Any, angle: Any, push: Any, beside: Any, equation: Any, state: Any, change: Any) -> Any:
-    """As ``torque_of``, which is long, as a function of its own: for loops that are not the innermost."""
-    return torque_of(rate, angle, push, beside, equation, state, change)
+def call_sum_terms(
+    rate: Any, angle: Any, thruster_torque: Any, effect_inputs: Any, equation: Any, state: Any, derivative: Any
+) -> Any:
+    """`sum_terms` without inlining, for loops that are not the innermost."""
+    return sum_terms(rate, angle, thruster_torque, effect_inputs, equation, state, derivative)
 
 
 @traced
 def _parameters(rows: Any, j: int) -> Any:
-    """Of term ``j``."""
+    """Parameters of term ``j``."""
     at = TERM_PARAMETERS * j
     return load(rows, at), load(rows, at + 1), load(rows, at + 2), load(rows, at + 3)
 
 
 @traced
 def _states(rows: Any, j: int) -> Any:
-    """Of term ``j``."""
+    """States of term ``j``."""
     return load(rows, TERM_STATES * j), load(rows, TERM_STATES * j + 1)
 
 
 @njit_inline
-def jump(rate: Any, equation: Any, state: Any) -> None:
-    """Let the states jump that do so at such a ``rate`` in rad/s."""
+def reset_states(rate: Any, equation: Any, state: Any) -> None:
+    """Reset the states of terms that do so at this ``rate`` in rad/s."""
     terms = equation.terms
-    for j in range(terms.remembering if terms.jumping else 0):
-        store(state, TERM_STATES * j, _jumped(terms.kinds[j], rate, _states(state, j)))
+    for j in range(terms.stateful if terms.resetting else 0):
+        store(state, TERM_STATES * j, _reset(terms.kinds[j], rate, _states(state, j)))

@@ -1,4 +1,4 @@
-"""Kalman filters of angle, rate and a coloured disturbance, several side by side."""
+"""Extended Kalman filter with three states: angle, rate and a coloured disturbance torque."""
 
 from __future__ import annotations
 
@@ -10,76 +10,79 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.effects.base import TERM_STATES
 from rovid.jit.decorators import njit_inline, njit_noalloc
-from rovid.jit.simd import LANES, broadcast, exp, extract, load, maximum, minimum, reduce_max, sqrt, store
-from rovid.jit.tracing import traced
+from rovid.jit.simd import LANES, broadcast, exp, extract, load, maximum, minimum, reduce_max, sqrt, store, traced
+from rovid.model.bound_effects import Equation
 from rovid.model.kernels.effect_terms import SCRATCH_ROWS
-from rovid.model.kernels.rk4_step import MAX_GAP_SUBSTEPS, bare_step, brakes, damping_of, shares_of, step
-from rovid.model.kernels.simd_io import beside_of, body_of, clear, each, put
+from rovid.model.kernels.rk4 import MAX_STEPS, drag_damping, drag_slopes, plain_step, rk4_step, state_substeps
+from rovid.model.kernels.simd_io import clear_rows, gather, gather_effect_inputs, load_body, store_column
 from rovid.model.kernels.warmup import warmed_up
-from rovid.model.packed_terms import Equation
 
-# The covariance is stepped by a transition of fourth order: good to a percent of a percent with such steps.
+# Step of the covariance in shares of the shortest time constant: the transition of fourth order is then exact to 1e-4.
 _STEP_SHARE = 0.3
 # Gauss-Legendre nodes and weights on 0..1.
 NODES = (0.1127016653792583, 0.5, 0.8872983346207417)
 WEIGHTS = (5.0 / 18.0, 8.0 / 18.0, 5.0 / 18.0)
 _TINY = 1e-12
-# Steps that differ by no more than this share are one.
+# Steps that differ by no more than this share count as equal.
 SAME = 1e-9
-# Where the series in the damping begin of what a unit torque that fades turns, and of what its noise adds to the
-# covariance in a step: of four terms each, or seven.
+# First rows of power series in the damping: transition from the disturbance to angle and rate (four terms each), noise
+# covariance of disturbance with angle and rate (four terms each), of angle, angle with rate, and rate (seven terms
+# each).
 _F02, _F12, _N02, _N12, _N00, _N01, _N11, _SERIES = 0, 4, 8, 12, 16, 23, 30, 37
 
 
 @njit_inline
-def filter_steps(interval: float, rate: Any, push: Any, damping: Any, pace: Any, brake: Any, share: float) -> int:
-    """How many steps of no more than such a ``share`` of the shortest time constant filters take through ``interval``.
+def filter_step_count(
+    interval: float, rate: Any, torque: Any, damping: Any, limits: Any, slopes: Any, share: float
+) -> int:
+    """Number of steps of at most such a ``share`` of the shortest time constant in an ``interval`` in s.
 
-    See `pace_of` and `brakes` for the rest.
+    ``limits`` are those of `step_limits`, ``slopes`` those of `drag_slopes`.
     """
-    # How fast it may turn before the interval is over, or where drag balances the torque.
-    size, turning = abs(rate), abs(push) * brake[2]
-    soon = minimum(size + interval * turning, maximum(size, sqrt(turning * pace[1])))
-    wanted = reduce_max(interval * (maximum(damping, damping_of(soon, brake)) + pace[0])) / share
-    return 1 if not wanted > 1.0 else min(int(wanted) + 1, MAX_GAP_SUBSTEPS)
+    # The fastest rate before the interval is over, or at which drag balances the torque.
+    size, acceleration = abs(rate), abs(torque) * slopes[2]
+    fastest = minimum(size + interval * acceleration, maximum(size, sqrt(acceleration * limits[1])))
+    wanted = reduce_max(interval * (maximum(damping, drag_damping(fastest, slopes)) + limits[0])) / share
+    return 1 if not wanted > 1.0 else min(int(wanted) + 1, MAX_STEPS)
 
 
 @traced
-def pace_of(body: Any, fastest: Any) -> Any:
-    """What `filter_steps` asks for of what disturbs at rates up to ``fastest`` 1/s; worked out once."""
-    return fastest + sqrt(body.stiffness / body.inertia), body.inertia / (body.quadratic_drag + _TINY)
+def step_limits(body: Any, decay_rate: Any) -> Any:
+    """Constant inputs of `filter_step_count`: rates of the disturbance and a swing in 1/s; inertia over drag."""
+    return decay_rate + sqrt(body.stiffness / body.inertia), body.inertia / (body.quadratic_drag + _TINY)
 
 
-def ekf3_innovations(logged: Any, driven: Any, models: Any) -> tuple[FloatArray, FloatArray]:
-    """Innovations of extended Kalman filters with a coloured disturbance torque, one in each lane.
+def ekf3_innovations(data: Any, inputs: Any, models: Any) -> tuple[FloatArray, FloatArray]:
+    """Innovations of four extended Kalman filters with a coloured disturbance torque, and their variances.
 
-    State: angle, rate r, disturbance d. ``inertia*rdot = torque + d - quadratic*|r|*r - linear*r``, angle_dot = r,
-    d a first-order Gauss-Markov process. The mean is stepped by Runge-Kutta, the covariance by the transition of the
-    linearised motion (Maybeck 1979, chapter 6), in steps short beside the time constants, as many in all lanes. The
-    states of effects follow the mean, without a variance of their own.
+    States: angle, rate r, disturbance d, with ``inertia*rdot = torque + d - quadratic*|r|*r - linear*r``, angle_dot =
+    r, and d a first-order Gauss-Markov process. Runge-Kutta steps propagate the mean, the transition matrix of the
+    linearised motion propagates the covariance (Maybeck 1979, chapter 6). Steps are short compared to the time
+    constants, and the same in all lanes. States of effects follow the mean, without variance. In plain numpy:
+    `rovid.model.reference`.
 
     Parameters
     ----------
-    logged, driven, models
-        See `rovid.model.filter_batch`.
+    data, inputs, models
+        `FilterData`, `FilterInputs` and `ParameterBatch` of `rovid.model.filter_batch`.
 
     Returns
     -------
     innovation, variance
-        (LANES, N) in the order that `Logged` asks for.
+        (LANES, N) in the order of ``data.output_index``.
     """
-    rows, count = TERM_STATES * len(models.terms.kinds), logged.row.max() + 1
+    rows, count = TERM_STATES * len(models.terms.kinds), data.output_index.max() + 1
     innovation, variance = np.empty((2, LANES, count))
     state, work, series = np.zeros((rows, LANES)), np.zeros((3, rows + SCRATCH_ROWS, LANES)), np.zeros((_SERIES, LANES))
-    _filter(logged, driven, models, state, work, series, innovation, variance)
+    _filter(data, inputs, models, state, work, series, innovation, variance)
     return innovation, variance
 
 
 @warmed_up
 @njit_noalloc
 def _filter(  # noqa: PLR0915 - one filter, from top to bottom
-    logged: Any,
-    driven: Any,
+    data: Any,
+    inputs: Any,
     models: Any,
     state: Any,
     work: Any,
@@ -87,159 +90,166 @@ def _filter(  # noqa: PLR0915 - one filter, from top to bottom
     innovation: Any,
     variance: Any,
 ) -> None:
-    """Through one run after the other; fills in what ``innovations`` gives."""
-    time, terms, body = logged.time, models.terms, body_of(models.body)
-    sigma, tau = load(models.noise, 0), load(models.noise, 1)
+    """Filter one run after the other; fills in ``innovation`` and ``variance``."""
+    time, terms, body = data.time, models.terms, load_body(models.body)
+    disturbance_std, tau = load(models.noise, 0), load(models.noise, 1)
     angle_noise, rate_noise = load(models.noise, 2), load(models.noise, 3)
-    angle_noise, rate_noise, power = angle_noise * angle_noise, rate_noise * rate_noise, sigma * sigma
-    brake, restores = brakes(body), reduce_max(body.stiffness) > 0.0
-    inverse = brake[2]
-    # Damping b of the disturbance, in 1/s.
-    b = 1.0 / tau
-    pace, zero = pace_of(body, b), broadcast(0.0)
-    for run in range(len(logged.begins) - 1):
-        clear(state)
-        begin, end = logged.begins[run], logged.begins[run + 1]
-        equation = Equation(body, terms, broadcast(logged.start[run]))
-        origin, damping = each(driven.angles, driven.angle, begin), brake[1]
-        a, r, d = origin, broadcast(logged.first[run, 0]), zero
-        p00, p01, p02 = angle_noise, zero, zero
-        p11, p12, p22 = broadcast(logged.first[run, 1] * logged.first[run, 1]), zero, power
-        h, fade, mean, fresh, pull = 0.0, zero, zero, zero, zero
+    angle_variance, rate_variance = angle_noise * angle_noise, rate_noise * rate_noise
+    disturbance_variance = disturbance_std * disturbance_std
+    slopes, has_stiffness = drag_slopes(body), reduce_max(body.stiffness) > 0.0
+    inverse_inertia = slopes[2]
+    decay_rate = 1.0 / tau
+    limits, zero = step_limits(body, decay_rate), broadcast(0.0)
+    for run in range(len(data.offsets) - 1):
+        clear_rows(state)
+        begin, end = data.offsets[run], data.offsets[run + 1]
+        equation = Equation(body, terms, broadcast(data.start_position[run]))
+        origin, damping = gather(inputs.angles, inputs.angle_index, begin), slopes[1]
+        a, r, d = origin, broadcast(data.initial_rate[run, 0]), zero
+        p00, p01, p02 = angle_variance, zero, zero
+        p11, p12 = broadcast(data.initial_rate[run, 1] * data.initial_rate[run, 1]), zero
+        p22 = disturbance_variance
+        h, decay, mean, noise22, kick = 0.0, zero, zero, zero, zero
         for k in range(begin, end):
             if k > begin:
                 interval = time[k] - time[k - 1]
-                push, beside = each(driven.torque, driven.drive, k - 1), beside_of(driven, k - 1)
-                steps = filter_steps(interval, r, push, damping, pace, brake, _STEP_SHARE)
-                # Most logs are sampled evenly, to rounding: what depends on the step alone is kept.
+                torque = gather(inputs.torque, inputs.torque_index, k - 1)
+                effect_inputs = gather_effect_inputs(inputs, k - 1)
+                steps = filter_step_count(interval, r, torque, damping, limits, slopes, _STEP_SHARE)
+                # Most logs are sampled evenly, except for rounding: values that depend on the step alone are kept.
                 if abs(interval / steps - h) > SAME * h:
                     h = interval / steps
-                    fade = exp(-h * b)
-                    mean = (1.0 - fade) * tau / h
-                    fresh, pull = power * (1.0 - fade * fade), 0.5 * h * body.stiffness * inverse
-                    _expand(h, b, inverse, 2.0 * power * b * h, series)
-                # States of effects that are faster than all this have no variance: steps of the mean alone do for them.
-                shares = shares_of(h, terms)
+                    # Decay of the disturbance over a step, and its mean in the step.
+                    decay = exp(-h * decay_rate)
+                    mean = (1.0 - decay) * tau / h
+                    noise22, kick = (
+                        disturbance_variance * (1.0 - decay * decay),
+                        0.5 * h * body.stiffness * inverse_inertia,
+                    )
+                    _expand(h, decay_rate, inverse_inertia, 2.0 * disturbance_variance * decay_rate * h, series)
+                # States of effects faster than this have no variance: substeps of the mean alone are enough.
+                substeps = state_substeps(h, terms)
                 for _ in range(steps):
                     a = a - origin
-                    # Over a step the disturbance acts by its mean.
+                    # In the step the disturbance acts by its mean.
                     if len(terms.kinds) == 0:
-                        r, a, damping = bare_step(r, a, push + d * mean, brake, h)
+                        r, a, damping = plain_step(r, a, torque + d * mean, slopes, h)
                     else:
-                        for _ in range(shares):
-                            share = broadcast(h / shares)
-                            r, a, damping = step(r, a, push, d * mean, beside, equation, state, work, share)
-                    # What of it comes early in the step turns the vehicle more.
-                    early = (1.0 - fade) * d * inverse * (h * h / 12.0)
+                        for _ in range(substeps):
+                            r, a, damping = rk4_step(
+                                r, a, torque, d * mean, effect_inputs, equation, state, work, broadcast(h / substeps)
+                            )
+                    # The decaying disturbance is larger early in the step, which turns the vehicle more.
+                    early = (1.0 - decay) * d * inverse_inertia * (h * h / 12.0)
                     a = a + origin + early
                     r = r - damping * early
-                    d = d * fade
-                    # What brings the vehicle back, as half an impulse at each end of the step (Strang 1968).
-                    if restores:
-                        p11 = p11 + pull * (pull * p00 - 2.0 * p01)
-                        p12 = p12 - pull * p02
-                        p01 = p01 - pull * p00
-                    # One that has grown since the steps were counted would carry the series away.
-                    held = minimum(damping, 1.0 / h)
-                    part = held * h
-                    slow = 1.0 - part * (0.5 - part * (1.0 / 6.0 - part * (1.0 / 24.0)))
-                    f11, f01 = 1.0 - part * slow, h * slow
-                    f02, f12 = _cubic(series, _F02, held), _cubic(series, _F12, held)
+                    d = d * decay
+                    # The restoring torque acts as half an impulse at each end of the step (Strang 1968).
+                    if has_stiffness:
+                        p11 = p11 + kick * (kick * p00 - 2.0 * p01)
+                        p12 = p12 - kick * p02
+                        p01 = p01 - kick * p00
+                    # The series would diverge for a damping that has grown since the steps were counted.
+                    limited = minimum(damping, 1.0 / h)
+                    x = limited * h
+                    f = 1.0 - x * (0.5 - x * (1.0 / 6.0 - x * (1.0 / 24.0)))
+                    f11, f01 = 1.0 - x * f, h * f
+                    f02, f12 = _cubic(series, _F02, limited), _cubic(series, _F12, limited)
                     q00 = p00 + f01 * p01 + f02 * p02
                     q01 = p01 + f01 * p11 + f02 * p12
                     q02 = p02 + f01 * p12 + f02 * p22
                     q11 = f11 * p11 + f12 * p12
                     q12 = f11 * p12 + f12 * p22
-                    p00 = q00 + f01 * q01 + f02 * q02 + _sextic(series, _N00, held)
-                    p01 = f11 * q01 + f12 * q02 + _sextic(series, _N01, held)
-                    p02 = fade * q02 + _cubic(series, _N02, held)
-                    p11 = f11 * q11 + f12 * q12 + _sextic(series, _N11, held)
-                    p12 = fade * q12 + _cubic(series, _N12, held)
-                    p22 = fade * fade * p22 + fresh
-                    if restores:
-                        p11 = p11 + pull * (pull * p00 - 2.0 * p01)
-                        p12 = p12 - pull * p02
-                        p01 = p01 - pull * p00
-                late = each(driven.moment, driven.drive, k - 1) * inverse
+                    p00 = q00 + f01 * q01 + f02 * q02 + _sextic(series, _N00, limited)
+                    p01 = f11 * q01 + f12 * q02 + _sextic(series, _N01, limited)
+                    p02 = decay * q02 + _cubic(series, _N02, limited)
+                    p11 = f11 * q11 + f12 * q12 + _sextic(series, _N11, limited)
+                    p12 = decay * q12 + _cubic(series, _N12, limited)
+                    p22 = decay * decay * p22 + noise22
+                    if has_stiffness:
+                        p11 = p11 + kick * (kick * p00 - 2.0 * p01)
+                        p12 = p12 - kick * p02
+                        p01 = p01 - kick * p00
+                late = gather(inputs.timing_moment, inputs.torque_index, k - 1) * inverse_inertia
                 a = a + late
                 r = r - damping * late
-                kick = each(driven.scatter, driven.drive, k - 1) * inverse * inverse
-                p00 = p00 + kick * (interval * interval / 3.0)
-                p01 = p01 + kick * (interval / 2.0)
-                p11 = p11 + kick
-            measured = each(driven.angles, driven.angle, k)
+                impulse = (
+                    gather(inputs.impulse_variance, inputs.torque_index, k - 1) * inverse_inertia * inverse_inertia
+                )
+                p00 = p00 + impulse * (interval * interval / 3.0)
+                p01 = p01 + impulse * (interval / 2.0)
+                p11 = p11 + impulse
+            measured = gather(inputs.angles, inputs.angle_index, k)
             if not math.isnan(extract(measured, 0)):
-                s = p00 + angle_noise
+                s = p00 + angle_variance
                 e = measured - a
-                put(innovation, logged.row[k, 0], e)
-                put(variance, logged.row[k, 0], s)
-                one = 1.0 / s
-                g0, g1, g2 = p00 * one, p01 * one, p02 * one
-                a, r, d = a + g0 * e, r + g1 * e, d + g2 * e
-                p11, p12, p22 = p11 - g1 * p01, p12 - g1 * p02, p22 - g2 * p02
-                kept = 1.0 - g0
-                p02, p01, p00 = kept * p02, kept * p01, kept * p00
-            if not math.isnan(logged.rate[k]):
-                s = p11 + rate_noise
-                e = logged.rate[k] - r
-                put(innovation, logged.row[k, 1], e)
-                put(variance, logged.row[k, 1], s)
-                one = 1.0 / s
-                g0, g1, g2 = p01 * one, p11 * one, p12 * one
-                a, r, d = a + g0 * e, r + g1 * e, d + g2 * e
-                p00, p02, p22 = p00 - g0 * p01, p02 - g0 * p12, p22 - g2 * p12
-                kept = 1.0 - g1
-                p01, p12, p11 = kept * p01, kept * p12, kept * p11
+                store_column(innovation, data.output_index[k, 0], e)
+                store_column(variance, data.output_index[k, 0], s)
+                inverse = 1.0 / s
+                k0, k1, k2 = p00 * inverse, p01 * inverse, p02 * inverse
+                a, r, d = a + k0 * e, r + k1 * e, d + k2 * e
+                p11, p12, p22 = p11 - k1 * p01, p12 - k1 * p02, p22 - k2 * p02
+                rest = 1.0 - k0
+                p02, p01, p00 = rest * p02, rest * p01, rest * p00
+            if not math.isnan(data.rate[k]):
+                s = p11 + rate_variance
+                e = data.rate[k] - r
+                store_column(innovation, data.output_index[k, 1], e)
+                store_column(variance, data.output_index[k, 1], s)
+                inverse = 1.0 / s
+                k0, k1, k2 = p01 * inverse, p11 * inverse, p12 * inverse
+                a, r, d = a + k0 * e, r + k1 * e, d + k2 * e
+                p00, p02, p22 = p00 - k0 * p01, p02 - k0 * p12, p22 - k2 * p12
+                rest = 1.0 - k1
+                p01, p12, p11 = rest * p01, rest * p12, rest * p11
 
 
 @njit_noalloc
-def _expand(h: float, b: Any, inverse: Any, grown: Any, series: Any) -> None:
-    """As ``_fill_in``, which is long, as a function of its own: the loop about it is better off without."""
-    _fill_in(h, b, inverse, grown, series)
+def _expand(h: float, decay_rate: Any, inverse_inertia: Any, impulse: Any, series: Any) -> None:
+    """`_write_series` without inlining, which makes the loop around it faster."""
+    _write_series(h, decay_rate, inverse_inertia, impulse, series)
 
 
 @traced
-def _fill_in(h: float, b: Any, inverse: Any, grown: Any, series: Any) -> None:
-    """Fill in the ``series`` for steps of ``h`` s, a disturbance that fades at ``b`` 1/s and a noise so ``grown``."""
-    sums = [broadcast(0.0)] * _SERIES
-
-    def add(at: int, x: Any) -> None:
-        sums[at] = sums[at] + x
-
-    angle, rate = _pushed(h, b, inverse)
-    sums[_F02:_N02] = *angle, *rate
+def _write_series(h: float, decay_rate: Any, inverse_inertia: Any, impulse: Any, series: Any) -> None:
+    """Write the ``series`` in the damping for steps of ``h`` s; ``impulse`` is the noise variance in a step."""
+    for at in range(_N02, _SERIES):
+        store(series, at, broadcast(0.0))
+    angle, rate = _response(h, decay_rate, inverse_inertia)
+    for i in range(4):
+        store(series, _F02 + i, angle[i])
+        store(series, _F12 + i, rate[i])
     for node in range(3):
-        t, weight = NODES[node] * h, grown * WEIGHTS[node]
-        angle, rate = _pushed(t, b, inverse)
-        left = exp(-t * b)
+        t, weight = NODES[node] * h, impulse * WEIGHTS[node]
+        angle, rate = _response(t, decay_rate, inverse_inertia)
+        left = exp(-t * decay_rate)
         for i in range(4):
-            add(_N02 + i, weight * angle[i] * left)
-            add(_N12 + i, weight * rate[i] * left)
+            _add(series, _N02 + i, weight * angle[i] * left)
+            _add(series, _N12 + i, weight * rate[i] * left)
             for j in range(4):
-                add(_N00 + i + j, weight * angle[i] * angle[j])
-                add(_N01 + i + j, weight * angle[i] * rate[j])
-                add(_N11 + i + j, weight * rate[i] * rate[j])
-    for at in range(_SERIES):
-        store(series, at, sums[at])
+                _add(series, _N00 + i + j, weight * angle[i] * angle[j])
+                _add(series, _N01 + i + j, weight * angle[i] * rate[j])
+                _add(series, _N11 + i + j, weight * rate[i] * rate[j])
 
 
 @traced
-def _pushed(t: float, b: Any, inverse: Any) -> Any:
-    """Angle and rate after ``t`` s of a unit torque that fades at ``b`` 1/s, as series in the damping a in 1/s.
+def _add(series: Any, at: int, x: Any) -> None:
+    store(series, at, load(series, at) + x)
 
-    (exp(-b t) - exp(-a t)) / (a - b) / inertia and its integral, without a pole where a and b are equal.
+
+@traced
+def _response(t: float, decay_rate: Any, inverse_inertia: Any) -> Any:
+    """Angle and rate after ``t`` s under a torque exp(-b t) with b the ``decay_rate``, as series in the damping a.
+
+    These are (exp(-b t) - exp(-a t)) / (a - b) / inertia and its integral, without a pole at a = b.
     """
     c, d, e = t / 2.0, t * t / 6.0, t * t * t / 24.0
-    rate, per = t * inverse, b * b
-    rates = rate * (1.0 - c * b + d * per - e * per * b), rate * (d * b - c - e * per), rate * (d - e * b), rate * -e
+    b, b2 = decay_rate, decay_rate * decay_rate
+    rate = t * inverse_inertia
+    rates = rate * (1.0 - c * b + d * b2 - e * b2 * b), rate * (d * b - c - e * b2), rate * (d - e * b), rate * -e
     c, d, e = t / 3.0, t * t / 12.0, t * t * t / 60.0
-    angle = 0.5 * t * t * inverse
-    angles = (
-        angle * (1.0 - c * b + d * per - e * per * b),
-        angle * (d * b - c - e * per),
-        angle * (d - e * b),
-        angle * -e,
-    )
+    angle = 0.5 * t * t * inverse_inertia
+    angles = angle * (1.0 - c * b + d * b2 - e * b2 * b), angle * (d * b - c - e * b2), angle * (d - e * b), angle * -e
     return angles, rates
 
 
@@ -250,7 +260,7 @@ def _cubic(series: Any, at: int, x: Any) -> Any:
 
 @traced
 def _sextic(series: Any, at: int, x: Any) -> Any:
-    # In two halves, which do not wait for each other.
+    # In two halves, which can be computed at the same time.
     square = x * x
     even = (load(series, at + 6) * square + load(series, at + 4)) * square + load(series, at + 2)
     odd = (load(series, at + 5) * square + load(series, at + 3)) * square + load(series, at + 1)

@@ -1,242 +1,417 @@
-"""Kalman filters of angle, rate and a coloured disturbance, and of two states more that swing, several side by side."""
+"""Extended Kalman filter with five states: angle, rate, disturbance torque, and the two states of an oscillator.
+
+The oscillator is a wave torque, or an effect that is oscillatory. Its first state is the integral of the second.
+Matrices are (25, LANES), row by row. Of symmetric ones the entries on and above the diagonal count.
+"""
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.effects.base import TERM_STATES
 from rovid.jit.decorators import njit_inline, njit_noalloc
-from rovid.jit.simd import LANES, broadcast, exp, extract, load, minimum, reduce_max, sqrt, store
-from rovid.model.kernels.covariance5 import (
-    DAMPED,
-    POINTS,
-    POWERS,
-    SERIES,
-    SIZE,
-    Swing,
-    add_noise,
-    add_point,
-    by_series,
-    congruence,
-    take,
-    transition,
-)
-from rovid.model.kernels.effect_terms import SCRATCH_ROWS, torque_at
-from rovid.model.kernels.ekf3 import SAME, filter_steps, pace_of
-from rovid.model.kernels.rk4_step import bare_step, brakes, shares_of, step
-from rovid.model.kernels.simd_io import beside_of, body_of, clear, each, put
+from rovid.jit.simd import LANES, broadcast, exp, extract, load, minimum, reduce_max, sqrt, store, traced
+from rovid.model.bound_effects import Equation
+from rovid.model.kernels.effect_terms import SCRATCH_ROWS, call_sum_terms
+from rovid.model.kernels.ekf3 import NODES, SAME, WEIGHTS, filter_step_count, step_limits
+from rovid.model.kernels.rk4 import drag_slopes, plain_step, rk4_step, state_substeps
+from rovid.model.kernels.simd_io import clear_rows, gather, gather_effect_inputs, load_body, store_column
 from rovid.model.kernels.warmup import warmed_up
-from rovid.model.packed_terms import Equation
 
-# The transition of sixth order is good to a percent of a percent with such steps.
+SIZE = 5
+# Step in shares of the shortest time constant: the transition of sixth order is then exact to 1e-4.
 _STEP_SHARE = 0.6
-# After so many intervals with steps of one length series in the damping are worked out for it, which takes as long as
-# ten steps without them.
+_ORDER = 6
+# Entries of the transition outside the disturbance's row, and of the noise covariance on and above the diagonal.
+_TRANSITION = tuple(SIZE * i + j for i in (0, 1, 3, 4) for j in range(SIZE))
+_NOISE = tuple(SIZE * i + j for i in range(SIZE) for j in range(i, SIZE))
+# Both are interpolated by polynomials in the damping times the step: at Chebyshev points from 0 to 0.7.
+DAMPED = 0.35 * (1.0 - np.cos((2.0 * np.arange(6) + 1.0) * np.pi / 12.0))
+POWERS = np.linalg.inv(np.vander(DAMPED, increasing=True))
+POINTS, SERIES = len(DAMPED), len(DAMPED) * (len(_TRANSITION) + len(_NOISE))
+# A step length that occurs in so many intervals gets such polynomials. Their computation costs ten steps without them.
 _WORTH_A_SERIES = 32
-# So many lengths are remembered: intervals differ, and are stepped through by how fast the vehicle may turn. Of each
-# the series, behind which stand the length in s, for how many intervals it did, and what a step leaves of the
-# disturbance in the end and in the mean.
-_LENGTHS, _LENGTH, _INTERVALS, _FADE, _MEAN = 16, SERIES, SERIES + 1, SERIES + 2, SERIES + 3
+# Step lengths with a table. Rows after the polynomials: length in s, number of its intervals, decay of the disturbance
+# over the step, and its mean in the step.
+_LENGTHS, _LENGTH, _INTERVALS, _DECAY, _MEAN = 16, SERIES, SERIES + 1, SERIES + 2, SERIES + 3
 
 
-def ekf5_innovations(logged: Any, driven: Any, models: Any) -> tuple[FloatArray, FloatArray]:
-    """As ``innovations``, with two states more: a narrow-band torque of random phase, or those of an effect that rings.
+class Slopes(NamedTuple):
+    """Entries of the linearised system matrix that are not known in advance, as vectors.
 
-    The wave is a second-order shaping filter driven by white noise (Fossen 2011, section 8.2.6). The states of an
-    effect that ``rings`` are no better known than the motion that sets them off. Beside a wave they have no
-    variance of their own.
+    The rows of the angle and of the fourth state are known: both are integrals of the states after them.
     """
-    rows, count = TERM_STATES * len(models.terms.kinds), logged.row.max() + 1
+
+    rate_angle: Any
+    rate_rate: Any
+    rate_disturbance: Any
+    rate_fourth: Any
+    rate_fifth: Any
+    disturbance: Any
+    fifth_rate: Any
+    fifth_fourth: Any
+    fifth_fifth: Any
+
+
+def ekf5_innovations(data: Any, inputs: Any, models: Any) -> tuple[FloatArray, FloatArray]:
+    """Innovations as by `ekf3_innovations`, with two more states: those of a wave torque, or of an oscillatory effect.
+
+    The wave is white noise through a second-order filter (Fossen 2011, section 8.2.6). The states of an oscillatory
+    effect are as uncertain as the motion that excites them. With a wave they have no variance of their own.
+    """
+    rows, count = TERM_STATES * len(models.terms.kinds), data.output_index.max() + 1
     innovation, variance = np.empty((2, LANES, count))
     state, work = np.zeros((rows, LANES)), np.zeros((3, rows + SCRATCH_ROWS, LANES))
-    matrices, series = np.zeros((4, SIZE * SIZE, LANES)), np.zeros((_LENGTHS, _MEAN + 1, LANES))
-    _filter(logged, driven, models, state, work, matrices, series, innovation, variance)
+    matrices, tables = np.zeros((4, SIZE * SIZE, LANES)), np.zeros((_LENGTHS, _MEAN + 1, LANES))
+    _filter(data, inputs, models, state, work, matrices, tables, innovation, variance)
     return innovation, variance
 
 
 @warmed_up
 @njit_noalloc
 def _filter(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
-    logged: Any,
-    driven: Any,
+    data: Any,
+    inputs: Any,
     models: Any,
     state: Any,
     work: Any,
     matrices: Any,
-    series: Any,
+    tables: Any,
     innovation: Any,
     variance: Any,
 ) -> None:
-    """Through one run after the other; fills in what ``innovations`` gives."""
-    time, terms, body, waves = logged.time, models.terms, body_of(models.body), len(models.wave) > 0
-    ringing, p, f, q, room = TERM_STATES * terms.ringing, matrices[0], matrices[1], matrices[2], matrices[3]
-    sigma, tau = load(models.noise, 0), load(models.noise, 1)
-    brake, b, zero = brakes(body), 1.0 / tau, broadcast(0.0)
-    inverse = brake[2]
-    drive = sigma * sqrt(2.0 * b)
-    frequency, leak, power, kicks = broadcast(terms.fastest), zero, zero, zero
-    if waves:
+    """Filter one run after the other; fills in ``innovation`` and ``variance``."""
+    time, terms, body, has_wave = data.time, models.terms, load_body(models.body), len(models.wave) > 0
+    first, p, f, q, scratch = TERM_STATES * terms.oscillatory, matrices[0], matrices[1], matrices[2], matrices[3]
+    disturbance_std, tau = load(models.noise, 0), load(models.noise, 1)
+    drag, decay_rate, zero = drag_slopes(body), 1.0 / tau, broadcast(0.0)
+    inverse_inertia = drag[2]
+    noise_std = disturbance_std * sqrt(2.0 * decay_rate)
+    frequency, leak, power, wave_std = broadcast(terms.fastest), zero, zero, zero
+    if has_wave:
         frequency = load(models.wave, 1)
         leak = 2.0 * load(models.wave, 2) * frequency
         power = 0.5 * load(models.wave, 0) * load(models.wave, 0)
-        kicks = frequency * sqrt(2.0 * leak * power)
-        rate_fourth, rate_fifth, fifth_rate = inverse, zero, zero
+        wave_std = frequency * sqrt(2.0 * leak * power)
+        rate_fourth, rate_fifth, fifth_rate = inverse_inertia, zero, zero
         fifth_fourth, fifth_fifth = -frequency * frequency, -leak
     else:
-        rate_fourth, rate_fifth, fifth_rate, fifth_fourth, fifth_fifth = _ring(body, terms, inverse, state, work[0])
-    pace, pull = pace_of(body, b + frequency), -body.stiffness * inverse
-    slopes = inverse, rate_fourth, rate_fifth, -b, fifth_rate, fifth_fourth, fifth_fifth
-    h, own, oldest = 0.0, series[0], 0
-    for run in range(len(logged.begins) - 1):
-        clear(state)
-        begin, end = logged.begins[run], logged.begins[run + 1]
-        equation = Equation(body, terms, broadcast(logged.start[run]))
-        # Angle, rate, disturbance, and the two.
-        origin, damping = each(driven.angles, driven.angle, begin), brake[1]
-        a, r, d, w, v = origin, broadcast(logged.first[run, 0]), zero, zero, zero
-        clear(p)
+        rate_fourth, rate_fifth, fifth_rate, fifth_fourth, fifth_fifth = _oscillator_slopes(
+            body, terms, inverse_inertia, state, work[0]
+        )
+    limits, stiffness_slope = step_limits(body, decay_rate + frequency), -body.stiffness * inverse_inertia
+    slopes = inverse_inertia, rate_fourth, rate_fifth, -decay_rate, fifth_rate, fifth_fourth, fifth_fifth
+    h, table, oldest = 0.0, tables[0], 0
+    for run in range(len(data.offsets) - 1):
+        clear_rows(state)
+        begin, end = data.offsets[run], data.offsets[run + 1]
+        equation = Equation(body, terms, broadcast(data.start_position[run]))
+        origin, damping = gather(inputs.angles, inputs.angle_index, begin), drag[1]
+        # Angle, rate, disturbance, and the oscillator's two states.
+        a, r, d, w, v = origin, broadcast(data.initial_rate[run, 0]), zero, zero, zero
+        clear_rows(p)
         store(p, 0, load(models.noise, 2) * load(models.noise, 2))
-        store(p, SIZE + 1, broadcast(logged.first[run, 1] * logged.first[run, 1]))
-        store(p, 2 * SIZE + 2, sigma * sigma)
-        if waves:
+        store(p, SIZE + 1, broadcast(data.initial_rate[run, 1] * data.initial_rate[run, 1]))
+        store(p, 2 * SIZE + 2, disturbance_std * disturbance_std)
+        if has_wave:
             store(p, 3 * SIZE + 3, power)
             store(p, 4 * SIZE + 4, power * frequency * frequency)
         for k in range(begin, end):
             if k > begin:
-                push, beside = each(driven.torque, driven.drive, k - 1), beside_of(driven, k - 1)
+                torque = gather(inputs.torque, inputs.torque_index, k - 1)
+                effect_inputs = gather_effect_inputs(inputs, k - 1)
                 interval = time[k] - time[k - 1]
-                steps = filter_steps(interval, r, push, damping, pace, brake, _STEP_SHARE)
+                steps = filter_step_count(interval, r, torque, damping, limits, drag, _STEP_SHARE)
                 if abs(interval / steps - h) > SAME * h:
                     h = interval / steps
-                    at = _place_of(series, h)
+                    at = _find_table(tables, h)
                     if at == _LENGTHS:
                         at, oldest = oldest, (oldest + 1) % _LENGTHS
-                        _begin(series[at], h, tau)
-                    own = series[at]
-                    store(f, 2 * SIZE + 2, load(own, _FADE))
-                fade, mean = load(own, _FADE), load(own, _MEAN)
-                own[_INTERVALS, 0] += 1.0
-                if own[_INTERVALS, 0] == _WORTH_A_SERIES:
-                    _expand(pull, slopes, h, drive, kicks, f, q, own)
-                shares = shares_of(h, terms)
+                        _start_table(tables[at], h, tau)
+                    table = tables[at]
+                    store(f, 2 * SIZE + 2, load(table, _DECAY))
+                decay, mean = load(table, _DECAY), load(table, _MEAN)
+                table[_INTERVALS, 0] += 1.0
+                if table[_INTERVALS, 0] == _WORTH_A_SERIES:
+                    _write_series(stiffness_slope, slopes, h, noise_std, wave_std, f, q, table)
+                substeps = state_substeps(h, terms)
                 for _ in range(steps):
-                    faded, swung, slope, other = d * fade, zero, zero, d * mean
-                    if waves:
-                        bend = fifth_fourth * w + fifth_fifth * v
-                        jerk = fifth_fourth * v + fifth_fifth * bend
-                        jolt = fifth_fourth * bend + fifth_fifth * jerk
-                        swung = w + h * (v + (h / 2.0) * (bend + (h / 3.0) * (jerk + (h / 4.0) * jolt)))
-                        slope = v + h * (bend + (h / 2.0) * (jerk + (h / 3.0) * jolt))
-                        # Its mean over the step.
-                        late = bend + (h / 4.0) * (jerk + (h / 5.0) * jolt)
-                        other = other + w + (h / 2.0) * (v + (h / 3.0) * late)
+                    d_end, w_end, v_end, other_torque = d * decay, zero, zero, d * mean
+                    if has_wave:
+                        # Taylor series of the oscillator without noise, and its mean in the step.
+                        v1 = fifth_fourth * w + fifth_fifth * v
+                        v2 = fifth_fourth * v + fifth_fifth * v1
+                        v3 = fifth_fourth * v1 + fifth_fifth * v2
+                        w_end = w + h * (v + (h / 2.0) * (v1 + (h / 3.0) * (v2 + (h / 4.0) * v3)))
+                        v_end = v + h * (v1 + (h / 2.0) * (v2 + (h / 3.0) * v3))
+                        change = v1 + (h / 4.0) * (v2 + (h / 5.0) * v3)
+                        other_torque = other_torque + w + (h / 2.0) * (v + (h / 3.0) * change)
                     a = a - origin
                     if len(terms.kinds) == 0:
-                        r, a, damping = bare_step(r, a, push + other, brake, h)
+                        r, a, damping = plain_step(r, a, torque + other_torque, drag, h)
                     else:
-                        for _ in range(shares):
-                            r, a, damping = step(
-                                r, a, push, other, beside, equation, state, work, broadcast(h / shares)
+                        for _ in range(substeps):
+                            r, a, damping = rk4_step(
+                                r,
+                                a,
+                                torque,
+                                other_torque,
+                                effect_inputs,
+                                equation,
+                                state,
+                                work,
+                                broadcast(h / substeps),
                             )
-                    # What of it comes late in the step turns the vehicle less.
-                    late = (swung - w + faded - d) * inverse * (-h * h / 12.0)
+                    # Torque that grows in the step comes late, and turns the vehicle less.
+                    late = (w_end - w + d_end - d) * inverse_inertia * (-h * h / 12.0)
                     a = a + origin + late
                     r = r - damping * late
-                    d, w, v = faded, swung, slope
-                    # As in the other filter, no more than the series bear.
-                    held = minimum(damping, 1.0 / h)
-                    if own[_INTERVALS, 0] < _WORTH_A_SERIES:
-                        _move(pull, held, slopes, h, drive, kicks, f, q)
+                    d, w, v = d_end, w_end, v_end
+                    # The series would diverge for a larger damping, as in ekf3.
+                    limited = minimum(damping, 1.0 / h)
+                    if table[_INTERVALS, 0] < _WORTH_A_SERIES:
+                        _write_step(stiffness_slope, limited, slopes, h, noise_std, wave_std, f, q)
                     else:
-                        by_series(own, held * h, f, q)
-                    congruence(f, p, q, room)
-                late = each(driven.moment, driven.drive, k - 1) * inverse
+                        evaluate_series(table, limited * h, f, q)
+                    congruence(f, p, q, scratch)
+                late = gather(inputs.timing_moment, inputs.torque_index, k - 1) * inverse_inertia
                 a = a + late
                 r = r - damping * late
-                kick = each(driven.scatter, driven.drive, k - 1) * inverse * inverse
-                store(p, 0, load(p, 0) + kick * (interval * interval / 3.0))
-                store(p, 1, load(p, 1) + kick * (interval / 2.0))
-                store(p, SIZE + 1, load(p, SIZE + 1) + kick)
+                impulse = (
+                    gather(inputs.impulse_variance, inputs.torque_index, k - 1) * inverse_inertia * inverse_inertia
+                )
+                store(p, 0, load(p, 0) + impulse * (interval * interval / 3.0))
+                store(p, 1, load(p, 1) + impulse * (interval / 2.0))
+                store(p, SIZE + 1, load(p, SIZE + 1) + impulse)
             for m in range(2):
-                reading, known = (each(driven.angles, driven.angle, k), a) if m == 0 else (broadcast(logged.rate[k]), r)
-                if math.isnan(extract(reading, 0)):
+                measured, predicted = (
+                    (gather(inputs.angles, inputs.angle_index, k), a) if m == 0 else (broadcast(data.rate[k]), r)
+                )
+                if math.isnan(extract(measured, 0)):
                     continue
                 noise = load(models.noise, 2 + m)
                 s = load(p, (SIZE + 1) * m) + noise * noise
-                e = reading - known
-                put(innovation, logged.row[k, m], e)
-                put(variance, logged.row[k, m], s)
-                one = 1.0 / s
-                by = e * one
-                # The column of the angle or of the rate, above the diagonal first.
-                at = SIZE * m
-                p0, p1, p2, p3, p4 = load(p, m), load(p, at + 1), load(p, at + 2), load(p, at + 3), load(p, at + 4)
-                a, r, d = a + p0 * by, r + p1 * by, d + p2 * by
-                if waves:
-                    w, v = w + p3 * by, v + p4 * by
+                e = measured - predicted
+                store_column(innovation, data.output_index[k, m], e)
+                store_column(variance, data.output_index[k, m], s)
+                inverse = 1.0 / s
+                scaled = e * inverse
+                # Column m of the covariance.
+                row = SIZE * m
+                p0, p1, p2 = load(p, m), load(p, row + 1), load(p, row + 2)
+                p3, p4 = load(p, row + 3), load(p, row + 4)
+                a, r, d = a + p0 * scaled, r + p1 * scaled, d + p2 * scaled
+                if has_wave:
+                    w, v = w + p3 * scaled, v + p4 * scaled
                 else:
-                    store(state, ringing, load(state, ringing) + p3 * by)
-                    store(state, ringing + 1, load(state, ringing + 1) + p4 * by)
-                take(p, (p0, p1, p2, p3, p4), one)
+                    store(state, first, load(state, first) + p3 * scaled)
+                    store(state, first + 1, load(state, first + 1) + p4 * scaled)
+                subtract_square(p, (p0, p1, p2, p3, p4), inverse)
 
 
 @njit_noalloc
-def _place_of(series: Any, h: float) -> int:
-    """Which of the ``series`` is for steps of ``h`` s; behind the last where none is."""
+def _find_table(tables: Any, h: float) -> int:
+    """Index of the table for steps of ``h`` s; `_LENGTHS` if there is none."""
     at = 0
-    while at < _LENGTHS and abs(h - series[at, _LENGTH, 0]) > SAME * h:
+    while at < _LENGTHS and abs(h - tables[at, _LENGTH, 0]) > SAME * h:
         at += 1
     return at
 
 
 @njit_inline
-def _begin(own: Any, h: float, tau: Any) -> None:
-    """Forget what ``own`` was for: it is for steps of ``h`` s, beside a disturbance with a memory of ``tau`` s."""
-    fade = exp(-h / tau)
-    store(own, _LENGTH, broadcast(h))
-    store(own, _INTERVALS, broadcast(0.0))
-    store(own, _FADE, fade)
-    store(own, _MEAN, (1.0 - fade) * tau / h)
+def _start_table(table: Any, h: float, tau: Any) -> None:
+    """Use ``table`` for steps of ``h`` s, with a disturbance of correlation time ``tau`` in s."""
+    decay = exp(-h / tau)
+    store(table, _LENGTH, broadcast(h))
+    store(table, _INTERVALS, broadcast(0.0))
+    store(table, _DECAY, decay)
+    store(table, _MEAN, (1.0 - decay) * tau / h)
 
 
 @njit_noalloc
-def _move(pull: Any, damping: Any, slopes: Any, h: float, drive: Any, kicks: Any, f: Any, q: Any) -> None:
-    """Write transition and noise of a step of ``h`` s into ``f`` and ``q``, all but what is left of the disturbance."""
-    zero, swing = broadcast(0.0), Swing(pull, -damping, *slopes)
-    transition(swing, h, f)
-    clear(q)
-    add_noise(swing, (zero, zero, drive, zero, zero), h, q)
-    if reduce_max(kicks) > 0.0:
-        add_noise(swing, (zero, zero, zero, zero, kicks), h, q)
+def _write_step(
+    stiffness_slope: Any, damping: Any, slopes: Any, h: float, noise_std: Any, wave_std: Any, f: Any, q: Any
+) -> None:
+    """Write transition ``f``, without the disturbance's row, and noise covariance ``q`` of a step of ``h`` s."""
+    zero, system = broadcast(0.0), Slopes(stiffness_slope, -damping, *slopes)
+    transition(system, h, f)
+    clear_rows(q)
+    add_noise(system, (zero, zero, noise_std, zero, zero), h, q)
+    if reduce_max(wave_std) > 0.0:
+        add_noise(system, (zero, zero, zero, zero, wave_std), h, q)
 
 
 @njit_noalloc
-def _expand(pull: Any, slopes: Any, h: float, drive: Any, kicks: Any, f: Any, q: Any, series: Any) -> None:
-    """Fill in the ``series`` in the damping of transition and noise, for steps of ``h`` s."""
+def _write_series(
+    stiffness_slope: Any, slopes: Any, h: float, noise_std: Any, wave_std: Any, f: Any, q: Any, series: Any
+) -> None:
+    """Write the polynomials in the damping of transition and noise, for steps of ``h`` s."""
     for at in range(SERIES):
         store(series, at, 0.0)
     for point in range(POINTS):
-        _move(pull, broadcast(DAMPED[point] / h), slopes, h, drive, kicks, f, q)
+        _write_step(stiffness_slope, broadcast(DAMPED[point] / h), slopes, h, noise_std, wave_std, f, q)
         add_point(POWERS, point, f, q, series)
 
 
+@traced
+def add_point(powers: Any, point: int, f: Any, q: Any, series: Any) -> None:
+    """Add the values ``f`` and ``q`` at a Chebyshev ``point`` to the coefficients in ``series``."""
+    for n in range(POINTS):
+        weight = broadcast(powers[n, point])
+        for place, at in enumerate(_TRANSITION):
+            store(series, POINTS * place + n, load(series, POINTS * place + n) + weight * load(f, at))
+        for place, at in enumerate(_NOISE, start=len(_TRANSITION)):
+            store(series, POINTS * place + n, load(series, POINTS * place + n) + weight * load(q, at))
+
+
+@traced
+def evaluate_series(series: Any, damped: Any, f: Any, q: Any) -> None:
+    """Write transition ``f`` and noise covariance ``q`` by their polynomials in ``damped``, damping times step."""
+    for place, at in enumerate(_TRANSITION):
+        store(f, at, _polynomial(series, POINTS * place, damped))
+    for place, at in enumerate(_NOISE, start=len(_TRANSITION)):
+        store(q, at, _polynomial(series, POINTS * place, damped))
+
+
+@traced
+def _polynomial(series: Any, at: int, x: Any) -> Any:
+    total = load(series, at + POINTS - 1)
+    for n in range(2, POINTS + 1):
+        total = total * x + load(series, at + POINTS - n)
+    return total
+
+
+@traced
+def transition(system: Any, h: float, f: Any) -> None:
+    """Write exp(A h) into ``f`` by its Taylor series, all rows but the disturbance's.
+
+    The rows y of the powers of A are computed for rate and fifth state. Angle and fourth state are their integrals.
+    """
+    zero, one = broadcast(0.0), broadcast(1.0)
+    for at in (0, 3):
+        is_angle = at == 0
+        y0, y1, y2, y3, y4 = zero, one if is_angle else zero, zero, zero, zero if is_angle else one
+        a0, a1, a2 = one if is_angle else zero, h * y1, zero
+        a3, a4 = zero if is_angle else one, h * y4
+        r0, r1, r2, r3, r4 = y0, y1, y2, y3, y4
+        factor = h
+        for order in range(2, _ORDER + 2):
+            y0, y1, y2, y3, y4 = (
+                y1 * system.rate_angle,
+                y0 + y1 * system.rate_rate + y4 * system.fifth_rate,
+                y1 * system.rate_disturbance + y2 * system.disturbance,
+                y1 * system.rate_fourth + y4 * system.fifth_fourth,
+                y1 * system.rate_fifth + y3 + y4 * system.fifth_fifth,
+            )
+            r0, r1, r2 = r0 + factor * y0, r1 + factor * y1, r2 + factor * y2
+            r3, r4 = r3 + factor * y3, r4 + factor * y4
+            factor = factor * h / order
+            a0, a1, a2 = a0 + factor * y0, a1 + factor * y1, a2 + factor * y2
+            a3, a4 = a3 + factor * y3, a4 + factor * y4
+        _store_row(f, at, (a0, a1, a2, a3, a4))
+        _store_row(f, at + 1, (r0, r1, r2, r3, r4))
+
+
+@traced
+def _store_row(f: Any, row: int, x: Any) -> None:
+    for j in range(SIZE):
+        store(f, SIZE * row + j, x[j])
+
+
+@traced
+def add_noise(system: Any, intensity: Any, h: float, q: Any) -> None:
+    """Add to ``q`` the covariance that white noise of this ``intensity`` in each state causes in ``h`` s.
+
+    The integral of exp(A t) g g^T exp(A t)^T by Gauss-Legendre quadrature, with exp(A t) g by its Taylor series. The
+    result is positive semidefinite.
+    """
+    for node in range(3):
+        t, weight = NODES[node] * h, WEIGHTS[node] * h
+        v0, v1, v2, v3, v4 = c0, c1, c2, c3, c4 = intensity
+        for order in range(1, _ORDER + 1):
+            share = t / order
+            v0, v1, v2, v3, v4 = (
+                share * v1,
+                share
+                * (
+                    system.rate_angle * v0
+                    + system.rate_rate * v1
+                    + system.rate_disturbance * v2
+                    + system.rate_fourth * v3
+                    + system.rate_fifth * v4
+                ),
+                share * system.disturbance * v2,
+                share * v4,
+                share * (system.fifth_rate * v1 + system.fifth_fourth * v3 + system.fifth_fifth * v4),
+            )
+            c0, c1, c2, c3, c4 = c0 + v0, c1 + v1, c2 + v2, c3 + v3, c4 + v4
+        c = (c0, c1, c2, c3, c4)
+        for i in range(SIZE):
+            for j in range(i, SIZE):
+                at = SIZE * i + j
+                store(q, at, load(q, at) + weight * c[i] * c[j])
+
+
+@traced
+def congruence(f: Any, p: Any, q: Any, scratch: Any) -> None:
+    """Write f p f^T + q into ``p``. The disturbance's row of ``f`` has its diagonal entry alone."""
+    for j in range(SIZE):
+        column = (upper(p, 0, j), upper(p, 1, j), upper(p, 2, j), upper(p, 3, j), upper(p, 4, j))
+        for i in range(SIZE):
+            store(scratch, SIZE * i + j, load(f, SIZE * i + 2) * column[2] if i == 2 else _times(f, i, column))
+    for i in range(SIZE):
+        at = SIZE * i
+        row = (
+            load(scratch, at),
+            load(scratch, at + 1),
+            load(scratch, at + 2),
+            load(scratch, at + 3),
+            load(scratch, at + 4),
+        )
+        for j in range(i, SIZE):
+            total = row[2] * load(f, SIZE * j + 2) if j == 2 else _times(f, j, row)
+            store(p, SIZE * i + j, load(q, SIZE * i + j) + total)
+
+
+@traced
+def subtract_square(p: Any, column: Any, share: Any) -> None:
+    """Subtract ``share * column * column^T`` from ``p``."""
+    for i in range(SIZE):
+        for j in range(i, SIZE):
+            store(p, SIZE * i + j, load(p, SIZE * i + j) - column[i] * share * column[j])
+
+
+@traced
+def upper(p: Any, i: int, j: int) -> Any:
+    """Entry (i, j) of a symmetric matrix."""
+    return load(p, SIZE * i + j) if i <= j else load(p, SIZE * j + i)
+
+
+@traced
+def _times(f: Any, row: int, x: Any) -> Any:
+    """A row of ``f`` times a column of five."""
+    at = SIZE * row
+    first = load(f, at) * x[0] + load(f, at + 1) * x[1] + load(f, at + 2) * x[2]
+    return first + load(f, at + 3) * x[3] + load(f, at + 4) * x[4]
+
+
 @njit_inline
-def _ring(body: Any, terms: Any, inverse: Any, state: Any, change: Any) -> Any:
-    """How the two states of the term that rings act on the rate, and how the second follows from all three."""
-    zero, ringing = broadcast(0.0), TERM_STATES * terms.ringing
-    equation, nothing = Equation(body, terms, zero), (zero, zero, zero)
-    torque_at(broadcast(1.0), zero, zero, nothing, equation, state, change)
-    fifth_rate = load(change, ringing + 1)
-    rest = torque_at(zero, zero, zero, nothing, equation, state, change)
-    store(state, ringing, 1.0)
-    rate_fourth = (torque_at(zero, zero, zero, nothing, equation, state, change) - rest) * inverse
-    fifth_fourth = load(change, ringing + 1)
-    store(state, ringing, 0.0)
-    store(state, ringing + 1, 1.0)
-    rate_fifth = (torque_at(zero, zero, zero, nothing, equation, state, change) - rest) * inverse
-    store(state, ringing + 1, 0.0)
-    return rate_fourth, rate_fifth, fifth_rate, fifth_fourth, load(change, ringing + 1)
+def _oscillator_slopes(body: Any, terms: Any, inverse_inertia: Any, state: Any, derivative: Any) -> Any:
+    """Slopes of rdot in the two states of the oscillatory term, and of the second state in r and both states."""
+    zero, first = broadcast(0.0), TERM_STATES * terms.oscillatory
+    equation, no_inputs = Equation(body, terms, zero), (zero, zero, zero)
+    call_sum_terms(broadcast(1.0), zero, zero, no_inputs, equation, state, derivative)
+    fifth_rate = load(derivative, first + 1)
+    rest = call_sum_terms(zero, zero, zero, no_inputs, equation, state, derivative)
+    store(state, first, 1.0)
+    rate_fourth = (call_sum_terms(zero, zero, zero, no_inputs, equation, state, derivative) - rest) * inverse_inertia
+    fifth_fourth = load(derivative, first + 1)
+    store(state, first, 0.0)
+    store(state, first + 1, 1.0)
+    rate_fifth = (call_sum_terms(zero, zero, zero, no_inputs, equation, state, derivative) - rest) * inverse_inertia
+    store(state, first + 1, 0.0)
+    return rate_fourth, rate_fifth, fifth_rate, fifth_fourth, load(derivative, first + 1)

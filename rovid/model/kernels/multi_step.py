@@ -1,4 +1,4 @@
-"""The motion ahead from many restarts on a measured course, and what effects do along it."""
+"""Multi-step predictions from many restarts on a measured trajectory, and the terms of effects along it."""
 
 from __future__ import annotations
 
@@ -10,203 +10,196 @@ from rovid.core.array_types import FloatArray
 from rovid.effects.base import TERM_STATES, Body
 from rovid.jit.decorators import njit_noalloc
 from rovid.jit.simd import LANES, broadcast, extract, insert, maximum, nan_unless_below, reduce_max
-from rovid.model.kernels.effect_terms import SCRATCH_ROWS, jump, torque_at
-from rovid.model.kernels.rk4_step import (
-    REACH,
-    bare_step,
-    brakes,
-    copy,
-    move,
-    shares_of,
-    step,
+from rovid.model.bound_effects import Equation
+from rovid.model.kernels.effect_terms import SCRATCH_ROWS, call_sum_terms, reset_states
+from rovid.model.kernels.rk4 import (
+    NODES,
+    advance_states,
+    drag_slopes,
+    plain_step,
+    rk4_step,
+    state_substeps,
+    step_count,
     wanted_steps,
-    whole_steps,
 )
-from rovid.model.kernels.simd_io import clear, each, in_lanes
+from rovid.model.kernels.simd_io import broadcast_equation, clear_rows, copy_rows, gather
 from rovid.model.kernels.warmup import warmed_up
-from rovid.model.packed_terms import Equation
 
-# So many times the largest rate that was measured is none of the vehicle's.
-_RUNAWAY = 30.0
-# Predictions are of a vehicle whose time constant is ten steps of their grid or more.
-_MAX_SUBSTEPS_AHEAD = 200
+# A prediction has diverged at so many times the largest measured rate.
+_DIVERGED = 30.0
+# A prediction that needs more steps in an interval is given up: time constants are ten intervals or more.
+_MAX_STEPS = 200
 
 
 def predict_multi_step(
     period: FloatArray,
     torque: FloatArray,
-    beside: FloatArray,
+    effect_inputs: FloatArray,
     rate: FloatArray,
     angle: FloatArray,
     states: FloatArray,
     restarts: Any,
-    reach: Any,
+    steps_ahead: Any,
     start: FloatArray,
     body: Body,
     terms: Any,
 ) -> FloatArray:
-    """Angle turned after each of up to ``reach`` steps of ``period`` s from each of the (m,) restarts.
+    """Angle turned after each of up to ``steps_ahead`` grid intervals from each of the (m,) restarts.
 
     Parameters
     ----------
     period
-        (m,) s.
-    torque, beside
-        (n,) N m and (n, 3), see `rovid.model.torque_input.Drive`; means over each interval of a grid.
+        (m,) s, the grid interval of each restart.
+    torque, effect_inputs
+        (n,) N m and (n, 3), see `rovid.model.torque_input.TorqueInput`; means over the grid intervals.
     rate, angle, states
-        (n,), (n,) and (n, k * TERM_STATES) on the measured course.
-    restarts, reach
-        (m,) indices on the grid, and numbers of steps.
+        (n,), (n,) and (n, k * TERM_STATES) on the measured trajectory.
+    restarts, steps_ahead
+        (m,) indices on the grid, and numbers of intervals.
     start
         (m,) rad; the position at the start of the trial.
     body, terms
-        Of the `rovid.model.packed_terms.Equation` of them all.
+        Those of the common `rovid.model.bound_effects.Equation`.
 
     Returns
     -------
     turned
-        (m, 1 + the largest reach) rad; NaN beyond the reach, and where the model runs away or asks for endless steps.
+        (m, 1 + largest of ``steps_ahead``) rad; NaN beyond, and after a prediction has diverged or needs too many
+        steps.
     """
-    rows, most = TERM_STATES * len(terms.kinds), _RUNAWAY * float(np.fmax.reduce(np.abs(rate), initial=0.0))
-    turned = np.full((len(restarts), 1 + int(reach.max(initial=0))), np.nan)
+    rows, limit = TERM_STATES * len(terms.kinds), _DIVERGED * float(np.fmax.reduce(np.abs(rate), initial=0.0))
+    turned = np.full((len(restarts), 1 + int(steps_ahead.max(initial=0))), np.nan)
     state, work = np.zeros((rows, LANES)), np.zeros((3, rows + SCRATCH_ROWS, LANES))
-    course, begun = (torque, beside, rate, angle, states), (restarts, reach, period, start)
-    _predict(begun, course, body, terms, most, state, work, turned)
+    trajectory, begun = (torque, effect_inputs, rate, angle, states), (restarts, steps_ahead, period, start)
+    _predict(begun, trajectory, body, terms, limit, state, work, turned)
     return turned
 
 
 @warmed_up
 @njit_noalloc
 def _predict(
-    begun: Any,
-    course: Any,
-    body: Any,
-    terms: Any,
-    most: float,
-    state: Any,
-    work: Any,
-    turned: Any,
+    begun: Any, trajectory: Any, body: Any, terms: Any, limit: float, state: Any, work: Any, turned: Any
 ) -> None:
-    """From all restarts, one in each lane; fills in their rows of ``turned``."""
-    (restarts, reach, period, start), (torque, beside, rate, angle, states) = begun, course
-    whole, none = in_lanes(Equation(body, terms, 0.0)).body, broadcast(0.0)
-    brake = brakes(whole)
+    """Predict from one restart in each lane; fills in the rows of ``turned``."""
+    (restarts, steps_ahead, period, start), (torque, effect_inputs, rate, angle, states) = begun, trajectory
+    all_bodies, zero = broadcast_equation(Equation(body, terms, 0.0)).body, broadcast(0.0)
+    slopes = drag_slopes(all_bodies)
     for first in range(0, len(restarts), LANES):
-        r, a, span, origin, longest = broadcast(0.0), broadcast(0.0), broadcast(1.0), broadcast(0.0), 0
+        r, a, interval, origin, longest = broadcast(0.0), broadcast(0.0), broadcast(1.0), broadcast(0.0), 0
         for i in range(LANES):
-            # Lanes beyond the last restart do as that does.
+            # Lanes without a restart of their own repeat the last one.
             own = min(first + i, len(restarts) - 1)
-            at, longest = restarts[own], max(longest, reach[own])
+            at, longest = restarts[own], max(longest, steps_ahead[own])
             r, a = insert(r, i, rate[at]), insert(a, i, angle[at])
-            span, origin = insert(span, i, period[own]), insert(origin, i, start[own])
-            for j in range(TERM_STATES * terms.remembering):
+            interval, origin = insert(interval, i, period[own]), insert(origin, i, start[own])
+            for j in range(TERM_STATES * terms.stateful):
                 state[j, i] = states[at, j]
             turned[own, 0] = 0.0
-        equation, begin, stiffness = Equation(whole, terms, origin), a, none
+        equation, begin, largest_damping = Equation(all_bodies, terms, origin), a, zero
         for k in range(longest):
-            push, race, surge, sway = none, none, none, none
+            thruster_torque, wash, surge, sway = zero, zero, zero, zero
             for i in range(LANES):
                 at = min(restarts[min(first + i, len(restarts) - 1)] + k, len(torque) - 1)
-                push, race = insert(push, i, torque[at]), insert(race, i, beside[at, 0])
-                surge, sway = insert(surge, i, beside[at, 1]), insert(sway, i, beside[at, 2])
-            wanted = wanted_steps(r, push, stiffness, span, equation)
-            # One that asks for endless steps is given up.
-            r, wanted = (
-                nan_unless_below(r, wanted, _MAX_SUBSTEPS_AHEAD),
-                nan_unless_below(wanted, wanted, _MAX_SUBSTEPS_AHEAD),
-            )
-            steps = whole_steps(wanted)
-            h, stiffness = span / steps, none
+                thruster_torque, wash = insert(thruster_torque, i, torque[at]), insert(wash, i, effect_inputs[at, 0])
+                surge, sway = insert(surge, i, effect_inputs[at, 1]), insert(sway, i, effect_inputs[at, 2])
+            wanted = wanted_steps(r, thruster_torque, largest_damping, interval, equation)
+            # NaN gives up the predictions that need too many steps.
+            r, wanted = nan_unless_below(r, wanted, _MAX_STEPS), nan_unless_below(wanted, wanted, _MAX_STEPS)
+            steps = step_count(wanted)
+            h, largest_damping = interval / steps, zero
             for _ in range(steps):
                 if len(terms.kinds) == 0:
-                    r, a, damping = bare_step(r, a, push, brake, h)
+                    r, a, damping = plain_step(r, a, thruster_torque, slopes, h)
                 else:
-                    r, a, damping = step(r, a, push, none, (race, surge, sway), equation, state, work, h)
-                stiffness = maximum(stiffness, damping)
-            # So is one that runs away.
-            r = nan_unless_below(r, abs(r), most)
+                    r, a, damping = rk4_step(r, a, thruster_torque, zero, (wash, surge, sway), equation, state, work, h)
+                largest_damping = maximum(largest_damping, damping)
+            r = nan_unless_below(r, abs(r), limit)
             for i in range(LANES):
                 own = first + i
-                if own < len(restarts) and k < reach[own] and extract(r, i) == extract(r, i):
+                if own < len(restarts) and k < steps_ahead[own] and extract(r, i) == extract(r, i):
                     turned[own, k + 1] = extract(a, i) - extract(begin, i)
 
 
 def effects_along(
-    begins: Any,
+    offsets: Any,
     periods: FloatArray,
-    course: FloatArray,
-    beside: FloatArray,
+    trajectory: FloatArray,
+    effect_inputs: FloatArray,
     starts: FloatArray,
     body: Body,
     terms: Any,
 ) -> tuple[FloatArray, FloatArray]:
-    """(n,) torque in N m of all effects, and their (n, m * TERM_STATES) states, on the measured courses of r runs.
+    """(n,) torque in N m of all terms, and their (n, m * TERM_STATES) states, along measured trajectories of r runs.
 
     Parameters
     ----------
-    begins
-        (r + 1,) the instant with which each course begins, and how many there are in all.
+    offsets
+        (r + 1,) index of each run's first instant, and n.
     periods, starts
-        (r,) s between its instants; rad, the position at the start of its trial.
-    course
-        (n, 3) rate, angle since the start of the trial and thrusters' torque, which is held.
-    beside
-        As for ``simulate_effects``.
+        (r,) s between instants, and rad, the position at the start of the trial.
+    trajectory
+        (n, 3) rate, angle since the start of the trial, and thruster torque, which is held.
+    effect_inputs
+        (n, 3), see `rovid.model.torque_input.TorqueInput`.
     body, terms
-        Of the `rovid.model.packed_terms.Equation` of them all.
+        Those of the common `rovid.model.bound_effects.Equation`.
     """
     count = TERM_STATES * len(terms.kinds)
-    torque, states, room = (
-        np.zeros(len(course)),
-        np.zeros((len(course), count)),
-        np.zeros((4, count + SCRATCH_ROWS, LANES)),
-    )
-    at = np.zeros((2, LANES), dtype=np.int64)
-    _follow((begins, periods, starts), (course, beside), Equation(body, terms, 0.0), at, room, torque, states)
+    torque, states = np.zeros(len(trajectory)), np.zeros((len(trajectory), count))
+    at, work = np.zeros((2, LANES), dtype=np.int64), np.zeros((4, count + SCRATCH_ROWS, LANES))
+    runs, measured = (offsets, periods, starts), (trajectory, effect_inputs)
+    _follow(runs, measured, Equation(body, terms, 0.0), at, work, torque, states)
     return torque, states
 
 
 @warmed_up
 @njit_noalloc
-def _follow(runs: Any, measured: Any, equation: Any, at: Any, room: Any, torque: Any, states: Any) -> None:
-    """The courses of all runs, one in each lane; fills in ``torque`` and ``states``."""
-    (begins, periods, starts), (course, beside), terms = runs, measured, equation.terms
-    state, change, there, moved, whole = room[0], room[1], room[2], room[3], in_lanes(equation).body
+def _follow(runs: Any, measured: Any, equation: Any, at: Any, work: Any, torque: Any, states: Any) -> None:
+    """Follow one trajectory in each lane; fills in ``torque`` and ``states``."""
+    (offsets, periods, starts), (trajectory, effect_inputs), terms = runs, measured, equation.terms
+    state, derivative, stage_state, sums = work[0], work[1], work[2], work[3]
+    body = broadcast_equation(equation).body
     for first in range(0, len(periods), LANES):
         period, origin, longest = broadcast(1.0), broadcast(0.0), 0
         for i in range(LANES):
-            # Lanes beyond the last run do as that does.
+            # Lanes without a run of their own repeat the last one.
             own = min(first + i, len(periods) - 1)
             period, origin = insert(period, i, periods[own]), insert(origin, i, starts[own])
-            longest = max(longest, begins[own + 1] - begins[own])
-        abreast = Equation(whole, terms, origin)
-        steps = shares_of(reduce_max(period), terms)
-        h, rows = period / steps, TERM_STATES * terms.remembering
-        clear(state)
+            longest = max(longest, offsets[own + 1] - offsets[own])
+        own_equation = Equation(body, terms, origin)
+        steps = state_substeps(reduce_max(period), terms)
+        h, rows = period / steps, TERM_STATES * terms.stateful
+        clear_rows(state)
         for k in range(longest):
-            # This instant of each run and the next, or its last.
+            # This instant of each run and the next one, or the run's last.
             for i in range(LANES):
                 own = min(first + i, len(periods) - 1)
-                at[0, i] = min(begins[own] + k, begins[own + 1] - 1)
-                at[1, i] = min(begins[own] + k + 1, begins[own + 1] - 1)
-            here, behind = at[0], at[1]
-            rate, angle, push = each(course, here, 0), each(course, here, 1), each(course, here, 2)
-            told = each(beside, here, 0), each(beside, here, 1), each(beside, here, 2)
-            jump(rate, abreast, state)
-            given = torque_at(rate, angle, push, told, abreast, state, change)
+                at[0, i] = min(offsets[own] + k, offsets[own + 1] - 1)
+                at[1, i] = min(offsets[own] + k + 1, offsets[own + 1] - 1)
+            here, following = at[0], at[1]
+            rate, angle = gather(trajectory, here, 0), gather(trajectory, here, 1)
+            thruster_torque = gather(trajectory, here, 2)
+            inputs = gather(effect_inputs, here, 0), gather(effect_inputs, here, 1), gather(effect_inputs, here, 2)
+            reset_states(rate, own_equation, state)
+            given = call_sum_terms(rate, angle, thruster_torque, inputs, own_equation, state, derivative)
             for i in range(min(LANES, len(periods) - first)):
-                if begins[first + i] + k < begins[first + i + 1]:
+                if offsets[first + i] + k < offsets[first + i + 1]:
                     torque[here[i]] = extract(given, i)
                     for j in range(states.shape[1]):
                         states[here[i], j] = state[j, i]
-            faster, farther = (each(course, behind, 0) - rate) / steps, (each(course, behind, 1) - angle) / steps
+            # Rate and angle are interpolated linearly.
+            rate_change = (gather(trajectory, following, 0) - rate) / steps
+            angle_change = (gather(trajectory, following, 1) - angle) / steps
             for number in range(steps):
-                r, a = rate + float(number) * faster, angle + float(number) * farther
-                jump(r, abreast, state)
-                passed = 0.0
-                copy(rows, state, there)
+                r, a = rate + float(number) * rate_change, angle + float(number) * angle_change
+                reset_states(r, own_equation, state)
+                share = 0.0
+                copy_rows(rows, state, stage_state)
                 for stage in range(4):
-                    torque_at(r + passed * faster, a + passed * farther, push, told, abreast, there, change)
-                    move(stage, rows, state, change, h, there, moved)
+                    stage_rate, stage_angle = r + share * rate_change, a + share * angle_change
+                    call_sum_terms(
+                        stage_rate, stage_angle, thruster_torque, inputs, own_equation, stage_state, derivative
+                    )
+                    advance_states(stage, rows, state, derivative, h, stage_state, sums)
                     if stage < 3:
-                        passed = REACH[stage]
+                        share = NODES[stage]

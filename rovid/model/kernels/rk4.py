@@ -1,4 +1,7 @@
-"""The motion from its first instant on, undisturbed by what is measured."""
+"""Classical fourth-order Runge-Kutta steps, and the free-running simulation.
+
+Vectors are never changed in place, as others may hold them. States of effects are.
+"""
 
 from __future__ import annotations
 
@@ -8,18 +11,162 @@ from typing import Any
 import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
-from rovid.effects.base import Body
+from rovid.effects.base import TERM_STATES, Body
 from rovid.jit.decorators import njit_inline, njit_noalloc
-from rovid.jit.simd import LANES, broadcast, extract, insert, maximum
-from rovid.model.kernels.effect_terms import SCRATCH_ROWS
-from rovid.model.kernels.rk4_step import bare_step, brakes, damping_of, step, wanted_steps, whole_steps
-from rovid.model.kernels.simd_io import each, in_lanes
-from rovid.model.packed_terms import Equation
+from rovid.jit.simd import LANES, broadcast, extract, insert, load, maximum, minimum, reduce_max, sqrt, store, traced
+from rovid.model.bound_effects import Equation
+from rovid.model.kernels.effect_terms import SCRATCH_ROWS, reset_states, sum_terms
+from rovid.model.kernels.simd_io import broadcast_equation, copy_rows, gather
 
-# A step of this share of the shortest time constant leaves fourth-order Runge-Kutta exact to about 1e-6.
-_STEP_SHARE = 0.2
-_MAX_SUBSTEPS = 1000
+# Nodes of stages two to four as shares of the step, and six times the weights of all four stages.
+NODES = (0.5, 0.5, 1.0)
+WEIGHTS = (1.0, 2.0, 2.0, 1.0)
+# Steps in shares of the shortest time constant: without effects exact to about 1e-6, with effects to 1e-4, as their
+# equations are known less well.
+_STEP_SHARE, EFFECTS_STEP_SHARE = 0.2, 0.5
+# Steps in an interval at most. Without effects the steps of a longer gap are repeated until the rate has settled, by a
+# relative change of less than _SETTLED. With effects all steps are done.
+_MAX_PLAIN_STEPS, MAX_STEPS = 1000, 1_000_000
 _SETTLED = 1e-9
+# In place of zero drag in a denominator.
+_TINY = 1e-12
+
+
+@traced
+def drag_slopes(body: Any) -> Any:
+    """Quadratic and linear drag over the inertia, and one over the inertia."""
+    return body.quadratic_drag / body.inertia, body.linear_drag / body.inertia, 1.0 / body.inertia
+
+
+@traced
+def _acceleration(rate: Any, push: Any, slopes: Any) -> Any:
+    """Acceleration in rad/s^2 under drag; ``push`` is all other torque over the inertia."""
+    return push - (slopes[0] * abs(rate) + slopes[1]) * rate
+
+
+@traced
+def drag_damping(rate: Any, slopes: Any) -> Any:
+    """-d(acceleration)/d(rate) of the drag in 1/s; ``slopes`` as by `drag_slopes`."""
+    return 2.0 * slopes[0] * abs(rate) + slopes[1]
+
+
+@traced
+def plain_step(r: Any, a: Any, torque: Any, slopes: Any, h: Any) -> Any:
+    """One step of rate and angle without effects; also the damping in mid-step in 1/s.
+
+    `rk4_step` without terms takes twice as long, and this is the innermost of all loops.
+    """
+    push, half = torque * slopes[2], 0.5 * h
+    k1 = _acceleration(r, push, slopes)
+    r2 = r + half * k1
+    k2 = _acceleration(r2, push, slopes)
+    r3 = r + half * k2
+    k3 = _acceleration(r3, push, slopes)
+    r4 = r + h * k3
+    k4 = _acceleration(r4, push, slopes)
+    angle = a + h / 6.0 * (r + 2.0 * (r2 + r3) + r4)
+    return r + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4), angle, drag_damping(r2, slopes)
+
+
+@njit_noalloc
+def rk4_step(
+    r: Any,
+    a: Any,
+    thruster_torque: Any,
+    other_torque: Any,
+    effect_inputs: Any,
+    equation: Any,
+    state: Any,
+    work: Any,
+    h: Any,
+) -> Any:
+    """One step of rate and angle, and of the states of effects.
+
+    Parameters
+    ----------
+    thruster_torque, other_torque
+        N m. Effects depend on the first alone.
+    effect_inputs, equation
+        As in `sum_terms`.
+    state, work
+        States as there, stepped in place; (3, rows + SCRATCH_ROWS, LANES) work space.
+    h
+        Vector of steps in s.
+
+    Returns
+    -------
+    rate, angle, damping
+        The damping -d(rdot)/dr in 1/s is that of drag in mid-step, and that of effects at the start.
+    """
+    rows, derivative, stage_state, sums = TERM_STATES * equation.terms.stateful, work[0], work[1], work[2]
+    slopes = drag_slopes(equation.body)
+    push, nudge = (thruster_torque + other_torque) * slopes[2], 1e-6 + 1e-4 * abs(r)
+    # A vehicle that hardly moves may be about to turn back: states are reset for the nudged rate too.
+    rate, angle = r + nudge, a
+    reset_states(rate, equation, state)
+    copy_rows(rows, state, stage_state)
+    angle_sum = rate_sum = effect_slope = damping = broadcast(0.0)
+    # Stage -1 is for the slope of the effects by a difference quotient.
+    for stage in range(-1, 4):
+        extra = sum_terms(rate, angle, thruster_torque, effect_inputs, equation, stage_state, derivative) * slopes[2]
+        if stage < 0:
+            effect_slope, rate = extra, r
+            reset_states(rate, equation, state)
+            copy_rows(rows, state, stage_state)
+            continue
+        if stage == 0:
+            effect_slope = (effect_slope - extra) / nudge
+        if stage == 1:
+            damping = maximum(drag_damping(rate, slopes) - effect_slope, 0.0)
+        acceleration = _acceleration(rate, push + extra, slopes)
+        angle_sum = angle_sum + WEIGHTS[stage] * rate
+        rate_sum = rate_sum + WEIGHTS[stage] * acceleration
+        advance_states(stage, rows, state, derivative, h, stage_state, sums)
+        if stage < 3:
+            angle = a + NODES[stage] * h * rate
+            rate = r + NODES[stage] * h * acceleration
+    return r + h / 6.0 * rate_sum, a + h / 6.0 * angle_sum, damping
+
+
+@njit_inline
+def advance_states(stage: int, rows: int, state: Any, derivative: Any, h: Any, stage_state: Any, sums: Any) -> None:
+    """Advance ``stage_state`` to the next stage, and after the last stage ``state`` itself, by a step ``h`` in s.
+
+    ``sums`` accumulates the weighted derivatives of the ``rows`` states.
+    """
+    for j in range(rows):
+        slope = load(derivative, j)
+        total = load(state if stage == 0 else sums, j) + (WEIGHTS[stage] / 6.0) * h * slope
+        if stage < 3:
+            store(sums, j, total)
+            store(stage_state, j, load(state, j) + NODES[stage] * h * slope)
+        else:
+            store(state, j, total)
+
+
+@njit_inline
+def state_substeps(h: float, terms: Any) -> int:
+    """Number of substeps that the states of effects need in a step of ``h`` s."""
+    fastest: float = terms.fastest
+    return max(math.ceil(h * fastest / EFFECTS_STEP_SHARE), 1)
+
+
+@njit_inline
+def wanted_steps(r: Any, torque: Any, damping: Any, interval: Any, equation: Any) -> Any:
+    """Steps that an interval needs, as real numbers; ``damping`` in 1/s is that of the interval before."""
+    body, size = equation.body, abs(torque)
+    balance = minimum(sqrt(size / maximum(body.quadratic_drag, _TINY)), size / maximum(body.linear_drag, _TINY))
+    damping = maximum(
+        maximum(damping, equation.terms.fastest), drag_damping(maximum(abs(r), balance), drag_slopes(body))
+    )
+    return interval * damping / EFFECTS_STEP_SHARE
+
+
+@njit_inline
+def step_count(wanted: Any) -> int:
+    """Whole number of steps for the largest of the ``wanted`` ones."""
+    most = reduce_max(wanted)
+    return 1 if not most > 1.0 else min(int(most) + 1, MAX_STEPS)
 
 
 def simulate(time: FloatArray, torque: FloatArray, body: Body, initial_rate: float) -> tuple[FloatArray, FloatArray]:
@@ -37,8 +184,8 @@ def simulate(time: FloatArray, torque: FloatArray, body: Body, initial_rate: flo
     Returns
     -------
     rate, angle
-        (n,) rad/s and (n,) rad. Classical fourth-order Runge-Kutta, sub-stepped so that a step is a small
-        share of the local time constant ``inertia / (2*quadratic*|r| + linear)``.
+        (n,) rad/s and (n,) rad. Steps are a small share of the local time constant
+        ``inertia / (2*quadratic*|r| + linear)``.
     """
     rate, angle = np.empty(len(time)), np.empty(len(time))
     rate[0], angle[0] = initial_rate, 0.0
@@ -48,27 +195,26 @@ def simulate(time: FloatArray, torque: FloatArray, body: Body, initial_rate: flo
 
 @njit_noalloc
 def _simulate(intervals: FloatArray, torque: FloatArray, body: Body, rate: FloatArray, angle: FloatArray) -> None:
-    """Fill in ``rate`` and ``angle`` behind the first."""
-    quadratic, linear, brake = body.quadratic_drag, body.linear_drag, brakes(body)
+    """Fill in ``rate`` and ``angle`` after the first instant."""
+    quadratic, linear, slopes = body.quadratic_drag, body.linear_drag, drag_slopes(body)
     for k in range(len(intervals)):
         r = rate[k]
         a = angle[k]
-        # The rate heads for the one that balances the torque: the faster of the two sets the time constant.
+        # The rate approaches the one that balances the torque. The faster of the two determines the time constant.
         balance = math.sqrt(abs(torque[k]) / quadratic) if quadratic > 0.0 else 0.0
         if linear > 0.0:
             balance = min(balance, abs(torque[k]) / linear) if quadratic > 0.0 else 0.0
         left = intervals[k]
         while left > 0.0:
-            stiffness = damping_of(max(abs(r), balance), brake)
-            wanted = left * stiffness / _STEP_SHARE
-            # A gap in the log can be longer than so many steps: they are taken again until the rate has settled.
-            long = wanted > _MAX_SUBSTEPS
-            steps = 1 if not wanted > 1.0 else int(min(wanted, _MAX_SUBSTEPS - 1.0)) + 1
-            h = _STEP_SHARE / stiffness if long else left / steps
+            damping = drag_damping(max(abs(r), balance), slopes)
+            wanted = left * damping / _STEP_SHARE
+            is_gap = wanted > _MAX_PLAIN_STEPS
+            steps = 1 if not wanted > 1.0 else int(min(wanted, _MAX_PLAIN_STEPS - 1.0)) + 1
+            h = _STEP_SHARE / damping if is_gap else left / steps
             before = r
             for _ in range(steps):
-                r, a, _ = bare_step(r, a, torque[k], brake, h)
-            left = left - steps * h if long else 0.0
+                r, a, _ = plain_step(r, a, torque[k], slopes, h)
+            left = left - steps * h if is_gap else 0.0
             if not abs(r - before) > _SETTLED * abs(r):
                 a += r * left
                 left = 0.0
@@ -80,117 +226,126 @@ def _simulate(intervals: FloatArray, torque: FloatArray, body: Body, rate: Float
 def advance(
     r: float,
     a: float,
-    push: float,
-    other: float,
-    moment: float,
-    beside: Any,
+    thruster_torque: float,
+    other_torque: float,
+    timing_moment: float,
+    effect_inputs: Any,
     interval: float,
     equation: Any,
     state: Any,
     work: Any,
-    stiffness: float,
+    damping: float,
 ) -> Any:
-    """One interval of ``simulate_effects``, for a loop that is closed outside.
+    """One interval of `simulate_effects`, for a control loop outside.
 
     Parameters
     ----------
-    push, other
-        N m of the thrusters, on which effects depend, and of what else there is.
-    beside
-        (3,) what else effects are told of the interval, see `rovid.model.torque_input.Drive`.
+    thruster_torque, other_torque
+        N m. Effects depend on the first alone.
+    effect_inputs
+        (3,) wash, surge and sway speed in the interval, see `rovid.model.torque_input.TorqueInput`.
     state, work
-        (m * TERM_STATES, LANES) states of the effects, moved on, the same in all lanes; (3, m * TERM_STATES + ROOM,
-        LANES) room.
-    stiffness
-        1/s, as the interval before returned it; 0 at the start.
+        (m * TERM_STATES, LANES) states of the effects, advanced in place, the same in all lanes; (3, m * TERM_STATES +
+        SCRATCH_ROWS, LANES) work space.
+    damping
+        1/s, as returned for the interval before; 0 at the start.
 
     Returns
     -------
-    rate, angle, stiffness
+    rate, angle, damping
         At the interval's end.
     """
-    told = broadcast(beside[0]), broadcast(beside[1]), broadcast(beside[2])
-    motion = broadcast(r), broadcast(a), broadcast(stiffness)
-    drive = broadcast(push), broadcast(other), broadcast(moment), told
-    rate, angle, fastest = _onward(motion, drive, broadcast(interval), in_lanes(equation), state, work)
+    inputs = broadcast(effect_inputs[0]), broadcast(effect_inputs[1]), broadcast(effect_inputs[2])
+    motion = broadcast(r), broadcast(a), broadcast(damping)
+    torque = broadcast(thruster_torque), broadcast(other_torque), broadcast(timing_moment), inputs
+    rate, angle, fastest = _advance(motion, torque, broadcast(interval), broadcast_equation(equation), state, work)
     return extract(rate, 0), extract(angle, 0), extract(fastest, 0)
 
 
 @njit_inline
-def _onward(motion: Any, drive: Any, interval: Any, equation: Any, state: Any, work: Any) -> Any:
-    """Rate, angle and stiffness an ``interval`` later, all in lanes; see ``advance``."""
-    (rate, angle, stiffness), (push, other, moment, beside), body = motion, drive, equation.body
-    steps = whole_steps(wanted_steps(rate, push + other, stiffness, interval, equation))
+def _advance(motion: Any, torque: Any, interval: Any, equation: Any, state: Any, work: Any) -> Any:
+    """Rate, angle and damping after an ``interval``, all vectors; see `advance`."""
+    (rate, angle, damping), (thruster_torque, other_torque, timing_moment, effect_inputs) = motion, torque
+    steps = step_count(wanted_steps(rate, thruster_torque + other_torque, damping, interval, equation))
     h, fastest = interval / steps, broadcast(equation.terms.fastest)
     for _ in range(steps):
-        rate, angle, damping = step(rate, angle, push, other, beside, equation, state, work, h)
+        rate, angle, damping = rk4_step(
+            rate, angle, thruster_torque, other_torque, effect_inputs, equation, state, work, h
+        )
         fastest = maximum(fastest, damping)
-    # What came late in the interval has turned the vehicle less, and drag has taken less of it.
-    late = moment / body.inertia
-    return rate - damping_of(rate, brakes(body)) * late, angle + late, fastest
+    # Torque that came late in the interval has turned the vehicle less, and drag has reduced its rate less.
+    late = timing_moment / equation.body.inertia
+    return rate - drag_damping(rate, drag_slopes(equation.body)) * late, angle + late, fastest
 
 
 def simulate_effects(
-    begins: IntArray,
+    offsets: IntArray,
     time: FloatArray,
-    drive: tuple[FloatArray, FloatArray, FloatArray],
+    torque_input: tuple[FloatArray, FloatArray, FloatArray],
     starts: FloatArray,
     first: FloatArray,
     states: FloatArray,
     body: Body,
     terms: Any,
 ) -> tuple[FloatArray, FloatArray]:
-    """As ``simulate``, of r runs one after the other, with effects in the equation of motion.
+    """Simulate r runs, concatenated, with effects in the equation of motion.
 
     Parameters
     ----------
-    begins
-        (r + 1,) the instant with which each run begins, and how many there are in all.
-    drive
-        (n,) N m, each value the mean until the next instant; (n,) N m s^2 and (n, 3), the moment and what is beside,
-        see `rovid.model.torque_input.Drive`.
+    offsets
+        (r + 1,) index of each run's first instant, and n.
+    time
+        (n,) s.
+    torque_input
+        (n,) torque in N m, (n,) timing moment in N m s^2 and (n, 3) effect inputs, see
+        `rovid.model.torque_input.TorqueInput`.
     starts
-        (r,) rad, the position at the start of each one's trial.
+        (r,) rad, the position at the start of each run's trial.
     first, states
-        (r, 2) rate in rad/s and angle in rad since the start of the trial, and (r, m * TERM_STATES) of the effects, at
-        the first instant of each.
+        (r, 2) rate in rad/s and angle in rad since the start of the trial, and (r, m * TERM_STATES) states of the
+        effects, at the first instant of each run.
     body, terms
-        Of the `rovid.model.packed_terms.Equation` of them all.
+        Those of the runs' `rovid.model.bound_effects.Equation`.
+
+    Returns
+    -------
+    rate, angle
+        (n,) rad/s and (n,) rad.
     """
     intervals = np.diff(time, append=time[-1])
-    # For those that have come to an end no time passes.
-    intervals[begins[1:] - 1] = 0.0
-    given = np.column_stack((intervals, *drive))
-    moved = np.empty((len(time), 2))
-    moved[begins[:-1]] = first
-    at, room = np.zeros((2, LANES), dtype=np.int64), np.zeros((4, states.shape[1] + SCRATCH_ROWS, LANES))
-    _simulate_effects((begins, starts, states), given, Equation(body, terms, 0.0), at, room, moved)
-    rate, angle = np.ascontiguousarray(moved.T)
+    # Lanes whose run has ended stay where they are.
+    intervals[offsets[1:] - 1] = 0.0
+    inputs = np.column_stack((intervals, *torque_input))
+    motion = np.empty((len(time), 2))
+    motion[offsets[:-1]] = first
+    at, work = np.zeros((2, LANES), dtype=np.int64), np.zeros((4, states.shape[1] + SCRATCH_ROWS, LANES))
+    _simulate_effects((offsets, starts, states), inputs, Equation(body, terms, 0.0), at, work, motion)
+    rate, angle = np.ascontiguousarray(motion.T)
     return rate, angle
 
 
 @njit_noalloc
-def _simulate_effects(runs: Any, given: FloatArray, equation: Any, at: Any, room: Any, moved: FloatArray) -> None:
-    """The runs side by side, one in each lane; fills in what they ``moved`` behind the first instant of each."""
-    (begins, starts, states), whole = runs, in_lanes(equation).body
-    here, last, state, work = at[0], at[1], room[0], room[1:]
+def _simulate_effects(runs: Any, inputs: FloatArray, equation: Any, at: Any, work: Any, motion: FloatArray) -> None:
+    """Simulate one run in each lane; fills in ``motion`` after the first instant of each."""
+    (offsets, starts, states), body = runs, broadcast_equation(equation).body
+    here, last, state = at[0], at[1], work[0]
     for group in range(0, len(starts), LANES):
-        origin, longest = broadcast(0.0), 0
+        start, longest = broadcast(0.0), 0
         for i in range(LANES):
-            # Lanes beyond the last run do as that does.
-            own = min(group + i, len(starts) - 1)
-            origin, here[i], last[i] = insert(origin, i, starts[own]), begins[own], begins[own + 1] - 1
+            # Lanes without a run of their own repeat the last one.
+            run = min(group + i, len(starts) - 1)
+            start, here[i], last[i] = insert(start, i, starts[run]), offsets[run], offsets[run + 1] - 1
             longest = max(longest, last[i] - here[i])
             for j in range(states.shape[1]):
-                state[j, i] = states[own, j]
-        abreast = Equation(whole, equation.terms, origin)
-        r, a, stiffness = each(moved, here, 0), each(moved, here, 1), broadcast(0.0)
+                state[j, i] = states[run, j]
+        own = Equation(body, equation.terms, start)
+        r, a, damping = gather(motion, here, 0), gather(motion, here, 1), broadcast(0.0)
         for _ in range(longest):
-            interval, late = each(given, here, 0), each(given, here, 2)
-            told = each(given, here, 3), each(given, here, 4), each(given, here, 5)
-            drive = each(given, here, 1), broadcast(0.0), late, told
-            r, a, stiffness = _onward((r, a, stiffness), drive, interval, abreast, state, work)
+            interval, timing_moment = gather(inputs, here, 0), gather(inputs, here, 2)
+            effect_inputs = gather(inputs, here, 3), gather(inputs, here, 4), gather(inputs, here, 5)
+            torque = gather(inputs, here, 1), broadcast(0.0), timing_moment, effect_inputs
+            r, a, damping = _advance((r, a, damping), torque, interval, own, state, work[1:])
             for i in range(LANES):
                 if here[i] < last[i]:
                     here[i] += 1
-                    moved[here[i], 0], moved[here[i], 1] = extract(r, i), extract(a, i)
+                    motion[here[i], 0], motion[here[i], 1] = extract(r, i), extract(a, i)

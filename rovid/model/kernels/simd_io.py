@@ -1,4 +1,4 @@
-"""What filters are given of several models side by side, as lanes."""
+"""Arrays of several models, runs or restarts, read into vectors and written from them."""
 
 from __future__ import annotations
 
@@ -6,20 +6,19 @@ from typing import Any
 
 from rovid.effects.base import Body
 from rovid.jit.decorators import njit_inline
-from rovid.jit.simd import LANES, broadcast, extract, insert, load, store
-from rovid.jit.tracing import traced
-from rovid.model.packed_terms import Equation
+from rovid.jit.simd import LANES, broadcast, extract, insert, load, store, traced
+from rovid.model.bound_effects import Equation
 
 
 @traced
-def body_of(numbers: Any) -> Any:
-    """In lanes, of (5, LANES) ``numbers``, see `rovid.model.filter_batch.Abreast`."""
+def load_body(numbers: Any) -> Any:
+    """A `Body` of vectors from its (5, LANES) numbers."""
     return Body(load(numbers, 0), load(numbers, 1), load(numbers, 2), load(numbers, 3), load(numbers, 4))
 
 
 @traced
-def in_lanes(equation: Any) -> Any:
-    """An `rovid.model.packed_terms.Equation` of numbers, the same in all lanes."""
+def broadcast_equation(equation: Any) -> Any:
+    """An `Equation` of numbers with the same numbers in all lanes."""
     own = equation.body
     body = Body(
         broadcast(own.inertia),
@@ -32,36 +31,43 @@ def in_lanes(equation: Any) -> Any:
 
 
 @traced
-def each(rows: Any, of_lane: Any, k: int) -> Any:
-    """In lanes, the column ``k`` of each one's own of the ``rows``."""
+def gather(rows: Any, row_of_lane: Any, column: int) -> Any:
+    """A vector of ``rows[row_of_lane[i], column]`` for each lane i."""
     x = broadcast(0.0)
     for i in range(LANES):
-        x = insert(x, i, rows[of_lane[i], k])
+        x = insert(x, i, rows[row_of_lane[i], column])
     return x
 
 
 @traced
-def beside_of(driven: Any, k: int) -> Any:
-    """In lanes, what effects are told of the instant ``k`` beside the torque."""
-    race = surge = sway = broadcast(0.0)
+def gather_effect_inputs(inputs: Any, k: int) -> Any:
+    """Vectors of wash, surge and sway speed at instant ``k`` from `rovid.model.filter_batch.FilterInputs`."""
+    wash = surge = sway = broadcast(0.0)
     for i in range(LANES):
-        own = driven.told[i]
-        race = insert(race, i, driven.beside[own, k, 0])
-        surge = insert(surge, i, driven.beside[own, k, 1])
-        sway = insert(sway, i, driven.beside[own, k, 2])
-    return race, surge, sway
+        own = inputs.input_index[i]
+        wash = insert(wash, i, inputs.effect_inputs[own, k, 0])
+        surge = insert(surge, i, inputs.effect_inputs[own, k, 1])
+        sway = insert(sway, i, inputs.effect_inputs[own, k, 2])
+    return wash, surge, sway
 
 
 @njit_inline
-def put(table: Any, column: int, x: Any) -> None:
-    """Lanes into a ``column`` of a (LANES, N) table; nowhere if that is -1."""
+def store_column(table: Any, column: int, x: Any) -> None:
+    """Write a vector to a column of a (LANES, n) table; nowhere if ``column`` is -1."""
     if column >= 0:
         for i in range(LANES):
             table[i, column] = extract(x, i)
 
 
 @njit_inline
-def clear(rows: Any) -> None:
+def clear_rows(rows: Any) -> None:
     """Write zeros."""
     for j in range(len(rows)):
         store(rows, j, 0.0)
+
+
+@njit_inline
+def copy_rows(count: int, source: Any, target: Any) -> None:
+    """Copy the first ``count`` rows."""
+    for j in range(count):
+        store(target, j, load(source, j))

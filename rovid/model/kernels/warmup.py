@@ -1,4 +1,4 @@
-"""What is compiled at first use: most of it by a second process, while this one reads the logs."""
+"""Compilation at first use: a second process compiles most loops while this one reads the logs."""
 
 from __future__ import annotations
 
@@ -18,97 +18,99 @@ from rovid.jit.background_compiler import BackgroundCompiler, report_done
 from rovid.jit.cache_dirs import can_cache
 from rovid.jit.decorators import is_cached
 from rovid.jit.simd import LANES
-from rovid.signals.numba_loops import first_order_sum
+from rovid.signals.recursion import first_order_sum
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-# s; whoever has waited longer for a loop compiles it here.
-_PATIENCE = 60.0
-_LONG: dict[str, Any] = {}
-# Of these the first process compiles that one itself.
+# s; after that a loop is compiled in this process.
+_TIMEOUT = 60.0
+# Loops that take long to compile, by name.
+_SLOW_LOOPS: dict[str, Any] = {}
+# The one among them that this process compiles.
 _OWN = "rovid.model.kernels.ekf3._filter"
-# What it compiles as it waits for the second: each asked for next to nothing, until that is done.
+# Calls that compile in this process while it waits for the second one.
 _MEANWHILE: deque[Callable[[], object]] = deque()
-_BEGUN: list[BackgroundCompiler] = []
+_STARTED: list[BackgroundCompiler] = []
 
 
 def is_compiled() -> bool:
-    """Whether this machine has compiled before what takes long."""
-    return can_cache() and all(map(is_cached, _LONG.values()))
+    """Whether machine code of all slow loops is on disk."""
+    return can_cache() and all(map(is_cached, _SLOW_LOOPS.values()))
 
 
 def start_compiling() -> bool:
-    """Have a second process compile what is not compiled yet, if it can be kept and there is another core.
+    """Let a second process compile what is missing, if machine code can be kept and a second core is there.
 
-    Whether there is one.
+    Returns
+    -------
+    Whether there is such a process.
     """
-    if not _BEGUN and can_cache() and core_count() > 1 and sys.executable and not is_compiled():
+    if not _STARTED and can_cache() and core_count() > 1 and sys.executable and not is_compiled():
+        code = f"import {__name__} as warmup; warmup.compile_in_background()"
         with contextlib.suppress(OSError):
-            _BEGUN.append(
-                BackgroundCompiler(f"import {__name__} as first_use; first_use.work()", _LONG.keys() - {_OWN})
-            )
-            _MEANWHILE.extend((long_loops()[_OWN], *quick_loops()))
-    return bool(_BEGUN)
+            _STARTED.append(BackgroundCompiler(code, _SLOW_LOOPS.keys() - {_OWN}))
+            _MEANWHILE.extend((slow_calls()[_OWN], *quick_calls()))
+    return bool(_STARTED)
 
 
 def compile_all() -> None:
-    """Compile it in this process, before others are started that would each do so."""
-    for loop in (*long_loops().values(), *quick_loops()):
-        loop()
+    """Compile all loops in this process, before others are started that would each do it."""
+    for call in (*slow_calls().values(), *quick_calls()):
+        call()
 
 
 def warmed_up(loop: Function) -> Function:
-    """A ``loop`` that takes long to compile: where there is a second process, it waits for that to have done so."""
+    """Decorator of a slow loop: its first call waits until the second process, if there is one, has compiled it."""
     name = f"{loop.__module__}.{loop.__qualname__}"
-    _LONG[name] = loop
+    _SLOW_LOOPS[name] = loop
 
     @functools.wraps(loop)
     def once_compiled(*arguments: Any) -> Any:
-        for second in _BEGUN:
-            while _MEANWHILE and not second.has_done(name):
+        for compiler in _STARTED:
+            while _MEANWHILE and not compiler.is_done(name):
                 with contextlib.suppress(IndexError):
                     _MEANWHILE.popleft()()
-            second.wait_for(name, _PATIENCE)
+            compiler.wait_for(name, _TIMEOUT)
         return loop(*arguments)
 
-    return once_compiled  # type: ignore[return-value]  # takes the same
+    return once_compiled  # type: ignore[return-value]  # has the signature of the loop
 
 
-def work() -> None:
-    """As the second process: compile one after the other."""
-    gc.disable()  # it is over before memory is
-    report_done(name for name, loop in long_loops().items() if name != _OWN and loop() is not None)
+def compile_in_background() -> None:
+    """In the second process: compile one loop after the other."""
+    gc.disable()  # the process ends before memory matters
+    report_done(name for name, call in slow_calls().items() if name != _OWN and call() is not None)
 
 
-def quick_loops() -> list[Callable[[], object]]:
-    """Each loop over held signals, and the recursion, asked for next to nothing."""
+def quick_calls() -> list[Callable[[], object]]:
+    """Minimal calls of the loops that are compiled quickly."""
     from rovid.effects import actuator_dynamics
 
     two = np.arange(2.0)
-    held = [functools.partial(loop, two, two, *[1.0] * more) for loop, more in actuator_dynamics.LOOPS]
+    held = [functools.partial(loop, two, two, *[1.0] * count) for loop, count in actuator_dynamics.LOOPS]
     return [*held, functools.partial(first_order_sum, two, 1.0)]
 
 
-def long_loops() -> dict[str, Callable[[], object]]:
-    """In the order in which a diagnosis needs them, each asked for next to nothing in numbers as it is always given."""
+def slow_calls() -> dict[str, Callable[[], object]]:
+    """Minimal calls of the slow loops by name, in the order in which a diagnosis needs them; with the usual types."""
     from rovid.model import kernels
+    from rovid.model.bound_effects import pack_terms
     from rovid.model.filter_batch import FilterData, FilterInputs, ParameterBatch
-    from rovid.model.packed_terms import pack_terms
     from rovid.model.torque_input import TorqueInput
 
-    body, terms, drive = Body(1.0, 1.0, 1.0), pack_terms([], 1.0), TorqueInput.held(np.zeros(2))
-    begins, one, two = np.array([0, 2]), np.ones(1), np.arange(2.0)
-    grid = drive.torque, drive.effect_inputs, two, two, np.zeros((2, 0))
-    logged = FilterData(begins, two, two, one, np.ones((1, 2)), np.arange(4).reshape(2, 2))
-    driven = FilterInputs.stack([drive] * LANES, [two] * LANES)
+    body, terms, torque = Body(1.0, 1.0, 1.0), pack_terms([], 1.0), TorqueInput.held(np.zeros(2))
+    offsets, one, two = np.array([0, 2]), np.ones(1), np.arange(2.0)
+    grid = torque.torque, torque.effect_inputs, two, two, np.zeros((2, 0))
+    data = FilterData(offsets, two, two, one, np.ones((1, 2)), np.arange(4).reshape(2, 2))
+    inputs = FilterInputs.stack([torque] * LANES, [two] * LANES)
     models = ParameterBatch(np.ones((5, LANES)), terms, np.ones((4, LANES)), np.ones((3, LANES)))
-    ends = begins[:1].copy(), begins[1:].copy(), one
-    asked: dict[str, Callable[[], object]] = {
-        "multi_step._predict": lambda: kernels.predict_multi_step(one, *grid, *ends, body, terms),
+    restart = offsets[:1].copy(), offsets[1:].copy(), one
+    calls: dict[str, Callable[[], object]] = {
+        "multi_step._predict": lambda: kernels.predict_multi_step(one, *grid, *restart, body, terms),
         "multi_step._follow": lambda: kernels.effects_along(
-            begins, one, np.zeros((2, 3)), drive.effect_inputs, one, body, terms
+            offsets, one, np.zeros((2, 3)), torque.effect_inputs, one, body, terms
         ),
-        "ekf3._filter": lambda: kernels.ekf3_innovations(logged, driven, models),
-        "ekf5._filter": lambda: kernels.ekf5_innovations(logged, driven, models),
+        "ekf3._filter": lambda: kernels.ekf3_innovations(data, inputs, models),
+        "ekf5._filter": lambda: kernels.ekf5_innovations(data, inputs, models),
     }
-    return {f"{kernels.__name__}.{name}": loop for name, loop in asked.items()}
+    return {f"{kernels.__name__}.{name}": call for name, call in calls.items()}

@@ -6,8 +6,7 @@ import numpy as np
 
 from rovid.effects import TERM_EFFECTS, effect_named
 from rovid.effects.base import TERM_PARAMETERS
-from rovid.model.bound_effects import BoundEffect
-from rovid.model.packed_terms import pack_terms
+from rovid.model.bound_effects import BoundEffect, pack_terms
 
 
 def acting(name: str, *numbers: float) -> BoundEffect:
@@ -19,7 +18,7 @@ def test_what_moves_the_water_stands_before_what_remembers_and_that_before_the_r
     swirl, delay = acting("entrained_swirl", 0.3, 20.0), acting("command_delay", 0.4)
     terms = pack_terms([drag, memory, delay, swirl], 0.5)
     assert [TERM_EFFECTS[kind].id for kind in terms.kinds] == ["entrained_swirl", "added_mass_memory", "drag_curvature"]
-    assert (terms.moving, terms.remembering) == (1, 2)
+    assert (terms.entraining, terms.stateful) == (1, 2)
     assert terms.parameters[::TERM_PARAMETERS, 0].tolist() == [0.3, 300.0, 0.2]
 
 

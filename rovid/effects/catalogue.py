@@ -1,0 +1,177 @@
+"""The catalogue of effects: one file an effect, one line here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from importlib import import_module
+
+from rovid.core.errors import ConfigError, suggestion
+from rovid.effects import bias_torque, restoring, supply_sag, thruster_imbalance
+from rovid.effects.actuator_inputs import SPEEDS
+from rovid.effects.base import Effect, Term
+from rovid.effects.per_trial import trials_in_form
+from rovid.trial.axis import Axis
+from rovid.trial.vehicle import Vehicle
+
+# Ids of all effects, which are also the names of their files, in the order in which effects are listed everywhere.
+EFFECTS = (
+    "thruster_deadband",
+    "thrust_asymmetry",
+    "thruster_imbalance",
+    "thrust_curve_shape",
+    "supply_sag",
+    "thruster_lag",
+    "command_delay",
+    "slew_limit",
+    "command_hysteresis",
+    "advance_speed_loss",
+    "bias_torque",
+    "drag_curvature",
+    "drag_asymmetry",
+    "coulomb_resistance",
+    "oscillatory_drag",
+    "added_mass_memory",
+    "entrained_swirl",
+    "tether_torsion",
+    "heading_dependent_torque",
+    "wave_torque",
+    "tank_seiche",
+    "heading_deviation",
+    "speed_dependent_damping",
+    "sideslip_moment",
+    "restoring_curve",
+)
+# Other words that people use -> id.
+SYNONYMS = {
+    "deadzone": "thruster_deadband",
+    "dead_zone": "thruster_deadband",
+    "reverse": "thrust_asymmetry",
+    "weak_thruster": "thruster_imbalance",
+    "fault": "thruster_imbalance",
+    "exponent": "thrust_curve_shape",
+    "saturation": "thrust_curve_shape",
+    "battery": "supply_sag",
+    "voltage": "supply_sag",
+    "spin_up": "thruster_lag",
+    "latency": "command_delay",
+    "dead_time": "command_delay",
+    "ramp": "slew_limit",
+    "rate_limit": "slew_limit",
+    "backlash": "command_hysteresis",
+    "play": "command_hysteresis",
+    "inflow": "advance_speed_loss",
+    "offset": "bias_torque",
+    "trim": "bias_torque",
+    "cubic": "drag_curvature",
+    "friction": "coulomb_resistance",
+    "stiction": "coulomb_resistance",
+    "keulegan": "oscillatory_drag",
+    "radiation": "added_mass_memory",
+    "cable": "tether_torsion",
+    "umbilical": "tether_torsion",
+    "current": "heading_dependent_torque",
+    "swell": "wave_torque",
+    "waves": "wave_torque",
+    "sloshing": "tank_seiche",
+    "compass": "heading_deviation",
+    "magnetic": "heading_deviation",
+    "munk": "sideslip_moment",
+    "drift_angle": "sideslip_moment",
+    "metacentre": "restoring_curve",
+}
+# All forms of all effects, the plain form of each effect first.
+FORMS: tuple[Effect, ...] = tuple(form for name in EFFECTS for form in import_module(f"rovid.effects.{name}").FORMS)
+# The plain forms.
+CATALOGUE: tuple[Effect, ...] = tuple(effect for effect in FORMS if not effect.form)
+# Restoring torque or force by weight and buoyancy, part of the base model of these axes.
+_RESTORING = {"heave": restoring.LIFT, "roll": restoring.RIGHTING, "pitch": restoring.RIGHTING}
+# Effects that are terms of the equation of motion. A term's index here is its kind in the compiled loops.
+TERM_EFFECTS: tuple[Effect, ...] = (
+    *(effect for effect in FORMS if isinstance(effect.acts, Term)),
+    restoring.LIFT,
+    restoring.RIGHTING,
+)
+TERMS = tuple(effect.acts for effect in TERM_EFFECTS if isinstance(effect.acts, Term))
+# Effects with a form that has another size in each trial.
+_PER_TRIAL: Mapping[str, Callable[[Sequence[str]], Effect]] = {
+    supply_sag.EFFECT.id: supply_sag.for_trials,
+    bias_torque.EFFECT.id: bias_torque.for_trials,
+}
+# Trials for which such forms are tried. With more trials their fits would take most of the time.
+_MIN_TRIALS, _MAX_TRIALS = 3, 24
+
+
+def restoring_effect(axis: Axis) -> Effect | None:
+    """Restoring torque or force along ``axis``; None if there is none."""
+    return _RESTORING.get(axis.name)
+
+
+def forms_for(
+    vehicle: Vehicle, channels: Collection[str] = (), trials: Sequence[str] = (), repeated: Sequence[str] = ()
+) -> tuple[Effect, ...]:
+    """All forms that can be tried.
+
+    Parameters
+    ----------
+    channels
+        Further channels in the logs.
+    trials
+        Names of the trials.
+    repeated
+        Names of trials with enough data to fit a size for each trial.
+    """
+    found: list[Effect] = []
+    # The thrust ahead replaces a speed that is not logged.
+    estimates_speed = SPEEDS[0] not in channels and bool(vehicle.surge_shares.any())
+    for effect in FORMS:
+        if effect.axes and vehicle.axis.name not in effect.axes:
+            continue
+        if not vehicle.thrusters and (effect.changes_torque_input or effect.uses_wash):
+            continue
+        if effect.per_thruster:
+            found += _thruster_forms(vehicle)
+            continue
+        needs_estimate = isinstance(effect.acts, Term) and effect.acts.surge_from_thrust is not None
+        if set(effect.needs) <= set(channels) and (estimates_speed or not needs_estimate):
+            found.append(effect)
+    if vehicle.thrusters and len(trials) > 1:
+        # With two trials only the ratio of their thrust matters: one form is enough.
+        found += [supply_sag.for_trials([name]) for name in (trials[1:] if len(trials) == 2 else trials)]
+    if vehicle.thrusters and _MIN_TRIALS <= len(repeated) <= _MAX_TRIALS:
+        forms = [make(repeated) for make in _PER_TRIAL.values()]
+        found += [effect for effect in forms if not effect.axes or vehicle.axis.name in effect.axes]
+    return tuple(found)
+
+
+def _thruster_forms(vehicle: Vehicle) -> list[Effect]:
+    names = [thruster.name for thruster in vehicle.thrusters if thruster.curve is not None]
+    if len(names) < 2:
+        # A single thruster only scales all torque, which yaw data do not determine.
+        return []
+    suffixes = ("", thruster_imbalance.WITH_OTHERS)
+    return [thruster_imbalance.for_thruster(name + suffix) for name in names for suffix in suffixes]
+
+
+def effect_named(name: str) -> Effect:
+    """The effect with this id, or the form with this key (``id:form``).
+
+    Raises
+    ------
+    ConfigError
+        There is none. The message offers the nearest ids.
+    """
+    for effect in FORMS:
+        if effect.key == name and not effect.per_thruster:
+            return effect
+    key, _, form = name.partition(":")
+    if key == thruster_imbalance.EFFECT.id:
+        if form:
+            return thruster_imbalance.for_thruster(form)
+        raise ConfigError(f"{key} needs the name of the thruster, as in {key}:fore.")
+    trials = trials_in_form(form)
+    if trials and key in _PER_TRIAL:
+        return _PER_TRIAL[key](trials)
+    # Forms are offered if the user gave one.
+    offered = [effect.key for effect in (FORMS if ":" in name else CATALOGUE)]
+    mend = "`rovid help effects` explains each effect."
+    raise ConfigError(f"there is no effect {name!r}. {suggestion(name, offered, SYNONYMS)}", mend=mend)
