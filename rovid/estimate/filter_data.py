@@ -184,14 +184,13 @@ class InnovationData(FitData):
         innovation_index = np.concatenate(index)
         row = np.full(2 * offsets[-1], -1)
         row[innovation_index] = np.arange(len(innovation_index))
+        rate_error = _RATE_ERROR * self.rms_rate
         filter_data = FilterData(
             offsets=offsets,
             time=np.concatenate(times),
             rate=np.concatenate(self.gyro_rates[place]),
             start_position=np.array([run.trial.first_position for run in self.runs[place]]),
-            initial_rate=np.array(
-                [(rate, _RATE_ERROR * self.rms_rate) for rate in self.initial_rates[place]], dtype=float
-            ),
+            initial_rate=np.array([(rate, rate_error) for rate in self.initial_rates[place]], dtype=float),
             output_index=row.reshape(-1, 2),
         )
         return DataChunk(

@@ -40,13 +40,13 @@ USE = """
     import rovid.present.plots.canvas
     from rovid.effects.base import Body
     from rovid.model.kernels import simulate
-    from rovid.model.kernels.rk4_step import step
+    from rovid.model.kernels.rk4 import rk4_step
     import numpy as np
     from pathlib import Path
     assert rovid.model.kernels.__file__.startswith({folder!r})
     if {run}:
         simulate(np.arange(3.0), np.zeros(3), Body(1.0, 1.0, 1.0), 0.0)
-    print(any(Path(str(step.stats.cache_path)).glob("rk4._simulate*.nbi")))
+    print(any(Path(str(rk4_step.stats.cache_path)).glob("rk4._simulate*.nbi")))
 """
 
 

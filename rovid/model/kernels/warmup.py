@@ -18,7 +18,7 @@ from rovid.jit.background_compiler import BackgroundCompiler, report_done
 from rovid.jit.cache_dirs import can_cache
 from rovid.jit.decorators import is_cached
 from rovid.jit.simd import LANES
-from rovid.signals.recursion import first_order_sum
+from rovid.signals.numba_loops import first_order_sum
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
