@@ -117,7 +117,7 @@ class FitData(ABC):
 
     @cached_property
     def drag_scale(self) -> FloatArray:
-        """(2,) quadratic and linear drag, each of which alone gives the total drag at the RMS rate."""
+        """(2,) quadratic and linear drag; each value alone gives the total drag at the RMS rate."""
         drag = self.initial_model.quadratic_drag * self.rms_rate + self.initial_model.linear_drag
         return np.array([drag / self.rms_rate, drag])
 

@@ -105,7 +105,7 @@ class FitResult:
 
     @cached_property
     def is_physical(self) -> bool:
-        """Whether the inertia is plausible beside the rigid body's, or no farther off than that of the initial model.
+        """Whether the ratio of the inertia to the rigid body's is plausible, or no worse than the initial model's.
 
         The inertia in slow motion must not be less than the rigid body's either.
         """
@@ -238,7 +238,7 @@ def fit(
 def _sandwich_by_runs(plain: FloatArray, by_block: FloatArray, by_run: FloatArray) -> FloatArray:
     """(p, p) sandwich from the scores of blocks, enlarged where those of runs scatter more.
 
-    Each kind of run may ask for other parameters where the model is incomplete. ``plain`` is the inverse information.
+    An incomplete model has other best parameters for each kind of run. ``plain`` is the inverse information.
     """
     covariance = sandwich_covariance(plain, by_block)
     if len(by_run) < _MIN_RUNS:

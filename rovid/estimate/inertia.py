@@ -91,7 +91,7 @@ def fit_inertia(runs: Sequence[Run], *, drag: Estimate | None, rigid_body: float
     Raises
     ------
     DataError
-        No method has the data it needs, or the result is impossible beside the rigid body's inertia.
+        No method has the data it needs, or the ratio to the rigid body's inertia is impossible.
     """
     axis = runs[0].trial.axis
     if not runs[0].trial.has_actuators:
@@ -226,7 +226,7 @@ def _method_warnings(methods: dict[str, InertiaReading], refused: dict[str, str]
 
 
 def plausibility_warnings(estimate: Estimate, rigid_body: float | None) -> list[str]:
-    """Warnings of an implausible inertia beside the ``rigid_body``'s; raise DataError for an impossible one."""
+    """Warnings of an implausible ratio to the ``rigid_body``'s inertia; raise DataError for an impossible one."""
     value, axis, unit = estimate.value("inertia"), estimate.axis, estimate.unit("inertia")
     if not value > 0.0:
         raise DataError(
@@ -264,7 +264,7 @@ def rigid_body_warnings(estimate: Estimate, rigid_body: float | None) -> list[st
 
 
 def fit_inertia_table(table: CsvTable, *, drag: Estimate | None, rigid_body: float | None) -> InertiaFit:
-    """Inertia from a table of sine trials of which only amplitudes are known.
+    """Inertia from the amplitudes of sine trials in a table.
 
     Columns: period_s, torque_amplitude_Nm, peak_yaw_rate_rad_s; optional trial, peak_acceleration_rad_s2 and
     steady_torque_Nm (for the peak method), quadratic_drag and linear_drag (else the fitted drag is used).

@@ -127,7 +127,7 @@ def minimize(
         if here.value - goal > _STEPS_TO_GOAL * gained:
             stop_reason = StopReason.GOAL_UNREACHABLE
             break
-    # The gain of a strongly damped step says little about the remaining gain.
+    # The gain of a strongly damped step is no measure of the remaining gain.
     more = _STEPS_TO_GOAL * gained if here.damping <= _FIRST_DAMPING else math.inf
     stopped = {StopReason.CONVERGED: tolerance, StopReason.NO_PROGRESS: 0.0, StopReason.DIVERGED: 0.0}
     return OptimizeResult(here.x, here.value, stop_reason, stopped.get(stop_reason, more))

@@ -47,7 +47,7 @@ _HALF = 0.5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LikelihoodFit:
-    """Maximum-likelihood estimate and the disturbance that goes with it.
+    """Maximum-likelihood estimate, with its disturbance and noise.
 
     Attributes
     ----------
@@ -190,7 +190,7 @@ def _result(best: FitResult, simulation_r2: float) -> LikelihoodFit:
     if not data.has_actuators:
         estimate = estimate.undriven()
     require_inertia(estimate, MIN_INERTIA_SIGMAS)
-    # Added after the check of the excitation, which misspecification says nothing about.
+    # Added after the check of the excitation, because misspecification does not mean too little excitation.
     estimate = replace(estimate, covariance=estimate.covariance + added)
     estimate = estimate.with_thrust_scale_uncertainty(fitted.thrust_scale_uncertainty)
     disturbance, memory = fitted.disturbance

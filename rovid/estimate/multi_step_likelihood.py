@@ -92,6 +92,16 @@ class MultiStepLikelihood(NegativeLogLikelihood):
         """Unique: objectives are evaluated one at a time."""
         return id(self)
 
+    @property
+    def chunks(self) -> Sequence[Self]:
+        """The objective itself: all predictions are evaluated at once."""
+        return [self]
+
+    @property
+    def rows(self) -> slice:
+        """All rows."""
+        return slice(0, None)
+
     def mean_squares(self, error: FloatArray) -> FloatArray:
         """(q,) mean squares of the errors over each horizon."""
         return _mean_squares(self._horizon, error)

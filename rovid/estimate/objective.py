@@ -133,14 +133,14 @@ class NegativeLogLikelihood(ABC):
         """Standard deviation of the measurement noise."""
 
     @property
+    @abstractmethod
     def chunks(self) -> Sequence[Self]:
         """The objective of each part of the innovations, evaluated one at a time to bound memory."""
-        return [self]
 
     @property
+    @abstractmethod
     def rows(self) -> slice:
         """Rows of these innovations among the used ones, where this is the objective of a chunk."""
-        return slice(0, None)
 
     def with_effects(self, effects: tuple[Effect, ...], mask: BoolArray | None = None) -> Self:
         """The objective of a model with other effects, or with another mask."""
