@@ -23,7 +23,7 @@ from rovid.signals.preprocessing import prepare
 from rovid.trial.trial import Campaign, Trial
 from rovid.trial.vehicle import Vehicle
 
-# Expected log-likelihood ratio in nats from which a run is decisive. Convention.
+# Expected log-likelihood ratio in nats from which a run is decisive. Origin not recorded.
 DECISIVE_LLR = 12.0
 # Smallest standard deviation of the measurement noise, against division by zero.
 _MIN_NOISE = 1e-6

@@ -188,7 +188,7 @@ def _search_interval(data: InnovationData) -> float:
     constant = time_constant(data.initial_model, data.rms_rate)
     wanted = min(THRESHOLDS.thinning_time_constants * constant, THRESHOLDS.thinning_seconds)
     sampling = float(np.median([run.trial.sampling_interval for run in data.runs]))
-    return wanted if wanted >= 2.0 * sampling else 0.0
+    return wanted if wanted >= THRESHOLDS.thinning_samples * sampling else 0.0
 
 
 def without_waves(effects: Sequence[Effect]) -> list[Effect]:

@@ -19,8 +19,6 @@ from rovid.estimate.objective import NegativeLogLikelihood
 
 # Information below which a direction has no effect on the innovations, and above which the model diverges.
 _MIN_INFORMATION, _MAX_INFORMATION = 1e-9, 1e200
-# Shares of a start between which the start of a fit lies: the linearisation holds near zero alone.
-_MIN_SHARE, _MAX_SHARE = 0.1, 5.0
 # Gain, start of a fit, best start as it stands, and gain at the size of the first start.
 _Prediction = tuple[float, FloatArray, FloatArray, float]
 # Objective with a further form, and the initial values of that form.
@@ -214,7 +212,9 @@ def _predict(objective: NegativeLogLikelihood, directions: Directions, projectio
     # The joint gain of many starts includes that of noise: all but one have their BIC penalty.
     together = gain_together(score, information) - bic_penalty(objective) * (len(starts) - 1)
     predicted = float(share[best])
-    start = scaled_start(form, starts[best], math.copysign(min(max(abs(predicted), _MIN_SHARE), _MAX_SHARE), predicted))
+    smallest, largest = THRESHOLDS.start_share_limits
+    share_of_start = math.copysign(min(max(abs(predicted), smallest), largest), predicted)
+    start = scaled_start(form, starts[best], share_of_start)
     return max(together, float(gains[best])), start, best_start, power
 
 

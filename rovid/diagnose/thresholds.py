@@ -1,8 +1,11 @@
 """All numeric thresholds of the diagnosis: value, unit, decision, origin, and sensitivity.
 
 The text below each value states its unit, what the value decides, how the value was set ("theory", a calibration run,
-"convention", or "not recorded"), and what changes where the value is halved or doubled. "Not measured" means that the
-direction follows from the code, and that no run of the benchmarks recorded the size of the change.
+"convention", or "not recorded"), and what changes where the value is halved or doubled. The direction of the change
+follows from the code; no benchmark has measured its size. "Not measured" means that the direction is unknown, too.
+
+Thresholds that the diagnosis shares with `rovid fit` stand with the estimators: `INNOVATIONS_R2` and
+`DISTURBANCE_LIMITS` in `rovid.estimate.maximum_likelihood`, the tests of white innovations, and `MIN_INERTIA_SIGMAS`.
 """
 
 from __future__ import annotations
@@ -17,8 +20,8 @@ class Thresholds:
 
     # --- Data that a diagnosis requires -------------------------------------------------------------------------------
     min_trials: int = 4
-    """Trials. Fewer are cut into parts. Set: convention. Halved: two trials are enough, and half of them is held out;
-    doubled: more campaigns are cut into parts."""
+    """Trials. Fewer are cut into parts. Set: convention. Halved: campaigns of two or three trials are not cut into
+    parts; doubled: more campaigns are cut into parts."""
     parts: int = 8
     """Parts. Target number of parts of all recorded time. Set: convention. Halved: longer parts, one for each fold;
     doubled: shorter parts, until `part_time_constants` limits them."""
@@ -35,7 +38,7 @@ class Thresholds:
     """Periods of the cut-off. Shortest part for the low-pass filter, whose kernel spans 2.5. Set: convention. Halved:
     the filter loses more than half of a part; doubled: fewer parts."""
     part_samples: int = 10
-    """Samples. Smallest part. Set: the same limit holds for a log. Halved or doubled: not measured."""
+    """Samples. Smallest part. Set: convention (as for a log). Halved or doubled: not measured."""
     pause_seconds: float = 10.0
     """s. A longer gap between positions divides a trial. Set: convention. Halved: more gaps divide; doubled: parts may
     span longer gaps."""
@@ -47,10 +50,10 @@ class Thresholds:
 
     # --- Computing effort ---------------------------------------------------------------------------------------------
     fork_samples: int = 300_000
-    """Samples. Longer logs are diagnosed by threads instead of forked copies. Set: memory; not recorded. Halved or
+    """Samples. Longer logs are diagnosed by threads instead of forked copies. Set: not recorded (memory). Halved or
     doubled: time and memory alone."""
     parallel_fit_samples: int = 400_000
-    """Samples. Longer data are fitted one model at a time. Set: memory; not recorded. Halved or doubled: time and
+    """Samples. Longer data are fitted one model at a time. Set: not recorded (memory). Halved or doubled: time and
     memory alone."""
     search_tolerance: float = 0.1
     """Nats. Remaining gain at which a fit of the search ends. Set: not recorded. Halved: slower; doubled: BIC
@@ -72,6 +75,9 @@ class Thresholds:
     start_shares: tuple[float, ...] = (1.0, 0.3, 0.1)
     """Shares of the step of the score test from which a candidate fit may start. Set: not recorded. Halved or doubled:
     fits start nearer to or farther from zero."""
+    start_share_limits: tuple[float, float] = (0.1, 5.0)
+    """Smallest and largest size of the start of a candidate fit, in sizes of its initial value. Set: not recorded.
+    Halved or doubled: fits start nearer to or farther from zero, where the linearisation is better or worse."""
     full_data_tolerance: float = 0.05
     """Nats. Remaining gain at which a fit to all data ends. Set: not recorded. Halved or doubled: as there."""
     close_iterations: int = 20
@@ -101,6 +107,9 @@ class Thresholds:
     doubled: fast effects (delay, lag) lose information."""
     thinning_seconds: float = 0.2
     """s. Upper limit of that interval. Set: not recorded. Halved or doubled: as above."""
+    thinning_samples: float = 2.0
+    """Sampling intervals. Data are not thinned to shorter intervals. Set: thinning takes whole samples. Halved: no
+    change; doubled: coarse logs are not thinned."""
     wave_samples: int = 6000
     """Samples. Enough for the wave test and for the first screening. Set: not recorded. Halved: faster, and weak waves
     are missed; doubled: slower."""
@@ -217,6 +226,9 @@ class Thresholds:
     tie_full_data_share: float = 0.8
     """Share of the BIC gain. Alternatives above are compared on all data. Set: not recorded. Halved: slower; doubled:
     ties of thinned data are not resolved."""
+    tie_full_data_alternatives: int = 2
+    """Alternatives compared on all data. Set: not recorded. Halved: the second best alternative cannot win; doubled:
+    slower."""
     max_tie_decisions: int = 3
     """Replacements of an effect by a better alternative in one pass. Set: convention. Halved or doubled: not
     measured."""

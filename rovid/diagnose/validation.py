@@ -96,7 +96,8 @@ class Selection:
         """Gain of ``effect``, with close alternatives compared on all data."""
         cause = self.search.cause(self.model, effect)
         least = THRESHOLDS.tie_full_data_share * cause.bic_gain
-        close = [one for one in cause.alternatives[:2] if one.bic_gain > least and not is_signal(one.effect)]
+        count = THRESHOLDS.tie_full_data_alternatives
+        close = [one for one in cause.alternatives[:count] if one.bic_gain > least and not is_signal(one.effect)]
         if not close or self.model.data is self.data:
             return cause
         # The base model is needed later, and keeps a further core busy.
