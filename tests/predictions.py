@@ -51,7 +51,7 @@ def near_of(ahead: MultiStepData) -> InnovationData:
 
 
 def fitted(key: str, ahead: MultiStepData) -> tuple[FitResult, FitResult]:
-    """A model with an effect by predictions, and one without any by each next reading."""
+    """Multi-step fit of a model with an effect, and one-step fit of the model without."""
     effect = effect_named(key)
     misfit, near = MultiStepLikelihood(ahead, effects=(effect,)), InnovationLikelihood(near_of(ahead), 1.0)
     first = near.parametrization.initial()

@@ -108,8 +108,8 @@ class Thresholds:
     thinning_seconds: float = 0.2
     """s. Upper limit of that interval. Set: not recorded. Halved or doubled: as above."""
     thinning_samples: float = 2.0
-    """Sampling intervals. Data are not thinned to shorter intervals. Set: thinning takes whole samples. Halved: no
-    change; doubled: coarse logs are not thinned."""
+    """Sampling intervals. Data are not thinned to shorter intervals. Set: not recorded. Halved: not measured; doubled:
+    coarse logs are not thinned."""
     wave_samples: int = 6000
     """Samples. Enough for the wave test and for the first screening. Set: not recorded. Halved: faster, and weak waves
     are missed; doubled: slower."""
@@ -177,10 +177,11 @@ class Thresholds:
 
     # --- Comparison of multi-step and one-step effect sizes -----------------------------------------------------------
     consistent_share: float = 0.7
-    """Ratio. An effect is dropped where its one-step size is below this share of its multi-step size, ... Set: not
-    recorded. Halved: effects that feedback imitates stay; doubled: true effects are dropped."""
+    """Ratio. An effect is dropped if its one-step size is below this share of its multi-step size, and
+    `consistent_errors` agrees. Set: not recorded. Halved: effects that feedback imitates stay; doubled: true effects
+    are dropped."""
     consistent_errors: float = 2.0
-    """Standard errors. ... by more than this multiple of the joint standard error. Set: convention. Halved: more
+    """Joint standard errors. Difference of the two sizes from which an effect is dropped. Set: convention. Halved: more
     effects are dropped; doubled: fewer."""
 
     # --- Validation ---------------------------------------------------------------------------------------------------
@@ -261,8 +262,7 @@ class Thresholds:
     """Share. Usual difference of thrust between trials. Set: convention. Halved: smaller outliers are reported;
     doubled: only larger ones."""
     thrust_scatter_trials: int = 2
-    """Trials. Weight of that prior knowledge. Set: convention. Halved: outliers of few trials count more; doubled:
-    less."""
+    """Trials. Weight of that prior knowledge. Set: convention. Halved or doubled: not measured."""
 
     # --- Waves --------------------------------------------------------------------------------------------------------
     wave_first_iterations: int = 3
@@ -300,5 +300,5 @@ class Thresholds:
 
 
 THRESHOLDS = Thresholds()
-# For other rooms, which word probabilities.
+# Probabilities that other rooms use to word a finding.
 ESTABLISHED, POSSIBLE = THRESHOLDS.established, THRESHOLDS.possible
