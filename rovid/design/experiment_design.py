@@ -86,14 +86,21 @@ class ExpectedInformation:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExperimentPlan:
-    """Candidate runs, the best first."""
+    """Candidate runs, the best first.
 
-    # The two models to distinguish, or the one model with the ``parameter`` to improve.
+    Attributes
+    ----------
+    models, parameter
+        The two models to distinguish, or the one model with the ``parameter`` to improve.
+    disturbance_rate
+        Rate in rad/s or m/s that the disturbance drives: smaller differences are not visible.
+    """
+
     models: tuple[CandidateModel, ...]
     parameter: str
     runs: tuple[ExpectedInformation, ...]
     thrusters: tuple[str, ...]
-    disturbance_rate: float  # rate in rad/s or m/s that the disturbance drives: smaller differences are not visible
+    disturbance_rate: float
 
     @property
     def best(self) -> ExpectedInformation:

@@ -47,18 +47,32 @@ DISCRIMINATING_RUNS = {
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Finding:
-    """An established or suspected cause."""
+    """An established or suspected cause.
+
+    Attributes
+    ----------
+    estimate
+        Parameters of ``effect`` alone.
+    gain, bic_gain, held_out_gain
+        Log-likelihood gain of the effect in nats: in the fit, less its BIC penalty, and on held-out trials.
+    probability
+        Probability that the cause, or an indistinguishable one, acts.
+    alternatives
+        Other causes in its place, best first.
+    indistinguishable
+        Causes that these data do not rule out, including those that could not be tested without a logged signal.
+    plan
+        Runs that distinguish the cause from the first of those; None where it is decided.
+    """
 
     effect: Effect
-    estimate: Estimate  # parameters of ``effect`` alone
-    gain: float  # log-likelihood gain of the effect in nats
-    bic_gain: float  # the same less its BIC penalty
-    held_out_gain: float  # the same on held-out trials
-    probability: float  # probability that the cause, or an indistinguishable one, acts
-    alternatives: tuple[Alternative, ...]  # other causes in its place, best first
-    # Causes that these data do not rule out, including those that could not be tested without a logged signal.
+    estimate: Estimate
+    gain: float
+    bic_gain: float
+    held_out_gain: float
+    probability: float
+    alternatives: tuple[Alternative, ...]
     indistinguishable: tuple[Effect, ...]
-    # Runs that distinguish the cause from the first of those; None where it is decided.
     plan: ExperimentPlan | None = None
 
 
