@@ -92,7 +92,7 @@ def slow(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
         (Study, "plan"),
         (design, "design_controller"),
         (build, "build_report"),
-        (run_export, "export"),
+        (run_export, "verified_export"),
         (results, "plan_picture"),
         (study, "read_campaign"),
     ):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import itertools
-import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
@@ -19,8 +18,6 @@ from rovid.core.formatting import plus_minus
 from rovid.core.signatures import png_signature, svg_signature
 from rovid.core.spmd import forked_workers, parallel_map
 from rovid.diagnose.cross_validation import split_runs
-from rovid.diagnose.result import Finding
-from rovid.model.model import Model
 from rovid.model.simulation import TrialSimulation
 from rovid.present.numbers import format_number, steady_state_words, unit_symbol
 from rovid.present.page.report_data import ReportData, worst_first
@@ -185,22 +182,6 @@ def _error_words(before: TrialSimulation, after: TrialSimulation) -> str:
     return f"{trial.name}: the simulated {axis.rate_words} is off by {size}."
 
 
-def _steady_drag(report: ReportData) -> Model | None:
-    """Model of the torque in steady states; None where the drag is not known."""
-    entries = report.parameters.entries
-    if "quadratic_drag" not in entries or report.parameters.per_inertia:
-        return None
-    values = {name: entry.value for name, entry in entries.items()}
-    buoyancy = values.get("net_buoyancy")
-    return Model(
-        inertia=math.nan,
-        quadratic_drag=values["quadratic_drag"],
-        linear_drag=values.get("linear_drag", 0.0),
-        axis=report.axis,
-        restoring_values=() if buoyancy is None else (buoyancy,),
-    )
-
-
 def _thrust(report: ReportData) -> Iterator[FigureDraft]:
     runs = () if report.runs is None else report.runs.items
     figure = identification.plot_thrust_curves(report.vehicle, runs)
@@ -251,7 +232,7 @@ def _sines(report: ReportData) -> Iterator[FigureDraft]:
     fit, axis = report.inertia, report.axis
     if fit is None:
         return
-    drag, force = _steady_drag(report), axis.force_name
+    drag, force = report.steady_drag_model, axis.force_name
     sheets = list(paginate(fit.trials, identification.SINES_PER_SHEET))
     for number, (runs, suffix) in enumerate(sheets, start=1):
         # The first sheet explains them all.
@@ -325,20 +306,16 @@ def _residuals(report: ReportData) -> Iterator[FigureDraft]:
 def _rivals(report: ReportData) -> Iterator[tuple[str, FigureDraft]]:
     """Key of each effect that has alternatives, and the plot of their gains."""
     for finding in report.diagnosis.findings if report.diagnosis else ():
-        if finding.alternatives:
-            yield finding.effect.key, _rivals_of(finding)
-
-
-def _rivals_of(finding: Finding) -> FigureDraft:
-    effect, axis = finding.effect, finding.estimate.axis
-    shown = finding.alternatives[:ALTERNATIVES_SHOWN]
-    others = "; ".join(f"{effect_title(other.effect, axis)} {other.bic_gain:.0f}" for other in shown)
-    return FigureDraft(
-        f"rivals_{_file_name(effect.key)}",
-        results.plot_alternatives(finding),
-        caption="Log-likelihood that each cause gains in its place, less the price of its parameters.",
-        alt=f"Log-likelihood gained by {effect_title(effect, axis)}: {finding.bic_gain:.0f}; in its place {others}.",
-    )
+        if not finding.alternatives:
+            continue
+        effect, axis = finding.effect, report.axis
+        shown = finding.alternatives[:ALTERNATIVES_SHOWN]
+        others = "; ".join(f"{effect_title(other.effect, axis)} {other.bic_gain:.0f}" for other in shown)
+        gain = f"Log-likelihood gained by {effect_title(effect, axis)}: {finding.bic_gain:.0f}"
+        caption = "Log-likelihood that each cause gains in its place, less the price of its parameters."
+        name = f"rivals_{_file_name(effect.key)}"
+        figure = results.plot_alternatives(finding)
+        yield effect.key, FigureDraft(name, figure, caption=caption, alt=f"{gain}; in its place {others}.")
 
 
 def _drivers(report: ReportData) -> Iterator[tuple[str, FigureDraft]]:
@@ -351,15 +328,13 @@ def _drivers(report: ReportData) -> Iterator[tuple[str, FigureDraft]]:
         if missing is None:
             continue
         driver = missing.driver.rpartition(",")[0] or missing.driver
-        yield (
-            effect.key,
-            FigureDraft(
-                f"missing_{_file_name(effect.key)}",
-                residuals.plot_missing_torque(missing, axis),
-                caption=f"The {axis.force_name} that the model misses without {effect_title(effect, axis)}.",
-                alt=f"Missing {axis.force_name} against {driver}: the readings lie about the line of the equation.",
-            ),
+        draft = FigureDraft(
+            f"missing_{_file_name(effect.key)}",
+            residuals.plot_missing_torque(missing, axis),
+            caption=f"The {axis.force_name} that the model misses without {effect_title(effect, axis)}.",
+            alt=f"Missing {axis.force_name} against {driver}: the readings lie about the line of the equation.",
         )
+        yield effect.key, draft
 
 
 def _diagnosed_runs(report: ReportData) -> PreparedRuns | None:

@@ -93,6 +93,21 @@ class ReportData:
         side = self.diagnosis.extended if self.diagnosis else None
         return side if side is not None and side.model.effects else None
 
+    @property
+    def steady_drag_model(self) -> Model | None:
+        """Model of the torque in steady states, without inertia; None where the drag is not known."""
+        values = {name: entry.value for name, entry in self.parameters.entries.items()}
+        if "quadratic_drag" not in values or self.parameters.per_inertia:
+            return None
+        buoyancy = values.get("net_buoyancy")
+        return Model(
+            inertia=math.nan,
+            quadratic_drag=values["quadratic_drag"],
+            linear_drag=values.get("linear_drag", 0.0),
+            axis=self.axis,
+            restoring_values=() if buoyancy is None else (buoyancy,),
+        )
+
 
 def simulate_nested_models(study: Study, diagnosis: Diagnosis) -> tuple[NestedSimulation, ...]:
     """Every trial simulated by the base model, the models between, and the extended model.

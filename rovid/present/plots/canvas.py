@@ -240,7 +240,7 @@ def decimate_min_max(time: FloatArray, values: FloatArray, count: int = POINTS) 
 
 
 def min_max_indices(values: FloatArray, size: int) -> IntArray:
-    """Indices of the lowest and highest value of each stretch of ``size`` samples; of its first sample if all are NaN."""
+    """Indices of lowest and highest value in each stretch of ``size`` samples; of its first sample if all are NaN."""
     padding = -len(values) % size
     blocks = np.pad(values, (0, padding), constant_values=np.nan).reshape(-1, size)
     missing = np.isnan(blocks)

@@ -63,7 +63,11 @@ def estimate_table(estimate: Estimate) -> ResultTable:
 def parameters_table(report: ReportData) -> ResultTable:
     """Every parameter of the file, and those that it lacks."""
     axis, entries, guess = report.axis, report.parameters.entries, report.vehicle.assumptions
-    columns = text_column("parameter"), mixed_number_column("value ± standard error"), text_column("95 % interval")
+    columns = (
+        text_column("parameter"),
+        mixed_number_column("value ± standard error"),
+        mixed_number_column("95 % interval"),
+    )
     table = ResultTable("Parameters", *columns, text_column("found by"))
     for ratio in valid_ratios(report.parameters.base_estimate()):
         value = plus_minus(ratio.value, ratio.standard_error)
@@ -220,7 +224,7 @@ def methods_table(fit: InertiaFit, rigid_body: float | None, *, used: bool = Tru
     """Inertia by every method."""
     unit = unit_symbol(fit.estimate.unit("inertia"))
     columns = [text_column("method"), number_column("inertia", unit), text_column("note")]
-    columns.append(text_column(f"95 % interval, {unit}"))
+    columns.append(mixed_number_column("95 % interval", unit))
     if rigid_body is not None:
         columns.append(number_column("over rigid body"))
     table = ResultTable("Inertia by each method", *columns)

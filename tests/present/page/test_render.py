@@ -176,7 +176,7 @@ def test_page_says_how_it_was_done_and_what_it_cannot_tell(page: str, day: Repor
     assert day.inertia is not None
     assert day.inertia.peak_bias is not None
     assert f"biased: {100 * day.inertia.peak_bias:.0f} % of the true inertia on the model's own motion" in text
-    assert "A pull against a load cell tells." in text
+    assert "A pull against a load cell determines the scale." in text
     assert f"7 March 2026, rovid {__version__}" in text
     assert "heading growing" in text
     assert "heading falling" in text
@@ -276,7 +276,7 @@ def test_without_sines_the_regression_stands_alone(tmp_path: Path) -> None:
     evidence = make_evidence(tmp_path, names)
     assert evidence.inertia is not None
     text = shown_text(without_plots(evidence))
-    assert "There is no sine run: the regression alone read the inertia." in text
+    assert "There is no sine run: only the regression determines the inertia." in text
     assert "Not possible here: peak method" in text
     assert as_sentence(evidence.inertia.refused["orbit_integral"]) in text
 

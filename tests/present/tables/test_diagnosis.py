@@ -63,7 +63,7 @@ def test_a_hidden_lag_is_named_with_its_numbers(
     shown = text(section(lagged, lagged_album))
     assert finding.effect.equation in shown
     assert finding.estimate.value("thruster_lag.time_constant") == pytest.approx(0.8, abs=0.05)
-    assert f"On trials that were not fitted it gains {finding.held_out_gain:.0f}." in shown
+    assert f"On held-out trials its log-likelihood gain is {finding.held_out_gain:.0f}." in shown
     assert "with what was found noise floor" in shown
     assert "No other cause explains these data as well" in shown
     model = text(part_of(lagged, "model"))
@@ -124,7 +124,7 @@ def test_rivals_that_are_not_ruled_out_stand_out(lagged: ReportData, finding: Fi
     undecided = with_diagnosis(lagged, findings=(unsure,))
     shown = text(section(undecided))
     assert f"The plain model misses thruster lag or {rival.title}." in text(part_of(undecided, "summary"))
-    assert f"cannot tell it from {rival.title}. The likeliest to tell: " in shown
+    assert f"do not distinguish it from {rival.title}. The run most likely to decide: " in shown
 
 
 def test_every_trial_is_simulated_with_what_was_found(lagged: ReportData) -> None:
