@@ -144,7 +144,7 @@ def effect_torque(model: Model) -> TermTorque | None:
     ) -> tuple[float, FloatArray]:
         own = np.zeros((len(acting), TERM_STATES)) if states is None else states
         rows = [(term, tuple(p), tuple(x)) for term, p, x in zip(acting, numbers, own, strict=True)]
-        water = sum(term.water(p, x) for term, p, x in rows if term.water is not None)
+        water = sum(term.entrained_rate(p, x) for term, p, x in rows if term.entrained_rate is not None)
         at = Instant(rate, rate - water, angle, heading, push, 0.0, 0.0, 0.0, model.body)
         total, change = 0.0, np.zeros_like(own)
         for (term, p, x), row in zip(rows, change, strict=True):
