@@ -42,18 +42,12 @@ class TokenGuard:
 
     The token is the first part of each path. A cookie would not do: browsers send cookies to every port of a machine,
     also to a server of another user.
-
-    Attributes
-    ----------
-    app
-        The wrapped application; its paths are without the token.
-    tickets
-        Single-use tokens for a browser that is sent here by a local file.
     """
 
-    app: Asgi
+    app: Asgi  # The wrapped application; its paths are without the token
     port: int
     token: str = field(default_factory=lambda: secrets.token_urlsafe(32), repr=False)
+    # Single-use tokens for a browser that is sent here by a local file
     tickets: set[str] = field(default_factory=set, repr=False)
 
     @property

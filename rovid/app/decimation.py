@@ -59,7 +59,7 @@ def _decimate(time: FloatArray, values: FloatArray, begin: float, end: float, bi
     document: dict[str, Any] = {"samples": len(values), "lowest": None, "highest": None}
     if len(values):
         document |= {"lowest": _rounded(values.min()), "highest": _rounded(values.max())}
-    # One more sample at each end, so that the line leaves the plot.
+    # One more sample at each end lets the line leave the plot.
     first = max(int(np.searchsorted(time, begin)) - 1, 0)
     last = int(np.searchsorted(time, end, side="right")) + 1
     time, low, high = time[first:last], values[first:last], values[first:last]

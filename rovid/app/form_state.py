@@ -22,25 +22,13 @@ _SEAL = "# chosen = "
 
 @dataclass(frozen=True, kw_only=True)
 class FormState:
-    """The choices that the page sends.
+    """The choices that the page sends."""
 
-    Attributes
-    ----------
-    logs
-        Names of files or folders below the root folder.
-    vehicle
-        Type of vehicle; empty if none was chosen.
-    signals
-        Format -> signal -> column; None: as guessed.
-    document
-        The JSON document of the page.
-    """
-
-    logs: tuple[str, ...]
-    vehicle: str
-    signals: Mapping[str, Mapping[str, SignalGuess]] | None
+    logs: tuple[str, ...]  # Names of files or folders below the root folder
+    vehicle: str  # Type of vehicle; empty if none was chosen
+    signals: Mapping[str, Mapping[str, SignalGuess]] | None  # Format -> signal -> column; None: as guessed
     overrides: UserOverrides
-    document: Mapping[str, Any]
+    document: Mapping[str, Any]  # The JSON document of the page
 
     def changes(self, guessed: LogSurvey) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Chosen heading columns that differ from the guess, and all command columns if any of them differs."""

@@ -22,25 +22,16 @@ _PATIENCE = 5.0
 
 @dataclass(kw_only=True)
 class Job:
-    """One run of ``rovid`` with ``arguments`` in ``folder``.
-
-    Attributes
-    ----------
-    key
-        Random identifier.
-    steps
-        Progress messages, each with its time in s since the start.
-    result
-        The JSON document that the command printed.
-    """
+    """One run of ``rovid`` with ``arguments`` in ``folder``."""
 
     arguments: tuple[str, ...]
     folder: Path
-    key: str = field(default_factory=lambda: secrets.token_hex(8))
+    key: str = field(default_factory=lambda: secrets.token_hex(8))  # Random identifier
+    # Progress messages, each with its time in s since the start
     steps: list[tuple[float, str]] = field(default_factory=list)
     state: Literal["running", "done", "failed", "cancelled"] = "running"
     error: str = ""
-    result: dict[str, Any] = field(default_factory=dict)
+    result: dict[str, Any] = field(default_factory=dict)  # The JSON document that the command printed
 
     def __post_init__(self) -> None:
         """Start the process."""

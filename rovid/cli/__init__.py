@@ -1,1 +1,1 @@
-"""The command line, its manual, and what the shell completes."""
+"""The command line, its manual and shell completion."""

@@ -1,4 +1,4 @@
-"""The values that the shell completes; each Tab imports this, so that nothing here may be slow to import."""
+"""Values for shell completion. Each Tab key press imports this module, so its imports have to be fast."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from rovid.core.toml import read_toml
 from rovid.export import FORMATS
 from rovid.trial.axis import AXES, YAW
 
-# In the order of `rovid.estimate.thrust_curve.THRUST_UNITS`; a test compares.
+# The same as `rovid.estimate.thrust_curve.THRUST_UNITS`, which a test checks.
 THRUST_UNITS = ("N", "kN", "kgf", "gf", "lbf")
-# What every model has; of its effects only the parameter file knows.
+# Parameters of every model.
 BASE = ("inertia", "quadratic_drag", "linear_drag")
 _CATALOGUE = Path(__file__).parents[1] / "effects" / "__init__.py"
 
@@ -49,14 +49,14 @@ def thrust_units() -> list[str]:
 
 
 def effects() -> list[str]:
-    """Ids of the effects, read from the catalogue's own lines: to import them takes a second; a test compares."""
+    """Ids of the effects, parsed from the source of the catalogue, because its import takes a second."""
     lines = ast.parse(_CATALOGUE.read_text(encoding="utf-8")).body
     listed = next(line for line in lines if isinstance(line, ast.Assign) and ast.unparse(line.targets[0]) == "EFFECTS")
     return sorted(ast.literal_eval(listed.value))
 
 
 def parameters(context: typer.Context) -> list[str]:
-    """Names for --narrow: those in the parameter file of the command line, or of the plain model."""
+    """Names for --narrow: the parameters in the parameter file, or else those of the plain model."""
     axis = context.params.get("axis") or YAW.name
     path = Path(context.params.get("parameters") or parameter_file(axis))
     try:
@@ -66,5 +66,5 @@ def parameters(context: typer.Context) -> list[str]:
 
 
 def parameter_file(axis: str) -> str:
-    """Name of the parameter file where the command line gives none."""
+    """Default name of the parameter file."""
     return "parameters.toml" if axis == YAW.name else f"parameters_{axis}.toml"

@@ -1,1 +1,1 @@
-"""Two campaigns of one vehicle: what changed between them, and how sure that is."""
+"""Comparison of two campaigns of one vehicle: changes and their probabilities."""

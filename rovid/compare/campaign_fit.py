@@ -38,34 +38,18 @@ _LIKELY = 0.5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CampaignFit:
-    """The results of one campaign.
+    """The results of one campaign."""
 
-    Attributes
-    ----------
-    name
-        Name of the folder or file for messages.
-    vehicle_name
-        Name of the vehicle in rovid.toml.
-    settings
-        Fingerprint of rovid.toml; None if unknown.
-    sources
-        The logs with their digests.
-    stored_estimate
-        Content of a parameter file; None for logs.
-    study, diagnosis
-        The logs and their diagnosis; None for a parameter file.
-    detection_limits
-        For a parameter file: id of each cause that was tested and not found -> smallest detectable size.
-    """
-
-    name: str
+    name: str  # Name of the folder or file for messages
     axis: Axis
-    vehicle_name: str
-    settings: ConfigFingerprint | None
-    sources: tuple[Source, ...]
-    stored_estimate: Estimate | None = None
+    vehicle_name: str  # Name of the vehicle in rovid.toml
+    settings: ConfigFingerprint | None  # Fingerprint of rovid.toml; None if unknown
+    sources: tuple[Source, ...]  # The logs with their digests
+    stored_estimate: Estimate | None = None  # Content of a parameter file; None for logs
+    # study, diagnosis: the logs and their diagnosis; None for a parameter file
     study: Study | None = None
     diagnosis: Diagnosis | None = None
+    # For a parameter file: id of each cause that was tested and not found -> smallest detectable size
     detection_limits: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -130,21 +114,14 @@ class CampaignFit:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SharedEstimate:
-    """A campaign's estimate of the parameters that both campaigns share.
-
-    Attributes
-    ----------
-    values, covariance
-        (p,) and (p, p), in the order of ``names``.
-    white
-        Whether the innovations are white.
-    """
+    """A campaign's estimate of the parameters that both campaigns share."""
 
     names: tuple[str, ...]
     units: tuple[str, ...]
+    # values, covariance: (p,) and (p, p), in the order of ``names``
     values: FloatArray
     covariance: FloatArray
-    white: bool
+    white: bool  # Whether the innovations are white
     samples: int
     warnings: tuple[str, ...] = ()
 

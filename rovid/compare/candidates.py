@@ -17,28 +17,18 @@ _DRAGS = ("quadratic_drag", "linear_drag")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EstimatePair:
-    """Estimates of the same parameters in campaigns A and B.
-
-    Attributes
-    ----------
-    a, b
-        (p,) values.
-    covariance_a, covariance_b
-        (p, p) covariances.
-    white
-        Whether the innovations of both models are white.
-    samples
-        Number of samples of both campaigns.
-    """
+    """Estimates of the same parameters in campaigns A and B."""
 
     names: tuple[str, ...]
     units: tuple[str, ...]
+    # a, b: (p,) values
     a: FloatArray
     b: FloatArray
+    # covariance_a, covariance_b: (p, p) covariances
     covariance_a: FloatArray
     covariance_b: FloatArray
-    white: bool
-    samples: int
+    white: bool  # Whether the innovations of both models are white
+    samples: int  # Number of samples of both campaigns
 
     @property
     def difference(self) -> FloatArray:
@@ -65,32 +55,21 @@ class EstimatePair:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ChangeCandidate:
-    """A possible change.
-
-    Attributes
-    ----------
-    parameters
-        Names of the parameters it affects.
-    directions
-        (p, k) columns that span the change of the parameters.
-    is_factor
-        Whether all its parameters change by one factor.
-    inverse
-        Whether the named quantity changes by the inverse factor: with less thrust all parameters that are measured
-        relative to thrust seem larger.
-    """
+    """A possible change."""
 
     name: str
-    parameters: tuple[str, ...]
-    directions: FloatArray
-    is_factor: bool = True
+    parameters: tuple[str, ...]  # Names of the parameters it affects
+    directions: FloatArray  # (p, k) columns that span the change of the parameters
+    is_factor: bool = True  # Whether all its parameters change by one factor
+    # Whether the named quantity changes by the inverse factor: with less thrust all parameters that are measured
+    # relative to thrust seem larger
     inverse: bool = False
 
 
 def change_candidates(
     pair: EstimatePair, weak_thrusters: Sequence[str] = (), remaining_thruster: str = ""
 ) -> list[ChangeCandidate]:
-    """Possible changes: each parameter, all drag, all thrust, each cause.
+    """Possible changes: of each parameter, of all drag together, of all thrust together, and of each cause.
 
     ``weak_thrusters`` are keys of thruster gains among the parameters; ``remaining_thruster`` has no gain.
     """

@@ -30,19 +30,13 @@ Report = Callable[[str], None]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CrossPrediction:
-    """Free-running simulations of a campaign's runs by a model.
-
-    Attributes
-    ----------
-    rate_r2, rate_rmse
-        Pooled over all runs.
-    position_errors
-        Horizon in s -> RMS position error at that time after a restart; None if no run is long enough.
-    """
+    """Free-running simulations of a campaign's runs by a model."""
 
     simulations: tuple[TrialSimulation, ...]
+    # rate_r2, rate_rmse: pooled over all runs
     rate_r2: float
     rate_rmse: float
+    # Horizon in s -> RMS position error at that time after a restart; None if no run is long enough
     position_errors: Mapping[float, float | None]
 
 

@@ -65,29 +65,16 @@ class ParameterChange:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DifferenceTest:
-    """Changes between two campaigns and the joint estimate.
-
-    Attributes
-    ----------
-    changes
-        Established and possible changes, the most probable first.
-    probabilities
-        Parameter -> probability that it changed.
-    joint, joint_covariance
-        (2p,) and (2p, 2p) of A, then of B, with all unchanged parameters shared.
-    detectable_changes
-        Factor -> smallest relative change that would have been established.
-    p_value
-        Probability of a larger remaining difference by chance.
-    """
+    """Changes between two campaigns and the joint estimate."""
 
     pair: EstimatePair
-    changes: tuple[ParameterChange, ...]
-    probabilities: Mapping[str, float]
+    changes: tuple[ParameterChange, ...]  # Established and possible changes, the most probable first
+    probabilities: Mapping[str, float]  # Parameter -> probability that it changed
+    # joint, joint_covariance: (2p,) and (2p, 2p) of A, then of B, with all unchanged parameters shared
     joint: FloatArray
     joint_covariance: FloatArray
-    detectable_changes: Mapping[str, float]
-    p_value: float
+    detectable_changes: Mapping[str, float]  # Factor -> smallest relative change that would have been established
+    p_value: float  # Probability of a larger remaining difference by chance
 
     @property
     def established(self) -> tuple[ParameterChange, ...]:

@@ -20,62 +20,32 @@ SCHEMA = "rovid-campaign/1"
 
 @dataclass(frozen=True, kw_only=True)
 class CampaignTask:
-    """A campaign to diagnose.
-
-    Attributes
-    ----------
-    folder
-        Absolute path.
-    cutoff
-        Low-pass cut-off in Hz; None: chosen from the data.
-    digest
-        Digest of everything the diagnosis depends on; empty if the input cannot be read.
-    """
+    """A campaign to diagnose."""
 
     name: str
-    folder: str
+    folder: str  # Absolute path
     axis: str
-    cutoff: float | None
-    digest: str
+    cutoff: float | None  # Low-pass cut-off in Hz; None: chosen from the data
+    digest: str  # Digest of everything the diagnosis depends on; empty if the input cannot be read
 
 
 @dataclass(frozen=True, kw_only=True)
 class CampaignRecord:
-    """The outcome of one campaign. The field names are the keys of its JSON file.
-
-    Attributes
-    ----------
-    start
-        Start of the first log, in s since 1970; None if unknown.
-    seconds
-        Total duration of the logs; None for tables.
-    took
-        Duration of the diagnosis in s.
-    peak_memory
-        Largest memory of the process in bytes; None if unknown.
-    error
-        Reason why there is no diagnosis; None if there is one.
-    failure
-        "input" (a retry gives the same error), "timeout", "crash" or None.
-    patience
-        Time limit of the run in s.
-    diagnosis
-        The document of `rovid diagnose --json`.
-    """
+    """The outcome of one campaign. The field names are the keys of its JSON file."""
 
     campaign: str
     folder: str
     rovid: str = __version__
     digest: str
     vehicle: str | None = None
-    start: float | None = None
-    seconds: float | None = None
-    took: float | None = None
-    peak_memory: int | None = None
-    error: str | None = None
-    failure: str | None = None
-    patience: float | None = None
-    diagnosis: Mapping[str, Any] | None = None
+    start: float | None = None  # Start of the first log, in s since 1970; None if unknown
+    seconds: float | None = None  # Total duration of the logs; None for tables
+    took: float | None = None  # Duration of the diagnosis in s
+    peak_memory: int | None = None  # Largest memory of the process in bytes; None if unknown
+    error: str | None = None  # Reason why there is no diagnosis; None if there is one
+    failure: str | None = None  # "input" (a retry gives the same error), "timeout", "crash" or None
+    patience: float | None = None  # Time limit of the run in s
+    diagnosis: Mapping[str, Any] | None = None  # The document of `rovid diagnose --json`
 
     @property
     def text(self) -> str:

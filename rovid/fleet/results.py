@@ -35,20 +35,12 @@ RULE = (
 
 @dataclass(frozen=True)
 class ParameterValue:
-    """A parameter in one campaign.
-
-    Attributes
-    ----------
-    error
-        Standard error; NaN if unknown.
-    placeholder
-        Whether the value depends on a guessed arm or thrust curve.
-    """
+    """A parameter in one campaign."""
 
     value: float
-    error: float
+    error: float  # Standard error; NaN if unknown
     unit: str
-    placeholder: bool = False
+    placeholder: bool = False  # Whether the value depends on a guessed arm or thrust curve
 
     @property
     def is_comparable(self) -> bool:

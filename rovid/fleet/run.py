@@ -29,28 +29,15 @@ _EXTRA = "Install it with `pip install 'rovid[fleet]'`."
 
 @dataclass(frozen=True, kw_only=True)
 class FleetOptions:
-    """Options of a fleet run.
+    """Options of a fleet run."""
 
-    Attributes
-    ----------
-    axis, cutoff
-        As for one campaign.
-    jobs
-        Number of campaigns at a time; None: one per core.
-    cluster
-        Address of a Dask scheduler; empty: this machine.
-    patience
-        Time limit for each campaign, in s.
-    shrink
-        Whether to compute hierarchical means of sister vehicles.
-    """
-
+    # axis, cutoff: as for one campaign
     axis: str = "yaw"
     cutoff: float | None = None
-    jobs: int | None = None
-    cluster: str = ""
-    patience: float = 3600.0
-    shrink: bool = False
+    jobs: int | None = None  # Number of campaigns at a time; None: one per core
+    cluster: str = ""  # Address of a Dask scheduler; empty: this machine
+    patience: float = 3600.0  # Time limit for each campaign, in s
+    shrink: bool = False  # Whether to compute hierarchical means of sister vehicles
 
 
 def run_fleet(

@@ -29,26 +29,15 @@ _FROM_ZERO = 3.0
 
 @dataclass(frozen=True, kw_only=True)
 class ShrunkParameter:
-    """A parameter over the fleet.
-
-    Attributes
-    ----------
-    logarithmic
-        Whether the scatters are relative (of the logarithm).
-    mean
-        Fleet mean with its standard error.
-    between, within
-        Standard deviation between vehicles, and between the campaigns of one vehicle.
-    values
-        Campaign -> shrunk value.
-    """
+    """A parameter over the fleet."""
 
     name: str
-    logarithmic: bool
-    mean: ParameterValue
+    logarithmic: bool  # Whether the scatters are relative (of the logarithm)
+    mean: ParameterValue  # Fleet mean with its standard error
+    # between, within: standard deviation between vehicles, and between the campaigns of one vehicle
     between: float
     within: float
-    values: Mapping[str, ParameterValue]
+    values: Mapping[str, ParameterValue]  # Campaign -> shrunk value
 
 
 def shrink(fleet: Fleet) -> tuple[ShrunkParameter, ...]:

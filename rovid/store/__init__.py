@@ -1,1 +1,1 @@
-"""The parameter file, whether it still holds, and whether two methods say the same of what is in it."""
+"""The study of a campaign, the parameter file with its history, and checks of freshness and agreement."""

@@ -27,21 +27,12 @@ _MEND = "Restore it from a copy, or move it away: rovid then starts a new histor
 
 @dataclass(frozen=True, kw_only=True)
 class HistoryRecord:
-    """One model.
-
-    Attributes
-    ----------
-    written
-        Time of writing in UTC, as ISO 8601.
-    version
-        Version of rovid.
-    detection_limits
-        Effect id -> smallest detectable size, for effects that a diagnosis tested and did not find.
-    """
+    """One model."""
 
     parameters: Parameters
-    written: str
-    version: str
+    written: str  # Time of writing in UTC, as ISO 8601
+    version: str  # Version of rovid
+    # Effect id -> smallest detectable size, for effects that a diagnosis tested and did not find
     detection_limits: Mapping[str, float] = field(default_factory=dict)
 
     @property

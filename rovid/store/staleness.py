@@ -17,18 +17,10 @@ _NAMED = 3
 
 @dataclass(frozen=True, kw_only=True)
 class Freshness:
-    """Result of the check.
+    """Result of the check."""
 
-    Attributes
-    ----------
-    changes
-        One clause for each changed input; the parameters are valid if there are none.
-    remarks
-        Sentences on what could not be checked, and on logs added after the fit.
-    """
-
-    changes: tuple[str, ...] = ()
-    remarks: tuple[str, ...] = ()
+    changes: tuple[str, ...] = ()  # One clause for each changed input; the parameters are valid if there are none
+    remarks: tuple[str, ...] = ()  # Sentences on what could not be checked, and on logs added after the fit
 
     @property
     def reason(self) -> str:

@@ -86,22 +86,15 @@ class FolderMonitor:
 
     Sizes and modification times are compared, which works on any network share. Notifications of the operating system
     do not report files that another machine writes. The age of a state is measured by this machine's monotonic clock.
-
-    Attributes
-    ----------
-    once
-        Whether the first poll takes all logs as they are.
-    logs
-        The accepted logs.
     """
 
     path: Path
     axis: Axis
     patience: SettleTimes = field(default_factory=SettleTimes)
-    once: bool = False
+    once: bool = False  # Whether the first poll takes all logs as they are
     clock: Clock = time.monotonic
     problems: ProblemLog = field(default_factory=ProblemLog)
-    logs: Mapping[Path, WatchedLog] = field(default_factory=dict)
+    logs: Mapping[Path, WatchedLog] = field(default_factory=dict)  # The accepted logs
     _states: dict[Path, _FileState] = field(default_factory=dict)
     _read: dict[Path, WatchedLog] = field(default_factory=dict)
     _settings: FileStamps = ()

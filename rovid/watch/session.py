@@ -32,25 +32,13 @@ class LogsChanged:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModelFitted:
-    """Event: the model was fitted to all logs.
-
-    Attributes
-    ----------
-    new
-        Names of the new or replaced logs.
-    fit
-        None if the data do not suffice.
-    missing
-        What the fit lacks in that case.
-    before
-        Estimate before the last logs; None for the first fit.
-    """
+    """Event: the model was fitted to all logs."""
 
     study: Study
-    new: tuple[str, ...]
-    fit: LikelihoodFit | None
-    missing: str
-    before: Estimate | None
+    new: tuple[str, ...]  # Names of the new or replaced logs
+    fit: LikelihoodFit | None  # None if the data do not suffice
+    missing: str  # What the fit lacks in that case
+    before: Estimate | None  # Estimate before the last logs; None for the first fit
     criteria: tuple[CriterionStatus, ...]
 
 
@@ -66,44 +54,25 @@ class LogsDiagnosed:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NextRun:
-    """Event: the recommended next run.
+    """Event: the recommended next run."""
 
-    Attributes
-    ----------
-    words, reason
-        The run and its reason in one line each.
-    plan
-        The run with its commands; None if only its description is known.
-    written
-        Path of the command file; None if none was written.
-    """
-
+    # words, reason: the run and its reason in one line each
     words: str
     reason: str
-    plan: ExperimentPlan | None
-    written: Path | None
+    plan: ExperimentPlan | None  # The run with its commands; None if only its description is known
+    written: Path | None  # Path of the command file; None if none was written
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SessionEnded:
-    """Event: the end of the session.
+    """Event: the end of the session."""
 
-    Attributes
-    ----------
-    reason
-        "reached", "interrupted" or "once".
-    logs
-        The fitted logs.
-    diagnosis
-        Diagnosis of these logs; None if there is none.
-    """
-
-    reason: str
+    reason: str  # "reached", "interrupted" or "once"
     criteria: tuple[CriterionStatus, ...]
-    logs: tuple[WatchedLog, ...]
+    logs: tuple[WatchedLog, ...]  # The fitted logs
     study: Study | None
     fit: LikelihoodFit | None
-    diagnosis: Diagnosis | None
+    diagnosis: Diagnosis | None  # Diagnosis of these logs; None if there is none
 
 
 Event = LogsChanged | ModelFitted | LogsDiagnosed | NextRun | Problem | SessionEnded
@@ -111,25 +80,14 @@ Event = LogsChanged | ModelFitted | LogsDiagnosed | NextRun | Problem | SessionE
 
 @dataclass(frozen=True, kw_only=True)
 class SessionActions:
-    """What a session does with the logs.
+    """What a session does with the logs."""
 
-    Attributes
-    ----------
-    diagnose
-        Function that diagnoses a study and reports its progress; None: no diagnosis.
-    keep
-        Called with the estimate after each log.
-    write
-        Writes the command file of a plan and returns its path.
-    cutoff
-        Low-pass cut-off in Hz; None: chosen from the data.
-    """
-
+    # Function that diagnoses a study and reports its progress; None: no diagnosis
     diagnose: Callable[[Study, Report], Diagnosis] | None
-    keep: Callable[[Study, Estimate], None]
-    write: Callable[[ExperimentPlan], Path | None]
+    keep: Callable[[Study, Estimate], None]  # Called with the estimate after each log
+    write: Callable[[ExperimentPlan], Path | None]  # Writes the command file of a plan and returns its path
     limits: RunLimits = field(default_factory=RunLimits)
-    cutoff: float | None = None
+    cutoff: float | None = None  # Low-pass cut-off in Hz; None: chosen from the data
 
 
 class _OvertakenError(Exception):

@@ -18,21 +18,11 @@ _OPTION = "--until"
 
 @dataclass(frozen=True, kw_only=True)
 class StopCriterion:
-    """A required relative half width of a parameter's 95 % interval, or a required probability of a cause.
+    """A required relative half width of a parameter's 95 % interval, or a required probability of a cause."""
 
-    Attributes
-    ----------
-    name
-        Name of a parameter, or id of an effect.
-    share
-        Limit; 1 is 100 %.
-    is_effect
-        Whether ``name`` is an effect.
-    """
-
-    name: str
-    share: float
-    is_effect: bool
+    name: str  # Name of a parameter, or id of an effect
+    share: float  # Limit; 1 is 100 %
+    is_effect: bool  # Whether ``name`` is an effect
 
     def __str__(self) -> str:
         """The criterion as the user writes it."""

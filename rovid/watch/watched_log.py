@@ -23,29 +23,16 @@ UNAVAILABLE = "unavailable"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WatchedLog:
-    """A log as it was read.
-
-    Attributes
-    ----------
-    file_stamps
-        Its files with their stamps, the main file first.
-    settings
-        Fingerprint of the rovid.toml it was read with.
-    trials, remarks
-        Its content and remarks on the whole log; no trials if the log cannot be used.
-    fault
-        Reason why the log cannot be used; else empty.
-    cut
-        The reader's remark on a missing end; else empty.
-    """
+    """A log as it was read."""
 
     name: str
-    file_stamps: FileStamps
-    settings: ConfigFingerprint
+    file_stamps: FileStamps  # Its files with their stamps, the main file first
+    settings: ConfigFingerprint  # Fingerprint of the rovid.toml it was read with
+    # trials, remarks: its content and remarks on the whole log; no trials if the log cannot be used
     trials: tuple[Trial, ...] = ()
     remarks: tuple[Remark, ...] = ()
-    fault: str = ""
-    cut: str = ""
+    fault: str = ""  # Reason why the log cannot be used; else empty
+    cut: str = ""  # The reader's remark on a missing end; else empty
 
     @property
     def path(self) -> Path:
@@ -80,32 +67,17 @@ class WatchedLog:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FolderChange:
-    """A change of the folder since the last accepted state.
+    """A change of the folder since the last accepted state."""
 
-    Attributes
-    ----------
-    logs
-        All usable logs, by their main file.
-    excluded
-        Files in the folder that are not used for now.
-    added, replaced, removed
-        New logs, logs with new content, and logs that are gone.
-    renamed
-        Pairs of a log under its old and its new name.
-    settings
-        Whether rovid.toml or a thrust curve changed.
-    settings_files
-        rovid.toml and thrust curves with their stamps.
-    """
-
-    logs: Mapping[Path, WatchedLog]
-    excluded: frozenset[Path]
-    settings_files: FileStamps
+    logs: Mapping[Path, WatchedLog]  # All usable logs, by their main file
+    excluded: frozenset[Path]  # Files in the folder that are not used for now
+    settings_files: FileStamps  # rovid.toml and thrust curves with their stamps
+    # added, replaced, removed: new logs, logs with new content, and logs that are gone
     added: tuple[WatchedLog, ...] = ()
     replaced: tuple[WatchedLog, ...] = ()
     removed: tuple[WatchedLog, ...] = ()
-    renamed: tuple[tuple[WatchedLog, WatchedLog], ...] = ()
-    settings: bool = False
+    renamed: tuple[tuple[WatchedLog, WatchedLog], ...] = ()  # Pairs of a log under its old and its new name
+    settings: bool = False  # Whether rovid.toml or a thrust curve changed
 
     def reading(self, path: Path, config: Config, name: str, remarks: list[Remark]) -> list[Trial]:
         """Trials of a log as it was read; none if the log came later or has another name."""

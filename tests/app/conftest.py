@@ -1,4 +1,4 @@
-"""Folders of logs as the page meets them."""
+"""Folders of logs for the page."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def logs_into(folder: Path, *names: str) -> Path:
 
 
 def riddle(folder: Path) -> Path:
-    """Logs with names that tell nothing: a heading a, which never jumps, commands b and c, and what is neither."""
+    """Logs with meaningless names: heading a without jumps, commands b and c, and other columns."""
     folder.mkdir(parents=True)
     for name in ("hold_03.csv", "hold_05.csv", "sine_40s_a.csv", "staircase.csv"):
         rows = np.genfromtxt(DAY / name, delimiter=",", names=True)
@@ -51,6 +51,6 @@ def top(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def server(top: Path) -> Iterator[Served]:
-    """One page for the tests of a file, which leave the folder as it was."""
+    """One page for all tests of a file, which do not change the folder."""
     with served(top) as one:
         yield one

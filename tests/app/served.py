@@ -1,4 +1,4 @@
-"""`rovid open` as a process of its own, and requests to it as any program of this machine could send them."""
+"""`rovid open` in a process of its own, and requests by another program of this machine."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Served:
     def ask(
         self, target: str, method: str = "GET", headers: Mapping[str, str] | None = None, body: bytes | None = None
     ) -> Answer:
-        """``target`` as it is sent, from its first slash on; nothing of it is made proper first."""
+        """Request ``target`` unchanged, from its first slash on."""
         connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=_PATIENCE)
         with contextlib.closing(connection):
             connection.request(method, target, body=body, headers=dict(headers or {}))
@@ -73,7 +73,7 @@ class Served:
         return self.ask(f"/{self.token}/api/upload?{asked}", "POST", {}, data)
 
     def until(self, *states: str) -> Any:
-        """What the work has come to, once that is one of ``states``."""
+        """The job's document once its state is one of ``states``."""
         stop = time.monotonic() + 4 * _PATIENCE
         while (now := self.get("api/progress").document)["state"] not in states:
             assert time.monotonic() < stop, now
@@ -81,14 +81,14 @@ class Served:
         return now
 
     def end(self) -> int:
-        """As Ctrl-C does."""
+        """Interrupt the process, as Ctrl-C does."""
         self.process.send_signal(signal.SIGINT)
         return self.process.wait(_PATIENCE)
 
 
 @contextlib.contextmanager
 def served(top: Path, *logs: str) -> Iterator[Served]:
-    """It, started in the folder ``top``."""
+    """The server, started in the folder ``top``."""
     said = top.parent / f"{top.name}-said.txt"
     with (
         said.open("w") as stderr,

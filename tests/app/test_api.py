@@ -1,4 +1,4 @@
-"""Each change shows at once in rovid.toml and in what `rovid check` says; nothing is replaced that is another's."""
+"""Choices change rovid.toml and the result of `rovid check`; foreign files are not replaced."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def chosen(folder: str = "day", **more: Any) -> dict[str, Any]:
     return {"logs": [folder], "signals": signals, "commands": commands} | more
 
 
-def test_what_is_guessed_is_what_init_writes(tmp_path: Path) -> None:
+def test_the_guess_equals_the_file_of_init(tmp_path: Path) -> None:
     folder = logs_into(tmp_path / "day")
     draft = desk(tmp_path).draft({"logs": ["day"]})
     assert run_rovid("init", folder).code == 0
@@ -34,7 +34,7 @@ def test_what_is_guessed_is_what_init_writes(tmp_path: Path) -> None:
     assert draft["survey"]["open"] == []
 
 
-def test_a_choice_by_hand_is_in_the_file_as_it_was_made(tmp_path: Path) -> None:
+def test_choices_appear_in_the_file(tmp_path: Path) -> None:
     logs_into(tmp_path / "day")
     stretch = {"log": "hold_03.csv", "from": 3.5, "to": 20.0, "reason": "hand on the vehicle"}
     document = chosen(name="mine", size={"mass": 2604.0}, leave_out=[stretch])
@@ -49,11 +49,11 @@ def test_a_choice_by_hand_is_in_the_file_as_it_was_made(tmp_path: Path) -> None:
     assert (config.vehicle.name, config.vehicle.mass) == ("mine", 2604.0)
     assert [(each.log, each.begin, each.end) for each in config.exclusions] == [("hold_03.csv", 3.5, 20.0)]
     assert not config.vehicle.assumptions
-    # The command line says the same of it.
+    # The command line gives the same result.
     assert run_rovid("check", tmp_path / "day", "--json").document == checked["document"]
 
 
-def test_columns_that_no_guess_knows_are_put_in_by_hand(tmp_path: Path) -> None:
+def test_unrecognised_columns_can_be_chosen(tmp_path: Path) -> None:
     riddle(tmp_path / "day")
     one = desk(tmp_path)
     assert one.draft({"logs": ["day"]})["survey"]["open"]
@@ -63,7 +63,7 @@ def test_columns_that_no_guess_knows_are_put_in_by_hand(tmp_path: Path) -> None:
     draft = one.draft(document)
     assert draft["survey"]["open"] == []
     assert {each["turns"] for each in draft["survey"]["commands"]["csv"]} == {1}
-    # The command that it shows leads to the same file.
+    # The shown command writes the same file.
     line = next(each["line"] for each in draft["commands"] if " init " in each["line"])
     assert line == "rovid init day --heading a --command b,c"
     assert run_rovid(*shlex.split(line)[1:2], tmp_path / "day", *shlex.split(line)[3:]).code == 0
@@ -74,7 +74,7 @@ def test_columns_that_no_guess_knows_are_put_in_by_hand(tmp_path: Path) -> None:
     assert load_config(one_by_hand).commands == written.commands
 
 
-def test_a_wrong_column_is_told_at_once(tmp_path: Path) -> None:
+def test_a_wrong_column_is_reported(tmp_path: Path) -> None:
     logs_into(tmp_path / "day")
     wrong = chosen()
     wrong["signals"]["csv"]["heading"]["source"] = "supply_V"
@@ -92,7 +92,7 @@ def test_a_wrong_column_is_told_at_once(tmp_path: Path) -> None:
     assert str(tmp_path / "day" / "rovid.toml") in checked["tasks"][0]
 
 
-def test_a_cut_off_log_is_told_by_name(tmp_path: Path) -> None:
+def test_a_truncated_log_is_named(tmp_path: Path) -> None:
     folder = logs_into(tmp_path / "day")
     (folder / "cut.csv").write_bytes((DAY / "hold_01.csv").read_bytes()[:40])
     (folder / "cut.mcap").write_bytes((DAY / "coast_01.mcap").read_bytes()[:200])
@@ -105,7 +105,7 @@ def test_a_cut_off_log_is_told_by_name(tmp_path: Path) -> None:
         one.columns("day/cut.mcap", [], 0.0, 1.0, 100)
 
 
-def test_what_it_wrote_it_may_write_again_and_takes_up_again(tmp_path: Path) -> None:
+def test_its_own_file_is_replaced_and_read_back(tmp_path: Path) -> None:
     logs_into(tmp_path / "day")
     desk(tmp_path).save(chosen())
     again = desk(tmp_path)
@@ -115,7 +115,7 @@ def test_what_it_wrote_it_may_write_again_and_takes_up_again(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("whose", ["written by hand", "changed by hand", "written by rovid init"])
-def test_a_rovid_toml_of_another_hand_is_never_replaced(tmp_path: Path, whose: str) -> None:
+def test_a_foreign_rovid_toml_is_never_replaced(tmp_path: Path, whose: str) -> None:
     folder = logs_into(tmp_path / "day")
     path = folder / "rovid.toml"
     one = desk(tmp_path)
@@ -131,11 +131,11 @@ def test_a_rovid_toml_of_another_hand_is_never_replaced(tmp_path: Path, whose: s
     with pytest.raises(RovidError, match="is there already"):
         one.save(chosen(name="another"))
     assert path.read_text() == before
-    # That file is what counts.
+    # The check uses that file.
     assert one.check(chosen(name="another"))["document"] == run_rovid("check", folder, "--json").document
 
 
-def test_a_guessed_curve_that_was_measured_since_is_never_replaced(tmp_path: Path) -> None:
+def test_a_changed_curve_is_never_replaced(tmp_path: Path) -> None:
     folder = riddle(tmp_path / "day")
     one = desk(tmp_path)
     commands = {"csv": [{"source": "b", "name": "b", "arm": 1.0}]}
@@ -150,7 +150,7 @@ def test_a_guessed_curve_that_was_measured_since_is_never_replaced(tmp_path: Pat
     assert [path.read_bytes() for path in (curve, folder / "rovid.toml")] == before
 
 
-def test_a_curve_beside_a_single_log_that_is_a_link_out_is_not_read(tmp_path: Path) -> None:
+def test_a_curve_that_is_a_link_out_is_not_read(tmp_path: Path) -> None:
     folder = logs_into(tmp_path / "top" / "day")
     (folder / "thrust_curve.csv").rename(tmp_path / "curve.csv")
     (folder / "thrust_curve.csv").symlink_to(tmp_path / "curve.csv")
@@ -158,7 +158,7 @@ def test_a_curve_beside_a_single_log_that_is_a_link_out_is_not_read(tmp_path: Pa
         desk(tmp_path / "top").draft({"logs": ["day/hold_03.csv"]})
 
 
-def test_a_rovid_toml_of_the_folder_above_counts_and_stays(tmp_path: Path) -> None:
+def test_a_rovid_toml_in_the_parent_folder_is_used_and_kept(tmp_path: Path) -> None:
     logs_into(tmp_path / "day" / "first")
     one = desk(tmp_path)
     one.save(chosen())
@@ -183,7 +183,7 @@ def test_a_curve_outside_is_not_read(tmp_path: Path) -> None:
         assert "root:x" not in str(refused.value)
 
 
-def test_many_logs_and_columns_are_looked_at(tmp_path: Path) -> None:
+def test_many_logs_and_columns_are_read(tmp_path: Path) -> None:
     folder = logs_into(tmp_path / "day")
     head, *rows = (DAY / "hold_01.csv").read_text().splitlines()
     more = [f"aux_{k}" for k in range(54)]
@@ -196,7 +196,7 @@ def test_many_logs_and_columns_are_looked_at(tmp_path: Path) -> None:
     assert len(one.check(chosen())["document"]["logs"]) == 42
 
 
-def test_one_file_a_sensor_is_joined_as_the_command_line_does(tmp_path: Path) -> None:
+def test_files_of_single_sensors_are_joined_as_on_the_command_line(tmp_path: Path) -> None:
     folder = logs_into(tmp_path / "day")
     for log in ("hold_03", "sine_40s_a"):
         head, *rows = [line.split(",") for line in (folder / f"{log}.csv").read_text().splitlines()]
@@ -220,7 +220,7 @@ def test_one_log_alone_is_enough(tmp_path: Path) -> None:
     assert [each["line"].split()[1] for each in draft["commands"]] == ["init", "check", "diagnose", "report"]
 
 
-def test_a_folder_that_is_called_as_an_option_is_none(tmp_path: Path) -> None:
+def test_a_folder_named_like_an_option_is_not_an_option(tmp_path: Path) -> None:
     logs_into(tmp_path / "--force")
     lines = [each["line"] for each in desk(tmp_path).draft({"logs": ["--force"]})["commands"]]
     assert all(" ./--force" in line and " --force" not in line for line in lines)

@@ -1,13 +1,18 @@
-"""Nobody but the browser that was given the address gets anything, and what is refused tells nothing."""
+"""Access control: only the browser with the address gets an answer."""
 
 from __future__ import annotations
 
 import asyncio
+import stat
+import threading
+import webbrowser
+from pathlib import Path
 from typing import Any
+from urllib.parse import unquote, urlsplit
 
 import pytest
 
-from rovid.app.auth import Message, Receive, Send, TokenGuard
+from rovid.app.auth import Message, Receive, Send, TokenGuard, show_in_browser
 from tests.app.served import Served
 
 OTHERS: dict[str, dict[str, str]] = {
@@ -42,19 +47,19 @@ def test_other_sites_and_names_are_refused_even_with_the_token(server: Served, w
     assert server.ask(f"/{server.token}/api/start", "OPTIONS", headers).status == 403
 
 
-def test_a_second_user_without_the_token_learns_nothing(server: Served) -> None:
+def test_requests_without_the_token_are_refused_alike(server: Served) -> None:
     token = server.token
     tokens = ("", token[:-1], f"{token}0", token.swapcase(), f"%00{token}", "x" * 5000, "..")
     answers = [server.ask(f"/{other}/{target}") for other in tokens for target in TARGETS]
     answers += [server.ask("/"), server.ask("/api/start"), server.ask(f"/x/../{token}/"), server.ask(f"/{token}")]
-    # Nor does the answer tell that it was rovid's, or that a path would be there.
+    # The answer reveals neither rovid nor existing paths.
     told = {(one.status, one.body, tuple(sorted({**one.headers, "date": ""}))) for one in answers}
     assert len(told) == 1
     assert next(iter(told))[:2] == (403, b"Forbidden\n")
     assert "server" not in {name.lower() for name in answers[0].headers}
 
 
-def test_whoever_has_the_address_is_answered(server: Served) -> None:
+def test_requests_with_the_address_are_answered(server: Served) -> None:
     for headers in ({}, {"Sec-Fetch-Site": "none"}, {"Sec-Fetch-Site": "same-origin", "Origin": server.address[:-45]}):
         answer = server.ask(f"/{server.token}/", headers=headers)
         assert answer.status == 200
@@ -95,7 +100,7 @@ async def nothing(scope: Message, receive: Receive, send: Send) -> None:
 def test_a_ticket_leads_to_the_page_once() -> None:
     guard = TokenGuard(app=nothing, port=5000)
     ticket = guard.ticket().removeprefix("http://127.0.0.1:5000")
-    # A file that the browser opened sent it here: that is another site to it.
+    # The redirect comes from a local file, which the browser treats as another site.
     status, page = answer_to(guard, ticket, (b"sec-fetch-site", b"cross-site"))
     assert status == 200
     assert f"/{guard.token}/".encode() in page
@@ -103,7 +108,7 @@ def test_a_ticket_leads_to_the_page_once() -> None:
     assert answer_to(guard, f"/{guard.token}/api/x") == (200, b"/api/x")
 
 
-def test_two_names_of_a_host_are_none() -> None:
+def test_two_host_headers_are_refused() -> None:
     guard = TokenGuard(app=nothing, port=5000)
     assert answer_to(guard, f"/{guard.token}/", (b"host", b"evil.example"))[0] == 403
     assert (
@@ -111,6 +116,24 @@ def test_two_names_of_a_host_are_none() -> None:
     )
 
 
-def test_the_token_stands_in_no_picture_of_the_guard() -> None:
+def test_the_token_is_not_in_the_repr() -> None:
     guard = TokenGuard(app=nothing, port=5000)
     assert guard.token not in repr(guard)
+
+
+def test_the_browser_gets_the_address_from_a_private_file(monkeypatch: pytest.MonkeyPatch) -> None:
+    opened: list[str] = []
+    told = threading.Event()
+
+    def browse(address: str) -> bool:
+        opened.append(address)
+        told.set()
+        return True
+
+    monkeypatch.setattr(webbrowser, "open", browse)
+    show_in_browser("http://127.0.0.1:5000/a-ticket")
+    assert told.wait(10.0)
+    assert "a-ticket" not in opened[0]
+    page = Path(unquote(urlsplit(opened[0]).path))
+    assert "url=http://127.0.0.1:5000/a-ticket" in page.read_text()
+    assert stat.S_IMODE(page.parent.stat().st_mode) == 0o700

@@ -1,4 +1,4 @@
-"""What is drawn keeps each stretch's lowest and highest, counts from where [[leave_out]] does, and is light."""
+"""Decimated columns keep the extremes of each bin and the time origin of [[leave_out]]."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def drawn(values: np.ndarray, begin: float = -np.inf, end: float = np.inf, bins:
     return dict(column)
 
 
-def test_ten_hours_are_as_light_as_the_screen_and_lose_no_peak() -> None:
+def test_a_long_log_is_decimated_without_losing_peaks() -> None:
     values = np.sin(TEN_HOURS)
     values[123_456] = 40.0
     column = drawn(values)
@@ -37,7 +37,7 @@ def test_ten_hours_are_as_light_as_the_screen_and_lose_no_peak() -> None:
     assert min(column["low"]) == pytest.approx(-1.0, abs=1e-4)
 
 
-def test_a_closer_look_has_every_reading_and_one_beyond_either_end() -> None:
+def test_a_zoomed_view_has_every_sample_and_one_at_each_end() -> None:
     column = drawn(TEN_HOURS, 100.0, 110.0)
     assert column["time"][0] == pytest.approx(99.9)
     assert column["time"][-1] == pytest.approx(110.1)
@@ -45,7 +45,7 @@ def test_a_closer_look_has_every_reading_and_one_beyond_either_end() -> None:
     assert len(column["time"]) == 103
 
 
-def test_gaps_and_disorder_are_drawn_as_what_is_known() -> None:
+def test_gaps_and_unordered_samples_are_handled() -> None:
     values = np.where(TEN_HOURS < 10.0, np.nan, 1.0)
     order = np.random.default_rng(1).permutation(len(values))
     columns = {
@@ -60,7 +60,7 @@ def test_gaps_and_disorder_are_drawn_as_what_is_known() -> None:
     json.dumps([one, none, empty], allow_nan=False)
 
 
-def test_time_counts_from_where_what_is_left_out_does(tmp_path: Path) -> None:
+def test_the_time_origin_is_that_of_leave_out(tmp_path: Path) -> None:
     # The command is known 3 s after the heading.
     rows = [f"{50 + 0.1 * k:.1f},{k % 360},{'' if k < 30 else 1 + k // 300}" for k in range(900)]
     (tmp_path / "a.csv").write_text("time_s,heading_deg,fore_V\n" + "\n".join(rows) + "\n")

@@ -1,4 +1,4 @@
-"""What the page sends is checked; what was chosen is read back from rovid.toml as long as nobody changed that."""
+"""The page's form is validated, and choices are read back from an unchanged rovid.toml."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ WHOLE: dict[str, Any] = {
 }
 
 
-def test_it_is_read_as_it_was_meant() -> None:
+def test_a_form_is_parsed() -> None:
     hand = parse_form(WHOLE).overrides
     assert hand.signals is not None
     heading = hand.signals["csv"]["heading"]
@@ -52,12 +52,12 @@ def test_it_is_read_as_it_was_meant() -> None:
         WHOLE | {"name": "x" * 10_000},
     ],
 )
-def test_what_no_page_sends_is_refused(wrong: object) -> None:
+def test_an_invalid_form_is_refused(wrong: object) -> None:
     with pytest.raises(ConfigError, match="the page sent"):
         parse_form(wrong)
 
 
-def test_a_file_is_known_again_until_somebody_changes_it() -> None:
+def test_a_file_is_recognised_until_it_is_changed() -> None:
     choice = parse_form(WHOLE)
     text = with_form_data("[vehicle]\n", choice, {"thrust_guess.csv": b"1"})
     known = read_form_data(text)

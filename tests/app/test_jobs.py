@@ -1,4 +1,4 @@
-"""A command runs beside the page, says how far it is, and ends with all that it began when it is cancelled."""
+"""Jobs of the page: progress, result, and cancellation with all child processes."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def ended(work: Job) -> Job:
 
 
 def group(number: int) -> list[int]:
-    """Processes of a group that are alive."""
+    """Living processes of a group."""
     found = []
     for each in Path("/proc").iterdir():
         if not each.name.isdigit():
@@ -43,7 +43,7 @@ def group(number: int) -> list[int]:
     return found
 
 
-def test_it_says_step_by_step_what_it_does_and_what_came_out(folder: Path) -> None:
+def test_a_job_reports_steps_and_result(folder: Path) -> None:
     work = ended(Job(arguments=("report", "day", "--no-diagnosis", "--no-control", "--no-export"), folder=folder))
     document = work.document()
     assert (document["state"], document["error"]) == ("done", "")
@@ -54,7 +54,7 @@ def test_it_says_step_by_step_what_it_does_and_what_came_out(folder: Path) -> No
     assert (folder / document["page"]).is_file()
 
 
-def test_what_fails_says_what_the_command_line_says(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failed_job_has_the_message_of_the_command_line(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (folder / "day" / "hold_03.csv").write_text("time_s,heading_deg,fore_V\n0,1,2\n")
     work = ended(Job(arguments=("report", "day"), folder=folder))
     assert work.state == "failed"
@@ -63,14 +63,14 @@ def test_what_fails_says_what_the_command_line_says(folder: Path, monkeypatch: p
     assert "hold_03.csv" in work.error
 
 
-def test_a_file_called_as_a_module_is_not_run(folder: Path) -> None:
+def test_a_file_named_like_a_module_is_not_imported(folder: Path) -> None:
     for name in ("rovid.py", "numpy.py", "json.py"):
         (folder / name).write_text("raise SystemExit(99)\n")
     assert ended(Job(arguments=("check", "day"), folder=folder)).state == "done"
 
 
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="processes are counted by /proc")
-def test_cancelled_it_leaves_no_process(folder: Path) -> None:
+def test_a_cancelled_job_leaves_no_process(folder: Path) -> None:
     work = Job(arguments=("report", "day"), folder=folder)
     number = work.process.pid
     stop = time.monotonic() + 60.0
@@ -85,7 +85,7 @@ def test_cancelled_it_leaves_no_process(folder: Path) -> None:
     assert not (folder / "report" / "index.html").exists()
 
 
-def test_a_new_run_ends_the_one_before(folder: Path) -> None:
+def test_a_new_job_cancels_the_previous_one(folder: Path) -> None:
     works = JobQueue()
     first = works.start(["report", "day"], folder)
     second = works.start(["check", "day"], folder)

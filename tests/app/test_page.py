@@ -1,4 +1,4 @@
-"""The page in a real browser: from a folder without rovid.toml to a diagnosed page, by mouse and by keys alone."""
+"""The page in a real browser: from a folder without rovid.toml to the report, by mouse and by keyboard."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def browser() -> Iterator[Browser]:
 
 @contextlib.contextmanager
 def opened(browser: Browser, server: Served, scheme: Literal["light", "dark"] = "light") -> Iterator[Page]:
-    """The page; at its end it has neither complained nor asked anybody but this machine's own port."""
+    """The page; it must not log errors or send requests to other hosts or ports."""
     page = browser.new_page(color_scheme=scheme, viewport={"width": 1280, "height": 900})
     page.set_default_timeout(_QUICK)
     complaints: list[str] = []
@@ -59,7 +59,7 @@ def role(page: Page, column: str) -> Locator:
 
 
 def test_from_a_folder_without_rovid_toml_to_a_diagnosed_page(browser: Browser, tmp_path: Path) -> None:
-    """Names that tell nothing: heading and commands are chosen, thrusters placed, a stretch left out, all by mouse."""
+    """Meaningless column names: choose heading and commands, place thrusters, leave out an interval, all by mouse."""
     top = tmp_path / "top"
     riddle(top / "day")
     with served(top) as server, opened(browser, server) as page:
@@ -115,8 +115,8 @@ def run(page: Page) -> None:
     assert page.locator("#report-frame").get_attribute("sandbox") == "allow-scripts"
 
 
-def test_by_keys_alone_in_the_dark(browser: Browser, tmp_path: Path) -> None:
-    """Tab, Enter, Space and arrows alone, from the first to the report."""
+def test_the_page_works_with_the_keyboard_in_dark_mode(browser: Browser, tmp_path: Path) -> None:
+    """Only Tab, Enter, Space and arrow keys, up to the report."""
     top = tmp_path / "top"
     logs_into(top / "day", "hold_03.csv", "hold_05.csv", "sine_40s_a.csv", "staircase.csv")
     with served(top) as server, opened(browser, server, "dark") as page:
@@ -154,7 +154,7 @@ def test_by_keys_alone_in_the_dark(browser: Browser, tmp_path: Path) -> None:
 
 
 def tab_to(page: Page, there: str) -> None:
-    """Go on by Tab until ``there``; each stop is seen and has a name."""
+    """Press Tab until ``there``; each focused element is visible and has a name."""
     for _ in range(80):
         page.keyboard.press("Tab")
         stop = page.evaluate(
@@ -169,7 +169,7 @@ def tab_to(page: Page, there: str) -> None:
     raise AssertionError(there)
 
 
-def test_cancelled_it_says_so_and_can_be_begun_again(browser: Browser, tmp_path: Path) -> None:
+def test_a_cancelled_run_can_be_started_again(browser: Browser, tmp_path: Path) -> None:
     top = tmp_path / "top"
     logs_into(top / "day")
     with served(top, "day") as server, opened(browser, server) as page:
@@ -181,7 +181,7 @@ def test_cancelled_it_says_so_and_can_be_begun_again(browser: Browser, tmp_path:
         assert not page.locator("#report").is_visible()
 
 
-def test_sixty_columns_fit_a_telephone_and_are_drawn_once_seen(browser: Browser, tmp_path: Path) -> None:
+def test_sixty_columns_fit_a_phone_and_are_drawn_when_visible(browser: Browser, tmp_path: Path) -> None:
     top = tmp_path / "top"
     folder = logs_into(top / "day")
     head, *rows = (folder / "hold_03.csv").read_text().splitlines()
@@ -209,7 +209,7 @@ def test_sixty_columns_fit_a_telephone_and_are_drawn_once_seen(browser: Browser,
 
 
 class _Evil(http.server.BaseHTTPRequestHandler):
-    """A page of another user's server on this machine, which knows even the address."""
+    """A page of another user's server on this machine that knows the address."""
 
     target = ""
 
@@ -233,7 +233,7 @@ class _Evil(http.server.BaseHTTPRequestHandler):
         pass
 
 
-def test_a_page_of_another_port_gets_nothing_even_with_the_address(browser: Browser, server: Served) -> None:
+def test_a_page_of_another_port_gets_no_answer(browser: Browser, server: Served) -> None:
     _Evil.target = server.address
     evil = http.server.ThreadingHTTPServer(("127.0.0.1", 0), _Evil)
     threading.Thread(target=evil.serve_forever, daemon=True).start()

@@ -1,4 +1,4 @@
-"""Nothing outside the folder is read or written, nothing in it is replaced."""
+"""Files outside of the folder are not read or written, and no file is replaced."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def _links(top: Path) -> None:
 
 @pytest.mark.usefixtures("_links")
 @pytest.mark.parametrize("name", OUTSIDE)
-def test_what_lies_outside_is_neither_read_nor_listed(server: Served, name: str) -> None:
+def test_files_outside_are_neither_read_nor_listed(server: Served, name: str) -> None:
     asked = (
         server.get("api/look", ("log", name)),
         server.get("api/folders", ("in", name)),
@@ -60,13 +60,13 @@ def test_what_lies_outside_is_neither_read_nor_listed(server: Served, name: str)
     for answer in asked[:1] + asked[2:]:
         assert answer.error
         assert "kept_secret" not in answer.error
-    # A folder that is not there has nothing in it.
+    # A missing folder is empty.
     assert asked[1].status == 400 or asked[1].document == []
 
 
 @pytest.mark.usefixtures("_links")
 @pytest.mark.parametrize("way", ["..%2fsecret", "%2e%2e/secret", "..%5csecret", "%00", "....//secret", "%252e%252e/x"])
-def test_an_encoded_path_leads_nowhere(server: Served, way: str) -> None:
+def test_an_encoded_path_is_refused(server: Served, way: str) -> None:
     for target in (f"static/{way}/secret.csv", f"report/{way}", "static/..%2f..%2fguard.py", "static/app.py", way):
         answer = server.ask(f"/{server.token}/{target}")
         assert answer.status == 404
@@ -88,7 +88,9 @@ def test_a_log_that_is_a_link_out_is_named(tmp_path: Path) -> None:
         RootFolder(folder=tmp_path / "top").require([inside])
 
 
-def test_the_top_is_the_working_folder_or_what_holds_the_logs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_root_is_the_working_folder_or_the_parent_of_the_logs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     here, there = tmp_path / "here", tmp_path / "there"
     for folder in (here / "day", here / ".hidden", there):
         folder.mkdir(parents=True)
@@ -118,17 +120,17 @@ NAMES = {
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_dropped_name_becomes_one_that_every_system_takes(name: str) -> None:
+def test_an_uploaded_name_is_valid_on_every_system(name: str) -> None:
     assert clean_name(name).as_posix() == NAMES[name]
 
 
 @pytest.mark.parametrize("name", ["rovid.toml", "a.py", "a", "", "..", "a.csv.exe", ".csv"])
-def test_what_is_no_log_is_not_taken(name: str) -> None:
+def test_other_files_are_not_uploaded(name: str) -> None:
     with pytest.raises(RovidError, match="is no log"):
         clean_name(name)
 
 
-def test_what_is_dropped_replaces_nothing(server: Served, top: Path) -> None:
+def test_an_upload_replaces_nothing(server: Served, top: Path) -> None:
     first = server.upload("a.csv", b"one").document
     again = server.upload("a.csv", b"two", first["folder"]).document
     other = server.upload("../a.csv", b"three").document
@@ -136,12 +138,12 @@ def test_what_is_dropped_replaces_nothing(server: Served, top: Path) -> None:
     assert other["folder"] != first["folder"]
     texts = {path.relative_to(top).as_posix(): path.read_text() for path in top.glob("logs_*/**/*.csv")}
     assert texts == {first["name"]: "one", again["name"]: "two", other["name"]: "three"}
-    # Folders that were there before are nobody's to drop into.
+    # Uploads into existing folders are refused.
     assert "is not a folder of dropped logs" in server.upload("b.csv", b"x", "day").error
     assert not list(top.rglob(".rovid-upload-*"))
 
 
-def test_a_file_that_is_cut_off_on_its_way_leaves_nothing(server: Served, top: Path) -> None:
+def test_an_interrupted_upload_leaves_nothing(server: Served, top: Path) -> None:
     before = sorted(top.rglob("*"))
     head = f"POST /{server.token}/api/upload?name=cut.csv HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\n"
     with socket.create_connection(("127.0.0.1", server.port)) as connection:
@@ -156,7 +158,7 @@ def test_a_file_that_is_cut_off_on_its_way_leaves_nothing(server: Served, top: P
     assert server.said.read_text() == ""
 
 
-def test_what_is_too_large_is_refused_and_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_too_large_upload_is_refused_and_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sandbox, "LARGEST", 10)
     arrival = Upload.start(tmp_path, Path("a.csv"))
     with pytest.raises(RovidError, match="larger than"):

@@ -1,4 +1,4 @@
-"""From the first request to the report over HTTP; how it begins and how it ends."""
+"""The server over HTTP: start, requests, report and end."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.conftest import run_rovid
 
 @pytest.fixture(scope="module")
 def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Served, Path]]:
-    """A page whose run has come to its end."""
+    """A page with a finished job."""
     top = tmp_path_factory.mktemp("whole") / "top"
     logs_into(top / "day")
     with served(top, "day") as server:
@@ -32,19 +32,19 @@ def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Served
         yield server, top
 
 
-def test_it_ends_on_the_report_in_a_box_of_its_own(diagnosed: tuple[Served, Path]) -> None:
+def test_the_report_is_served_in_a_sandbox(diagnosed: tuple[Served, Path]) -> None:
     server, top = diagnosed
     report = server.get(f"report/{server.get('api/progress').document['report']}")
     assert report.body == (top / "day" / "report" / "index.html").read_bytes()
     policy = {name.lower(): value for name, value in report.headers.items()}["content-security-policy"]
     assert policy.startswith("sandbox allow-scripts;")
     assert "default-src 'none'" in policy
-    # The next time it is there from the start.
+    # Later requests find the report at once.
     known = server.get("api/look", ("log", "day")).document["report"]
     assert server.get(f"report/{known}").body == report.body
 
 
-def test_a_page_that_is_no_report_is_not_shown(diagnosed: tuple[Served, Path]) -> None:
+def test_other_pages_are_not_served(diagnosed: tuple[Served, Path]) -> None:
     server, top = diagnosed
     known = server.get("api/look", ("log", "day")).document["report"]
     page = top / "day" / "report" / "index.html"
@@ -55,14 +55,14 @@ def test_a_page_that_is_no_report_is_not_shown(diagnosed: tuple[Served, Path]) -
     page.write_bytes(kept)
 
 
-def test_it_writes_beside_the_logs_alone(diagnosed: tuple[Served, Path]) -> None:
+def test_files_are_written_only_next_to_the_logs(diagnosed: tuple[Served, Path]) -> None:
     _, top = diagnosed
     assert [path.name for path in top.iterdir()] == ["day"]
     new = {path.name for path in (top / "day").iterdir() if path.suffix != ".csv"}
     assert new == {"rovid.toml", "parameters.toml", "report"}
 
 
-def test_what_is_sent_wrong_is_told_and_harms_nothing(server: Served) -> None:
+def test_invalid_requests_are_refused_without_harm(server: Served) -> None:
     token = server.token
     for body in (b"", b"{", b"[" * 100_000, b"\xff", b"3"):
         answer = server.ask(f"/{token}/api/draft", "POST", {}, body)
@@ -86,7 +86,7 @@ def test_logs_from_elsewhere_take_no_uploads(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
-def test_it_ends_cleanly_with_what_it_began_and_told_nobody_the_token(tmp_path: Path) -> None:
+def test_the_server_ends_its_jobs_and_never_prints_the_token(tmp_path: Path) -> None:
     top = tmp_path / "top"
     logs_into(top / "day")
     shutil.copy(DAY / "rovid.toml", top / "day")
@@ -102,13 +102,13 @@ def test_it_ends_cleanly_with_what_it_began_and_told_nobody_the_token(tmp_path: 
     assert not (top / "day" / "report").exists()
 
 
-def test_a_port_that_is_taken_is_told(server: Served, tmp_path: Path) -> None:
+def test_a_taken_port_is_an_error(server: Served, tmp_path: Path) -> None:
     done = run_rovid("open", "--no-browser", "--port", server.port)
     assert done.code == 2
     assert f"port {server.port} of this machine cannot be used" in done.err
 
 
-def test_without_its_packages_it_says_which_extra_to_install(tmp_path: Path) -> None:
+def test_missing_packages_name_the_extra(tmp_path: Path) -> None:
     code = (
         "import sys, importlib.util as u; real = u.find_spec\n"
         "u.find_spec = lambda name, *more: None if name in ('starlette', 'uvicorn') else real(name, *more)\n"
@@ -121,7 +121,7 @@ def test_without_its_packages_it_says_which_extra_to_install(tmp_path: Path) -> 
     assert "Traceback" not in done.stderr
 
 
-def test_what_is_not_there_is_told_at_once(tmp_path: Path) -> None:
+def test_missing_logs_are_an_error_at_the_start(tmp_path: Path) -> None:
     done = run_rovid("open", tmp_path / "no_such", "--no-browser")
     assert done.code == 2
     assert "no such file or folder" in done.err

@@ -32,7 +32,7 @@ def assert_parameters(found: dict[str, Any], names: set[str]) -> None:
 
 @pytest.mark.parametrize("flag", ["-h", "--help"])
 @pytest.mark.parametrize("command", COMMANDS)
-def test_every_command_explains_itself_with_an_example(command: str, flag: str) -> None:
+def test_every_command_has_help_with_an_example(command: str, flag: str) -> None:
     done = run_rovid(command, flag)
     assert (done.code, done.err) == (0, "")
     text = re.sub(r"\s+", " ", done.out)
@@ -55,7 +55,7 @@ def test_fit_documents(command: str, day: Path, rovid: Rovid) -> None:
     assert document["schema"] == "rovid-fit/1"
     assert set(document) >= {"schema", "parameters", "effects", "log_likelihood", "samples", "warnings"}
     drag = {"quadratic_drag", "linear_drag"}
-    # Without a steady drag `fit-inertia` gives the drag that belongs to its inertia.
+    # Without a steady drag `fit-inertia` also fits the drag.
     assert_parameters(document["parameters"], drag if command == "fit-drag" else {"inertia", *drag})
     assert document["effects"] == []
     assert isinstance(document["warnings"], list)
@@ -88,7 +88,7 @@ def test_check_document(day: Path, rovid: Rovid) -> None:
 
 
 @pytest.mark.parametrize("first", [[], ["fit-drag"]], ids=["without steady drag", "with steady drag"])
-def test_a_command_run_twice_says_the_same(first: list[str], day: Path, rovid: Rovid) -> None:
+def test_a_repeated_command_gives_the_same_result(first: list[str], day: Path, rovid: Rovid) -> None:
     for command in first:
         assert rovid(command, day).code == 0
     once, twice = (rovid("fit-inertia", day, "--json").document for _ in range(2))
@@ -103,7 +103,7 @@ def wrong_sign(day: Path, folder: Path) -> Path:
 
 
 @pytest.mark.parametrize("command", ["fit-drag", "fit-inertia", "fit"])
-def test_thrust_of_the_wrong_sign_is_told(command: str, day: Path, rovid: Rovid, tmp_path: Path) -> None:
+def test_thrust_of_the_wrong_sign_is_an_error(command: str, day: Path, rovid: Rovid, tmp_path: Path) -> None:
     done = rovid(command, wrong_sign(day, tmp_path))
     assert done.code == 2
     assert "signs of yaw_arm" in done.err
@@ -124,7 +124,7 @@ def test_thrust_of_the_wrong_sign_is_told(command: str, day: Path, rovid: Rovid,
         (["bogus"], "bogus"),
     ],
 )
-def test_the_users_mistakes_end_with_two_and_one_message(
+def test_user_errors_end_with_status_2_and_one_message(
     arguments: list[str], words: str, day: Path, rovid: Rovid, tmp_path: Path
 ) -> None:
     (tmp_path / "file").write_text("")
@@ -146,8 +146,8 @@ def test_the_users_mistakes_end_with_two_and_one_message(
     ],
     ids=["at rest", "backwards", "one row", "two rows", "one rate", "linear"],
 )
-def test_poor_tables_end_in_words(rows: str, code: int, words: str, rovid: Rovid, tmp_path: Path) -> None:
-    # Warnings are errors here: neither a traceback nor numpy's own complaints may reach the user.
+def test_poor_tables_give_messages(rows: str, code: int, words: str, rovid: Rovid, tmp_path: Path) -> None:
+    # Warnings are errors here: no traceback and no warning of numpy may reach the user.
     (tmp_path / "table.csv").write_text("command,yaw_rate_rad_s,torque_Nm\n" + rows)
     for extra in ([], ["--json"]):
         done = rovid("fit-drag", "table.csv", *extra)
@@ -155,13 +155,13 @@ def test_poor_tables_end_in_words(rows: str, code: int, words: str, rovid: Rovid
         assert re.search(words, re.sub(r"\s+", " ", done.out + done.err))
 
 
-def test_tables_are_of_yaw_alone(rovid: Rovid) -> None:
+def test_tables_are_only_of_yaw(rovid: Rovid) -> None:
     done = rovid("fit-drag", SAMPLES / "rosub_paper", "--axis", "surge")
     assert done.code == 2
     assert "is a table of yaw" in re.sub(r"\s+", " ", done.err)
 
 
-def test_a_pipe_gets_plain_text_and_json_stands_alone(day: Path, tmp_path: Path) -> None:
+def test_a_pipe_gets_plain_text_or_only_json(day: Path, tmp_path: Path) -> None:
     rovid = [sys.executable, "-W", "error", "-c", "from rovid.cli.cli import main; main()"]
     plain = subprocess.run([*rovid, "fit-drag", day], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert "\x1b" not in plain.stdout

@@ -1,4 +1,4 @@
-"""What the Tab key offers, by the protocol between typer and the shells."""
+"""Shell completion, by the protocol between typer and the shells."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ NEEDS_BASH = pytest.mark.skipif(shutil.which("bash") is None, reason="no bash he
 
 @pytest.fixture
 def offered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Offered:
-    """What bash is offered for the last of the words, in an empty folder."""
+    """Completions that bash gets for the last of the words, in an empty folder."""
     monkeypatch.chdir(tmp_path)
 
     def ask(*words: str) -> list[str]:
@@ -68,7 +68,7 @@ def test_commands_and_options(offered: Offered) -> None:
         (["plan", "--narrow", ""], list(base_names(YAW))),
     ],
 )
-def test_values_are_those_that_the_command_takes(words: list[str], values: list[str], offered: Offered) -> None:
+def test_completed_values_are_those_the_command_accepts(words: list[str], values: list[str], offered: Offered) -> None:
     assert offered(*words) == values
 
 
@@ -98,7 +98,7 @@ def test_files_and_folders_are_left_to_the_shell(words: list[str], offered: Offe
     assert offered(*words) == []
 
 
-def test_zsh_and_fish_get_a_line_a_value(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_zsh_and_fish_get_one_line_a_value(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "40")
     monkeypatch.setenv("_TYPER_COMPLETE_ARGS", "rovid fit --")
     monkeypatch.setenv("_TYPER_COMPLETE_FISH_ACTION", "get-args")

@@ -1,4 +1,4 @@
-"""What the parameter file remembers for the commands that follow."""
+"""Content of the parameter file that later commands use."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rovid.store.load import read_parameters
 from tests.conftest import Rovid
 
 
-def test_later_commands_remember_the_logs_wherever_they_run(
+def test_later_commands_find_the_logs_from_any_folder(
     day: Path, rovid: Rovid, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert rovid("fit-drag", day, "-p", "süb dir/p.toml").code == 0
@@ -29,7 +29,7 @@ def test_a_folder_moved_with_its_parameter_file_still_works(day: Path, rovid: Ro
 
 
 @pytest.mark.usefixtures("blank")
-def test_options_are_remembered_and_asked_for_anew(day: Path, rovid: Rovid, tmp_path: Path) -> None:
+def test_options_are_stored_and_changed_options_refit(day: Path, rovid: Rovid, tmp_path: Path) -> None:
     quick = ("--no-diagnosis", "--no-control", "--no-export")
     assert rovid("fit-drag", day).code == 0
     assert rovid("fit-inertia", "--cutoff", "1").code == 0
@@ -39,7 +39,7 @@ def test_options_are_remembered_and_asked_for_anew(day: Path, rovid: Rovid, tmp_
         "quadratic_drag": "",
         "linear_drag": "",
     }
-    # What was chosen for a fit is not undone by a report that says nothing of it.
+    # A report without this option does not change the option of an earlier fit.
     assert rovid("report", *quick, "--json").document["warnings"] == []
     (note,) = rovid("report", *quick, "--cutoff", "0.5", "--json").document["warnings"]
     assert note.endswith("was fitted again: it was fitted without --cutoff=0.5.")
@@ -48,17 +48,17 @@ def test_options_are_remembered_and_asked_for_anew(day: Path, rovid: Rovid, tmp_
 
 
 @pytest.mark.usefixtures("blank")
-def test_a_report_on_other_logs_is_of_those(day: Path, rovid: Rovid, tmp_path: Path) -> None:
+def test_a_report_on_other_logs_fits_those(day: Path, rovid: Rovid, tmp_path: Path) -> None:
     quick = ("--no-diagnosis", "--no-control", "--no-export")
     more = shutil.copytree(day, tmp_path / "more")
     (more / "holds dówn.csv").unlink()
     assert rovid("report", more, *quick).code == 0
     before = read_parameters(tmp_path / "parameters.toml")
     assert [source.name for source in before.sources] == ["holds up.csv", "sine.csv"]
-    # Some of its logs are no others, and nor are those logs elsewhere.
+    # A subset of the logs, or the same logs elsewhere, are not other logs.
     assert rovid("report", day / "sine.csv", *quick, "--json").document["warnings"] == []
     assert read_parameters(tmp_path / "parameters.toml").entries == before.entries
-    # One that comes later is named, and fitted too by the next report.
+    # A later log is named, and the next report fits it too.
     shutil.copy(day / "holds dówn.csv", more)
     (said,) = [text for text in rovid("simulate", "--json").document["warnings"] if "added after" in text]
     assert said.startswith("holds dówn.csv")
@@ -70,7 +70,7 @@ def test_a_report_on_other_logs_is_of_those(day: Path, rovid: Rovid, tmp_path: P
 
 
 @pytest.mark.usefixtures("blank")
-def test_a_model_that_was_fitted_as_a_whole_is_fitted_so_again(day: Path, rovid: Rovid, tmp_path: Path) -> None:
+def test_a_joint_fit_is_repeated_as_a_joint_fit(day: Path, rovid: Rovid, tmp_path: Path) -> None:
     folder = shutil.copytree(day, tmp_path / "day")
     assert rovid("fit", folder, "--effect", "bias_torque").code == 0
     toml = (folder / "rovid.toml").read_text()
@@ -81,7 +81,7 @@ def test_a_model_that_was_fitted_as_a_whole_is_fitted_so_again(day: Path, rovid:
     assert found.entries["inertia"].value == pytest.approx(2.0 * 5057.0, rel=0.02)
 
 
-def test_drag_of_other_arms_is_not_kept_beside_a_new_inertia(day: Path, rovid: Rovid, tmp_path: Path) -> None:
+def test_drag_of_other_arms_is_removed_before_a_new_inertia(day: Path, rovid: Rovid, tmp_path: Path) -> None:
     folder = shutil.copytree(day, tmp_path / "day")
     assert rovid("fit-drag", folder).code == 0
     toml = (folder / "rovid.toml").read_text()
@@ -91,7 +91,7 @@ def test_drag_of_other_arms_is_not_kept_beside_a_new_inertia(day: Path, rovid: R
     assert "without quadratic_drag, linear_drag: yaw_arm of" in note
     assert "was 0.43 and is 0.86" in note
     found = read_parameters(tmp_path / "parameters.toml")
-    # None of the steady turns' drag is left, which is half of what it has to be now.
+    # The old drag of the steady turns, half of the new one, is gone.
     assert found.entries["quadratic_drag"].value == pytest.approx(2.0 * 3532.0, rel=0.05)
     assert found.entries["quadratic_drag"].method == found.entries["inertia"].method
 
@@ -105,7 +105,9 @@ def test_logs_may_be_given_one_by_one_and_twice(day: Path, rovid: Rovid) -> None
     assert any("same file" in text for text in twice["warnings"])
 
 
-def test_what_opens_logs_has_a_second_process_compile(day: Path, rovid: Rovid, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_opening_logs_starts_the_background_compilation(
+    day: Path, rovid: Rovid, monkeypatch: pytest.MonkeyPatch
+) -> None:
     begun: list[str] = []
     monkeypatch.setattr("rovid.model.kernels.start_compiling", lambda: begun.append("begun"))
     assert rovid("fit-inertia", day).code == 0

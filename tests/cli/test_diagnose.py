@@ -1,4 +1,4 @@
-"""Poor input gets a verdict that says what is missing, or one message; never a traceback."""
+"""Poor input gives a verdict with the missing data or one message, but no traceback."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tools.programme import Hold, Run, Sine
 from tools.trial_day import write_trial_day
 
 TIME = np.arange(0.0, 120.0, 0.1)
-# The least that a diagnosis is content with.
+# The minimum data of a diagnosis.
 CAMPAIGN = (
     Run(name="ahead", pieces=(Hold(1.5, 40.0), Hold(0.0, 20.0))),
     Run(name="astern", pieces=(Hold(-1.9, 40.0), Hold(0.0, 20.0))),
@@ -100,7 +100,7 @@ def write_day(folder: Path, edit: Callable[[pd.DataFrame], pd.DataFrame], campai
     return folder
 
 
-def test_how_short_is_said_of_the_filter_in_use(tmp_path: Path, rovid: Rovid) -> None:
+def test_the_minimum_length_depends_on_the_filter(tmp_path: Path, rovid: Rovid) -> None:
     folder = write_day(tmp_path / "day", lambda log: log, CAMPAIGN[:2])
     document = rovid("diagnose", folder, "--cutoff", "0.05", "--json").document
     assert document["verdict"] == "too_little_data"
@@ -113,7 +113,7 @@ def test_logs_of_a_second(tmp_path: Path, rovid: Rovid) -> None:
 
 
 @pytest.mark.parametrize("column", ["supply_V", "temperature_C", "roll_deg"])
-def test_an_extra_channel_without_readings_is_said_and_passed_over(column: str, tmp_path: Path, rovid: Rovid) -> None:
+def test_an_empty_extra_channel_is_reported_and_skipped(column: str, tmp_path: Path, rovid: Rovid) -> None:
     folder = write_day(tmp_path / "day", lambda log: log.assign(**{column: np.nan}))
     with (folder / "rovid.toml").open("a") as toml:
         toml.write('temperature = { csv = "temperature_C" }\n' if column == "temperature_C" else "")
@@ -129,7 +129,7 @@ def test_a_long_trial_with_a_long_gap(tmp_path: Path, rovid: Rovid) -> None:
 
     done = rovid("diagnose", write_day(tmp_path / "day", edit, LONG), "--json")
     assert done.err == ""
-    # Commands went on changing inside the gap; a part that begins there begins with its first heading.
+    # Commands change within the gap; a part that starts there starts with its first heading.
     assert done.document["verdict"] == "nothing_found"
     assert any("too few trials (1)" in text for text in done.document["warnings"])
 
@@ -168,7 +168,7 @@ def test_an_effect_that_does_not_exist(effect: str, words: tuple[str, ...], rovi
     assert not Path("parameters.toml").exists()
 
 
-def test_an_effect_on_what_is_not_there(tmp_path: Path, rovid: Rovid) -> None:
+def test_an_effect_on_a_missing_thruster(tmp_path: Path, rovid: Rovid) -> None:
     folder = write_day(tmp_path / "day", lambda log: log.assign(supply_V=np.nan))
     done = rovid("fit", folder, "--effect", "thruster_imbalance:four")
     assert_one_message(done, "thruster_imbalance:four", "Nearest: 'thruster_imbalance:fore'")
@@ -177,7 +177,7 @@ def test_an_effect_on_what_is_not_there(tmp_path: Path, rovid: Rovid) -> None:
 
 
 def test_a_thruster_that_was_renamed_since(tmp_path: Path, rovid: Rovid) -> None:
-    # While both run alike, one that is weaker shows as all of them being so.
+    # If both thrusters run alike, one weak thruster looks like two slightly weak ones.
     campaign = (*CAMPAIGN, Run(name="fore_only", pieces=(Hold(2.2, 40.0), Hold(-2.8, 40.0)), only="fore"))
     folder = write_day(tmp_path / "day", lambda log: log, campaign)
     assert rovid("fit", folder, "--effect", "thruster_imbalance:fore").code == 0
@@ -192,7 +192,7 @@ def test_an_effect_of_data_without_excitation(tmp_path: Path, rovid: Rovid) -> N
     assert_one_message(rovid("fit", folder, "--effect", "thruster_lag"), "inertia", "Run sines, steps")
 
 
-def test_tables_and_nothing_at_all(tmp_path: Path, rovid: Rovid) -> None:
+def test_tables_and_empty_folders(tmp_path: Path, rovid: Rovid) -> None:
     steady = tmp_path / "tables" / "steady.csv"
     steady.parent.mkdir()
     steady.write_text("command,yaw_rate_rad_s,torque_Nm\n1,0.1,50\n2,0.2,160\n")

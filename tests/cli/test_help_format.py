@@ -1,4 +1,4 @@
-"""The manual: every page is whole, fits a terminal, and its examples are true."""
+"""The manual: every page is complete, fits the terminal, and has valid examples."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from tests.conftest import SAMPLES, Rovid, run_rovid
 
 GROUP = typer.main.get_command(cli.app)
 EXAMPLES = [(command, line) for command, page in MANUAL.items() for _, line in page.examples]
-# The rest takes seconds each, or needs what takes seconds; the tests of the sample logs run the like.
+# The other examples take seconds; the tests of the sample logs run similar commands.
 QUICK = [
     line
     for command, line in EXAMPLES
     if command in {"convert", "fit-thruster", "help"} or ("tables.toml" in line and command != "diagnose")
 ]
-# What stands in for a reader's own files.
+# Samples that replace a reader's files.
 STAND_INS = {
     "my_logs": "rosub_tank",
     "surge_logs": "surge_tank",
@@ -48,7 +48,7 @@ def test_every_command_has_a_page() -> None:
 
 @pytest.mark.parametrize("width", [60, 80, 120])
 @pytest.mark.parametrize("command", MANUAL)
-def test_a_page_is_whole_and_fits(command: str, width: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_page_is_complete_and_fits_the_terminal(command: str, width: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", str(width))
     text = run_rovid(command, "--help").out
     lines = text.splitlines()
@@ -58,7 +58,7 @@ def test_a_page_is_whole_and_fits(command: str, width: int, monkeypatch: pytest.
     at = [lines.index(f"{heading}:") for heading in ("Options", "Examples", "Exit status", "See also")]
     assert at == sorted(at)
     assert 2 <= len(MANUAL[command].examples) <= 4
-    # A line that is too long for the terminal goes on behind a backslash.
+    # A line that is too long for the terminal continues after a backslash.
     whole = " ".join(text.replace(" \\\n", " ").split())
     for what, line in MANUAL[command].examples:
         assert f"# {what} {line} " in whole
@@ -66,7 +66,7 @@ def test_a_page_is_whole_and_fits(command: str, width: int, monkeypatch: pytest.
         assert any(line.startswith(f"  {code}  ") for line in lines)
 
 
-def test_every_option_and_argument_says_what_it_is() -> None:
+def test_every_option_and_argument_has_help() -> None:
     assert isinstance(GROUP, TyperGroup)
     for name, command in GROUP.commands.items():
         for parameter in command.params:
@@ -74,13 +74,13 @@ def test_every_option_and_argument_says_what_it_is() -> None:
             assert re.fullmatch(r"[A-Z].*\.", help_ or ""), f"{name} {parameter.name}: {help_!r}"
 
 
-def test_the_list_of_commands_says_what_each_does_in_full(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_list_of_commands_has_full_first_lines(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "80")
     text = run_rovid("--help").out
     assert "..." not in text.partition("Commands:")[2]
 
 
-def test_what_is_to_be_seen_also_is_there() -> None:
+def test_related_commands_and_pages_exist() -> None:
     for page in MANUAL.values():
         for other in page.see:
             rovid, name, *more = other.split()
@@ -90,7 +90,7 @@ def test_what_is_to_be_seen_also_is_there() -> None:
                 assert more[0] in topic_names(), other
 
 
-def test_nothing_is_cited_that_an_installed_rovid_lacks() -> None:
+def test_no_page_refers_to_files_of_the_repository() -> None:
     texts = [run_rovid(command, "--help").out for command in MANUAL] + [run_rovid("--help").out]
     for text in texts:
         assert not re.search(r"docs/|sample_logs|README|\.md\b", text), text
@@ -112,11 +112,11 @@ def test_an_example_is_a_command_line(command: str, line: str) -> None:
 
 
 def stood_in(path: Path) -> Path:
-    """The sample for a reader's own file, or for one in a folder of hers."""
+    """The sample that replaces a reader's file, or a file in the reader's folder."""
     for part in (path, *path.parents):
         if str(part) in STAND_INS:
             return SAMPLES / STAND_INS[str(part)] / path.relative_to(part)
-    # A folder of which files are stood in.
+    # A folder with some replaced files.
     assert any(name.startswith(f"{path}/") for name in STAND_INS), path
     return SAMPLES
 

@@ -1,4 +1,4 @@
-"""A first rovid.toml from logs alone, as a newcomer has them."""
+"""A first rovid.toml from logs only."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_three_commands_lead_from_logs_to_a_page(csv_day: Path, tmp_path: Path, 
     assert 0.43 * inertia == pytest.approx(5057.0, rel=0.02)
 
 
-def test_sense_and_unit_are_read_off_the_motion(csv_day: Path, tmp_path: Path, rovid: Rovid) -> None:
+def test_sign_and_unit_are_found_from_the_motion(csv_day: Path, tmp_path: Path, rovid: Rovid) -> None:
     def change(log: pd.DataFrame) -> pd.DataFrame:
         turned = np.radians(-log["heading_deg"].to_numpy())
         rate = np.degrees(np.gradient(np.unwrap(turned), log["time_s"]))
@@ -78,14 +78,14 @@ def test_a_mixed_folder_has_both_formats_in_one_map(tmp_path: Path, rovid: Rovid
     assert [one["command"] for one in found["thrusters"]] == [one["command"] for one in known["thrusters"]]
 
 
-def test_without_a_curve_one_is_guessed_and_said_to_be(tmp_path: Path, rovid: Rovid) -> None:
+def test_a_missing_thrust_curve_is_guessed_and_marked(tmp_path: Path, rovid: Rovid) -> None:
     (tmp_path / "dive").mkdir()
     shutil.copy(SAMPLES / "bluerov2_pier59" / "dive.csv", tmp_path / "dive")
     document = rovid("init", "dive", "--json").document
     assert document["curve"] == {"file": "thrust_guess.csv", "guessed": True}
     assert "is a guess" in (tmp_path / "dive" / "rovid.toml").read_text()
     ways = {one["source"]: one["turns"] for one in document["commands"]["csv"]}
-    # Of the thrusters that turn this vehicle none is taken the wrong way round.
+    # No thruster that turns this vehicle gets the wrong sign.
     assert (ways["pwm3_us"], ways["pwm4_us"]) == (-1, 1)
     assert ways["pwm1_us"] <= 0 <= ways["pwm2_us"]
     assert rovid("check", "dive").code == 0
@@ -99,7 +99,7 @@ def test_small_tilts_of_a_recording_are_in_the_unit_of_its_heading(tmp_path: Pat
     assert [signals[name]["unit"] for name in ("heading", "roll", "pitch")] == ["deg", "deg", "deg"]
 
 
-def test_what_is_no_heading_is_not_taken_for_one(tmp_path: Path, rovid: Rovid) -> None:
+def test_other_columns_are_not_mistaken_for_the_heading(tmp_path: Path, rovid: Rovid) -> None:
     (tmp_path / "day").mkdir()
     for path in (SAMPLES / "surge_tank").glob("*.csv"):
         shutil.copy(path, tmp_path / "day")
@@ -131,7 +131,7 @@ def test_logs_of_different_columns_share_what_is_mapped(csv_day: Path, tmp_path:
     assert rovid("check", folder / "a.csv", folder / "b.csv").code == 0
 
 
-def test_a_guessed_curve_is_not_written_over(tmp_path: Path, rovid: Rovid) -> None:
+def test_a_changed_curve_is_not_overwritten(tmp_path: Path, rovid: Rovid) -> None:
     (tmp_path / "dive").mkdir()
     shutil.copy(SAMPLES / "bluerov2_pier59" / "dive.csv", tmp_path / "dive")
     curve = tmp_path / "dive" / "thrust_guess.csv"
@@ -143,7 +143,7 @@ def test_a_guessed_curve_is_not_written_over(tmp_path: Path, rovid: Rovid) -> No
     assert not (tmp_path / "dive" / "rovid.toml").exists()
 
 
-def test_nothing_is_written_over(csv_day: Path, tmp_path: Path, rovid: Rovid) -> None:
+def test_nothing_is_overwritten(csv_day: Path, tmp_path: Path, rovid: Rovid) -> None:
     folder = logs_of(csv_day, tmp_path / "day")
     (folder / "rovid.toml").write_text("# mine\n")
     done = rovid("init", folder)
@@ -162,7 +162,7 @@ def test_nothing_is_written_over(csv_day: Path, tmp_path: Path, rovid: Rovid) ->
         ("", "is empty"),
     ],
 )
-def test_what_is_not_recognised_is_said(text: str, said: str, tmp_path: Path, rovid: Rovid) -> None:
+def test_unrecognised_columns_are_reported(text: str, said: str, tmp_path: Path, rovid: Rovid) -> None:
     (tmp_path / "log.csv").write_text(text)
     done = rovid("init", tmp_path)
     assert done.code == 2
@@ -178,7 +178,7 @@ def test_what_is_not_recognised_is_said(text: str, said: str, tmp_path: Path, ro
         ("time_s,heading_deg,s1\n" + "".join(f"{k},{k % 360},{k % 3}\n" for k in range(60)), "command"),
     ],
 )
-def test_what_is_open_is_marked_and_can_be_named(text: str, what: str, tmp_path: Path, rovid: Rovid) -> None:
+def test_open_entries_are_marked_and_can_be_given(text: str, what: str, tmp_path: Path, rovid: Rovid) -> None:
     (tmp_path / "log.csv").write_text(text)
     assert rovid("init", tmp_path, "--json").document["open"][0] == what
     column = {"heading": "depth_m", "command": "s1"}[what]
@@ -201,7 +201,7 @@ def test_a_dive_needs_nothing_but_its_log(tmp_path: Path, rovid: Rovid) -> None:
     assert rovid("check", tmp_path).code == 0
 
 
-def test_a_vehicle_that_is_named_is_no_guess(tmp_path: Path, rovid: Rovid) -> None:
+def test_a_named_vehicle_is_no_guess(tmp_path: Path, rovid: Rovid) -> None:
     shutil.copy(SAMPLES / "bluerov2_dataflash" / "dive.BIN", tmp_path)
     document = rovid("init", tmp_path, "--vehicle", "BlueROV2 Heavy", "--json").document
     assert document["vehicle"] == {"type": "bluerov2-heavy", "guessed": False}
@@ -214,7 +214,7 @@ def test_a_vehicle_that_is_named_is_no_guess(tmp_path: Path, rovid: Rovid) -> No
     ("log", "kind", "outputs"),
     [("small.BIN", "RCOU.C{}", (1, 2, 3, 4)), ("small.tlog", "SERVO_OUTPUT_RAW.servo{}_raw", range(1, 9))],
 )
-def test_parameters_of_an_autopilot_tell_thrusters_from_lights(
+def test_autopilot_parameters_distinguish_thrusters_from_lights(
     log: str, kind: str, outputs: Sequence[int], tmp_path: Path, rovid: Rovid
 ) -> None:
     shutil.copy(SAMPLES / "ardusub_small" / log, tmp_path)
@@ -263,7 +263,7 @@ def test_the_other_axes_are_guessed_too(
     assert fitted["parameters"]["linear_drag"]
 
 
-def test_what_another_axis_wants_is_said_and_can_be_named(tmp_path: Path, rovid: Rovid) -> None:
+def test_signals_of_another_axis_are_requested_and_can_be_given(tmp_path: Path, rovid: Rovid) -> None:
     shutil.copytree(SAMPLES / "surge_tank", tmp_path / "day")
     (tmp_path / "day" / "rovid.toml").unlink()
     for path in (tmp_path / "day").glob("*.csv"):

@@ -1,4 +1,4 @@
-"""`rovid plan`: the run to make next decides when it is made."""
+"""`rovid plan`: the planned run discriminates between causes."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from tools.truth import ROSUB
 
 @pytest.fixture(scope="module")
 def few(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A hold or two and a sine, with a lag that they hardly show."""
+    """Two holds and a sine with a lag that these data hardly show."""
     folder = tmp_path_factory.mktemp("few")
     case = next(case for case in all_cases(ROSUB) if case.name == "thruster_lag-first_order-weak")
     write_trial_day(folder, seed=3, truth=case.of(ROSUB), formats="csv", campaign=FEW)
     return folder
 
 
-def test_two_causes_are_told_apart_by_a_fast_command(few: Path, tmp_path: Path, rovid: Rovid) -> None:
+def test_two_causes_are_distinguished_by_a_fast_command(few: Path, tmp_path: Path, rovid: Rovid) -> None:
     document = rovid("plan", few, "--between", "thruster_lag", "--between", "command_delay", "--json").document
     assert document["decides"]
     assert "fast random" in document["runs"][0]["run"]
@@ -49,7 +49,7 @@ def test_a_crew_s_limits_are_kept(few: Path, rovid: Rovid) -> None:
     assert all(math.isfinite(run["gain"]) and run["gain"] > 0.0 for run in tight["runs"])
 
 
-def test_what_no_longer_holds_gives_the_names_of_its_effects_alone(few: Path, tmp_path: Path, rovid: Rovid) -> None:
+def test_a_stale_file_contributes_only_the_names_of_its_effects(few: Path, tmp_path: Path, rovid: Rovid) -> None:
     folder = shutil.copytree(few, tmp_path / "few")
     assert rovid("fit", folder, "--effect", "bias_torque").code == 0
     assert rovid("plan", "--json").document["warnings"] == []

@@ -44,7 +44,7 @@ def test_numbers_on_the_page_are_those_of_the_parameter_file(day_report: Path) -
 
 
 @pytest.mark.usefixtures("blank")
-def test_the_answer_stands_before_the_place_of_the_page(rovid: Rovid) -> None:
+def test_the_answer_comes_before_the_path_of_the_page(rovid: Rovid) -> None:
     shutil.copy(SAMPLES / "ardusub_small" / "small.tlog", ".")
     done = rovid("report", "small.tlog")
     assert done.code == 0
@@ -71,7 +71,7 @@ def test_report_alone_fits_what_is_missing(day_report: Path, rovid: Rovid) -> No
     assert done.document["overall"]["yaw_rate_r2"] > 0.99
 
 
-def test_a_file_in_the_folders_place_is_one_message(rovid: Rovid) -> None:
+def test_a_file_with_the_name_of_the_folder_is_one_message(rovid: Rovid) -> None:
     Path("taken").write_text("a file\n")
     done = rovid("report", SAMPLES / "rosub_paper", "-o", "taken")
     assert done.code == 2

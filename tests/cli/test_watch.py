@@ -1,4 +1,4 @@
-"""`rovid watch`: a trial day as it comes, in a process of its own, by what that prints."""
+"""`rovid watch` in a process of its own during a trial day."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from tools.programme import CAMPAIGN
 from tools.trial_day import write_trial_day
 
 Document = dict[str, Any]
-# s; a loaded machine takes its time, and nothing here is decided by how long it took.
+# Time limit in s for a loaded machine; no result depends on it.
 PATIENCE = 120.0
 QUICK = ("--interval", "0.1", "--whole", "0.5", "--cut", "2")
 
 
 class Watcher:
-    """A running `rovid watch --json`, and what it said so far."""
+    """A running `rovid watch --json` and its documents so far."""
 
     def __init__(self, process: subprocess.Popen[str]) -> None:
         self.process = process
@@ -45,12 +45,12 @@ class Watcher:
             self._lines.put(line)
 
     def until(self, wanted: Callable[[Document], bool]) -> Document:
-        """The first document that is wanted, of those that were said and those to come."""
+        """The first document, past or future, that meets the condition."""
         said = next(filter(wanted, self.said), None)
         return self.next(wanted) if said is None else said
 
     def next(self, wanted: Callable[[Document], bool]) -> Document:
-        """The first to come."""
+        """The next document."""
         end = time.monotonic() + PATIENCE
         while time.monotonic() < end:
             try:
@@ -68,7 +68,7 @@ class Watcher:
         raise AssertionError([document["event"] for document in self.said])
 
     def end(self) -> Document:
-        """Ask it to end, as Ctrl-C does; its last words."""
+        """Interrupt the process; return its last document."""
         self.process.send_signal(signal.SIGINT)
         last = self.until(lambda document: document["event"] == "stop")
         assert self.process.wait(PATIENCE) == 0
@@ -79,7 +79,7 @@ class Watcher:
 def watching(*arguments: object) -> Iterator[Watcher]:
     path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
     command = [sys.executable, "-m", "rovid", "watch", *map(str, arguments), "--json"]
-    # Where the tests run in the background a shell has Ctrl-C ignored, which a child would inherit.
+    # A shell ignores Ctrl-C for tests in the background, and a child process would inherit that.
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         process = subprocess.Popen(
@@ -95,7 +95,7 @@ def watching(*arguments: object) -> Iterator[Watcher]:
 
 
 def slowly(store: Path, folder: Path, name: str, parts: int = 3) -> None:
-    """Write a log as a logger does, a piece at a time."""
+    """Write a log in pieces, as a logger does."""
     data = (store / name).read_bytes()
     with (folder / name).open("wb") as stream:
         for part in range(parts):
@@ -115,7 +115,7 @@ def store(tmp_path: Path) -> Path:
 
 
 def begun(store: Path) -> Path:
-    """The folder of the day, in which nothing is but what says how to read logs."""
+    """The folder of the day with only rovid.toml and the thrust curve."""
     folder = store.parent / "day"
     folder.mkdir()
     for name in ("rovid.toml", "thrust_curve.csv"):
@@ -123,7 +123,7 @@ def begun(store: Path) -> Path:
     return folder
 
 
-def test_the_end_of_a_day_is_the_diagnosis_of_its_folder(store: Path, rovid: Rovid) -> None:
+def test_the_final_result_equals_the_diagnosis_of_the_folder(store: Path, rovid: Rovid) -> None:
     first, second, *others = [f"{run.name}.csv" for run in RUNS]
     with watching("day", *QUICK) as watcher:
         watcher.until(lambda document: document["event"] == "problem")
@@ -152,12 +152,12 @@ def test_the_end_of_a_day_is_the_diagnosis_of_its_folder(store: Path, rovid: Rov
     assert last["diagnosis"] == rovid("diagnose", folder, "-p", "other.toml", "--json").document
     assert PLAN.matches(Path("plan.csv"))
     assert PARAMETERS.matches(Path("parameters.toml"))
-    # What it wrote is what diagnose writes.
+    # The written file equals that of `rovid diagnose`.
     written, other = (Path(name).read_text() for name in ("parameters.toml", "other.toml"))
     assert written.partition("[parameters")[2] == other.partition("[parameters")[2]
 
 
-def test_a_day_stops_as_soon_as_enough_is_known(store: Path, rovid: Rovid) -> None:
+def test_the_session_stops_when_the_criteria_are_met(store: Path, rovid: Rovid) -> None:
     names = [f"{run.name}.csv" for run in RUNS]
     prefix = begun(store)
     best = 0
@@ -190,7 +190,7 @@ def test_a_day_stops_as_soon_as_enough_is_known(store: Path, rovid: Rovid) -> No
     assert best <= len(last["logs"]) <= best + 2
 
 
-def test_what_each_log_added_is_said(store: Path, rovid: Rovid) -> None:
+def test_the_contribution_of_each_log_is_printed(store: Path, rovid: Rovid) -> None:
     folder = begun(store)
     with watching("day", *QUICK, "--no-diagnosis") as watcher:
         for count, run in enumerate(RUNS[:3], 1):
@@ -208,9 +208,7 @@ def test_what_each_log_added_is_said(store: Path, rovid: Rovid) -> None:
 
 
 @pytest.mark.parametrize("width", [60, 80, 120])
-def test_what_is_there_is_told_in_any_width(
-    width: int, store: Path, rovid: Rovid, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_output_fits_any_width(width: int, store: Path, rovid: Rovid, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", str(width))
     done = rovid("watch", store, "--once", "--no-diagnosis", "--until", "inertia 2 %, linear_drag 1 %")
     assert (done.code, done.err) == (0, "")
@@ -233,7 +231,7 @@ def test_what_is_there_is_told_in_any_width(
         (("gone", "--once"), "is not there"),
     ],
 )
-def test_a_mistake_ends_it_with_one_message(
+def test_a_user_error_gives_one_message(
     arguments: tuple[str, ...], said: str, store: Path, rovid: Rovid, tmp_path: Path
 ) -> None:
     (tmp_path / "notes.csv").write_text("mine\n")
@@ -250,7 +248,7 @@ def test_a_whole_day_of_fifteen_logs(tmp_path: Path, rovid: Rovid) -> None:
     store, names = tmp_path / "store", [run.name for run in CAMPAIGN[:15]]
     write_trial_day(store, seed=7, campaign=CAMPAIGN[:15])
     logs = {path.stem: path.name for path in store.iterdir()}
-    # From a run to the next, so that each kind comes early.
+    # Alternate the kinds of runs: each kind comes early.
     order = [logs[name] for name in sorted(names, key=lambda name: (names.index(name) * 7) % 15)]
     prefix, best, until = tmp_path / "prefix", 0, {"inertia": 0.005, "quadratic_drag": 0.016}
     shutil.copytree(store, prefix, ignore=shutil.ignore_patterns(*order))

@@ -1,4 +1,4 @@
-"""Short days of one vehicle, as it was and as it came back."""
+"""Short campaigns of one vehicle before and after changes."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Write = Callable[..., Path]
 
 
 def more_drag(truth: Truth) -> Truth:
-    """With a tenth more drag, as fouling makes."""
+    """The vehicle with 10 % more drag, as from fouling."""
     old = truth.dynamics
     drag = replace(old, quadratic_drag=1.1 * old.quadratic_drag, linear_drag=1.1 * old.linear_drag)
     return replace(truth, dynamics=drag)
@@ -37,7 +37,7 @@ def more_drag(truth: Truth) -> Truth:
 
 @pytest.fixture(scope="session")
 def write(tmp_path_factory: pytest.TempPathFactory) -> Write:
-    """Write a day of a vehicle into a folder of that name."""
+    """Write a campaign of a vehicle into a folder of that name."""
 
     def written(name: str, truth: Truth = VEHICLE, *, seed: int) -> Path:
         folder = tmp_path_factory.mktemp("days") / name

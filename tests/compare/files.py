@@ -1,4 +1,4 @@
-"""Parameter files of one made-up vehicle."""
+"""Parameter files of one fictitious vehicle."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def stored_at(
     log: str = "a",
     drive: Mapping[str, str] = DRIVE,
 ) -> Parameters:
-    """A parameter file at ``path`` that rests on a log of this name."""
+    """A parameter file at ``path`` from a log of this name."""
     sizes = np.array(list(values.values()))
     estimate = Estimate(
         names=tuple(values),
@@ -46,5 +46,5 @@ def stored_at(
 
 
 def times(factor: float, *names: str) -> dict[str, tuple[float, float]]:
-    """`PLAIN` with some of it larger."""
+    """`PLAIN` with some values multiplied."""
     return {name: (value * (factor if name in names else 1.0), error) for name, (value, error) in PLAIN.items()}

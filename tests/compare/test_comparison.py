@@ -1,4 +1,4 @@
-"""Through the command line: hidden changes are named, and nothing where there is none."""
+"""Comparison on the command line: hidden changes are found, and no others."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def compared(before: Path, lagging: Path, tmp_path_factory: pytest.TempPathFacto
     return run_rovid("compare", before, lagging, "-o", page, "--json"), page
 
 
-def test_a_new_lag_is_named_and_nothing_else(compared: tuple[Done, Path]) -> None:
+def test_only_a_new_lag_is_named(compared: tuple[Done, Path]) -> None:
     document = compared[0].document
     assert document["schema"] == "rovid-comparison/1"
     assert document["verdict"] == "changed"
@@ -31,7 +31,7 @@ def test_a_new_lag_is_named_and_nothing_else(compared: tuple[Done, Path]) -> Non
     lag = document["parameters"]["thruster_lag.time_constant"]
     assert abs(lag["b"]["value"] - 0.5) < 4.0 * lag["b"]["standard_error"]
     assert lag["confidence"] >= 0.95
-    assert lag["ratio"] is None  # nobody divides by nothing
+    assert lag["ratio"] is None  # no ratio to zero
     for name in BASE:
         told = document["parameters"][name]
         assert set(told) >= {"a", "b", "ratio", "standard_error", "confidence"}
@@ -42,7 +42,7 @@ def test_a_new_lag_is_named_and_nothing_else(compared: tuple[Done, Path]) -> Non
         assert told["together"]["a"]["standard_error"] < sharpest
 
 
-def test_the_model_of_one_does_not_foretell_the_other(compared: tuple[Done, Path]) -> None:
+def test_the_model_of_one_campaign_does_not_predict_the_other(compared: tuple[Done, Path]) -> None:
     made = compared[0].document["prediction"]
     assert set(made) == {"a_on_a", "a_on_b", "b_on_a", "b_on_b"}
     for other, own in (("a_on_b", "b_on_b"), ("b_on_a", "a_on_a")):
@@ -50,7 +50,7 @@ def test_the_model_of_one_does_not_foretell_the_other(compared: tuple[Done, Path
         assert made[other]["heading_error_10s"] > 2.0 * made[own]["heading_error_10s"]
 
 
-def test_the_page_says_it_and_asks_for_nothing(compared: tuple[Done, Path]) -> None:
+def test_the_page_shows_the_result_and_is_self_contained(compared: tuple[Done, Path]) -> None:
     done, page = compared
     text = page.read_text(encoding="utf-8")
     assert done.document["page"] == str(page)
@@ -60,7 +60,7 @@ def test_the_page_says_it_and_asks_for_nothing(compared: tuple[Done, Path]) -> N
     assert "<script" not in text
 
 
-def test_the_page_is_its_own_alone(compared: tuple[Done, Path], before: Path, lagging: Path, here: Path) -> None:
+def test_only_its_own_page_is_replaced(compared: tuple[Done, Path], before: Path, lagging: Path, here: Path) -> None:
     del here
     _, page = compared
     foreign = page.with_name("mine.html")
@@ -89,7 +89,7 @@ def test_hidden_changes(write: Write, before: Path, seed: int, rovid: Rovid) -> 
         assert bool(document["changed"]) == bool(wanted), name
 
 
-def test_two_layouts_are_told(write: Write, before: Path, rovid: Rovid) -> None:
+def test_two_thruster_layouts_are_refused(write: Write, before: Path, rovid: Rovid) -> None:
     three = replace(VEHICLE, thrusters=(*VEHICLE.thrusters, Thruster(name="bow", arm=0.2)))
     assert_one_message(
         rovid("compare", before, write("three", three, seed=3)), "bow", "different thrusters cannot be compared"

@@ -17,7 +17,7 @@ from tools.programme import Hold, Run, Sine
 from tools.trial_day import write_trial_day
 from tools.truth import ROSUB
 
-# As short as a diagnosis can be, for each is a process.
+# The shortest data for a diagnosis, because each one is a process.
 SHORT = (
     Run(name="up", pieces=(Hold(1.04, 40.0), Hold(1.94, 40.0)), format="json"),
     Run(name="down", pieces=(Hold(-1.29, 40.0), Hold(-1.97, 40.0))),
@@ -28,7 +28,7 @@ GOOD = ("alpha/spring", "alpha/summer", "beta/summer")
 
 @pytest.fixture(scope="session")
 def sea(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of the fleet; nobody writes into it."""
+    """The folder of the fleet; tests do not write into it."""
     folder = tmp_path_factory.mktemp("fleet") / "the sea"
     for seed, name in enumerate(GOOD):
         truth = replace(ROSUB, hidden=(hide(ROSUB, "thruster_lag:0.8"),)) if name == "alpha/summer" else ROSUB
@@ -50,7 +50,7 @@ Made = Callable[..., CampaignRecord]
 
 @pytest.fixture
 def made() -> Made:
-    """Make a record up, with values and standard errors by name."""
+    """Make a record with values and standard errors by name."""
 
     def make(
         name: str,

@@ -1,4 +1,4 @@
-"""What is kept of a campaign, and until when it holds."""
+"""Records of campaigns and their validity."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ TASK = CampaignTask(name="a", folder="/a", axis="yaw", cutoff=None, digest="0123
 RECORD = CampaignRecord(campaign="a", folder="/a", digest="0123", seconds=1.5, diagnosis={"verdict": "found"})
 
 
-def test_a_record_is_read_as_it_was_written(tmp_path: Path) -> None:
+def test_record_round_trip(tmp_path: Path) -> None:
     path = tmp_path / "a.json"
     path.write_text(RECORD.text, encoding="utf-8")
     assert read_record(path) == RECORD
@@ -37,20 +37,18 @@ def test_a_record_is_read_as_it_was_written(tmp_path: Path) -> None:
         (replace(RECORD, failure="timeout", error="late", patience=59.0), False),
     ],
 )
-def test_until_when_it_holds(record: CampaignRecord, holds: bool) -> None:
+def test_validity_of_a_record(record: CampaignRecord, holds: bool) -> None:
     assert record.is_valid_for(TASK, 60.0) is holds
     assert not record.is_valid_for(replace(TASK, digest=""), 60.0)
 
 
-def test_the_digest_changes_with_all_that_a_diagnosis_comes_of(
-    sea: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_digest_depends_on_every_input(sea: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import shutil
 
     folder = tmp_path / "copy"
     shutil.copytree(sea / "alpha/spring", folder)
     begun = campaign_digest(sea / "alpha/spring", "yaw", None)
-    assert campaign_digest(folder, "yaw", None) == begun  # wherever it lies
+    assert campaign_digest(folder, "yaw", None) == begun  # independent of its place
     found = {begun, campaign_digest(folder, "surge", None), campaign_digest(folder, "yaw", 0.3)}
     for name in ("down.csv", "thrust_curve.csv", "rovid.toml"):
         with (folder / name).open("a") as stream:

@@ -1,4 +1,4 @@
-"""The fleet's page: what it says, and that nothing of a name does anything in it."""
+"""The fleet's page: its content and the escaping of names."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ def seasons(made: Made) -> Fleet:
     return fleet_of(*records, CampaignRecord(campaign="zz", folder="", digest="", error="no logs", failure="input"))
 
 
-def test_causes_come_and_go_in_the_order_of_time(made: Made) -> None:
+def test_cause_changes_are_in_order_of_time(made: Made) -> None:
     assert list(cause_changes(seasons(made)))[:2] == [
         "one: thruster lag appeared between one/0 and one/1.",
         "one: thruster lag disappeared between one/2 and one/3.",
     ]
 
 
-def test_every_cause_has_its_words(made: Made) -> None:
+def test_every_cause_has_its_title(made: Made) -> None:
     causes = tuple(effect.id for effect in CATALOGUE)
     text = fleet_page(fleet_of(made("a", {}, causes=causes[::2], suspects=causes[1::2])), ())
     assert all(effect.title in text for effect in CATALOGUE)
@@ -67,7 +67,7 @@ class _Seen(HTMLParser):
                 self.sources.append(value or "")
 
 
-def test_everything_is_on_the_page_and_nothing_is_fetched(made: Made) -> None:
+def test_the_page_is_complete_and_self_contained(made: Made) -> None:
     fleet = seasons(made)
     text = fleet_page(fleet, shrink(fleet))
     seen = _Seen(text)
@@ -76,12 +76,12 @@ def test_everything_is_on_the_page_and_nothing_is_fetched(made: Made) -> None:
     assert {f"campaigns/{record.campaign}.json" for record in fleet.records} <= set(map(unquote, seen.links))
     for words in ("no logs", "Sister vehicles", "two/3 (inertia)", "2023-11-14 22:13", "prefers-color-scheme: dark"):
         assert words in text
-    assert text.count("<svg") == 2  # what was found when, and one parameter
+    assert text.count("<svg") == 2  # the timeline and one parameter
     assert not re.search(r"url\((?!#)", text)
     assert "Sister vehicles" not in fleet_page(fleet, ())
 
 
-def test_a_name_does_nothing_there(made: Made) -> None:
+def test_names_are_escaped(made: Made) -> None:
     name = '<script>alert("1")</script>\u202e'
     text = fleet_page(fleet_of(made(name, {"inertia": (1.0, 1.0)}, vehicle=name, start=1.0)), ())
     assert "<script" not in text
@@ -95,7 +95,7 @@ def test_a_fleet_without_dates_or_diagnoses_has_a_page_too(made: Made) -> None:
     )
 
 
-def test_the_page_is_told_from_a_report(made: Made, tmp_path: Path) -> None:
+def test_the_page_is_not_a_report(made: Made, tmp_path: Path) -> None:
     (tmp_path / "index.html").write_text(fleet_page(fleet_of(made("a", {})), ()), encoding="utf-8")
     assert FLEET_PAGE.matches(tmp_path / "index.html")
     assert not PAGE.matches(tmp_path / "index.html")

@@ -1,4 +1,4 @@
-"""The fleet's pictures show every campaign."""
+"""The fleet's plots show every campaign."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from rovid.present.plots.canvas import BLACK, RED
 from tests.fleet.conftest import Made, fleet_of
 
 
-def test_each_campaign_has_its_mark_and_its_interval(made: Made) -> None:
+def test_each_campaign_has_a_marker_and_an_interval(made: Made) -> None:
     records = [made(f"{k}", {"inertia": (100.0 + k, 2.0)}, vehicle=f"{k % 2}", start=1e9 + k) for k in range(6)]
     figure = history(fleet_of(*records, made("x", {})), "inertia", {"3"}, None)
     (panel,) = figure.axes
@@ -21,7 +21,7 @@ def test_each_campaign_has_its_mark_and_its_interval(made: Made) -> None:
     assert {text.get_text() for text in panel.texts} == {"0", "1"}
 
 
-def test_vehicles_that_are_unlike_are_each_held_against_their_own_median(made: Made) -> None:
+def test_dissimilar_vehicles_are_plotted_relative_to_their_median(made: Made) -> None:
     large = [made(f"l{k}", {"inertia": (5000.0 + 100.0 * k, 50.0)}, vehicle="large", start=1e9 + k) for k in (-1, 0, 1)]
     small = [made(f"s{k}", {"inertia": (0.5, 0.01)}, vehicle="small", start=1e9 + k) for k in range(2)]
     figure = history(fleet_of(*large, *small), "inertia", set(), None)
@@ -32,7 +32,7 @@ def test_vehicles_that_are_unlike_are_each_held_against_their_own_median(made: M
     assert "deviation from each vehicle's median in %" in figure.texts[0].get_text()
 
 
-def test_what_was_found_when_has_a_row_for_each_vehicle(made: Made) -> None:
+def test_the_timeline_has_a_row_for_each_vehicle(made: Made) -> None:
     records = [made(f"{k}", {}, vehicle=f"v{k % 3}", start=1.7e9 + 1e6 * k, causes=("x",) * (k > 3)) for k in range(6)]
     figure = timeline(fleet_of(*records, made("undated", {})))
     (panel,) = figure.axes

@@ -1,4 +1,4 @@
-"""`rovid fleet`: the same table on one core, two, a cluster and after a kill; what fails costs its own row."""
+"""`rovid fleet`: the same table on one core, two cores, a cluster and after a kill; a failure affects only its row."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if __name__ == "__main__":
         print(cluster.scheduler_address, flush=True)
         sys.stdin.read()
 """
-# What becomes of three processes, by the campaign.
+# Fates of three processes, by campaign.
 DYING = """
 import json, os, sys, time
 name = json.loads(sys.argv[1])["name"]
@@ -42,7 +42,7 @@ NAMES = ["alpha/summer", "beta/summer", LOST, "spring"]
 
 @pytest.fixture(scope="module")
 def done(sea: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
-    """The fleet, diagnosed by two processes at a time; nobody writes there."""
+    """The fleet, diagnosed by two processes at a time; tests do not write there."""
     out = tmp_path_factory.mktemp("done") / "out"
     return out, run_rovid("fleet", sea, "-o", out, "--jobs", 2, "--json").document
 
@@ -56,7 +56,7 @@ def rows(out: Path) -> pd.DataFrame:
 
 
 def without(done: Path, out: Path, *names: str) -> Path:
-    """A copy of what was done, with nothing of some campaigns, and no table and no page."""
+    """A copy of the output without some campaigns, the table and the page."""
     shutil.copytree(done, out)
     for name in ("fleet.parquet", "index.html", *(f"campaigns/{name}.json" for name in names)):
         (out / name).unlink()
@@ -83,7 +83,7 @@ def test_each_campaign_has_its_row(done: tuple[Path, dict[str, Any]]) -> None:
     assert lost[["vehicle", "verdict", "inertia", "seconds"]].isna().all()
 
 
-def test_the_columns_say_their_units(done: tuple[Path, dict[str, Any]]) -> None:
+def test_the_columns_have_units(done: tuple[Path, dict[str, Any]]) -> None:
     schema = pq.read_schema(done[0] / "fleet.parquet")
     assert schema.field("inertia").metadata == {b"unit": b"kg m^2"}
     assert schema.field("thruster_lag.time_constant_standard_error").metadata == {b"unit": b"s"}
@@ -93,29 +93,27 @@ def test_the_columns_say_their_units(done: tuple[Path, dict[str, Any]]) -> None:
     assert schema.names[-2:] == ["seconds", "error"]
 
 
-def test_each_diagnosis_is_kept_whole(done: tuple[Path, dict[str, Any]], sea: Path, rovid: Rovid) -> None:
+def test_each_diagnosis_is_written_completely(done: tuple[Path, dict[str, Any]], sea: Path, rovid: Rovid) -> None:
     kept = json.loads((done[0] / "campaigns" / "spring.json").read_text())
     assert kept["schema"] == "rovid-campaign/1"
     assert kept["diagnosis"] == rovid("diagnose", sea / "alpha/spring", "--json").document
 
 
-def test_what_is_done_is_not_done_again(done: tuple[Path, dict[str, Any]], sea: Path, tmp_path: Path) -> None:
+def test_valid_results_are_not_repeated(done: tuple[Path, dict[str, Any]], sea: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     shutil.copytree(done[0], out)
     again = run_rovid("fleet", sea, "-o", out, "--json").document
     assert again["diagnosed_anew"] == 0
     for name in ("fleet.parquet", "index.html"):
         assert (out / name).read_bytes() == (done[0] / name).read_bytes()
-    # The same folder under another name, since its neighbour is not given.
+    # The same folder has another name, because its neighbour is not given.
     alone_now = run_rovid("fleet", sea / "alpha", "-o", out, "--json").document
     assert alone_now["diagnosed_anew"] == 0
     assert [one["campaign"] for one in alone_now["campaigns"]] == ["spring", "summer"]
     assert json.loads((out / "campaigns/summer.json").read_text())["campaign"] == "summer"
 
 
-def test_two_that_changed_names_are_not_diagnosed_anew(
-    done: tuple[Path, dict[str, Any]], sea: Path, tmp_path: Path
-) -> None:
+def test_swapped_names_need_no_new_diagnosis(done: tuple[Path, dict[str, Any]], sea: Path, tmp_path: Path) -> None:
     shutil.copytree(sea, tmp_path / "sea")
     out = shutil.copytree(done[0], tmp_path / "out")
     spring, summer, aside = (tmp_path / "sea/alpha" / name for name in ("spring", "summer", "aside"))
@@ -128,14 +126,14 @@ def test_two_that_changed_names_are_not_diagnosed_anew(
         assert repr(now.loc[one].to_dict()) == repr(was.loc[other].to_dict())
 
 
-def test_logs_that_changed_are_diagnosed_anew(
+def test_changed_logs_are_diagnosed_again(
     done: tuple[Path, dict[str, Any]], sea: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shutil.copytree(sea, tmp_path / "sea")
     shutil.copytree(done[0], tmp_path / "out")
     log = tmp_path / "sea/alpha/spring/down.csv"
     log.write_text("\n".join(log.read_text().splitlines()[:-100]) + "\n")
-    # What has to be done fails, so that this is quick; what is done does not.
+    # New diagnoses fail, which is quick; valid results stay.
     monkeypatch.setattr(worker, "_CODE", "raise SystemExit('once more')")
     document = run_rovid("fleet", tmp_path / "sea", "-o", tmp_path / "out", "--json").document
     assert document["diagnosed_anew"] == 1
@@ -144,9 +142,7 @@ def test_logs_that_changed_are_diagnosed_anew(
     assert set(errors) == {"spring", LOST}
 
 
-def test_killed_and_started_again_it_comes_to_the_same_bytes(
-    done: tuple[Path, dict[str, Any]], sea: Path, tmp_path: Path
-) -> None:
+def test_a_killed_run_continues_to_the_same_bytes(done: tuple[Path, dict[str, Any]], sea: Path, tmp_path: Path) -> None:
     out = without(done[0], tmp_path / "out", "beta/summer", "spring")
     kept = out / "campaigns"
     with subprocess.Popen(command(sea, out, "--jobs", "1"), cwd=ROOT, stdout=subprocess.DEVNULL) as process:
@@ -165,9 +161,7 @@ def test_killed_and_started_again_it_comes_to_the_same_bytes(
 
 
 @pytest.mark.slow
-def test_on_a_dask_cluster_of_two_workers_it_comes_to_the_same_bytes(
-    done: tuple[Path, dict[str, Any]], sea: Path, tmp_path: Path
-) -> None:
+def test_a_dask_cluster_gives_the_same_bytes(done: tuple[Path, dict[str, Any]], sea: Path, tmp_path: Path) -> None:
     out = without(done[0], tmp_path / "out", LOST, "spring")
     with subprocess.Popen(
         [sys.executable, "-c", CLUSTER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=ROOT
@@ -182,9 +176,7 @@ def test_on_a_dask_cluster_of_two_workers_it_comes_to_the_same_bytes(
     assert (out / "index.html").read_bytes() == (done[0] / "index.html").read_bytes()
 
 
-def test_a_process_that_dies_or_takes_too_long_costs_its_own_row(
-    sea: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_crash_or_timeout_affects_only_its_row(sea: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(worker, "_CODE", DYING + worker._CODE)  # noqa: SLF001 - what the process runs
     out = tmp_path / "out"
     fleet = (sea / "alpha", sea / "beta/summer")
@@ -193,23 +185,21 @@ def test_a_process_that_dies_or_takes_too_long_costs_its_own_row(
     assert errors["alpha/summer"] == "its process was ended by SIGKILL."
     assert errors["spring"] == "no diagnosis within 4 s. Increase the limit with --timeout."
     assert errors["beta/summer"] == "its process ended with status 3"
-    # What was ended from outside is tried again; what was too slow only if it is given longer.
+    # Killed processes are tried again; timeouts only with a longer limit.
     monkeypatch.setattr(worker, "_CODE", "raise SystemExit('tried')")
     for seconds, tried in ((3, {"alpha/summer", "beta/summer"}), (30, {"alpha/summer", "beta/summer", "spring"})):
         document = run_rovid("fleet", *fleet, "-o", out, "--timeout", seconds, "--json").document
         assert {one["campaign"] for one in document["campaigns"] if "tried" in one["error"]} == tried
 
 
-def test_memory_is_given_back_between_campaigns(done: tuple[Path, dict[str, Any]]) -> None:
+def test_memory_is_released_between_campaigns(done: tuple[Path, dict[str, Any]]) -> None:
     peaks = [one["peak_memory_bytes"] for one in done[1]["campaigns"] if one["error"] is None]
-    # Each begins with a process as fresh as the first one's.
+    # Each campaign starts in a fresh process.
     assert len(peaks) == len(GOOD)
     assert max(peaks) < 1.3 * min(peaks)
 
 
-def test_the_row_of_a_folder_that_is_not_there_says_so(
-    done: tuple[Path, dict[str, Any]], sea: Path, tmp_path: Path
-) -> None:
+def test_a_missing_folder_has_an_error_in_its_row(done: tuple[Path, dict[str, Any]], sea: Path, tmp_path: Path) -> None:
     shutil.copytree(done[0], tmp_path / "out")
     document = run_rovid("fleet", sea, tmp_path / "gone", "-o", tmp_path / "out", "--json").document
     error = {one["campaign"]: one["error"] for one in document["campaigns"]}["gone"]
@@ -227,7 +217,7 @@ def test_the_row_of_a_folder_that_is_not_there_says_so(
         (("sea", "-o", "reported"), "is not a page of rovid fleet"),
     ],
 )
-def test_what_cannot_be_is_refused_in_a_line(
+def test_user_errors_give_one_line(
     arguments: tuple[str, ...], said: str, sea: Path, here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("rovid.fleet.run._CONNECT_TIMEOUT", 0.5)
@@ -256,13 +246,11 @@ def test_a_missing_library_is_named_with_the_extra_that_has_it(sea: Path, tmp_pa
     assert "needs the package pyarrow. Install it with `pip install 'rovid[fleet]'`." in ended.stderr
 
 
-def test_sisters_are_told_by_each_other_where_asked(
-    done: tuple[Path, dict[str, Any]], sea: Path, tmp_path: Path
-) -> None:
+def test_hierarchical_means_are_optional(done: tuple[Path, dict[str, Any]], sea: Path, tmp_path: Path) -> None:
     shutil.copytree(done[0], tmp_path / "out")
     shutil.copytree(sea / "beta/summer", tmp_path / "gamma")
     document = run_rovid("fleet", sea, tmp_path / "gamma", "-o", tmp_path / "out", "--shrink", "--json").document
-    assert document["diagnosed_anew"] == 0  # the same logs are known by what is in them
+    assert document["diagnosed_anew"] == 0  # equal logs are recognised by their digest
     table = rows(tmp_path / "out")
     assert (table["inertia_shrunk_standard_error"] < 1.2 * table["inertia_standard_error"]).sum() == 4
     assert "inertia_shrunk" not in rows(done[0]).columns

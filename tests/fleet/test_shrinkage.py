@@ -1,4 +1,4 @@
-"""Sister vehicles: the hierarchical mean against what made the numbers up."""
+"""Sister vehicles: the hierarchical mean against the simulated truth."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from rovid.fleet.shrinkage import shrink
 from tests.fleet.conftest import Made, fleet_of
 
 
-def test_what_shrinks_is_nearer_to_the_truth_and_its_errors_hold(made: Made) -> None:
+def test_shrunk_values_are_closer_to_the_truth_with_valid_errors(made: Made) -> None:
     rng = np.random.default_rng(4)
     before, after, inside, mean_inside = [], [], [], []
     for _ in range(25):
-        # Ten sisters with two campaigns each, which scatter by 2 % and 1 %; each is known to 4 %.
+        # Ten vehicles with two campaigns each; scatters of 2 % and 1 %, errors of 4 %.
         own = np.repeat(rng.normal(0.0, 0.02, 10), 2) + rng.normal(0.0, 0.01, 20)
         truth = 5000.0 * np.exp(own)
         measured = truth * np.exp(0.04 * rng.normal(size=20))
@@ -34,7 +34,7 @@ def test_what_shrinks_is_nearer_to_the_truth_and_its_errors_hold(made: Made) -> 
     assert np.mean(mean_inside) > 0.8
 
 
-def test_vehicles_that_differ_by_far_are_left_as_they_are(made: Made) -> None:
+def test_very_different_vehicles_are_not_shrunk(made: Made) -> None:
     values = [100.0, 101.0, 1000.0, 1010.0, 10000.0, 10100.0]
     records = [made(f"{k}", {"inertia": (v, 0.01 * v)}, vehicle=f"{k // 2}") for k, v in enumerate(values)]
     (found,) = shrink(fleet_of(*records))
@@ -43,11 +43,11 @@ def test_vehicles_that_differ_by_far_are_left_as_they_are(made: Made) -> None:
         assert found.values[f"{k}"].error <= 0.0105 * value
 
 
-def test_the_scatter_is_told_from_that_of_the_estimates(made: Made) -> None:
+def test_the_scatter_is_separated_from_the_estimation_error(made: Made) -> None:
     rng = np.random.default_rng(8)
     truth = np.repeat(rng.normal(10.0, 3.0, 40), 3) + rng.normal(0.0, 1.0, 120)
     measured = truth + 0.5 * rng.normal(size=120)
-    # Some are negative or vague: no logarithms.
+    # Negative or imprecise values: no logarithms.
     records = [
         made(f"{k:03}", {"bias_torque.torque": (float(v), 0.5)}, vehicle=f"{k // 3}") for k, v in enumerate(measured)
     ]
@@ -63,7 +63,7 @@ def test_few_campaigns_or_unknown_errors_are_not_shrunk(made: Made) -> None:
     assert shrink(fleet_of(*few, made("3", {"inertia": (5.0, float("nan"))}))) == ()
 
 
-def test_equal_values_come_to_themselves(made: Made) -> None:
+def test_equal_values_stay_equal(made: Made) -> None:
     records = [made(f"{k}", {"inertia": (5.0, 1.0)}, vehicle=f"{k}") for k in range(6)]
     (found,) = shrink(fleet_of(*records))
     assert all(one.value == pytest.approx(5.0) and one.error < 1.0 for one in found.values.values())

@@ -1,4 +1,4 @@
-"""A process for a campaign: what it is given, and that it ends when whoever began it does."""
+"""The process of a campaign: its input, and its end with the parent process."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tests.conftest import ROOT
 TASK = CampaignTask(name="a", folder="/nowhere/a", axis="yaw", cutoff=None, digest="0123")
 
 
-def test_it_gets_its_share_of_the_cores_and_says_what_went_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_process_gets_its_cores_and_reports_errors(monkeypatch: pytest.MonkeyPatch) -> None:
     code = f"import os, sys; sys.exit(os.environ[{CORES_VARIABLE!r}] + os.environ['OPENBLAS_NUM_THREADS'])"
     monkeypatch.setattr(worker, "_CODE", code)
     record = diagnose_campaign(TASK, 60.0, 3)
@@ -29,7 +29,7 @@ def test_it_gets_its_share_of_the_cores_and_says_what_went_wrong(monkeypatch: py
     assert (record.campaign, record.digest, record.patience) == ("a", "0123", 60.0)
 
 
-def test_what_it_prints_besides_does_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_other_output_of_the_process_is_ignored(monkeypatch: pytest.MonkeyPatch) -> None:
     noise = "import rovid.fleet.worker as a; was = a.record_of; a.record_of = lambda t: (print('noise'), was(t))[1]; "
     monkeypatch.setattr(worker, "_CODE", noise + worker._CODE)  # noqa: SLF001 - what the process runs
     record = diagnose_campaign(TASK, 60.0, 1)
@@ -37,7 +37,7 @@ def test_what_it_prints_besides_does_not_matter(monkeypatch: pytest.MonkeyPatch)
     assert record.error == "a: there is no such file or folder. Give a log or the folder that holds the logs."
 
 
-def test_it_does_not_outlive_whoever_began_it(tmp_path: Path) -> None:
+def test_the_process_ends_with_its_parent(tmp_path: Path) -> None:
     told = tmp_path / "pid"
     task = json.dumps({"name": "a", "folder": str(tmp_path), "axis": "yaw", "cutoff": None, "digest": ""})
     slow = f"import os, time, rovid.fleet.worker as a; open({str(told)!r}, 'w').write(str(os.getpid())); "
@@ -64,6 +64,6 @@ def runs(number: int) -> bool:
         os.kill(number, 0)
     except ProcessLookupError:
         return False
-    # What has ended is there until somebody asks how.
+    # An ended process exists until its status is read.
     state = Path(f"/proc/{number}/stat")
     return not (state.exists() and state.read_text().rpartition(")")[2].split()[0] == "Z")

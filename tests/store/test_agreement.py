@@ -31,14 +31,14 @@ def entries(inertia: float, error: float, method: str) -> Mapping[str, Entry]:
     ("before", "now", "believed"),
     [(ORBIT, InnovationLikelihood.method, "this result"), (InnovationLikelihood.method, ORBIT, "the other result")],
 )
-def test_methods_far_apart_are_told_in_a_line(before: str, now: str, believed: str) -> None:
+def test_disagreeing_methods_give_one_warning(before: str, now: str, believed: str) -> None:
     (text,) = method_disagreement(entries(67.0, 2.0, before), estimate(17.0, 1.0, now))
     assert "22 joint standard errors" in text
     assert f"Use {believed}" in text
 
 
-def test_methods_within_their_errors_are_not_told() -> None:
+def test_agreeing_methods_give_no_warning() -> None:
     assert method_disagreement(entries(67.0, 2.0, ORBIT), estimate(62.0, 1.0, InnovationLikelihood.method)) == []
     assert method_disagreement({}, estimate(62.0, 1.0, InnovationLikelihood.method)) == []
-    # The same command again, on logs that have grown.
+    # The same command again, with more logs.
     assert method_disagreement(entries(67.0, 2.0, ORBIT), estimate(17.0, 1.0, ORBIT)) == []

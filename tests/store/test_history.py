@@ -1,4 +1,4 @@
-"""The history beside a parameter file: a line for each model, never over what another program wrote."""
+"""The history of a parameter file, and updates of both files by several processes."""
 
 from __future__ import annotations
 
@@ -12,9 +12,11 @@ import pytest
 from rovid.core.atomic_write import OutputSet
 from rovid.core.errors import OutputError
 from rovid.store.history import history_output, read_history, update_parameters
+from rovid.store.load import read_parameters
 from rovid.store.parameter_file import Parameters, Source
+from rovid.trial.axis import AXES
 from tests.conftest import Rovid
-from tests.store.test_parameter_file import estimate, written
+from tests.store.test_parameter_file import NAMES, estimate, written
 from tests.whole.test_bad_input import assert_one_message
 from tools.programme import Hold, Run, Sine
 from tools.trial_day import write_trial_day
@@ -30,7 +32,7 @@ def added(stored: Parameters, digest: str, scale: float = 1.0, seen: dict[str, f
     return update_parameters(changed, claim_for(changed), lambda _: changed, detection_limits=seen or {})
 
 
-def test_records_come_back_the_last_first(tmp_path: Path) -> None:
+def test_records_are_read_latest_first(tmp_path: Path) -> None:
     stored = written(tmp_path)
     models = [added(stored, "a"), added(stored, "b", 2.0, {"thruster_lag": 0.1, "slew_limit": float("inf")})]
     records = list(read_history(stored.path))
@@ -40,14 +42,14 @@ def test_records_come_back_the_last_first(tmp_path: Path) -> None:
     assert all(record.version and record.written.startswith("20") for record in records)
 
 
-def test_what_the_last_line_says_is_not_said_again(tmp_path: Path) -> None:
+def test_an_equal_model_adds_no_line(tmp_path: Path) -> None:
     stored = written(tmp_path)
     for digest in ("a", "a", "b", "a"):
         added(stored, digest)
     assert [record.digests for record in read_history(stored.path)] == [{"a"}, {"b"}, {"a"}]
 
 
-def test_it_only_grows(tmp_path: Path) -> None:
+def test_the_history_only_grows(tmp_path: Path) -> None:
     stored = written(tmp_path)
     added(stored, "a")
     before = history_output(stored.path).path.read_text()
@@ -65,7 +67,7 @@ def test_no_record_of_two_writers_is_lost(tmp_path: Path) -> None:
     assert len(list(read_history(stored.path))) == 20
 
 
-def test_one_that_is_damaged_grows_too(tmp_path: Path) -> None:
+def test_a_damaged_history_still_grows(tmp_path: Path) -> None:
     stored = written(tmp_path)
     added(stored, "a")
     path = history_output(stored.path).path
@@ -75,7 +77,7 @@ def test_one_that_is_damaged_grows_too(tmp_path: Path) -> None:
     assert path.read_bytes().startswith(damaged + b"\n{")
 
 
-def test_what_rovid_did_not_write_stays(tmp_path: Path) -> None:
+def test_a_foreign_file_is_kept(tmp_path: Path) -> None:
     stored = written(tmp_path)
     path = history_output(stored.path).path
     path.write_text("mine")
@@ -90,7 +92,7 @@ def test_a_long_name_is_cut(tmp_path: Path) -> None:
     assert output.path.suffix == ".history"
 
 
-def test_commands_that_find_a_whole_model_write_it(rovid: Rovid, tmp_path: Path) -> None:
+def test_joint_fits_write_the_history(rovid: Rovid, tmp_path: Path) -> None:
     day = tmp_path / "day"
     runs = (
         Run(name="holds", pieces=(Hold(1.04, 60.0), Hold(1.94, 60.0), Hold(-1.97, 60.0))),
@@ -106,3 +108,45 @@ def test_commands_that_find_a_whole_model_write_it(rovid: Rovid, tmp_path: Path)
     assert [source["name"] for source in json.loads(lines[-1])["sources"]] == ["holds.csv", "sine.csv"]
     (tmp_path / "parameters.history").write_text("mine")
     assert_one_message(rovid("fit"), "parameters.history", "is there already")
+
+
+# A result that cannot be written is saved in the working folder or a temporary folder.
+pytestmark = pytest.mark.usefixtures("here")
+
+
+def test_results_of_another_process_are_kept(tmp_path: Path) -> None:
+    stored = Parameters(path=tmp_path / "p.toml")
+    claim = OutputSet([stored.output])
+    replace(stored.with_estimate(estimate(NAMES[1:])), vehicle="another's").write()
+    written = update_parameters(stored, claim, lambda now: now.with_estimate(estimate(NAMES[:1])))
+    assert set(written.entries) == set(NAMES)
+    assert read_parameters(stored.path).vehicle == "another's"
+
+
+def test_a_deleted_file_is_written_again_from_the_read_content(tmp_path: Path) -> None:
+    stored = Parameters(path=tmp_path / "p.toml").with_estimate(estimate(NAMES[1:]))
+    update_parameters(stored, OutputSet([stored.output]), lambda now: now.with_estimate(estimate(NAMES[:1])))
+    assert set(read_parameters(stored.path).entries) == set(NAMES)
+
+
+def test_a_file_replaced_by_another_axis_is_kept_and_the_result_saved_elsewhere(tmp_path: Path) -> None:
+    stored = Parameters(path=tmp_path / "p.toml")
+    claim = OutputSet([stored.output])
+    other = Parameters(path=stored.path, axis=AXES["surge"])
+    other.write()
+    with pytest.raises(OutputError, match="now holds the parameters of surge"):
+        update_parameters(stored, claim, lambda now: now.with_estimate(estimate()))
+    assert read_parameters(stored.path).axis is AXES["surge"]
+
+
+def test_an_unwritable_history_keeps_both_files_and_saves_the_result_elsewhere(tmp_path: Path) -> None:
+    stored = Parameters(path=tmp_path / "p.toml").with_estimate(estimate(NAMES[1:]))
+    stored.write()
+    before, history = stored.path.read_bytes(), history_output(stored.path)
+    claim = OutputSet([stored.output, history])
+    history.path.write_text("mine")
+    with pytest.raises(OutputError, match="is not a history of parameters") as refusal:
+        update_parameters(stored, claim, lambda now: now.with_estimate(estimate(NAMES[:1])), detection_limits={})
+    assert (stored.path.read_bytes(), history.path.read_text()) == (before, "mine")
+    saved = Path(str(refusal.value).rpartition(" in ")[2].rstrip("."))
+    assert set(read_parameters(saved / "p.toml").entries) == set(NAMES)

@@ -1,4 +1,4 @@
-"""The parameter file read back, and what is refused of it."""
+"""Reading of parameter files, and refused content."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.store.test_parameter_file import written
 MATRIX = r"(?s)matrix = \[.*?\n\]"
 
 
-def test_logs_are_found_when_they_move_with_the_file(tmp_path: Path) -> None:
+def test_logs_that_move_with_the_file_are_found(tmp_path: Path) -> None:
     (tmp_path / "day" / "logs").mkdir(parents=True)
     written(tmp_path / "day", logs=(tmp_path / "day" / "logs", tmp_path / "elsewhere"))
     shutil.move(tmp_path / "day", tmp_path / "deeper" / "day")
@@ -105,7 +105,7 @@ def test_a_file_edited_by_hand_is_refused_by_name(pattern: str, text: str, words
         "[[1e22, 0.0, 0.0], [0.0, 1e-12, 0.0], [0.0, 0.0, 1e-30]]",
     ],
 )
-def test_whatever_can_be_a_covariance_is_one(matrix: str, tmp_path: Path) -> None:
+def test_valid_covariances_are_accepted(matrix: str, tmp_path: Path) -> None:
     path = written(tmp_path).path
     path.write_text(re.sub(MATRIX, f"matrix = {matrix}", path.read_text()))
     assert len(read_parameters(path).covariance) == 6
@@ -118,6 +118,6 @@ def test_zero_drag_is_a_drag(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("folder", "words"), [(False, "no such parameter file"), (True, "is a folder")])
-def test_no_file_and_a_folder_are_told_apart(tmp_path: Path, words: str, *, folder: bool) -> None:
+def test_a_missing_file_and_a_folder_have_different_messages(tmp_path: Path, words: str, *, folder: bool) -> None:
     with pytest.raises(ConfigError, match=words):
         read_parameters(tmp_path if folder else tmp_path / "none.toml")

@@ -1,4 +1,4 @@
-"""The parameter file: there and back, merging estimates, and what a model needs of it."""
+"""The parameter file: round trip, merged estimates and requirements of a model."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def written(folder: Path, **changes: object) -> Parameters:
     return stored
 
 
-def test_there_and_back(tmp_path: Path) -> None:
+def test_round_trip(tmp_path: Path) -> None:
     stored = written(tmp_path)
     found = read_parameters(stored.path)
     assert found == replace(stored, covariance=found.covariance)
@@ -54,7 +54,7 @@ def test_there_and_back(tmp_path: Path) -> None:
     assert found.model().inertia == 5057.0  # to the last digit
 
 
-def test_drag_and_inertia_found_apart_have_no_covariance(tmp_path: Path) -> None:
+def test_separate_fits_have_no_covariance(tmp_path: Path) -> None:
     stored = Parameters(path=tmp_path / "p.toml").with_estimate(estimate(NAMES[1:], method="steady turns"))
     stored = stored.with_estimate(estimate(NAMES[:1], method="orbit"))
     assert set(stored.covariance) == {
@@ -69,7 +69,7 @@ def test_drag_and_inertia_found_apart_have_no_covariance(tmp_path: Path) -> None
     assert drag.covariance == pytest.approx(COVARIANCE[1:, 1:])
 
 
-def test_a_new_estimate_replaces_what_it_holds_and_what_hung_on_it(tmp_path: Path) -> None:
+def test_a_new_estimate_replaces_its_parameters_and_their_effects(tmp_path: Path) -> None:
     stored = Parameters(path=tmp_path / "p.toml").with_estimate(estimate())
     stored = stored.with_estimate(estimate(("inertia",), scale=2.0, method="new"))
     assert stored.entries["inertia"].value == 2.0 * 5057.0
@@ -78,7 +78,7 @@ def test_a_new_estimate_replaces_what_it_holds_and_what_hung_on_it(tmp_path: Pat
     assert stored.covariance["quadratic_drag", "linear_drag"] == -55.0
 
 
-def test_a_refused_parameter_is_taken_out_and_counts_as_zero(tmp_path: Path) -> None:
+def test_a_refused_parameter_is_removed_and_counts_as_zero(tmp_path: Path) -> None:
     stored = Parameters(path=tmp_path / "p.toml").with_estimate(estimate())
     stored = stored.with_estimate(estimate(NAMES[1:], refused=("linear_drag",)))
     assert "linear_drag" not in stored.entries
@@ -89,13 +89,13 @@ def test_a_refused_parameter_is_taken_out_and_counts_as_zero(tmp_path: Path) -> 
     assert drag.value("linear_drag") == 0.0
 
 
-def test_drag_found_together_with_the_inertia_is_no_steady_drag(tmp_path: Path) -> None:
-    # `rovid fit-inertia` twice has to give the same: the first one's own drag may not judge the second's inertia.
+def test_drag_fitted_with_the_inertia_is_not_independent(tmp_path: Path) -> None:
+    # `rovid fit-inertia` twice has to give the same: the drag of the first fit must not affect the second.
     assert read_parameters(written(tmp_path).path).independent_drag() is None
 
 
-def test_an_error_that_nothing_told_stays_unknown(tmp_path: Path) -> None:
-    # As `rovid fit-drag` writes it of a table with one row.
+def test_an_unknown_error_stays_unknown(tmp_path: Path) -> None:
+    # The file of `rovid fit-drag` for a table with one row.
     unknown = replace(estimate(("quadratic_drag",)), covariance=np.array([[np.nan]]))
     stored = Parameters(path=tmp_path / "p.toml").with_estimate(estimate(("inertia",))).with_estimate(unknown)
     stored.write()
@@ -104,20 +104,20 @@ def test_an_error_that_nothing_told_stays_unknown(tmp_path: Path) -> None:
     assert found.covariance["inertia", "inertia"] == 100.0
 
 
-def test_logs_of_bytes_that_are_no_text_can_be_written(tmp_path: Path) -> None:
+def test_log_names_that_are_not_text_can_be_written(tmp_path: Path) -> None:
     stored = Parameters(path=tmp_path / "p.toml", logs=absolute_paths([tmp_path / os.fsdecode(b"\xff")]))
     stored.write()
     assert read_parameters(stored.path).logs == (tmp_path / r"\udcff",)
 
 
 @pytest.mark.parametrize(("names", "words"), [(("inertia",), "fit-drag"), (NAMES[1:], "fit-inertia")])
-def test_what_is_missing_for_a_model_is_said(names: tuple[str, ...], words: str, tmp_path: Path) -> None:
+def test_missing_parameters_of_a_model_are_named(names: tuple[str, ...], words: str, tmp_path: Path) -> None:
     stored = Parameters(path=tmp_path / "p.toml").with_estimate(estimate(names))
     with pytest.raises(ConfigError, match=words):
         stored.model()
 
 
-def test_half_an_effect_is_said(tmp_path: Path) -> None:
+def test_an_incomplete_effect_is_named(tmp_path: Path) -> None:
     half = replace(estimate(("inertia",)), names=("added_mass_memory.inertia",))
     stored = Parameters(path=tmp_path / "p.toml").with_estimate(estimate()).with_estimate(half)
     with pytest.raises(ConfigError, match=r"holds no added_mass_memory\.time_constant"):
@@ -125,8 +125,8 @@ def test_half_an_effect_is_said(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["quadratic_drag", "linear_drag"])
-def test_a_drag_that_ends_any_motion_at_once_is_no_model(name: str, tmp_path: Path) -> None:
-    """Each second of it would be stepped through in millions of steps."""
+def test_an_implausibly_large_drag_is_refused(name: str, tmp_path: Path) -> None:
+    """Each simulated second would need millions of steps."""
     stored = written(tmp_path)
     entries = {**stored.entries, name: replace(stored.entries[name], value=2147483647.0)}
     with pytest.raises(ConfigError, match="which is implausible"):

@@ -1,4 +1,4 @@
-"""Whether a parameter file still holds, from the files that it rests on."""
+"""Freshness of a parameter file, from its input files."""
 
 from __future__ import annotations
 
@@ -33,19 +33,19 @@ def day(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def stored(day: Path, tmp_path: Path) -> Parameters:
-    """As it is read again."""
+    """The file as read again."""
     written = Parameters(path=tmp_path / "parameters.toml").with_estimate(estimate(), origin_of(day))
     written.write()
     return read_parameters(written.path)
 
 
-def test_what_has_not_changed_holds(stored: Parameters, day: Path) -> None:
+def test_unchanged_inputs_are_fresh(stored: Parameters, day: Path) -> None:
     for origin in (None, origin_of(day)):
         found = check_freshness(stored, origin)
         assert (found.changes, found.remarks) == ((), ())
 
 
-def test_each_change_is_told(stored: Parameters, day: Path) -> None:
+def test_each_change_is_reported(stored: Parameters, day: Path) -> None:
     (day / "rovid.toml").write_text(TOML.replace("0.43", "0.44"))
     (day / "curve.csv").write_text(CURVE.replace("1000", "1001"))
     (day / "log_1.csv").write_text("another")
@@ -60,7 +60,7 @@ def test_each_change_is_told(stored: Parameters, day: Path) -> None:
     assert found.reason.endswith("log_1.csv has changed; 1 more")
 
 
-def test_a_log_that_came_after_the_fit_is_remarked(stored: Parameters, day: Path) -> None:
+def test_a_log_added_after_the_fit_gives_a_remark(stored: Parameters, day: Path) -> None:
     (day / "log_3.csv").write_text("new")
     found = check_freshness(stored, origin_of(day))
     assert found.changes == ()
@@ -68,9 +68,7 @@ def test_a_log_that_came_after_the_fit_is_remarked(stored: Parameters, day: Path
     assert said.startswith("log_3.csv: added after the fit")
 
 
-def test_other_logs_may_name_their_signals_otherwise_but_not_drive_otherwise(
-    stored: Parameters, tmp_path: Path
-) -> None:
+def test_other_logs_may_have_other_columns_but_not_other_thrusters(stored: Parameters, tmp_path: Path) -> None:
     other = tmp_path / "other"
     other.mkdir()
     (other / "log_9.csv").write_text("x")
@@ -79,14 +77,14 @@ def test_other_logs_may_name_their_signals_otherwise_but_not_drive_otherwise(
     assert driven.changes == ("yaw_arm of fore was 0.43 and is 0.5",)
 
 
-def test_what_moved_away_cannot_be_told(stored: Parameters, day: Path) -> None:
+def test_moved_inputs_cannot_be_checked(stored: Parameters, day: Path) -> None:
     shutil.rmtree(day)
     found = check_freshness(stored, None)
     assert found.changes == ()
     assert "cannot check whether it is up to date" in found.remarks[0]
 
 
-def test_what_moved_together_holds(stored: Parameters, day: Path, tmp_path: Path) -> None:
+def test_inputs_moved_together_are_fresh(stored: Parameters, day: Path, tmp_path: Path) -> None:
     there = tmp_path / "there"
     there.mkdir()
     shutil.move(day, there / "day")
@@ -95,16 +93,16 @@ def test_what_moved_together_holds(stored: Parameters, day: Path, tmp_path: Path
     assert (found.changes, found.remarks) == ((), ())
 
 
-def test_a_copy_of_the_file_finds_the_logs_that_it_remembers(stored: Parameters, day: Path, tmp_path: Path) -> None:
+def test_a_copy_of_the_file_finds_its_logs(stored: Parameters, day: Path, tmp_path: Path) -> None:
     away = replace(stored, sources=tuple(replace(s, path=tmp_path / "away" / s.name) for s in stored.sources))
     assert check_freshness(away, None).changes == ()
     (day / "log_1.csv").write_text("another")
     (day / "log_2.csv").unlink()
-    # What is not there may never have been.
+    # A missing folder may belong to another machine.
     assert check_freshness(away, None).changes == ("log_1.csv has changed",)
 
 
-def test_of_an_older_file_logs_alone_are_known(stored: Parameters, day: Path) -> None:
+def test_an_older_file_only_names_its_logs(stored: Parameters, day: Path) -> None:
     old = replace(stored, settings=None, sources=tuple(replace(source, path=None) for source in stored.sources))
     old.write()
     read = read_parameters(old.path)
@@ -116,7 +114,7 @@ def test_of_an_older_file_logs_alone_are_known(stored: Parameters, day: Path) ->
     assert check_freshness(read, origin_of(day)).changes == ("log_1.csv has changed",)
 
 
-def test_the_other_parameters_of_an_older_file_stay_of_unknown_standing(stored: Parameters, day: Path) -> None:
+def test_other_parameters_of_an_older_file_stay_unchecked(stored: Parameters, day: Path) -> None:
     old = replace(stored, settings=None)
     assert old.with_estimate(estimate(("inertia",)), origin_of(day)).settings is None
     assert old.with_estimate(estimate(), origin_of(day)).settings is not None

@@ -1,4 +1,4 @@
-"""What LOGS hold, and what is refused of them before any work."""
+"""Content of LOGS, and requests that are refused early."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ def test_logs_have_runs_and_tables_none(logs: Study, tables: Study) -> None:
     assert tables.position_noise() is None
 
 
-def test_the_torque_in_use_is_the_middling_one_of_those_that_acted(logs: Study, tables: Study) -> None:
+def test_the_median_torque_ignores_zeros(logs: Study, tables: Study) -> None:
     assert logs.runs is not None
     torque = np.abs(np.concatenate([run.torque for run in logs.runs.items]))
     assert logs.median_torque() == np.median(torque[torque > 0.0])
     assert tables.median_torque() is not None
 
 
-def test_effects_of_what_is_not_there_are_refused(logs: Study) -> None:
+def test_effects_on_missing_trials_or_signals_are_refused(logs: Study) -> None:
     logs.require_effects([effect_named("thruster_lag"), effect_named("thruster_imbalance:fore")])
     with pytest.raises(
         ConfigError, match=r"thruster_imbalance:for: does not suit .*Nearest: 'thruster_imbalance:fore'"
@@ -67,7 +67,7 @@ def test_tables_have_no_time_series(tables: Study) -> None:
         open_study([PAPER], axis=AXES["surge"])
 
 
-def test_what_may_be_read_is_logs_configuration_and_curves_and_no_plan(tmp_path: Path) -> None:
+def test_input_files_are_logs_config_and_curves_but_no_plan(tmp_path: Path) -> None:
     for name in ("rovid.toml", "thrust_curve.csv", "hold_03.csv"):
         shutil.copy(SAMPLES / "rosub_tank" / name, tmp_path)
     planned = OutputFile(tmp_path / "plan.csv", PLAN)

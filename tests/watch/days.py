@@ -1,4 +1,4 @@
-"""Short logs for a trial day, that are read and fitted in no time."""
+"""Short logs for a trial day that are read and fitted quickly."""
 
 from __future__ import annotations
 
@@ -21,6 +21,6 @@ RUNS = (
 
 
 def write_day(folder: Path, runs: Sequence[Run] = RUNS) -> list[str]:
-    """Write the logs with their rovid.toml; their names in the order in which they were run."""
+    """Write the logs with their rovid.toml; return the names in order of time."""
     write_trial_day(folder, seed=3, formats="csv", campaign=runs, truth=TRUTH)
     return [f"{run.name}.csv" for run in runs]

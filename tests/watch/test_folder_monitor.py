@@ -1,4 +1,4 @@
-"""Which logs are whole, whatever becomes of the folder; by a clock that the test sets."""
+"""Complete logs in a changing folder, with a simulated clock."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tests.watch.days import write_day
 
 
 class Scene:
-    """A folder that is watched, and the logs that a test moves into it."""
+    """A watched folder and a store of logs that a test moves into it."""
 
     def __init__(self, store: Path, path: Path, *, at_once: bool = False) -> None:
         self.store, self.path, self.now = store, path, 0.0
@@ -35,7 +35,7 @@ class Scene:
         self.put("rovid.toml", "thrust_curve.csv")
 
     def look(self, after: float = 0.0) -> FolderChange | None:
-        """What is new after so many s, in which it is looked at every other one."""
+        """The change within ``after`` s, polled once a second."""
         end = self.now + after
         while (found := self.watched.poll()) is None and self.now < end:
             self.now += 1.0
@@ -69,7 +69,7 @@ def names(change: FolderChange) -> list[str]:
     return sorted(log.name for log in change.logs.values())
 
 
-def test_a_log_is_taken_when_it_has_stayed_as_it_is(scene: Scene) -> None:
+def test_a_log_is_read_when_it_no_longer_changes(scene: Scene) -> None:
     scene.put("sine.csv")
     assert scene.look(4.0) is None
     whole = (scene.path / "sine.csv").read_text()
@@ -82,7 +82,7 @@ def test_a_log_is_taken_when_it_has_stayed_as_it_is(scene: Scene) -> None:
     assert scene.look(100.0) is None
 
 
-def test_a_log_that_was_cut_short_is_taken_later_and_that_is_said(scene: Scene) -> None:
+def test_a_truncated_log_is_read_later_with_a_remark(scene: Scene) -> None:
     scene.put("sine.csv")
     cut = (scene.path / "sine.csv").read_text()[:5003]
     assert not cut.endswith("\n")
@@ -93,7 +93,7 @@ def test_a_log_that_was_cut_short_is_taken_later_and_that_is_said(scene: Scene) 
     assert log.samples > 50
 
 
-def test_a_log_that_grew_on_is_read_again_and_until_then_it_is_what_it_was(scene: Scene) -> None:
+def test_a_growing_log_keeps_its_old_content_until_it_is_read_again(scene: Scene) -> None:
     scene.put("sine.csv", "coast.csv")
     path = scene.path / "sine.csv"
     whole = path.read_text()
@@ -102,7 +102,7 @@ def test_a_log_that_grew_on_is_read_again_and_until_then_it_is_what_it_was(scene
     path.write_text(whole)
     scene.put("steps.csv")
     os.utime(path, (1, 1))
-    # It is written on and on, and the other log is taken in the meantime.
+    # The first log keeps growing, and the other log is read meanwhile.
     assert scene.look(3.0) is None
     path.write_text(whole + "\n")
     second = scene.take(3.0)
@@ -113,7 +113,7 @@ def test_a_log_that_grew_on_is_read_again_and_until_then_it_is_what_it_was(scene
     assert log.samples > first.logs[path].samples
 
 
-def test_logs_that_come_later_are_taken_one_by_one_in_the_order_in_which_they_were_written(scene: Scene) -> None:
+def test_later_logs_are_read_one_by_one_in_order_of_writing(scene: Scene) -> None:
     scene.put("hold_up.csv", "hold_down.csv")
     assert len(scene.take().added) == 2
     scene.put("sine.csv", "coast.csv")
@@ -122,7 +122,7 @@ def test_logs_that_come_later_are_taken_one_by_one_in_the_order_in_which_they_we
     assert scene.look(10.0) is None
 
 
-def test_a_log_that_is_called_otherwise_is_no_new_one(scene: Scene) -> None:
+def test_a_renamed_log_is_not_new(scene: Scene) -> None:
     scene.put("sine.csv", "coast.csv")
     scene.take()
     (scene.path / "sine.csv").rename(scene.path / "sine_20s.csv")
@@ -132,7 +132,7 @@ def test_a_log_that_is_called_otherwise_is_no_new_one(scene: Scene) -> None:
     assert names(change) == ["coast.csv", "sine_20s.csv"]
 
 
-def test_a_log_that_is_deleted_is_let_go_and_one_that_is_back_at_once_is_not(scene: Scene) -> None:
+def test_a_deleted_log_is_dropped_unless_it_returns_at_once(scene: Scene) -> None:
     scene.put("sine.csv", "coast.csv")
     scene.take()
     (scene.path / "sine.csv").unlink()
@@ -145,7 +145,7 @@ def test_a_log_that_is_deleted_is_let_go_and_one_that_is_back_at_once_is_not(sce
     assert names(change) == ["coast.csv"]
 
 
-def test_a_log_that_cannot_be_read_is_told_once_and_again_only_when_it_changes(scene: Scene) -> None:
+def test_an_unreadable_log_is_reported_once_per_change(scene: Scene) -> None:
     scene.put("sine.csv", "coast.csv")
     bad = scene.path / "sine.csv"
     whole = bad.read_text()
@@ -163,7 +163,7 @@ def test_a_log_that_cannot_be_read_is_told_once_and_again_only_when_it_changes(s
     assert scene.told() == ["can be used now."]
 
 
-def test_commands_beyond_the_thrust_curve_keep_out_the_log_and_no_other(scene: Scene) -> None:
+def test_commands_beyond_the_thrust_curve_exclude_only_that_log(scene: Scene) -> None:
     scene.put("sine.csv", "coast.csv")
     lines = (scene.path / "sine.csv").read_text().splitlines()
     at = lines[0].split(",").index("fore_V")
@@ -177,7 +177,7 @@ def test_commands_beyond_the_thrust_curve_keep_out_the_log_and_no_other(scene: S
     assert "99" in told
 
 
-def test_the_folder_may_come_late_and_go_for_a_while(store: Path, tmp_path: Path) -> None:
+def test_the_folder_may_appear_late_and_disappear(store: Path, tmp_path: Path) -> None:
     scene = Scene(store, tmp_path / "day")
     assert scene.look(10.0) is None
     assert scene.told() == ["is not there; waiting for it."]
@@ -194,7 +194,7 @@ def test_the_folder_may_come_late_and_go_for_a_while(store: Path, tmp_path: Path
     scene.path.rename(tmp_path / "elsewhere")
     assert scene.look(100.0) is None
     assert scene.told() == ["is not there; waiting for it."]
-    # A share that is not mounted is an empty folder.
+    # An unmounted network share is an empty folder.
     scene.path.mkdir()
     assert scene.look(100.0) is None
     assert "holds none of its logs" in scene.told()[0]
@@ -205,7 +205,7 @@ def test_the_folder_may_come_late_and_go_for_a_while(store: Path, tmp_path: Path
     assert list(scene.watched.logs) == [scene.path / "sine.csv"]
 
 
-def test_rovid_toml_is_waited_for_while_it_is_edited(scene: Scene) -> None:
+def test_an_edited_rovid_toml_is_awaited(scene: Scene) -> None:
     scene.put("sine.csv")
     scene.take()
     config = scene.path / "rovid.toml"
@@ -246,7 +246,7 @@ def test_each_log_is_read_once(scene: Scene, monkeypatch: pytest.MonkeyPatch) ->
     assert sorted(read) == ["coast.csv", "sine.csv"]
 
 
-def test_a_share_that_fails_while_a_log_is_read_is_asked_again(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failing_network_share_is_tried_again(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     scene.put("sine.csv")
     broken = True
     opened = Path.open
@@ -262,7 +262,7 @@ def test_a_share_that_fails_while_a_log_is_read_is_asked_again(scene: Scene, mon
     assert names(scene.take()) == ["sine.csv"]
 
 
-def test_all_is_taken_as_it_is_at_once(store: Path, tmp_path: Path) -> None:
+def test_once_reads_all_logs_as_they_are(store: Path, tmp_path: Path) -> None:
     scene = Scene(store, tmp_path / "day", at_once=True)
     scene.settings()
     scene.put("sine.csv", "coast.csv")
@@ -273,7 +273,7 @@ def test_all_is_taken_as_it_is_at_once(store: Path, tmp_path: Path) -> None:
     assert scene.look() is None
 
 
-def test_a_planned_run_in_the_folder_is_no_log(scene: Scene) -> None:
+def test_a_command_file_in_the_folder_is_no_log(scene: Scene) -> None:
     scene.put("sine.csv")
     (scene.path / "plan.csv").write_text('"time_s",fore,aft\n0,0,0\n4,1,1\n')
     assert names(scene.take()) == ["sine.csv"]

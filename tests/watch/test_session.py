@@ -1,4 +1,4 @@
-"""A trial day from log to log: a diagnosis that is overtaken, a share that is gone, files that cannot be written."""
+"""A watch session: interrupted diagnoses, vanished network shares, files that cannot be written."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def write(plan: ExperimentPlan) -> Path:
 
 
 def day_of(folder: Path, work: SessionActions, until: str = "") -> WatchSession:
-    """A day on which every look finds whole what is there, and that has an end."""
+    """A session in which every log is complete at once, and that ends when it waits."""
     watched = FolderMonitor(path=folder, axis=YAW, patience=SettleTimes(whole=0.0, cut=0.0))
     return WatchSession(watched, work, parse_criteria(until, YAW) if until else (), interval=0.0, sleep=_ends)
 
@@ -59,7 +59,7 @@ def until_idle(day: WatchSession) -> Iterator[object]:
         return
 
 
-def test_a_diagnosis_gives_way_to_a_new_log_but_not_twice(folder: Path) -> None:
+def test_a_diagnosis_is_interrupted_by_a_new_log_but_not_twice(folder: Path) -> None:
     to_come = ["sine.csv", "coast.csv", "steps.csv"]
     begun: list[int] = []
 
@@ -83,7 +83,7 @@ def test_a_diagnosis_gives_way_to_a_new_log_but_not_twice(folder: Path) -> None:
     assert sum(isinstance(event, ModelFitted) for event in events) == 4
 
 
-def test_a_diagnosis_that_may_end_the_day_is_not_given_up(folder: Path) -> None:
+def test_a_possibly_final_diagnosis_is_not_interrupted(folder: Path) -> None:
     def diagnose(study: Study, report: Report) -> Diagnosis:
         put(folder, "steps.csv")
         report("Looking …")
@@ -97,7 +97,7 @@ def test_a_diagnosis_that_may_end_the_day_is_not_given_up(folder: Path) -> None:
     assert len(last.logs) == 3
 
 
-def test_a_day_goes_on_where_files_cannot_be_written(folder: Path) -> None:
+def test_the_session_continues_if_files_cannot_be_written(folder: Path) -> None:
     def refused(*_: object) -> Path:
         raise OutputError("is write-protected.", where="plan.csv")
 
@@ -112,7 +112,7 @@ def test_a_day_goes_on_where_files_cannot_be_written(folder: Path) -> None:
     assert {event.where for event in events if isinstance(event, Problem)} == {"parameters", "command file"}
 
 
-def test_a_share_that_is_gone_in_between_is_tried_again(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_vanished_network_share_is_tried_again(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     opened: Callable[..., Study] = open_study
     fails = [True, True]
 
@@ -140,7 +140,7 @@ def test_a_share_that_is_gone_in_between_is_tried_again(folder: Path, monkeypatc
 @pytest.mark.parametrize(
     ("rows", "kinds"), [(12, [LogsChanged, Problem]), (400, [LogsChanged, ModelFitted])], ids=["short", "at rest"]
 )
-def test_what_cannot_be_fitted_is_said_and_the_day_goes_on(rows: int, kinds: list[type], folder: Path) -> None:
+def test_a_failed_fit_is_reported_and_the_session_continues(rows: int, kinds: list[type], folder: Path) -> None:
     put(folder, "sine.csv")
     head, *lines = (folder / "sine.csv").read_text().splitlines()
     at_rest = [line.split(",") for line in lines[:rows]]

@@ -1,4 +1,4 @@
-"""What has to be known before a day is over."""
+"""Stop criteria of a trial day."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def estimate(error: float, *, guess: Assumptions | None = None, refused: bool = 
     )
 
 
-def test_each_part_is_a_name_and_a_percentage() -> None:
+def test_criteria_are_names_and_percentages() -> None:
     (first, second, third) = parse_criteria(" inertia 2 %, quadratic drag 5%,thruster_lag 95 %", YAW)
     assert (first.name, first.share, first.is_effect) == ("inertia", 0.02, False)
     assert (second.name, second.share) == ("quadratic_drag", 0.05)
@@ -44,7 +44,7 @@ def test_each_part_is_a_name_and_a_percentage() -> None:
         ("thruster_lag 100 %", "cannot be reached"),
     ],
 )
-def test_what_is_not_understood_is_refused(text: str, said: str) -> None:
+def test_invalid_criteria_are_refused(text: str, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         parse_criteria(text, YAW)
 
@@ -57,12 +57,12 @@ def test_names_are_those_of_the_axis() -> None:
         parse_criteria(f"{restoring} 10 %", YAW)
 
 
-def test_causes_take_a_diagnosis() -> None:
+def test_causes_need_a_diagnosis() -> None:
     with pytest.raises(ConfigError, match="needs a diagnosis"):
         parse_criteria("thruster_lag 90 %", YAW, diagnosed=False)
 
 
-def test_a_parameter_is_known_as_well_as_its_interval_is_narrow() -> None:
+def test_a_parameter_criterion_uses_the_95_percent_interval() -> None:
     (one, lag) = parse_criteria("inertia 2 %, thruster_lag.time_constant 5 %", YAW)
     # 1.96 standard errors to either side.
     for error, met in ((1.0, True), (1.03, False)):
@@ -72,7 +72,7 @@ def test_a_parameter_is_known_as_well_as_its_interval_is_narrow() -> None:
     assert lag.status(estimate(1.0), None).met
 
 
-def test_what_is_not_known_is_not_reached() -> None:
+def test_unknown_parameters_do_not_meet_a_criterion() -> None:
     (one,) = parse_criteria("inertia 50 %", YAW)
     guess = Assumptions(items=("curve of fore",), thrusters=1)
     for known in (None, estimate(1.0, refused=True), estimate(1.0, guess=guess)):
