@@ -1,4 +1,4 @@
-"""From log files to trials: one reader for each format, one time base for all.
+"""Read log files as trials, with one reader for each format.
 
 A reader is a module with a function ``read(path, config) -> RawLog`` that returns channels as logged. A new format is
 one such module, one line in `rovid.trial.log_files` and one in docs/logs.md. Time order, units, unwrapping, outliers,

@@ -51,15 +51,7 @@ _Bag = tuple[list[_Connection], _Messages, list[str]]
 
 
 def read(path: Path, config: Config) -> RawLog:
-    """Mapped fields of ``path``, with the same clocks as MCAP.
-
-    Raises
-    ------
-    LogError
-        The file is no bag, rosbags is not installed, or a topic or field is missing or no number.
-    ConfigError
-        rovid.toml does not map the heading or a command for bags or MCAP.
-    """
+    """Mapped fields of ``path``, with the same clocks as MCAP."""
     topics = TopicExtractor(path, KIND, required_signals(config, KIND, path), config.time)
     with _opened(path) as (connections, messages, damage):
         handlers = {}
@@ -74,13 +66,7 @@ def read(path: Path, config: Config) -> RawLog:
 
 
 def sources(path: Path) -> LogContents:
-    """Every field that holds a number or an orientation.
-
-    Raises
-    ------
-    LogError
-        The file is no bag, or rosbags is not installed.
-    """
+    """Every field that holds a number or an orientation."""
     listing = TopicListing(path, KIND)
     require_library("rosbags.typesys", _EXTRA, path)
     with _opened(path) as (connections, messages, damage):

@@ -52,15 +52,7 @@ _INSTANCES = (("I", "B"), ("Inst", "B"), ("Instance", "B"), ("C", "B"))
 
 
 def read(path: Path, config: Config) -> RawLog:
-    """Mapped fields of ``path``; ``IMU[1].GyrZ`` is of the second sensor, ``IMU.GyrZ`` of the first.
-
-    Raises
-    ------
-    LogError
-        The file is no DataFlash log, or a message or field is missing or no number.
-    ConfigError
-        rovid.toml does not map a command for it.
-    """
+    """Mapped fields of ``path``; ``IMU[1].GyrZ`` is of the second sensor, ``IMU.GyrZ`` of the first."""
     signals = required_signals(config, KIND, path)
     topics = [signal.sources[KIND].partition(".")[0] for signal in signals.values()]
     with _opened(path, {split_instance(topic)[0] for topic in topics}) as log:
@@ -69,13 +61,7 @@ def read(path: Path, config: Config) -> RawLog:
 
 
 def sources(path: Path) -> LogContents:
-    """Sources on motion, thrusters and supply.
-
-    Raises
-    ------
-    LogError
-        The file is no DataFlash log.
-    """
+    """Sources on motion, thrusters and supply."""
     with _opened(path, {*_INTERESTING, _PARAMETERS}) as log:
         topics = {name: log.columns(name) for name in _INTERESTING if log.holds(name)}
         parameters = {}

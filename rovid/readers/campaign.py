@@ -25,7 +25,7 @@ from rovid.trial.trial import Campaign, Remark, Trial, apply_exclusions
 _LARGE = 20_000_000
 
 Progress = Callable[[Path, int], None]
-# A function such as `read_trials`.
+# Signature of `read_trials`.
 TrialReader = Callable[[Path, Config, str, list[Remark]], list[Trial]]
 
 

@@ -37,15 +37,7 @@ _MAX_LEFT_OUT = 8
 
 
 def read(path: Path, config: Config) -> RawLog:
-    """Mapped columns of ``path``.
-
-    Raises
-    ------
-    LogError
-        The file is no such table, lacks a column, or holds text in place of a number.
-    ConfigError
-        rovid.toml does not map the time, the heading or a command for CSV.
-    """
+    """Mapped columns of ``path``."""
     signals = {"time": required_time(config, KIND), **required_signals(config, KIND, path)}
     layout = read_layout(path, {signal.sources[KIND] for signal in signals.values()})
     layout.refuse_long_rows()
@@ -262,13 +254,7 @@ class _Slice(io.RawIOBase):
 
 
 def sources(path: Path) -> LogContents:
-    """The time column, empty if none looks like a time, and every other column that begins with numbers.
-
-    Raises
-    ------
-    LogError
-        The file is no table, or none of its columns is a time.
-    """
+    """The time column, empty if none looks like a time, and every other column that begins with numbers."""
     layout = read_layout(path, ())
     repeated = {name for name, count in Counter(layout.names).items() if count > 1}
     numbers: dict[str, FloatArray] = {}

@@ -22,13 +22,12 @@ from rovid.trial.trial import Remark, Trial
 
 @dataclass(frozen=True, kw_only=True)
 class LogFormat:
-    """A log format. Its reader, imported on first use, raises a `RovidError` for a file that cannot be read.
+    """A log format, with its reader: the module `rovid.readers.<kind>_reader`, imported on first use.
 
-    Attributes
-    ----------
-    kind
-        Key in the sources of a signal in rovid.toml, and name of the reader: the module `rovid.readers.<kind>_reader`
-        with the functions ``read(path, config) -> RawLog`` and ``sources(path) -> LogContents``.
+    The reader has two functions. ``read(path, config) -> RawLog`` returns the mapped channels of a file, and
+    ``sources(path) -> LogContents`` its readable contents. Both raise `LogError` for a file that cannot be read: it is
+    no such file, an optional package is missing, or a source is missing or no number. ``read`` raises `ConfigError` if
+    rovid.toml does not map the time, the measured signal or a command for the format.
     """
 
     kind: str

@@ -48,49 +48,26 @@ class Damage(Exception):  # noqa: N818  a state of the recording, not an error o
 
 @dataclass(kw_only=True, eq=False)
 class McapFile:
-    """An MCAP file being read.
-
-    Attributes
-    ----------
-    path, size
-        The file and its size in bytes.
-    open_channel
-        Called once for each channel: returns the function that takes its messages, or None.
-    end
-        Bytes of the part that was read whole.
-    damage
-        Why reading ended early; else empty.
-    rescued
-        Number of messages taken from a cut chunk.
-    taken, missed
-        Number of messages handed over, and of further messages that the summary counts.
-    too_large
-        Mapped topics with a message above `MAX_MESSAGE` -> its bytes; the topic's later messages are not read.
-    """
+    """An MCAP file of ``size`` bytes being read."""
 
     path: Path
     size: int
     file: BinaryIO
+    # Called once for each channel: returns the function that takes its messages, or None.
     open_channel: Callable[[Channel, Schema | None], Handler | None]
-    end: int = len(MAGIC)
-    damage: str = ""
-    rescued: int = 0
-    taken: int = 0
-    missed: int = 0
-    too_large: dict[str, int] = field(default_factory=dict)
+    end: int = len(MAGIC)  # Bytes of the part that was read whole.
+    damage: str = ""  # Why reading ended early.
+    rescued: int = 0  # Number of messages taken from a cut chunk.
+    taken: int = 0  # Number of messages handed over.
+    missed: int = 0  # Number of further messages that the summary counts.
+    too_large: dict[str, int] = field(default_factory=dict)  # Mapped topic -> bytes of a message above MAX_MESSAGE.
     channels: dict[int, Channel] = field(default_factory=dict)
     handlers: dict[int, Handler] = field(default_factory=dict)
     _schemas: dict[int, Schema] = field(default_factory=dict)
     _skipped: _Places = field(default_factory=list)
 
     def read(self, *, by_index: bool = True) -> None:
-        """Hand every message of a mapped channel to its handler, in the order of the file.
-
-        Raises
-        ------
-        LogError
-            The file is no MCAP file, or its chunks have an unknown compression.
-        """
+        """Hand every message of a mapped channel to its handler, in the order of the file."""
         if self._bytes(0, len(MAGIC)) != MAGIC:
             text = "is not an MCAP file: it does not begin with the mark of one."
             raise LogError(text, where=self.path, mend="Export the log again, or give it the suffix of its format.")
@@ -109,8 +86,6 @@ class McapFile:
             return b""
         self.file.seek(offset)
         return self.file.read(min(count, self.size - offset))
-
-    # --- with an index -----------------------------------------------------------------------------------
 
     def _summary(self) -> tuple[_Places, Statistics] | None:
         """The chunks to read, in order; None unless the summary is whole and covers every message."""
@@ -169,8 +144,6 @@ class McapFile:
         self.end = self.size
         self.missed = sum(counts.channel_message_counts.get(one, 0) for one in self.handlers) - self.taken
 
-    # --- without one -------------------------------------------------------------------------------------
-
     def _scan(self) -> None:
         """Read record by record, up to the end mark."""
         offset = len(MAGIC)
@@ -226,8 +199,6 @@ class McapFile:
                 return False
             is_indexed = True
             offset += _HEAD.size + length
-
-    # --- chunks and records ------------------------------------------------------------------------------
 
     def _read_chunk(self, offset: int, length: int, *, cut: bool = False) -> None:
         body = offset + _HEAD.size
@@ -387,13 +358,7 @@ class _FilePart(io.RawIOBase):
 
 
 def _unpacked(file: BinaryIO, start: int, packed: int, compression: str, size: int) -> Iterator[bytes]:
-    """Blocks of a chunk: ``size`` bytes, one more if there are more, fewer if the chunk is cut.
-
-    Raises
-    ------
-    Damage
-        The bytes do not unpack.
-    """
+    """Blocks of a chunk: ``size`` bytes, one more if there are more, fewer if the chunk is cut."""
     left = size + 1
     errors: tuple[type[Exception], ...] = (RuntimeError, ValueError, MemoryError)
     try:

@@ -25,13 +25,6 @@ def read(path: Path, config: Config) -> RawLog:
 
     ``time = { mcap = … }`` selects the clock: "log" (time of recording; the default), "publish", "header" (the
     message's own stamp), or a field of each message.
-
-    Raises
-    ------
-    LogError
-        The file is no MCAP file, a topic or field is missing or no number, or an encoding is not supported.
-    ConfigError
-        rovid.toml does not map the heading or a command for MCAP.
     """
     signals = required_signals(config, KIND, path)
     topics = TopicExtractor(path, KIND, signals, config.time)
@@ -51,13 +44,7 @@ def read(path: Path, config: Config) -> RawLog:
 
 
 def sources(path: Path) -> LogContents:
-    """Every field that holds a number or an orientation.
-
-    Raises
-    ------
-    LogError
-        The file is no MCAP file.
-    """
+    """Every field that holds a number or an orientation."""
     listing = TopicListing(path, KIND)
     _read_messages(path, listing.handler)
     return listing.contents()

@@ -149,17 +149,17 @@ class TopicExtractor:
         ``mapping``: the messages are dictionaries (JSON), not objects.
         """
         if name not in self.topics:
+            where = str(self.path)
             collectors = []
             for signal, mapped_to in self.signals.items():
                 source, optional = mapped_to.sources[self.kind], mapped_to.optional
                 fields = split_path(source, name)
                 if fields is not None:
-                    where = str(self.path)
-                    one = FieldCollector(signal, source, fields, mapping=mapping, where=where, optional=optional)
-                    collectors.append(one)
-            is_mapped = bool(collectors)
-            topic = TopicCollector(name, self.kind, self.clock, collectors, str(self.path))
-            self.topics[name] = topic if is_mapped else None
+                    collectors.append(
+                        FieldCollector(signal, source, fields, mapping=mapping, where=where, optional=optional)
+                    )
+            topic = TopicCollector(name, self.kind, self.clock, collectors, where)
+            self.topics[name] = topic if collectors else None
         found = self.topics[name]
         return None if found is None else found.handler(make_decoder, mapping=mapping)
 

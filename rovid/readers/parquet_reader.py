@@ -29,6 +29,8 @@ from rovid.trial.signal_names import CLOCK_WORDS, name_words
 KIND = "parquet"
 EXTRA = "parquet"
 _MARK = b"PAR1"
+# MB that the mapped columns of one log may take.
+_MAX_SIZE = 512
 # Rows in one batch, and bytes of the read buffer.
 _ROWS, _BUFFER = 1 << 16, 1 << 18
 # Logical types of byte columns that hold text or numbers.
@@ -36,15 +38,7 @@ _READABLE = {"STRING", "ENUM", "DECIMAL", "FLOAT16"}
 
 
 def read(path: Path, config: Config) -> RawLog:
-    """Mapped columns of ``path``; ``pose.heading`` is a column inside another.
-
-    Raises
-    ------
-    LogError
-        The file is no Parquet file or is cut, pyarrow is not installed, or a column is missing or no number.
-    ConfigError
-        rovid.toml does not map the time, the heading or a command for it.
-    """
+    """Mapped columns of ``path``; ``pose.heading`` is a column inside another."""
     signals = {"time": required_time(config, KIND), **required_signals(config, KIND, path)}
     _check_mark(path)
     sources = {name: signal.sources[KIND] for name, signal in signals.items()}
@@ -91,7 +85,7 @@ def _check_columns(path: Path, footer: Any, sources: Mapping[str, str]) -> list[
     Raises
     ------
     LogError
-        A column is missing, not unique, or holds neither numbers nor text.
+        A column is missing, not unique, or holds neither numbers nor text; or the columns are too large.
     """
     leaves = [footer.schema.column(at) for at in range(len(footer.schema.names))]
     present = [leaf.path for leaf in leaves if leaf.max_repetition_level == 0]  # Without lists.
@@ -104,6 +98,15 @@ def _check_columns(path: Path, footer: Any, sources: Mapping[str, str]) -> list[
             )
         if present.count(column) > 1:
             raise LogError(f"has {present.count(column)} columns {column!r} ({name}).", where=path, mend="Rename one.")
+    count = sum(leaf.path in sources.values() for leaf in leaves)
+    size = 8 * footer.num_rows * count >> 20
+    if size > _MAX_SIZE:
+        raise LogError(
+            f"holds {footer.num_rows} rows, of which {count} columns are mapped: {size} MB unpacked; "
+            f"at most {_MAX_SIZE} MB were expected.",
+            where=path,
+            mend="Split the log, or keep every tenth row.",
+        )
     texts = []
     # Statistics of columns in the footer are not read: if they are damaged, pyarrow ends the whole process.
     for leaf in leaves:
@@ -143,13 +146,7 @@ def _reading(path: Path) -> Iterator[None]:
 
 
 def sources(path: Path) -> LogContents:
-    """The column with a clock's name, if any, and every other column of numbers.
-
-    Raises
-    ------
-    LogError
-        The file is no Parquet file, or pyarrow is not installed.
-    """
+    """The column with a clock's name, if any, and every other column of numbers."""
     _check_mark(path)
     parquet, types = require_library("pyarrow.parquet", EXTRA, path), require_library("pyarrow.types", EXTRA, path)
     with _reading(path):
@@ -186,7 +183,7 @@ def _times(path: Path, values: Any, name: str, before: int) -> pd.Series[Any]:
 
 
 def _numbers(path: Path, values: Any, column: str, name: str, before: int) -> FloatArray:
-    """Each row as a number. ``before``: number of rows before these."""
+    """(n,) numbers of a column. ``before``: number of rows before these."""
     if hasattr(values, "dictionary"):
         numbers, wrong = _to_numbers(_series(path, values.dictionary))
         # A missing cell gets the index after the last.

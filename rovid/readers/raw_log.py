@@ -1,4 +1,4 @@
-"""Channels as logged, each on its own clock: the result of every reader, and helpers that readers share."""
+"""Raw channels with their own clocks, which every reader returns, and helpers of the readers."""
 
 from __future__ import annotations
 
@@ -182,7 +182,7 @@ def euler(quaternions: FloatArray, signal: str) -> FloatArray:
         return np.where((norm > 0.0) & np.isfinite(norm), angle, np.nan)
 
 
-# --- logs that give each topic as columns: DataFlash, MAVLink telemetry, ULog -------------------------------
+# --- topics stored as columns: DataFlash, MAVLink telemetry, ULog -------------------------------------------
 
 # Field -> (n,) as logged; the clock, in us, is one of the fields.
 Columns = Mapping[str, NDArray[Any]]
@@ -232,7 +232,7 @@ def raw_log_of_topics(
     stamps = {}
     for one, _, _ in found.values():
         stamp = _field(path, clock, one, topics[one], "time")
-        # Signed, so that differences are; a stamp that does not fit is damaged.
+        # Signed integers have signed differences. A larger time stamp comes from damage.
         stamps[one] = stamp.astype(np.int64) if stamp.dtype.kind == "u" else stamp
     origin = min((int(stamp[0]) for stamp in stamps.values() if stamp.dtype.kind == "i"), default=0)
     times = {one: to_seconds(stamp, clock, "us", origin) for one, stamp in stamps.items()}

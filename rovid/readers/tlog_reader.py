@@ -50,15 +50,7 @@ _PARAMETERS = "PARAM_VALUE"
 
 
 def read(path: Path, config: Config) -> RawLog:
-    """Mapped fields of ``path``, at their arrival times.
-
-    Raises
-    ------
-    LogError
-        The file is no telemetry log, pymavlink is not installed, or a message or field is missing or no number.
-    ConfigError
-        rovid.toml does not map a command for it.
-    """
+    """Mapped fields of ``path``, at their arrival times."""
     signals = required_signals(config, KIND, path)
     topics = [signal.sources[KIND].partition(".")[0] for signal in signals.values()]
     log = TelemetryLog(path, {split_instance(topic)[0] for topic in topics})
@@ -66,13 +58,7 @@ def read(path: Path, config: Config) -> RawLog:
 
 
 def sources(path: Path) -> LogContents:
-    """Sources on motion, thrusters and supply.
-
-    Raises
-    ------
-    LogError
-        The file is no telemetry log, or pymavlink is not installed.
-    """
+    """Sources on motion, thrusters and supply."""
     log = TelemetryLog(path, {*_INTERESTING, _PARAMETERS})
     present = {name for name, system, _ in log.frames if system == log.system}
     topics = {name: log.columns(name) for name in _INTERESTING if name in present}

@@ -37,15 +37,7 @@ _MAX_READS, _EXTRA_READS = 16, 1 << 16
 
 
 def read(path: Path, config: Config) -> RawLog:
-    """Mapped fields of ``path``.
-
-    Raises
-    ------
-    LogError
-        The file is no ULog, pyulog is not installed, or a topic or field is missing or no number.
-    ConfigError
-        rovid.toml does not map a command for it.
-    """
+    """Mapped fields of ``path``."""
     signals = required_signals(config, KIND, path)
     names = {signal.sources[KIND].partition(".")[0].partition("#")[0] for signal in signals.values()}
     log = _ULog(path, names)
@@ -54,13 +46,7 @@ def read(path: Path, config: Config) -> RawLog:
 
 
 def sources(path: Path) -> LogContents:
-    """Sources on motion, thrusters and supply.
-
-    Raises
-    ------
-    LogError
-        The file is no ULog, or pyulog is not installed.
-    """
+    """Sources on motion, thrusters and supply."""
     log = _ULog(path, _INTERESTING)
     return LogContents(sources=tuple(numeric_sources(log.topics)), parameters=log.parameters)
 

@@ -1,1 +1,1 @@
-"""What was measured, and of which vehicle: axes, trials, thrusters, tables, rovid.toml."""
+"""The measurements and the vehicle: axes, trials, thrusters, tables, rovid.toml."""

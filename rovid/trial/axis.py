@@ -16,8 +16,8 @@ class Axis:
     Attributes
     ----------
     position_signals
-        Signals in rovid.toml that measure the position along the axis. One of them is enough. The position is positive
-        in the direction in which this signal grows.
+        Signals in rovid.toml, each of which measures the position along the axis. The position is positive in the
+        direction in which this signal grows.
     rate_signal
         Signal that measures the rate.
     arm_key

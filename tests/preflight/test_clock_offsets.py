@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks.clocks import told
 from tests.conftest import Rovid, slow
-from tests.readers.test_join_files import day
+from tests.readers.test_formats import day
 from tools.folders import Clocks, write_folder
 
 JOIN = 'parts = ["ins", "thr"]\n'

@@ -19,6 +19,24 @@ _MB = 1 << 20
 _ALWAYS = 300 * _MB
 
 
+def constant(path: Path, rows: int, batch: int = 1_000_000) -> None:
+    """``rows`` times the same row, which packs to next to nothing."""
+    table = pa.table({name: np.zeros(batch) for name in ("time_s", "heading_deg", "fore_V")})
+    with pq.ParquetWriter(path, table.schema) as writer:
+        for _ in range(rows // batch):
+            writer.write_table(table)
+
+
+@pytest.mark.parametrize("what", ["read", "init"])
+def test_too_many_rows_are_refused_by_the_footer(what: str, tmp_path: Path) -> None:
+    campaign(tmp_path)
+    constant(tmp_path / "a.parquet", 24_000_000)
+    assert (tmp_path / "a.parquet").stat().st_size < _MB
+    memory, found = read(tmp_path / "a.parquet", what)
+    assert "holds 24000000 rows, of which 3 columns are mapped: 549 MB unpacked; at most 512 MB" in found
+    assert memory < _ALWAYS
+
+
 def numbered(path: Path, rows: int, others: int) -> None:
     """A log of ``rows``, with ``others`` columns of noise that nobody asks for."""
     time_s, heading = turning(rows)

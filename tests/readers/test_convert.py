@@ -1,4 +1,4 @@
-"""`rovid convert`: what is written and read again is the same trial, whatever it came from."""
+"""Logs in another format, and MCAP recordings of columns."""
 
 from __future__ import annotations
 
@@ -15,11 +15,13 @@ import pytest
 from jsonschema import Draft202012Validator
 from mcap.reader import make_reader
 
-from rovid.readers import read_log
+from rovid.core.escaping import field_names
+from rovid.readers import mcap_writer, read_log
 from rovid.trial.axis import axis_named
 from rovid.trial.config import Config, load_config
 from rovid.trial.trial import Trial
 from tests.conftest import SAMPLES, Rovid
+from tests.hostile import NAMES
 from tests.readers.logs import campaign, csv_text, dive, mcap_bytes, standard, toml
 from tests.whole.test_bad_input import assert_one_message
 
@@ -153,3 +155,11 @@ def test_what_cannot_be_written_is_told_first(tmp_path: Path, rovid: Rovid, monk
     assert_one_message(rovid("convert", tmp_path / "none.csv", "-o", log), "no such file")
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     assert_one_message(rovid("convert", log, "-o", "b.parquet"), "pip install 'rovid[parquet]'")
+
+
+def test_a_recording_keeps_the_commands_of_thrusters_with_names_alike() -> None:
+    fields = dict(zip(field_names(NAMES), np.ones((len(NAMES), 3)), strict=True))
+    assert len(fields) == len(NAMES)
+    assert mcap_writer.mcap_bytes(
+        [mcap_writer.OutputTopic(name="/commands", time=np.arange(3.0), fields=fields, units=dict.fromkeys(fields, ""))]
+    )

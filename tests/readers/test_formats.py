@@ -1,20 +1,24 @@
-"""Every format: the same run in each, and what is no such log gets one message, in bounded time."""
+"""The reader of each file, and trials of several files."""
 
 from __future__ import annotations
 
 import functools
 import io
+import re
+import shutil
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from PIL import Image
 
-from rovid.core.errors import LogError
-from rovid.readers import READERS, read_log
+from rovid.core.errors import ConfigError, LogError
+from rovid.readers import READERS, read_campaign, read_log
 from rovid.trial.config import Config, load_config
-from tests.conftest import ROOT, Rovid
+from rovid.trial.trial import Trial
+from tests.conftest import ROOT, SAMPLES, Rovid
 from tests.readers.logs import campaign, kinds, toml
 from tests.readers.recordings import CHANGES, HEADING, RECORDINGS, TIME
 from tests.readers.test_fuzz import EDITS, FUZZ, Edits, edited, survive
@@ -121,3 +125,132 @@ def test_nothing_is_guessed_from_what_is_no_such_log(suffix: str, content: str, 
 def test_edited_logs_do_no_harm(suffix: str, edits: Edits, tmp_path: Path) -> None:
     path = tmp_path / f"e{suffix}"
     survive(path, edited(recording(suffix), edits), configured(suffix, tmp_path))
+
+
+JOIN = 'parts = ["ins", "thr"]\n'
+RUNS = ("hold_03", "hold_05", "sine_20s", "steps")
+INS, THR = ["time_s", "heading_deg"], ["time_s", "fore_V", "aft_V"]
+
+
+def day(folder: Path, *, split: str, late: float = 0.0, block: str = JOIN) -> Path:
+    """Some logs of a day, one file a sensor; what commands is ``late`` by so many s by its own clock."""
+    folder.mkdir()
+    for name in ("rovid.toml", "thrust_curve.csv"):
+        shutil.copy(SAMPLES / "rosub_hidden" / name, folder)
+    text = (folder / "rovid.toml").read_text(encoding="utf-8")
+    (folder / "rovid.toml").write_text(f"{text}\n[join]\n{block}", encoding="utf-8")
+    for run in RUNS:
+        log = pd.read_csv(SAMPLES / "rosub_hidden" / f"{run}.csv")
+        for part, columns in (("ins", INS), ("thr", THR)):
+            own = log[columns].copy()
+            if part == "thr":
+                own = own.iloc[::2]
+                own["time_s"] += late
+            target = folder / split.format(run=run, part=part)
+            target.parent.mkdir(exist_ok=True)
+            own.to_csv(target, index=False)
+    return folder
+
+
+def trials(folder: Path) -> tuple[Trial, ...]:
+    return read_campaign([folder], load_config(folder / "rovid.toml")).trials
+
+
+@pytest.mark.parametrize("split", ["{run}_{part}.csv", "{run}/{part}.csv"])
+def test_files_of_one_trial_are_read_as_one(split: str, tmp_path: Path) -> None:
+    folder = day(tmp_path / "day", split=split)
+    campaign = read_campaign([folder], load_config(folder / "rovid.toml"))
+    assert len(campaign.trials) == len(RUNS)
+    for trial in campaign.trials:
+        assert np.ptp(trial.commands) > 0.0
+        assert any(remark.kind == "joined" for remark in trial.remarks)
+
+
+def test_an_offset_that_is_given_brings_clocks_together(tmp_path: Path, rovid: Rovid) -> None:
+    day(tmp_path / "apart", split="{run}_{part}.csv", late=0.6)
+    day(tmp_path / "day", split="{run}_{part}.csv", late=0.6, block='parts = ["ins", "thr"]\noffset = { thr = -0.6 }\n')
+    told = rovid("fit", "day", "--effect", "thruster_lag", "--json", "-p", "a.toml").document["parameters"]
+    asis = rovid("fit", "apart", "--effect", "thruster_lag", "--json", "-p", "b.toml").document["parameters"]
+    day(tmp_path / "plain", split="{run}_{part}.csv")
+    plain = rovid("fit", "plain", "--effect", "thruster_lag", "--json", "-p", "c.toml").document
+    lag = "thruster_lag.time_constant"
+    assert told[lag]["value"] == pytest.approx(plain["parameters"][lag]["value"], abs=0.1)
+    assert asis[lag]["value"] < told[lag]["value"] - 0.3
+
+
+def test_a_clock_that_drifts_is_put_right(tmp_path: Path) -> None:
+    block = JOIN + 'offset = { thr = -0.5, "steps_thr.csv" = 2.0 }\ndrift = { thr = -2000.0 }\n'
+    plain = {trial.name: trial for trial in trials(day(tmp_path / "plain", split="{run}_{part}.csv"))}
+    for trial in trials(day(tmp_path / "day", split="{run}_{part}.csv", block=block)):
+        other = plain[trial.name]
+        offset = 2.0 if trial.name == "steps_ins.csv" else -0.5
+        since = other.time[1:][np.any(np.diff(other.commands, axis=0) != 0.0, axis=1)]
+        moved = trial.time[1:][np.any(np.diff(trial.commands, axis=0) != 0.0, axis=1)]
+        wanted = since * (1.0 - 2e-3) + offset
+        # A trial begins when it is commanded; what fell out of it is not compared.
+        begin = max(offset, 0.0)
+        kept = wanted[(wanted > begin) & (wanted < begin + trial.duration)]
+        assert len(kept) > 1
+        assert np.abs(np.subtract.outer(kept - begin, moved)).min(axis=1).max() < 0.01
+        (said,) = [remark.text for remark in trial.remarks if remark.kind == "clock"]
+        assert f"{offset:+g} s" in said
+        assert "-2000 ppm" in said
+
+
+@pytest.mark.parametrize(
+    ("block", "said"),
+    [
+        ("offset = { thruster = 0.5 }", "'thruster' is not known here"),
+        ('offset = { "thr_1.csv" = "late" }', "[join] offset thr_1.csv"),
+        ("drift = 3.0", "a table [drift] was expected"),
+    ],
+)
+def test_a_clock_that_is_none_is_refused(block: str, said: str, tmp_path: Path) -> None:
+    folder = day(tmp_path / "day", split="{run}_{part}.csv", block=f"{JOIN}{block}\n")
+    with pytest.raises(ConfigError, match=re.escape(said)):
+        load_config(folder / "rovid.toml")
+
+
+def test_another_column_of_time_may_be_named(tmp_path: Path) -> None:
+    block = 'parts = ["ins", "thr"]\ntime = { thr = { csv = "t_ms", unit = "ms" } }\n'
+    folder = day(tmp_path / "day", split="{run}_{part}.csv", block=block)
+    for path in folder.glob("*_thr.csv"):
+        log = pd.read_csv(path)
+        log["time_s"] *= 1000.0
+        log.rename(columns={"time_s": "t_ms"}).to_csv(path, index=False)
+    plain = trials(day(tmp_path / "plain", split="{run}_{part}.csv"))
+    for trial, other in zip(trials(folder), plain, strict=True):
+        assert trial.duration == pytest.approx(other.duration, abs=0.3)
+
+
+def test_a_part_that_is_missing_is_named(tmp_path: Path) -> None:
+    folder = day(tmp_path / "day", split="{run}_{part}.csv")
+    (folder / "steps_thr.csv").unlink()
+    with pytest.raises(LogError, match=r"steps_ins\.csv: neither this nor the files joined with it hold"):
+        read_campaign([folder], load_config(folder / "rovid.toml"))
+
+
+@pytest.mark.parametrize("split", ["{run}_{part}.csv", "{run}/{part}.csv"])
+def test_init_sees_that_files_belong_together(split: str, tmp_path: Path, rovid: Rovid) -> None:
+    folder = day(tmp_path / "day", split=split)
+    (folder / "rovid.toml").unlink()
+    for path in folder.rglob("*thr.csv"):
+        pd.read_csv(path).rename(columns={"time_s": "t"}).to_csv(path, index=False)
+    document = rovid("init", "day", "--json").document
+    assert document["joined"] == ["ins", "thr"]
+    assert {command["name"]: command["turns"] for command in document["commands"]["csv"]} == {"fore": 1, "aft": 1}
+    checked = rovid("check", "day", "--json")
+    assert not checked.document["unreadable"]
+
+
+@pytest.mark.parametrize("what", ["hold_03/thr.csv", "rovid.toml"])
+def test_a_fit_rests_on_every_file_of_a_trial_and_on_how_they_are_joined(
+    what: str, tmp_path: Path, rovid: Rovid
+) -> None:
+    folder = day(tmp_path / "day", split="{run}/{part}.csv")
+    assert rovid("fit", "day").code == 0
+    assert rovid("simulate").code == 0
+    text = (folder / what).read_text(encoding="utf-8")
+    text = text.replace('["ins", "thr"]', '["ins", "thr", "gps"]') if what == "rovid.toml" else f"{text}900.0,0.0,0.0\n"
+    (folder / what).write_text(text, encoding="utf-8")
+    assert "is out of date" in rovid("simulate").err

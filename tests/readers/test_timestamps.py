@@ -1,4 +1,4 @@
-"""Times in every unit, to the last digit."""
+"""Times in every unit, to the last digit; samples out of order, repeated, or on an impossible clock."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rovid.core.errors import LogError
+from tests.readers.channels import HEADING, TIME, trial_of
 from tests.readers.logs import campaign, csv_text, kinds, read_csv, standard, toml
-from tests.readers.test_csv_reader import TIME, assert_standard
+from tests.readers.test_csv_reader import assert_standard
 
 
 @pytest.mark.parametrize(("unit", "scale"), [("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9)])
@@ -30,3 +32,41 @@ def test_nanoseconds_with_an_empty_cell(tmp_path: Path) -> None:
     trial = read_csv(tmp_path, csv_text(standard(time_s=ticks)))
     assert len(trial.time) == 399
     assert kinds(trial) == {"missing": 1}
+
+
+def test_duplicates_keep_the_first(tmp_path: Path) -> None:
+    text = csv_text(standard()).split("\n")
+    text.insert(100, text[99].replace(",", ",9", 1))
+    text.insert(200, text[199])
+    trial = read_csv(tmp_path, "\n".join(text))
+    assert kinds(trial) == {"duplicate": 2}
+    np.testing.assert_allclose(trial.position, np.deg2rad(HEADING), atol=2e-6)
+
+
+def test_backward_steps_are_left_out(tmp_path: Path) -> None:
+    time = TIME.copy()
+    time[[50, 51, 300]] -= 0.2
+    trial = read_csv(tmp_path, csv_text(standard(time_s=time)))
+    assert kinds(trial) == {"backward": 3}
+    assert np.all(np.diff(trial.time) > 0)
+    assert len(trial.time) == 397
+    assert "line 52" in trial.remarks[0].text
+
+
+def test_coarse_stamps_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match=r"repeats the stamp before it in 380 of 400.*more decimals"):
+        read_csv(tmp_path, csv_text(standard(time_s=np.floor(TIME))))
+
+
+def test_a_clock_that_is_set_back_is_not_sorted(tmp_path: Path) -> None:
+    time = TIME.copy()
+    time[200:] -= 5.0
+    with pytest.raises(LogError, match=r"log time of /heading runs backwards at message 201, from 9\.95 s to 5 s"):
+        trial_of(tmp_path, heading=(time, HEADING % 360), fore=([0.0], [1.0]))
+
+
+def test_a_clock_that_leaps_is_refused(tmp_path: Path) -> None:
+    time = TIME.copy()
+    time[20:] += 1.7e9
+    with pytest.raises(LogError, match=r"leaps by 1\.7e\+09 s after sample 20"):
+        read_csv(tmp_path, csv_text(standard(time_s=time)))

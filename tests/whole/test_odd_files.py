@@ -128,4 +128,4 @@ def test_a_pipe_beside_nmea_text_is_not_its_log(tmp_path: Path, folder: Path, ro
     (folder / "rovid.toml").write_text(text.replace('heading = { csv = "heading_deg"', 'heading = { nmea = "heading"'))
     (folder / "ins.nmea").write_text(sentence("HEHDT,1.0,T", f"{iso(0.0)} "))
     pipe(folder / "ins.csv")
-    assert_one_message(rovid("fit-drag", folder / "ins.nmea"), "no log of its name stands beside it")
+    assert_one_message(rovid("fit-drag", folder / "ins.nmea"), "no log of its name is in its folder")
