@@ -37,25 +37,14 @@ _RATE_SECONDS = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class Kind:
-    """Limits for one kind of measurement, in rad, m, rad/s or m/s.
+    """Limits for one kind of measurement, in rad, m, rad/s or m/s."""
 
-    Attributes
-    ----------
-    turn
-        Period of the value; infinite unless an angle.
-    spike
-        Smallest step of a spike.
-    swing
-        Largest step that a vehicle can make and reverse between samples 1 s apart, and the power of the interval that
-        this step is proportional to: logs of 1 Hz show true jerks of many degrees.
-    jump
-        Step that no vehicle makes, whatever the noise.
-    """
-
-    turn: float
-    spike: float
+    turn: float  # Period of the value; infinite unless an angle.
+    spike: float  # Smallest step of a spike.
+    # Largest step that a vehicle can make and reverse between samples 1 s apart, and the power of the interval
+    # that it is proportional to: logs of 1 Hz show true jerks of many degrees.
     swing: tuple[float, int]
-    jump: float
+    jump: float  # Step that no vehicle makes, whatever the noise.
 
     def wrap(self, step: FloatArray) -> FloatArray:
         """``step`` within half a turn."""

@@ -33,38 +33,18 @@ _SAMPLE_ROWS = 200
 
 @dataclass(frozen=True, kw_only=True)
 class Layout:
-    """Facts about a CSV file that its numbers are read by.
-
-    Attributes
-    ----------
-    encoding
-        utf-8 (also for ASCII), utf-8-sig, utf-16, utf-16-le, utf-16-be, utf-32 or cp1252.
-    names
-        Column names without surrounding spaces.
-    lines
-        Number of lines up to the end of the header.
-    before
-        Number of lines before the header that are not empty.
-    plain
-        pandas counts the lines before the header in the same way.
-    spaced
-        Quotes follow a space.
-    offset
-        Characters up to the end of the header (bytes, except in UTF-16 and UTF-32).
-    rows
-        Cells of the first rows.
-    """
+    """Facts about a CSV file that its numbers are read by."""
 
     path: Path
-    encoding: str
+    encoding: str  # utf-8 (also for ASCII), utf-8-sig, utf-16, utf-16-le, utf-16-be, utf-32 or cp1252.
     delimiter: str
-    names: tuple[str, ...]
-    lines: int
-    before: int
-    plain: bool
-    spaced: bool
-    offset: int
-    rows: tuple[tuple[str, ...], ...]
+    names: tuple[str, ...]  # Of the columns, without surrounding spaces.
+    lines: int  # Number of lines up to the end of the header.
+    before: int  # Number of lines before the header that are not empty.
+    plain: bool  # pandas counts the lines before the header in the same way.
+    spaced: bool  # Quotes follow a space.
+    offset: int  # Characters up to the end of the header (bytes, except in UTF-16 and UTF-32).
+    rows: tuple[tuple[str, ...], ...]  # Cells of the first rows.
 
     @property
     def wide(self) -> bool:

@@ -160,13 +160,7 @@ def _read_joined(path: Path, files: list[Path], config: Config) -> RawLog:
 
 
 def all_channels(path: Path, config: Config) -> dict[Path, dict[str, Channel]]:
-    """All channels of the files of a trial, by source, mapped or not, on the same clocks as in `read_log`.
-
-    Raises
-    ------
-    LogError
-        A file cannot be read, or one has absolute times and another has not.
-    """
+    """All channels of the files of a trial, by source, mapped or not, on the same clocks as in `read_log`."""
     read: dict[Path, RawLog] = {}
     found: dict[Path, dict[str, Channel]] = {}
     for file in trial_files(path, config):

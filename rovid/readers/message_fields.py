@@ -144,18 +144,9 @@ def as_float(value: Any) -> float:
 
 
 class FieldCollector:
-    """Collects the values of one signal from the messages of one topic.
+    """Collects the values of one signal from the messages of one topic; ``take`` is called with each message.
 
-    Attributes
-    ----------
-    take
-        Called with each message.
-    seen
-        Whether the field was present in any message.
-    quaternion
-        Whether the field is a quaternion.
-    optional
-        A log may lack the signal: values that are no numbers are missing.
+    A log may lack an ``optional`` signal: values that are no numbers are then missing.
     """
 
     def __init__(
@@ -163,7 +154,8 @@ class FieldCollector:
     ) -> None:
         self.signal, self.source, self.where, self.optional = signal, source, where, optional
         self.fields, self.mapping = fields, mapping
-        self.seen = self.quaternion = False
+        self.seen = False  # Whether the field was present in any message.
+        self.quaternion = False  # Whether the field is a quaternion.
         self._values = array("d")
         self._get = getter(fields, mapping=mapping)
         self.take: Callable[[Any], None] = self._take_number

@@ -36,23 +36,14 @@ _CLOCKS = ("log", "publish", "header")
 
 
 class TopicCollector:
-    """Collects the signals of one topic, message by message.
-
-    Attributes
-    ----------
-    times
-        Time of each message: ns, or the value of the chosen field.
-    last
-        The latest message; error messages list its fields.
-    error
-        Why reading ended early, for an optional topic.
-    """
+    """Collects the signals of one topic, message by message."""
 
     def __init__(self, name: str, kind: str, clock: str, collectors: list[FieldCollector], where: str) -> None:
         self.name, self.kind, self.clock, self.collectors, self.where = name, kind, clock, collectors, where
+        # Time of each message: ns, or the value of the chosen field.
         self.times: array[int] | list[Any] = array("q") if clock in _CLOCKS else []
-        self.last: Any = None
-        self.error: LogError | None = None
+        self.last: Any = None  # The latest message; error messages list its fields.
+        self.error: LogError | None = None  # Why reading an optional topic ended early.
         self._get_stamp: Getter | None = None
 
     def handler(self, make_decoder: Callable[[], Decoder], *, mapping: bool) -> Handler | None:

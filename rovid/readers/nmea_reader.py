@@ -140,15 +140,7 @@ def _read_companion(path: Path, config: Config) -> tuple[Path, RawLog]:
 
 
 class _Text:
-    """The sentences with a right checksum.
-
-    Attributes
-    ----------
-    origin
-        s since 1970 at time zero; since a midnight unless ``is_dated``.
-    clocks
-        Sentence -> (n,) s.
-    """
+    """The sentences with a right checksum; ``clocks`` holds the (n,) s of each sentence."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -163,6 +155,7 @@ class _Text:
         stamped = any(map(any, self._prefixes.values()))
         times = self._prefix_times(kinds) if stamped else self._spread_times(kinds)
         known = [time for time in times.values() if np.isfinite(time).any()]
+        # s since 1970 at time zero; since a midnight unless dated.
         self.origin = min((float(np.nanmin(time)) for time in known), default=0.0)
         self.clocks = {kind: time - self.origin for kind, time in times.items()}
 

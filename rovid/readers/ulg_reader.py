@@ -52,15 +52,7 @@ def sources(path: Path) -> LogContents:
 
 
 class _ULog:
-    """The ``wanted`` topics of a log.
-
-    Attributes
-    ----------
-    topics
-        Name and instance -> columns.
-    parameters
-        Parameters of the autopilot at the beginning of the log.
-    """
+    """The ``wanted`` topics of a log, by name and instance, and the autopilot's parameters at its beginning."""
 
     def __init__(self, path: Path, wanted: set[str]) -> None:
         with path.open("rb") as head:
