@@ -148,7 +148,7 @@ def effect_torque(model: Model) -> TermTorque | None:
         at = Instant(rate, rate - water, angle, heading, push, 0.0, 0.0, 0.0, model.body)
         total, change = 0.0, np.zeros_like(own)
         for (term, p, x), row in zip(rows, change, strict=True):
-            given, changes = term.torque(at, p, x)
+            given, changes = term.evaluate(at, p, x)
             row[: term.states] = changes
             total += given
         return total, change
