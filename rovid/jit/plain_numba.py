@@ -89,14 +89,14 @@ def _is_vector(*arguments: Any) -> bool:
     return any(isinstance(one, _VectorType) for one in arguments)
 
 
-@overload(broadcast)
+@overload(broadcast, strict=False)
 def _broadcast(x: Any) -> Any:
     if _is_vector(x):
         return lambda x: x
     return lambda x: _vector(x, x, x, x)
 
 
-@overload(extract)
+@overload(extract, strict=False)
 def _extract(x: Any, i: Any) -> Any:  # noqa: ARG001 - numba reads the names
     def lane(x: Any, i: Any) -> Any:
         if i == 0:
@@ -108,7 +108,7 @@ def _extract(x: Any, i: Any) -> Any:  # noqa: ARG001 - numba reads the names
     return lane
 
 
-@overload(insert)
+@overload(insert, strict=False)
 def _insert(x: Any, i: Any, value: Any) -> Any:  # noqa: ARG001 - as above
     def changed(x: Any, i: Any, value: Any) -> Any:
         number = float(value)
@@ -122,14 +122,14 @@ def _insert(x: Any, i: Any, value: Any) -> Any:  # noqa: ARG001 - as above
     return changed
 
 
-@overload(load)
+@overload(load, strict=False)
 def _load(rows: Any, at: Any) -> Any:  # noqa: ARG001 - as above
     if rows.ndim != 2 or rows.layout != "C":
         return None
     return lambda rows, at: _vector(rows[at, 0], rows[at, 1], rows[at, 2], rows[at, 3])
 
 
-@overload(store)
+@overload(store, strict=False)
 def _store(rows: Any, at: Any, x: Any) -> Any:  # noqa: ARG001 - as above
     if rows.ndim != 2 or rows.layout != "C":
         return None
@@ -145,11 +145,11 @@ def _register_unary(function: Any, scalar: Any) -> None:
     """Let compiled code call ``function`` with a vector: ``scalar`` of each lane."""
     if scalar is not function:
 
-        @overload(function)
+        @overload(function, strict=False)
         def of_number(x: Any) -> Any:
             return (lambda x: scalar(float(x))) if isinstance(x, types.Number) else None
 
-    @overload(function)
+    @overload(function, strict=False)
     def of_vector(x: Any) -> Any:
         if not _is_vector(x):
             return None
@@ -159,13 +159,13 @@ def _register_unary(function: Any, scalar: Any) -> None:
 def _register_binary(function: Any, scalar: Any) -> None:
     if scalar is not function:
 
-        @overload(function)
+        @overload(function, strict=False)
         def of_numbers(x: Any, y: Any) -> Any:
             if not (isinstance(x, types.Number) and isinstance(y, types.Number)):
                 return None
             return lambda x, y: scalar(float(x), float(y))
 
-    @overload(function)
+    @overload(function, strict=False)
     def of_vectors(x: Any, y: Any) -> Any:
         if not _is_vector(x, y):
             return None
@@ -192,7 +192,7 @@ def _choice(x: float, y: float, otherwise: float) -> float:
     return y if x >= 0.0 else otherwise
 
 
-@overload(where_nonnegative)
+@overload(where_nonnegative, strict=False)
 def _where_nonnegative(x: Any, y: Any, otherwise: Any) -> Any:
     if not _is_vector(x, y, otherwise):
         return lambda x, y, otherwise: _choice(float(x), float(y), float(otherwise))
@@ -216,7 +216,7 @@ _register_unary(sqrt, math.sqrt)
 _register_unary(exp, math.exp)
 
 
-@overload(math.floor)
+@overload(math.floor, strict=False)
 def _floor(x: Any) -> Any:
     if not _is_vector(x):
         return None

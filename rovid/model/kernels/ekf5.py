@@ -264,7 +264,7 @@ def add_point(powers: Any, point: int, f: Any, q: Any, series: Any) -> None:
         weight = broadcast(powers[n, point])
         for place, at in enumerate(_TRANSITION):
             store(series, POINTS * place + n, load(series, POINTS * place + n) + weight * load(f, at))
-        for place, at in enumerate(_NOISE, start=len(_TRANSITION)):
+        for place, at in enumerate(_NOISE, len(_TRANSITION)):
             store(series, POINTS * place + n, load(series, POINTS * place + n) + weight * load(q, at))
 
 
@@ -273,7 +273,7 @@ def evaluate_series(series: Any, damped: Any, f: Any, q: Any) -> None:
     """Write transition ``f`` and noise covariance ``q`` by their polynomials in ``damped``, damping times step."""
     for place, at in enumerate(_TRANSITION):
         store(f, at, _polynomial(series, POINTS * place, damped))
-    for place, at in enumerate(_NOISE, start=len(_TRANSITION)):
+    for place, at in enumerate(_NOISE, len(_TRANSITION)):
         store(q, at, _polynomial(series, POINTS * place, damped))
 
 
