@@ -16,7 +16,7 @@ from rovid.trial.axis import AXES, YAW
 THRUST_UNITS = ("N", "kN", "kgf", "gf", "lbf")
 # Parameters of every model.
 BASE = ("inertia", "quadratic_drag", "linear_drag")
-_CATALOGUE = Path(__file__).parents[1] / "effects" / "__init__.py"
+_CATALOGUE = Path(__file__).parents[1] / "effects" / "catalogue.py"
 
 
 def axes() -> list[str]:

@@ -54,7 +54,7 @@ def test_the_page_shows_the_result_and_is_self_contained(compared: tuple[Done, P
     done, page = compared
     text = page.read_text(encoding="utf-8")
     assert done.document["page"] == str(page)
-    assert "thruster lag, which came" in text
+    assert "thruster lag, which is new" in text
     assert text.count("<svg") == 4  # ratios, drag, the worst run of either
     assert not re.search(r"""(?:src|href)\s*=\s*["'](?!data:|#)""", text)
     assert "<script" not in text

@@ -30,7 +30,7 @@ def test_the_process_gets_its_cores_and_reports_errors(monkeypatch: pytest.Monke
 
 
 def test_other_output_of_the_process_is_ignored(monkeypatch: pytest.MonkeyPatch) -> None:
-    noise = "import rovid.fleet.worker as a; was = a.record_of; a.record_of = lambda t: (print('noise'), was(t))[1]; "
+    noise = "import rovid.fleet.worker as a; was = a.campaign_record; a.campaign_record = lambda t: (print('noise'), was(t))[1]; "
     monkeypatch.setattr(worker, "_CODE", noise + worker._CODE)  # noqa: SLF001 - what the process runs
     record = diagnose_campaign(TASK, 60.0, 1)
     assert record.failure == "input"
@@ -41,9 +41,9 @@ def test_the_process_ends_with_its_parent(tmp_path: Path) -> None:
     told = tmp_path / "pid"
     task = json.dumps({"name": "a", "folder": str(tmp_path), "axis": "yaw", "cutoff": None, "digest": ""})
     slow = f"import os, time, rovid.fleet.worker as a; open({str(told)!r}, 'w').write(str(os.getpid())); "
-    slow += "a.record_of = lambda task: time.sleep(600); a.main()"
+    slow += "a.campaign_record = lambda task: time.sleep(600); a.main()"
     code = f"import json, sys, rovid.fleet.worker as a; a._CODE = {slow!r}\n"
-    code += f"a.diagnosed(a.Task(**json.loads({task!r})), 600.0, 1)"
+    code += f"a.diagnose_campaign(a.CampaignTask(**json.loads({task!r})), 600.0, 1)"
     with subprocess.Popen([sys.executable, "-c", code], cwd=ROOT) as first:
         until(lambda: told.exists() and bool(told.read_text()))
         first.send_signal(signal.SIGKILL)
