@@ -30,7 +30,8 @@ def test_the_process_gets_its_cores_and_reports_errors(monkeypatch: pytest.Monke
 
 
 def test_other_output_of_the_process_is_ignored(monkeypatch: pytest.MonkeyPatch) -> None:
-    noise = "import rovid.fleet.worker as a; was = a.campaign_record; a.campaign_record = lambda t: (print('noise'), was(t))[1]; "
+    noise = "import rovid.fleet.worker as a; was = a.campaign_record; "
+    noise += "a.campaign_record = lambda t: (print('noise'), was(t))[1]; "
     monkeypatch.setattr(worker, "_CODE", noise + worker._CODE)  # noqa: SLF001 - what the process runs
     record = diagnose_campaign(TASK, 60.0, 1)
     assert record.failure == "input"
