@@ -28,7 +28,7 @@ def spoilt(day: Path, folder: Path, change: Callable[[pd.DataFrame], pd.DataFram
 
 def test_a_good_day_wants_nothing(csv_day: Path, rovid: Rovid) -> None:
     assert kinds(rovid, csv_day) == {}
-    assert "have what a fit wants" in rovid("check", csv_day).out
+    assert "have what a fit needs" in rovid("check", csv_day).out
 
 
 @pytest.mark.parametrize(
@@ -111,7 +111,7 @@ def test_logs_that_cannot_be_read_have_not_what_a_fit_wants(tmp_path: Path, rovi
     (tmp_path / "a.csv").write_text("time_s,surge_velocity_m_s\n0,1\n")
     done = rovid("check", tmp_path, "--axis", "surge")
     assert done.code == 2
-    assert "what a fit wants" not in done.out
+    assert "what a fit needs" not in done.out
 
 
 def test_a_drive_at_its_end_is_said(csv_day: Path, tmp_path: Path, rovid: Rovid) -> None:
