@@ -78,7 +78,7 @@ def control(
     json: Json = False,
 ) -> None:
     """Design a heading controller."""
-    from rovid.control.codegen import c_source, python_source
+    from rovid.control.control_law import c_source, python_source
     from rovid.control.design import design_controller
     from rovid.control.specs import ControllerOptions, loop_conditions
     from rovid.core.atomic_write import OutputFile

@@ -1,4 +1,4 @@
-"""The control law: model aid, and PD on heading and yaw rate."""
+"""Control law: model aid, and PD on heading and yaw rate; the same as C and Python source."""
 
 from __future__ import annotations
 
@@ -6,22 +6,25 @@ import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from string import Template
 from typing import NamedTuple
 
 import numpy as np
 
+from rovid import __version__
 from rovid.core.array_types import FloatArray
 from rovid.effects import TERMS
 from rovid.effects.base import TERM_STATES, Instant
 from rovid.model.model import Model
+from rovid.trial.assumptions import Assumptions
 
-# The shapes of all torques of the catalogue that act at rest: constant, winding up, and once and twice a turn.
+# Number of shapes of torques at rest in the catalogue: constant, odd in the turned angle, once and twice a turn.
 STATIC_TERMS = 7
 _TURNS = np.linspace(-2.0, 2.0, 97) * 2.0 * math.pi
 
 
 class ControllerState(NamedTuple):
-    """What the controller remembers: heading read last in rad, filtered rate in rad/s, angle turned in rad."""
+    """State of the controller: last heading in rad, filtered rate in rad/s, turned angle in rad."""
 
     heading: float
     rate: float
@@ -34,22 +37,22 @@ class ControlLaw:
 
     ``T = I*wanted_acceleration + DQ*|r|*r + DL*r + hold + kp*(wanted - heading) + kd*(wanted_rate - r)``
 
-    where r is the difference of two headings over the period, behind a first-order low pass. A step has neither a
-    wanted rate nor a wanted acceleration.
+    r is the difference of two headings over the period, behind a first-order low pass. A step of the set point has
+    neither a wanted rate nor a wanted acceleration.
 
     Attributes
     ----------
     kp, kd
         N m/rad and N m s/rad.
     inertia, quadratic_drag, linear_drag
-        Of the aid, in kg m^2, N m s^2/rad^2 and N m s/rad; all zero: no aid.
-    hold
-        (7,) N m against the torques that act at rest: factors of 1, x, x^3, sin h, cos h, sin 2h and cos 2h, x the
+        Of the model aid, in kg m^2, N m s^2/rad^2 and N m s/rad; 0 without aid.
+    static_terms
+        (7,) N m, factors of 1, x, x^3, sin h, cos h, sin 2h and cos 2h that compensate the torques at rest; x is the
         angle turned since the start and h the heading in rad.
     period, rate_filter
-        s; of the sampling, and the time constant of the low pass of the rate.
+        Sampling period and time constant of the low pass of the rate, in s.
     lowest, highest
-        N m; what the actuators can give.
+        Limits of the actuators in N m.
     """
 
     kp: float
@@ -65,14 +68,14 @@ class ControlLaw:
 
     @functools.cached_property
     def blend(self) -> float:
-        """Share of a new rate in the filtered one."""
+        """Weight of a new rate in the filtered rate."""
         if self.rate_filter <= 0.0:
             return 1.0
         return -math.expm1(-self.period / self.rate_filter)
 
     @staticmethod
     def initial_state(heading: float) -> ControllerState:
-        """At rest at ``heading`` in rad."""
+        """State at rest at ``heading`` in rad."""
         return ControllerState(heading, 0.0, 0.0)
 
     def step(
@@ -83,7 +86,7 @@ class ControlLaw:
         wanted_rate: float = 0.0,
         wanted_acceleration: float = 0.0,
     ) -> tuple[float, ControllerState]:
-        """Torque in N m to hold for a period, and the new state, from a ``heading`` in rad, wrapped or not."""
+        """Torque in N m for one period, and the new state, from a ``heading`` in rad, wrapped or not."""
         turn = wrapped(heading - state.heading)
         rate = state.rate + self.blend * (turn / self.period - state.rate)
         turned = state.turned + turn
@@ -97,7 +100,7 @@ class ControlLaw:
         return min(max(torque, self.lowest), self.highest), ControllerState(heading, rate, turned)
 
     def static_torque(self, turned: float, heading: float) -> float:
-        """Torque in N m against those that act at rest, ``turned`` rad from the start."""
+        """Torque in N m that compensates the torques at rest, ``turned`` rad from the start."""
         a, b, c, d, e, f, g = self.static_terms
         once = d * math.sin(heading) + e * math.cos(heading)
         twice = f * math.sin(2.0 * heading) + g * math.cos(2.0 * heading)
@@ -110,20 +113,20 @@ def wrapped(angle: float) -> float:
 
 
 def static_terms_of(model: Model) -> tuple[float, ...]:
-    """(7,) factors of ``Law.hold`` against what the effects of ``model`` do at rest.
+    """(7,) factors of ``ControlLaw.static_terms`` that compensate the torques at rest of ``model``.
 
-    Read off the effects' own terms over two turns either way, so that no effect is known here by its name.
+    They are fitted to the effects' own terms over two turns each way, which requires no knowledge of any effect.
     """
     torque = effect_torque(model)
     if torque is None:
         return (0.0,) * STATIC_TERMS
-    # Angle and heading are told apart by the first heading: of two that are a radian apart each gives all angles.
+    # Two initial headings, a radian apart, distinguish functions of the angle from functions of the heading.
     rows = [(angle, angle + first) for first in (0.0, 1.0) for angle in _TURNS]
     values = np.array([torque(0.0, x, 0.0, h - x, None)[0] for x, h in rows])
     x, h = np.array(rows).T
     columns = (np.ones(len(x)), x, x**3, np.sin(h), np.cos(h), np.sin(2 * h), np.cos(2 * h))
     factors, *_ = np.linalg.lstsq(np.column_stack(columns), -values, rcond=None)
-    # What rounding leaves of nothing is not written into anybody's controller.
+    # Rounding errors of zero are not written into the controller.
     least = 1e-9 * float(np.max(np.abs(values)))
     return tuple(float(factor) if abs(factor) > least else 0.0 for factor in factors)
 
@@ -132,7 +135,10 @@ TermTorque = Callable[[float, float, float, float, FloatArray | None], tuple[flo
 
 
 def effect_torque(model: Model) -> TermTorque | None:
-    """(rate, angle, push, first heading, (m, 2) states) -> N m of all terms, (m, 2) rates of states; None: no term."""
+    """Torque of all terms in N m and (m, 2) derivatives of their states; None for a model without terms.
+
+    The arguments are rate, angle, thruster torque, initial heading and (m, 2) states.
+    """
     terms = model.terms
     if not len(terms.kinds):
         return None
@@ -144,8 +150,8 @@ def effect_torque(model: Model) -> TermTorque | None:
     ) -> tuple[float, FloatArray]:
         own = np.zeros((len(acting), TERM_STATES)) if states is None else states
         rows = [(term, tuple(p), tuple(x)) for term, p, x in zip(acting, numbers, own, strict=True)]
-        water = sum(term.entrained_rate(p, x) for term, p, x in rows if term.entrained_rate is not None)
-        at = Instant(rate, rate - water, angle, heading, push, 0.0, 0.0, 0.0, model.body)
+        entrained = sum(term.entrained_rate(p, x) for term, p, x in rows if term.entrained_rate is not None)
+        at = Instant(rate, rate - entrained, angle, heading, push, 0.0, 0.0, 0.0, model.body)
         total, change = 0.0, np.zeros_like(own)
         for (term, p, x), row in zip(rows, change, strict=True):
             given, changes = term.evaluate(at, p, x)
@@ -154,3 +160,119 @@ def effect_torque(model: Model) -> TermTorque | None:
         return total, change
 
     return torque
+
+
+# ---- source code
+
+
+_C = Template("""\
+/* Heading controller, model-aided PD (Ramesh et al. 2013, eq. 12). Written by rovid $version.$stamp
+ *
+ * Call rovid_control_start once with the heading, then rovid_control_step every $period s with the heading just read.
+ * Angles in rad, wrapped or not; torque in N m, positive where it turns the heading up. No memory is allocated.
+ */
+#include <math.h>
+
+typedef struct {
+    double heading; /* read last, rad */
+    double rate;    /* low-passed, rad/s */
+    double turned;  /* since the start, rad */
+} rovid_control;
+
+static double rovid_wrapped(double angle)
+{
+    return angle - $whole * floor((angle + $half) / $whole);
+}
+
+void rovid_control_start(rovid_control *state, double heading)
+{
+    state->heading = heading;
+    state->rate = 0.0;
+    state->turned = 0.0;
+}
+
+double rovid_control_step(rovid_control *state, double heading, double wanted, double wanted_rate,
+                          double wanted_acceleration)
+{
+    const double turn = rovid_wrapped(heading - state->heading);
+    const double rate = state->rate + $blend * (turn / $period - state->rate);
+    const double x = state->turned + turn;
+    double torque;
+
+    state->heading = heading;
+    state->rate = rate;
+    state->turned = x;
+    /* What inertia, drag and the torques at rest need, then proportional and derivative action. */
+    torque = $inertia * wanted_acceleration + ($quadratic_drag * fabs(rate) + $linear_drag) * rate
+           + ($hold)
+           + $kp * rovid_wrapped(wanted - heading) + $kd * (wanted_rate - rate);
+$limits    return torque;
+}
+""")
+
+_PYTHON = Template('''\
+"""Heading controller, model-aided PD (Ramesh et al. 2013, eq. 12). Written by rovid $version.$stamp
+
+Make one with the heading, then call ``step`` every $period s with the heading just read. Angles in rad, wrapped or not;
+torque in N m, positive where it turns the heading up.
+"""
+
+from math import cos, floor, sin
+
+
+def _wrapped(angle):
+    return angle - $whole * floor((angle + $half) / $whole)
+
+
+class Controller:
+    """The state: heading read last in rad, low-passed rate in rad/s, angle turned since the start in rad."""
+
+    def __init__(self, heading):
+        self.heading, self.rate, self.turned = heading, 0.0, 0.0
+
+    def step(self, heading, wanted, wanted_rate=0.0, wanted_acceleration=0.0):
+        """Return the torque in N m to hold until the next step."""
+        turn = _wrapped(heading - self.heading)
+        rate = self.rate + $blend * (turn / $period - self.rate)
+        x = self.turned + turn
+        self.heading, self.rate, self.turned = heading, rate, x
+        # What inertia, drag and the torques at rest need, then proportional and derivative action.
+        torque = (
+            $inertia * wanted_acceleration
+            + ($quadratic_drag * abs(rate) + $linear_drag) * rate
+            + ($hold)
+            + $kp * _wrapped(wanted - heading)
+            + $kd * (wanted_rate - rate)
+        )
+$limits        return torque
+''')
+
+
+def c_source(law: ControlLaw, guess: Assumptions) -> str:
+    """C99 source of ``law`` without memory allocation, with a notice on guessed values."""
+    return _source(_C, law, guess, ("<", ">"), "    if (torque {operator} {value!r}) torque = {value!r};\n")
+
+
+def python_source(law: ControlLaw, guess: Assumptions) -> str:
+    """Python source of ``law`` with the standard library only, with a notice on guessed values."""
+    return _source(_PYTHON, law, guess, ("max", "min"), "        torque = {operator}(torque, {value!r})\n")
+
+
+def _source(template: Template, law: ControlLaw, guess: Assumptions, operators: tuple[str, str], statement: str) -> str:
+    """Source with the law's numbers, and a ``statement`` for each finite limit of the torque."""
+    limits = ""
+    for operator, value in zip(operators, (law.lowest, law.highest), strict=True):
+        if math.isfinite(value):
+            limits += statement.format(operator=operator, value=value)
+    shapes = ("1.0", "x", "x * x * x", "sin(heading)", "cos(heading)", "sin(2.0 * heading)", "cos(2.0 * heading)")
+    terms = [f"{value!r} * {shape}" for value, shape in zip(law.static_terms, shapes, strict=True) if value != 0.0]
+    names = ("kp", "kd", "inertia", "quadratic_drag", "linear_drag", "period", "blend")
+    return template.substitute(
+        {name: repr(float(getattr(law, name))) for name in names},
+        hold=" + ".join(terms) or "0.0",
+        limits=limits,
+        stamp=f" {guess.file_notice}" if guess else "",
+        whole=repr(2.0 * math.pi),
+        half=repr(math.pi),
+        version=__version__,
+    )

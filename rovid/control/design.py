@@ -1,4 +1,4 @@
-"""One controller for one identified vehicle: its gains, its margins, and its closed-loop runs."""
+"""Controller design for one identified vehicle: gains, margins, and closed-loop runs."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rovid.control.actuator_response import ActuatorProbe, one_way_only
-from rovid.control.allocation import Allocation, allocate
+from rovid.control.actuators import ActuatorProbe, Allocation, allocate, one_way_only
 from rovid.control.closed_loop import ClosedLoop, ClosedLoopRun, Plant, simulate_loops
 from rovid.control.control_law import ControlLaw, static_terms_of
 from rovid.control.specs import WAVE_PERIOD, ControllerOptions, HeadingManoeuvre, LoopConditions, standard_manoeuvres
@@ -25,28 +24,25 @@ from rovid.control.tuning import (
     pd_gains,
     sample_models,
 )
-from rovid.core.array_types import FloatArray
 from rovid.model.model import Model
 from rovid.store.parameter_file import Parameters
 from rovid.trial.vehicle import Thruster, Vehicle
 
-# Of the torque in use: of the disturbance that every run has.
+# Disturbance in every run, relative to the torque in use.
 _DISTURBANCE = 0.02
-# The rate's filter, as a share of one over the bandwidth and in periods of the controller.
+# Time constant of the rate filter: product with the bandwidth, and minimum in sampling periods.
 _FILTER_SHARE, _FILTER_PERIODS = 0.05, 2.0
-# rad of heading error that may ask for all the torque there is; share of the torque in use that the noise may ask for.
-_FULL_TORQUE_ERROR, _NOISE_SHARE = 0.2, 0.1
+# rad, heading error that may saturate the thrusters; torque due to noise relative to the torque in use.
+_SATURATING_ERROR, _NOISE_SHARE = 0.2, 0.1
+# Number of models drawn from the covariance.
 _DRAWS = 60
-# A run lasts so many time constants of the slower closed-loop mode, and s at least.
-_LENGTHS, _SHORTEST = 15.0, 60.0
+# Length of a run in time constants of the slower closed-loop mode, and at least in s.
+_TIME_CONSTANTS, _SHORTEST = 15.0, 60.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class ClosedLoopResult:
-    """One manoeuvre with the ``effects`` in the plant, with or without the aid, which knows of the effects or not.
-
-    ``quiet`` is the run without noise, disturbance and waves.
-    """
+    """One manoeuvre with ``effects`` in the plant, with or without model aid; ``effects_known`` to the aid or not."""
 
     name: str
     effects: tuple[str, ...]
@@ -58,7 +54,7 @@ class ClosedLoopResult:
 
 @dataclass(frozen=True, kw_only=True)
 class MarginSpread:
-    """Margins over the parameters' uncertainty: share of stable loops, and the bound that 95 % keep."""
+    """Share of stable loops over the uncertainty of the parameters, and margins that 95 % of the loops exceed."""
 
     draws: int
     stable: float
@@ -70,16 +66,16 @@ class MarginSpread:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ControllerDesign:
-    """A controller and what is known of its loop.
+    """A controller with the properties of its loop.
 
     Attributes
     ----------
     law
-        With the full aid.
+        With full model aid.
     damping, bandwidth
-        Damping ratio and natural frequency in rad/s of gains and yaw inertia.
+        Damping ratio, and natural frequency in rad/s, of the gains and the yaw inertia.
     lag
-        s; all that delays the loop, at the crossover.
+        s, total delay of the loop at the crossover frequency.
     """
 
     law: ControlLaw
@@ -94,15 +90,56 @@ class ControllerDesign:
     runs: tuple[ClosedLoopResult, ...]
 
 
-def control_law(model: Model, allocation: Allocation, setting: LoopConditions, kp: float, kd: float) -> ControlLaw:
-    """The controller of these gains with all the aid that ``model`` gives."""
-    bandwidth = math.sqrt(kp / model.inertia)
-    own = max(_FILTER_SHARE / bandwidth, _FILTER_PERIODS * setting.period)
+def design_controller(
+    parameters: Parameters, vehicle: Vehicle, conditions: LoopConditions, options: ControllerOptions
+) -> ControllerDesign:
+    """Design a controller, and simulate it.
+
+    Raises
+    ------
+    DataError
+        No bandwidth has sufficient margins, or the thrusters cannot turn the vehicle both ways.
+    """
+    model = parameters.model()
+    if not vehicle.thrusters:
+        # Results from tables know no thrusters: the torque itself is commanded.
+        vehicle = replace(vehicle, thrusters=(Thruster(name="torque", arm=1.0, curve=None),))
+    allocation = allocate(vehicle, model)
+    if options.kp is not None and options.kd is not None:
+        kp, kd = options.kp, options.kd
+    else:
+        bandwidth = options.bandwidth
+        if bandwidth is None:
+            bandwidth = choose_bandwidth(model, vehicle, allocation, conditions, options.damping)
+        kp, kd = pd_gains(model.inertia, options.damping, bandwidth)
+    law = control_law(model, allocation, conditions, kp, kd)
+    loop = open_loop(law, model, vehicle, allocation, conditions)
+    margins = loop.margins()
+    manoeuvres = standard_manoeuvres(options.parsed_steps(), conditions.torque_in_use)
+    return ControllerDesign(
+        law=law,
+        model=model,
+        conditions=conditions,
+        allocation=allocation,
+        damping=damping_ratio(law.kp, law.kd, model.inertia),
+        bandwidth=math.sqrt(law.kp / model.inertia),
+        lag=loop.total_lag(margins.crossover),
+        margins=margins,
+        spread=_margin_spread(loop, parameters, vehicle, allocation, conditions),
+        runs=tuple(closed_runs(law, model, vehicle, allocation, conditions, manoeuvres)),
+    )
+
+
+def control_law(model: Model, allocation: Allocation, conditions: LoopConditions, kp: float, kd: float) -> ControlLaw:
+    """Controller with these gains and the full aid of ``model``."""
+    rate_filter = conditions.rate_filter
+    if rate_filter is None:
+        rate_filter = max(_FILTER_SHARE / math.sqrt(kp / model.inertia), _FILTER_PERIODS * conditions.period)
     return ControlLaw(
         kp=kp,
         kd=kd,
-        period=setting.period,
-        rate_filter=own if setting.rate_filter is None else setting.rate_filter,
+        period=conditions.period,
+        rate_filter=rate_filter,
         inertia=model.inertia,
         quadratic_drag=model.quadratic_drag,
         linear_drag=model.linear_drag,
@@ -113,33 +150,41 @@ def control_law(model: Model, allocation: Allocation, setting: LoopConditions, k
 
 
 def without_model_aid(law: ControlLaw) -> ControlLaw:
-    """PD alone."""
-    return ControlLaw(
-        kp=law.kp,
-        kd=law.kd,
-        period=law.period,
-        rate_filter=law.rate_filter,
-        lowest=law.lowest,
-        highest=law.highest,
-    )
+    """The same gains without model aid."""
+    no_terms = (0.0,) * len(law.static_terms)
+    return replace(law, inertia=0.0, quadratic_drag=0.0, linear_drag=0.0, static_terms=no_terms)
+
+
+# ---- margins
 
 
 def open_loop(
-    law: ControlLaw, model: Model, vehicle: Vehicle, allocation: Allocation, setting: LoopConditions
+    law: ControlLaw, model: Model, vehicle: Vehicle, allocation: Allocation, conditions: LoopConditions
 ) -> OpenLoop:
-    """The loop of ``law`` about rest, at the amplitude of the torque in use."""
+    """Loop of ``law`` about rest, at the amplitude of the torque in use."""
     return OpenLoop(
         law=law,
-        motion=linearise(model, model.steady_rate(setting.torque_in_use)),
-        actuators=_probes_for(model, vehicle, allocation, setting).frequency_response(model),
-        delay=setting.delay,
+        motion=linearise(model, model.steady_rate(conditions.torque_in_use)),
+        actuators=_probe(model, vehicle, allocation, conditions).frequency_response(model),
+        delay=conditions.delay,
+    )
+
+
+def _probe(model: Model, vehicle: Vehicle, allocation: Allocation, conditions: LoopConditions) -> ActuatorProbe:
+    """Probe with the amplitude of the torque in use, but at most half of the torque limits."""
+    return ActuatorProbe(
+        vehicle=vehicle,
+        parts=model.actuators.subdivision,
+        allocation=allocation,
+        period=conditions.period,
+        amplitude=min(conditions.torque_in_use, 0.5 * allocation.highest, -0.5 * allocation.lowest),
     )
 
 
 def choose_bandwidth(
-    model: Model, vehicle: Vehicle, allocation: Allocation, setting: LoopConditions, damping: float
+    model: Model, vehicle: Vehicle, allocation: Allocation, conditions: LoopConditions, damping: float
 ) -> float:
-    """The largest bandwidth in rad/s with comfortable margins that neither noise nor the actuators' limits forbid.
+    """Largest bandwidth in rad/s with sufficient margins, within the limits of noise and actuators.
 
     Raises
     ------
@@ -152,90 +197,47 @@ def choose_bandwidth(
 
     def law_at(bandwidth: float) -> ControlLaw:
         kp, kd = pd_gains(model.inertia, damping, bandwidth)
-        return control_law(model, allocation, setting, kp, kd)
+        return control_law(model, allocation, conditions, kp, kd)
 
-    limit = math.sqrt(capacity / _FULL_TORQUE_ERROR / model.inertia)
-    for bandwidth in BANDWIDTHS:
-        law = law_at(float(bandwidth))
-        noise = law.kd * rate_noise(law, setting.heading_noise)
-        if noise > _NOISE_SHARE * setting.torque_in_use:
-            limit = min(limit, float(bandwidth))
+    limit = math.sqrt(capacity / _SATURATING_ERROR / model.inertia)
+    for bandwidth in BANDWIDTHS.tolist():
+        law = law_at(bandwidth)
+        if law.kd * rate_noise(law, conditions.heading_noise) > _NOISE_SHARE * conditions.torque_in_use:
+            limit = min(limit, bandwidth)
             break
-    # Motion and actuators do not change with the gains: they are worked out once.
-    template = open_loop(law_at(1.0), model, vehicle, allocation, setting)
-
-    def tried(bandwidth: float) -> OpenLoop:
-        return replace(template, law=law_at(bandwidth))
-
-    return largest_bandwidth(tried, limit)
+    # Motion and actuators do not depend on the gains.
+    template = open_loop(law_at(1.0), model, vehicle, allocation, conditions)
+    return largest_bandwidth(lambda bandwidth: replace(template, law=law_at(bandwidth)), limit)
 
 
 def rate_noise(law: ControlLaw, heading_noise: float) -> float:
-    """Standard deviation in rad/s that white ``heading_noise`` in rad leaves in the filtered rate."""
+    """Standard deviation in rad/s of the filtered rate under white ``heading_noise`` in rad."""
     return heading_noise * law.blend / law.period * math.sqrt(2.0 / (2.0 - law.blend))
 
 
-def design_controller(
-    parameters: Parameters, vehicle: Vehicle, setting: LoopConditions, options: ControllerOptions
-) -> ControllerDesign:
-    """Design the controller and run it.
-
-    Raises
-    ------
-    DataError
-        No bandwidth leaves comfortable margins, or the thrusters cannot turn the vehicle both ways.
-    """
-    model = parameters.model()
-    if not vehicle.thrusters:
-        # Tables know no thrusters: the torque itself is commanded.
-        vehicle = replace(vehicle, thrusters=(Thruster(name="torque", arm=1.0, curve=None),))
-    allocation = allocate(vehicle, model)
-    if options.kp is not None and options.kd is not None:
-        kp, kd = options.kp, options.kd
-    else:
-        wanted = options.bandwidth
-        if wanted is None:
-            wanted = choose_bandwidth(model, vehicle, allocation, setting, options.damping)
-        kp, kd = pd_gains(model.inertia, options.damping, wanted)
-    law = control_law(model, allocation, setting, kp, kd)
-    loop = open_loop(law, model, vehicle, allocation, setting)
-    margins = loop.margins()
-    asked = standard_manoeuvres(options.parsed_steps(), setting.torque_in_use)
-    return ControllerDesign(
-        law=law,
-        model=model,
-        conditions=setting,
-        allocation=allocation,
-        damping=damping_ratio(law.kp, law.kd, model.inertia),
-        bandwidth=math.sqrt(law.kp / model.inertia),
-        lag=loop.total_lag(margins.crossover),
-        margins=margins,
-        spread=margin_spread(loop, parameters, vehicle, allocation, setting),
-        runs=tuple(closed_runs(law, model, vehicle, allocation, setting, asked)),
-    )
-
-
-def margin_spread(
-    loop: OpenLoop, parameters: Parameters, vehicle: Vehicle, allocation: Allocation, setting: LoopConditions
+def _margin_spread(
+    loop: OpenLoop, parameters: Parameters, vehicle: Vehicle, allocation: Allocation, conditions: LoopConditions
 ) -> MarginSpread | None:
-    """Monte Carlo over the covariance of the parameter file, the controller held; None where it has no covariance."""
+    """Monte Carlo over the covariance of the parameters with the controller fixed; None without a covariance."""
     if not any(value > 0.0 for value in parameters.covariance.values()):
         return None
     best = parameters.model()
-    probes, fastest = _probes_for(best, vehicle, allocation, setting), best.steady_rate(setting.torque_in_use)
-    every = [
-        replace(loop, motion=linearise(model, fastest), actuators=probes.frequency_response(model)).margins()
-        for model in sample_models(parameters, _DRAWS, seed=0)
-    ]
-    low, high = 5.0, 95.0
+    probe, fastest = _probe(best, vehicle, allocation, conditions), best.steady_rate(conditions.torque_in_use)
+    margins = []
+    for model in sample_models(parameters, _DRAWS, seed=0):
+        drawn = replace(loop, motion=linearise(model, fastest), actuators=probe.frequency_response(model))
+        margins.append(drawn.margins())
     return MarginSpread(
-        draws=len(every),
-        stable=float(np.mean([margins.stable for margins in every])),
-        gain_db=float(np.percentile([margins.gain_db for margins in every], low)),
-        phase_deg=float(np.percentile([margins.phase_deg for margins in every], low)),
-        delay_s=float(np.percentile([margins.delay_s for margins in every], low)),
-        sensitivity_peak=float(np.percentile([margins.sensitivity_peak for margins in every], high)),
+        draws=len(margins),
+        stable=float(np.mean([one.stable for one in margins])),
+        gain_db=float(np.percentile([one.gain_db for one in margins], 5.0)),
+        phase_deg=float(np.percentile([one.phase_deg for one in margins], 5.0)),
+        delay_s=float(np.percentile([one.delay_s for one in margins], 5.0)),
+        sensitivity_peak=float(np.percentile([one.sensitivity_peak for one in margins], 95.0)),
     )
+
+
+# ---- closed-loop runs
 
 
 def closed_runs(
@@ -243,94 +245,78 @@ def closed_runs(
     model: Model,
     vehicle: Vehicle,
     allocation: Allocation,
-    setting: LoopConditions,
-    wanted: Sequence[HeadingManoeuvre],
+    conditions: LoopConditions,
+    manoeuvres: Sequence[HeadingManoeuvre],
 ) -> list[ClosedLoopResult]:
-    """Every manoeuvre with and without the aid; with effects also before and after the aid knows of them."""
+    """Each manoeuvre with and without model aid; with effects also before and after the aid knows of them."""
     bare = replace(model, effects=(), effect_values=())
     bench = allocate(vehicle, bare)
-    limits = {"lowest": bench.lowest, "highest": bench.highest}
-    plain = replace(law, static_terms=(0.0,) * len(law.static_terms), **limits)
-    with_and_without = [(plain, bench, True, False), (without_model_aid(plain), bench, False, False)]
-    ways = [(bare, with_and_without)]
+    plain = replace(law, static_terms=(0.0,) * len(law.static_terms), lowest=bench.lowest, highest=bench.highest)
+    # Controller, its allocation, model aid, and effects known.
+    variants = [(plain, bench, True, False), (without_model_aid(plain), bench, False, False)]
+    plants = [(bare, variants)]
     if model.effects:
-        ways.append((model, [(law, allocation, True, True), *with_and_without]))
+        plants.append((model, [(law, allocation, True, True), *variants]))
     results = list[list[ClosedLoopResult]]()
-    for acting, every in ways:
+    for acting, controllers in plants:
         plant = Plant(
             model=acting,
             vehicle=vehicle,
-            delay=setting.delay,
-            heading_noise=setting.heading_noise,
-            disturbance=_DISTURBANCE * setting.torque_in_use,
+            delay=conditions.delay,
+            heading_noise=conditions.heading_noise,
+            disturbance=_DISTURBANCE * conditions.torque_in_use,
         )
-        loops = [noisy_and_noise_free(controller, inverse, plant, wanted) for controller, inverse, _, _ in every]
+        loops = [noisy_and_noise_free(controller, own, plant, manoeuvres) for controller, own, _, _ in controllers]
         runs = iter(simulate_pairs([*itertools.chain(*loops)]))
-        results += [
-            [
-                ClosedLoopResult(
+        for _, _, aided, known in controllers:
+            results.append([])
+            for manoeuvre, (metrics, noise_free) in zip(
+                manoeuvres, itertools.islice(runs, len(manoeuvres)), strict=True
+            ):
+                result = ClosedLoopResult(
                     name=manoeuvre.name,
                     effects=tuple(effect.key for effect in acting.effects),
                     model_aid=aided,
                     effects_known=known,
-                    metrics=measures,
-                    noise_free_run=quiet,
+                    metrics=metrics,
+                    noise_free_run=noise_free,
                 )
-                for manoeuvre, (measures, quiet) in zip(wanted, itertools.islice(runs, len(wanted)), strict=True)
-            ]
-            for _, _, aided, known in every
-        ]
-    return [result for every_way in zip(*results, strict=True) for result in every_way]
+                results[-1].append(result)
+    return [result for of_manoeuvre in zip(*results, strict=True) for result in of_manoeuvre]
 
 
 def noisy_and_noise_free(
     law: ControlLaw, allocation: Allocation, plant: Plant, manoeuvres: Sequence[HeadingManoeuvre], seed: int = 0
 ) -> list[ClosedLoop]:
-    """Each manoeuvre, and behind it the same without noise, disturbance and waves."""
+    """Loop of each manoeuvre, each followed by the same without noise, disturbance and waves."""
     count = math.ceil(run_duration(law, plant.model) / law.period)
     time = law.period * np.arange(count)
     loops = []
     for manoeuvre in manoeuvres:
-        steady = np.where(time >= 0.25 * time[-1], manoeuvre.current, 0.0)
-        outside: FloatArray = steady + manoeuvre.waves * np.sin(2.0 * math.pi / WAVE_PERIOD * time)
+        current = np.where(time >= 0.25 * time[-1], manoeuvre.current, 0.0)
         loop = ClosedLoop(
             law=law,
             allocation=allocation,
             plant=plant,
             setpoint=np.full(count, math.radians(manoeuvre.target)),
             initial_heading=math.radians(manoeuvre.start),
-            external_torque=outside,
+            external_torque=current + manoeuvre.waves * np.sin(2.0 * math.pi / WAVE_PERIOD * time),
             seed=seed,
         )
-        loops += [loop, replace(loop, plant=plant.noise_free(), external_torque=steady, seed=0)]
+        loops += [loop, replace(loop, plant=plant.noise_free(), external_torque=current, seed=0)]
     return loops
 
 
 def simulate_pairs(loops: Sequence[ClosedLoop]) -> list[tuple[StepMetrics, ClosedLoopRun]]:
-    """Of each two of ``closed_loops`` the measures, and the quiet run, which shows its limit cycle."""
-    courses = iter(simulate_loops(loops))
-    return [(step_metrics(course, quiet), quiet) for course, quiet in zip(courses, courses, strict=True)]
+    """Metrics of each noisy loop in ``loops``, and the noise-free run that follows it."""
+    runs = iter(simulate_loops(loops))
+    return [(step_metrics(run, noise_free), noise_free) for run, noise_free in zip(runs, runs, strict=True)]
 
 
 def run_duration(law: ControlLaw, model: Model) -> float:
-    """s, after which a run has settled and gone on for as long again."""
-    natural = math.sqrt(law.kp / model.inertia)
+    """Length of a run in s, about twice its settling time."""
+    frequency = math.sqrt(law.kp / model.inertia)
     ratio = damping_ratio(law.kp, law.kd, model.inertia)
-    return max(_LENGTHS / (natural * _decay(ratio)), _SHORTEST)
-
-
-def _decay(ratio: float) -> float:
-    """Rate at which a motion of this damping ``ratio`` dies out, of the natural frequency."""
-    if ratio < 1.0:
-        return ratio
-    # Of two modes without a swing the slower.
-    return ratio - math.sqrt(ratio**2 - 1.0)
-
-
-def _probes_for(model: Model, vehicle: Vehicle, allocation: Allocation, setting: LoopConditions) -> ActuatorProbe:
-    """Sines as large as the torque in use, but half of what there is at most."""
-    amplitude = min(setting.torque_in_use, 0.5 * allocation.highest, -0.5 * allocation.lowest)
-    parts = model.actuators.subdivision
-    return ActuatorProbe(
-        vehicle=vehicle, parts=parts, allocation=allocation, period=setting.period, amplitude=amplitude
-    )
+    # Decay rate of the slower mode, relative to the natural frequency.
+    decay = ratio if ratio < 1.0 else ratio - math.sqrt(ratio**2 - 1.0)
+    return max(_TIME_CONSTANTS / (frequency * decay), _SHORTEST)

@@ -1,4 +1,4 @@
-"""What a controller is asked to do, and where it works."""
+"""Options of the controller, conditions of the loop, and manoeuvres."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from rovid.core.errors import ConfigError
 from rovid.model.model import Model
 
 WAVE_PERIOD = 8.0  # s
-# Of the paper's instrument, and of a vehicle that is known by its parameters alone.
-_HEADING_NOISE, _MIDDLING_RATE = math.radians(0.01), 0.15
-# Of the torque in use: of a current or waves, where a run is about them.
-_FROM_OUTSIDE = 0.1
+# Without logs: rad, heading noise of the paper's instrument; rad/s, rate whose drag is the torque in use.
+_HEADING_NOISE, _RATE_IN_USE = math.radians(0.01), 0.15
+# Torque of current and waves relative to the torque in use.
+_ENVIRONMENT = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
 class ControllerOptions:
-    """What the user asks for; see `rovid control --help`.
+    """Options of `rovid control`.
 
     Raises
     ------
     ConfigError
-        A number is not what it has to be.
+        An option has an invalid value.
     """
 
     kp: float | None = None
@@ -48,11 +48,11 @@ class ControllerOptions:
         if (self.kp is None) != (self.kd is None):
             raise ConfigError("needs the other gain too.", where="--kp" if self.kd is None else "--kd")
         if self.kp is not None and self.bandwidth is not None:
-            raise ConfigError("says what --kp and --kd say already.", where="--bandwidth", mend="Leave one out.")
+            raise ConfigError("contradicts --kp and --kd.", where="--bandwidth", mend="Leave one out.")
         self.parsed_steps()
 
     def parsed_steps(self) -> list[tuple[float, float]]:
-        """(from, to) in deg of each of ``steps``; to the nearest turn, as the controller takes the shorter way."""
+        """(from, to) in deg of each of ``steps``, to the nearest turn: the controller turns the shorter way."""
         found = []
         for text in self.steps:
             first, _, last = text.partition(":")
@@ -69,11 +69,11 @@ class ControllerOptions:
 def loop_conditions(
     options: ControllerOptions, model: Model, heading_noise: float | None, torque_in_use: float | None
 ) -> LoopConditions:
-    """The loop's setting; a heading noise of 0.01 deg and the drag of a middling rate where no log says."""
+    """Conditions of the loop; without logs with a heading noise of 0.01 deg and the drag at 0.15 rad/s."""
     if heading_noise is None:
         heading_noise = _HEADING_NOISE
     if torque_in_use is None:
-        torque_in_use = model.drag(np.array(_MIDDLING_RATE)).item()
+        torque_in_use = model.drag(np.array(_RATE_IN_USE)).item()
     return LoopConditions(
         period=options.period,
         delay=options.delay,
@@ -85,14 +85,14 @@ def loop_conditions(
 
 @dataclass(frozen=True, kw_only=True)
 class LoopConditions:
-    """What the user and the logs say of the loop.
+    """Conditions of the loop, from options and logs.
 
     Attributes
     ----------
     period, delay
-        s; of the controller, and from a heading to the command that it leads to.
+        s, sampling period, and delay from a heading to the command that it leads to.
     rate_filter
-        s, time constant of the low pass of the rate; None: chosen with the bandwidth.
+        s, time constant of the low pass of the rate; None to choose it with the bandwidth.
     heading_noise, torque_in_use
         rad and N m.
     """
@@ -106,7 +106,7 @@ class LoopConditions:
 
 @dataclass(frozen=True, kw_only=True)
 class HeadingManoeuvre:
-    """One run: from rest at ``start`` to ``wanted``, in deg; ``current`` and ``waves`` in N m."""
+    """A run from rest at ``start`` to ``wanted``, in deg; ``current`` and ``waves`` in N m."""
 
     name: str
     start: float
@@ -125,8 +125,8 @@ def paper_runs() -> tuple[HeadingManoeuvre, ...]:
 
 
 def standard_manoeuvres(steps: Sequence[tuple[float, float]], torque_in_use: float) -> tuple[HeadingManoeuvre, ...]:
-    """The paper's runs, the user's ``steps`` in deg, and a hold against current and waves."""
-    torque = _FROM_OUTSIDE * torque_in_use
+    """Runs of the paper, the user's ``steps`` in deg, and holds against current and against waves."""
+    torque = _ENVIRONMENT * torque_in_use
     return (
         *paper_runs(),
         *(HeadingManoeuvre(name=f"{a:g} to {b % 360.0:g} deg", start=a, target=b) for a, b in steps),

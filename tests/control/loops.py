@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rovid.control.actuator_response import ActuatorProbe
-from rovid.control.allocation import Allocation, allocate
+from rovid.control.actuators import ActuatorProbe, Allocation, allocate
 from rovid.control.closed_loop import ClosedLoop, ClosedLoopRun, Plant, simulate_loops
 from rovid.control.control_law import ControlLaw
 from rovid.control.specs import LoopConditions

@@ -10,7 +10,7 @@ import pytest
 from scipy import signal
 from scipy.integrate import solve_ivp
 
-from rovid.control.allocation import allocate
+from rovid.control.actuators import allocate
 from rovid.control.closed_loop import ClosedLoop, Plant, simulate_loops
 from rovid.control.design import without_model_aid
 from rovid.core.array_types import FloatArray
@@ -101,7 +101,7 @@ def test_loops_side_by_side_go_as_each_by_itself(model: Model, period: float) ->
     ]
     for together, loop in zip(simulate_loops(loops), loops, strict=True):
         (alone,) = simulate_loops([loop])
-        for name in ("heading", "rate", "torque", "commands", "outside"):
+        for name in ("heading", "rate", "torque", "commands", "external_torque"):
             assert getattr(together, name) == pytest.approx(getattr(alone, name), rel=1e-9, abs=1e-9), name
         drive = model.torque_input(VEHICLE, together.trial())
         for name in ("torque", "timing_moment", "effect_inputs"):

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rovid.control.allocation import allocate
+from rovid.control.actuators import allocate
 from rovid.control.closed_loop import Plant
 from rovid.control.design import (
     choose_bandwidth,
@@ -109,7 +109,7 @@ def test_a_random_vehicle_keeps_its_heading_within_predicted_margins(seed: int) 
 
 
 def test_pd_alone_has_no_aid() -> None:
-    bare = without_model_aid(law(hold=(1.0,) * 7, inertia=5.0))
+    bare = without_model_aid(law(static_terms=(1.0,) * 7, inertia=5.0))
     assert (bare.quadratic_drag, bare.linear_drag, bare.inertia, sum(bare.static_terms)) == (0.0, 0.0, 0.0, 0.0)
     assert bare.step(bare.initial_state(0.0), 0.0, 0.1)[0] == pytest.approx(10.0)
 

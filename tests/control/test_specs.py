@@ -19,7 +19,7 @@ from tests.control.loops import PAPER
         ({"delay": -1.0}, "--delay: is -1; zero or a number above"),
         ({"kp": 1.0}, "--kp: needs the other gain"),
         ({"kd": 1.0}, "--kd: needs the other gain"),
-        ({"kp": 1.0, "kd": 1.0, "bandwidth": 0.1}, "--bandwidth: says what"),
+        ({"kp": 1.0, "kd": 1.0, "bandwidth": 0.1}, "--bandwidth: contradicts"),
         ({"steps": ("20-120",)}, "--step: is '20-120'; two headings"),
     ],
 )

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from rovid.control.allocation import allocate
+from rovid.control.actuators import allocate
 from rovid.control.closed_loop import Plant
 from rovid.control.control_law import ControlLaw
 from rovid.control.tuning import OpenLoop, damping_ratio, linearise, pd_gains, sample_models

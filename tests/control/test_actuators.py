@@ -1,4 +1,4 @@
-"""From the wanted torque to the commands."""
+"""From the wanted torque to the commands, and the response of the actuators to sines."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rovid.control.allocation import allocate
+from rovid.control.actuators import ActuatorProbe, allocate
+from rovid.core.errors import DataError
 from tests.control.loops import PAPER, VEHICLE, closed, law, with_effect
 
 
@@ -40,3 +41,11 @@ def test_the_aid_undoes_what_diagnosis_found_of_the_thrust(key: str, values: tup
         torques.append(model.torque_input(VEHICLE, held).torque[0])
     assert torques[1] == pytest.approx(100.0, abs=0.1)
     assert abs(torques[0] - 100.0) > 2.0
+
+
+def test_no_sine_is_sent_where_thrusters_turn_one_way() -> None:
+    model = with_effect("thruster_lag", 1.0)
+    probes = ActuatorProbe(vehicle=VEHICLE, parts=1, allocation=allocate(VEHICLE, PAPER), period=0.1, amplitude=0.0)
+    assert np.all(probes.frequency_response(PAPER)[1] == 1.0)
+    with pytest.raises(DataError, match="one way only"):
+        probes.frequency_response(model)
