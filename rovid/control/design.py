@@ -189,7 +189,7 @@ def choose_bandwidth(
     Raises
     ------
     DataError
-        There is none.
+        No bandwidth has sufficient margins, or the thrusters cannot turn the vehicle both ways.
     """
     capacity = min(allocation.highest, -allocation.lowest)
     if not capacity > 0.0:

@@ -270,7 +270,7 @@ def largest_bandwidth(loop_of: Callable[[float], OpenLoop], limit: float) -> flo
     Raises
     ------
     DataError
-        There is none.
+        No bandwidth has sufficient margins.
     """
     for bandwidth in BANDWIDTHS[::-1].tolist():
         if bandwidth <= limit:
@@ -294,7 +294,7 @@ def sample_models(parameters: Parameters, count: int, seed: int) -> list[Model]:
     matrix = np.array([[pairs.get((a, b), pairs.get((b, a), 0.0)) for b in names] for a in names])
     errors = np.sqrt(np.maximum(np.diag(matrix), 0.0))
     scale = np.where(errors > 0.0, errors, np.maximum(np.abs(centre), 1.0))
-    # One square root for all draws. Rounded numbers in the file may make the matrix slightly indefinite.
+    # Square root of the covariance. Rounded numbers in the file may make the matrix slightly indefinite.
     values, vectors = np.linalg.eigh(np.nan_to_num(matrix / np.outer(scale, scale)))
     root = vectors * np.sqrt(np.maximum(values, 0.0)) * scale[:, None]
     normal = np.random.default_rng(seed).standard_normal((count, len(names)))

@@ -1,4 +1,4 @@
-"""Export of the parameters in the formats of simulators, verified by re-simulation: one line for each format here."""
+"""Export of the parameters in the formats of simulators, verified by re-simulation; list of the formats."""
 
 from __future__ import annotations
 

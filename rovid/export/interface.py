@@ -58,7 +58,7 @@ class ExportInput:
 
     @property
     def effects(self) -> dict[str, dict[str, float]]:
-        """Key of each effect -> its parameters."""
+        """Parameters of each effect, by the key of the effect."""
         found = {}
         for effect in self.model.effects:
             names = [parameter.name for parameter in effect.parameters]

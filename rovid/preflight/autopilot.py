@@ -1,4 +1,4 @@
-"""Thrusters in an autopilot's parameters: which outputs drive them, and in which direction they turn the vehicle.
+"""Thrusters in an autopilot's parameters: their outputs, and the directions in which they turn the vehicle.
 
 ArduPilot: SERVOn_FUNCTION is the function of output n (33 to 40 and 82 to 85: motors 1 to 12; 73 and 74: throttles to
 port and to starboard); FRAME_CONFIG is the layout of the motors of a submarine; MOT_n_DIRECTION and SERVOn_REVERSED
@@ -41,7 +41,7 @@ class AutopilotOutput:
     direction
         Direction in which more of the command turns the heading; 0 for neither.
     reason
-        The parameters that say so.
+        Parameters that define the thruster.
     arm
         m; 0 if not known.
     """

@@ -49,7 +49,7 @@ class LogCheck:
 
 
 def check_logs(paths: Sequence[Path], config: Config) -> LogCheck:
-    """Check all logs; each is read by itself, so that an unreadable log does not hide the others."""
+    """Check all logs. Each log is read by itself: an unreadable log does not hide the others."""
     found, remarks = find_logs(paths, config)
     rows: list[tuple[Trial, dict[str, Any]]] = []
     problems = {}

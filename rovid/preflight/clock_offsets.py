@@ -274,7 +274,7 @@ def _delayed(time: FloatArray, values: FloatArray, delay: float) -> FloatArray:
 
 def _shift_commands(trial: Trial, delay: float) -> Trial:
     """``trial`` with its motion, and its commands ``delay`` s later, without further channels."""
-    # Time stamps on a common grid, so that no two of them nearly coincide.
+    # Time stamps on a common grid do not nearly coincide.
     grid = trial.sampling_interval / _RESOLUTION
     measured = grid * np.round(trial.time[trial.measured] / grid)
     commanded = grid * np.round((trial.time + delay) / grid)

@@ -48,7 +48,7 @@ class LogsRead:
     parameters
         Format -> parameters of the autopilot.
     join
-        How files form trials, where no file holds both the motion and the commands.
+        How files form trials, if no file holds both the motion and the commands.
     """
 
     folder: Path
@@ -164,7 +164,7 @@ def _complete_config(path: Path, kind: str, contents: LogContents) -> Config:
 
 
 def _join_files(read: LogsRead, axis: Axis) -> LogsRead:
-    """Join the files of each trial, where no file holds both the motion and the commands."""
+    """Join the files of each trial, if no file holds both the motion and the commands."""
     for kind, logs in read.logs.items():
         mapping = map_columns(logs, GuessHints(axis=axis))
         if mapping.missing or not mapping.has_actuation or any(_is_complete(log, mapping) for log in logs):

@@ -246,7 +246,7 @@ def survey_read_logs(
 
 
 def _map_formats(read: LogsRead, options: SurveyOptions, profile: VehiclePreset | None) -> dict[str, ColumnMapping]:
-    """Mapping of each format with both motion and commands; if there is none, of each with one of both."""
+    """Mapping of each format with motion and commands; without such a format, of each format with one of both."""
     every: dict[str, ColumnMapping] = {}
     for kind, logs in read.logs.items():
         if logs:

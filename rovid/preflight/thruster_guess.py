@@ -74,7 +74,7 @@ class ThrusterCommand:
     Attributes
     ----------
     direction
-        1 where more of the command turns the heading up, -1 down, 0 neither or not known.
+        1 if more of the command turns the heading up, -1 if down, 0 if neither or not known.
     neutral, lowest, highest
         Value of no thrust, and the range in the logs.
     arm
@@ -86,7 +86,7 @@ class ThrusterCommand:
     observed
         Effect on the motion in the logs.
     contradiction
-        Warning where the logs contradict ``direction``; else empty.
+        Warning if the logs contradict ``direction``; else empty.
     arm_measured
         Whether the user gave the arm.
     """
@@ -109,7 +109,7 @@ class ThrusterCommand:
 def guess_thrusters(
     columns: Columns, logs: Sequence[Mapping[str, RawColumn]], position: SignalGuess | None, hints: GuessHints
 ) -> tuple[ThrusterCommand, ...]:
-    """Thruster commands: those that the user named, those of the autopilot's outputs, or those with such names."""
+    """Thruster commands, by the user's choice, by the autopilot's outputs, or by name."""
     ranges = _select_commands(columns, hints)
     neutral = {source: _neutral(values) for source, values in ranges.items()}
     effects: Mapping[str, CommandEffect] = {}
@@ -226,7 +226,7 @@ def _select_commands(columns: Columns, hints: GuessHints) -> dict[str, FloatArra
 
 
 def _prefer(columns: dict[str, FloatArray], is_preferred: Callable[[str, FloatArray], bool]) -> dict[str, FloatArray]:
-    """The preferred ones of ``columns``; all where there is none."""
+    """Columns that satisfy ``is_preferred``; all of ``columns`` if none does."""
     return {source: values for source, values in columns.items() if is_preferred(source, values)} or columns
 
 
@@ -253,7 +253,7 @@ def _is_one_of_several(source: str) -> bool:
 
 
 def _is_feedback(source: str) -> bool:
-    """The same with a word of feedback, as of a measured speed."""
+    """Whether the name is that of a quantity the thruster reports back, as a measured speed."""
     words = name_words(source)
     others = words - _FEEDBACK
     return others != words and may_be_command(source, others) and _identifies_thruster(others)

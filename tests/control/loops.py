@@ -1,4 +1,4 @@
-"""A vehicle of two thrusters, its controller, and the loop that they close."""
+"""A vehicle with two thrusters, a controller, and their loop."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def loop(controller: ControlLaw, delay: float = 0.0, model: Model = PAPER) -> Op
 
 
 def swing(model: Model, controller: ControlLaw, delay: float, allocation_of: Model) -> tuple[float, float]:
-    """Of the heading in deg, over the middle and the end of a run after a small step."""
+    """Range of the heading in deg, in the middle and at the end of a run after a small step."""
     plant = Plant(model=model, vehicle=VEHICLE, delay=delay)
     goal = np.full(2400, math.radians(0.5))
     course = run_one(controller, allocate(VEHICLE, allocation_of), plant, goal, 0.0)

@@ -1,4 +1,4 @@
-"""From the wanted torque to the commands, and the response of the actuators to sines."""
+"""Allocation of torque to commands, and the frequency response of the actuators."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rovid.core.errors import DataError
 from tests.control.loops import PAPER, VEHICLE, closed, law, with_effect
 
 
-def test_the_inverse_of_the_bench_curve_gives_the_torque_back() -> None:
+def test_allocation_inverts_the_bench_curve() -> None:
     allocation = allocate(VEHICLE, PAPER)
     wanted = np.linspace(0.99 * allocation.lowest, 0.99 * allocation.highest, 301)
     given = VEHICLE.thrust(allocation(wanted)) @ np.array([0.43, -0.43])
@@ -30,7 +30,7 @@ def test_the_inverse_of_the_bench_curve_gives_the_torque_back() -> None:
         ("supply_sag", (0.5, 5.0)),
     ],
 )
-def test_the_aid_undoes_what_diagnosis_found_of_the_thrust(key: str, values: tuple[float, ...]) -> None:
+def test_allocation_inverts_known_effects(key: str, values: tuple[float, ...]) -> None:
     model = with_effect(key, *values)
     bench, known = allocate(VEHICLE, PAPER), allocate(VEHICLE, model)
     torques = []
@@ -43,7 +43,7 @@ def test_the_aid_undoes_what_diagnosis_found_of_the_thrust(key: str, values: tup
     assert abs(torques[0] - 100.0) > 2.0
 
 
-def test_no_sine_is_sent_where_thrusters_turn_one_way() -> None:
+def test_thrusters_that_act_one_way_are_refused() -> None:
     model = with_effect("thruster_lag", 1.0)
     probes = ActuatorProbe(vehicle=VEHICLE, parts=1, allocation=allocate(VEHICLE, PAPER), period=0.1, amplitude=0.0)
     assert np.all(probes.frequency_response(PAPER)[1] == 1.0)

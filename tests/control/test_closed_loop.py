@@ -1,4 +1,4 @@
-"""The closed loop, simulated."""
+"""Closed-loop simulation against closed forms, independent integration and open-loop simulation."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tests.synthetic import LOGGED
 
 
 def test_the_aided_loop_is_of_second_order() -> None:
-    """With the drag cancelled and a fast clock the step is that of eq. 13: known in closed form."""
+    """With cancelled drag and fast sampling the step response is that of eq. 13."""
     controller = law(period=0.01, rate_filter=0.0)
     plant = Plant(model=PAPER, vehicle=LOGGED)
     course = run_one(controller, allocate(LOGGED, PAPER), plant, np.full(4000, math.radians(200.0)), math.radians(90.0))
@@ -30,7 +30,7 @@ def test_the_aided_loop_is_of_second_order() -> None:
     assert found == pytest.approx(known, abs=2e-3)  # the clock's lag of 0.01 s at 0.14 rad/s
 
 
-def test_the_closed_loop_is_that_of_an_independent_integration() -> None:
+def test_the_closed_loop_equals_an_independent_integration() -> None:
     controller = law()
     course = run_one(
         controller,
@@ -62,8 +62,8 @@ def example(effect: Effect) -> Model:
 
 
 @pytest.mark.parametrize("effect", forms_for(VEHICLE), ids=lambda effect: effect.key)
-def test_recorded_commands_drive_the_open_loop_to_the_same_heading(effect: Effect) -> None:
-    """Whatever the loop made of its commands step by step, the model makes of all of them together."""
+def test_recorded_commands_reproduce_the_heading_in_open_loop(effect: Effect) -> None:
+    """The torque step by step equals that of all commands together."""
     model = example(effect)
     course = closed(model, law(900.0, 3000.0), seconds=90.0)
     drive = model.torque_input(VEHICLE, course.trial())
@@ -85,8 +85,8 @@ SWIRLED = with_effect("heading_deviation", 0.05, 0.3, model=with_effect("entrain
 
 @pytest.mark.parametrize("period", [0.1, 0.35])
 @pytest.mark.parametrize("model", [PAPER, with_effect("thruster_lag", 1.0), SWIRLED], ids=["plain", "lag", "swirl"])
-def test_loops_side_by_side_go_as_each_by_itself(model: Model, period: float) -> None:
-    """With other gains, starts, noise, delays and inverses of the thrusters; and as what is commanded drives them."""
+def test_parallel_loops_equal_separate_ones(model: Model, period: float) -> None:
+    """Loops with different gains, initial headings, noise, delays and allocations."""
     plant = Plant(model=model, vehicle=VEHICLE, heading_noise=1e-3, disturbance=2.0)
     known, bench = allocate(VEHICLE, model), allocate(VEHICLE, PAPER)
     loops = [
@@ -112,7 +112,7 @@ def test_loops_side_by_side_go_as_each_by_itself(model: Model, period: float) ->
             assert found[:-1] == pytest.approx(whole[:-1], abs=reach), name
 
 
-def test_an_effect_that_remembers_more_than_the_window_is_given_all_of_it() -> None:
+def test_a_long_memory_extends_the_window() -> None:
     model = with_effect("supply_sag", 3.0, 60.0)
     course = closed(model, law(900.0, 3000.0), seconds=200.0)
     whole = model.torque_input(VEHICLE, course.trial()).torque

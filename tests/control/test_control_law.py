@@ -1,4 +1,4 @@
-"""The control law, and the same in C and Python."""
+"""Control law, and its source in C and Python."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def generated(tmp_path_factory: pytest.TempPathFactory) -> tuple[ControlLaw, Any
     return controller, ctypes.CDLL(str(folder / "c.so")), module
 
 
-def test_generated_c_and_python_are_the_simulated_controller(generated: tuple[ControlLaw, Any, Any]) -> None:
+def test_generated_sources_equal_the_simulated_controller(generated: tuple[ControlLaw, Any, Any]) -> None:
     controller, library, module = generated
     library.rovid_control_step.restype = ctypes.c_double
     step_in_c = library.rovid_control_step
@@ -57,7 +57,7 @@ def test_generated_c_and_python_are_the_simulated_controller(generated: tuple[Co
     assert np.ptp(torques) > 100.0
 
 
-def test_sources_that_hang_on_a_guess_say_so_where_they_say_who_wrote_them() -> None:
+def test_sources_with_guessed_values_carry_a_notice() -> None:
     controller = law(900.0, 3000.0, inertia=5057.0)
     guess = Assumptions(items=("yaw_arm of */ fore",), thrusters=1)
     for source in (c_source, python_source):
@@ -75,7 +75,7 @@ def test_sources_that_hang_on_a_guess_say_so_where_they_say_who_wrote_them() -> 
         ("heading_dependent_torque:mixed", (6.0, 0.4, 3.0, -1.0)),
     ],
 )
-def test_torques_at_rest_are_held_against(key: str, values: tuple[float, ...]) -> None:
+def test_torques_at_rest_are_compensated(key: str, values: tuple[float, ...]) -> None:
     model = with_effect(key, *values)
     known = law(900.0, 3000.0, static_terms=static_terms_of(model))
     unknown = law(900.0, 3000.0)

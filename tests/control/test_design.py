@@ -1,4 +1,4 @@
-"""The heading controller as a whole: what it is designed to, and what its manoeuvres come to."""
+"""Controller design: limit cycles, predicted margins, and manoeuvres."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ from tests.control.loops import CURVE, PAPER, SCALES, VEHICLE, law, run_one, wit
 from tests.synthetic import LOGGED
 
 
-def test_a_dead_zone_and_a_lag_make_a_limit_cycle_that_is_seen() -> None:
-    """Torque that is missing in the play of the drive, which the bench does not know, behind a lag."""
+def test_a_dead_zone_and_a_lag_cause_a_limit_cycle() -> None:
+    """The play of the drive, unknown to the bench curve, acts behind a lag."""
     model = with_effect("thruster_lag", 1.0, model=with_effect("command_hysteresis", 0.4))
     bench = allocate(VEHICLE, PAPER)
     controller = law(2000.0, 3000.0)
@@ -44,7 +44,7 @@ def test_a_dead_zone_and_a_lag_make_a_limit_cycle_that_is_seen() -> None:
 
 
 def random_vehicle(seed: int) -> tuple[Model, Vehicle, LoopConditions]:
-    """An identified vehicle with one to three effects that diagnosis found, of sizes that trials show."""
+    """An identified vehicle with one to three effects of realistic sizes."""
     rng = np.random.default_rng([2026, seed])
     size, speed = rng.uniform(0.5, 2.0), rng.uniform(0.7, 1.4)
     inertia, quadratic, linear = 5057.0 * size, 3532.0 * size * rng.uniform(0.5, 2.0), 132.0 * size * speed
@@ -76,7 +76,7 @@ def random_vehicle(seed: int) -> tuple[Model, Vehicle, LoopConditions]:
 
 
 @pytest.mark.parametrize("seed", [pytest.param(k, marks=[pytest.mark.slow] if k >= 4 else []) for k in range(20)])
-def test_a_random_vehicle_keeps_its_heading_within_predicted_margins(seed: int) -> None:
+def test_predicted_margins_hold_for_random_vehicles(seed: int) -> None:
     model, vehicle, setting = random_vehicle(seed)
     allocation = allocate(vehicle, model)
     bandwidth = choose_bandwidth(model, vehicle, allocation, setting, 0.7)
@@ -108,13 +108,13 @@ def test_a_random_vehicle_keeps_its_heading_within_predicted_margins(seed: int) 
     assert swings[1][3] > 0.95 * swings[1][1]
 
 
-def test_pd_alone_has_no_aid() -> None:
+def test_without_model_aid_only_pd_remains() -> None:
     bare = without_model_aid(law(static_terms=(1.0,) * 7, inertia=5.0))
     assert (bare.quadratic_drag, bare.linear_drag, bare.inertia, sum(bare.static_terms)) == (0.0, 0.0, 0.0, 0.0)
     assert bare.step(bare.initial_state(0.0), 0.0, 0.1)[0] == pytest.approx(10.0)
 
 
-def test_a_manoeuvre_against_a_current_has_the_error_of_its_stiffness() -> None:
+def test_the_error_in_a_current_is_torque_over_stiffness() -> None:
     loops = noisy_and_noise_free(
         law(1000.0, 3500.0),
         allocate(LOGGED, PAPER),

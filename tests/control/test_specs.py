@@ -1,4 +1,4 @@
-"""What a controller may be asked to do."""
+"""Options of the controller, and its manoeuvres."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from tests.control.loops import PAPER
         ({"steps": ("20-120",)}, "--step: is '20-120'; two headings"),
     ],
 )
-def test_what_no_controller_can_be_asked_is_refused(wish: dict[str, object], words: str) -> None:
+def test_invalid_options_are_refused(wish: dict[str, object], words: str) -> None:
     with pytest.raises(ConfigError, match=words):
         ControllerOptions(**wish)  # type: ignore[arg-type]
 
 
-def test_a_step_goes_the_shorter_way() -> None:
+def test_a_step_turns_the_shorter_way() -> None:
     steps = ControllerOptions(steps=("350:10", "10:350", "0:90")).parsed_steps()
     assert steps == [(350.0, 370.0), (10.0, -10.0), (0.0, 90.0)]
     names = [run.name for run in standard_manoeuvres(steps, 100.0)]
@@ -42,7 +42,7 @@ def test_waves_and_current_are_a_tenth_of_the_torque_in_use() -> None:
     assert runs["hold 120 deg, waves"].waves == pytest.approx(12.0)
 
 
-def test_without_logs_a_middling_rate_says_what_torque_is_in_use() -> None:
+def test_without_logs_the_torque_in_use_is_the_drag_of_a_moderate_rate() -> None:
     setting = loop_conditions(ControllerOptions(), PAPER, None, None)
     assert setting.torque_in_use == pytest.approx(3532.0 * 0.15**2 + 132.37 * 0.15)
     assert setting.heading_noise == pytest.approx(math.radians(0.01))

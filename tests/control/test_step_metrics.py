@@ -1,4 +1,4 @@
-"""What is measured of a manoeuvre."""
+"""Metrics of a manoeuvre."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from rovid.control.step_metrics import limit_cycle
 
 
-def test_a_limit_cycle_is_measured_and_a_dying_swing_is_none() -> None:
+def test_a_limit_cycle_is_distinguished_from_a_decaying_oscillation() -> None:
     time = np.arange(0.0, 300.0, 0.1)
     found = limit_cycle(time, 120.0 + 0.5 * np.sin(time))
     assert found is not None

@@ -1,4 +1,4 @@
-"""Gains, and the margins of the loop that they make."""
+"""PD gains, and stability margins of the loop."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def test_the_papers_gains_have_half_the_damping_with_the_inertia() -> None:
 
 
 @pytest.mark.parametrize("damping", [0.3, 0.7, 1.4])
-def test_gains_and_damping_ratio_are_each_others_inverse(damping: float) -> None:
+def test_the_damping_ratio_of_the_gains_is_the_wanted_one(damping: float) -> None:
     kp, kd = pd_gains(5057.0, damping, 0.4)
     assert damping_ratio(kp, kd, 5057.0) == pytest.approx(damping, rel=1e-12)
     poles = np.roots([5057.0, kd, kp])
@@ -35,7 +35,7 @@ def test_gains_and_damping_ratio_are_each_others_inverse(damping: float) -> None
 
 
 def frequency_response(controller: ControlLaw, delay: int, w: FloatArray) -> FloatArray:
-    """The loop's transfer by scipy's own discretisation, with a delay of whole samples."""
+    """Open loop by scipy's discretisation, with a delay of whole samples."""
     linear = PAPER.linear_drag
     matrix = np.array([[0.0, 1.0], [0.0, -linear / PAPER.inertia]])
     plant = signal.cont2discrete(
@@ -51,7 +51,7 @@ def frequency_response(controller: ControlLaw, delay: int, w: FloatArray) -> Flo
 
 @pytest.mark.parametrize("samples", [0, 3])
 @pytest.mark.parametrize("controller", [law(), law(3000.0, 5000.0), law(3000.0, 5000.0, linear_drag=0.0)])
-def test_margins_are_those_of_an_independent_computation(controller: ControlLaw, samples: int) -> None:
+def test_margins_equal_an_independent_computation(controller: ControlLaw, samples: int) -> None:
     w = np.geomspace(1e-3, 0.999 * math.pi / 0.1, 400_000)
     response = frequency_response(controller, samples, w)
     found = loop(controller, 0.1 * samples).margins()
@@ -69,7 +69,7 @@ def test_margins_are_those_of_an_independent_computation(controller: ControlLaw,
 
 
 @pytest.mark.parametrize("key", ["", "thruster_lag", "command_delay"])
-def test_the_loop_breaks_just_beyond_its_delay_margin(key: str) -> None:
+def test_the_loop_is_unstable_beyond_its_delay_margin(key: str) -> None:
     model = with_effect(key, 0.3) if key else PAPER
     controller = law(1200.0, 3500.0)
     margin = loop(controller, model=model).margins().delay_s
@@ -82,7 +82,7 @@ def test_the_loop_breaks_just_beyond_its_delay_margin(key: str) -> None:
 
 
 @pytest.mark.parametrize("share", [0.85, 1.15])
-def test_the_loop_breaks_at_its_lag_margin(share: float) -> None:
+def test_the_loop_is_unstable_beyond_its_lag_margin(share: float) -> None:
     controller = law(1200.0, 3500.0)
     late = with_effect("thruster_lag", share * loop(controller).margins().lag_s)
     assert loop(controller, model=late).margins().stable is (share < 1.0)
@@ -91,7 +91,7 @@ def test_the_loop_breaks_at_its_lag_margin(share: float) -> None:
 
 
 @pytest.mark.parametrize("share", [0.85, 1.15])
-def test_the_loop_breaks_at_its_gain_margin(share: float) -> None:
+def test_the_loop_is_unstable_beyond_its_gain_margin(share: float) -> None:
     controller = law(1200.0, 3500.0, linear_drag=0.0, quadratic_drag=0.0)
     factor = share * 10.0 ** (loop(controller, 0.5).margins().gain_db / 20.0)
     raised = replace(controller, kp=factor * controller.kp, kd=factor * controller.kd)
@@ -102,7 +102,7 @@ def test_the_loop_breaks_at_its_gain_margin(share: float) -> None:
     assert bool(end < middle) is (share < 1.0)
 
 
-def test_margins_over_the_uncertainty_follow_the_covariance() -> None:
+def test_sampled_models_follow_the_covariance() -> None:
     names = ("inertia", "quadratic_drag", "linear_drag")
     entries = {
         name: Entry(value=value, standard_error=0.1 * value, unit="", method="")
@@ -119,7 +119,7 @@ def test_margins_over_the_uncertainty_follow_the_covariance() -> None:
 
 
 @pytest.mark.parametrize(("kp", "kd", "period", "rate_filter"), [(100.0, 710.0, 0.1, 0.3), (900.0, 2500.0, 0.5, 0.2)])
-def test_margins_are_those_of_python_control(kp: float, kd: float, period: float, rate_filter: float) -> None:
+def test_margins_equal_those_of_python_control(kp: float, kd: float, period: float, rate_filter: float) -> None:
     controller = law(kp, kd, period=period, rate_filter=rate_filter)
     found = OpenLoop(
         law=controller, motion=linearise(PAPER), actuators=(np.array([0.1, 1.0]), np.ones(2, dtype=np.complex128))
@@ -136,7 +136,7 @@ def test_margins_are_those_of_python_control(kp: float, kd: float, period: float
     assert found.crossover == pytest.approx(crossover, rel=1e-3)
 
 
-def test_friction_damps_as_little_as_it_does_the_largest_swing() -> None:
+def test_friction_damps_by_its_describing_function_at_the_largest_amplitude() -> None:
     torque, fastest = 12.0, 0.15
     rubbing = with_effect("coulomb_resistance", torque, 1e-3)
     at_rest, swinging = (-PAPER.inertia * linearise(rubbing, rate)[0][1, 1] for rate in (0.0, fastest))
@@ -146,10 +146,8 @@ def test_friction_damps_as_little_as_it_does_the_largest_swing() -> None:
 
 
 @pytest.mark.parametrize(("heading", "torque"), [(0.1, 50.0), (0.5, 120.0)])
-def test_weights_on_heading_and_torque_ask_for_a_damping_ratio_of_half_the_root_of_two(
-    heading: float, torque: float
-) -> None:
-    """Of the aided vehicle, a double integrator, the linear-quadratic gains are those of --damping 0.707."""
+def test_linear_quadratic_gains_have_a_damping_ratio_of_half_the_root_of_two(heading: float, torque: float) -> None:
+    """The aided vehicle is a double integrator, for which they are the gains of --damping 0.707."""
     motion = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0 / 5057.0]])
     optimal, _, _ = control.lqr(*motion, np.diag([1.0 / heading**2, 0.0]), np.array([[1.0 / torque**2]]))
     known = pd_gains(5057.0, math.sqrt(0.5), math.sqrt(torque / heading / 5057.0))

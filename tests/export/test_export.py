@@ -1,4 +1,4 @@
-"""Each format, read back by a parser that is not ours, does what rovid's model does; what it cannot hold is told."""
+"""Each format, read by an independent parser and integrated, equals rovid's model; losses are reported."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ Curves = tuple[tuple[FloatArray, FloatArray], ...]
 
 @dataclass(frozen=True, kw_only=True)
 class Read:
-    """The numbers of a file in its own axes; ``up`` is 1 where its yaw grows with the heading, else -1."""
+    """Numbers of a file in its own axes; ``up`` is 1 if its yaw grows with the heading, else -1."""
 
     inertia: float
     damping: tuple[float, float, float]
@@ -265,7 +265,7 @@ READERS: dict[str, tuple[Callable[[Path], Read], str]] = {
 
 
 def simulated(read: Read, grid: float = HOLD) -> FloatArray:
-    """(n,) yaw rate as rovid's at the start of each command, by an adaptive integrator."""
+    """(n,) yaw rate in rovid's sign at the start of each command, by an adaptive integrator."""
     count, inertia = len(read.arms), read.inertia
     linear, quadratic, cubic = read.damping
     state, rates = np.zeros(2 + count), []
@@ -299,7 +299,7 @@ def simulated(read: Read, grid: float = HOLD) -> FloatArray:
 
 
 def rovid_rates(parameters: Path) -> FloatArray:
-    """(n,) yaw rate of rovid's model on the tests' own manoeuvre."""
+    """(n,) yaw rate of rovid's model under the commands of the tests."""
     model, vehicle = read_parameters(parameters).model(), sample_vehicle()
     parts = 200  # a log's rate: what acts between samples is then resolved
     commands = np.repeat(COMMANDS, parts)
@@ -317,7 +317,7 @@ def percent(theirs: FloatArray, ours: FloatArray) -> float:
 
 
 @pytest.mark.parametrize("name", READERS)
-def test_the_file_read_back_moves_as_rovid_does(name: str, fitted: Path, tmp_path: Path) -> None:
+def test_the_file_reproduces_the_motion_of_rovid(name: str, fitted: Path, tmp_path: Path) -> None:
     reader, suffix = READERS[name]
     document, file = exported(name, fitted, tmp_path, suffix)
     assert document["schema"] == "rovid-export/1"
@@ -340,7 +340,7 @@ def test_the_file_read_back_moves_as_rovid_does(name: str, fitted: Path, tmp_pat
 @pytest.mark.parametrize(
     ("name", "key"), [(name, key) for name in ("gz-sim", "vrx", "uuv", "mujoco") for key in HELD[name]]
 )
-def test_an_effect_that_is_held_acts_in_the_file(name: str, key: str, fitted: Path, tmp_path: Path) -> None:
+def test_a_kept_effect_acts_in_the_file(name: str, key: str, fitted: Path, tmp_path: Path) -> None:
     reader, suffix = READERS[name]
     parameters = with_effects(fitted, (key,), tmp_path)
     document, file = exported(name, parameters, tmp_path, suffix)
@@ -349,7 +349,7 @@ def test_an_effect_that_is_held_acts_in_the_file(name: str, key: str, fitted: Pa
     assert percent(simulated(reader(file)), rovid_rates(parameters)) < ALLOWED
 
 
-def test_a_sharp_dead_band_is_in_the_thruster_plugin(fitted: Path, tmp_path: Path) -> None:
+def test_a_sharp_dead_band_is_written_to_the_thruster_plugin(fitted: Path, tmp_path: Path) -> None:
     parameters = with_effects(fitted, ("thruster_deadband:jump",), tmp_path)
     document, file = exported("gz-sim", parameters, tmp_path, ".sdf")
     assert document["not_held"] == []
@@ -370,7 +370,7 @@ def test_a_sharp_dead_band_is_in_the_thruster_plugin(fitted: Path, tmp_path: Pat
         if key not in HELD[name]
     ],
 )
-def test_what_is_not_held_is_told_with_its_size(name: str, key: str, fitted: Path, tmp_path: Path) -> None:
+def test_a_lost_effect_is_reported_with_its_size(name: str, key: str, fitted: Path, tmp_path: Path) -> None:
     document, _ = exported(name, with_effects(fitted, (key,), tmp_path), tmp_path)
     lost = document["not_held"]
     assert [entry["what"] for entry in lost] == [key]
@@ -382,7 +382,7 @@ def test_what_is_not_held_is_told_with_its_size(name: str, key: str, fitted: Pat
     assert document["mismatch_of_what_is_held"]["yaw_rate_percent_of_range"] < ALLOWED
 
 
-def test_stonefish_says_how_far_its_drag_is_off(fitted: Path, tmp_path: Path) -> None:
+def test_stonefish_reports_the_error_of_its_drag(fitted: Path, tmp_path: Path) -> None:
     document, file = exported("stonefish", fitted, tmp_path, ".scn")
     lost = document["not_held"]
     assert [entry["what"] for entry in lost] == ["quadratic_drag"]
@@ -472,7 +472,7 @@ def test_the_python_class_in_a_main_loop(keys: tuple[str, ...], fitted: Path, tm
     assert percent(np.array(rates), rovid_rates(parameters)) < ALLOWED
 
 
-def test_files_for_programs_hold_every_effect(fitted: Path, tmp_path: Path) -> None:
+def test_formats_with_rovids_equation_keep_every_effect(fitted: Path, tmp_path: Path) -> None:
     keys = tuple(SIZES)
     parameters = with_effects(fitted, keys, tmp_path)
     files = {}
@@ -487,7 +487,7 @@ def test_files_for_programs_hold_every_effect(fitted: Path, tmp_path: Path) -> N
     assert files["json"].suffix == ".json"
 
 
-def test_signs_are_each_simulators_own(fitted: Path, tmp_path: Path) -> None:
+def test_signs_are_those_of_each_simulator(fitted: Path, tmp_path: Path) -> None:
     files = {name: exported(name, fitted, tmp_path, f"_{name}")[1] for name in ("gz-sim", "vrx", "uuv")}
     text = {name: file.read_text() for name, file in files.items()}
     drag = read_parameters(fitted).entries["quadratic_drag"].value
@@ -509,7 +509,7 @@ def test_uuv_controllers_get_a_yaml(fitted: Path, tmp_path: Path) -> None:
     assert found["linear_damping"][5] == pytest.approx(-entries["linear_drag"].value)
 
 
-def test_a_parameter_file_alone_is_exported_with_what_was_assumed(fitted: Path, tmp_path: Path) -> None:
+def test_an_export_without_logs_reports_its_assumptions(fitted: Path, tmp_path: Path) -> None:
     alone = tmp_path / "alone.toml"
     document = tomllib.loads(fitted.read_text()) | {"logs": ["gone"]}
     alone.write_text(tomli_w.dumps(document))
@@ -529,7 +529,7 @@ def test_a_parameter_file_alone_is_exported_with_what_was_assumed(fitted: Path, 
 
 
 @pytest.mark.parametrize("name", FORMATS)
-def test_a_file_that_hangs_on_a_guess_says_so(name: str, fitted: Path, tmp_path: Path) -> None:
+def test_a_file_with_guessed_values_carries_a_notice(name: str, fitted: Path, tmp_path: Path) -> None:
     document = tomllib.loads(fitted.read_text())
     document["logs"] = []
     document["rests_on"]["guessed"] = ["yaw_arm of --> fore"]
@@ -546,7 +546,7 @@ def test_a_file_that_hangs_on_a_guess_says_so(name: str, fitted: Path, tmp_path:
     assert run_rovid("export", name, "-p", path, "-o", file, "--force", "--json").document["guessed"]
 
 
-def test_a_person_reads_a_short_account(fitted: Path, rovid: Rovid) -> None:
+def test_the_text_output_is_short(fitted: Path, rovid: Rovid) -> None:
     done = rovid("export", "stonefish", "-p", fitted)
     assert (done.code, done.err) == (0, "")
     assert done.out.startswith("stonefish.scn\n")
@@ -555,7 +555,7 @@ def test_a_person_reads_a_short_account(fitted: Path, rovid: Rovid) -> None:
     assert Path("stonefish.scn").is_file()
 
 
-def test_mistakes_end_with_two_and_one_message(fitted: Path, rovid: Rovid, tmp_path: Path) -> None:
+def test_errors_end_with_code_2_and_one_message(fitted: Path, rovid: Rovid, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     assert rovid("fit-drag", SAMPLES / "rosub_tank", "-p", "drag.toml").code == 0
     for arguments, words in (
@@ -571,6 +571,6 @@ def test_mistakes_end_with_two_and_one_message(fitted: Path, rovid: Rovid, tmp_p
     assert sorted(p.name for p in tmp_path.iterdir()) == ["drag.toml", "file"]
 
 
-def test_what_runs_away_is_off_by_a_number_all_the_same() -> None:
+def test_the_mismatch_of_an_unstable_solution_is_finite() -> None:
     mismatch = compare_rates(np.array([0.0, 0.1, 0.2]), np.array([0.0, 1e200, -1e200]))
     assert mismatch.rms == pytest.approx(1e200 * math.sqrt(2.0 / 3.0))

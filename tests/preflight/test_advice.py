@@ -1,4 +1,4 @@
-"""What `rovid check` says before a fit, of logs that lack something."""
+"""Advice of `rovid check` on logs with deficiencies."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def spoilt(day: Path, folder: Path, change: Callable[[pd.DataFrame], pd.DataFram
     return folder
 
 
-def test_a_good_day_wants_nothing(csv_day: Path, rovid: Rovid) -> None:
+def test_a_complete_campaign_gets_no_advice(csv_day: Path, rovid: Rovid) -> None:
     assert kinds(rovid, csv_day) == {}
     assert "have what a fit needs" in rovid("check", csv_day).out
 
@@ -40,7 +40,7 @@ def test_a_good_day_wants_nothing(csv_day: Path, rovid: Rovid) -> None:
         ("coast_*.csv", "coast", "Stop the thrusters under way"),
     ],
 )
-def test_runs_that_are_missing_are_asked_for(
+def test_missing_runs_are_requested(
     gone: str, kind: str, said: str, csv_day: Path, tmp_path: Path, rovid: Rovid
 ) -> None:
     shutil.copytree(csv_day, tmp_path / "day")
@@ -65,7 +65,7 @@ def test_a_recording_in_two_formats_is_one_run(csv_day: Path, tmp_path: Path, ro
     assert {one["kind"]: one["text"] for one in document["advice"]} == once
 
 
-def test_clocks_that_differ_are_told_from_a_lag(csv_day: Path, tmp_path: Path, rovid: Rovid) -> None:
+def test_a_clock_offset_is_distinguished_from_a_lag(csv_day: Path, tmp_path: Path, rovid: Rovid) -> None:
     def shifted(seconds: float) -> Callable[[pd.DataFrame], pd.DataFrame]:
         def change(log: pd.DataFrame) -> pd.DataFrame:
             commands = [name for name in log.columns if name.endswith("_V") and name != "supply_V"]
@@ -81,12 +81,12 @@ def test_clocks_that_differ_are_told_from_a_lag(csv_day: Path, tmp_path: Path, r
 
 
 @pytest.mark.parametrize("axis", ["surge", "pitch"])
-def test_the_sample_day_of_an_axis_wants_nothing(axis: str, rovid: Rovid) -> None:
+def test_the_sample_campaigns_of_other_axes_get_no_advice(axis: str, rovid: Rovid) -> None:
     document = rovid("check", SAMPLES / f"{axis}_tank", "--axis", axis, "--json").document
     assert (document["axis"], document["advice"]) == (axis, [])
 
 
-def test_a_tilting_vehicle_is_asked_for_a_release(tmp_path: Path, rovid: Rovid) -> None:
+def test_a_release_is_requested_for_pitch(tmp_path: Path, rovid: Rovid) -> None:
     day = tmp_path / "day"
     day.mkdir()
 
@@ -105,7 +105,7 @@ def test_a_tilting_vehicle_is_asked_for_a_release(tmp_path: Path, rovid: Rovid) 
     assert "the vehicle moves 0." in found["clock_offset"]
 
 
-def test_logs_that_cannot_be_read_have_not_what_a_fit_wants(tmp_path: Path, rovid: Rovid) -> None:
+def test_unreadable_logs_are_not_called_ready(tmp_path: Path, rovid: Rovid) -> None:
     shutil.copy(SAMPLES / "surge_tank" / "rovid.toml", tmp_path)
     shutil.copy(SAMPLES / "surge_tank" / "thrust_curve.csv", tmp_path)
     (tmp_path / "a.csv").write_text("time_s,surge_velocity_m_s\n0,1\n")
@@ -114,7 +114,7 @@ def test_logs_that_cannot_be_read_have_not_what_a_fit_wants(tmp_path: Path, rovi
     assert "what a fit needs" not in done.out
 
 
-def test_a_drive_at_its_end_is_said(csv_day: Path, tmp_path: Path, rovid: Rovid) -> None:
+def test_a_saturated_command_is_reported(csv_day: Path, tmp_path: Path, rovid: Rovid) -> None:
     shutil.copytree(csv_day, tmp_path / "day")
     for path in (tmp_path / "day").glob("*curve*.csv"):
         curve = pd.read_csv(path)
@@ -124,7 +124,7 @@ def test_a_drive_at_its_end_is_said(csv_day: Path, tmp_path: Path, rovid: Rovid)
     assert "at the end of its bench curve" in kinds(rovid, tmp_path / "day")["saturation"]
 
 
-def test_a_real_dive_was_steered_by_feedback(rovid: Rovid) -> None:
+def test_feedback_is_found_in_a_real_dive(rovid: Rovid) -> None:
     found = kinds(rovid, SAMPLES / "bluerov2_pier59" / "dive.csv")
     assert "by an autopilot or a pilot: in dive.csv" in found["feedback"]
     assert {"holds", "sines", "one_thruster"} <= set(found)

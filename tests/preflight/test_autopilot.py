@@ -1,4 +1,4 @@
-"""Outputs, frames and directions, as autopilots keep them among their parameters."""
+"""Thrusters and their directions from the parameters of autopilots."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SUB = {
 }
 
 
-def test_a_submarines_motors_turn_it_as_frame_and_directions_say() -> None:
+def test_directions_of_ardusub_follow_frame_and_parameters() -> None:
     outputs = thruster_outputs(SUB)
     senses = {source: output.direction for source, output in outputs.items() if source.startswith("RCOU")}
     assert senses == {f"RCOU.C{at}": way for at, way in zip(range(1, 7), (-1, 1, -1, 1, 0, 0), strict=True)}
@@ -24,18 +24,18 @@ def test_a_submarines_motors_turn_it_as_frame_and_directions_say() -> None:
     assert vehicle_type(SUB) == "bluerov2"
 
 
-def test_an_output_that_is_reversed_turns_the_other_way() -> None:
+def test_a_reversed_output_changes_the_direction() -> None:
     assert thruster_outputs({**SUB, "SERVO2_REVERSED": 1.0})["RCOU.C2"].direction == -1
     assert thruster_outputs({**SUB, "MOT_2_DIRECTION": 1.0})["RCOU.C2"].direction == -1
 
 
-def test_motors_are_found_on_whatever_outputs_they_are() -> None:
+def test_motors_are_found_on_any_output() -> None:
     moved = {**SUB, "SERVO1_FUNCTION": 0.0, "SERVO15_FUNCTION": 33.0}
     assert "RCOU.C1" not in thruster_outputs(moved)
     assert thruster_outputs(moved)["RCO2.C15"].label == "1"
 
 
-def test_a_boat_is_steered_by_its_throttles() -> None:
+def test_throttles_of_a_boat_are_thrusters() -> None:
     outputs = thruster_outputs({"SERVO1_FUNCTION": 73.0, "SERVO3_FUNCTION": 74.0})
     assert [(outputs[f"RCOU.C{at}"].name, outputs[f"RCOU.C{at}"].direction) for at in (1, 3)] == [
         ("port", 1),
@@ -43,7 +43,7 @@ def test_a_boat_is_steered_by_its_throttles() -> None:
     ]
 
 
-def test_motors_of_px4_stand_where_its_parameters_say() -> None:
+def test_px4_arms_follow_the_rotor_positions() -> None:
     rotors = [(0.2, 0.1, 0.7, -0.7), (0.0, 0.3, 1.0, 0.0), (0.0, 0.0, 0.0, 0.0)]
     parameters = {"CA_ROTOR_COUNT": float(len(rotors))}
     for at, values in enumerate(rotors):
@@ -56,6 +56,6 @@ def test_motors_of_px4_stand_where_its_parameters_say() -> None:
 
 
 @pytest.mark.parametrize("odd", [{}, {"FRAME_CONFIG": float("nan")}, {"FRAME_CONFIG": 1e30, "SERVO1_FUNCTION": 33.0}])
-def test_parameters_that_tell_nothing_are_passed_over(odd: dict[str, float]) -> None:
+def test_invalid_parameters_are_ignored(odd: dict[str, float]) -> None:
     assert thruster_outputs(odd) == {}
     assert not vehicle_type(odd)

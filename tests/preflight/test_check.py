@@ -1,4 +1,4 @@
-"""Facts of each log, and one bad log among good ones."""
+"""Facts of each log, and an unreadable log among others."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def config(folder: Path, *logs: str) -> Config:
     return load_config(folder / "rovid.toml")
 
 
-def test_what_a_log_holds_is_counted(tmp_path: Path) -> None:
+def test_holds_sines_and_samples_are_counted(tmp_path: Path) -> None:
     found = check_logs([tmp_path], config(tmp_path, "hold_03.csv", "sine_20s.mcap"))
     facts = {trial.name: row for trial, row in found.rows}
     assert not found.problems

@@ -1,4 +1,4 @@
-"""Two clocks that saw the same are brought together, with an error that is honest."""
+"""Alignment of two clocks by a common signal, with valid standard errors; texts on clock offsets."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ LASTS, STEP = 200.0, 0.1
 
 
 def turn(seed: int) -> tuple[FloatArray, FloatArray]:
-    """Fine (n,) instants, and a heading in rad that wanders through several turns."""
+    """(n,) times on a fine grid, and a heading in rad over several turns."""
     rng = np.random.default_rng(seed)
     time = np.arange(-10.0, LASTS + 10.0, 0.02)
     rate = np.zeros(len(time))
@@ -24,7 +24,7 @@ def turn(seed: int) -> tuple[FloatArray, FloatArray]:
 
 
 def columns(seed: int, *, ahead: float, drift: float = 0.0, noise: float = 0.05) -> tuple[dict[str, RawColumn], ...]:
-    """Headings of two loggers, the second of which has a clock that is ``ahead``; its sense and unit are others."""
+    """Headings of two loggers in different units and signs; the clock of the second is ``ahead``."""
     rng = np.random.default_rng(100 + seed)
     fine, angle = turn(seed)
     one, two = np.arange(0.0, LASTS, STEP), np.arange(0.05, LASTS, 2.0 * STEP)
@@ -60,7 +60,7 @@ def test_a_drift_is_found_within_its_error() -> None:
     assert abs(one.drift) > 3.0 * one.drift_error
 
 
-def test_a_yaw_rate_goes_with_a_heading() -> None:
+def test_a_yaw_rate_is_aligned_with_a_heading() -> None:
     home, _ = columns(5, ahead=0.0)
     fine, angle = turn(5)
     time = np.arange(0.0, LASTS, STEP)
@@ -72,7 +72,7 @@ def test_a_yaw_rate_goes_with_a_heading() -> None:
     assert alignment.columns == "yaw_rate_dps against heading_deg"
 
 
-def test_a_copy_of_a_command_tells_and_what_follows_it_does_not() -> None:
+def test_a_copied_command_is_aligned_but_not_its_response() -> None:
     time = np.arange(0.0, LASTS, STEP)
     command = np.repeat(np.random.default_rng(1).uniform(-1.0, 1.0, len(time) // 20 + 1), 20)[: len(time)]
     late = np.convolve(command, np.exp(-np.arange(30) / 8.0) / 8.0)[: len(time)]
@@ -86,7 +86,7 @@ def test_a_copy_of_a_command_tells_and_what_follows_it_does_not() -> None:
     assert align_clocks(log("port_cmd", command), log("motor_port", late)) is None
 
 
-def test_what_is_not_alike_tells_nothing() -> None:
+def test_unrelated_signals_are_not_aligned() -> None:
     one, _ = columns(7, ahead=0.0)
     _, two = columns(8, ahead=0.0)
     assert align_clocks(one, two) is None
@@ -109,12 +109,12 @@ def test_a_clock_in_words(offset: float, by: str, certain: bool, said: str) -> N
     assert said in clock.text
 
 
-def test_what_is_set_adds_to_what_is_given() -> None:
+def test_join_settings_add_to_the_existing_ones() -> None:
     clock = ClockOffset(name="a b.csv", offset=0.2, error=0.01, drift=30.0, drift_error=2.0, by="yaw", given=(1.0, 5.0))
     assert clock.join_settings == {"offset": '"a b.csv" = 1.2000', "drift": '"a b.csv" = 35.00'}
 
 
-def test_what_is_alike_is_said_once() -> None:
+def test_equal_findings_are_grouped() -> None:
     late = [ClockOffset(name=f"{number}.csv", offset=0.5 + 0.1 * number, error=0.02) for number in range(12)]
     early = ClockOffset(name="x.csv", offset=-1.0, error=0.02)
     clocks = ClockOffsets(offsets=(*late, early), lag=0.3)

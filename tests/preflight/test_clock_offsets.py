@@ -1,4 +1,4 @@
-"""Clocks of files that were joined: what is sure is said to be, what may be a delay is not, and a fit can use it."""
+"""Clock offsets of joined files: certain offsets, and offsets that may be delays."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def clocks(rovid: Rovid, folder: str) -> list[dict[str, object]]:
     return found
 
 
-def test_a_vehicle_that_answers_before_it_is_told_to_has_a_clock_ahead(tmp_path: Path, rovid: Rovid) -> None:
+def test_a_response_before_the_command_is_a_clock_offset(tmp_path: Path, rovid: Rovid) -> None:
     folder = day(tmp_path / "day", split="{run}_{part}.csv", late=0.6)
     document = rovid("check", "day", "--json").document
     (one,) = document["clocks"]
@@ -46,7 +46,7 @@ def test_a_vehicle_that_answers_before_it_is_told_to_has_a_clock_ahead(tmp_path:
     assert len(remarks) == len(again["logs"])
 
 
-def test_an_answer_that_comes_late_is_not_called_a_clock(tmp_path: Path, rovid: Rovid) -> None:
+def test_a_late_response_is_not_called_a_clock_offset(tmp_path: Path, rovid: Rovid) -> None:
     folder = day(tmp_path / "day", split="{run}_{part}.csv", late=-0.6)
     document = rovid("check", "day", "--json").document
     (one,) = document["clocks"]
@@ -59,8 +59,8 @@ def test_an_answer_that_comes_late_is_not_called_a_clock(tmp_path: Path, rovid: 
     assert "offset" not in tomllib.loads((folder / "rovid.toml").read_text(encoding="utf-8"))["join"]
 
 
-def test_a_heading_in_both_files_tells_each_clock(tmp_path: Path, rovid: Rovid) -> None:
-    """Whatever the vehicle does, and though each run's clocks stand otherwise."""
+def test_a_heading_in_both_files_determines_each_offset(tmp_path: Path, rovid: Rovid) -> None:
+    """The offset differs from run to run."""
     folder = day(tmp_path / "day", split="{run}_{part}.csv", block=JOIN)
     rng = np.random.default_rng(4)
     late = {"hold_03": 0.4, "steps": -0.7, "sine_20s": 1.1}
@@ -80,7 +80,7 @@ def test_a_heading_in_both_files_tells_each_clock(tmp_path: Path, rovid: Rovid) 
 
 
 @pytest.mark.parametrize(("index", "twice"), [(13, "heading"), slow(20, "rate"), (28, "")])
-def test_clocks_of_a_made_up_folder(index: int, twice: str, tmp_path: Path) -> None:
+def test_clock_offsets_in_a_generated_folder(index: int, twice: str, tmp_path: Path) -> None:
     truth = write_folder(tmp_path, seed=77, index=index, clocks=Clocks(apart=0.9, drift=1e-4, twice=twice))
     rows = told(tmp_path, truth)
     assert not isinstance(rows, str)
@@ -92,7 +92,7 @@ def test_clocks_of_a_made_up_folder(index: int, twice: str, tmp_path: Path) -> N
     assert all(row.certain for row in rows) or not twice
 
 
-def test_what_makes_a_command_late_may_be_a_clock(tmp_path: Path, rovid: Rovid) -> None:
+def test_a_diagnosed_delay_may_be_a_clock_offset(tmp_path: Path, rovid: Rovid) -> None:
     day(tmp_path / "day", split="{run}_{part}.csv")
     document = rovid("diagnose", "day", "--json").document
     assert {finding["effect"] for finding in document["findings"]} & {"thruster_lag", "command_delay"}

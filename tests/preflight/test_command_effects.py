@@ -1,4 +1,4 @@
-"""Each thruster of rovid.toml against the logs: turned round, idle, right."""
+"""Effects of commands on the motion; reversed and ineffective thrusters of rovid.toml."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ CURVE = ThrustCurve(command=np.array([-1.0, 1.0]), thrust=np.array([-100.0, 100.
 
 
 def steered(seed: int, *, hand: bool) -> dict[str, RawColumn]:
-    """A slow vehicle that an autopilot holds by a noisy compass, against eddies; or one that a ``hand`` steers."""
+    """A slow vehicle in eddies under an autopilot with a noisy compass, or under open-loop commands (``hand``)."""
     rng = np.random.default_rng(seed)
     time = np.arange(0.0, 240.0, 0.1)
     heading, command = np.empty(len(time)), np.empty(len(time))
@@ -38,7 +38,7 @@ def steered(seed: int, *, hand: bool) -> dict[str, RawColumn]:
 
 
 @pytest.mark.parametrize("hand", [True, False])
-def test_who_steers_does_not_turn_a_sense_round(hand: bool) -> None:
+def test_feedback_does_not_reverse_a_direction(hand: bool) -> None:
     heading = SignalGuess(source="heading_deg", reason="", unit="deg")
     found = [command_effects({"yaw_cmd": 0.0}, [steered(seed, hand=hand)], heading)["yaw_cmd"] for seed in range(6)]
     ways = [one.direction for one in found]
@@ -46,7 +46,7 @@ def test_who_steers_does_not_turn_a_sense_round(hand: bool) -> None:
     assert ways.count(1) >= 5 * hand
 
 
-def test_what_tells_of_the_turning_is_shared_out() -> None:
+def test_the_explained_share_is_that_of_the_acting_command() -> None:
     logs = [steered(1, hand=True)]
     heading = SignalGuess(source="heading_deg", reason="", unit="deg")
     idle = RawColumn(
@@ -62,7 +62,7 @@ def test_what_tells_of_the_turning_is_shared_out() -> None:
 
 
 def trial(arms: tuple[float, ...], seed: int = 3) -> Trial:
-    """A vehicle of 200 kg m^2 under commands that each go their own way; ``arms`` are its true ones."""
+    """A vehicle of 200 kg m^2 under independent commands, with true ``arms``."""
     rng = np.random.default_rng(seed)
     time = np.arange(0.0, 240.0, 0.1)
     commands = np.column_stack([np.repeat(rng.uniform(-1.0, 1.0, 80), 30) for _ in arms])
@@ -78,7 +78,7 @@ def vehicle(*arms: float) -> Vehicle:
     return Vehicle(name="", thrusters=tuple(Thruster(name=f"t{k}", arm=arm, curve=CURVE) for k, arm in enumerate(arms)))
 
 
-def test_thrusters_that_are_right_are_left_alone() -> None:
+def test_correct_thrusters_are_not_reported() -> None:
     found = check_thrusters([trial((0.4, -0.4, 0.3))], vehicle(0.4, -0.4, 0.3))
     assert [push.observed.direction for push in found] == [1, 1, 1]
     assert not [push for push in found if push.is_reversed or push.is_ineffective]
@@ -86,13 +86,13 @@ def test_thrusters_that_are_right_are_left_alone() -> None:
     assert all(abs(push.strength - 1.0) < 0.15 for push in found)
 
 
-def test_one_that_is_turned_round_and_one_that_does_nothing_are_told() -> None:
+def test_reversed_and_ineffective_thrusters_are_found() -> None:
     found = check_thrusters([trial((0.4, -0.4, 0.0))], vehicle(0.4, 0.4, 0.4))
     assert [push.is_reversed for push in found] == [False, True, False]
     assert [push.is_ineffective for push in found] == [False, False, True]
 
 
-def test_check_says_so(tmp_path: Path, rovid: Rovid) -> None:
+def test_check_reports_a_reversed_thruster(tmp_path: Path, rovid: Rovid) -> None:
     folder = tmp_path / "day"
     folder.mkdir()
     for path in (SAMPLES / "rosub_tank").glob("*"):
@@ -106,7 +106,7 @@ def test_check_says_so(tmp_path: Path, rovid: Rovid) -> None:
     assert "the other way" in rovid("check", "day").out
 
 
-def test_arms_that_are_off_by_orders_are_told(tmp_path: Path, rovid: Rovid) -> None:
+def test_implausible_arms_are_reported(tmp_path: Path, rovid: Rovid) -> None:
     folder = tmp_path / "day"
     folder.mkdir()
     for path in (SAMPLES / "rosub_hidden").glob("*"):

@@ -1,4 +1,4 @@
-"""The text of a first rovid.toml: what is guessed is marked, what is open is said, and all of it can be read."""
+"""Text of a first rovid.toml: marks on guesses, open entries, and overrides by the user."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TIME = np.arange(0.0, 200.0, 0.2)
 
 
 def written(folder: Path, asked: SurveyOptions | None = None, **columns: np.ndarray) -> tuple[str, list[str]]:
-    """rovid.toml of a log with these columns, and what it guesses."""
+    """rovid.toml of a log with these columns, and its assumptions."""
     pd.DataFrame({"time_s": TIME, **columns}).to_csv(folder / "log.csv", index=False)
     surveyed = survey([folder], asked)
     for output, text in config_files(surveyed).items():
@@ -33,14 +33,14 @@ def heading() -> np.ndarray:
     return np.asarray((90.0 + 80.0 * np.sin(0.05 * TIME)) % 360.0)
 
 
-def test_what_no_log_tells_is_marked(tmp_path: Path) -> None:
+def test_guessed_arms_and_curves_are_marked(tmp_path: Path) -> None:
     text, guessed = written(tmp_path, heading_deg=heading(), port_cmd=np.sin(TIME), stbd_cmd=np.cos(TIME))
     assert guessed == ["yaw_arm of port", "curve of port", "yaw_arm of stbd", "curve of stbd"]
     assert load_config(tmp_path / "rovid.toml").vehicle.assumptions.items == tuple(guessed)
     assert text.count("\nyaw_arm_guessed = ") == 2
 
 
-def test_what_is_published_of_a_type_is_not(tmp_path: Path) -> None:
+def test_published_arms_are_not_marked(tmp_path: Path) -> None:
     asked = SurveyOptions(vehicle="otter")
     text, guessed = written(tmp_path, asked, heading_deg=heading(), port_rpm=np.sin(TIME), stbd_rpm=np.cos(TIME))
     assert guessed == ["curve of port", "curve of stbd"]
@@ -50,12 +50,12 @@ def test_what_is_published_of_a_type_is_not(tmp_path: Path) -> None:
     assert "Fossen" in text
 
 
-def test_columns_that_are_not_used_are_listed(tmp_path: Path) -> None:
+def test_unused_columns_are_listed(tmp_path: Path) -> None:
     text, _ = written(tmp_path, heading_deg=heading(), port_cmd=np.sin(TIME), depth_m=np.cos(TIME))
     assert "# csv: not used: depth_m" in text
 
 
-def test_what_is_open_stands_in_the_head_and_in_its_place(tmp_path: Path) -> None:
+def test_a_missing_command_is_open_in_the_head_and_in_its_section(tmp_path: Path) -> None:
     text, guessed = written(tmp_path, heading_deg=heading(), depth_m=np.cos(TIME))
     assert "# OPEN: no column was recognised as command" in text.partition("[vehicle]")[0]
     assert "# [[thrusters]]" in text
@@ -63,7 +63,7 @@ def test_what_is_open_stands_in_the_head_and_in_its_place(tmp_path: Path) -> Non
     assert "thrusters" not in tomllib.loads(text)
 
 
-def test_a_logged_torque_takes_the_place_of_thrusters(tmp_path: Path) -> None:
+def test_a_logged_torque_replaces_thrusters(tmp_path: Path) -> None:
     text, guessed = written(tmp_path, heading_deg=heading(), torque_Nm=20.0 * np.sin(TIME))
     assert tomllib.loads(text)["signals"]["torque"] == {"csv": "torque_Nm", "unit": "N m"}
     assert not guessed
@@ -71,7 +71,7 @@ def test_a_logged_torque_takes_the_place_of_thrusters(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("size", "guessed"), [("1.0", False), ("0.4", False), ("1.0\nsenses_alone = true", True)])
-def test_an_arm_that_is_published_is_no_guess_however_long(size: str, guessed: bool, tmp_path: Path) -> None:
+def test_published_arms_of_any_size_are_no_guess(size: str, guessed: bool, tmp_path: Path) -> None:
     size, _, alone = size.partition("\n")
     (tmp_path / "mine.toml").write_text(f"{alone}\n[arms]\nport = {size}\nstarboard = -{size}\n")
     folder = tmp_path / "day"
@@ -83,7 +83,7 @@ def test_an_arm_that_is_published_is_no_guess_however_long(size: str, guessed: b
     assert [thruster.arm for thruster in thrusters] == pytest.approx([float(size), -float(size)])
 
 
-def test_a_heading_that_is_known_by_its_jumps_alone_is_said_to_be(tmp_path: Path) -> None:
+def test_a_heading_recognised_only_by_its_jumps_causes_a_warning(tmp_path: Path) -> None:
     pd.DataFrame({"time_s": TIME, "channel_7": (30.0 * TIME) % 360.0, "port_cmd": np.sin(TIME)}).to_csv(
         tmp_path / "log.csv", index=False
     )
@@ -104,25 +104,25 @@ def write(survey: LogSurvey) -> Path:
     return survey.folder / "rovid.toml"
 
 
-def test_an_arm_that_was_measured_is_marked_no_guess(tmp_path: Path) -> None:
+def test_a_measured_arm_is_no_guess(tmp_path: Path) -> None:
     survey = by_hand(logs_into(tmp_path / "day"), UserOverrides(arms={"fore_V": 0.43}))
     assert assumptions_in(survey).items == ("yaw_arm of aft",)
     assert load_config(write(survey)).vehicle.assumptions.items == ("yaw_arm of aft",)
 
 
-def test_the_sense_is_that_of_the_arm_and_the_name_as_given(tmp_path: Path) -> None:
+def test_an_override_sets_sign_and_name(tmp_path: Path) -> None:
     survey = by_hand(logs_into(tmp_path / "day"), UserOverrides(arms={"fore_V": -0.5}, names={"fore_V": 'bow "1"'}))
     first, _ = load_config(write(survey)).vehicle.thrusters
     assert (first.name, first.arm) == ('bow "1"', -0.5)
 
 
-def test_a_command_that_is_not_wanted_is_carried_nowhere(tmp_path: Path) -> None:
+def test_a_rejected_command_is_not_written(tmp_path: Path) -> None:
     survey = by_hand(logs_into(tmp_path / "day"), UserOverrides(commands=frozenset({"fore_V"})))
     assert [thruster.name for thruster in load_config(write(survey)).vehicle.thrusters] == ["fore"]
     assert "aft_V" in survey.mappings["csv"].unused
 
 
-def test_signals_as_chosen_keep_the_reason_where_it_still_holds(tmp_path: Path) -> None:
+def test_chosen_signals_keep_a_valid_reason(tmp_path: Path) -> None:
     heading = SignalGuess(source="heading_deg", unit="deg", reason="")
     chosen = {"heading": heading, "depth tank": SignalGuess(source="supply_V", sign=-1, reason="")}
     survey = by_hand(logs_into(tmp_path / "day"), UserOverrides(signals={"csv": chosen}))
@@ -134,13 +134,13 @@ def test_signals_as_chosen_keep_the_reason_where_it_still_holds(tmp_path: Path) 
     assert set(read) == {"heading", "depth tank"}
 
 
-def test_a_log_whose_heading_was_taken_away_is_open(tmp_path: Path) -> None:
+def test_a_removed_heading_is_open(tmp_path: Path) -> None:
     survey = by_hand(logs_into(tmp_path / "day"), UserOverrides(signals={"csv": {}}, commands=frozenset()))
     assert survey.unrecognised == ("heading", "command")
     assert "OPEN: no column was recognised as heading" in "".join(config_files(survey).values())
 
 
-def test_stretches_and_size_are_in_the_file(tmp_path: Path) -> None:
+def test_exclusions_and_size_are_written(tmp_path: Path) -> None:
     left_out = (
         Exclusion(log="hold_03.csv", begin=3.25, end=1234.5, reason='a "hand"'),
         Exclusion(log="*", begin=2000.0),

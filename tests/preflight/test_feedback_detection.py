@@ -1,4 +1,4 @@
-"""Feedback is seen where commands answer to the motion, and seldom where they do not."""
+"""Detection of feedback, and its false alarm rate in open loop."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LOGGED = Vehicle(name="test", thrusters=(Thruster(name="torque", arm=1.0, curve=
 EACH = 10
 
 
-def test_open_loop_is_not_taken_for_feedback() -> None:
+def test_open_loop_is_rarely_called_feedback() -> None:
     # 2 of 1200 such runs with other seeds; of 120 more than two would come up once in a thousand times.
     assert sum(seen(steered(kind, seed)) for kind in OPEN for seed in range(EACH)) <= 2
 
@@ -33,18 +33,18 @@ def test_open_loop_is_not_taken_for_feedback() -> None:
     # Of 100 runs with other seeds 0.92, 0.6, 0.6, 0.42 and 0.58: fewer than these of 20 come up once in 100 times.
     [("heading hold", 0.75), ("autopilot", 0.35), ("slow autopilot", 0.35), ("zigzag by heading", 0.2), ("stick", 0.3)],
 )
-def test_steering_is_seen(kind: str, share: float) -> None:
+def test_feedback_is_detected(kind: str, share: float) -> None:
     assert np.mean([seen(steered(kind, seed)) for seed in range(2 * EACH)]) >= share
 
 
-def test_twelve_pseudo_random_runs_of_a_day_are_no_autopilot() -> None:
+def test_pseudo_random_runs_are_no_feedback() -> None:
     runs = [steered(kind, seed) for seed in range(6) for kind in ("random binary", "clocked binary")]
     trials = [replace(trial_of(run), name=f"run_{number}") for number, run in enumerate(runs)]
     assert detect_feedback(trials, LOGGED) == []
 
 
 @pytest.mark.parametrize(("campaigns", "runs"), [(20, 15), slow(40, 40)])
-def test_in_hard_water_too(campaigns: int, runs: int) -> None:
+def test_hard_campaigns_are_no_feedback(campaigns: int, runs: int) -> None:
     found: dict[str, list[bool]] = {}
     for seed in range(campaigns):
         for kind, named in seen_in(draw(seed)):
@@ -57,7 +57,7 @@ def test_in_hard_water_too(campaigns: int, runs: int) -> None:
     assert np.mean(found["zigzag"]) > 0.6
 
 
-def test_a_real_dive_answers_to_its_motion() -> None:
+def test_a_real_dive_has_feedback() -> None:
     for folder in ("bluerov2_pier59", "bluerov2_dataflash"):
         config = load_config(find_config([SAMPLES / folder]))
         (found,) = detect_feedback(read_campaign([SAMPLES / folder], config).trials, config.vehicle)
@@ -66,12 +66,12 @@ def test_a_real_dive_answers_to_its_motion() -> None:
 
 
 @pytest.mark.parametrize(("day", "axis"), [("rosub_tank", "yaw"), ("surge_tank", "surge"), ("pitch_tank", "pitch")])
-def test_the_sample_days_are_open_loop(day: str, axis: str) -> None:
+def test_the_sample_campaigns_are_open_loop(day: str, axis: str) -> None:
     config = load_config(find_config([SAMPLES / day]), AXES[axis])
     assert detect_feedback(read_campaign([SAMPLES / day], config).trials, config.vehicle) == []
 
 
-def test_a_zigzag_is_feedback_at_its_reversals_and_so_it_is_said() -> None:
+def test_a_zigzag_by_heading_is_feedback_at_its_reversals() -> None:
     found = []
     for seed in range(2 * EACH):
         trial = trial_of(steered("zigzag by heading", seed))
@@ -86,15 +86,15 @@ def test_a_zigzag_is_feedback_at_its_reversals_and_so_it_is_said() -> None:
     assert "There are too few reversals to decide." in aside.text
 
 
-def test_logs_of_one_kind_are_judged_together() -> None:
-    """A run that is too short to tell by itself is named where its like agree."""
+def test_logs_are_combined() -> None:
+    """A run too short by itself is reported if similar runs agree."""
     trials = [replace(trial_of(steered("stick", seed)), name=f"run_{seed}") for seed in range(2 * EACH)]
     alone = [trial.name for trial in trials if detect_feedback([trial], LOGGED)]
     together = [one.name for one in detect_feedback(trials, LOGGED)]
     assert set(alone) < set(together)
 
 
-def test_what_cannot_be_asked_is_not() -> None:
+def test_unsuitable_logs_are_not_tested() -> None:
     time = synthetic.clock(60.0)
     held = synthetic.trial(time, np.full(len(time), 3.0), np.zeros(len(time)))
     unknown = synthetic.trial(time, np.where(time < 1.0, np.nan, np.sin(time)), np.sin(time))

@@ -1,4 +1,4 @@
-"""One bad payload, topic or file costs itself, with the reason; what else is there is still guessed from."""
+"""Survey of logs with damaged payloads, topics or files: each is reported, and the rest is used."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ FURTHER: dict[str, Payload] = {
 
 
 def recording(further: Payload, *, alone: bool = False) -> bytes:
-    """An ordinary dive in JSON with one further topic; that alone where asked for."""
+    """An ordinary dive in JSON with one further topic, or that topic ``alone``."""
     output = io.BytesIO()
     writer = Writer(output)
     writer.start()
@@ -56,7 +56,7 @@ def recording(further: Payload, *, alone: bool = False) -> bytes:
 
 
 @pytest.mark.parametrize("what", FURTHER)
-def test_a_topic_that_nobody_needs_hides_no_other(what: str, tmp_path: Path, rovid: Rovid) -> None:
+def test_a_damaged_unneeded_topic_does_not_hide_others(what: str, tmp_path: Path, rovid: Rovid) -> None:
     (tmp_path / "dive.mcap").write_bytes(recording(FURTHER[what]))
     document = rovid("init", tmp_path, "--json").document
     assert document["signals"]["mcap"]["heading"]["source"] == "/phins/heading.data"
@@ -69,7 +69,7 @@ def test_a_topic_that_nobody_needs_hides_no_other(what: str, tmp_path: Path, rov
 
 
 @pytest.mark.parametrize("what", FURTHER)
-def test_a_file_that_holds_nothing_else_costs_its_own_row(what: str, tmp_path: Path, rovid: Rovid) -> None:
+def test_a_file_without_a_valid_topic_is_reported(what: str, tmp_path: Path, rovid: Rovid) -> None:
     (tmp_path / "bad.mcap").write_bytes(recording(FURTHER[what], alone=True))
     (tmp_path / "good.csv").write_text(csv_text(standard()))
     document = rovid("init", tmp_path, "--json").document
@@ -77,12 +77,12 @@ def test_a_file_that_holds_nothing_else_costs_its_own_row(what: str, tmp_path: P
     assert document["warnings"]
 
 
-def test_alone_it_is_told_in_one_message(tmp_path: Path, rovid: Rovid) -> None:
+def test_a_single_damaged_file_leads_to_one_message(tmp_path: Path, rovid: Rovid) -> None:
     (tmp_path / "bad.mcap").write_bytes(recording(FURTHER["bad JSON"], alone=True))
     assert_one_message(rovid("init", tmp_path), "bad.mcap", "message 1 of topic '/further' cannot be decoded")
 
 
-def test_names_that_no_path_can_say_are_passed_over(tmp_path: Path, rovid: Rovid) -> None:
+def test_field_names_that_no_path_can_express_are_skipped(tmp_path: Path, rovid: Rovid) -> None:
     odd = json.dumps({"a.b": 1.0, "c[0]": 1.0, "": 1.0, "d": {"e.f": 2.0}, "g": 3.0}).encode()
     (tmp_path / "dive.mcap").write_bytes(recording(("/odd", "json", None, [odd])))
     assert rovid("init", tmp_path, "--json").document["warnings"] == []
@@ -111,7 +111,7 @@ def changed(data: bytes, *statements: str) -> bytes:
 
 
 @pytest.mark.parametrize("what", ["a type that nobody knows", "a payload that is too short"])
-def test_a_topic_of_a_bag_hides_no_other(what: str, tmp_path: Path, rovid: Rovid) -> None:
+def test_a_damaged_topic_of_a_bag_does_not_hide_others(what: str, tmp_path: Path, rovid: Rovid) -> None:
     (tmp_path / "dive.db3").write_bytes(broken_bag(what))
     document = rovid("init", tmp_path, "--json").document
     assert document["signals"]["bag"]["heading"]["source"].startswith("/phins/heading.data")
@@ -133,7 +133,7 @@ ROWS: dict[str, Callable[[Path], object]] = {
 
 
 @pytest.mark.parametrize("name", ROWS)
-def test_each_bad_file_costs_its_own_row(name: str, tmp_path: Path, rovid: Rovid) -> None:
+def test_each_damaged_file_is_reported(name: str, tmp_path: Path, rovid: Rovid) -> None:
     campaign(tmp_path, mapped_everywhere())
     ROWS[name](tmp_path / name)
     (tmp_path / "good.csv").write_text(csv_text(standard()))
@@ -156,7 +156,7 @@ def mapped_everywhere() -> str:
     )
 
 
-def test_logs_in_which_nothing_is_recognised_do_not_hide_others(csv_day: Path, tmp_path: Path, rovid: Rovid) -> None:
+def test_logs_without_recognised_columns_do_not_hide_others(csv_day: Path, tmp_path: Path, rovid: Rovid) -> None:
     folder = tmp_path / "day"
     shutil.copytree(csv_day, folder, ignore=shutil.ignore_patterns("rovid.toml"))
     (folder / "camera.mcap").write_bytes(recording(("/camera", "json", None, [b'{"gain": 1.0}'] * 30), alone=True))
@@ -165,7 +165,7 @@ def test_logs_in_which_nothing_is_recognised_do_not_hide_others(csv_day: Path, t
     assert "no heading and no command was recognised among /camera.gain" in str(document["warnings"])
 
 
-def test_a_bad_curve_does_not_hide_the_logs(csv_day: Path, tmp_path: Path, rovid: Rovid) -> None:
+def test_a_damaged_curve_does_not_hide_the_logs(csv_day: Path, tmp_path: Path, rovid: Rovid) -> None:
     folder = tmp_path / "day"
     shutil.copytree(csv_day, folder, ignore=shutil.ignore_patterns("rovid.toml"))
     (folder / "thrust_curve.csv").write_text("command,thrust_N\n0,zero\n")
@@ -174,7 +174,7 @@ def test_a_bad_curve_does_not_hide_the_logs(csv_day: Path, tmp_path: Path, rovid
     assert "thrust_N is 'zero'" in str(document["warnings"])
 
 
-def test_a_column_with_text_far_down_is_passed_over(tmp_path: Path, rovid: Rovid) -> None:
+def test_a_column_with_late_text_is_skipped(tmp_path: Path, rovid: Rovid) -> None:
     note = ["1.0"] * 400
     note[390] = "lost"
     (tmp_path / "a.csv").write_text(csv_text(standard(depth_m=note, height_m=note)))
@@ -185,7 +185,7 @@ def test_a_column_with_text_far_down_is_passed_over(tmp_path: Path, rovid: Rovid
     assert all("a.csv:392" in text for text in document["warnings"])
 
 
-def test_columns_of_one_name_are_passed_over(tmp_path: Path, rovid: Rovid) -> None:
+def test_columns_with_equal_names_are_skipped(tmp_path: Path, rovid: Rovid) -> None:
     text = csv_text(standard(note=standard()["fore_V"])).replace(",note\n", ",fore_mV\n").splitlines()
     header = f"{text[0]},fore_mV"
     (tmp_path / "a.csv").write_text("\n".join([header, *(f"{line},1" for line in text[1:])]) + "\n")
@@ -209,7 +209,7 @@ DB3: dict[str, tuple[str, ...]] = {
 
 
 @pytest.mark.parametrize("what", DB3)
-def test_a_database_may_hold_anything(what: str, tmp_path: Path, rovid: Rovid) -> None:
+def test_unusual_databases_are_reported(what: str, tmp_path: Path, rovid: Rovid) -> None:
     recorded = RECORDINGS[".db3"]
     campaign(tmp_path, toml(heading=recorded.heading, command=recorded.command))
     (tmp_path / "a.db3").write_bytes(changed(recorded.write(), *DB3[what]))
@@ -219,7 +219,7 @@ def test_a_database_may_hold_anything(what: str, tmp_path: Path, rovid: Rovid) -
         assert "Traceback" not in done.err
 
 
-def test_what_sqlite_quotes_of_a_damaged_schema_is_told(tmp_path: Path, rovid: Rovid) -> None:
+def test_a_damaged_schema_is_reported(tmp_path: Path, rovid: Rovid) -> None:
     recorded = RECORDINGS[".db3"]
     campaign(tmp_path, toml(heading=recorded.heading, command=recorded.command))
     data = recorded.write()
@@ -230,7 +230,7 @@ def test_what_sqlite_quotes_of_a_damaged_schema_is_told(tmp_path: Path, rovid: R
 
 
 @pytest.mark.parametrize("absurd", ["1e308", "-1e308"])
-def test_a_number_that_nothing_measures_guides_no_guess(absurd: str, tmp_path: Path, rovid: Rovid) -> None:
+def test_absurd_numbers_do_not_affect_the_guess(absurd: str, tmp_path: Path, rovid: Rovid) -> None:
     lines = csv_text(standard()).splitlines()
     for at, sign in ((5, ""), (9, "-")):
         lines[at] = ",".join([*lines[at].split(",")[:-1], f"{sign}{absurd}".replace("--", "")])

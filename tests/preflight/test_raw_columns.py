@@ -1,4 +1,4 @@
-"""How fast a heading turns, from readings that are not even, damaged, or few."""
+"""Mean rates from irregular, damaged or few samples."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from rovid.preflight.raw_columns import RawColumn, SignalGuess, held_mean, mean_
 HEADING = SignalGuess(source="heading", unit="deg", reason="")
 
 
-def test_rates_go_on_over_a_whole_turn_and_over_a_stamp_of_long_ago() -> None:
+def test_rates_continue_over_a_whole_turn_and_a_damaged_time_stamp() -> None:
     time = np.arange(0.0, 60.0, 0.1)
     values = (20.0 * time) % 360.0
     stamps = np.where(np.arange(len(time)) == 300, -1e9, time)
@@ -18,11 +18,11 @@ def test_rates_go_on_over_a_whole_turn_and_over_a_stamp_of_long_ago() -> None:
     assert rate == pytest.approx(np.radians(20.0), rel=1e-6)
 
 
-def test_few_readings_tell_no_rate() -> None:
+def test_few_samples_give_no_rate() -> None:
     time = np.arange(10.0)
     assert mean_rates(HEADING, RawColumn(source="heading", time=time, values=time))[1].size == 0
 
 
-def test_means_are_of_what_was_held() -> None:
+def test_means_are_those_of_a_zero_order_hold() -> None:
     time, values = np.array([0.0, 1.0, 3.0]), np.array([2.0, 4.0, 0.0])
     assert held_mean(time, values, np.array([0.0, 2.0, 4.0])) == pytest.approx([3.0, 2.0])

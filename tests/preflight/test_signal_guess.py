@@ -1,4 +1,4 @@
-"""What each column is, guessed from its name, its values and how the vehicle answers."""
+"""Guess of the contents of columns from names, values and the response of the vehicle."""
 
 from __future__ import annotations
 
@@ -31,20 +31,20 @@ def log(**columns: FloatArray) -> dict[str, RawColumn]:
 
 
 @pytest.mark.parametrize("way", [1, -1])
-def test_the_way_that_a_command_turns_the_vehicle_is_read_off_its_motion(way: int) -> None:
+def test_directions_follow_from_the_motion(way: int) -> None:
     idle = np.random.default_rng(4).choice([-1.0, 1.0], len(TIME))
     found = map_columns([log(heading=turned(way * COMMAND), fore_cmd=COMMAND, aft_cmd=idle)])
     assert {command.name: command.direction for command in found.commands} == {"fore": way, "aft": 0}
     assert not found.missing
 
 
-def test_a_heading_without_a_name_is_known_by_its_jumps() -> None:
+def test_an_unnamed_heading_is_recognised_by_its_jumps() -> None:
     found = map_columns([log(channel_7=turned(COMMAND), channel_8=np.sin(TIME), fore_cmd=COMMAND)])
     assert found.signals["heading"].source == "channel_7"
     assert found.signals["heading"].unit == "deg"
 
 
-def test_a_gyro_tells_its_unit_and_sense_beside_the_heading() -> None:
+def test_unit_and_sign_of_a_gyro_follow_from_the_heading() -> None:
     heading = turned(COMMAND)
     rate = np.gradient(np.unwrap(np.radians(heading)), TIME)
     found = map_columns([log(heading=heading, yaw_rate=-rate, fore_cmd=COMMAND)])
@@ -55,19 +55,19 @@ def test_a_gyro_tells_its_unit_and_sense_beside_the_heading() -> None:
     assert (gyro.unit, gyro.sign) == ("deg/s", 1)
 
 
-def test_the_voltage_of_the_supply_is_no_command() -> None:
+def test_the_supply_voltage_is_no_command() -> None:
     supply = 24.0 - 0.1 * np.abs(COMMAND)
     found = map_columns([log(heading=turned(COMMAND), fore_cmd=COMMAND, battery_volts=supply)])
     assert found.signals["supply_voltage"].source == "battery_volts"
     assert [command.source for command in found.commands] == ["fore_cmd"]
 
 
-def test_pulses_have_their_rest_in_the_middle() -> None:
+def test_pulse_widths_have_their_neutral_value_in_the_middle() -> None:
     found = map_columns([log(heading=turned(COMMAND), fore_pwm=1500.0 + 100.0 * COMMAND)])
     assert found.commands[0].neutral == 1500.0
 
 
-def test_no_two_thrusters_get_one_name() -> None:
+def test_thrusters_get_unique_names() -> None:
     # The third would be called as the second is.
     found = map_columns(
         [log(heading=turned(COMMAND), a_cmd=COMMAND, a_3_cmd=COMMAND**2, a_volts=np.roll(COMMAND, 300))]
@@ -75,7 +75,7 @@ def test_no_two_thrusters_get_one_name() -> None:
     assert [command.name for command in found.commands] == ["a", "a_3", "a_4"]
 
 
-def test_what_is_lacking_is_said() -> None:
+def test_missing_columns_are_reported() -> None:
     found = map_columns([log(depth=np.sin(TIME))])
     assert found.missing == ("heading", "command")
 
@@ -89,7 +89,7 @@ def test_what_is_lacking_is_said() -> None:
         ("bussola_gradi", "velocita_imbardata"), ("HdgDeg", "RateOfTurnDps"),
     ],
 )  # fmt: skip
-def test_headings_and_their_rates_are_known_in_other_languages(heading: str, rate: str) -> None:
+def test_headings_and_yaw_rates_in_other_languages(heading: str, rate: str) -> None:
     angle = turned(COMMAND)
     turning = np.degrees(np.gradient(np.unwrap(np.radians(angle)), TIME))
     found = map_columns([log(**{rate: turning, heading: angle, "T1": COMMAND})])
@@ -98,13 +98,13 @@ def test_headings_and_their_rates_are_known_in_other_languages(heading: str, rat
     assert [command.source for command in found.commands] == ["T1"]
 
 
-def test_a_torque_is_known_by_its_symbol_and_before_a_hand_at_the_stick() -> None:
+def test_a_torque_is_recognised_by_its_symbol_and_preferred_to_pilot_input() -> None:
     found = map_columns([log(heading=turned(COMMAND), N=COMMAND, joystick_x=COMMAND)])
     assert found.signals["torque"].source == "N"
     assert not found.commands
 
 
-def test_beside_a_torque_a_voltage_is_that_of_the_supply() -> None:
+def test_next_to_a_torque_a_voltage_is_no_command() -> None:
     found = map_columns(
         [log(heading=turned(COMMAND), **{"thr.yaw_torque_Nm": COMMAND, "sys.tension_V": COMMAND - 0.5})]
     )
@@ -144,20 +144,20 @@ def found(axis: str, *names: str, size: float = 1.0) -> dict[str, tuple[str, str
         ("pitch", "assiette (deg)", "pitch", "deg", 1),
     ],
 )
-def test_usual_names(axis: str, column: str, signal: str, unit: str, sign: int) -> None:
+def test_common_names_of_other_axes(axis: str, column: str, signal: str, unit: str, sign: int) -> None:
     others = ("heading_deg", "yaw_rate_dps", "port_V", "battery_pct", "vertical_port_pct", "depth_setpoint_m")
     assert found(axis, column, *others)[signal] == (column, unit, sign)
 
 
-def test_a_rate_stands_beside_a_tilt_and_not_for_it() -> None:
+def test_a_tilt_rate_requires_the_tilt() -> None:
     assert set(found("roll", "roll_deg", "roll_rate_dps")) == {"roll", "roll_rate"}
     assert not found("roll", "roll_rate_dps")
 
 
-def test_a_tilt_without_unit_is_in_degrees_where_it_is_more_than_upright() -> None:
+def test_a_tilt_beyond_upright_is_in_degrees() -> None:
     assert found("pitch", "pitch", size=12.0)["pitch"][1] == "deg"
     assert found("pitch", "pitch", size=0.4)["pitch"][1] == "rad"
 
 
-def test_thrusters_are_no_motion() -> None:
+def test_thruster_commands_are_no_motion() -> None:
     assert not found("heave", "vertical_pct", "motor_vertikal_babord", "heave_cmd")

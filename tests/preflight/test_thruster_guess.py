@@ -1,4 +1,4 @@
-"""Which columns are commands, by name, by an autopilot's mixer and by a type of vehicle."""
+"""Guess of thruster commands by name, by the autopilot's mixer and by type of vehicle."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def of(columns: dict[str, FloatArray], wanted: GuessHints | None = None) -> dict
         ("hélice babor", "hélice estribor"),
     ],
 )  # fmt: skip
-def test_usual_names_are_known(names: tuple[str, str]) -> None:
+def test_common_names_are_recognised(names: tuple[str, str]) -> None:
     rates = {"thr.taux_de_giration_dps": held(), "thr.drehrate_dps": held(), "thr.lacet (°/s)": held()}
     other = {
         **rates,
@@ -55,13 +55,13 @@ def test_usual_names_are_known(names: tuple[str, str]) -> None:
     assert set(of({**other, names[0]: held(), names[1]: held()})) == set(names)
 
 
-def test_lights_and_what_never_rests_are_no_thrusters() -> None:
+def test_lights_and_outputs_without_a_neutral_value_are_no_thrusters() -> None:
     pulses = {"RCOU.C1": held(1300.0, 1700.0), "RCOU.C2": held(1300.0, 1700.0), "RCOU.C10": held(1600.0, 1700.0)}
     lights = {"lights_pwm": held(1100.0, 1900.0), "camera_tilt_pwm": held(1100.0, 1900.0)}
     assert set(of(pulses | lights)) == {"RCOU.C1", "RCOU.C2"}
 
 
-def test_the_autopilots_own_torque_tells_who_takes_part() -> None:
+def test_the_yaw_demand_of_the_autopilot_determines_the_directions() -> None:
     one, two, depth = held(-100.0, 100.0), held(-100.0, 100.0), held(-100.0, 100.0)
     outputs = {"RCOU.C1": 1500.0 - one + two, "RCOU.C2": 1500.0 + one + two, "RCOU.C5": 1500.0 + depth}
     found = of({**outputs, "RATE.YOut": one / 400.0})
@@ -72,7 +72,7 @@ def test_the_autopilots_own_torque_tells_who_takes_part() -> None:
     }
 
 
-def test_a_type_of_vehicle_tells_sense_and_arm() -> None:
+def test_a_type_of_vehicle_determines_direction_and_arm() -> None:
     found = commands(GuessHints(profile=load_preset("heron")), port_cmd=held(), stbd_cmd=held())
     assert {source: command.direction * command.arm for source, command in found.items()} == {
         "port_cmd": 0.378,
@@ -80,10 +80,10 @@ def test_a_type_of_vehicle_tells_sense_and_arm() -> None:
     }
 
 
-def test_what_was_named_is_taken() -> None:
+def test_named_commands_are_used() -> None:
     assert set(commands(GuessHints(commands=("a", "b")), a=held(), b=held(), port_cmd=held())) == {"a", "b"}
 
 
-def test_a_demand_of_motion_stands_back_behind_thrusters() -> None:
+def test_thruster_commands_are_preferred_to_motion_commands() -> None:
     assert set(commands(yaw_cmd_norm=held(), pwm1_us=held(1300.0, 1700.0))) == {"pwm1_us"}
     assert set(commands(yaw_cmd_norm=held())) == {"yaw_cmd_norm"}
