@@ -1,10 +1,12 @@
-"""Data flows one way, and what each module does is tested where one looks for it."""
+"""The structure of the package: imports go one way, names are unique, files stay small, tests assert."""
 
 from __future__ import annotations
 
 import ast
 import subprocess
 import sys
+from collections import defaultdict
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -71,3 +73,74 @@ def test_help_imports_nothing_heavy() -> None:
     code = "import sys, rovid.cli.cli; print([m for m in sys.argv[1:] if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code, *HEAVY], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_no_class_name_has_two_owners() -> None:
+    owners = defaultdict(list)
+    for path in MODULES:
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ClassDef):
+                owners[node.name].append(named(path))
+    shared = {name: paths for name, paths in owners.items() if len(paths) > 1}
+    assert not shared, "rename all but one of each"
+
+
+def test_no_module_shadows_the_standard_library() -> None:
+    shadows = [named(path) for path in MODULES if path.stem in sys.stdlib_module_names]
+    packages = [path.name for path in ROOT.rglob("*") if path.is_dir() and path.name in sys.stdlib_module_names]
+    assert not shadows + packages
+
+
+def test_files_stay_readable_in_one_sitting() -> None:
+    long = {named(path): lines for path in MODULES if (lines := len(path.read_text().splitlines())) > 400}
+    assert not long, "no file has more than 400 lines"
+
+
+def test_modules_import_each_other_in_no_circle() -> None:
+    names = {
+        ".".join(("rovid", *path.relative_to(ROOT).with_suffix("").parts)).removesuffix(".__init__") for path in MODULES
+    }
+    graph = {}
+    for path in MODULES:
+        own = ".".join(("rovid", *path.relative_to(ROOT).with_suffix("").parts)).removesuffix(".__init__")
+        imported = set()
+        # What a function imports when it is called closes no circle.
+        for node in ast.parse(path.read_text()).body:
+            if isinstance(node, ast.ImportFrom) and node.module:
+                targets = {f"{node.module}.{alias.name}" for alias in node.names}
+                imported |= targets if targets <= names else targets | {node.module}
+        graph[own] = (imported & names) - {own}
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        pytest.fail(f"imports in a circle: {' -> '.join(error.args[1])}")
+
+
+def asserts(function: ast.AST, helpers: set[str]) -> bool:
+    """Whether ``function`` asserts, expects an exception, or calls a helper that does."""
+    for node in ast.walk(function):
+        if isinstance(node, ast.Assert):
+            return True
+        if isinstance(node, ast.Call):
+            name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+            if name in {"raises", "warns", "fail"} or name in helpers or name.startswith("assert_"):
+                return True
+    return False
+
+
+def test_every_test_asserts() -> None:
+    functions = [
+        (path, node)
+        for path in sorted(TESTS.rglob("*.py"))
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.FunctionDef)
+    ]
+    helpers: set[str] = set()
+    while more := {node.name for _, node in functions if asserts(node, helpers)} - helpers:
+        helpers |= more
+    without = [
+        f"{path.relative_to(TESTS)}:{node.lineno} {node.name}"
+        for path, node in functions
+        if node.name.startswith("test_") and node.name not in helpers
+    ]
+    assert not without

@@ -34,8 +34,8 @@ from rovid.diagnose.cross_validation import missing_data, split_runs
 from rovid.diagnose.objectives import (
     InnovationObjective,
     MultiStepObjective,
-    Problem,
     SearchObjective,
+    SearchProblem,
     cannot_whiten,
     fits_poorly,
     has_no_dominant_cause,
@@ -103,7 +103,7 @@ def screen(objective: InnovationObjective, found: FitResult, shape: FitResult, i
     return not is_hopeless(start, lambda: gains_by_cause(search.score_tests(start)))
 
 
-def select(problem: Problem, objective: SearchObjective, search: StepwiseSearch, start: FitResult) -> Selection:
+def select(problem: SearchProblem, objective: SearchObjective, search: StepwiseSearch, start: FitResult) -> Selection:
     """The model that a stepwise search by one of the objectives reaches from ``start``.
 
     Each step of the search: score tests of all candidates, staged fits of a shortlist, addition of the best one by BIC,
@@ -142,7 +142,7 @@ def validate(selection: Selection) -> Selection:
     return selection
 
 
-def decide(problem: Problem) -> Selection:
+def decide(problem: SearchProblem) -> Selection:
     """Choose the objective: innovations where these become white, else multi-step predictions; return a valid model."""
     selection = select_directly(problem)
     if selection is not None:
@@ -164,7 +164,7 @@ def decide(problem: Problem) -> Selection:
     return validate(multi_step)
 
 
-def select_directly(problem: Problem) -> Selection | None:
+def select_directly(problem: SearchProblem) -> Selection | None:
     """One-step selection from the base model; None where no cause dominates, or the result is not adequate."""
     base = problem.innovations.base
     if fits_poorly(base):
@@ -179,7 +179,7 @@ def select_directly(problem: Problem) -> Selection | None:
 
 
 def select_by_innovations(
-    problem: Problem, found: FitResult, shape: FitResult, is_hopeless: StopRule
+    problem: SearchProblem, found: FitResult, shape: FitResult, is_hopeless: StopRule
 ) -> Selection | None:
     """One-step selection from the effects of ``found``; None where it is hopeless, or the result is not adequate."""
     problem.report("Searching by one-step predictions …")
@@ -193,7 +193,7 @@ def select_by_innovations(
     return selection
 
 
-def select_by_predictions(problem: Problem) -> Iterator[Selection]:
+def select_by_predictions(problem: SearchProblem) -> Iterator[Selection]:
     """Multi-step selections: first one whose effects whiten the innovations, if any, and at last the complete one."""
     objective = MultiStepObjective.from_data(problem.data, problem.pieces, problem.candidates, problem.report)
     start = objective.base

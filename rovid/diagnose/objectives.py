@@ -236,7 +236,7 @@ def cannot_whiten(current: FitResult, gains: Gains) -> bool:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Problem:
+class SearchProblem:
     """Data, candidates, and the test for waves; no step of the algorithm changes them."""
 
     data: InnovationData
@@ -249,7 +249,7 @@ class Problem:
 
 def pose(
     prepared: PreparedRuns, runs: Sequence[Run], vehicle: Vehicle, start: Model, report: ProgressCallback
-) -> Problem:
+) -> SearchProblem:
     """Candidates and data of the diagnosis; ``runs`` are the prepared runs or their parts, ``start`` a first model."""
     report("Fitting the model without effects …")
     pieces = cv_pieces(prepared.items, vehicle, prepared.cutoff)
@@ -269,7 +269,7 @@ def pose(
     innovations = InnovationObjective(
         data=replace(data, runs=runs), wave_data=wave_data, candidates=candidates, report=report
     )
-    return Problem(
+    return SearchProblem(
         data=data,
         pieces=pieces,
         candidates=candidates,

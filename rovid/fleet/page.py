@@ -22,7 +22,7 @@ from rovid.effects import CATALOGUE
 from rovid.fleet.campaign_record import CampaignRecord
 from rovid.fleet.results import RULE, Fleet, Outlier, ParameterValue, causes, guessed, median_of, outliers, verdict
 from rovid.fleet.shrinkage import ShrunkParameter
-from rovid.present.numbers import DASH, parameter_title, unit_symbol
+from rovid.present.number_format import DASH, parameter_title, unit_symbol
 from rovid.present.page.templating import template_environment
 from rovid.present.plots.canvas import (
     BLACK,

@@ -35,7 +35,7 @@ _TABLES = "SELECT CAST(name AS TEXT) FROM sqlite_master WHERE type = 'table'"
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Connection:
+class _BagConnection:
     """A topic of one type; ``definition`` is empty if the bag does not hold it."""
 
     number: int
@@ -47,7 +47,7 @@ class _Connection:
 
 _Messages = Callable[[Collection[int]], Iterable[tuple[int, int, bytes]]]
 # Connections, messages of some of them, and descriptions of damage.
-_Bag = tuple[list[_Connection], _Messages, list[str]]
+_Bag = tuple[list[_BagConnection], _Messages, list[str]]
 
 
 def read(path: Path, config: Config) -> RawLog:
@@ -118,7 +118,7 @@ def _ros1(path: Path) -> Iterator[_Bag]:
     connections = []
     for one in reader.connections:
         definition = one.msgdef.data
-        connection = _Connection(
+        connection = _BagConnection(
             number=one.id, topic=one.topic, kind=one.msgtype, encoding="ros1", definition=definition
         )
         connections.append(connection)
@@ -162,7 +162,7 @@ def _ros2(path: Path) -> Iterator[_Bag]:
             definitions = dict(bag.execute(_DEFINITIONS)) if "message_definitions" in names else {}
             for number, topic, kind, encoding in bag.execute(_TOPICS):
                 definition = definitions.get(kind, "")
-                one = _Connection(number=number, topic=topic, kind=kind, encoding=encoding, definition=definition)
+                one = _BagConnection(number=number, topic=topic, kind=kind, encoding=encoding, definition=definition)
                 connections.append(one)
             ((pages,),), ((page_size,),) = bag.execute("PRAGMA page_count"), bag.execute("PRAGMA page_size")
         except (sqlite3.Error, UnicodeDecodeError) as error:  # SQLite quotes damaged text in its messages.
@@ -177,7 +177,7 @@ def _unreadable(path: Path, error: Exception, mend: str) -> LogError:
     return LogError(text.replace("\n", " "), where=path, mend=mend)
 
 
-def _decoder(path: Path, one: _Connection) -> Decoder:
+def _decoder(path: Path, one: _BagConnection) -> Decoder:
     """Function that turns the payloads of a connection into objects."""
     types = require_library("rosbags.typesys", _EXTRA, path)
     try:

@@ -16,7 +16,7 @@ from rovid.diagnose.algorithm import diagnose, select_by_innovations, select_by_
 from rovid.diagnose.cross_validation import cv_pieces
 from rovid.diagnose.objectives import (
     InnovationObjective,
-    Problem,
+    SearchProblem,
     cannot_whiten,
     screening_data,
     thin_for_waves,
@@ -69,9 +69,9 @@ def problem_of(
     data: InnovationData,
     report: ProgressCallback = lambda _: None,
     wave_test: Callable[[FitResult], WaveTest] = without_waves,
-) -> Problem:
+) -> SearchProblem:
     innovations = InnovationObjective(data=data, wave_data=thin_for_waves(data), candidates=CANDIDATES, report=report)
-    return Problem(
+    return SearchProblem(
         data=data,
         pieces=cv_pieces(data.runs, synthetic.LOGGED, 1.0),
         candidates=CANDIDATES,

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import pytest
 
-from rovid.store.load import read_parameters
 from rovid.core.transaction import recover
+from rovid.store.load import read_parameters
 from tests.conftest import ROOT, run_rovid
 from tests.core.test_files import AS_NOBODY, NOBODY, POSIX, hidden_files, public_folder, run_code
 

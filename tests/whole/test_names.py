@@ -95,7 +95,7 @@ def read_python(content: str) -> None:
     assert not STEERING.search(content)
 
 
-READ: dict[str, Callable[[str], None] | Callable[[bytes], None]] = {
+ASSERT_READABLE: dict[str, Callable[[str], None] | Callable[[bytes], None]] = {
     **dict.fromkeys(("gz-sim", "uuv", "vrx", "stonefish", "mujoco"), read_xml),
     "ros2": read_yaml,
     "matlab": read_matlab,
@@ -107,7 +107,8 @@ READ: dict[str, Callable[[str], None] | Callable[[bytes], None]] = {
 @pytest.mark.parametrize("name", FORMATS)
 def test_every_export_of_any_name_is_read_by_its_parser(name: str) -> None:
     made: ExportResult = load_exporter(name)(subject())
-    READ[name](made.content)  # type: ignore[arg-type]  # each takes what its format is
+    assert made.content
+    ASSERT_READABLE[name](made.content)  # type: ignore[arg-type]  # each takes what its format is
 
 
 def test_the_python_export_still_runs_with_any_name() -> None:

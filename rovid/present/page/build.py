@@ -24,11 +24,10 @@ from rovid.present.page.pdf import print_pdf, require_browser
 from rovid.present.page.render import claim_report, write_report
 from rovid.present.page.report_data import ReportData, simulate_nested_models
 from rovid.store.agreement import JOINT_METHODS
-from rovid.store.history import history_output
+from rovid.store.history import history_output, update_parameters
 from rovid.store.parameter_file import Parameters
 from rovid.store.staleness import check_freshness
 from rovid.store.study import Study, input_files
-from rovid.store.history import update_parameters
 from rovid.trial.axis import YAW
 
 _T = TypeVar("_T")

@@ -19,7 +19,7 @@ from rovid.core.signatures import png_signature, svg_signature
 from rovid.core.spmd import forked_workers, parallel_map
 from rovid.diagnose.cross_validation import split_runs
 from rovid.model.simulation import TrialSimulation
-from rovid.present.numbers import format_number, steady_state_words, unit_symbol
+from rovid.present.number_format import format_number, steady_state_words, unit_symbol
 from rovid.present.page.report_data import ReportData, worst_first
 from rovid.present.page.residuals import missing_without, rms_sizes, unexplained_torques
 from rovid.present.plots import canvas, identification, residuals, results, trials

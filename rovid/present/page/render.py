@@ -18,7 +18,7 @@ from rovid.diagnose.result import discriminating_experiment
 from rovid.effects import effect_named, restoring_effect
 from rovid.estimate.inertia import METHODS
 from rovid.model.parameter_names import base_names
-from rovid.present.numbers import arm_words, parameter_title, steady_state_words, unit_symbol
+from rovid.present.number_format import arm_words, parameter_title, steady_state_words, unit_symbol
 from rovid.present.page.figures import ReportFigures, draw_figures, existing_plots
 from rovid.present.page.report_data import ReportData
 from rovid.present.page.residuals import rms_sizes, unexplained_torques

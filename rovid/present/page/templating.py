@@ -14,7 +14,7 @@ from markupsafe import Markup
 from rovid.core.errors import escape_invisible
 from rovid.core.formatting import plus_minus
 from rovid.present.console import bind_units
-from rovid.present.numbers import as_sentence, equal_decimals, format_number, unit_symbol
+from rovid.present.number_format import as_sentence, equal_decimals, format_number, unit_symbol
 
 if TYPE_CHECKING:
     from jinja2 import Environment

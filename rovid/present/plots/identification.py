@@ -17,7 +17,7 @@ from rovid.estimate.inertia import InertiaFit
 from rovid.estimate.sine_inertia import SineTrial
 from rovid.estimate.steady_drag import DragFit
 from rovid.model.model import Model
-from rovid.present.numbers import arm_words, steady_state_words, unit_symbol
+from rovid.present.number_format import arm_words, steady_state_words, unit_symbol
 from rovid.present.plots.canvas import BLACK, BLUE, GREEN, GREY, ORANGE, panel_grid, report_style, shorten_name
 from rovid.present.tables.fits import method_interval, method_title
 from rovid.signals.preprocessing import Run

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from rovid.control.design import ClosedLoopResult, ControllerDesign
 from rovid.export import FORMATS
 from rovid.export.run_export import ExportLoss, VerifiedExport
-from rovid.present.numbers import DASH, format_number, number_with_unit
+from rovid.present.number_format import DASH, format_number, number_with_unit
 from rovid.present.tables.table import ResultTable, mixed_number_column, number_column, text_column
 from rovid.trial.assumptions import Assumptions
 

@@ -23,7 +23,7 @@ from rovid.diagnose.thresholds import ESTABLISHED
 from rovid.estimate.estimate import Estimate, Ratio
 from rovid.estimate.inertia import METHODS
 from rovid.model.parameter_names import unit_of
-from rovid.present.numbers import DASH, format_number, parameter_title, unit_symbol
+from rovid.present.number_format import DASH, format_number, parameter_title, unit_symbol
 from rovid.present.sentences import document_key, effect_title, join_words
 from rovid.present.tables.table import ResultTable, mixed_number_column, number_column, text_column
 from rovid.trial.assumptions import Assumptions

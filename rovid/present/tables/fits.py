@@ -16,7 +16,7 @@ from rovid.estimate.estimate import Estimate
 from rovid.estimate.inertia import METHODS, InertiaFit
 from rovid.estimate.steady_drag import DragFit
 from rovid.model.parameter_names import base_names, unit_of
-from rovid.present.numbers import (
+from rovid.present.number_format import (
     DASH,
     equal_decimals,
     format_number,

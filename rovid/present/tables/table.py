@@ -13,7 +13,7 @@ from rich.text import Text
 
 from rovid.core.errors import LINE_LENGTH, display_text
 from rovid.present.console import wrap_text
-from rovid.present.numbers import align_decimal_points
+from rovid.present.number_format import align_decimal_points
 from rovid.trial.assumptions import Assumptions
 
 # Blanks between two columns on a terminal.

@@ -9,7 +9,7 @@ from rich.console import Console
 from rovid.preflight.advice import shortened_list
 from rovid.preflight.check import LogCheck
 from rovid.present.console import print_labelled, print_text, show_warnings
-from rovid.present.numbers import format_number
+from rovid.present.number_format import format_number
 from rovid.present.tables.table import ResultTable, mixed_number_column, text_column
 from rovid.trial.trial import merged_remarks
 

@@ -23,7 +23,7 @@ from rovid.model.simulation import TrialSimulation
 from rovid.preflight.config_writer import assumptions_in, log_count_text
 from rovid.preflight.log_survey import LogSurvey
 from rovid.present.console import print_labelled, print_path, print_text, show_caution, show_warnings
-from rovid.present.numbers import format_number, unit_symbol
+from rovid.present.number_format import format_number, unit_symbol
 from rovid.present.tables.fits import directions_table, estimate_table, methods_table, sine_table, steady_table
 from rovid.present.tables.table import ResultTable, mixed_number_column, text_column
 from rovid.present.tables.trials import simulation_table

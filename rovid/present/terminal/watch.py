@@ -12,7 +12,7 @@ from rovid.core.formatting import plus_minus
 from rovid.estimate.estimate import Estimate
 from rovid.present.console import print_labelled, print_path, print_text, show_caution, show_warnings
 from rovid.present.documents.watch import parameters_with_previous
-from rovid.present.numbers import DASH, format_number
+from rovid.present.number_format import DASH, format_number
 from rovid.present.sentences import cause_name, confidence_words, join_words, verdict_sentence
 from rovid.present.tables.table import ResultTable, mixed_number_column, text_column
 from rovid.watch.folder_monitor import Problem

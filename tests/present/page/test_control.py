@@ -19,7 +19,7 @@ from rovid.control.step_metrics import limit_cycle
 from rovid.export import FORMATS
 from rovid.export.resimulation import Mismatch
 from rovid.export.run_export import ExportLoss, VerifiedExport
-from rovid.present.numbers import format_number
+from rovid.present.number_format import format_number
 from rovid.present.page import build
 from rovid.present.page.figures import ReportFigures, draw_figures
 from rovid.present.page.render import render_page

@@ -15,7 +15,7 @@ from rovid import __version__
 from rovid.core import spmd
 from rovid.core.errors import OutputError
 from rovid.core.formatting import plus_minus
-from rovid.present.numbers import as_sentence
+from rovid.present.number_format import as_sentence
 from rovid.present.page import figures
 from rovid.present.page.figures import ReportFigures, draw_figures
 from rovid.present.page.render import render_page, write_report

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rovid.estimate.steady_drag import DragFit
-from rovid.present.numbers import DASH
+from rovid.present.number_format import DASH
 from rovid.present.page.report_data import NestedSimulation, ReportData
 from rovid.present.tables import fits, trials
 from rovid.present.tables.fits import correlation_table, directions_table, steady_table

@@ -13,7 +13,7 @@ from rovid.compare.comparison import Comparison, compare
 from rovid.core.console import SafeConsole
 from rovid.diagnose.result import Diagnosis
 from rovid.effects import effect_named
-from rovid.present.numbers import parameter_title
+from rovid.present.number_format import parameter_title
 from rovid.present.sentences import comparison_headline, comparison_sentences
 from rovid.present.terminal.diagnosis import show_comparison, show_diagnosis
 from rovid.trial.assumptions import Assumptions

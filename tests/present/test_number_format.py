@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from rovid.present.numbers import (
+from rovid.present.number_format import (
     DASH,
     align_decimal_points,
     as_sentence,
