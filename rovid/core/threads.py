@@ -68,7 +68,7 @@ class _Job(Generic[Item, Result]):
 
 
 class _Helpers:
-    """Threads that help with maps: as many at work as there are cores besides that of the caller."""
+    """Threads that help with maps. With the caller at most one thread for each core is at work."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()

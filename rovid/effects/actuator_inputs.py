@@ -58,7 +58,7 @@ class TrialRows(NamedTuple):
     start_offset
         s from the start of the campaign's first trial.
     rows
-        Its instants among all.
+        Indices of its instants.
     selection
         Selected instants of its log; None for all.
     subdivided

@@ -1,4 +1,4 @@
-"""Every form of every effect: nothing at its null, finite everywhere, and what it says it does."""
+"""Every form of every effect: zero at its neutral value, finite everywhere, and according to its equation."""
 
 from __future__ import annotations
 
@@ -144,7 +144,7 @@ def simulated(effect: Effect, values: FloatArray, torque: FloatArray, time: Floa
     return np.asarray(rate)
 
 
-def test_the_catalogue_has_every_effect_that_is_relied_on_in_its_order() -> None:
+def test_ids_of_the_catalogue_and_their_order() -> None:
     assert [effect.id for effect in CATALOGUE][: len(IDS)] == IDS
     assert not any(effect.form for effect in CATALOGUE)
 
@@ -158,7 +158,7 @@ def test_keys_are_unique_and_the_plain_form_stands_first() -> None:
     assert all(effect_named(effect.key) is effect for effect in FORMS if not effect.per_thruster)
 
 
-def test_forms_of_one_effect_differ_in_what_they_do() -> None:
+def test_forms_of_an_effect_differ() -> None:
     parts = [(effect.id, *(getattr(effect.acts, part.name) for part in fields(effect.acts))) for effect in FORMS]
     assert len(set(parts)) == len(parts)
 
@@ -179,7 +179,7 @@ def test_an_effect_is_described(effect: Effect) -> None:
 
 
 @each
-def test_parameters_start_and_vanish_within_their_bounds(effect: Effect) -> None:
+def test_initial_and_neutral_values_are_within_bounds(effect: Effect) -> None:
     names = [parameter.name for parameter in effect.parameters]
     assert len(set(names)) == len(names)
     if isinstance(effect.acts, Term):
@@ -193,7 +193,7 @@ def test_parameters_start_and_vanish_within_their_bounds(effect: Effect) -> None
 
 
 @pytest.mark.parametrize("effect", ACTUATED, ids=lambda effect: effect.key)
-def test_actuation_is_as_the_bench_says_where_the_effect_is_not_there(effect: Effect) -> None:
+def test_neutral_actuator_effects_change_nothing(effect: Effect) -> None:
     plain = VEHICLE.thrust(COMMAND) @ WHERE.arms
     # A slew limit that is no limit still takes an instant.
     close = 0.01 if effect.id == "slew_limit" else 1e-9
@@ -203,7 +203,7 @@ def test_actuation_is_as_the_bench_says_where_the_effect_is_not_there(effect: Ef
 
 
 @pytest.mark.parametrize("effect", ACTUATED, ids=lambda effect: effect.key)
-def test_actuation_is_finite_and_changed_where_it_is(effect: Effect) -> None:
+def test_actuator_effects_change_the_torque(effect: Effect) -> None:
     plain = VEHICLE.thrust(COMMAND) @ WHERE.arms
     changed = torque(effect, numbers(effect, start=True))
     assert np.isfinite(changed).all()
@@ -241,7 +241,7 @@ def logs() -> list[Trial]:
     ],
     ids=lambda effect: effect.key,
 )
-def test_trials_one_after_the_other_are_as_each_by_itself(effect: Effect, parts: int) -> None:
+def test_effects_treat_concatenated_trials_separately(effect: Effect, parts: int) -> None:
     each_log = [actuator_inputs(VEHICLE, log, parts) for log in logs()]
     commands = [where.subdivide(log.commands) for where, log in zip(each_log, logs(), strict=True)]
     values = numbers(effect, start=True)
@@ -251,7 +251,7 @@ def test_trials_one_after_the_other_are_as_each_by_itself(effect: Effect, parts:
     np.testing.assert_allclose(together, np.concatenate(alone), rtol=1e-12, atol=1e-12)
 
 
-def test_speeds_of_a_trial_without_are_those_of_the_campaign() -> None:
+def test_a_speed_that_is_not_logged_is_the_campaigns_median() -> None:
     each_log = [actuator_inputs(VEHICLE, log, 2) for log in logs()]
     joined = ActuatorInputs.concatenated(each_log)
     for name in SPEEDS:
@@ -262,7 +262,7 @@ def test_speeds_of_a_trial_without_are_those_of_the_campaign() -> None:
 
 
 @each_term
-def test_a_term_is_nothing_where_the_effect_is_not_there(effect: Effect) -> None:
+def test_neutral_terms_are_zero(effect: Effect) -> None:
     values = numbers(effect, start=False)
     for rate in (-0.4, 0.0, 0.1):
         found, _ = term(effect, values, rate, 150.0, np.array([0.1, -0.2]))
@@ -282,7 +282,7 @@ def test_a_term_is_finite_in_any_state(effect: Effect) -> None:
 
 
 @each_term
-def test_a_term_has_states_only_where_it_says_so(effect: Effect) -> None:
+def test_a_term_depends_on_its_declared_states_only(effect: Effect) -> None:
     """Those that have none are not told any."""
     assert isinstance(effect.acts, Term)
     values = numbers(effect, start=True)
@@ -293,7 +293,7 @@ def test_a_term_has_states_only_where_it_says_so(effect: Effect) -> None:
 
 
 @each_term
-def test_a_term_needs_no_drag(effect: Effect) -> None:
+def test_a_term_is_finite_without_drag(effect: Effect) -> None:
     assert isinstance(effect.acts, Term)
     for quadratic, linear in ((0.0, 100.0), (3000.0, 0.0), (0.0, 0.0)):
         at = Instant(0.1, 0.1, 3.0, 0.0, 100.0, 0.0, 0.0, 0.0, Body(5057.0, quadratic, linear))
@@ -313,7 +313,7 @@ def test_a_term_simulates(effect: Effect) -> None:
 
 
 @pytest.mark.parametrize("effect", [e for e in FORMS if isinstance(e.acts, OnHeading)], ids=lambda effect: effect.key)
-def test_a_deviation_is_nothing_at_its_null_and_leaves_the_heading_one_to_one(effect: Effect) -> None:
+def test_a_neutral_deviation_is_zero_and_any_deviation_is_monotonic(effect: Effect) -> None:
     assert isinstance(effect.acts, OnHeading)
     heading = np.linspace(-10.0, 10.0, 2001)
     nothing = effect.acts.deviation(heading, effect.values(numbers(effect, start=False)))
@@ -326,7 +326,7 @@ def test_a_deviation_is_nothing_at_its_null_and_leaves_the_heading_one_to_one(ef
 
 
 @pytest.mark.parametrize("effect", [e for e in FORMS if e.canonical], ids=lambda effect: effect.key)
-def test_canonical_parameters_mean_the_same(effect: Effect) -> None:
+def test_canonical_parameters_are_equivalent(effect: Effect) -> None:
     assert effect.canonical is not None
     low, high = np.transpose([(parameter.low, parameter.high) for parameter in effect.parameters])
     odd = np.clip(np.array([-0.1, 5.0, 0.05, -4.0])[: len(effect.parameters)], low, high)
@@ -365,21 +365,21 @@ def test_the_rotor_has_its_time_constant_at_the_reference_thrust() -> None:
     assert late[np.searchsorted(TIME, 2.05)] == pytest.approx(1.0 - math.exp(-2.025 / 2.0), abs=0.01)
 
 
-def test_a_soft_start_grows_slowly_and_falls_at_once() -> None:
+def test_a_soft_start_limits_growth_only() -> None:
     time = np.arange(0.0, 6.0, 0.5)
     values = np.array([0.0, 2.0, 2.0, 2.0, 2.0, 0.5, 0.5, -1.0, -1.0, -1.0, 0.0, 0.0])
     expected = [0.0, 0.25, 0.75, 1.25, 1.75, 0.5, 0.5, -0.25, -0.75, -1.0, 0.0, 0.0]
     np.testing.assert_allclose(soft_started(time, values, 1.0), expected)
 
 
-def test_a_latch_comes_on_beyond_its_width_and_goes_off_at_the_edge() -> None:
+def test_a_latch_closes_above_its_width_and_opens_at_zero() -> None:
     excess = np.array([0.0, 0.5, 1.5, 0.5, 0.0, 0.5, -0.5, -1.5, -0.5, 0.5])
     np.testing.assert_allclose(
         latched(np.arange(10.0), excess, 1.0, 0.1), [0.0, 0.0, 1.5, 0.5, 0.0, 0.0, 0.0, -1.5, -0.5, 0.0]
     )
 
 
-def test_commands_that_wait_have_the_impulse_of_random_waits() -> None:
+def test_random_delays_have_the_computed_impulse_variance() -> None:
     effect = effect_named("command_delay:scattered")
     assert isinstance(effect.acts, OnTorque)
     assert effect.acts.impulse_variance is not None
@@ -394,7 +394,7 @@ def test_commands_that_wait_have_the_impulse_of_random_waits() -> None:
     assert not scatter[~open_still].any()
 
 
-def test_a_jump_gives_nothing_up_to_the_dead_band_and_the_bench_thrust_beyond() -> None:
+def test_a_jump_has_no_thrust_inside_the_dead_band() -> None:
     effect = effect_named("thruster_deadband:jump")
     assert isinstance(effect.acts, OnCommand)
     command = np.array([[-1.0, 0.2], [-0.5, 0.45], [0.1, 0.55], [0.0, 3.0]])
@@ -415,14 +415,14 @@ def test_shapes_of_the_thrust_curve_agree_at_a_tenth_of_full_thrust() -> None:
         assert (there[1, 0] < 500.0) == (values.get("loss", -1.0) > 0.0)
 
 
-def test_reverse_thrust_that_is_weaker_the_harder_has_its_gain_at_the_reference() -> None:
+def test_growing_asymmetry_has_its_gain_at_the_reference() -> None:
     effect = effect_named("thrust_asymmetry:growing")
     assert isinstance(effect.acts, OnThrust)
     found = effect.acts.change(WHERE, np.array([[-120.0, 120.0], [-12.0, -2000.0]]), {"reverse_gain": 0.8})
     np.testing.assert_allclose(found, [[-96.0, 120.0], [-12.0 * 0.98, 0.0]], atol=1e-12)
 
 
-def test_the_voltage_counts_against_the_campaigns_median() -> None:
+def test_the_voltage_is_relative_to_the_campaigns_median() -> None:
     effect = effect_named("supply_sag:voltage")
     assert isinstance(effect.acts, OnThrust)
     thrust = np.full((len(TIME), 2), 100.0)
@@ -436,7 +436,7 @@ def test_the_voltage_counts_against_the_campaigns_median() -> None:
     np.testing.assert_array_equal(effect.acts.change(replace(WHERE, extras={}), thrust, {"exponent": 2.0}), thrust)
 
 
-def test_open_water_starts_as_the_plain_form_and_ends_without_thrust() -> None:
+def test_open_water_form_from_small_to_large_advance() -> None:
     plain, bent = effect_named("advance_speed_loss"), effect_named("advance_speed_loss:open_water")
     few = [term(effect, np.array([2.0]), 0.01, 150.0, np.zeros(2))[0] for effect in (plain, bent)]
     assert few[1] == pytest.approx(few[0], rel=0.01)
@@ -469,7 +469,7 @@ def test_the_annulus_reaches_its_share_with_its_time_constant() -> None:
         ("oscillatory_drag", (2.0, 1e6), lambda slip: 2.0 * 3532.0 * slip**2),
     ],
 )
-def test_all_drag_is_of_the_rate_through_the_water(
+def test_all_drag_depends_on_the_relative_rate(
     swirl: str, key: str, values: tuple[float, ...], torque: Callable[[float], float]
 ) -> None:
     """A long turn under -100 N m ends where the drag of the slip is as much, in whichever order the causes stand."""
@@ -507,7 +507,7 @@ def test_the_exponent_of_the_drag_agrees_with_the_square_at_the_reference() -> N
     assert whole == pytest.approx(BODY.quadratic_drag * 0.09 * (1.0 / 3.0) ** 1.7)
 
 
-def test_resistance_stops_a_coasting_vehicle() -> None:
+def test_friction_stops_a_coasting_vehicle() -> None:
     push = np.where(TIME < 20.0, 40.0, 0.0)
     plain = simulated(effect_named("bias_torque"), np.zeros(1), push)
     for key in ("coulomb_resistance", "coulomb_resistance:stiction"):
@@ -516,7 +516,7 @@ def test_resistance_stops_a_coasting_vehicle() -> None:
         assert abs(rate[-1]) < 1e-3
 
 
-def test_the_water_of_the_tank_rings_at_its_frequency_and_dies_out() -> None:
+def test_a_tank_oscillates_at_its_frequency_and_decays() -> None:
     push = np.where(TIME < 1.0, 100.0, 0.0)
     plain = simulated(effect_named("bias_torque"), np.zeros(1), push)
     for key in ("tank_seiche", "tank_seiche:thrust"):
@@ -528,7 +528,7 @@ def test_the_water_of_the_tank_rings_at_its_frequency_and_dies_out() -> None:
         assert np.ptp(late[-200:-63]) < 0.3 * np.ptp(late[:137])
 
 
-def test_water_in_a_frame_follows_slower_the_smaller_the_slip() -> None:
+def test_porous_memory_is_slower_at_a_small_relative_rate() -> None:
     effect = effect_named("added_mass_memory:porous")
     _, fast = term(effect, np.array([100.0, 20.0]), REFERENCE_RATE, 0.0, np.zeros(2))
     _, slow = term(effect, np.array([100.0, 20.0]), 0.1 * REFERENCE_RATE, 0.0, np.zeros(2))
@@ -536,7 +536,7 @@ def test_water_in_a_frame_follows_slower_the_smaller_the_slip() -> None:
     assert slow[0] == pytest.approx(fast[0] / 100.0, rel=0.02)
 
 
-def test_a_step_through_the_lags_of_the_command_and_of_the_rotors_speed() -> None:
+def test_step_responses_of_the_double_and_spin_lags() -> None:
     """At 2 s of 1 s: 1 − exp(−2) of the command or the speed, and 1 − 3·exp(−2) after two lags (Laplace)."""
     time = np.arange(0.0, 4.0, 0.01)
     where = replace(WHERE, time=time)
@@ -552,7 +552,7 @@ def test_a_step_through_the_lags_of_the_command_and_of_the_rotors_speed() -> Non
     assert spun == pytest.approx((1.0 - left) ** 2 * np.array([2.0, -3.0]), rel=0.01)
 
 
-def test_water_that_follows_pulls_by_its_acceleration() -> None:
+def test_the_following_form_of_a_tank() -> None:
     """Water that has come to follow a rate pulls no more; else its own acceleration is what pulls."""
     effect, frequency, damping = effect_named("tank_seiche:following"), 0.8, 0.1
     values = np.array([0.2, frequency, damping])
@@ -564,7 +564,7 @@ def test_water_that_follows_pulls_by_its_acceleration() -> None:
     assert torque == pytest.approx(-0.2 * BODY.inertia * frequency**2 * 0.5)
 
 
-def test_water_that_goes_along_leaves_an_inertia_in_slow_motion() -> None:
+def test_the_low_frequency_inertia() -> None:
     memory = effect_named("added_mass_memory")
     model = Model(inertia=5.0, quadratic_drag=1.0, linear_drag=1.0, effects=(memory,), effect_values=(-3.5, 2.0))
     assert model.low_frequency_inertia == pytest.approx(1.5)
@@ -572,7 +572,7 @@ def test_water_that_goes_along_leaves_an_inertia_in_slow_motion() -> None:
 
 
 @pytest.mark.parametrize("key", ["tank_seiche:thrust", "advance_speed_loss:open_water"])
-def test_what_thrusters_set_off_no_disturbance_sets_off(key: str) -> None:
+def test_other_torque_does_not_excite_thrust_dependent_terms(key: str) -> None:
     from rovid.model.kernels import SCRATCH_ROWS, advance
 
     effect = effect_named(key)

@@ -1,4 +1,4 @@
-"""Effects that go by how fast the vehicle moves: what terms are told of it; a boat that another model sails."""
+"""Effects that depend on the speed, with data of a boat that another model simulates."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def test_damping_with_a_logged_speed_is_measured(tmp_path: Path, rovid: Rovid) -
     assert fit["free_run_r2"]["this_fit"] > 0.999 > fit["free_run_r2"]["simulation_fit"] + 0.01
 
 
-def test_the_thrust_ahead_stands_in_for_a_speed_that_is_not_logged(tmp_path: Path, rovid: Rovid) -> None:
+def test_the_speed_is_estimated_from_the_thrust_ahead(tmp_path: Path, rovid: Rovid) -> None:
     boat(tmp_path / "day")
     plain = rovid("fit", "day", "--json", "-p", "plain.toml").document
     fit = rovid("fit", "day", "--effect", "speed_dependent_damping:estimated", "--json").document
@@ -129,7 +129,7 @@ def test_the_thrust_ahead_stands_in_for_a_speed_that_is_not_logged(tmp_path: Pat
 
 
 @pytest.mark.slow
-def test_a_sideslip_whose_speeds_are_not_logged_is_named(tmp_path: Path, rovid: Rovid) -> None:
+def test_sideslip_without_logged_speeds_is_named(tmp_path: Path, rovid: Rovid) -> None:
     boat(tmp_path / "day", drift=5.0)
     said = rovid("diagnose", "day", "--json").document
     assert said["findings"][0]["effect"] == "sideslip_moment"
@@ -140,7 +140,7 @@ def test_a_sideslip_whose_speeds_are_not_logged_is_named(tmp_path: Path, rovid: 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("cross_flow", [0.0, 40.0])
-def test_munks_moment_of_a_sway_that_is_not_logged_is_named(cross_flow: float, tmp_path: Path, rovid: Rovid) -> None:
+def test_a_munk_moment_without_logged_sway_is_named(cross_flow: float, tmp_path: Path, rovid: Rovid) -> None:
     boat(tmp_path / "day", 'surge_velocity = { csv = "speed_kn", unit = "kn" }\n', munk=4.0, cross_flow=cross_flow)
     said = rovid("diagnose", "day", "--json").document
     assert said["findings"][0]["effect"] == "sideslip_moment"
@@ -151,7 +151,7 @@ def test_munks_moment_of_a_sway_that_is_not_logged_is_named(cross_flow: float, t
     assert abs(after["value"] - INERTIA) < 0.2 * abs(before["value"] - INERTIA)
 
 
-def test_a_tunnel_thruster_that_loses_thrust_with_way_on_is_named(tmp_path: Path, rovid: Rovid) -> None:
+def test_loss_of_a_tunnel_thruster_at_speed_is_named(tmp_path: Path, rovid: Rovid) -> None:
     """A launch whose main propeller is in no log; jets across the way lose as 1/(1 + ratio), not as the equation."""
     day = tmp_path / "day"
     boat(day, 'surge_velocity = { csv = "speed_kn", unit = "kn" }\n')
@@ -164,14 +164,14 @@ def test_a_tunnel_thruster_that_loses_thrust_with_way_on_is_named(tmp_path: Path
     assert said["findings"][0]["held_out_log_likelihood_gain"] > 0.0
 
 
-def test_the_speed_is_needed_by_name(tmp_path: Path, rovid: Rovid) -> None:
+def test_a_missing_speed_channel_is_named(tmp_path: Path, rovid: Rovid) -> None:
     boat(tmp_path / "day")
     done = rovid("fit", "day", "--effect", "sideslip_moment:both")
     assert done.code == 2
     assert "needs surge_velocity and sway_velocity, which these logs do not all hold" in done.err
 
 
-def test_a_stand_in_is_offered_where_it_can_stand_and_is_needed() -> None:
+def test_estimated_forms_are_offered_when_needed() -> None:
     curve = ThrustCurve(command=np.array([-1.0, 1.0]), thrust=np.array([-9.0, 9.0]))
     told = Vehicle(name="boat", thrusters=(Thruster(name="aft", arm=0.4, curve=curve, surge_share=1.0),))
     untold = replace(told, thrusters=(replace(told.thrusters[0], surge_share=0.0),))
@@ -187,7 +187,7 @@ def test_a_stand_in_is_offered_where_it_can_stand_and_is_needed() -> None:
     np.testing.assert_array_equal(across.surge_shares, [0.0, 0.0])
 
 
-def test_terms_are_told_the_mean_speed_of_each_interval() -> None:
+def test_terms_see_the_mean_speed_of_each_interval() -> None:
     effect = effect_named("speed_dependent_damping")
     curve = ThrustCurve(command=np.array([-1.0, 1.0]), thrust=np.array([-9.0, 9.0]))
     vehicle = Vehicle(name="boat", thrusters=(Thruster(name="aft", arm=0.4, curve=curve),))
@@ -223,7 +223,7 @@ def test_speeds_give_torque(key: str, values: tuple[float, ...], torque: float) 
     assert term(effect_named(key), np.array(values), 0.2, 0.0, np.zeros(2))[0] == pytest.approx(torque)
 
 
-def test_thrust_is_lost_to_the_speed_along_the_thruster() -> None:
+def test_thrust_loss_by_the_speed_along_the_thruster() -> None:
     effect = effect_named("advance_speed_loss:measured")
     assert isinstance(effect.acts, OnThrust)
     where = replace(WHERE, extras={SPEEDS[0]: np.full(len(WHERE.time), 2.0)}, forward_share=np.array([1.0, -0.5]))
@@ -235,7 +235,7 @@ def test_thrust_is_lost_to_the_speed_along_the_thruster() -> None:
     np.testing.assert_allclose(untold, [90.0, -25.0 - 5.0])
 
 
-def test_thrust_across_the_way_is_lost_whichever_way_the_vehicle_goes() -> None:
+def test_thrust_loss_across_the_flow() -> None:
     effect = effect_named("advance_speed_loss:across")
     assert isinstance(effect.acts, OnThrust)
     thrust = np.tile([100.0, -25.0], (len(WHERE.time), 1))
@@ -252,7 +252,7 @@ def test_thrust_across_the_way_is_lost_whichever_way_the_vehicle_goes() -> None:
         ("sideslip_moment:carried", (3.0, 2.0), -3.0 * 0.8 * 0.3),
     ],
 )
-def test_sideslip_by_the_way_of_the_hull_fades(key: str, values: tuple[float, ...], expected: float) -> None:
+def test_estimated_sideslip_decays(key: str, values: tuple[float, ...], expected: float) -> None:
     from tests.effects.test_effects import term
 
     # With the speed of 0.8 that the helper has, at a rate of 0.2.
@@ -261,7 +261,7 @@ def test_sideslip_by_the_way_of_the_hull_fades(key: str, values: tuple[float, ..
     assert change[0] == pytest.approx((-0.8 * 0.2 - 0.3) / 2.0)
 
 
-def test_friction_may_be_unequal_both_ways() -> None:
+def test_friction_may_differ_between_directions() -> None:
     from tests.effects.test_effects import term
 
     effect, values = effect_named("coulomb_resistance:unequal"), np.array([2.0, 3.0, 10.0, 0.01])
@@ -269,7 +269,7 @@ def test_friction_may_be_unequal_both_ways() -> None:
     assert term(effect, values, -0.5, 0.0, np.zeros(2))[0] == pytest.approx(3.0 + 5.0)
 
 
-def test_a_curve_bent_in_the_command_keeps_its_ends_and_its_dead_zone() -> None:
+def test_the_command_form_keeps_range_and_dead_zone() -> None:
     effect = effect_named("thrust_curve_shape:command")
     assert isinstance(effect.acts, OnCommand)
     command = np.array([[0.2, -5.0], [5.0, -0.3], [0.3 + 0.25 * 4.7, -(0.3 + 0.25 * 4.7)]])

@@ -1,4 +1,4 @@
-"""A second process does its work, fails harmlessly, and is never left behind."""
+"""The background compiler: its work, its failures, its end."""
 
 from __future__ import annotations
 
@@ -67,14 +67,14 @@ def test_each_part_is_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.mark.parametrize("code", ["raise SystemExit(3)", "import os; os.abort()", "print('nonsense')"])
-def test_nobody_waits_for_one_that_fails(code: str) -> None:
+def test_a_failed_compiler_is_not_waited_for(code: str) -> None:
     second = BackgroundCompiler(code, ("one",))
     assert waited(second, "one") < PATIENCE
     second.stop()
     assert ended(second.pid)
 
 
-def test_one_that_is_stopped_is_waited_for_no_longer() -> None:
+def test_a_stopped_compiler_is_not_waited_for() -> None:
     second = BackgroundCompiler("import time; time.sleep(1000)", ("one",))
     second.stop()
     assert waited(second, "one") < PATIENCE
@@ -92,7 +92,7 @@ FIRST = """
 
 
 @pytest.mark.parametrize("then", ["pass", "raise SystemExit(2)", "1 / 0", "os.abort()", "os._exit(1)"])
-def test_it_ends_with_the_first_however_that_ends(then: str) -> None:
+def test_the_second_process_ends_with_the_first(then: str) -> None:
     code = textwrap.dedent(FIRST.format(then=then))
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     done = subprocess.run([sys.executable, "-c", code], check=False, env=environment, capture_output=True, text=True)

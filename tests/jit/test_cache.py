@@ -1,4 +1,4 @@
-"""What is compiled is kept until what it is made of changes, and no longer."""
+"""The cache of compiled code is valid exactly while the code is unchanged."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ CHANGES = [
 ]
 
 
-def test_what_is_compiled_is_held_against_what_it_is_made_of(tmp_path: Path) -> None:
+def test_the_hash_changes_with_all_that_is_compiled_into_a_function(tmp_path: Path) -> None:
     for number, (changed, before, after, _) in enumerate(CHANGES):
         source = copied(tmp_path / str(number)) / "rovid" / changed
         text = source.read_text()
@@ -88,7 +88,7 @@ def counted(folder: Path) -> tuple[bool, int, float]:
     return was, missed, rate
 
 
-def test_it_is_compiled_again_when_that_changes_and_only_then(tmp_path: Path) -> None:
+def test_a_loop_is_compiled_again_after_a_change_of_code_only(tmp_path: Path) -> None:
     was, missed, rate = counted(copied(tmp_path))
     assert (was, missed) == (False, 1)
     # As an upgrade installs it: new files, some with other words in them.
@@ -103,7 +103,7 @@ def test_it_is_compiled_again_when_that_changes_and_only_then(tmp_path: Path) ->
 
 
 @pytest.mark.slow
-def test_what_is_kept_and_damaged_is_compiled_and_kept_anew(tmp_path: Path) -> None:
+def test_a_damaged_cache_entry_is_replaced(tmp_path: Path) -> None:
     *_, rate = counted(copied(tmp_path))
     for ending, compiled in ("nbi", 1), ("nbc", 1), (None, 0):
         for damaged in (tmp_path / "numba").rglob(f"rk4._simulate*.{ending}"):

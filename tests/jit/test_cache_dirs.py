@@ -1,4 +1,4 @@
-"""Where numba and matplotlib keep what they made, and whom they trust with it."""
+"""Cache folders of numba and matplotlib."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def used(folder: Path, environment: dict[str, str], *, run: bool) -> subprocess.
 
 
 @NOBODY
-def test_without_a_home_a_private_folder_keeps_what_is_compiled() -> None:
+def test_without_a_home_folder_a_private_folder_holds_the_cache() -> None:
     with read_only_install() as (folder, environment):
         first = used(folder, environment, run=True)
         assert first.stdout == "True\n"
@@ -75,14 +75,14 @@ def test_without_a_home_a_private_folder_keeps_what_is_compiled() -> None:
 
 
 @NOBODY
-def test_a_folder_that_somebody_else_made_is_not_trusted() -> None:
+def test_a_folder_of_another_user_is_not_used() -> None:
     with read_only_install() as (folder, environment):
         planted = folder / "tmp" / "rovid-cache-65534"
         planted.mkdir()
         planted.chmod(0o777)
         done = used(folder, environment | {"MPLCONFIGDIR": str(folder / "tmp")}, run=False)
         assert done.stdout == "False\n"
-        assert "cannot be kept anywhere" in done.stderr
+        assert "no writable folder for compiled code" in done.stderr
         assert done.stderr.count("\n") == 1
         assert list(planted.iterdir()) == []
         assert not (folder / "None").exists()

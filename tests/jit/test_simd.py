@@ -1,4 +1,4 @@
-"""Lanes do what numpy does with as many numbers, compiled and not."""
+"""Functions of the vector against numpy, compiled and uncompiled."""
 
 from __future__ import annotations
 
@@ -100,13 +100,13 @@ def asked_of_each(function: Function, numbers: FloatArray) -> FloatArray:
 
 
 @pytest.mark.parametrize("name", [*OPERATORS, *FUNCTIONS])
-def test_compiled_lanes_hold_what_numpy_says(name: str) -> None:
+def test_compiled_functions_agree_with_numpy(name: str) -> None:
     function, wanted = (OPERATORS | FUNCTIONS)[name]
     # Of the mathematical library each may round the last digit otherwise.
     np.testing.assert_allclose(asked(function, ROWS), wanted, rtol=1e-14)
 
 
-def test_exponentials_hold_from_the_least_to_the_largest_number() -> None:
+def test_exponentials_over_the_whole_range() -> None:
     rows = np.concatenate((RNG.uniform(-744.0, 710.0, 4000), RNG.normal(size=4000), RNG.normal(scale=1e-6, size=4000)))
     found = np.array([asked_of_each(math.exp, rows), asked_of_each(math.tanh, rows)])
     with np.errstate(over="ignore", under="ignore"):
@@ -115,13 +115,13 @@ def test_exponentials_hold_from_the_least_to_the_largest_number() -> None:
     np.testing.assert_allclose(found[1], np.tanh(rows), rtol=0.0, atol=4e-16)
 
 
-def test_exponentials_of_what_is_no_number_or_endless() -> None:
+def test_exponentials_of_nan_and_infinity() -> None:
     rows = np.array([math.nan, math.inf, -math.inf, 0.0])
     np.testing.assert_array_equal(asked_of_each(math.exp, rows), [math.nan, math.inf, 0.0, 1.0])
     np.testing.assert_array_equal(asked_of_each(math.tanh, rows), [math.nan, 1.0, -1.0, 0.0])
 
 
-def test_sines_hold_for_a_million_turns_either_way() -> None:
+def test_sines_up_to_a_million_turns() -> None:
     quarters = 0.5 * math.pi * np.arange(-400, 400)
     rows = np.concatenate(
         (RNG.uniform(-6e6, 6e6, 4000), RNG.normal(scale=3.0, size=4000), RNG.normal(scale=1e-6, size=4000), quarters)
@@ -130,14 +130,14 @@ def test_sines_hold_for_a_million_turns_either_way() -> None:
     np.testing.assert_allclose(found, [np.sin(rows), np.cos(rows)], rtol=0.0, atol=3e-16)
 
 
-def test_there_is_no_sine_of_what_is_no_number_or_endless() -> None:
+def test_sines_of_nan_and_infinity() -> None:
     rows = np.array([math.nan, math.inf, -math.inf, 0.0])
     np.testing.assert_array_equal(asked_of_each(math.sin, rows), [math.nan, math.nan, math.nan, 0.0])
     np.testing.assert_array_equal(asked_of_each(math.cos, rows), [math.nan, math.nan, math.nan, 1.0])
 
 
 @pytest.mark.parametrize("name", OPERATORS)
-def test_so_they_do_where_nothing_is_compiled(name: str) -> None:
+def test_uncompiled_functions_agree_with_numpy(name: str) -> None:
     function, wanted = OPERATORS[name]
     before = ROWS.copy()
     np.testing.assert_allclose(function(*(load(ROWS, at) for at in range(3))), wanted, rtol=1e-15)
@@ -155,7 +155,7 @@ def test_so_they_do_where_nothing_is_compiled(name: str) -> None:
         (_chosen, (math.nan, 3.0, 4.0), 4.0),
     ],
 )
-def test_a_formula_of_lanes_takes_plain_numbers(formula: Function, numbers: tuple[float, ...], wanted: float) -> None:
+def test_functions_accept_numbers(formula: Function, numbers: tuple[float, ...], wanted: float) -> None:
     compiled: Any = numba.njit(formula)
     for one in (formula, compiled):
         found = one(*numbers)
@@ -163,13 +163,13 @@ def test_a_formula_of_lanes_takes_plain_numbers(formula: Function, numbers: tupl
         assert found == wanted
 
 
-def test_whole_numbers_are_spread_too() -> None:
+def test_integers_are_broadcast() -> None:
     np.testing.assert_array_equal(asked(lambda x, y, z: x + 2, ROWS), X + 2.0)
     np.testing.assert_array_equal(asked(lambda x, y, z: broadcast(3), ROWS), np.full(LANES, 3.0))
 
 
 @pytest.mark.parametrize("missing", [0, LANES - 1])
-def test_the_largest_is_of_those_that_hold_a_number(missing: int) -> None:
+def test_reduce_max_ignores_nan(missing: int) -> None:
     numbers = np.where(np.arange(LANES) == missing, np.nan, np.arange(LANES) - 10.0)
 
     @numba.njit
@@ -181,7 +181,7 @@ def test_the_largest_is_of_those_that_hold_a_number(missing: int) -> None:
     assert reduce_max.py_func(np.full(LANES, np.nan)) == run(np.full((1, LANES), np.nan)) == -math.inf
 
 
-def test_only_what_is_below_the_most_is_within() -> None:
+def test_nan_unless_below() -> None:
     size = np.array([0.5, math.nan, math.inf, 1.0, *np.zeros(LANES - 4)])
     wanted = np.where(size < 1.0, X, np.nan)
     np.testing.assert_array_equal(asked(lambda x, y, z: nan_unless_below(x, y, 1.0), np.stack([X, size, Z])), wanted)
@@ -198,7 +198,7 @@ def _spread_over(rows: Any) -> None:
     store(rows, 1, 4.0)
 
 
-def test_lanes_are_read_and_written_row_by_row() -> None:
+def test_load_and_store() -> None:
     rows = ROWS.copy()
     assert _second_lane(rows) == _second_lane.py_func(rows) == Y[2]
     for spread_over in (_spread_over, _spread_over.py_func):
@@ -207,7 +207,7 @@ def test_lanes_are_read_and_written_row_by_row() -> None:
         np.testing.assert_array_equal(rows, np.stack([X, np.full(LANES, 4.0), Z]))
 
 
-def test_what_was_read_is_a_copy() -> None:
+def test_a_loaded_vector_is_a_copy() -> None:
     rows = ROWS.copy()
     row = load(rows, 0)
     store(rows, 0, Y)
@@ -217,14 +217,14 @@ def test_what_was_read_is_a_copy() -> None:
 
 
 @pytest.mark.parametrize("rows", [np.zeros((LANES, 2)).T, np.zeros((2, 2 * LANES))[:, ::2], np.zeros(LANES)])
-def test_rows_with_gaps_are_refused_when_compiled(rows: FloatArray) -> None:
+def test_rows_that_are_not_contiguous_are_refused(rows: FloatArray) -> None:
     with pytest.raises(numba.core.errors.TypingError):
         _spread_over(rows)
     with pytest.raises(numba.core.errors.TypingError):
         _second_lane(rows)
 
 
-def test_no_lanes_are_added_in_place() -> None:
+def test_vectors_have_no_in_place_operators() -> None:
     """Uncompiled that would change the lanes of whoever else holds them."""
 
     def add(x: Any, y: Any, z: Any) -> Any:

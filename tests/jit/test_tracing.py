@@ -1,4 +1,4 @@
-"""What goes straight on does in compiled loops what it does where nothing is compiled."""
+"""Traced functions in compiled loops."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def _constant(rows: Any) -> Any:
 
 
 @pytest.mark.parametrize("function", [_operators, _calling, _unrolled, _tuples, _writing, _constant])
-def test_compiled_and_not_it_says_the_same(function: Callable[..., Any]) -> None:
+def test_a_traced_function_gives_the_same_compiled_and_uncompiled(function: Callable[..., Any]) -> None:
     @numba.njit(error_model="numpy")
     def run(rows: Any, out: Any) -> None:
         store(out, 0, function(rows))
@@ -115,7 +115,7 @@ def _helped(x: Any) -> Any:
     return _helper(x) * 2.0
 
 
-def test_what_is_compiled_by_itself_takes_lanes_too() -> None:
+def test_a_compiled_function_accepts_vectors() -> None:
     @numba.njit(error_model="numpy")
     def run(rows: Any, out: Any) -> None:
         store(out, 0, _helped(load(rows, 0)))
@@ -130,7 +130,7 @@ def _of_numbers(x: float, pair: Pair) -> tuple[float, Pair, float]:
     return x * pair.left, Pair(pair.right, where_nonnegative(x, 1.0, pair.left)), _branching(x)
 
 
-def test_it_takes_and_gives_numbers_and_tuples() -> None:
+def test_traced_functions_of_numbers_and_tuples() -> None:
     @numba.njit
     def run(x: float, pair: Pair) -> Any:
         return _of_numbers(x, pair)
@@ -156,7 +156,7 @@ def _ordering(x: float) -> float:
 
 
 @pytest.mark.parametrize("function", [_asking, _comparing, _ordering])
-def test_it_cannot_ask_how_large_a_number_is(function: Callable[..., Any]) -> None:
+def test_a_traced_function_cannot_branch_on_a_number(function: Callable[..., Any]) -> None:
     """Nor is it compiled to something else."""
 
     def run(x: float) -> None:
@@ -167,7 +167,7 @@ def test_it_cannot_ask_how_large_a_number_is(function: Callable[..., Any]) -> No
         loop(2.0)
 
 
-def test_what_branches_or_calls_what_does_is_told_apart() -> None:
+def test_branch_free_functions_are_recognised() -> None:
     @compiled
     def calls(x: float) -> float:
         return _branching(x)
@@ -194,7 +194,7 @@ def _other(x: Any, y: Any) -> Any:
 CHOSEN = switch({0: _double, 3: _product}, _other)
 
 
-def test_one_of_several_is_chosen_by_its_number() -> None:
+def test_switch() -> None:
     @numba.njit
     def run(kinds: Any, rows: Any, out: Any) -> None:
         for j in range(len(kinds)):

@@ -1,4 +1,4 @@
-"""From commands to torque: how open its scale is."""
+"""The actuator model: uncertainty of the thrust scale."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
 from tests.synthetic import trial
 
 
-def test_how_open_the_scale_is() -> None:
+def test_the_uncertainty_of_the_thrust_scale() -> None:
     """Of a curve that bends by a power e, |e - 1| times the logarithm of the thrust over that of no change."""
     one = Thruster(
         name="one", arm=0.5, curve=ThrustCurve(command=np.array([-10.0, 10.0]), thrust=np.array([-1e3, 1e3]))

@@ -1,4 +1,4 @@
-"""Terms in the order in which compiled loops step them."""
+"""Packing of terms for compiled loops."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def acting(name: str, *numbers: float) -> BoundEffect:
     return BoundEffect(effect_named(name), np.array(numbers))
 
 
-def test_what_moves_the_water_stands_before_what_remembers_and_that_before_the_rest() -> None:
+def test_terms_that_entrain_water_come_first_then_stateful_ones() -> None:
     drag, memory = acting("drag_curvature", 0.2), acting("added_mass_memory", 300.0, 4.0)
     swirl, delay = acting("entrained_swirl", 0.3, 20.0), acting("command_delay", 0.4)
     terms = pack_terms([drag, memory, delay, swirl], 0.5)
@@ -22,7 +22,7 @@ def test_what_moves_the_water_stands_before_what_remembers_and_that_before_the_r
     assert terms.parameters[::TERM_PARAMETERS, 0].tolist() == [0.3, 300.0, 0.2]
 
 
-def test_no_term_is_slower_than_the_motion() -> None:
+def test_the_fastest_rate_is_at_least_that_of_the_motion() -> None:
     assert pack_terms([], 0.5).fastest == 0.5
     assert pack_terms([acting("tank_seiche", 0.1, 3.0, 0.05)], 0.5).fastest == 3.0
     assert pack_terms([acting("tank_seiche", 0.1, 0.2, 0.05)], 0.5).fastest == 0.5

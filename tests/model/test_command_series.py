@@ -1,4 +1,4 @@
-"""What was commanded in several trials drives each as if it were alone."""
+"""Torque inputs of several trials."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def model_with(effect: Effect) -> Model:
 
 @pytest.mark.parametrize(("parts", "at"), [(1, None), (1, STEPS), (4, None), (4, STEPS)])
 @pytest.mark.parametrize("effect", EVERY, ids=lambda effect: effect.key)
-def test_trials_together_are_driven_as_each_by_itself(effect: Effect, parts: int, at: list[IntArray] | None) -> None:
+def test_concatenated_trials_are_driven_like_each(effect: Effect, parts: int, at: list[IntArray] | None) -> None:
     model = model_with(effect)
     given = CommandSeries.from_trials(VEHICLE, LOGS, parts)
     together = model.actuators.torque_inputs(given, None if at is None else given.intervals_between(at)).by_trial
@@ -54,7 +54,7 @@ def telling(log: Trial, steps: IntArray) -> IntArray:
 @pytest.mark.parametrize(
     "effect", [one for one in EVERY if model_with(one).actuators.has_exact_means], ids=lambda effect: effect.key
 )
-def test_what_is_long_held_need_not_be_looked_at(effect: Effect) -> None:
+def test_instants_in_a_held_command_may_be_left_out(effect: Effect) -> None:
     model = model_with(effect)
     # Those of the logs change at every instant.
     logs = [replace(log, commands=log.commands[np.arange(len(log.time)) // 60 * 60]) for log in LOGS]
@@ -68,7 +68,7 @@ def test_what_is_long_held_need_not_be_looked_at(effect: Effect) -> None:
     np.testing.assert_allclose(over_few.torque, over_all.torque, rtol=1e-3, atol=1e-3)
 
 
-def test_means_of_what_was_chosen_leave_out_what_is_not_known() -> None:
+def test_means_of_selected_samples_ignore_nan() -> None:
     time, held = np.array([0.0, 1.0, 2.0, 4.0, 5.0]), np.array([1.0, np.nan, 3.0, 5.0, 7.0])
     chosen = SampleSelection.of(time, np.array([0, 2, 4]))
     assert chosen.means(held).tolist() == [1.0, (2.0 * 3.0 + 5.0) / 3.0, 7.0]
@@ -80,7 +80,7 @@ def test_means_of_what_was_chosen_leave_out_what_is_not_known() -> None:
     ]
 
 
-def test_what_was_commanded_is_there_once_as_long_as_anybody_has_it() -> None:
+def test_equal_command_series_are_one_object() -> None:
     first = CommandSeries.from_trials(VEHICLE, LOGS)
     assert CommandSeries.from_trials(VEHICLE, LOGS) is first
     others = [

@@ -1,4 +1,4 @@
-"""Models side by side with what drives each, as a filter is given them."""
+"""Batches of models as inputs of a filter."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ PLAIN = Model(inertia=5057.0, quadratic_drag=3532.0, linear_drag=132.0)
 SWIRL, WAVE = effect_named("entrained_swirl"), effect_named("wave_torque")
 
 
-def test_what_lanes_share_stands_there_once() -> None:
+def test_shared_inputs_are_stored_once() -> None:
     first, second = DRIVES
     driven = FilterInputs.stack([first, second, first, second], [ANGLES[0], ANGLES[0], ANGLES[1], ANGLES[0]])
     assert driven.torque_index.tolist() == [0, 1, 0, 1]
@@ -35,7 +35,7 @@ def test_what_lanes_share_stands_there_once() -> None:
     np.testing.assert_array_equal(driven.angles, np.stack(ANGLES))
 
 
-def test_what_is_alone_is_not_copied() -> None:
+def test_a_single_input_is_not_copied() -> None:
     driven = FilterInputs.stack([DRIVES[0]] * LANES, [ANGLES[0]] * LANES)
     assert np.shares_memory(driven.torque, TORQUES[0])
     assert np.shares_memory(driven.angles, ANGLES[0])
@@ -43,7 +43,7 @@ def test_what_is_alone_is_not_copied() -> None:
     assert not driven.torque_index.any()
 
 
-def test_lanes_have_their_own_numbers_in_columns() -> None:
+def test_each_model_has_a_column_of_parameters() -> None:
     models = [
         Model(
             inertia=5000.0 + number,
@@ -55,28 +55,28 @@ def test_lanes_have_their_own_numbers_in_columns() -> None:
         for number in range(LANES)
     ]
     noise = [np.array([3.0, 4.0, 1e-3, 1.0 + number]) for number in range(LANES)]
-    abreast = ParameterBatch.stack(models, noise)
-    assert abreast.body.shape == (5, LANES)
-    assert abreast.terms.parameters.shape == (TERM_PARAMETERS, LANES)
+    batch = ParameterBatch.stack(models, noise)
+    assert batch.body.shape == (5, LANES)
+    assert batch.terms.parameters.shape == (TERM_PARAMETERS, LANES)
     for number, model in enumerate(models):
-        assert abreast.body[:, number].tolist() == list(model.body)
-        assert abreast.terms.parameters[:2, number].tolist() == list(model.effect_values[:2])
-        assert abreast.noise[:, number].tolist() == noise[number].tolist()
-        assert abreast.wave[:, number].tolist() == list(model.effect_values[2:])
+        assert batch.body[:, number].tolist() == list(model.body)
+        assert batch.terms.parameters[:2, number].tolist() == list(model.effect_values[:2])
+        assert batch.noise[:, number].tolist() == noise[number].tolist()
+        assert batch.wave[:, number].tolist() == list(model.effect_values[2:])
     # The fastest of all states sets the steps of all lanes.
-    assert abreast.terms.fastest == max(model.terms.fastest for model in models)
-    assert abreast.terms.kinds.tolist() == models[0].terms.kinds.tolist()
+    assert batch.terms.fastest == max(model.terms.fastest for model in models)
+    assert batch.terms.kinds.tolist() == models[0].terms.kinds.tolist()
 
 
-def test_without_a_wave_there_is_no_row_of_it() -> None:
+def test_without_a_wave_there_are_no_wave_rows() -> None:
     models = [replace(PLAIN, inertia=5000.0 + number) for number in range(LANES)]
-    abreast = ParameterBatch.stack(models, [np.ones(4)] * LANES)
-    assert abreast.wave.shape == (0, LANES)
-    assert abreast.terms.parameters.shape == (0, LANES)
+    batch = ParameterBatch.stack(models, [np.ones(4)] * LANES)
+    assert batch.wave.shape == (0, LANES)
+    assert batch.terms.parameters.shape == (0, LANES)
 
 
-def test_every_table_of_lanes_is_without_gaps() -> None:
+def test_all_arrays_of_a_batch_are_contiguous() -> None:
     """As a register is read from it."""
-    abreast = ParameterBatch.stack([PLAIN] * LANES, [np.ones(4)] * LANES)
-    for table in (abreast.body, abreast.noise, abreast.wave, abreast.terms.parameters, PLAIN.terms.parameters):
+    batch = ParameterBatch.stack([PLAIN] * LANES, [np.ones(4)] * LANES)
+    for table in (batch.body, batch.noise, batch.wave, batch.terms.parameters, PLAIN.terms.parameters):
         assert table.flags.c_contiguous

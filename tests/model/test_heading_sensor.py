@@ -1,4 +1,4 @@
-"""What a compass that is off shows, and back."""
+"""The heading sensor and its inverse."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ OFF = HeadingSensor((BoundEffect(effect_named("heading_deviation"), np.array([0.
 PLAIN = HeadingSensor((BoundEffect(effect_named("bias_torque"), np.array([20.0])),))
 
 
-def test_the_rate_that_is_shown_is_that_of_the_heading_that_is_shown() -> None:
+def test_the_measured_rate_is_the_derivative_of_the_measured_heading() -> None:
     time = clock(60.0, 5.0)
     true, rate = 0.15 * time, np.full(len(time), 0.15)
     measured, shown = OFF.to_measured(true, rate)
@@ -29,7 +29,7 @@ def test_the_rate_that_is_shown_is_that_of_the_heading_that_is_shown() -> None:
         ("heading_deviation:mixed", (0.4, 1.0, 0.25, 2.0)),
     ],
 )
-def test_what_is_measured_tells_the_true_heading(key: str, values: tuple[float, ...]) -> None:
+def test_to_true_inverts_to_measured(key: str, values: tuple[float, ...]) -> None:
     off = HeadingSensor((BoundEffect(effect_named(key), np.array(values)),))
     true = np.linspace(-20.0, 30.0, 5000)
     measured, gain = off.to_measured(true, np.ones(5000))
@@ -41,7 +41,7 @@ def test_what_is_measured_tells_the_true_heading(key: str, values: tuple[float, 
     assert told[known] == pytest.approx(gain[known], rel=1e-6)
 
 
-def test_an_instrument_that_shows_the_true_heading_leaves_it() -> None:
+def test_a_sensor_without_deviation_changes_nothing() -> None:
     heading, rate = np.linspace(0.0, 9.0, 50), np.linspace(-0.1, 0.2, 50)
     assert not PLAIN.deviates
     assert OFF.deviates

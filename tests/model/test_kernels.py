@@ -27,7 +27,7 @@ from rovid.model.model import Model
 from rovid.model.ode import evaluate_along
 from rovid.model.torque_input import TorqueInput
 from tests import synthetic
-from tests.abreast import Log, filtered
+from tests.filters import Log, filter_one
 from tests.predictions import records
 
 ROSUB = synthetic.ROSUB
@@ -45,7 +45,7 @@ def test_without_disturbance_innovations_are_the_output_error() -> None:
     measured = angle + np.random.default_rng().normal(0.0, 1e-3, len(time))
     measured[0] = 0.0
     log = Log(time=time, angle=measured, first=(0.02, 1e-9))
-    error, variance = filtered(ekf3_innovations, log, TorqueInput.held(torque), ROSUB, (1e-6, 4.0, 1e-3, 1.0))
+    error, variance = filter_one(ekf3_innovations, log, TorqueInput.held(torque), ROSUB, (1e-6, 4.0, 1e-3, 1.0))
     # What the filter learns from the first heading alone, a few parts in a hundred of the noise, is left.
     assert np.max(np.abs(error[1:, 0] - (measured - angle)[1:])) < 1.1e-3
     assert variance[-1, 0] == pytest.approx(1e-6, rel=0.05)
@@ -64,14 +64,14 @@ def test_filter_variance_against_a_fine_grid() -> None:
     sparse[at] = angle
     noise, first = (5.0, 1.0, 1e-3, 1.0), (0.0, 0.1)
     here, there = Log(time=time, angle=angle, first=first), Log(time=fine, angle=sparse, first=first)
-    coarse, coarse_variance = filtered(ekf3_innovations, here, TorqueInput.held(torque), small, noise)
-    exact, exact_variance = filtered(ekf3_innovations, there, TorqueInput.held(held), small, noise)
+    coarse, coarse_variance = filter_one(ekf3_innovations, here, TorqueInput.held(torque), small, noise)
+    exact, exact_variance = filter_one(ekf3_innovations, there, TorqueInput.held(held), small, noise)
     # Sub-steps of a twentieth of the shortest time constant leave the second-order transition a few percent off.
     assert coarse_variance[1:, 0] == pytest.approx(exact_variance[at, 0][1:], rel=0.05)
     assert coarse[1:, 0] == pytest.approx(exact[at, 0][1:], abs=0.05 * float(np.sqrt(exact_variance[at, 0].max())))
 
 
-def test_an_open_impulse_widens_what_the_filter_expects() -> None:
+def test_an_uncertain_impulse_increases_the_variance() -> None:
     time = np.arange(0.0, 4.0, 0.5)
     none, scatter = np.zeros(len(time)), np.where(time == 2.0, 3.0**2, 0.0)
     angle = np.where(time == 0.0, 0.0, np.nan)
@@ -79,7 +79,7 @@ def test_an_open_impulse_widens_what_the_filter_expects() -> None:
     drive = TorqueInput(none, none, np.zeros((len(time), 3)), scatter, np.array([0, len(time)]))
     coasting = Model(inertia=2.0, quadratic_drag=0.0, linear_drag=0.0)
     log = Log(time=time, angle=angle, first=(0.0, 1e-6))
-    _, variance = filtered(ekf3_innovations, log, drive, coasting, (1e-6, 4.0, 1e-3, 1.0))
+    _, variance = filter_one(ekf3_innovations, log, drive, coasting, (1e-6, 4.0, 1e-3, 1.0))
     # A kick at any instant of the half second, (3 / 2) rad/s in all, has a third of the angle's square.
     assert variance[time == 2.5, 0] == pytest.approx((3.0 / 2.0 * 0.5) ** 2 / 3.0, rel=1e-3)
 
@@ -87,7 +87,7 @@ def test_an_open_impulse_widens_what_the_filter_expects() -> None:
 @pytest.mark.parametrize("gain", [0.1, 0.3])
 @pytest.mark.parametrize("frequency", [1.3, 2.5, 4.0])
 @pytest.mark.parametrize("blind", [False, True])
-def test_the_filter_knows_how_well_it_knows_a_tank(frequency: float, gain: float, blind: bool) -> None:
+def test_the_filter_with_a_tank_agrees_with_matrix_exponentials(frequency: float, gain: float, blind: bool) -> None:
     inertia, drag, damping, white, sigma, tau = 500.0, 60.0, 0.03, 5e-4, 3.0, 4.0
     rng = np.random.default_rng(seed := secrets.randbelow(10**6))
     print(f"seed {seed}")
@@ -121,7 +121,7 @@ def test_the_filter_knows_how_well_it_knows_a_tank(frequency: float, gain: float
             state, p = state + use * wanted[k, 0], p - np.outer(use, p[0])
 
     tank, log = in_a_tank(inertia, drag, (gain, frequency, damping)), Log(time=time, angle=angle, first=(0.0, 1e-4))
-    error, variance = filtered(ekf5_innovations, log, TorqueInput.held(torque), tank, (sigma, tau, white, 1.0))
+    error, variance = filter_one(ekf5_innovations, log, TorqueInput.held(torque), tank, (sigma, tau, white, 1.0))
     known = np.isfinite(wanted[:, 0])
     assert variance[known, 0] == pytest.approx(wanted[known, 1], rel=0.005)
     assert (error[known, 0] - wanted[known, 0]) / np.sqrt(wanted[known, 1]) == pytest.approx(0.0, abs=0.02)
@@ -129,9 +129,7 @@ def test_the_filter_knows_how_well_it_knows_a_tank(frequency: float, gain: float
 
 @pytest.mark.parametrize(("name", "values"), [("wave_torque", (40.0, 0.9, 0.1)), ("tank_seiche", (0.2, 2.5, 0.03))])
 @pytest.mark.parametrize("drag", [60.0, 2000.0])
-def test_series_for_an_even_clock_are_good_to_a_few_millionths(
-    name: str, values: tuple[float, ...], drag: float
-) -> None:
+def test_series_for_even_sampling_are_accurate(name: str, values: tuple[float, ...], drag: float) -> None:
     rng = np.random.default_rng(seed := secrets.randbelow(10**6))
     print(f"seed {seed}")
     time = np.arange(0.0, 60.0, 0.2)
@@ -144,7 +142,7 @@ def test_series_for_an_even_clock_are_good_to_a_few_millionths(
     uneven = np.asarray(time + 1e-7 * rng.uniform(size=len(time)))
     noise = (3.0, 4.0, 5e-4, 1.0)
     found, wanted = (
-        filtered(
+        filter_one(
             ekf5_innovations, Log(time=clock, angle=angle, first=(0.0, 0.1)), TorqueInput.held(torque), model, noise
         )
         for clock in (time, uneven)
@@ -163,7 +161,7 @@ def in_a_tank(inertia: float, drag: float, values: tuple[float, ...]) -> Model:
     )
 
 
-def test_a_tank_rings_out_along_a_course() -> None:
+def test_a_tank_decays_along_a_trajectory() -> None:
     frequency, damping, period = 5.0, 0.01, 0.1
     time = np.arange(0.0, 100.0, period)
     rate = np.where(time < 5.0, 0.2 * np.sin(0.2 * np.pi * time), 0.0)
@@ -175,7 +173,7 @@ def test_a_tank_rings_out_along_a_course() -> None:
 
 @pytest.mark.parametrize("periods", [(0.2, 0.2), (0.2, 0.5)])
 @pytest.mark.parametrize("effect", TERM_EFFECTS, ids=lambda effect: effect.key)
-def test_no_course_remembers_the_one_before_it(effect: Effect, periods: tuple[float, float]) -> None:
+def test_trajectories_are_independent(effect: Effect, periods: tuple[float, float]) -> None:
     rng, count, first = np.random.default_rng(2), 90, 40
     course, beside = rng.normal(size=(count, 3)) * (0.1, 1.0, 100.0), rng.random((count, 3))
     terms = pack_terms(
@@ -194,7 +192,7 @@ def test_no_course_remembers_the_one_before_it(effect: Effect, periods: tuple[fl
 
 
 @pytest.mark.parametrize("effect", TERM_EFFECTS, ids=lambda effect: effect.key)
-def test_all_restarts_together_go_where_each_would_alone(effect: Effect) -> None:
+def test_restarts_are_independent(effect: Effect) -> None:
     count, period = 120, 0.4
     rate, angle = 0.1 * np.sin(0.05 * np.arange(count)), np.linspace(0.0, 2.4, count)
     torque = np.where(np.arange(count) % 40 < 20, 150.0, -90.0)
@@ -221,7 +219,7 @@ def test_all_restarts_together_go_where_each_would_alone(effect: Effect) -> None
 
 
 @pytest.mark.parametrize("key", ["oscillatory_drag", "tank_seiche:thrust"])
-def test_runs_side_by_side_go_where_each_would_alone(key: str) -> None:
+def test_simulated_runs_are_independent(key: str) -> None:
     effect = effect_named(key)
     scales, begin = records().scales, zip(effect.initial_values[0], effect.parameters, strict=True)
     terms = pack_terms([BoundEffect(effect, np.array([value * scales.unit_size(one) for value, one in begin]))], 0.0)
@@ -243,7 +241,7 @@ def test_runs_side_by_side_go_where_each_would_alone(key: str) -> None:
         np.testing.assert_allclose([series[own] for series in together], wanted, rtol=1e-4, atol=1e-5)
 
 
-def test_a_model_that_runs_away_predicts_nothing() -> None:
+def test_a_diverging_prediction_is_nan() -> None:
     curvature = effect_named("drag_curvature")
     wild = replace(ROSUB, quadratic_drag=0.0, effects=(curvature,), effect_values=(-0.99,))
     count = 200

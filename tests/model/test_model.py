@@ -11,7 +11,7 @@ from rovid.model.model import Model
 from rovid.trial.axis import AXES
 
 
-def test_a_parameter_has_the_name_that_stands_where_its_value_does() -> None:
+def test_names_and_values_of_parameters_correspond() -> None:
     effects = (effect_named("thruster_lag"), effect_named("added_mass_memory"))
     model = Model(
         inertia=5.0,
@@ -30,7 +30,7 @@ def test_a_parameter_has_the_name_that_stands_where_its_value_does() -> None:
 
 
 @pytest.mark.parametrize("stiffness", [0.0, 40.0])
-def test_a_disturbance_stirs_the_rate_as_the_lyapunov_equation_has_it(stiffness: float) -> None:
+def test_the_rate_under_a_disturbance_agrees_with_the_lyapunov_equation(stiffness: float) -> None:
     inertia, rate, memory = 5.0, 0.3, 2.5
     model = Model(
         inertia=inertia,

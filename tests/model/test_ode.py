@@ -1,4 +1,4 @@
-"""Where an integration begins."""
+"""Initial rates."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from tests.synthetic import clock, trial
 
 
 @pytest.mark.parametrize("source", ["heading", "gyro"])
-def test_first_rate_is_that_of_the_first_sample(source: str) -> None:
+def test_the_initial_rate_from_positions(source: str) -> None:
     time = clock(10.0)
     heading = 0.2 * time + 0.03 * time**2
     gyro = 0.2 + 0.06 * time
@@ -19,7 +19,7 @@ def test_first_rate_is_that_of_the_first_sample(source: str) -> None:
     assert initial_rate(log) == pytest.approx(0.2, abs=1e-9 if source == "heading" else 0.0061)
 
 
-def test_first_rate_is_the_first_that_was_read() -> None:
+def test_the_initial_rate_from_the_gyro() -> None:
     time = clock(20.0)
     gyro = np.where(time < 0.8, np.nan, 0.3)
     late = trial(time, np.zeros(len(time)), 0.3 * time, rate=gyro)

@@ -9,7 +9,7 @@ from rovid.model.parameter_names import base_names, effect_ids, unit_of, without
 from rovid.trial.axis import AXES, YAW
 
 
-def test_an_axis_that_rights_itself_has_a_stiffness() -> None:
+def test_a_self_righting_axis_has_a_stiffness() -> None:
     assert base_names(YAW) == ("inertia", "quadratic_drag", "linear_drag")
     assert "restoring_stiffness" in base_names(AXES["roll"])
     assert "net_buoyancy" in base_names(AXES["heave"])
@@ -28,16 +28,16 @@ def test_an_axis_that_rights_itself_has_a_stiffness() -> None:
         ("restoring_stiffness", "roll", "N m/rad"),
     ],
 )
-def test_units_are_those_of_the_axis(name: str, axis: str, unit: str) -> None:
+def test_units_follow_the_axis(name: str, axis: str, unit: str) -> None:
     assert unit_of(name, AXES[axis]) == unit
 
 
-def test_a_parameter_of_no_effect_has_no_unit() -> None:
+def test_an_unknown_effect_has_no_unit() -> None:
     with pytest.raises(ConfigError, match="no effect 'thruster_lagg'"):
         unit_of("thruster_lagg.time_constant")
 
 
-def test_effects_are_told_by_their_parameters() -> None:
+def test_effect_ids_from_parameter_names() -> None:
     names = ["inertia", "thruster_lag:command.time_constant", "wave_torque.amplitude", "wave_torque.frequency"]
     assert effect_ids(names) == ["thruster_lag:command", "wave_torque"]
     assert without_form(names[1]) == "thruster_lag.time_constant"

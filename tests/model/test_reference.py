@@ -16,8 +16,8 @@ from rovid.model.model import Model
 from rovid.model.reference import ExtendedKalmanFilter, Motion, Noise, ReferenceEquation
 from rovid.model.torque_input import TorqueInput
 from rovid.trial.axis import AXES
-from tests.abreast import Log, filtered
 from tests.effects.test_effects import EVERY, VEHICLE, logs, numbers
+from tests.filters import Log, filter_one
 from tests.synthetic import ROSUB
 
 NOISE = Noise(disturbance=15.0, correlation_time=4.0, angle=1e-3, rate=2e-3)
@@ -101,7 +101,7 @@ def compare_filters(model: Model, torque: TorqueInput, time: FloatArray, noise: 
     kernel = ekf5_innovations if plain.size == 5 else ekf3_innovations
     log = Log(time=time, angle=readings[:, 0], rate=readings[:, 1], first=(0.02, 0.01), start=START)
     sizes = (noise.disturbance, noise.correlation_time, noise.angle, noise.rate)
-    found, variance = filtered(kernel, log, torque, model, sizes)
+    found, variance = filter_one(kernel, log, torque, model, sizes)
     known = np.isfinite(wanted)
     assert (np.isfinite(found) == known).all()
     # The kernels propagate the covariance by series over steps of 0.3 and 0.6 of the shortest time constant.

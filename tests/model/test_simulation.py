@@ -63,7 +63,7 @@ def test_simulation_agrees_with_an_implicit_solver(model: Model, step: float, pu
 
 @pytest.mark.parametrize("pause", [100.0, 3600.0, 1e6])
 @pytest.mark.parametrize("push", [0.0, 3.0])
-def test_a_pause_of_any_length_ends_where_the_drag_balances_the_torque(pause: float, push: float) -> None:
+def test_a_long_gap_ends_at_the_steady_rate(pause: float, push: float) -> None:
     small = Model(inertia=0.3, quadratic_drag=1.5, linear_drag=1.0)
     time = np.array([0.0, pause])
     rate, angle = simulate(time, np.full(2, push), small.body, 2.0)
@@ -73,7 +73,7 @@ def test_a_pause_of_any_length_ends_where_the_drag_balances_the_torque(pause: fl
     assert angle[1] == pytest.approx(steady * pause, abs=1.0, rel=1e-6)
 
 
-def test_measures_of_fit_are_those_of_the_contract() -> None:
+def test_fit_measures_by_their_definitions() -> None:
     y, yhat = np.array([1.0, 2.0, 3.0, np.nan, 6.0]), np.array([1.5, 2.0, 2.0, 9.0, 6.0])
     fit = fit_measures(y, yhat)
     sse, sst = 0.25 + 1.0, 4.0 + 1.0 + 0.0 + 9.0
@@ -84,7 +84,7 @@ def test_measures_of_fit_are_those_of_the_contract() -> None:
 
 
 @pytest.mark.parametrize(("y", "samples"), [([np.nan, np.nan], 0), ([2.0, 2.0], 2)], ids=["nothing", "constant"])
-def test_a_fit_that_has_no_meaning_is_not_a_number(y: list[float], samples: int) -> None:
+def test_undefined_fit_measures_are_nan(y: list[float], samples: int) -> None:
     fit = fit_measures(np.array(y), np.array([1.0, 2.0]))
     assert fit.samples == samples
     assert np.isnan(fit.r2)
@@ -111,7 +111,7 @@ def exact_rate(time: FloatArray, torque: FloatArray) -> tuple[FloatArray, FloatA
 
 
 @pytest.mark.parametrize("tilt", [0.0, 5.0, 20.0])
-def test_a_tilted_vehicle_is_simulated_about_its_own_axis(tilt: float) -> None:
+def test_a_tilted_vehicle_turns_about_its_body_axis(tilt: float) -> None:
     (result,) = simulate_runs([swaying(tilt=tilt)], ROSUB, LOGGED)
     assert result.fit.r2 > 0.99999
     # The first rate, read from two seconds of heading under a step, is 6e-4 rad/s off and forgotten in some seconds.
@@ -122,12 +122,12 @@ def test_a_tilted_vehicle_is_simulated_about_its_own_axis(tilt: float) -> None:
         assert error < 0.02  # a restart from the smoothed rate beside a step; untransformed 20 deg would add 0.7
 
 
-def test_body_position_is_the_heading_where_the_vehicle_is_level() -> None:
+def test_a_level_vehicle_has_its_heading_as_body_position() -> None:
     log = swaying(tilt=0.0).trial
     assert log.body_position == pytest.approx(log.position, abs=1e-12)
 
 
-def test_heading_errors_need_their_horizon_without_a_gap() -> None:
+def test_heading_errors_need_a_horizon_without_a_gap() -> None:
     (short,) = simulate_runs([run(clock(30.0), np.full(601, 100.0))], ROSUB, LOGGED)
     assert short.position_errors[10.0] == pytest.approx(0.0, abs=1e-4)
     assert short.position_errors[60.0] is None
@@ -146,7 +146,7 @@ def test_heading_errors_need_their_horizon_without_a_gap() -> None:
     assert error < 1e-3
 
 
-def test_overall_is_over_all_samples_of_all_trials() -> None:
+def test_the_pooled_fit_is_over_all_samples() -> None:
     runs = [run(clock(60.0), np.full(1201, 100.0)), run(clock(90.0), np.full(1801, -50.0))]
     wrong = Model(inertia=6000.0, quadratic_drag=3000.0, linear_drag=132.0)
     results = simulate_runs(runs, wrong, LOGGED)
@@ -158,7 +158,7 @@ def test_overall_is_over_all_samples_of_all_trials() -> None:
     assert total.r2 == pytest.approx(1.0 - np.sum(error[known] ** 2) / np.sum((y[known] - y[known].mean()) ** 2))
 
 
-def test_a_gyro_that_falls_silent_leaves_the_rate_of_the_heading() -> None:
+def test_without_gyro_samples_the_rate_comes_from_the_heading() -> None:
     time = clock(60.0)
     rate = 0.2 * np.sin(0.3 * time)
     angle = 0.2 / 0.3 * (1.0 - np.cos(0.3 * time))
@@ -172,7 +172,7 @@ def test_a_gyro_that_falls_silent_leaves_the_rate_of_the_heading() -> None:
     ("key", "values"),
     [("entrained_swirl", (0.3, 60.0)), ("tank_seiche", (0.3, 1.3, 0.03)), ("added_mass_memory", (2000.0, 20.0))],
 )
-def test_the_water_does_not_stand_still_at_a_restart(key: str, values: tuple[float, ...]) -> None:
+def test_a_restart_has_the_states_along_the_trajectory(key: str, values: tuple[float, ...]) -> None:
     moving = replace(ROSUB, effects=(effect_named(key),), effect_values=values)
     time = clock(400.0)
     plain = run(time, 200.0 * np.sin(2.0 * np.pi * time / 80.0) + 200.0 * np.sin(2.0 * np.pi * time / 5.0))

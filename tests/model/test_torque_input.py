@@ -1,4 +1,4 @@
-"""What drives a trial, from instant to instant."""
+"""Torque inputs."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ AT = np.array([0, 2, 4, 6])
 STEPS = Intervals.from_times([TIME], [AT])
 
 
-def test_a_torque_that_is_held_has_no_moment_and_tells_no_speeds() -> None:
+def test_a_held_torque_has_no_timing_moment_and_no_effect_inputs() -> None:
     drive = TorqueInput.held(np.ones(7))
     assert not drive.timing_moment.any()
     assert drive.effect_inputs.shape == (7, 1 + len(SPEEDS))
 
 
-def test_fewer_instants_keep_impulse_and_leverage() -> None:
+def test_averaging_preserves_impulse_and_moment() -> None:
     torque = np.array([1.0, -2.0, 5.0, 0.5, 3.0, 4.0, 7.0])
     coarse = TorqueInput.averaged_over(STEPS, torque)
     spans = np.diff(TIME[AT])
@@ -37,7 +37,7 @@ def test_fewer_instants_keep_impulse_and_leverage() -> None:
         assert angle == pytest.approx(np.sum(torque[:-1] * np.diff(TIME) * (TIME[-1] - 0.5 * (TIME[1:] + TIME[:-1]))))
 
 
-def test_trials_one_after_the_other_do_not_run_into_each_other() -> None:
+def test_concatenated_trials_are_averaged_separately() -> None:
     """Whatever is held at the end of one, and before the first step of the next."""
     rng = np.random.default_rng(1)
     others = TIME + 0.05 * np.arange(7.0), np.array([1, 2, 5])
@@ -50,7 +50,7 @@ def test_trials_one_after_the_other_do_not_run_into_each_other() -> None:
             np.testing.assert_array_equal(getattr(found, name), getattr(alone, name))
 
 
-def test_a_function_goes_over_each_series() -> None:
+def test_mapped_applies_to_each_series() -> None:
     drive = TorqueInput.held(np.arange(3.0), effect_inputs=np.ones((3, 1 + len(SPEEDS)))).mapped(
         lambda values: 2.0 * values
     )

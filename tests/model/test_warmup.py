@@ -1,4 +1,4 @@
-"""The first use of all says what later ones say, whatever becomes of the second process."""
+"""Warm-up: the first use gives the results of later ones, with or without a second process."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from rovid.effects import effect_named
 from rovid.model import kernels
 from rovid.model.torque_input import TorqueInput
 from rovid.model.kernels import warmup
-from tests.abreast import Log, filtered
+from tests.filters import Log, filter_one
 from tests.synthetic import ROSUB
 
 begun, second = [], warmup.BackgroundCompiler
@@ -35,7 +35,7 @@ found = []
 for key, values in {effects}.items():
     model = replace(ROSUB, effects=(effect_named(key),) if key else (), effect_values=values)
     kernel = kernels.ekf5_innovations if key == "wave_torque" else kernels.ekf3_innovations
-    found += filtered(kernel, log, drive, model, (15.0, 4.0, 1e-3, 1e-2))
+    found += filter_one(kernel, log, drive, model, (15.0, 4.0, 1e-3, 1e-2))
 here = np.array([0, 2]), np.ones(1), np.ones((2, 3)), np.zeros((2, 3)), np.ones(1)
 found += kernels.effects_along(*here, ROSUB.body, ROSUB.terms)
 others = (loop for name, loop in warmup._SLOW_LOOPS.items() if name != warmup._OWN)
@@ -75,7 +75,7 @@ def test_a_second_process_compiles_at_first_use(tmp_path: Path) -> None:
         slow("import threading; threading.Timer(0.5, lambda: begun[0].stop()).start()", 1),
     ],
 )
-def test_whatever_becomes_of_it_the_first_goes_on(tmp_path: Path, fate: str, begun: int) -> None:
+def test_a_failed_background_process_does_no_harm(tmp_path: Path, fate: str, begun: int) -> None:
     numbers, missed, found = told(tmp_path, f"{SEVERAL}; {fate}", {})
     assert (missed, found) == (1, begun)
     assert told(tmp_path, ONE, {}) == (numbers, 0, 0)
@@ -85,7 +85,7 @@ def test_whatever_becomes_of_it_the_first_goes_on(tmp_path: Path, fate: str, beg
     ("name", "value"),
     [("can_cache", lambda: False), ("is_compiled", lambda: True), ("core_count", lambda: 1), ("sys.executable", "")],
 )
-def test_it_is_not_begun_in_vain(name: str, value: object, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_background_process_without_need(name: str, value: object, monkeypatch: pytest.MonkeyPatch) -> None:
     begun: list[object] = []
     monkeypatch.setattr(warmup, "BackgroundCompiler", lambda *told: begun.append(told))
     needed = {"can_cache": lambda: True, "is_compiled": lambda: False, "core_count": lambda: 2}

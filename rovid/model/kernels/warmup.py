@@ -26,9 +26,9 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 _TIMEOUT = 60.0
 # Loops that take long to compile, by name.
 _SLOW_LOOPS: dict[str, Any] = {}
-# The one among them that this process compiles.
+# The slow loop that this process compiles.
 _OWN = "rovid.model.kernels.ekf3._filter"
-# Calls that compile in this process while it waits for the second one.
+# Calls with which this process compiles while it waits for the second process.
 _MEANWHILE: deque[Callable[[], object]] = deque()
 _STARTED: list[BackgroundCompiler] = []
 

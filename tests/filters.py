@@ -1,4 +1,4 @@
-"""Filters asked of plain series: of one model, or of several side by side."""
+"""Compiled filters of plain series: for one model, or for one in each lane."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ Filter = Callable[[FilterData, FilterInputs, ParameterBatch], tuple[FloatArray, 
 
 @dataclass(frozen=True, kw_only=True)
 class Log:
-    """What was measured in one trial: (n,) s, rad and rad/s, NaN where not measured; where it began.
+    """Measurements of one trial: (n,) s, rad and rad/s, NaN where not measured.
 
-    ``first`` is the first rate in rad/s and its standard deviation, ``start`` the position at the start in rad.
+    ``first`` is the initial rate in rad/s and its standard deviation, ``start`` the position at the start in rad.
     """
 
     time: FloatArray
@@ -35,8 +35,8 @@ class Log:
         object.__setattr__(self, "known", np.column_stack((self.angle, rate)))
 
 
-def logged(*logs: Log) -> FilterData:
-    """One after the other; every instant has a place for both innovations."""
+def filter_data(*logs: Log) -> FilterData:
+    """Concatenate logs. Each instant has a place for both innovations."""
     counts = [len(log.time) for log in logs]
     return FilterData(
         offsets=np.cumsum([0, *counts]),
@@ -48,27 +48,27 @@ def logged(*logs: Log) -> FilterData:
     )
 
 
-def filtered_abreast(
+def filter_batch(
     kernel: Filter,
     logs: Sequence[Log],
     drives: Sequence[TorqueInput],
     models: Sequence[Model],
     noises: Sequence[FloatArray],
 ) -> tuple[FloatArray, FloatArray]:
-    """(LANES, n, 2) innovations of angle and rate, and their variances, of a model in each lane; NaN where none."""
+    """(LANES, n, 2) innovations of angle and rate, and their variances, for a model in each lane; NaN for none."""
     known = np.concatenate([log.known for log in logs])
-    driven = FilterInputs.stack(drives, [known[:, 0].copy()] * LANES)
-    found = kernel(logged(*logs), driven, ParameterBatch.stack(models, noises))
+    inputs = FilterInputs.stack(drives, [known[:, 0].copy()] * LANES)
+    found = kernel(filter_data(*logs), inputs, ParameterBatch.stack(models, noises))
     tables = (np.where(np.isfinite(known), one.reshape(LANES, -1, 2), np.nan) for one in found)
     innovation, variance = tables
     return innovation, variance
 
 
-def filtered(
+def filter_one(
     kernel: Filter, log: Log, drive: TorqueInput, model: Model, noise: Sequence[float]
 ) -> tuple[FloatArray, FloatArray]:
-    """(n, 2) of one model, which is in all lanes."""
-    every = filtered_abreast(kernel, [log], [drive] * LANES, [model] * LANES, [np.array(noise)] * LANES)
+    """(n, 2) innovations and variances for one model, which is in all lanes."""
+    every = filter_batch(kernel, [log], [drive] * LANES, [model] * LANES, [np.array(noise)] * LANES)
     for table in every:
         np.testing.assert_array_equal(table, np.broadcast_to(table[0], table.shape))
     return every[0][0], every[1][0]

@@ -1,4 +1,4 @@
-"""What goes side by side through compiled loops is what each would be alone, in whatever lane it stands."""
+"""Lanes of the compiled loops are independent."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from rovid.model.kernels.effect_terms import call_sum_terms, taking_lanes
 from rovid.model.kernels.simd_io import load_body
 from rovid.model.model import Model
 from rovid.model.torque_input import TorqueInput
-from tests.abreast import Filter, Log, filtered, filtered_abreast
 from tests.conftest import ROOT
 from tests.effects.test_effects import numbers
+from tests.filters import Filter, Log, filter_batch, filter_one
 from tests.synthetic import ROSUB
 
 OWN = np.linspace(0.95, 1.06, LANES)
@@ -55,12 +55,12 @@ def some_logs(rng: np.random.Generator) -> tuple[list[Log], TorqueInput]:
 
 
 def alone(kernel: Filter, logs: list[Log], drive: TorqueInput, model: Model, noise: FloatArray) -> list[FloatArray]:
-    every = filtered_abreast(kernel, logs, [drive] * LANES, [model] * LANES, [noise] * LANES)
+    every = filter_batch(kernel, logs, [drive] * LANES, [model] * LANES, [noise] * LANES)
     return [table[0] for table in every]
 
 
 @pytest.mark.parametrize("effect", [None, WAVE, *TERM_EFFECTS], ids=lambda effect: effect.key if effect else "none")
-def test_four_models_side_by_side_give_each_what_it_gives_alone(effect: Effect | None) -> None:
+def test_lanes_are_independent(effect: Effect | None) -> None:
     """Of intervals that all of them step through at once; drives, noises and parameters are each one's own."""
     rng = np.random.default_rng(5)
     logs, drive = some_logs(rng)
@@ -79,7 +79,7 @@ def test_four_models_side_by_side_give_each_what_it_gives_alone(effect: Effect |
     ]
     drives = [drive.mapped(partial(np.multiply, own)) for own in OWN]
     noises = [own * NOISE for own in OWN]
-    found, variance = filtered_abreast(kernel, logs, drives, models, noises)
+    found, variance = filter_batch(kernel, logs, drives, models, noises)
     assert np.isfinite(found).any(axis=(0, 1)).all()
     for at in range(LANES):
         wanted, scatter = alone(kernel, logs, drives[at], models[at], noises[at])
@@ -91,7 +91,7 @@ def test_four_models_side_by_side_give_each_what_it_gives_alone(effect: Effect |
 
 
 @pytest.mark.parametrize("kernel", [ekf3_innovations, ekf5_innovations])
-def test_a_lane_that_needs_finer_steps_has_all_take_them(kernel: Filter) -> None:
+def test_all_lanes_take_the_steps_of_the_fastest_one(kernel: Filter) -> None:
     rng = np.random.default_rng(6)
     time = np.cumsum(rng.uniform(0.5, 2.0, 200))
     torque = 100.0 * np.sign(np.sin(0.2 * time))
@@ -101,9 +101,9 @@ def test_a_lane_that_needs_finer_steps_has_all_take_them(kernel: Filter) -> None
     if kernel is ekf5_innovations:
         models = [replace(model, effects=(WAVE,), effect_values=(20.0, 0.8, 0.1)) for model in models]
     noise = np.array([15.0, 40.0, 1e-3, 1.0])
-    found, variance = filtered_abreast(kernel, [log], [drive] * LANES, models, [noise] * LANES)
+    found, variance = filter_batch(kernel, [log], [drive] * LANES, models, [noise] * LANES)
     for at, model in enumerate(models):
-        wanted, scatter = filtered(kernel, log, drive, model, noise.tolist())
+        wanted, scatter = filter_one(kernel, log, drive, model, noise.tolist())
         off = np.abs((found[at] - wanted)[:, 0] / np.sqrt(scatter[:, 0])).max()
         share = np.abs(variance[at][:, 0] / scatter[:, 0] - 1.0).max()
         # The one that asks for them takes its own; with the others they cost what the coarser steps were off by.
@@ -131,12 +131,12 @@ def one_lane(effect: Effect, body: Body, motion: FloatArray, p: Numbers, x: Numb
     term: Any = effect.acts
     rate, angle, push, start, race, surge, sway = (float(number) for number in motion)
     water = 0.0 if term.entrained_rate is None else term.entrained_rate(p, x)
-    torque, change = term.at(Instant(rate, rate - water, angle, start, push, race, surge, sway, body), p, x)
+    torque, change = term.evaluate(Instant(rate, rate - water, angle, start, push, race, surge, sway, body), p, x)
     return torque, [*change, *[0.0] * (TERM_STATES - len(change))]
 
 
 @each_term
-def test_a_term_in_lanes_is_the_term_of_each_lane(effect: Effect) -> None:
+def test_a_term_of_vectors_agrees_with_the_term_of_numbers(effect: Effect) -> None:
     rng = np.random.default_rng(7)
     start = numbers(effect, start=True)
     sizes = np.array([0.3, 3.0, 200.0, 1.0, 15.0, 1.0, 0.5])
@@ -184,7 +184,7 @@ def _calling(at: Instant, p: Numbers) -> float:
 
 
 @pytest.mark.parametrize(("function", "states"), [(_stuck, 0), (_limited, 1), (_swinging, 2), (_calling, 0)])
-def test_a_term_that_branches_goes_lane_by_lane(function: Callable[..., Any], states: int) -> None:
+def test_a_branching_term_is_called_lane_by_lane(function: Callable[..., Any], states: int) -> None:
     of_lanes = taking_lanes(function)
     assert of_lanes is not function
 
@@ -234,7 +234,7 @@ def _takes_lanes(term: Term) -> bool:
     return taking_lanes(term.torque) is term.torque
 
 
-def test_a_prediction_that_runs_away_leaves_those_beside_it() -> None:
+def test_a_diverging_prediction_leaves_other_lanes_unchanged() -> None:
     curvature = effect_named("drag_curvature")
     wild = replace(ROSUB, effects=(curvature,), effect_values=(-4e4,))
     count = 120
@@ -264,7 +264,7 @@ import numpy as np
 from rovid.effects import effect_named
 from rovid.model.torque_input import TorqueInput
 from rovid.model.kernels import ekf3_innovations, ekf5_innovations
-from tests.abreast import Log, filtered
+from tests.filters import Log, filter_one
 from tests.synthetic import ROSUB
 
 time = np.array([0.0, 0.1, 0.2, 0.3, 0.5, 2.5, 2.6])
@@ -275,13 +275,13 @@ effects = {"oscillatory_drag": (0.5, 0.6), "entrained_swirl:annulus": (0.2, 20.0
 for key, values in {"": (), **effects}.items():
     model = replace(ROSUB, effects=(effect_named(key),) if key else (), effect_values=values)
     kernel = ekf5_innovations if key == "wave_torque" else ekf3_innovations
-    tables = filtered(kernel, log, drive, model, (15.0, 4.0, 1e-3, 1e-2))
+    tables = filter_one(kernel, log, drive, model, (15.0, 4.0, 1e-3, 1e-2))
     found[key] = [np.nan_to_num(table).tolist() for table in tables]
 print(json.dumps(found))
 """
 
 
-def test_filters_say_the_same_where_nothing_is_compiled() -> None:
+def test_uncompiled_filters_agree_with_compiled_ones() -> None:
     said = []
     for off in ("0", "1"):
         environment = os.environ | {"PYTHONPATH": str(ROOT), "NUMBA_DISABLE_JIT": off}
