@@ -168,7 +168,7 @@ def test_a_missing_speed_channel_is_named(tmp_path: Path, rovid: Rovid) -> None:
     boat(tmp_path / "day")
     done = rovid("fit", "day", "--effect", "sideslip_moment:both")
     assert done.code == 2
-    assert "needs surge_velocity and sway_velocity, which these logs do not all hold" in done.err
+    assert "needs surge_velocity and sway_velocity, which not all of these logs hold" in done.err
 
 
 def test_estimated_forms_are_offered_when_needed() -> None:
