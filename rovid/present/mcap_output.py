@@ -14,7 +14,7 @@ from rovid.core.escaping import field_names
 from rovid.core.signatures import RECORDING, RECORDING_LIBRARY
 from rovid.model.model import Model
 from rovid.model.simulation import TrialSimulation
-from rovid.present.page.residuals import ResidualTorque, unexplained_torques
+from rovid.present.residuals import ResidualTorque, unexplained_torques
 from rovid.readers.mcap_writer import OutputTopic, mcap_bytes, name_with_unit
 from rovid.signals.preprocessing import PreparedRuns
 from rovid.trial.trial import Trial

@@ -18,7 +18,7 @@ from rovid.estimate.steady_points import steady_points
 from rovid.model.simulation import TrialSimulation, fit_measures, simulate_runs
 from rovid.present.page import build, render
 from rovid.present.page.figures import ReportFigures, draw_figures
-from rovid.present.page.report_data import NestedSimulation, ReportData
+from rovid.present.report_data import NestedSimulation, ReportData
 from rovid.signals.preprocessing import prepare
 from rovid.store.parameter_file import Entry, Parameters
 from rovid.store.study import Study, open_study

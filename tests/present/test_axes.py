@@ -18,10 +18,10 @@ from rovid.estimate.steady_points import SteadyPoint
 from rovid.model.parameter_names import base_names
 from rovid.present.page import build
 from rovid.present.page.render import write_report
-from rovid.present.page.report_data import ReportData
-from rovid.present.page.residuals import residual_torques, rms_sizes
 from rovid.present.page.viewer_data import viewer_document
 from rovid.present.plots import identification, residuals, trials
+from rovid.present.report_data import ReportData
+from rovid.present.residuals import residual_torques, rms_sizes
 from rovid.store.parameter_file import Parameters
 from rovid.store.study import open_study
 from rovid.trial.axis import AXES

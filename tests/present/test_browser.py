@@ -15,7 +15,7 @@ import pytest
 from rovid.effects import effect_named
 from rovid.present.page.figures import ReportFigures
 from rovid.present.page.render import render_page
-from rovid.present.page.report_data import NestedSimulation, ReportData
+from rovid.present.report_data import NestedSimulation, ReportData
 from tests.conftest import SAMPLES, run_rovid
 from tests.present.conftest import make_evidence, nearer, staged
 

@@ -10,9 +10,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image
 
-from rovid.present.page.report_data import ReportData
-from rovid.present.page.residuals import residual_torques
 from rovid.present.plots import canvas, identification, residuals, trials
+from rovid.present.report_data import ReportData
+from rovid.present.residuals import residual_torques
 from rovid.present.tables.fits import method_interval
 from rovid.trial.axis import YAW
 from rovid.trial.vehicle import Thruster

@@ -24,7 +24,7 @@ def watch_start_document(folder: Path, until: Sequence[StopCriterion]) -> Docume
 
 
 def watch_documents(event: Event) -> list[Document]:
-    """The documents of an event: one for each log, one for any other event."""
+    """The documents of an event; a change of logs has a document for each log."""
     if isinstance(event, LogsChanged):
         return [_line("log", document) for document in _log_documents(event)]
     if isinstance(event, ModelFitted):

@@ -22,7 +22,7 @@ from rovid.model.model import Model
 from rovid.model.simulation import simulate_runs
 from rovid.present.page.pdf import print_pdf, require_browser
 from rovid.present.page.render import claim_report, write_report
-from rovid.present.page.report_data import ReportData, simulate_nested_models
+from rovid.present.report_data import ReportData, simulate_nested_models
 from rovid.store.agreement import JOINT_METHODS
 from rovid.store.history import history_output, update_parameters
 from rovid.store.parameter_file import Parameters

@@ -15,7 +15,7 @@ from rovid.compare.comparison import Comparison
 from rovid.core.atomic_write import OutputFile, OutputSet
 from rovid.core.signatures import COMPARISON
 from rovid.present.number_format import parameter_title
-from rovid.present.page.report_data import worst_first
+from rovid.present.report_data import worst_first
 from rovid.present.page.templating import long_date, template_environment
 from rovid.present.plots.canvas import WIDTH, render_inline_svg
 from rovid.present.plots.results import plot_drag, plot_ratios

@@ -20,11 +20,11 @@ from rovid.estimate.inertia import METHODS
 from rovid.model.parameter_names import base_names
 from rovid.present.number_format import arm_words, parameter_title, steady_state_words, unit_symbol
 from rovid.present.page.figures import ReportFigures, draw_figures, existing_plots
-from rovid.present.page.report_data import ReportData
-from rovid.present.page.residuals import rms_sizes, unexplained_torques
 from rovid.present.page.summary import size_words, summarize
 from rovid.present.page.templating import long_date, read_assets, template_environment
 from rovid.present.page.viewer_data import viewer_document
+from rovid.present.report_data import ReportData
+from rovid.present.residuals import rms_sizes, unexplained_torques
 from rovid.present.sentences import confidence_words, effect_title
 from rovid.present.tables import control, diagnosis, fits, trials
 from rovid.trial.vehicle import Vehicle, box_inertia

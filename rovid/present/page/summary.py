@@ -11,7 +11,7 @@ from rovid.diagnose.result import Diagnosis, Finding, next_experiment
 from rovid.model.parameter_names import unit_of
 from rovid.model.simulation import HORIZONS
 from rovid.present.number_format import equal_decimals, number_with_unit, same_decimals
-from rovid.present.page.report_data import ReportData, simulation_errors
+from rovid.present.report_data import ReportData, simulation_errors
 from rovid.present.sentences import (
     confidence_words,
     effect_title,

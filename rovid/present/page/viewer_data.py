@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from rovid.core.array_types import FloatArray
 from rovid.model.simulation import HORIZONS, TrialSimulation
-from rovid.present.page.report_data import ReportData, effects_of, simulation_errors, worst_first
 from rovid.present.plots.canvas import min_max_indices
+from rovid.present.report_data import ReportData, effects_of, simulation_errors, worst_first
 from rovid.present.sentences import effect_title
 from rovid.signals.rates import resample
 from rovid.trial.assumptions import Assumptions

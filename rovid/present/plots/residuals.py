@@ -13,7 +13,8 @@ from matplotlib.legend import Legend
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from rovid.core.array_types import FloatArray
-from rovid.present.page.residuals import (
+from rovid.present.plots.canvas import BLACK, BLUE, GREY, ORANGE, PALE, decimate_min_max, panel_grid, report_style
+from rovid.present.residuals import (
     MissingTorque,
     ResidualTorque,
     all_rates,
@@ -24,7 +25,6 @@ from rovid.present.page.residuals import (
     binned_means,
     spectrum,
 )
-from rovid.present.plots.canvas import BLACK, BLUE, GREY, ORANGE, PALE, decimate_min_max, panel_grid, report_style
 from rovid.trial.axis import Axis
 
 # Most points of a scatter plot: of all residuals, and of the readings without one cause.

@@ -26,7 +26,7 @@ from rovid.present.number_format import (
     steady_state_words,
     unit_symbol,
 )
-from rovid.present.page.report_data import ReportData
+from rovid.present.report_data import ReportData
 from rovid.present.tables.diagnosis import valid_ratios
 from rovid.present.tables.table import Column, ResultTable, mixed_number_column, number_column, text_column
 from rovid.store.agreement import effect_titles, relative_deviation

@@ -9,7 +9,7 @@ import pytest
 
 from rovid.core.atomic_write import OutputSet
 from rovid.present.page import build
-from rovid.present.page.report_data import ReportData
+from rovid.present.report_data import ReportData
 from rovid.store.load import read_parameters
 from rovid.store.parameter_file import Parameters
 from rovid.store.study import Study

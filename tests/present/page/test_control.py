@@ -23,9 +23,9 @@ from rovid.present.number_format import format_number
 from rovid.present.page import build
 from rovid.present.page.figures import ReportFigures, draw_figures
 from rovid.present.page.render import render_page
-from rovid.present.page.report_data import ReportData
 from rovid.present.plots import canvas
 from rovid.present.plots.results import paper_step_runs, plot_closed_loop
+from rovid.present.report_data import ReportData
 from rovid.present.tables.control import formats_table, gains_table, loss_reasons, runs_table
 from rovid.present.tables.table import ResultTable
 from rovid.store.parameter_file import Parameters

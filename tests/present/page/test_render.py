@@ -19,8 +19,8 @@ from rovid.present.number_format import as_sentence
 from rovid.present.page import figures
 from rovid.present.page.figures import ReportFigures, draw_figures
 from rovid.present.page.render import render_page, write_report
-from rovid.present.page.report_data import ReportData
 from rovid.present.plots import trials
+from rovid.present.report_data import ReportData
 from rovid.store.parameter_file import Entry, Parameters, read_source
 from rovid.trial.trial import Campaign
 from tests.present.conftest import GAP, identified, make_evidence, make_vehicle

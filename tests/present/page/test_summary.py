@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from rovid.effects import effect_named
-from rovid.present.page.report_data import ReportData
 from rovid.present.page.summary import PageSummary, summarize
+from rovid.present.report_data import ReportData
 
 
 def answered(evidence: ReportData, **changes: Any) -> PageSummary:

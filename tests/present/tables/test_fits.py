@@ -9,7 +9,7 @@ import pytest
 
 from rovid.estimate.steady_drag import DragFit
 from rovid.present.number_format import DASH
-from rovid.present.page.report_data import NestedSimulation, ReportData
+from rovid.present.report_data import NestedSimulation, ReportData
 from rovid.present.tables import fits, trials
 from rovid.present.tables.fits import correlation_table, directions_table, steady_table
 from rovid.present.tables.table import ResultTable

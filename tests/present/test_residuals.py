@@ -11,9 +11,11 @@ from scipy import signal
 from rovid.core.array_types import FloatArray
 from rovid.effects import Effect, effect_named
 from rovid.model.model import Model
-from rovid.present.page import residuals
-from rovid.present.page.report_data import ReportData
-from rovid.present.page.residuals import (
+from rovid.present import residuals
+from rovid.present.plots import canvas
+from rovid.present.plots.residuals import plot_missing_torque
+from rovid.present.report_data import ReportData
+from rovid.present.residuals import (
     MissingTorque,
     ResidualTorque,
     autocorrelation,
@@ -24,8 +26,6 @@ from rovid.present.page.residuals import (
     spectrum,
     unexplained_torques,
 )
-from rovid.present.plots import canvas
-from rovid.present.plots.residuals import plot_missing_torque
 from rovid.signals.preprocessing import PreparedRuns, prepare
 from rovid.trial.trial import Campaign
 from tests.present.conftest import INERTIA, LINEAR, PERIOD, QUADRATIC

@@ -12,7 +12,7 @@ from rovid.diagnose.result import Diagnosis, ModelAssessment
 from rovid.effects import effect_named
 from rovid.estimate.estimate import Estimate
 from rovid.model.model import Model
-from rovid.present.page.report_data import (
+from rovid.present.report_data import (
     ReportData,
     effects_of,
     simulate_nested_models,
