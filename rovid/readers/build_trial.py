@@ -74,7 +74,9 @@ class TimedSeries:
     @cached_property
     def known(self) -> FloatArray:
         """(k,) known values."""
-        return self.values[self.is_known] if self.missing else self.values
+        if not self.missing:
+            return self.values
+        return self.values[self.is_known]
 
     @cached_property
     def held(self) -> FloatArray:
@@ -235,7 +237,10 @@ class _Builder:
         clocks: dict[int, dict[str, Channel]] = {}
         for name, channel in self.raw.channels.items():
             clocks.setdefault(id(channel.time), {})[name] = channel
-        return {name: one for channels in clocks.values() for name, one in self.one_clock(channels)}
+        series: dict[str, TimedSeries] = {}
+        for channels in clocks.values():
+            series.update(self.one_clock(channels))
+        return series
 
     def one_clock(self, channels: Mapping[str, Channel]) -> Iterator[tuple[str, TimedSeries]]:
         first = next(iter(channels))
@@ -345,7 +350,7 @@ class _Builder:
         return base.hold(logged)
 
     def is_frozen(self, time: FloatArray, rate: FloatArray, position: FloatArray) -> bool:
-        """Whether a rate stays the same while the position departs from its integral."""
+        """Whether a rate is constant while the position departs from its integral."""
         known = rate[np.isfinite(rate)]
         if not known.size or np.ptp(known) > 0.0:
             return False

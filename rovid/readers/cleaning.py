@@ -106,8 +106,9 @@ class _Samples:
         """Resolution in rad of a log that alternates between adjacent values; 0 for a finer log."""
         steps = self.wrapped_steps[np.abs(self.wrapped_steps) > 1e-9]
         smallest = steps[np.abs(steps) <= _QUANTUM_RATIO * self.quantum]
-        both_ways = smallest.size > 0.3 * steps.size and smallest.min() < 0.0 < smallest.max()
-        return self.quantum if both_ways else 0.0
+        if smallest.size > 0.3 * steps.size and smallest.min() < 0.0 < smallest.max():
+            return self.quantum
+        return 0.0
 
     def without(self, bad: BoolArray) -> _Samples:
         return _Samples(self.time[~bad], self.angle[~bad], self.kind, self.name)
@@ -132,18 +133,18 @@ def clean(
     (n,) in SI, unwrapped, NaN where not measured; and remarks on the removed values and the gaps.
     """
     remarks: list[Remark] = []
-    good: IntArray | None = None
+    good = np.arange(len(angle))
     samples = _Samples(time, angle, kind, name)
     for find, fault, text in _TESTS:
         bad = find(samples)
-        if bad is None:
+        if bad is None or not bad.any():
             continue
         count = int(np.count_nonzero(bad))
         remarks.append(Remark(kind=fault, count=count, text=text.format(name, count)))
-        good = np.flatnonzero(~bad) if good is None else good[~bad]
+        good = good[~bad]
         samples = samples.without(bad)
     unwrapped = _unwrap(samples, remarks)
-    if good is None:
+    if len(good) == len(angle):
         return unwrapped, remarks
     position = np.full(len(angle), np.nan)
     position[good] = unwrapped
@@ -161,7 +162,9 @@ def _find_repeats(samples: _Samples) -> BoolArray | None:
     # Rows of each reading while the vehicle moves, without steps of one quantum, which occur at rest.
     fast = np.abs(samples.wrapped_steps[edges - 1]) > _QUANTUM_RATIO * samples.quantum
     runs = np.diff(edges)[fast[:-1] & fast[1:]]
-    period = round(float(np.median(runs))) if len(runs) >= _MIN_RUNS else 1
+    if len(runs) < _MIN_RUNS:
+        return None
+    period = round(float(np.median(runs)))
     if period < 2:
         return None
     starts = np.concatenate(([0], edges))
@@ -169,18 +172,17 @@ def _find_repeats(samples: _Samples) -> BoolArray | None:
     phase = np.arange(count) - np.repeat(starts, lengths)
     remaining = np.repeat(lengths, lengths) - phase
     # A long run is a vehicle at rest: the sensor measured the same value every ``period`` rows.
-    bad = (phase > 0) & ((phase % period > 0) | (remaining < 0.75 * period))
-    return bad if bad.any() else None
+    return np.asarray((phase > 0) & ((phase % period > 0) | (remaining < 0.75 * period)))
 
 
 def _find_spikes(samples: _Samples) -> BoolArray | None:
     """Samples that leave a smooth path and return within three samples, or begin or end the log."""
     bad = _spikes_once(samples)
-    if bad is None:
+    if bad is None or not bad.any():
         return None
     for _ in range(_MORE_ROUNDS):
         more = _spikes_once(samples.without(bad))
-        if more is None:
+        if more is None or not more.any():
             break
         bad[np.flatnonzero(~bad)[more]] = True
     return bad
@@ -206,7 +208,7 @@ def _spikes_once(samples: _Samples) -> BoolArray | None:
         for first in inside[_is_spike(samples, inside, length, limit)].tolist():
             _mark_spike(bad, samples, first, length, limit)
     _mark_ends(bad, samples)
-    return bad if bad.any() else None
+    return bad
 
 
 def _is_spike(samples: _Samples, first: IntArray, length: int, limit: float) -> BoolArray:
@@ -273,7 +275,7 @@ def _find_frozen(samples: _Samples) -> BoolArray | None:
             bad[first : last + 1] = True
         elif length >= _FROZEN_SAMPLES and seconds >= _FROZEN_SECONDS and jump_out > around:
             bad[first + 1 : last + 1] = True  # The first value was measured.
-    return bad if bad.any() else None
+    return bad
 
 
 def _still_runs(samples: _Samples, moves: IntArray) -> Iterator[tuple[int, int]]:
@@ -305,7 +307,7 @@ def _unwrap(samples: _Samples, remarks: list[Remark]) -> FloatArray:
         return samples.angle
     intervals = np.diff(samples.time)
     limit = gap_limit(intervals)
-    gaps = np.flatnonzero(intervals > limit) if intervals.max() > limit else np.arange(0)
+    gaps = np.flatnonzero(intervals > limit)
     angle, uncertain = samples.angle, 0
     if np.isfinite(samples.kind.turn) and not _is_unwrapped(samples, gaps):
         angle = _add_turns(angle, samples.wraps, -np.rint(samples.steps[samples.wraps] / TURN))

@@ -111,7 +111,9 @@ def _columns(trial: Trial, config: Config) -> list[_Column]:
         # SI, but degrees for angles; a user's own signal keeps its unknown unit.
         units = SIGNAL_UNITS.get(signal, {})
         unit = "deg" if units is ANGLE_UNITS else next((unit for unit, factor in units.items() if factor == 1.0), "")
-        values = np.rad2deg(found) if unit == "deg" else found
+        values = found
+        if unit == "deg":
+            values = np.rad2deg(found)
         if signal == "heading":
             values = np.remainder(values, 360.0)
         text = name_with_unit(re.sub(r"\W+", "_", signal), unit)
@@ -130,7 +132,8 @@ def _mapping(columns: list[_Column], kind: str) -> str:
 
     lines = []
     # Messages have their own clock, tables have a time column.
-    signals = ["[signals]", f'time = {{ {kind} = "{"log" if kind == "mcap" else _TIME}" }}']
+    clock = {"mcap": "log"}.get(kind, _TIME)
+    signals = ["[signals]", f'time = {{ {kind} = "{clock}" }}']
     for column in columns:
         if column.signal.startswith(_COMMAND):
             name = toml_text(column.signal.removeprefix(_COMMAND))

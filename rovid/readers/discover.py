@@ -13,6 +13,7 @@ from rovid.core.paths import list_files, require_exists
 from rovid.core.signatures import PLAN
 from rovid.readers.formats import READERS, trial_files
 from rovid.trial.config import Config
+from rovid.trial.log_files import FORMATS
 from rovid.trial.tables import CURVE_COLUMNS, SINE_COLUMNS, STEADY_COLUMNS
 from rovid.trial.trial import Remark
 
@@ -36,8 +37,7 @@ class _File:
     @property
     def kind(self) -> str:
         """Format; empty if unknown."""
-        form = READERS.get(self.path.suffix.lower())
-        return form.kind if form else ""
+        return FORMATS.get(self.path.suffix.lower(), "")
 
 
 def find_logs(
@@ -69,8 +69,7 @@ def find_logs(
 
 def candidate_files(paths: Sequence[Path]) -> list[Path]:
     """Every file in ``paths`` that may be a log or a table, by its suffix."""
-    present = [path for path in paths if path.exists()]
-    return [one.path for one in _files_in(present, [])]
+    return [one.path for one in _files_in(list(filter(Path.exists, paths)), [])]
 
 
 def left_out(name: str, reason: str, kind: str = "skipped") -> Remark:
@@ -126,9 +125,8 @@ def _with_unique_names(files: Sequence[_File]) -> list[_File]:
 
 def _without_nmea_companions(files: Sequence[_File]) -> list[_File]:
     """Without the logs of the same name as an NMEA text, which are read together with it."""
-    texts = {one.path for one in files if one.kind == "nmea"}
-    stems = {text.with_suffix("") for text in texts}
-    return [one for one in files if one.path in texts or one.path.with_suffix("") not in stems]
+    stems = {one.path.with_suffix("") for one in files if one.kind == "nmea"}
+    return [one for one in files if one.kind == "nmea" or one.path.with_suffix("") not in stems]
 
 
 def _first_files_of_trials(files: Sequence[_File], config: Config) -> list[_File]:
@@ -141,8 +139,10 @@ def _first_files_of_trials(files: Sequence[_File], config: Config) -> list[_File
         together = trial_files(one.path, config) or [one.path]
         read |= {path.resolve() for path in together}
         firsts[together[0]] = replace(one, path=together[0])
-    by_path = {one.path: one for one in files}
-    return [by_path.get(path, one) for path, one in firsts.items()]
+    for one in files:
+        if one.path in firsts:
+            firsts[one.path] = one
+    return list(firsts.values())
 
 
 def _is_log(one: _File, config: Config, remarks: list[Remark]) -> bool:
@@ -159,7 +159,7 @@ def _is_csv_log(one: _File, config: Config, remarks: list[Remark]) -> bool:
     from rovid.readers.csv_dialect import read_layout
 
     time = config.time.sources.get("csv", "")
-    mapped = {signal.sources["csv"] for signal in config.mapped_signals("csv").values()} | {time}
+    mapped = {time, *(signal.sources["csv"] for signal in config.mapped_signals("csv").values())}
     try:
         names = set(read_layout(one.path, mapped).names)
     except (OSError, LogError):

@@ -88,8 +88,9 @@ def read_log(path: Path, config: Config, name: str | None = None) -> Trial:
 
     config = config.for_format(form.kind)
     files = trial_files(path, config)
-    raw = _read_joined(path, files, config) if files else form.read(path, config)
-    return build(raw, config, path, name or path.name)
+    if files:
+        return build(_read_joined(path, files, config), config, path, name or path.name)
+    return build(form.read(path, config), config, path, name or path.name)
 
 
 # --- trials of several files -----------------------------------------------------------------------------------
@@ -196,7 +197,9 @@ def _own_config(file: Path, config: Config, join: Join) -> Config:
 def _synchronised(file: Path, raw: RawLog, before: Mapping[Path, RawLog], config: Config) -> dict[str, Channel]:
     """Channels of ``file`` in the time of the first file, with the clock correction of [join]."""
     shift = _shift(file, raw, before)
-    offset, drift = config.join.clock_correction(relative_name(file, config)) if config.join else (0.0, 0.0)
+    offset = drift = 0.0
+    if config.join is not None:
+        offset, drift = config.join.clock_correction(relative_name(file, config))
     starts = [float(channel.time[np.isfinite(channel.time)].min(initial=np.inf)) for channel in raw.channels.values()]
     begin = min(starts, default=0.0)
     moved = {}

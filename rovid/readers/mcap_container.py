@@ -71,9 +71,8 @@ class McapFile:
         if self._bytes(0, len(MAGIC)) != MAGIC:
             text = "is not an MCAP file: it does not begin with the mark of one."
             raise LogError(text, where=self.path, mend="Export the log again, or give it the suffix of its format.")
-        summary = self._summary() if by_index else None
         try:
-            if summary is not None:
+            if by_index and (summary := self._summary()) is not None:
                 self._read_indexed(*summary)
             else:
                 self._scan()

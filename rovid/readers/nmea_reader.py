@@ -275,7 +275,9 @@ def _sentence_kind(cells: list[bytes]) -> str:
 
 
 def _cell(cells: list[bytes], at: int) -> bytes:
-    return cells[at] if at < len(cells) else b""
+    if at < len(cells):
+        return cells[at]
+    return b""
 
 
 def _number(text: bytes | str) -> float:
@@ -300,7 +302,9 @@ def _time_of_day(cells: list[bytes]) -> float:
     text = _cell(cells, 1)
     hours, minutes, seconds = map(_number, (text[:2], text[2:4], text[4:]))
     time = 3600.0 * hours + 60.0 * minutes + seconds
-    return time if 0.0 <= time <= _DAY + 1.0 else np.nan
+    if 0.0 <= time <= _DAY + 1.0:
+        return time
+    return np.nan
 
 
 def _zda_time(cells: list[bytes]) -> float:

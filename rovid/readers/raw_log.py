@@ -164,7 +164,9 @@ def wrong_format(path: Path, expected: str) -> LogError:
 
 def subsampled_median(values: FloatArray) -> float:
     """Median of at most about ten thousand evenly picked ``values``, for thresholds; NaN for none."""
-    return float(np.median(values[:: len(values) // 10_000 + 1])) if values.size else float("nan")
+    if not values.size:
+        return float("nan")
+    return float(np.median(values[:: len(values) // 10_000 + 1]))
 
 
 def euler(quaternions: FloatArray, signal: str) -> FloatArray:

@@ -73,11 +73,18 @@ def to_seconds(values: NDArray[Any], name: str, declared: str, origin: int | Non
         values = values.astype(np.int64)
     sample = np.abs(values[:: len(values) // 1000 + 1].astype(np.float64))
     sample = sample[sample < 1e30]  # Larger numbers are no times.
-    scale = _SCALE[time_unit(name, float(np.median(sample)) if sample.size else 0.0, declared)]
+    magnitude = 0.0
+    if sample.size:
+        magnitude = float(np.median(sample))
+    scale = _SCALE[time_unit(name, magnitude, declared)]
     relative: FloatArray = values
     if values.dtype.kind == "i":
-        relative = (values - (values[0] if origin is None else origin)).astype(np.float64)
-    return relative if scale == 1.0 else relative * scale
+        if origin is None:
+            origin = values[0]
+        relative = (values - origin).astype(np.float64)
+    if scale == 1.0:
+        return relative
+    return relative * scale
 
 
 def column_to_seconds(column: pd.Series[Any], name: str, declared: str, where: Callable[[int], str]) -> FloatArray:

@@ -81,8 +81,7 @@ def _evidence_of_degrees(time: FloatArray, values: FloatArray) -> str:
     seconds = np.diff(time)
     later = seconds > 0
     rates = np.abs(steps[later] / seconds[later])
-    fast = float(np.percentile(rates, 95)) if rates.size else 0.0
-    if fast > _MAX_RATE:
+    if rates.size and (fast := float(np.percentile(rates, 95))) > _MAX_RATE:
         return f"in radians it would turn at {fast:.3g} rad/s"
     return ""
 

@@ -115,11 +115,15 @@ class Assumptions:
 
     def mark_number(self, number: str, unit: str) -> str:
         """``number`` as "guessed 12" if it is a placeholder."""
-        return f"guessed {number}" if self.is_placeholder(unit) else number
+        if self.is_placeholder(unit):
+            return f"guessed {number}"
+        return number
 
     def mark_sentence(self, sentence: str) -> str:
         """``sentence`` with each number in N m, N or kg marked."""
-        return _FORCE_NUMBER.sub(r"guessed \g<0>", sentence) if self else sentence
+        if not self:
+            return sentence
+        return _FORCE_NUMBER.sub(r"guessed \g<0>", sentence)
 
 
 def scales_with_thrust(unit: str) -> bool:

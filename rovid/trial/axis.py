@@ -67,7 +67,9 @@ class Axis:
     @property
     def motion_verb(self) -> str:
         """Verb for a motion along the axis."""
-        return "turns" if self.angular else "moves"
+        if self.angular:
+            return "turns"
+        return "moves"
 
     @property
     def force_name(self) -> str:
@@ -95,7 +97,9 @@ class Axis:
 
     def to_display(self, position: float | None) -> float | None:
         """Convert a position from SI to the display unit."""
-        return None if position is None else position * self.display_unit[1]
+        if position is None:
+            return None
+        return position * self.display_unit[1]
 
     def measured_quantity(self, *, integrated: bool) -> tuple[str, str, float]:
         """Name of the measured quantity, its display unit, and the number of display units in one SI unit.

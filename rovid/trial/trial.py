@@ -249,7 +249,9 @@ class Exclusion:
         """The interval, as "12 to 30.5 s"."""
         if np.isfinite(self.end):
             return f"{self.begin:g} to {self.end:g} s"
-        return f"all from {self.begin:g} s on" if self.begin > 0.0 else "all of it"
+        if self.begin > 0.0:
+            return f"all from {self.begin:g} s on"
+        return "all of it"
 
     def applies_to(self, name: str) -> bool:
         """Whether the log ``name`` is meant, with or without its folder."""

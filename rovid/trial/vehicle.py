@@ -100,7 +100,9 @@ class Thruster:
 
     def command_range(self) -> float:
         """Width of the tested commands; NaN for a logged torque."""
-        return float("nan") if self.curve is None else self.curve.span
+        if self.curve is None:
+            return float("nan")
+        return self.curve.span
 
 
 # Plausible total over rigid-body yaw inertia. Published vehicles: 1.1 to 2.5; a closed hull full of water: 4.
@@ -169,7 +171,9 @@ class Vehicle:
     @property
     def reference_inertia(self) -> float | None:
         """Rigid-body inertia to compare a fitted inertia with; None where arms or curves are guessed."""
-        return None if self.assumptions else self.rigid_body_inertia
+        if self.assumptions:
+            return None
+        return self.rigid_body_inertia
 
     def with_logged_torque(self, trials: Sequence[Trial]) -> Self:
         """The vehicle with the largest torque that is logged in ``trials``."""
