@@ -30,8 +30,9 @@ def _algebraic(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
 def _fading(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
     # State: the direction of turning behind a first-order lag in the swept angle; opposite just after a reversal.
     way = where_nonnegative(-at.rate, -1.0, 1.0)
-    drag = at.body.quadratic_drag * abs(at.relative_rate) * at.relative_rate
-    return -p[0] * 0.5 * (1.0 - way * x[0]) * drag, abs(at.rate) * (way - x[0]) / p[1]
+    relative_rate = at.relative_rate
+    torque = -p[0] * 0.5 * (1.0 - way * x[0]) * at.body.quadratic_drag * abs(relative_rate) * relative_rate
+    return torque, abs(at.rate) * (way - x[0]) / p[1]
 
 
 EFFECT: Effect = Effect(
