@@ -110,10 +110,8 @@ def test_joint_fits_write_the_history(rovid: Rovid, tmp_path: Path) -> None:
     assert_one_message(rovid("fit"), "parameters.history", "is there already")
 
 
-# A result that cannot be written is saved in the working folder or a temporary folder.
-pytestmark = pytest.mark.usefixtures("here")
-
-
+# Results that cannot be written are saved in the working folder, which `here` replaces.
+@pytest.mark.usefixtures("here")
 def test_results_of_another_process_are_kept(tmp_path: Path) -> None:
     stored = Parameters(path=tmp_path / "p.toml")
     claim = OutputSet([stored.output])
@@ -123,12 +121,14 @@ def test_results_of_another_process_are_kept(tmp_path: Path) -> None:
     assert read_parameters(stored.path).vehicle == "another's"
 
 
+@pytest.mark.usefixtures("here")
 def test_a_deleted_file_is_written_again_from_the_read_content(tmp_path: Path) -> None:
     stored = Parameters(path=tmp_path / "p.toml").with_estimate(estimate(NAMES[1:]))
     update_parameters(stored, OutputSet([stored.output]), lambda now: now.with_estimate(estimate(NAMES[:1])))
     assert set(read_parameters(stored.path).entries) == set(NAMES)
 
 
+@pytest.mark.usefixtures("here")
 def test_a_file_replaced_by_another_axis_is_kept_and_the_result_saved_elsewhere(tmp_path: Path) -> None:
     stored = Parameters(path=tmp_path / "p.toml")
     claim = OutputSet([stored.output])
@@ -139,6 +139,7 @@ def test_a_file_replaced_by_another_axis_is_kept_and_the_result_saved_elsewhere(
     assert read_parameters(stored.path).axis is AXES["surge"]
 
 
+@pytest.mark.usefixtures("here")
 def test_an_unwritable_history_keeps_both_files_and_saves_the_result_elsewhere(tmp_path: Path) -> None:
     stored = Parameters(path=tmp_path / "p.toml").with_estimate(estimate(NAMES[1:]))
     stored.write()
