@@ -45,22 +45,22 @@ _FIELDS = ("a", "b", "c", "d")
 _OPTIONS = {"error_model": "numpy"}
 
 
-class _VectorType(types.Type):
+class _StructType(types.Type):
     def __init__(self) -> None:
         super().__init__(name="PlainFloat64x4")
 
 
-_VECTOR = _VectorType()
+_VECTOR = _StructType()
 
 
-@register_model(_VectorType)
-class _VectorModel(models.StructModel):
-    def __init__(self, manager: Any, numba_type: _VectorType) -> None:
+@register_model(_StructType)
+class _StructVectorModel(models.StructModel):
+    def __init__(self, manager: Any, numba_type: _StructType) -> None:
         super().__init__(manager, numba_type, [(name, types.float64) for name in _FIELDS])
 
 
 for _name in _FIELDS:
-    make_attribute_wrapper(_VectorType, _name, _name)
+    make_attribute_wrapper(_StructType, _name, _name)
 
 
 def _vector_of(_: Any, a: Any, b: Any, c: Any, d: Any) -> Any:  # noqa: ARG001 - numba reads the names
@@ -77,7 +77,7 @@ def _vector_of(_: Any, a: Any, b: Any, c: Any, d: Any) -> Any:  # noqa: ARG001 -
 _vector: Any = intrinsic(_vector_of)
 
 
-@lower_cast(types.Number, _VectorType)
+@lower_cast(types.Number, _StructType)
 def _broadcast_number(context: Any, builder: Any, source: Any, target: Any, value: Any) -> Any:
     made = context.make_helper(builder, target)
     for name in _FIELDS:
@@ -86,7 +86,7 @@ def _broadcast_number(context: Any, builder: Any, source: Any, target: Any, valu
 
 
 def _is_vector(*arguments: Any) -> bool:
-    return any(isinstance(one, _VectorType) for one in arguments)
+    return any(isinstance(one, _StructType) for one in arguments)
 
 
 @overload(broadcast, strict=False)
