@@ -42,34 +42,19 @@ class CrossPrediction:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Comparison:
-    """Result of `rovid compare`.
+    """Result of `rovid compare`."""
 
-    Attributes
-    ----------
-    verdict
-        "same", "changed" or "cannot_tell".
-    causes
-        Ids of the causes that act in A, and in B.
-    predictions
-        (model of, runs of), as ("a", "b") -> prediction; empty for parameter files.
-    relevant_change
-        Relative change that has to be detectable.
-    transient_causes
-        Ids of environmental causes that acted in only one of the campaigns.
-    open_questions
-        Clauses on what leaves the question open.
-    """
-
-    verdict: str
+    verdict: str  #: "same", "changed" or "cannot_tell".
     a: CampaignFit
     b: CampaignFit
     effects: tuple[Effect, ...]
     changes: DifferenceTest
-    causes: tuple[tuple[str, ...], tuple[str, ...]]
-    transient_causes: tuple[str, ...]
+    causes: tuple[tuple[str, ...], tuple[str, ...]]  #: Ids of the causes that act in A, and in B.
+    transient_causes: tuple[str, ...]  #: Ids of environmental causes that acted in only one of the campaigns.
+    #: (model of, runs of), as ("a", "b") -> prediction; empty for parameter files.
     predictions: Mapping[tuple[str, str], CrossPrediction]
-    relevant_change: float
-    open_questions: tuple[str, ...]
+    relevant_change: float  #: Relative change that has to be detectable.
+    open_questions: tuple[str, ...]  #: Clauses on what leaves the question open.
     warnings: tuple[str, ...]
 
     @property

@@ -36,26 +36,16 @@ _CORRELATION_SHARE = 0.9
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ParameterChange:
-    """An established or possible change.
-
-    Attributes
-    ----------
-    ratio, standard_error
-        B over A if all unchanged parameters are shared; NaN unless the change is a factor.
-    bic_score
-        Gain in log-likelihood minus the BIC penalty.
-    confidence
-        Probability that this change, or one that is indistinguishable from it, occurred.
-    indistinguishable
-        Changes that explain the difference about as well.
-    """
+    """An established or possible change."""
 
     candidate: ChangeCandidate
+    #: ``ratio``, ``standard_error``: B over A if all unchanged parameters are shared; NaN unless the change is a
+    #: factor.
     ratio: float
     standard_error: float
-    bic_score: float
-    confidence: float
-    indistinguishable: tuple[ChangeCandidate, ...]
+    bic_score: float  #: Gain in log-likelihood minus the BIC penalty.
+    confidence: float  #: Probability that this change, or one that is indistinguishable from it, occurred.
+    indistinguishable: tuple[ChangeCandidate, ...]  #: Changes that explain the difference about as well.
 
     @property
     def established(self) -> bool:

@@ -31,19 +31,12 @@ _SETTLING, _MIN_SAMPLES = 20.0, 40
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Allocation:
-    """Table of commands: each thruster at the same share of its range beyond the dead zone, in the sense of the torque.
+    """Commands with each thruster at the same share of its range beyond the dead zone, in the sense of the torque."""
 
-    Attributes
-    ----------
-    torque, commands
-        (m,) N m, increasing, and (m, k); the commands jump over the dead zone at zero torque.
-    limited
-        Whether a bench curve limits the torque.
-    """
-
+    #: ``torque``, ``commands``: (m,) N m, increasing, and (m, k); the commands jump over the dead zone at zero torque.
     torque: FloatArray
     commands: FloatArray
-    limited: bool
+    limited: bool  #: Whether a bench curve limits the torque.
 
     @property
     def lowest(self) -> float:
@@ -104,19 +97,12 @@ def bare_inputs(vehicle: Vehicle, time: FloatArray, parts: int = 1) -> ActuatorI
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ActuatorProbe:
-    """Sines of wanted torque for the frequency response.
-
-    Attributes
-    ----------
-    parts
-        Number of parts of each interval for the effects between command and torque.
-    period, amplitude
-        Sampling period in s; N m.
-    """
+    """Sines of wanted torque for the frequency response."""
 
     vehicle: Vehicle
-    parts: int
+    parts: int  #: Number of parts of each interval for the effects between command and torque.
     allocation: Allocation
+    #: ``period``, ``amplitude``: sampling period in s; N m.
     period: float
     amplitude: float
 

@@ -33,22 +33,13 @@ _NEGLIGIBLE = 1e-4
 
 @dataclass(frozen=True, kw_only=True)
 class Plant:
-    """The vehicle in the loop.
-
-    Attributes
-    ----------
-    delay
-        s, from a heading to the command that it leads to.
-    heading_noise
-        rad, standard deviation of white noise at each of the controller's samples.
-    disturbance, correlation_time
-        N m and s, standard deviation and correlation time of a coloured torque.
-    """
+    """The vehicle in the loop."""
 
     model: Model
     vehicle: Vehicle
-    delay: float = 0.0
-    heading_noise: float = 0.0
+    delay: float = 0.0  #: s, from a heading to the command that it leads to.
+    heading_noise: float = 0.0  #: rad, standard deviation of white noise at each of the controller's samples.
+    #: ``disturbance``, ``correlation_time``: N m and s, standard deviation and correlation time of a coloured torque.
     disturbance: float = 0.0
     correlation_time: float = 4.0
 
@@ -59,51 +50,31 @@ class Plant:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ClosedLoop:
-    """A ``plant`` under a ``law``, initially at rest.
-
-    Attributes
-    ----------
-    setpoint
-        (m,) heading in rad at each of the controller's samples.
-    initial_heading
-        rad.
-    external_torque
-        (m,) in N m.
-    """
+    """A ``plant`` under a ``law``, initially at rest."""
 
     law: ControlLaw
     allocation: Allocation
     plant: Plant
-    setpoint: FloatArray
-    initial_heading: float
-    external_torque: FloatArray | None = None
+    setpoint: FloatArray  #: (m,) heading in rad at each of the controller's samples.
+    initial_heading: float  #: rad.
+    external_torque: FloatArray | None = None  #: (m,) in N m.
     seed: int = 0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ClosedLoopRun:
-    """Result of a simulation; all series are at the (n,) steps of the plant.
-
-    Attributes
-    ----------
-    heading, rate
-        As the sensor shows it without noise, in rad; true, in rad/s.
-    setpoint, torque, external_torque
-        rad; commanded torque in N m; N m.
-    commands
-        (n, k), held.
-    drive
-        Torque of the commands, and the other inputs of the effects.
-    """
+    """Result of a simulation; all series are at the (n,) steps of the plant."""
 
     time: FloatArray
+    #: ``heading``, ``rate``: as the sensor shows it without noise, in rad; true, in rad/s.
     heading: FloatArray
     rate: FloatArray
+    #: ``setpoint``, ``torque``, ``external_torque``: rad; commanded torque in N m; N m.
     setpoint: FloatArray
     torque: FloatArray
-    commands: FloatArray
+    commands: FloatArray  #: (n, k), held.
     external_torque: FloatArray
-    drive: TorqueInput
+    drive: TorqueInput  #: Torque of the commands, and the other inputs of the effects.
 
     def trial(self) -> Trial:
         """The run as a trial."""

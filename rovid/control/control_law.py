@@ -39,30 +39,23 @@ class ControlLaw:
 
     r is the difference of two headings over the period, behind a first-order low pass. A step of the set point has
     neither a wanted rate nor a wanted acceleration.
-
-    Attributes
-    ----------
-    kp, kd
-        N m/rad and N m s/rad.
-    inertia, quadratic_drag, linear_drag
-        Of the model aid, in kg m^2, N m s^2/rad^2 and N m s/rad; 0 without aid.
-    static_terms
-        (7,) N m, factors of 1, x, x^3, sin h, cos h, sin 2h and cos 2h that compensate the torques at rest; x is the
-        angle turned since the start and h the heading in rad.
-    period, rate_filter
-        Sampling period and time constant of the low pass of the rate, in s.
-    lowest, highest
-        Limits of the actuators in N m.
     """
 
+    #: ``kp``, ``kd``: N m/rad and N m s/rad.
     kp: float
     kd: float
+    #: ``period``, ``rate_filter``: sampling period and time constant of the low pass of the rate, in s.
     period: float
     rate_filter: float
+    #: ``inertia``, ``quadratic_drag``, ``linear_drag``: of the model aid, in kg m^2, N m s^2/rad^2 and N m s/rad; 0
+    #: without aid.
     inertia: float = 0.0
     quadratic_drag: float = 0.0
     linear_drag: float = 0.0
+    #: (7,) N m, factors of 1, x, x^3, sin h, cos h, sin 2h and cos 2h that compensate the torques at rest; x is the
+    #: angle turned since the start and h the heading in rad.
     static_terms: tuple[float, ...] = (0.0,) * STATIC_TERMS
+    #: ``lowest``, ``highest``: limits of the actuators in N m.
     lowest: float = -math.inf
     highest: float = math.inf
 

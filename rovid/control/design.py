@@ -66,25 +66,16 @@ class MarginSpread:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ControllerDesign:
-    """A controller with the properties of its loop.
+    """A controller with the properties of its loop."""
 
-    Attributes
-    ----------
-    law
-        With full model aid.
-    damping, bandwidth
-        Damping ratio, and natural frequency in rad/s, of the gains and the yaw inertia.
-    lag
-        s, total delay of the loop at the crossover frequency.
-    """
-
-    law: ControlLaw
+    law: ControlLaw  #: With full model aid.
     model: Model
     conditions: LoopConditions
     allocation: Allocation
+    #: ``damping``, ``bandwidth``: damping ratio, and natural frequency in rad/s, of the gains and the yaw inertia.
     damping: float
     bandwidth: float
-    lag: float
+    lag: float  #: s, total delay of the loop at the crossover frequency.
     margins: Margins
     spread: MarginSpread | None
     runs: tuple[ClosedLoopResult, ...]

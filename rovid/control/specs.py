@@ -85,21 +85,14 @@ def loop_conditions(
 
 @dataclass(frozen=True, kw_only=True)
 class LoopConditions:
-    """Conditions of the loop, from options and logs.
+    """Conditions of the loop, from options and logs."""
 
-    Attributes
-    ----------
-    period, delay
-        s, sampling period, and delay from a heading to the command that it leads to.
-    rate_filter
-        s, time constant of the low pass of the rate; None to choose it with the bandwidth.
-    heading_noise, torque_in_use
-        rad and N m.
-    """
-
+    #: ``period``, ``delay``: s, sampling period, and delay from a heading to the command that it leads to.
     period: float = 0.1
     delay: float = 0.0
+    #: s, time constant of the low pass of the rate; None to choose it with the bandwidth.
     rate_filter: float | None = None
+    #: ``heading_noise``, ``torque_in_use``: rad and N m.
     heading_noise: float = 0.0
     torque_in_use: float
 

@@ -30,28 +30,21 @@ class LimitCycle:
 
 @dataclass(frozen=True, kw_only=True)
 class StepMetrics:
-    """Metrics of one run; None where there is no step, or it was not reached.
+    """Metrics of one run; None where there is no step, or it was not reached."""
 
-    Attributes
-    ----------
-    time_constant, rise_time, settling_time
-        s; to 63 % of the step, from 10 to 90 %, and until the error stays within 2 % or 0.6 deg.
-    overshoot_deg, steady_error_deg
-        deg; largest error over the last third of the run.
-    effort, effort_change
-        N m, root mean square of the commanded torque, and of its change from step to step.
-    limit_cycle
-        In the same run without noise and disturbance.
-    """
-
+    #: ``time_constant``, ``rise_time``, ``settling_time``: s; to 63 % of the step, from 10 to 90 %, and until the error
+    #: stays within 2 % or 0.6 deg.
     time_constant: float | None
     rise_time: float | None
     settling_time: float | None
+    #: ``overshoot_deg``, ``steady_error_deg``: deg; largest error over the last third of the run.
     overshoot_deg: float | None
     steady_error_deg: float
+    #: ``effort``, ``effort_change``: N m, root mean square of the commanded torque, and of its change from step to
+    #: step.
     effort: float
     effort_change: float
-    limit_cycle: LimitCycle | None
+    limit_cycle: LimitCycle | None  #: In the same run without noise and disturbance.
 
 
 def step_metrics(run: ClosedLoopRun, noise_free: ClosedLoopRun) -> StepMetrics:

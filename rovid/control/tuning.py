@@ -50,56 +50,32 @@ def damping_ratio(kp: float, kd: float, inertia: float) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Margins:
-    """Stability margins, the smallest over all crossings.
+    """Stability margins, the smallest over all crossings."""
 
-    Attributes
-    ----------
-    stable
-        By the Nyquist criterion. In an unstable loop the gain has to fall by -gain_db, and the phase margin is
-        negative.
-    gain_db, gain_down_db
-        Largest increase and decrease of the gain; infinite if unlimited.
-    phase_deg, delay_s
-        NaN if the gain never crosses one.
-    lag_s
-        s, largest time constant of an additional first-order lag.
-    crossover
-        rad/s, highest frequency with a gain of one.
-    sensitivity_peak
-        Maximum of |1/(1 + L)|.
-    """
-
+    #: By the Nyquist criterion. In an unstable loop the gain has to fall by -gain_db, and the phase margin is negative.
     stable: bool
+    #: ``gain_db``, ``gain_down_db``: largest increase and decrease of the gain; infinite if unlimited.
     gain_db: float
     gain_down_db: float
+    #: ``phase_deg``, ``delay_s``: naN if the gain never crosses one.
     phase_deg: float
     delay_s: float
-    lag_s: float
-    crossover: float
-    sensitivity_peak: float
+    lag_s: float  #: s, largest time constant of an additional first-order lag.
+    crossover: float  #: rad/s, highest frequency with a gain of one.
+    sensitivity_peak: float  #: Maximum of |1/(1 + L)|.
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OpenLoop:
-    """The loop about rest, opened at the torque.
+    """The loop about rest, opened at the torque."""
 
-    Attributes
-    ----------
-    law
-        Controller.
-    motion
-        (n, n) and (n,): state and input matrix of the linearised motion, with heading and rate as the first two states
-        and torque as the input.
-    actuators
-        Frequencies in rad/s and the (f,) response from wanted to acting torque.
-    delay
-        s, from a heading to the command that it leads to.
-    """
-
-    law: ControlLaw
+    law: ControlLaw  #: Controller.
+    #: (n, n) and (n,): state and input matrix of the linearised motion, with heading and rate as the first two states
+    #: and torque as the input.
     motion: tuple[FloatArray, FloatArray]
+    #: Frequencies in rad/s and the (f,) response from wanted to acting torque.
     actuators: tuple[FloatArray, ComplexArray]
-    delay: float = 0.0
+    delay: float = 0.0  #: s, from a heading to the command that it leads to.
 
     def transfer(self, frequency: FloatArray) -> ComplexArray:
         """(f,) L at (f,) frequencies in rad/s below the Nyquist frequency, exact for the sampled loop."""

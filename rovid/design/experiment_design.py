@@ -86,21 +86,14 @@ class ExpectedInformation:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExperimentPlan:
-    """Candidate runs, the best first.
+    """Candidate runs, the best first."""
 
-    Attributes
-    ----------
-    models, parameter
-        The two models to distinguish, or the one model with the ``parameter`` to improve.
-    disturbance_rate
-        Rate in rad/s or m/s that the disturbance drives: smaller differences are not visible.
-    """
-
+    #: ``models``, ``parameter``: the two models to distinguish, or the one model with the ``parameter`` to improve.
     models: tuple[CandidateModel, ...]
     parameter: str
     runs: tuple[ExpectedInformation, ...]
     thrusters: tuple[str, ...]
-    disturbance_rate: float
+    disturbance_rate: float  #: Rate in rad/s or m/s that the disturbance drives: smaller differences are not visible.
 
     @property
     def best(self) -> ExpectedInformation:

@@ -164,21 +164,13 @@ def _cut_run(run_index: int, trial: Trial, length: float) -> list[_Part]:
 
 @dataclass(frozen=True, kw_only=True)
 class HeldOutScores:
-    """Scores of a model on all trials, each predicted by a fit to the others.
+    """Scores of a model on all trials, each predicted by a fit to the others."""
 
-    Attributes
-    ----------
-    log_likelihood
-        Of the innovations.
-    rate_r2, rate_rmse
-        Of the free-running simulation.
-    position_errors
-        Horizon in s -> RMS position error that far after a restart; None where no trial is as long.
-    """
-
-    log_likelihood: float
+    log_likelihood: float  #: Of the innovations.
+    #: ``rate_r2``, ``rate_rmse``: of the free-running simulation.
     rate_r2: float
     rate_rmse: float
+    #: Horizon in s -> RMS position error that far after a restart; None where no trial is as long.
     position_errors: dict[float, float | None]
 
 

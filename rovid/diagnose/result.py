@@ -47,32 +47,20 @@ DISCRIMINATING_RUNS = {
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Finding:
-    """An established or suspected cause.
-
-    Attributes
-    ----------
-    estimate
-        Parameters of ``effect`` alone.
-    gain, bic_gain, held_out_gain
-        Log-likelihood gain of the effect in nats: in the fit, less its BIC penalty, and on held-out trials.
-    probability
-        Probability that the cause, or an indistinguishable one, acts.
-    alternatives
-        Other causes in its place, best first.
-    indistinguishable
-        Causes that these data do not rule out, including those that could not be tested without a logged signal.
-    plan
-        Runs that distinguish the cause from the first of those; None where it is decided.
-    """
+    """An established or suspected cause."""
 
     effect: Effect
-    estimate: Estimate
+    estimate: Estimate  #: Parameters of ``effect`` alone.
+    #: ``gain``, ``bic_gain``, ``held_out_gain``: log-likelihood gain of the effect in nats: in the fit, less its BIC
+    #: penalty, and on held-out trials.
     gain: float
     bic_gain: float
     held_out_gain: float
-    probability: float
-    alternatives: tuple[Alternative, ...]
+    probability: float  #: Probability that the cause, or an indistinguishable one, acts.
+    alternatives: tuple[Alternative, ...]  #: Other causes in its place, best first.
+    #: Causes that these data do not rule out, including those that could not be tested without a logged signal.
     indistinguishable: tuple[Effect, ...]
+    #: Runs that distinguish the cause from the first of those; None where it is decided.
     plan: ExperimentPlan | None = None
 
 
@@ -96,52 +84,31 @@ class HorizonErrors:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Diagnosis:
-    """Result of `rovid diagnose`.
+    """Result of `rovid diagnose`."""
 
-    Attributes
-    ----------
-    verdict
-        found, suspected, nothing_found, unexplained or too_little_data.
-    base, extended
-        Model without, and with the established causes; None with too little data.
-    findings, suspects
-        Established causes, the largest gain first; likely or possible ones, the most probable first.
-    horizons
-        Position errors after half to eight time constants.
-    signals
-        Logged signals that explain part of the motion, each with its BIC gain.
-    unexplained_share
-        Variance of the disturbance torque over that of all torque.
-    nested_models
-        Models with some of the established causes: all subsets of up to three causes; of more, the strongest, the two
-        strongest, and so on.
-    noise_floor
-        RMS rate error of a perfect model.
-    position_floors
-        Horizon in s -> RMS position error of a perfect model in rad or m; NaN where unknown.
-    detectable
-        Each effect that was not found, with the smallest detectable size of its first parameter; may be infinite.
-    missing
-        Message on the data that are missing.
-    from_tables
-        Diagnosis of tables, where there are no logs.
-    """
-
-    verdict: str
+    verdict: str  #: found, suspected, nothing_found, unexplained or too_little_data.
+    #: ``base``, ``extended``: model without, and with the established causes; None with too little data.
     base: ModelAssessment | None = None
     extended: ModelAssessment | None = None
+    #: ``findings``, ``suspects``: established causes, the largest gain first; likely or possible ones, the most
+    #: probable first.
     findings: tuple[Finding, ...] = ()
     suspects: tuple[Finding, ...] = ()
-    horizons: tuple[HorizonErrors, ...] = ()
+    horizons: tuple[HorizonErrors, ...] = ()  #: Position errors after half to eight time constants.
+    #: Logged signals that explain part of the motion, each with its BIC gain.
     signals: tuple[tuple[Effect, float], ...] = ()
-    unexplained_share: float = math.nan
+    unexplained_share: float = math.nan  #: Variance of the disturbance torque over that of all torque.
+    #: Models with some of the established causes: all subsets of up to three causes; of more, the strongest, the two
+    #: strongest, and so on.
     nested_models: tuple[Model, ...] = ()
-    noise_floor: float = math.nan
+    noise_floor: float = math.nan  #: RMS rate error of a perfect model.
+    #: Horizon in s -> RMS position error of a perfect model in rad or m; NaN where unknown.
     position_floors: Mapping[float, float] = field(default_factory=dict)
+    #: Each effect that was not found, with the smallest detectable size of its first parameter; may be infinite.
     detectable: tuple[tuple[Effect, float], ...] = ()
     warnings: tuple[str, ...] = ()
-    missing: str = ""
-    from_tables: TableDiagnosis | None = None
+    missing: str = ""  #: Message on the data that are missing.
+    from_tables: TableDiagnosis | None = None  #: Diagnosis of tables, where there are no logs.
 
     @property
     def detectable_sizes(self) -> dict[str, float]:

@@ -31,20 +31,12 @@ _HOUR = 3600.0
 
 @dataclass(frozen=True, eq=False)
 class FitData(ABC):
-    """Runs with all that an objective needs of them, computed once.
-
-    Attributes
-    ----------
-    initial_model
-        Start of the fit, and source of the scales.
-    gyro
-        Whether logged rates are used besides the positions.
-    """
+    """Runs with all that an objective needs of them, computed once."""
 
     runs: Sequence[Run]
     vehicle: Vehicle | None
-    initial_model: Model
-    gyro: bool = False
+    initial_model: Model  #: Start of the fit, and source of the scales.
+    gyro: bool = False  #: Whether logged rates are used besides the positions.
 
     # As in `InputCache`.
     means_only: ClassVar[bool] = False

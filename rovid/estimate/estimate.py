@@ -53,44 +53,24 @@ class Ratio:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Estimate:
-    """Parameters with their uncertainty.
+    """Parameters with their uncertainty."""
 
-    Attributes
-    ----------
-    names
-        In the order of ``values`` and ``covariance``.
-    values, covariance
-        (p,) and (p, p) in the units of ``rovid.model.parameter_names.unit_of``.
-    degrees_of_freedom
-        Of the residual variance behind the covariance; infinite where it was known beforehand.
-    method
-        One line on the method.
-    refused
-        Parameter -> why these data cannot determine it.
-    warnings
-        Full sentences.
-    axis
-        Degree of freedom of the parameters.
-    thrust_scale_uncertainty
-        Relative standard error of the scale of all thrust, and with it of inertia, drag and every torque. Standard
-        errors and intervals include it. ``covariance`` does not, because no simulation or control loop depends on it.
-    per_inertia
-        Whether the inertia cannot be determined and is taken to be 1.
-    assumptions
-        Placeholder values in the vehicle's configuration that the estimate depends on.
-    """
-
-    names: tuple[str, ...]
+    names: tuple[str, ...]  #: In the order of ``values`` and ``covariance``.
+    #: ``values``, ``covariance``: (p,) and (p, p) in the units of ``rovid.model.parameter_names.unit_of``.
     values: FloatArray
     covariance: FloatArray
-    method: str
+    method: str  #: One line on the method.
     samples: int
+    #: Of the residual variance behind the covariance; infinite where it was known beforehand.
     degrees_of_freedom: float = float("inf")
-    refused: Mapping[str, str] = field(default_factory=dict)
-    warnings: tuple[str, ...] = ()
-    axis: Axis = YAW
+    refused: Mapping[str, str] = field(default_factory=dict)  #: Parameter -> why these data cannot determine it.
+    warnings: tuple[str, ...] = ()  #: Full sentences.
+    axis: Axis = YAW  #: Degree of freedom of the parameters.
+    #: Relative standard error of the scale of all thrust, and with it of inertia, drag and every torque. Standard
+    #: errors and intervals include it. ``covariance`` does not, because no simulation or control loop depends on it.
     thrust_scale_uncertainty: float = 0.0
-    per_inertia: bool = False
+    per_inertia: bool = False  #: Whether the inertia cannot be determined and is taken to be 1.
+    #: Placeholder values in the vehicle's configuration that the estimate depends on.
     assumptions: Assumptions = field(default_factory=Assumptions)
 
     def __post_init__(self) -> None:

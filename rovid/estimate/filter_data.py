@@ -46,33 +46,15 @@ class CorrectedAngle(NamedTuple):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class DataChunk:
-    """Runs that one filter pass goes through.
+    """Runs that one filter pass goes through."""
 
-    Attributes
-    ----------
-    runs
-        Each run with the samples at which the filter has its steps.
-    angle
-        (n,) measured angle along the body's axis, all runs one after the other.
-    filter_data
-        The same readings as the filter takes them.
-    innovation_index
-        (N,) twice the sample of each innovation, plus one for an innovation of the rate.
-    rows
-        Rows of these innovations among those of all chunks.
-    inputs
-        Torque inputs of the runs.
-    cache
-        Corrected angles of all chunks.
-    """
-
-    runs: Sequence[tuple[Run, IntArray | slice]]
-    angle: FloatArray
-    filter_data: FilterData
-    innovation_index: IntArray
-    rows: slice
-    inputs: InputCache
-    cache: SizedCache
+    runs: Sequence[tuple[Run, IntArray | slice]]  #: Each run with the samples at which the filter has its steps.
+    angle: FloatArray  #: (n,) measured angle along the body's axis, all runs one after the other.
+    filter_data: FilterData  #: The same readings as the filter takes them.
+    innovation_index: IntArray  #: (N,) twice the sample of each innovation, plus one for an innovation of the rate.
+    rows: slice  #: Rows of these innovations among those of all chunks.
+    inputs: InputCache  #: Torque inputs of the runs.
+    cache: SizedCache  #: Corrected angles of all chunks.
 
     def torque_input(self, model: Model) -> TorqueInput:
         """Torque input of all runs, from each filter step to the next."""
@@ -94,14 +76,9 @@ class DataChunk:
 
 @dataclass(frozen=True, eq=False)
 class InnovationData(FitData):
-    """Data of the innovation likelihood: each reading is predicted from all readings before it.
+    """Data of the innovation likelihood: each reading is predicted from all readings before it."""
 
-    Attributes
-    ----------
-    interval
-        Least time between readings in s; closer readings are skipped, which is enough for a coarse fit. 0 for none.
-    """
-
+    #: Least time between readings in s; closer readings are skipped, which is enough for a coarse fit. 0 for none.
     interval: float = 0.0
 
     @cached_property

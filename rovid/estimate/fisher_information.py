@@ -44,20 +44,11 @@ class Jacobian:
 
     The negative log-likelihood of an innovation is half the sum of squares of two residuals to second order: the
     normalised innovation, and (1 - z^2)/sqrt(2), which carries the derivative by the variance.
-
-    Attributes
-    ----------
-    rows
-        Rows of the n among the N innovations.
-    residual
-        (2n,) the n normalised innovations, followed by the n variance residuals.
-    matrix
-        (2n, p) derivatives of ``residual``.
     """
 
-    rows: slice
-    residual: FloatArray
-    matrix: FloatArray
+    rows: slice  #: Rows of the n among the N innovations.
+    residual: FloatArray  #: (2n,) the n normalised innovations, followed by the n variance residuals.
+    matrix: FloatArray  #: (2n, p) derivatives of ``residual``.
 
     @property
     def gradient(self) -> FloatArray:

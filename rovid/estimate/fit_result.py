@@ -34,22 +34,12 @@ _LOSS, _FIRST_STEP, _GROWTH = 0.5, 1e-4, 1.5
 
 @dataclass(frozen=True, eq=False)
 class FitResult:
-    """A fitted model with some effects.
-
-    Attributes
-    ----------
-    x
-        (p,) coordinates with the least negative log-likelihood.
-    value
-        Negative log-likelihood there.
-    remaining_gain
-        Upper estimate of the log-likelihood that further steps would gain.
-    """
+    """A fitted model with some effects."""
 
     objective: NegativeLogLikelihood
-    x: FloatArray
-    value: float
-    remaining_gain: float = math.inf
+    x: FloatArray  #: (p,) coordinates with the least negative log-likelihood.
+    value: float  #: Negative log-likelihood there.
+    remaining_gain: float = math.inf  #: Upper estimate of the log-likelihood that further steps would gain.
 
     @classmethod
     def at(cls, objective: NegativeLogLikelihood, x: FloatArray) -> Self:

@@ -33,47 +33,24 @@ class Quantity:
 
 @dataclass(frozen=True, kw_only=True)
 class FreeSwing:
-    """One full swing that begins at rest at ``amplitude`` rad from the level.
+    """One full swing that begins at rest at ``amplitude`` rad from the level."""
 
-    Attributes
-    ----------
-    name
-        The trial with this as its largest swing; empty for the RMS swing of all trials.
-    natural_period
-        Undamped natural period, s.
-    damping_ratio
-        Of the linear system with the same decrement.
-    """
-
-    name: str
+    name: str  #: The trial with this as its largest swing; empty for the RMS swing of all trials.
     amplitude: float
-    natural_period: Quantity
-    damping_ratio: Quantity
+    natural_period: Quantity  #: Undamped natural period, s.
+    damping_ratio: Quantity  #: Of the linear system with the same decrement.
 
 
 @dataclass(frozen=True, kw_only=True)
 class FreeDecay:
-    """Results of a free-decay test.
+    """Results of a free-decay test."""
 
-    Attributes
-    ----------
-    rms_swing
-        The swing with the amplitude of the RMS tilt.
-    swings
-        The largest swing of each trial, at the speeds of that trial.
-    natural_frequency
-        rad/s, of ``rms_swing``.
-    terms
-        Damping ratio by the linear drag alone, and the addition by the quadratic drag per rad of amplitude.
-    over_inertia
-        Restoring stiffness, linear and quadratic drag over the inertia.
-    """
-
-    rms_swing: FreeSwing
-    swings: tuple[FreeSwing, ...]
-    natural_frequency: Quantity
+    rms_swing: FreeSwing  #: The swing with the amplitude of the RMS tilt.
+    swings: tuple[FreeSwing, ...]  #: The largest swing of each trial, at the speeds of that trial.
+    natural_frequency: Quantity  #: rad/s, of ``rms_swing``.
+    #: Damping ratio by the linear drag alone, and the addition by the quadratic drag per rad of amplitude.
     terms: Mapping[str, Quantity]
-    over_inertia: Mapping[str, Quantity]
+    over_inertia: Mapping[str, Quantity]  #: Restoring stiffness, linear and quadratic drag over the inertia.
 
 
 def analyse_free_decay(model: Model, estimate: Estimate, runs: Sequence[Run], vehicle: Vehicle) -> FreeDecay:

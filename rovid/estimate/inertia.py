@@ -48,34 +48,18 @@ SINE_ADVICE = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class InertiaFit:
-    """Inertia by every method that the data allow.
+    """Inertia by every method that the data allow."""
 
-    Attributes
-    ----------
-    estimate
-        The inertia to use; with the drag where that is the regression's too.
-    chosen
-        Key of ``methods`` behind ``estimate``.
-    methods
-        Key of ``METHODS`` -> reading.
-    peak_bias
-        Ratio of the peak method's result on the identified model's own motion to its true inertia.
-    added_inertia
-        Inertia minus the rigid body's, in kg m^2, or None where the rigid body's is unknown.
-    trials
-        The sine runs.
-    refused
-        Method -> why it could not be used.
-    """
-
-    estimate: Estimate
-    chosen: str
-    methods: dict[str, InertiaReading]
+    estimate: Estimate  #: The inertia to use; with the drag where that is the regression's too.
+    chosen: str  #: Key of ``methods`` behind ``estimate``.
+    methods: dict[str, InertiaReading]  #: Key of ``METHODS`` -> reading.
+    #: Ratio of the peak method's result on the identified model's own motion to its true inertia.
     peak_bias: float | None
+    #: Inertia minus the rigid body's, in kg m^2, or None where the rigid body's is unknown.
     added_inertia: float | None
-    trials: tuple[SineTrial, ...]
+    trials: tuple[SineTrial, ...]  #: The sine runs.
     regression: Regression | None
-    refused: dict[str, str]
+    refused: dict[str, str]  #: Method -> why it could not be used.
 
 
 def fit_inertia(runs: Sequence[Run], *, drag: Estimate | None, rigid_body: float | None) -> InertiaFit:

@@ -34,15 +34,10 @@ class InnovationLikelihood(NegativeLogLikelihood):
     """Negative log-likelihood of each reading, predicted from all readings before it; docs/method.md, (12).
 
     Masked readings still update the filter.
-
-    Attributes
-    ----------
-    chunk
-        Number of the chunk of the data that is evaluated; None for all.
     """
 
     data: InnovationData
-    chunk: int | None = None
+    chunk: int | None = None  #: Number of the chunk of the data that is evaluated; None for all.
 
     method: ClassVar[str] = "maximum likelihood of Kalman-filter innovations"
     bfgs_pairs: ClassVar[int] = 10

@@ -43,32 +43,17 @@ class _StepCommands(NamedTuple):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class InputCache:
-    """Torque inputs of some runs.
-
-    Attributes
-    ----------
-    vehicle
-        None where no effect may act between command and torque.
-    inertia
-        Approximate inertia, kg m^2.
-    position_noise
-        Standard deviation of the measured position.
-    steps
-        For each run, the (n,) sample numbers of the steps; None for all samples.
-    means_only
-        Whether only mean torques are needed, see `chosen_rows`; else the torque from each step to the next and its
-        timing within.
-    parent
-        The cache of all runs, where this is a subset; it decides on the resolution.
-    """
+    """Torque inputs of some runs."""
 
     runs: Sequence[Run]
-    vehicle: Vehicle | None
-    inertia: float
-    position_noise: float
-    steps: list[IntArray] | None
+    vehicle: Vehicle | None  #: None where no effect may act between command and torque.
+    inertia: float  #: Approximate inertia, kg m^2.
+    position_noise: float  #: Standard deviation of the measured position.
+    steps: list[IntArray] | None  #: For each run, the (n,) sample numbers of the steps; None for all samples.
+    #: Whether only mean torques are needed, see `chosen_rows`; else the torque from each step to the next and its
+    #: timing within.
     means_only: bool = False
-    parent: Self | None = None
+    parent: Self | None = None  #: The cache of all runs, where this is a subset; it decides on the resolution.
     _chosen: dict[int, list[IntArray]] = field(default_factory=dict, init=False, repr=False)
 
     def subset(self, place: slice) -> Self:

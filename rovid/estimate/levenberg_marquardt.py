@@ -63,22 +63,12 @@ class StopReason(Enum):
 
 @dataclass(frozen=True, eq=False)
 class OptimizeResult:
-    """Result of `minimize`.
+    """Result of `minimize`."""
 
-    Attributes
-    ----------
-    x
-        (p,) coordinates.
-    value
-        Negative log-likelihood there.
-    remaining_gain
-        Upper estimate of the log-likelihood still to be gained.
-    """
-
-    x: FloatArray
-    value: float
+    x: FloatArray  #: (p,) coordinates.
+    value: float  #: Negative log-likelihood there.
     stop_reason: StopReason
-    remaining_gain: float
+    remaining_gain: float  #: Upper estimate of the log-likelihood still to be gained.
 
 
 @dataclass(eq=False)

@@ -47,38 +47,21 @@ _HALF = 0.5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LikelihoodFit:
-    """Maximum-likelihood estimate, with its disturbance and noise.
-
-    Attributes
-    ----------
-    log_likelihood
-        Of the innovations of all trials.
-    disturbance, correlation_time
-        Standard deviation of the disturbance torque in N m and its correlation time in s.
-    position_noise
-        Standard deviation of the white measurement noise.
-    rate_only
-        Whether only the rate was measured.
-    limit
-        Upper limit of the disturbance as a share of the torque in use.
-    at_limit
-        Whether the likelihood grows with the disturbance at its limit.
-    white
-        Whether the normalised innovations are white (Ljung-Box) and without heavy tails.
-    free_run_r2, simulation_r2
-        R^2 of the free-running rate with this model, and with the output-error fit.
-    """
+    """Maximum-likelihood estimate, with its disturbance and noise."""
 
     estimate: Estimate
     model: Model
-    log_likelihood: float
+    log_likelihood: float  #: Of the innovations of all trials.
+    #: ``disturbance``, ``correlation_time``: standard deviation of the disturbance torque in N m and its correlation
+    #: time in s.
     disturbance: float
     correlation_time: float
-    position_noise: float
-    rate_only: bool
-    limit: float
-    at_limit: bool
-    white: bool
+    position_noise: float  #: Standard deviation of the white measurement noise.
+    rate_only: bool  #: Whether only the rate was measured.
+    limit: float  #: Upper limit of the disturbance as a share of the torque in use.
+    at_limit: bool  #: Whether the likelihood grows with the disturbance at its limit.
+    white: bool  #: Whether the normalised innovations are white (Ljung-Box) and without heavy tails.
+    #: ``free_run_r2``, ``simulation_r2``: R^2 of the free-running rate with this model, and with the output-error fit.
     free_run_r2: float
     simulation_r2: float
 

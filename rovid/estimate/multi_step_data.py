@@ -38,17 +38,10 @@ _MAX_COUNT = 200.0
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MultiStepData(FitData):
-    """Data of the multi-step likelihood: predictions of the position from restarts.
+    """Data of the multi-step likelihood: predictions of the position from restarts."""
 
-    Attributes
-    ----------
-    time_constant
-        Time constant of the vehicle in s, the unit of horizons.
-    weights
-        (q,) weight of the predictions over each horizon; below 1 because neighbouring predictions are correlated.
-    """
-
-    time_constant: float
+    time_constant: float  #: Time constant of the vehicle in s, the unit of horizons.
+    #: (q,) weight of the predictions over each horizon; below 1 because neighbouring predictions are correlated.
     weights: FloatArray
 
     means_only: ClassVar[bool] = True

@@ -37,37 +37,21 @@ class NegativeLogLikelihood(ABC):
 
     The two final subclasses are `rovid.estimate.innovation_likelihood.InnovationLikelihood` and
     `rovid.estimate.multi_step_likelihood.MultiStepLikelihood`. An innovation is here the error of any prediction.
-
-    Attributes
-    ----------
-    limit
-        Upper limit of the disturbance, as a share of the torque in use; infinite for an objective without disturbance.
-    effects
-        Effects of the model. Their parameters are the last coordinates, after those of the restoring torque.
-    mask
-        (N,) which innovations are used; None for all.
-    method
-        Name of the method for reports.
-    bfgs_pairs
-        Number of past steps that correct the curvature.
-    profiles_variance
-        Whether the variance is estimated from the innovations themselves; it then has no derivatives.
-    simd_slots_left
-        Number of further points that one evaluation takes without extra time.
-    is_smooth
-        Whether finite differences are free of jumps.
     """
 
     data: FitData
+    #: Upper limit of the disturbance, as a share of the torque in use; infinite for an objective without disturbance.
     limit: float = UNLIMITED
+    #: Effects of the model. Their parameters are the last coordinates, after those of the restoring torque.
     effects: tuple[Effect, ...] = ()
-    mask: BoolArray | None = None
+    mask: BoolArray | None = None  #: (N,) which innovations are used; None for all.
 
-    method: ClassVar[str]
-    bfgs_pairs: ClassVar[int]
+    method: ClassVar[str]  #: Name of the method for reports.
+    bfgs_pairs: ClassVar[int]  #: Number of past steps that correct the curvature.
+    #: Whether the variance is estimated from the innovations themselves; it then has no derivatives.
     profiles_variance: ClassVar[bool]
-    simd_slots_left: ClassVar[int]
-    is_smooth: ClassVar[bool]
+    simd_slots_left: ClassVar[int]  #: Number of further points that one evaluation takes without extra time.
+    is_smooth: ClassVar[bool]  #: Whether finite differences are free of jumps.
 
     @property
     @abstractmethod

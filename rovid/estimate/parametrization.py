@@ -34,16 +34,11 @@ _LEAST_SIZE = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Parametrization:
-    """Scaled coordinates of the model with some effects.
-
-    Attributes
-    ----------
-    low, high
-        (p,) bounds.
-    """
+    """Scaled coordinates of the model with some effects."""
 
     data: FitData
     effects: tuple[Effect, ...]
+    #: ``low``, ``high``: (p,) bounds.
     low: FloatArray
     high: FloatArray
 

@@ -55,25 +55,15 @@ class Trajectory(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GriddedRun:
-    """Measured motion of one run on a grid, and the predictions along it.
-
-    Attributes
-    ----------
-    time
-        (n,) s.
-    stride
-        Samples of the filter's grid per interval of this grid.
-    angle
-        (n,) measured angle about the body's axis; NaN where unknown.
-    starts, ends, horizon
-        (N,) grid indices of the restart and of the end of each prediction, and the index of its horizon.
-    """
+    """Measured motion of one run on a grid, and the predictions along it."""
 
     run: Run
-    time: FloatArray
-    stride: int
-    angle: FloatArray
+    time: FloatArray  #: (n,) s.
+    stride: int  #: Samples of the filter's grid per interval of this grid.
+    angle: FloatArray  #: (n,) measured angle about the body's axis; NaN where unknown.
     trajectory: Trajectory
+    #: ``starts``, ``ends``, ``horizon``: (N,) grid indices of the restart and of the end of each prediction, and the
+    #: index of its horizon.
     starts: IntArray
     ends: IntArray
     horizon: IntArray
@@ -113,25 +103,16 @@ class GriddedRun:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RestartGrid:
-    """Predictions of all runs, on their grids one after the other. The m restarts are sorted by reach, longest first.
+    """Predictions of all runs on their grids, one after the other. The m restarts are sorted by reach, longest first."""
 
-    Attributes
-    ----------
-    starts, ends
-        (N,) indices of the restart and of the end of each prediction.
-    restarts, reach
-        (m,) index of each restart, and the number of steps to the farthest end from there.
-    restart_number
-        (N,) number of the restart of each prediction.
-    run, period
-        (m,) number of the run of each restart, and the interval of its grid in s.
-    """
-
+    #: ``starts``, ``ends``: (N,) indices of the restart and of the end of each prediction.
     starts: IntArray
     ends: IntArray
+    #: ``restarts``, ``reach``: (m,) index of each restart, and the number of steps to the farthest end from there.
     restarts: IntArray
     reach: IntArray
-    restart_number: IntArray
+    restart_number: IntArray  #: (N,) number of the restart of each prediction.
+    #: ``run``, ``period``: (m,) number of the run of each restart, and the interval of its grid in s.
     run: IntArray
     period: FloatArray
 
@@ -185,27 +166,19 @@ def _predictions(
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class IntervalMeans:
-    """Means over grid intervals, of series that are held between the n samples of some runs.
+    """Means over grid intervals, of series that are held between the n samples of some runs."""
 
-    Attributes
-    ----------
-    offsets, grid_offsets
-        (r + 1,) first sample, and first of the m grid instants, of each of r runs, and their totals.
-    length, span
-        (n,) and (m,) s from each instant to the next of its run; 1 s after the last.
-    held, since
-        (m,) sample whose value is held at each grid instant, and the time since that sample in s.
-    same
-        (m,) whether the same sample is held at the next grid instant.
-    """
-
+    #: ``offsets``, ``grid_offsets``: (r + 1,) first sample, and first of the m grid instants, of each of r runs, and
+    #: their totals.
     offsets: IntArray
     grid_offsets: IntArray
+    #: ``length``, ``span``: (n,) and (m,) s from each instant to the next of its run; 1 s after the last.
     length: FloatArray
     span: FloatArray
+    #: ``held``, ``since``: (m,) sample whose value is held at each grid instant, and the time since that sample in s.
     held: IntArray
     since: FloatArray
-    same: BoolArray
+    same: BoolArray  #: (m,) whether the same sample is held at the next grid instant.
 
     @classmethod
     def between_grids(cls, times: Sequence[FloatArray], grids: Sequence[FloatArray]) -> Self:

@@ -36,36 +36,21 @@ _ADVICE = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DragFit:
-    """Drag from steady states, with diagnostics.
-
-    Attributes
-    ----------
-    points
-        The k points fitted.
-    unsteady
-        Holds that were left out because the rate had a trend.
-    torque_error
-        (k,) standard error of each point's torque balance in N m; the weights are its inverse squares. Ones where
-        unknown; see ``torque_error_known``.
-    residuals
-        (k,) measured minus fitted torque in N m.
-    left_out
-        (k, 3) quadratic and linear drag without that point, and the residual of its torque, in N m; NaN where the
-        others do not determine both.
-    directions
-        The fit of each direction alone, where it has at least two levels: "up" and "down".
-    r_squared
-        1 - SSE/SST of torque, unweighted, centred; NaN where the torque does not vary.
-    """
+    """Drag from steady states, with diagnostics."""
 
     estimate: Estimate
-    points: tuple[SteadyPoint, ...]
-    unsteady: tuple[SteadyPoint, ...]
+    points: tuple[SteadyPoint, ...]  #: The k points fitted.
+    unsteady: tuple[SteadyPoint, ...]  #: Holds that were left out because the rate had a trend.
+    #: (k,) standard error of each point's torque balance in N m; the weights are its inverse squares. Ones where
+    #: unknown; see ``torque_error_known``.
     torque_error: FloatArray
-    residuals: FloatArray
+    residuals: FloatArray  #: (k,) measured minus fitted torque in N m.
+    #: (k, 3) quadratic and linear drag without that point, and the residual of its torque, in N m; NaN where the others
+    #: do not determine both.
     left_out: FloatArray
+    #: The fit of each direction alone, where it has at least two levels: "up" and "down".
     directions: dict[str, Estimate]
-    r_squared: float
+    r_squared: float  #: 1 - SSE/SST of torque, unweighted, centred; NaN where the torque does not vary.
 
     @property
     def torque_error_known(self) -> bool:

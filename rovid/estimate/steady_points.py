@@ -31,39 +31,22 @@ _MIN_RATE_SIGMAS = 4.0
 
 @dataclass(frozen=True, kw_only=True)
 class SteadyPoint:
-    """One steady state.
+    """One steady state."""
 
-    Attributes
-    ----------
-    source
-        Log, or row of the table.
-    start, stop
-        Start and end of the part of the hold that was used, s; NaN for a table.
-    command
-        One number per actuator.
-    torque, rate
-        Means over the part used, N m and rad/s (or N and m/s).
-    square_rate
-        Mean of |r| r over the part used, rad^2/s^2.
-    rate_error
-        Standard error of ``rate``, allowing for its autocorrelation; NaN for a table.
-    drift, drift_error
-        Change of rate over the part used and its standard error, rad/s; NaN for a table.
-    steady
-        False where that drift is a trend; such a point is shown but not fitted.
-    """
-
-    source: str
+    source: str  #: Log, or row of the table.
+    #: ``start``, ``stop``: start and end of the part of the hold that was used, s; NaN for a table.
     start: float = math.nan
     stop: float = math.nan
-    command: tuple[float, ...]
+    command: tuple[float, ...]  #: One number per actuator.
+    #: ``torque``, ``rate``: means over the part used, N m and rad/s (or N and m/s).
     torque: float
     rate: float
-    square_rate: float
-    rate_error: float = math.nan
+    square_rate: float  #: Mean of |r| r over the part used, rad^2/s^2.
+    rate_error: float = math.nan  #: Standard error of ``rate``, allowing for its autocorrelation; NaN for a table.
+    #: ``drift``, ``drift_error``: change of rate over the part used and its standard error, rad/s; NaN for a table.
     drift: float = math.nan
     drift_error: float = math.nan
-    steady: bool = True
+    steady: bool = True  #: False where that drift is a trend; such a point is shown but not fitted.
 
     @property
     def duration(self) -> float:
@@ -196,27 +179,13 @@ class WlsSolution(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TorqueBalance:
-    """Linear model of the torque at k steady states; docs/method.md, (6).
+    """Linear model of the torque at k steady states; docs/method.md, (6)."""
 
-    Attributes
-    ----------
-    design
-        (k, p) regressors: |r| r, r, and those of the restoring torque.
-    torque
-        (k,) N m.
-    error
-        (k,) standard errors of the torque balance in N m; ones where unknown.
-    error_known
-        Whether the errors are known.
-    free
-        (p,) which unknowns are free; the others are zero.
-    """
-
-    design: FloatArray
-    torque: FloatArray
-    error: FloatArray
-    error_known: bool
-    free: BoolArray
+    design: FloatArray  #: (k, p) regressors: |r| r, r, and those of the restoring torque.
+    torque: FloatArray  #: (k,) N m.
+    error: FloatArray  #: (k,) standard errors of the torque balance in N m; ones where unknown.
+    error_known: bool  #: Whether the errors are known.
+    free: BoolArray  #: (p,) which unknowns are free; the others are zero.
 
     @classmethod
     def of(cls, points: Sequence[SteadyPoint], axis: Axis, free: BoolArray) -> Self:

@@ -33,26 +33,15 @@ _WIDE_GAP = 2.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ThrustCurveFit:
-    """A thrust curve and its residuals.
-
-    Attributes
-    ----------
-    command, thrust
-        (n,) the readings in order of command, thrust in N.
-    residuals
-        (n,) reading minus curve in N.
-    dead_zone
-        Commands between which the thrust is zero, or None.
-    noise
-        Largest contradiction of the readings to a monotone curve near neutral, N.
-    """
+    """A thrust curve and its residuals."""
 
     curve: ThrustCurve
+    #: ``command``, ``thrust``: (n,) the readings in order of command, thrust in N.
     command: FloatArray
     thrust: FloatArray
-    residuals: FloatArray
-    dead_zone: tuple[float, float] | None
-    noise: float
+    residuals: FloatArray  #: (n,) reading minus curve in N.
+    dead_zone: tuple[float, float] | None  #: Commands between which the thrust is zero, or None.
+    noise: float  #: Largest contradiction of the readings to a monotone curve near neutral, N.
 
     @property
     def rms(self) -> float:

@@ -29,32 +29,16 @@ Simulate = Callable[[FloatArray], FloatArray]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExportInput:
-    """Model and vehicle to export.
-
-    Attributes
-    ----------
-    entries
-        Parameters with units and standard errors.
-    largest_rate
-        rad/s, largest yaw rate in the logs.
-    commands
-        (k, 2) smallest and largest command of each thruster in the logs.
-    reference
-        Median of each further channel of the logs.
-    notes
-        Assumptions about the vehicle and its trials.
-    guess
-        Arms and curves that were not measured.
-    """
+    """Model and vehicle to export."""
 
     model: Model
     vehicle: Vehicle
-    entries: Mapping[str, Entry]
-    largest_rate: float
-    commands: FloatArray
-    reference: Mapping[str, float]
-    notes: tuple[str, ...] = ()
-    guess: Assumptions = field(default_factory=Assumptions)
+    entries: Mapping[str, Entry]  #: Parameters with units and standard errors.
+    largest_rate: float  #: rad/s, largest yaw rate in the logs.
+    commands: FloatArray  #: (k, 2) smallest and largest command of each thruster in the logs.
+    reference: Mapping[str, float]  #: Median of each further channel of the logs.
+    notes: tuple[str, ...] = ()  #: Assumptions about the vehicle and its trials.
+    guess: Assumptions = field(default_factory=Assumptions)  #: Arms and curves that were not measured.
 
     @property
     def effects(self) -> dict[str, dict[str, float]]:
@@ -100,23 +84,14 @@ class ExportInput:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExportResult:
-    """Content of an exported file, and the simulator's equation with the numbers in it.
-
-    Attributes
-    ----------
-    kept_effects
-        Keys of the effects that the file represents.
-    base_losses
-        (parameter, reason) of the parts of the base model that the file cannot represent.
-    notes
-        Assumptions, and facts that the user has to know.
-    """
+    """Content of an exported file, and the simulator's equation with the numbers in it."""
 
     content: str | bytes
     simulate: Simulate
-    kept_effects: frozenset[str]
+    kept_effects: frozenset[str]  #: Keys of the effects that the file represents.
+    #: (parameter, reason) of the parts of the base model that the file cannot represent.
     base_losses: tuple[tuple[str, str], ...] = ()
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  #: Assumptions, and facts that the user has to know.
 
 
 def export_input(stored: Parameters, study: Study | None) -> ExportInput:

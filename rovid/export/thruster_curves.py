@@ -27,24 +27,13 @@ THRUST_LAG, COMMAND_LAG = "thruster_lag", "thruster_lag:command"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ThrusterCurve:
-    """Steady thrust of one thruster over its command, memoryless effects included.
-
-    Attributes
-    ----------
-    identifier
-        Unique name for XML, YAML and topics.
-    arm
-        m; torque = arm * thrust, positive where it turns the heading up.
-    neutral
-        Command of no thrust.
-    command, thrust
-        (m,) in the unit of the log, and in N (N m for a logged torque).
-    """
+    """Steady thrust of one thruster over its command, memoryless effects included."""
 
     name: str
-    identifier: str
-    arm: float
-    neutral: float
+    identifier: str  #: Unique name for XML, YAML and topics.
+    arm: float  #: m; torque = arm * thrust, positive where it turns the heading up.
+    neutral: float  #: Command of no thrust.
+    #: ``command``, ``thrust``: (m,) in the unit of the log, and in N (N m for a logged torque).
     command: FloatArray
     thrust: FloatArray
 

@@ -42,20 +42,11 @@ _UNCERTAIN = 0.25
 
 @dataclass(frozen=True, kw_only=True)
 class Advice:
-    """One deficiency of the logs.
+    """One deficiency of the logs."""
 
-    Attributes
-    ----------
-    kind
-        A stable word for programs.
-    text
-        Full sentences; the first one is what to do, if anything can be done.
-    weight
-        "grave" if no fit is valid before it is corrected, "care" if it limits the fit, otherwise "aside".
-    """
-
-    kind: str
-    text: str
+    kind: str  #: A stable word for programs.
+    text: str  #: Full sentences; the first one is what to do, if anything can be done.
+    #: "grave" if no fit is valid before it is corrected, "care" if it limits the fit, otherwise "aside".
     weight: Weight = "care"
 
 

@@ -32,24 +32,12 @@ _OUTPUTS = 16
 
 @dataclass(frozen=True, kw_only=True)
 class AutopilotOutput:
-    """Thruster at one output of the autopilot.
+    """Thruster at one output of the autopilot."""
 
-    Attributes
-    ----------
-    label
-        Number of the motor, or its side.
-    direction
-        Direction in which more of the command turns the heading; 0 for neither.
-    reason
-        Parameters that define the thruster.
-    arm
-        m; 0 if not known.
-    """
-
-    label: str
-    direction: int
-    reason: str
-    arm: float = 0.0
+    label: str  #: Number of the motor, or its side.
+    direction: int  #: Direction in which more of the command turns the heading; 0 for neither.
+    reason: str  #: Parameters that define the thruster.
+    arm: float = 0.0  #: m; 0 if not known.
 
     @property
     def name(self) -> str:

@@ -34,33 +34,19 @@ _ITERATIONS, _MAX_DRIFT = 12, 0.01
 
 @dataclass(frozen=True, kw_only=True)
 class ClockOffset:
-    """Offset of the clock of a file, or of one part of every trial.
+    """Offset of the clock of a file, or of one part of every trial."""
 
-    Attributes
-    ----------
-    name
-        File, or part, as in [join].
-    offset, error
-        s to be added to the clock, besides the setting in [join], at the beginning of the file if the clock drifts;
-        standard error.
-    drift, drift_error
-        ppm; 0 where not significant.
-    by
-        Columns that were compared; empty for an estimate from the response of the vehicle.
-    given
-        s and ppm that [join] adds already.
-    middle
-        s from the beginning of the file to where the offset holds; 0 if the clock drifts.
-    """
-
-    name: str
+    name: str  #: File, or part, as in [join].
+    #: ``offset``, ``error``: s to be added to the clock, besides the setting in [join], at the beginning of the file if
+    #: the clock drifts; standard error.
     offset: float
     error: float
+    #: ``drift``, ``drift_error``: ppm; 0 where not significant.
     drift: float = 0.0
     drift_error: float = 0.0
-    by: str = ""
-    given: tuple[float, float] = (0.0, 0.0)
-    middle: float = 0.0
+    by: str = ""  #: Columns that were compared; empty for an estimate from the response of the vehicle.
+    given: tuple[float, float] = (0.0, 0.0)  #: s and ppm that [join] adds already.
+    middle: float = 0.0  #: s from the beginning of the file to where the offset holds; 0 if the clock drifts.
 
     @property
     def certain(self) -> bool:
@@ -133,26 +119,16 @@ class ClockOffsets:
 
 @dataclass(frozen=True, kw_only=True)
 class ClockAlignment:
-    """Correction of one clock to another one.
+    """Correction of one clock to another one."""
 
-    Attributes
-    ----------
-    offset, error
-        s to be added in the middle of the log, with standard error.
-    drift, drift_error
-        Further s per s.
-    middle
-        s from the beginning of the log to its middle.
-    columns
-        Columns that were compared, for people.
-    """
-
+    #: ``offset``, ``error``: s to be added in the middle of the log, with standard error.
     offset: float
     error: float
+    #: ``drift``, ``drift_error``: further s per s.
     drift: float
     drift_error: float
-    middle: float
-    columns: str
+    middle: float  #: s from the beginning of the log to its middle.
+    columns: str  #: Columns that were compared, for people.
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

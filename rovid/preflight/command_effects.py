@@ -41,23 +41,13 @@ Log = Mapping[str, RawColumn]
 
 @dataclass(frozen=True, kw_only=True)
 class CommandEffect:
-    """Effect of one command on the rate, as the logs show it.
+    """Effect of one command on the rate, as the logs show it."""
 
-    Attributes
-    ----------
-    t_statistic
-        Of the gain, with a correction for autocorrelated residuals.
-    explained_share
-        Share of the variance of the rate, beyond its autoregression; 0 to 1 over all commands together.
-    gain
-        Change of the rate over a window per unit of the command.
-    is_contradicted
-        Whether the rate changes against changes of the commands: they then respond to the motion.
-    """
-
-    t_statistic: float = 0.0
+    t_statistic: float = 0.0  #: Of the gain, with a correction for autocorrelated residuals.
+    #: Share of the variance of the rate, beyond its autoregression; 0 to 1 over all commands together.
     explained_share: float = 0.0
-    gain: float = 0.0
+    gain: float = 0.0  #: Change of the rate over a window per unit of the command.
+    #: Whether the rate changes against changes of the commands: they then respond to the motion.
     is_contradicted: bool = False
 
     @property
@@ -242,19 +232,12 @@ def _regress(blocks: Sequence[tuple[FloatArray, FloatArray]]) -> _Regression | N
 
 @dataclass(frozen=True, kw_only=True)
 class ThrusterCheck:
-    """Effect of one thruster of rovid.toml as the logs show it.
-
-    Attributes
-    ----------
-    observed
-        Effect of its torque, or force, by arm and curve: the gain should be positive.
-    strength, error
-        Effect per N m relative to the weighted mean of all thrusters, with its standard error; 1 where arms and curves
-        are right in proportion, NaN where the logs do not determine it.
-    """
+    """Effect of one thruster of rovid.toml as the logs show it."""
 
     name: str
-    observed: CommandEffect
+    observed: CommandEffect  #: Effect of its torque, or force, by arm and curve: the gain should be positive.
+    #: ``strength``, ``error``: effect per N m relative to the weighted mean of all thrusters, with its standard error;
+    #: 1 where arms and curves are right in proportion, NaN where the logs do not determine it.
     strength: float
     error: float
 

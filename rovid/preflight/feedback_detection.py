@@ -54,26 +54,14 @@ _MAX_SCATTER = 0.15
 
 @dataclass(frozen=True, kw_only=True)
 class Feedback:
-    """Result of one test on one log.
+    """Result of one test on one log."""
 
-    Attributes
-    ----------
-    name
-        Of the log.
-    seen_in
-        "flow", "steps" or "reversals".
-    chance
-        p value, 0 to 1.
-    share
-        Share of the commands' own changes that follows the motion, 0 to 1; 0 for reversals.
-    scatter, by_duration
-        For reversals, scatter of the positions, and that which the durations would cause, rad or m; 0 for other tests.
-    """
-
-    name: str
-    seen_in: str
-    chance: float
-    share: float = 0.0
+    name: str  #: Of the log.
+    seen_in: str  #: "flow", "steps" or "reversals".
+    chance: float  #: p value, 0 to 1.
+    share: float = 0.0  #: Share of the commands' own changes that follows the motion, 0 to 1; 0 for reversals.
+    #: ``scatter``, ``by_duration``: for reversals, scatter of the positions, and that which the durations would cause,
+    #: rad or m; 0 for other tests.
     scatter: float = 0.0
     by_duration: float = 0.0
 

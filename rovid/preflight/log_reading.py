@@ -36,29 +36,19 @@ _ORIENTATIONS = ("orientation", "quaternion", "rotation", ".q")
 
 @dataclass(frozen=True, kw_only=True)
 class LogsRead:
-    """Columns of all logs, by format, and the problems met.
-
-    Attributes
-    ----------
-    logs, names
-        Format -> columns of each log by source, and name of each log in the folder.
-    clocks, file_clocks
-        Format -> source of the clock in the first log, empty if the format has a clock of its own; name of a log ->
-        the same.
-    parameters
-        Format -> parameters of the autopilot.
-    join
-        How files form trials, if no file holds both the motion and the commands.
-    """
+    """Columns of all logs, by format, and the problems met."""
 
     folder: Path
+    #: ``logs``, ``names``: format -> columns of each log by source, and name of each log in the folder.
     logs: dict[str, list[Mapping[str, RawColumn]]] = field(default_factory=dict)
     names: dict[str, list[str]] = field(default_factory=dict)
+    #: ``clocks``, ``file_clocks``: format -> source of the clock in the first log, empty if the format has a clock of
+    #: its own; name of a log -> the same.
     clocks: dict[str, str] = field(default_factory=dict)
     file_clocks: dict[str, str] = field(default_factory=dict)
-    parameters: dict[str, dict[str, float]] = field(default_factory=dict)
+    parameters: dict[str, dict[str, float]] = field(default_factory=dict)  #: Format -> parameters of the autopilot.
     problems: list[str] = field(default_factory=list)
-    join: Join | None = None
+    join: Join | None = None  #: How files form trials, if no file holds both the motion and the commands.
 
 
 def read_logs(paths: Sequence[Path], axis: Axis = YAW) -> LogsRead:

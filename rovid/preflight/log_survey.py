@@ -42,30 +42,16 @@ _HEADROOM = 1.1
 
 @dataclass(frozen=True, kw_only=True)
 class UserOverrides:
-    """Choices of the user that replace guesses.
+    """Choices of the user that replace guesses."""
 
-    Attributes
-    ----------
-    name
-        Name of the vehicle; empty if not given.
-    size
-        mass in kg, length and width in m, as far as given.
-    signals
-        Format -> name in rovid.toml -> source; None keeps all guesses.
-    commands
-        Sources of the commands to use; None keeps all that were found.
-    arms
-        Source of a command -> measured yaw arm of its thruster in m.
-    names
-        Source of a command -> name of its thruster.
-    """
-
-    name: str = ""
-    size: Mapping[str, float] = field(default_factory=dict)
+    name: str = ""  #: Name of the vehicle; empty if not given.
+    size: Mapping[str, float] = field(default_factory=dict)  #: mass in kg, length and width in m, as far as given.
+    #: Format -> name in rovid.toml -> source; None keeps all guesses.
     signals: Mapping[str, Mapping[str, SignalGuess]] | None = None
-    commands: frozenset[str] | None = None
+    commands: frozenset[str] | None = None  #: Sources of the commands to use; None keeps all that were found.
+    #: Source of a command -> measured yaw arm of its thruster in m.
     arms: Mapping[str, float] = field(default_factory=dict)
-    names: Mapping[str, str] = field(default_factory=dict)
+    names: Mapping[str, str] = field(default_factory=dict)  #: Source of a command -> name of its thruster.
     exclusions: tuple[Exclusion, ...] = ()
 
     def apply_to(self, mappings: Mapping[str, ColumnMapping]) -> dict[str, ColumnMapping]:
@@ -109,44 +95,25 @@ def _chosen(chosen: SignalGuess, guessed: SignalGuess | None) -> SignalGuess:
 
 @dataclass(frozen=True, kw_only=True)
 class LogSurvey:
-    """Findings of `rovid init`.
-
-    Attributes
-    ----------
-    axis
-        Degree of freedom.
-    mappings
-        Format -> contents of its columns.
-    clock_sources
-        Format -> source of the clock, empty if the format has a clock of its own.
-    curve
-        Name of the thrust curve in the folder; empty without commands.
-    new_curve
-        Curve to write under that name; None if the file exists.
-    curve_guessed
-        Whether the curve is a guess.
-    profile, profile_guessed
-        Type of vehicle, None if not known; whether it was guessed from the outputs that turn the vehicle.
-    join, clock_offsets
-        How files form trials, where no file holds both heading and commands; offsets of their clocks.
-    logs
-        Number of logs read.
-    warnings
-        Files that are no logs or cannot be read, contradictions, and logs without a mapped signal.
-    """
+    """Findings of `rovid init`."""
 
     folder: Path
-    mappings: Mapping[str, ColumnMapping]
-    clock_sources: Mapping[str, str]
-    curve: str
-    new_curve: ThrustCurve | None
-    curve_guessed: bool
-    logs: int
-    axis: Axis = YAW
+    mappings: Mapping[str, ColumnMapping]  #: Format -> contents of its columns.
+    clock_sources: Mapping[str, str]  #: Format -> source of the clock, empty if the format has a clock of its own.
+    curve: str  #: Name of the thrust curve in the folder; empty without commands.
+    new_curve: ThrustCurve | None  #: Curve to write under that name; None if the file exists.
+    curve_guessed: bool  #: Whether the curve is a guess.
+    logs: int  #: Number of logs read.
+    axis: Axis = YAW  #: Degree of freedom.
+    #: ``profile``, ``profile_guessed``: type of vehicle, None if not known; whether it was guessed from the outputs
+    #: that turn the vehicle.
     profile: VehiclePreset | None = None
     profile_guessed: bool = False
+    #: ``join``, ``clock_offsets``: how files form trials, where no file holds both heading and commands; offsets of
+    #: their clocks.
     join: Join | None = None
     clock_offsets: ClockOffsets = field(default_factory=ClockOffsets)
+    #: Files that are no logs or cannot be read, contradictions, and logs without a mapped signal.
     warnings: tuple[str, ...] = ()
     overrides: UserOverrides = field(default_factory=UserOverrides)
 
@@ -163,22 +130,15 @@ class LogSurvey:
 
 @dataclass(frozen=True, kw_only=True)
 class SurveyOptions:
-    """Facts about the logs that the user gave.
-
-    Attributes
-    ----------
-    headings, commands
-        Sources of the measured motion and of commands, for logs of several formats those of each.
-    vehicle
-        Type of vehicle.
-    interactive
-        Whether the user can still name columns: logs without a recognised column are then accepted.
-    """
+    """Facts about the logs that the user gave."""
 
     axis: Axis = YAW
+    #: ``headings``, ``commands``: sources of the measured motion and of commands, for logs of several formats those of
+    #: each.
     headings: tuple[str, ...] = ()
     commands: tuple[str, ...] = ()
-    vehicle: str = ""
+    vehicle: str = ""  #: Type of vehicle.
+    #: Whether the user can still name columns: logs without a recognised column are then accepted.
     interactive: bool = False
 
 

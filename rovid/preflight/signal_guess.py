@@ -79,22 +79,13 @@ _ANGULAR_UNITS = {"deg", "rad", "deg/s", "rad/s"}
 
 @dataclass(frozen=True, kw_only=True)
 class ColumnMapping:
-    """Guessed contents of the columns of all logs of one format.
+    """Guessed contents of the columns of all logs of one format."""
 
-    Attributes
-    ----------
-    signals
-        Name in rovid.toml -> source, the signal that measures the motion first.
-    missing
-        Kinds of required columns that were not recognised: the position along the axis, "command".
-    unused
-        Sources without a meaning.
-    """
-
-    signals: Mapping[str, SignalGuess]
+    signals: Mapping[str, SignalGuess]  #: Name in rovid.toml -> source, the signal that measures the motion first.
     commands: tuple[ThrusterCommand, ...]
+    #: Kinds of required columns that were not recognised: the position along the axis, "command".
     missing: tuple[str, ...] = ()
-    unused: tuple[str, ...] = ()
+    unused: tuple[str, ...] = ()  #: Sources without a meaning.
 
     @property
     def measured(self) -> SignalGuess:

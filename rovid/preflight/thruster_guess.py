@@ -46,64 +46,35 @@ Columns = Mapping[str, Sequence[RawColumn]]
 
 @dataclass(frozen=True, kw_only=True)
 class GuessHints:
-    """Facts known before the guess.
+    """Facts known before the guess."""
 
-    Attributes
-    ----------
-    axis
-        Degree of freedom to look for.
-    heading, commands
-        Sources that the user named; ``heading`` is the source of the motion along any axis.
-    outputs
-        Source -> thruster, from the autopilot's parameters.
-    profile
-        Type of the vehicle.
-    """
-
-    axis: Axis = YAW
+    axis: Axis = YAW  #: Degree of freedom to look for.
+    #: ``heading``, ``commands``: sources that the user named; ``heading`` is the source of the motion along any axis.
     heading: str = ""
     commands: tuple[str, ...] = ()
+    #: Source -> thruster, from the autopilot's parameters.
     outputs: Mapping[str, AutopilotOutput] = field(default_factory=dict)
-    profile: VehiclePreset | None = None
+    profile: VehiclePreset | None = None  #: Type of the vehicle.
 
 
 @dataclass(frozen=True, kw_only=True)
 class ThrusterCommand:
-    """Command of one thruster.
-
-    Attributes
-    ----------
-    direction
-        1 if more of the command turns the heading up, -1 if down, 0 if neither or not known.
-    neutral, lowest, highest
-        Value of no thrust, and the range in the logs.
-    arm
-        m; 0 if not known.
-    direction_known
-        Whether the direction is known, no effect included.
-    in_percent
-        Whether the name contains a word of percent.
-    observed
-        Effect on the motion in the logs.
-    contradiction
-        Warning if the logs contradict ``direction``; else empty.
-    arm_measured
-        Whether the user gave the arm.
-    """
+    """Command of one thruster."""
 
     name: str
     source: str
-    direction: int
+    direction: int  #: 1 if more of the command turns the heading up, -1 if down, 0 if neither or not known.
+    #: ``neutral``, ``lowest``, ``highest``: value of no thrust, and the range in the logs.
     neutral: float
     lowest: float
     highest: float
     reason: str
-    arm: float = 0.0
-    direction_known: bool = True
-    in_percent: bool = False
-    observed: CommandEffect = field(default_factory=CommandEffect)
-    contradiction: str = ""
-    arm_measured: bool = False
+    arm: float = 0.0  #: m; 0 if not known.
+    direction_known: bool = True  #: Whether the direction is known, no effect included.
+    in_percent: bool = False  #: Whether the name contains a word of percent.
+    observed: CommandEffect = field(default_factory=CommandEffect)  #: Effect on the motion in the logs.
+    contradiction: str = ""  #: Warning if the logs contradict ``direction``; else empty.
+    arm_measured: bool = False  #: Whether the user gave the arm.
 
 
 def guess_thrusters(

@@ -37,25 +37,12 @@ class NestedSimulation:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReportData:
-    """Results of a study; a refusal states why a result is missing.
-
-    Attributes
-    ----------
-    parameters, simulations
-        Of the report's model.
-    campaign, runs
-        None where tables replace logs.
-    diagnosis, control, exports
-        None without a refusal where they were not requested; controller and exports exist for yaw only.
-    nested
-        Every trial simulated without causes first, and with all causes, the report's model, last; empty without a
-        diagnosis of logs.
-    notes
-        Sentences on the state of the parameter file.
-    """
+    """Results of a study; a refusal states why a result is missing."""
 
     vehicle: Vehicle
+    #: ``parameters``, ``simulations``: of the report's model.
     parameters: Parameters
+    #: ``campaign``, ``runs``: none where tables replace logs.
     campaign: Campaign | None
     runs: PreparedRuns | None
     drag: DragFit | None
@@ -63,14 +50,18 @@ class ReportData:
     inertia: InertiaFit | None
     inertia_refusal: str
     simulations: tuple[TrialSimulation, ...]
+    #: Every trial simulated without causes first, and with all causes, the report's model, last; empty without a
+    #: diagnosis of logs.
     nested: tuple[NestedSimulation, ...] = ()
+    #: ``diagnosis``, ``control``, ``exports``: none without a refusal where they were not requested; controller and
+    #: exports exist for yaw only.
     diagnosis: Diagnosis | None = None
     diagnosis_refusal: str = ""
     control: ControllerDesign | None = None
     control_refusal: str = ""
     exports: Mapping[str, VerifiedExport] | None = None
     export_refusal: str = ""
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  #: Sentences on the state of the parameter file.
 
     @property
     def axis(self) -> Axis:

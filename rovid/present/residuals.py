@@ -30,25 +30,14 @@ _FOLLOWS = 0.5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ResidualTorque:
-    """Torques of one run in N m, or forces in N, (m,), after the same low-pass filter; NaN where not known.
-
-    Attributes
-    ----------
-    thruster_torque
-        Of the thrusters, after every effect between command and torque.
-    effect_inputs
-        As in `rovid.model.torque_input.TorqueInput`.
-    residual
-        T - I rdot - DQ |r| r - DL r, less weight and buoyancy; it contains the effects in the equation of motion.
-    noise_sd
-        Standard deviation that sensor noise alone would cause.
-    """
+    """Torques of one run in N m, or forces in N, (m,), after the same low-pass filter; NaN where not known."""
 
     run: Run
-    thruster_torque: FloatArray
-    effect_inputs: FloatArray
+    thruster_torque: FloatArray  #: Of the thrusters, after every effect between command and torque.
+    effect_inputs: FloatArray  #: As in `rovid.model.torque_input.TorqueInput`.
+    #: T - I rdot - DQ |r| r - DL r, less weight and buoyancy; it contains the effects in the equation of motion.
     residual: FloatArray
-    noise_sd: float
+    noise_sd: float  #: Standard deviation that sensor noise alone would cause.
 
 
 def residual_torques(runs: Sequence[Run], model: Model, vehicle: Vehicle) -> list[ResidualTorque]:
@@ -189,24 +178,15 @@ def _stretches(items: Sequence[ResidualTorque]) -> Iterator[tuple[float, FloatAr
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MissingTorque:
-    """The torque or force that a model misses without one of its effects.
+    """The torque or force that a model misses without one of its effects."""
 
-    Attributes
-    ----------
-    driver
-        Name and unit of the quantity on the horizontal axis.
-    driver_values
-        (n,) values of that quantity.
-    measured, equation
-        (n,) N m or N: missing torque according to the logs, and torque of the effect's equation.
-    line
-        Means of driver and equation in increasing order of the driver; the equation itself over time.
-    """
-
-    driver: str
-    driver_values: FloatArray
+    driver: str  #: Name and unit of the quantity on the horizontal axis.
+    driver_values: FloatArray  #: (n,) values of that quantity.
+    #: ``measured``, ``equation``: (n,) N m or N: missing torque according to the logs, and torque of the effect's
+    #: equation.
     measured: FloatArray
     equation: FloatArray
+    #: Means of driver and equation in increasing order of the driver; the equation itself over time.
     line: tuple[FloatArray, FloatArray]
 
 

@@ -43,18 +43,10 @@ _STALE_SECONDS, _STALE_INTERVALS, _REGULAR = 5.0, 10.0, 3.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TimedSeries:
-    """One signal in order of time.
+    """One signal in order of time."""
 
-    Attributes
-    ----------
-    time
-        (m,) s, strictly increasing. Signals of one clock share the array itself, which saves searches.
-    values
-        (m,) in SI or the unit of the command; NaN where missing.
-    """
-
-    time: FloatArray
-    values: FloatArray
+    time: FloatArray  #: (m,) s, strictly increasing. Signals of one clock share the array itself, which saves searches.
+    values: FloatArray  #: (m,) in SI or the unit of the command; NaN where missing.
 
     @cached_property
     def is_known(self) -> BoolArray:

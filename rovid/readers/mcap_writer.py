@@ -32,22 +32,12 @@ def name_with_unit(name: str, unit: str) -> str:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OutputTopic:
-    """One topic of a recording.
-
-    Attributes
-    ----------
-    time
-        (n,) s from the beginning of the recording.
-    fields
-        Name -> (n,) numbers; messages leave out numbers that are not finite.
-    units
-        Name -> unit for the schema; "" where unknown.
-    """
+    """One topic of a recording."""
 
     name: str
-    time: FloatArray
-    fields: Mapping[str, FloatArray]
-    units: Mapping[str, str]
+    time: FloatArray  #: (n,) s from the beginning of the recording.
+    fields: Mapping[str, FloatArray]  #: Name -> (n,) numbers; messages leave out numbers that are not finite.
+    units: Mapping[str, str]  #: Name -> unit for the schema; "" where unknown.
 
     def schema(self) -> dict[str, object]:
         """JSON schema of the messages."""

@@ -29,76 +29,35 @@ class Channel:
     """One signal as logged.
 
     Channels of one clock share the array ``time`` itself, so that it is sorted once.
-
-    Attributes
-    ----------
-    source
-        Column, or topic and field, for messages.
-    clock
-        Time column or topic, for messages.
-    time
-        (n,) s from an origin of the reader's choice, in the order logged; NaN where missing.
-    values
-        (n,) as logged; NaN where missing.
-    radians
-        The reader computed the angle from a quaternion: the unit in rovid.toml does not apply.
     """
 
-    source: str
-    clock: str
-    time: FloatArray
-    values: FloatArray
-    radians: bool = False
+    source: str  #: Column, or topic and field, for messages.
+    clock: str  #: Time column or topic, for messages.
+    time: FloatArray  #: (n,) s from an origin of the reader's choice, in the order logged; NaN where missing.
+    values: FloatArray  #: (n,) as logged; NaN where missing.
+    radians: bool = False  #: The reader computed the angle from a quaternion: the unit in rovid.toml does not apply.
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RawLog:
-    """All mapped channels of one file.
+    """All mapped channels of one file."""
 
-    Attributes
-    ----------
-    channels
-        Signal name -> channel.
-    place
-        (signal, index of a sample) -> "line 17" or "message 16", for messages.
-    remarks
-        Faults of the file itself.
-    sortable
-        The format may store messages slightly out of order: they are sorted.
-    epoch
-        s since 1970 at the channels' time zero; None where unknown.
-    companion_files
-        Further files that channels come from.
-    """
-
-    channels: Mapping[str, Channel]
-    place: Callable[[str, int], str]
-    remarks: tuple[Remark, ...] = ()
-    sortable: bool = False
-    epoch: float | None = None
-    companion_files: tuple[Path, ...] = ()
+    channels: Mapping[str, Channel]  #: Signal name -> channel.
+    place: Callable[[str, int], str]  #: (signal, index of a sample) -> "line 17" or "message 16", for messages.
+    remarks: tuple[Remark, ...] = ()  #: Faults of the file itself.
+    sortable: bool = False  #: The format may store messages slightly out of order: they are sorted.
+    epoch: float | None = None  #: s since 1970 at the channels' time zero; None where unknown.
+    companion_files: tuple[Path, ...] = ()  #: Further files that channels come from.
 
 
 @dataclass(frozen=True, kw_only=True)
 class LogContents:
-    """Readable contents of a log.
+    """Readable contents of a log."""
 
-    Attributes
-    ----------
-    clock
-        Source of the time; empty where the format has its own clock.
-    sources
-        All other sources.
-    unreadable
-        Contents that cannot be read, each with the reason.
-    parameters
-        Parameters of the autopilot that wrote the log.
-    """
-
-    clock: str = ""
-    sources: tuple[str, ...]
-    unreadable: tuple[str, ...] = ()
-    parameters: Mapping[str, float] = field(default_factory=dict)
+    clock: str = ""  #: Source of the time; empty where the format has its own clock.
+    sources: tuple[str, ...]  #: All other sources.
+    unreadable: tuple[str, ...] = ()  #: Contents that cannot be read, each with the reason.
+    parameters: Mapping[str, float] = field(default_factory=dict)  #: Parameters of the autopilot that wrote the log.
 
 
 def required_signals(config: Config, kind: str, path: Path) -> dict[str, Signal]:

@@ -22,22 +22,12 @@ _GYRO_GAIN, _GYRO_OFFSET = 0.03, 0.02
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Run:
-    """One trial with everything derived from it.
-
-    Attributes
-    ----------
-    torque
-        (n,) N m, held, at the trial's own instants.
-    rates
-        Rate and acceleration on a uniform grid of m instants.
-    filtered_torque
-        (m,) the torque through the same filter as the rates.
-    """
+    """One trial with everything derived from it."""
 
     trial: Trial
-    torque: FloatArray
-    rates: Rates
-    filtered_torque: FloatArray
+    torque: FloatArray  #: (n,) N m, held, at the trial's own instants.
+    rates: Rates  #: Rate and acceleration on a uniform grid of m instants.
+    filtered_torque: FloatArray  #: (m,) the torque through the same filter as the rates.
 
     @property
     def valid(self) -> BoolArray:

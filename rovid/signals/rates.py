@@ -99,36 +99,23 @@ class ZeroPhaseFilter:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rates:
-    """Position, rate and acceleration of a trial on a uniform grid, all through the same zero-phase low pass.
+    """Position, rate and acceleration of a trial on a uniform grid, all through the same zero-phase low pass."""
 
-    Attributes
-    ----------
-    time
-        (m,) s on the trial's clock.
-    rate, acceleration
-        (m,) body rate along the axis in rad/s or m/s, and its derivative; NaN within half a kernel of a gap or an end.
-    position
-        (m,) low-passed position along the body's axis, rad or m.
-    kernel
-        The filter.
-    position_noise, rate_noise, acceleration_noise
-        Standard deviations of the white sensor noise: of the measured position (of the rate where only the rate was
-        measured), and of the filtered rate and acceleration.
-    from_gyro
-        Whether ``rate`` comes from a logged rate instead of the position's derivative.
-    gyro_gain, gyro_offset
-        Slope and intercept of the logged rate against the position's derivative; NaN where no rate is logged.
-    """
-
-    time: FloatArray
+    time: FloatArray  #: (m,) s on the trial's clock.
+    #: ``rate``, ``acceleration``: (m,) body rate along the axis in rad/s or m/s, and its derivative; NaN within half a
+    #: kernel of a gap or an end.
     rate: FloatArray
     acceleration: FloatArray
-    position: FloatArray
-    kernel: ZeroPhaseFilter
+    position: FloatArray  #: (m,) low-passed position along the body's axis, rad or m.
+    kernel: ZeroPhaseFilter  #: The filter.
+    #: ``position_noise``, ``rate_noise``, ``acceleration_noise``: standard deviations of the white sensor noise: of the
+    #: measured position (of the rate where only the rate was measured), and of the filtered rate and acceleration.
     position_noise: float
     rate_noise: float
     acceleration_noise: float
-    from_gyro: bool
+    from_gyro: bool  #: Whether ``rate`` comes from a logged rate instead of the position's derivative.
+    #: ``gyro_gain``, ``gyro_offset``: slope and intercept of the logged rate against the position's derivative; NaN
+    #: where no rate is logged.
     gyro_gain: float = math.nan
     gyro_offset: float = math.nan
 

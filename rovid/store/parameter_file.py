@@ -68,28 +68,18 @@ class Provenance:
 
 @dataclass(frozen=True, kw_only=True)
 class Parameters:
-    """The content of a parameter file.
+    """The content of a parameter file."""
 
-    Attributes
-    ----------
-    path
-        Path of the file, which may not exist yet.
-    logs
-        Absolute paths of the LOGS that the user gave.
-    covariance
-        (first, second) -> covariance of two parameters, in the product of their units. Pairs from different
-        methods are absent: they are treated as uncorrelated.
-    settings
-        Fingerprint of the rovid.toml of the fits; None if unknown, as in a file of rovid 0.2.
-    """
-
-    path: Path
+    path: Path  #: Path of the file, which may not exist yet.
     vehicle: str = ""
-    logs: tuple[Path, ...] = ()
+    logs: tuple[Path, ...] = ()  #: Absolute paths of the LOGS that the user gave.
     entries: Mapping[str, Entry] = field(default_factory=dict)
+    #: (first, second) -> covariance of two parameters, in the product of their units. Pairs from different methods are
+    #: absent: they are treated as uncorrelated.
     covariance: Mapping[tuple[str, str], float] = field(default_factory=dict)
     sources: tuple[Source, ...] = ()
     axis: Axis = YAW
+    #: Fingerprint of the rovid.toml of the fits; None if unknown, as in a file of rovid 0.2.
     settings: ConfigFingerprint | None = None
 
     def cleared(self) -> Parameters:

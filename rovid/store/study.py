@@ -48,26 +48,17 @@ _DELAYS = ("command_delay", "thruster_lag")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Study:
-    """A campaign of logs with their runs, or tables of results instead.
+    """A campaign of logs with their runs, or tables of results instead."""
 
-    Attributes
-    ----------
-    paths
-        Files and folders as given.
-    campaign, runs
-        The logs, and the runs prepared from them; None for tables.
-    steady, sine
-        Tables of steady states and of sine trials; None for logs, or if there is no such table.
-    settings
-        Fingerprint of the rovid.toml that the logs were read with.
-    """
-
-    paths: tuple[Path, ...]
+    paths: tuple[Path, ...]  #: Files and folders as given.
     vehicle: Vehicle
+    #: ``campaign``, ``runs``: the logs, and the runs prepared from them; None for tables.
     campaign: Campaign | None = None
     runs: PreparedRuns | None = None
+    #: ``steady``, ``sine``: tables of steady states and of sine trials; None for logs, or if there is no such table.
     steady: Path | None = None
     sine: Path | None = None
+    #: Fingerprint of the rovid.toml that the logs were read with.
     settings: ConfigFingerprint = field(default_factory=ConfigFingerprint)
 
     @property

@@ -18,17 +18,10 @@ class Assumptions:
     Where all arms are guessed and the curves are known, the torque is right up to one factor: inertia and drag are
     placeholders, and their ratios hold. A guessed curve, or a guessed arm next to a known one, changes the shape of the
     torque: then no fitted value holds.
-
-    Attributes
-    ----------
-    items
-        Guessed values, as "yaw_arm of fore" and "curve of aft".
-    thrusters
-        Number of thrusters.
     """
 
-    items: tuple[str, ...] = ()
-    thrusters: int = 0
+    items: tuple[str, ...] = ()  #: Guessed values, as "yaw_arm of fore" and "curve of aft".
+    thrusters: int = 0  #: Number of thrusters.
 
     def __bool__(self) -> bool:
         return bool(self.items)

@@ -11,31 +11,18 @@ from rovid.core.errors import ConfigError, suggestion
 
 @dataclass(frozen=True, kw_only=True)
 class Axis:
-    """One degree of freedom, in body axes (SNAME 1950): x forward, y to starboard, z down.
-
-    Attributes
-    ----------
-    position_signals
-        Signals in rovid.toml, each of which measures the position along the axis. The position is positive in the
-        direction in which this signal grows.
-    rate_signal
-        Signal that measures the rate.
-    arm_key
-        Key of a thruster's lever in rovid.toml: m for an angle, otherwise the share of the thrust along the axis.
-    fix_signals
-        Signals that determine the position together: north, east and heading.
-    angular
-        Whether the position is an angle.
-    self_righting
-        Whether gravity returns the vehicle, so that a constant torque gives a constant tilt.
-    """
+    """One degree of freedom, in body axes (SNAME 1950): x forward, y to starboard, z down."""
 
     name: str
+    #: Signals in rovid.toml, each of which measures the position along the axis. The position is positive in the
+    #: direction in which this signal grows.
     position_signals: tuple[str, ...]
-    rate_signal: str
+    rate_signal: str  #: Signal that measures the rate.
+    #: Key of a thruster's lever in rovid.toml: m for an angle, otherwise the share of the thrust along the axis.
     arm_key: str
-    angular: bool
-    fix_signals: tuple[str, ...] = ()
+    angular: bool  #: Whether the position is an angle.
+    fix_signals: tuple[str, ...] = ()  #: Signals that determine the position together: north, east and heading.
+    #: Whether gravity returns the vehicle, so that a constant torque gives a constant tilt.
     self_righting: bool = False
 
     def __reduce__(self) -> tuple[Callable[[str], Axis], tuple[str]]:

@@ -35,20 +35,15 @@ _EXCLUSION_KEYS = ("log", "from", "to", "reason")
 
 @dataclass(frozen=True, kw_only=True)
 class Config:
-    """A checked rovid.toml.
-
-    Attributes
-    ----------
-    measured_signal
-        Signal that measures the position along the axis, or else the rate; the first of ``Axis.fix_signals`` where they
-        determine the position together; empty where another log holds it.
-    """
+    """A checked rovid.toml."""
 
     path: Path
     vehicle: Vehicle
     time: Signal
     signals: Mapping[str, Signal]
     commands: tuple[Signal, ...]
+    #: Signal that measures the position along the axis, or else the rate; the first of ``Axis.fix_signals`` where they
+    #: determine the position together; empty where another log holds it.
     measured_signal: str = "heading"
     exclusions: tuple[Exclusion, ...] = ()
     join: Join | None = None

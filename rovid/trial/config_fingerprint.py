@@ -14,24 +14,13 @@ _DIGEST = "sha256 "
 
 @dataclass(frozen=True, kw_only=True)
 class ConfigFingerprint:
-    """Settings that torque, or force, and signals were read with; comments and the order of lines do not count.
+    """Settings that torque, or force, and signals were read with; comments and the order of lines do not count."""
 
-    Attributes
-    ----------
-    drive
-        Setting -> value, as "yaw_arm of fore" -> "0.43"; for a thrust curve the digest of its points.
-    signals
-        Signal of the motion -> source, unit and sense.
-    further
-        The same for further channels.
-    guessed
-        Keys of ``drive`` that are guesses of `rovid init`.
-    """
-
+    #: Setting -> value, as "yaw_arm of fore" -> "0.43"; for a thrust curve the digest of its points.
     drive: Mapping[str, str] = field(default_factory=dict)
-    signals: Mapping[str, str] = field(default_factory=dict)
-    further: Mapping[str, str] = field(default_factory=dict)
-    guessed: tuple[str, ...] = ()
+    signals: Mapping[str, str] = field(default_factory=dict)  #: Signal of the motion -> source, unit and sense.
+    further: Mapping[str, str] = field(default_factory=dict)  #: The same for further channels.
+    guessed: tuple[str, ...] = ()  #: Keys of ``drive`` that are guesses of `rovid init`.
 
     @property
     def assumptions(self) -> Assumptions:

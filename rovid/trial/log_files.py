@@ -37,22 +37,16 @@ def is_called(name: str, pattern: str) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class Join:
-    """The [join] table: which files form one trial, and how their clocks are corrected.
+    """The [join] table: which files form one trial, and how their clocks are corrected."""
 
-    Attributes
-    ----------
-    parts
-        Words that distinguish the files of one trial, as "ins" and "thr" in run1_ins.csv and run1_thr.csv, or in
-        run1/ins.csv and run1/thr.csv. The file of the first part names the trial.
-    offset, drift
-        Part, file name or pattern -> seconds added to that clock; and ppm added from the beginning of the file on.
-    time
-        Part -> its time column and unit, where they differ.
-    """
-
+    #: Words that distinguish the files of one trial, as "ins" and "thr" in run1_ins.csv and run1_thr.csv, or in
+    #: run1/ins.csv and run1/thr.csv. The file of the first part names the trial.
     parts: tuple[str, ...]
+    #: ``offset``, ``drift``: part, file name or pattern -> seconds added to that clock; and ppm added from the
+    #: beginning of the file on.
     offset: Mapping[str, float] = field(default_factory=dict)
     drift: Mapping[str, float] = field(default_factory=dict)
+    #: Part -> its time column and unit, where they differ.
     time: Mapping[str, tuple[str, str]] = field(default_factory=dict)
 
     def __str__(self) -> str:

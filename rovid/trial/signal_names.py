@@ -56,27 +56,13 @@ SHARED_SOURCES: Mapping[str, str] = {"parquet": "csv", "bag": "mcap"}
 
 @dataclass(frozen=True, kw_only=True)
 class Signal:
-    """Source of a signal in each log format, and its conversion to SI.
+    """Source of a signal in each log format, and its conversion to SI."""
 
-    Attributes
-    ----------
-    name
-        A key of `SIGNAL_UNITS`, time, ``command.<thruster>`` or the user's own name.
-    sources
-        Format (csv, mcap, ...) -> column or topic path.
-    unit
-        As written by the user.
-    factor
-        Factor from the logged value to SI, with the sign.
-    optional
-        A log may lack the signal.
-    """
-
-    name: str
-    sources: Mapping[str, str]
-    unit: str = ""
-    factor: float = 1.0
-    optional: bool = False
+    name: str  #: A key of `SIGNAL_UNITS`, time, ``command.<thruster>`` or the user's own name.
+    sources: Mapping[str, str]  #: Format (csv, mcap, ...) -> column or topic path.
+    unit: str = ""  #: As written by the user.
+    factor: float = 1.0  #: Factor from the logged value to SI, with the sign.
+    optional: bool = False  #: A log may lack the signal.
 
     def __str__(self) -> str:
         """Sources, unit and sense; stored in parameter files, so its wording must not change."""

@@ -50,57 +50,32 @@ class Trial:
     All arrays have one row for each instant of ``time``: the union of the instants at which the position was measured
     and those at which a command changed. The position is NaN where it was not measured. A command holds its value until
     the next instant.
-
-    Attributes
-    ----------
-    name
-        Path of the log, relative to the campaign.
-    path
-        The log file.
-    time
-        (n,) s, strictly increasing from 0.
-    position
-        (n,) along ``axis``: rad, unwrapped, or m; positive in the sense of the logged signal. In yaw the heading. NaN
-        where not measured.
-    commands
-        (n, k) command of each actuator in the unit of its thrust curve (N m for a logged torque), held.
-    rate, roll, pitch
-        (n,) rad/s or m/s, rad, rad; None where not logged. Interpolated linearly, NaN in gaps.
-    extras
-        Further mapped channels, (n,), held, in the unit of the log.
-    reference
-        Median of each further channel over the whole campaign.
-    remarks
-        Faults found by the reader.
-    rate_only
-        Only the rate was measured; ``position`` is its integral.
-    start_epoch
-        s since 1970 at time 0; None where the log has no absolute time.
-    campaign_time
-        s from the beginning of the campaign's first trial to the beginning of this one.
-    parent
-        Name of the trial that this one is a part of; else empty.
-    companion_files
-        Further files of the trial.
     """
 
-    name: str
-    path: Path
-    time: FloatArray
+    name: str  #: Path of the log, relative to the campaign.
+    path: Path  #: The log file.
+    time: FloatArray  #: (n,) s, strictly increasing from 0.
+    #: (n,) along ``axis``: rad, unwrapped, or m; positive in the sense of the logged signal. In yaw the heading. NaN
+    #: where not measured.
     position: FloatArray
+    #: (n, k) command of each actuator in the unit of its thrust curve (N m for a logged torque), held.
     commands: FloatArray
+    #: ``rate``, ``roll``, ``pitch``: (n,) rad/s or m/s, rad, rad; None where not logged. Interpolated linearly, NaN in
+    #: gaps.
     rate: FloatArray | None = None
     roll: FloatArray | None = None
     pitch: FloatArray | None = None
+    #: Further mapped channels, (n,), held, in the unit of the log.
     extras: Mapping[str, FloatArray] = field(default_factory=dict)
+    #: Median of each further channel over the whole campaign.
     reference: Mapping[str, float] = field(default_factory=dict)
-    remarks: tuple[Remark, ...] = ()
+    remarks: tuple[Remark, ...] = ()  #: Faults found by the reader.
     axis: Axis = YAW
-    rate_only: bool = False
-    start_epoch: float | None = None
-    campaign_time: float = 0.0
-    parent: str = ""
-    companion_files: tuple[Path, ...] = ()
+    rate_only: bool = False  #: Only the rate was measured; ``position`` is its integral.
+    start_epoch: float | None = None  #: s since 1970 at time 0; None where the log has no absolute time.
+    campaign_time: float = 0.0  #: s from the beginning of the campaign's first trial to the beginning of this one.
+    parent: str = ""  #: Name of the trial that this one is a part of; else empty.
+    companion_files: tuple[Path, ...] = ()  #: Further files of the trial.
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -228,22 +203,13 @@ class Campaign:
 
 @dataclass(frozen=True, kw_only=True)
 class Exclusion:
-    """An interval of a log that rovid.toml excludes: a caught tether, a hand on the vehicle.
+    """An interval of a log that rovid.toml excludes: a caught tether, a hand on the vehicle."""
 
-    Attributes
-    ----------
-    log
-        Name of the log, or a pattern such as "hold_*.csv".
-    begin, end
-        s from the beginning of the log.
-    reason
-        Text for people; may be empty.
-    """
-
-    log: str
+    log: str  #: Name of the log, or a pattern such as "hold_*.csv".
+    #: ``begin``, ``end``: s from the beginning of the log.
     begin: float = 0.0
     end: float = np.inf
-    reason: str = ""
+    reason: str = ""  #: Text for people; may be empty.
 
     def __str__(self) -> str:
         """The interval, as "12 to 30.5 s"."""

@@ -21,18 +21,10 @@ _ROUNDING = 1e-3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ThrustCurve:
-    """Thrust against command, linear between the bench points.
+    """Thrust against command, linear between the bench points."""
 
-    Attributes
-    ----------
-    command
-        (m,) strictly increasing, in the unit of the log's command.
-    thrust
-        (m,) N.
-    """
-
-    command: FloatArray
-    thrust: FloatArray
+    command: FloatArray  #: (m,) strictly increasing, in the unit of the log's command.
+    thrust: FloatArray  #: (m,) N.
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "command", read_only(self.command))
@@ -60,30 +52,15 @@ class ThrustCurve:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Thruster:
-    """One actuator: ``torque = arm * curve(command)``; a positive torque increases the position.
-
-    Attributes
-    ----------
-    arm
-        m; along a linear axis the share of the thrust, and the torque is a force.
-    curve
-        None for a logged torque: its command is the torque in N m, and its arm is 1.
-    clamp
-        Whether commands outside the curve are allowed, at the curve's end values.
-    max_logged_torque
-        N m, largest magnitude of a logged torque.
-    surge_share
-        Share of the thrust that drives the vehicle ahead; 0 where unknown.
-    arm_guessed, curve_guessed
-        Whether the value is an unconfirmed guess of `rovid init`.
-    """
+    """One actuator: ``torque = arm * curve(command)``; a positive torque increases the position."""
 
     name: str
-    arm: float
-    curve: ThrustCurve | None
-    clamp: bool = False
-    max_logged_torque: float = 1.0
-    surge_share: float = 0.0
+    arm: float  #: m; along a linear axis the share of the thrust, and the torque is a force.
+    curve: ThrustCurve | None  #: None for a logged torque: its command is the torque in N m, and its arm is 1.
+    clamp: bool = False  #: Whether commands outside the curve are allowed, at the curve's end values.
+    max_logged_torque: float = 1.0  #: N m, largest magnitude of a logged torque.
+    surge_share: float = 0.0  #: Share of the thrust that drives the vehicle ahead; 0 where unknown.
+    #: ``arm_guessed``, ``curve_guessed``: whether the value is an unconfirmed guess of `rovid init`.
     arm_guessed: bool = False
     curve_guessed: bool = False
 
@@ -111,27 +88,18 @@ PLAUSIBLE_INERTIA_RATIO = (0.9, 8.0)
 
 @dataclass(frozen=True, kw_only=True)
 class Vehicle:
-    """The vehicle of a rovid.toml.
-
-    Attributes
-    ----------
-    thrusters
-        In the order of the columns of ``Trial.commands``.
-    rigid_body_inertia
-        kg m^2 about the axis, or kg along it; None where unknown. A given value is that of yaw; otherwise the
-        inertia of a uniform box of the vehicle's mass and size.
-    axis
-        The degree of freedom.
-    """
+    """The vehicle of a rovid.toml."""
 
     name: str
-    thrusters: tuple[Thruster, ...]
+    thrusters: tuple[Thruster, ...]  #: In the order of the columns of ``Trial.commands``.
     mass: float | None = None
     length: float | None = None
     width: float | None = None
     height: float | None = None
+    #: kg m^2 about the axis, or kg along it; None where unknown. A given value is that of yaw; otherwise the inertia of
+    #: a uniform box of the vehicle's mass and size.
     rigid_body_inertia: float | None = None
-    axis: Axis = YAW
+    axis: Axis = YAW  #: The degree of freedom.
 
     def __post_init__(self) -> None:
         if self.axis is not YAW or self.rigid_body_inertia is None:

@@ -34,36 +34,19 @@ SIDE_WORDS: Mapping[str, frozenset[str]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class VehiclePreset:
-    """Published data of a vehicle type.
+    """Published data of a vehicle type."""
 
-    Attributes
-    ----------
-    id
-        Name on the command line.
-    mass, length, width
-        kg, m, m; None where not published.
-    arms
-        Thruster -> yaw arm in m. A thruster is named by its motor number or its side.
-    senses_alone
-        Whether only the signs of the arms are known.
-    curve
-        Thrust curve, command in us; None where not published.
-    supply
-        Supply voltage of the curve in V.
-    sources
-        References for the numbers.
-    """
-
-    id: str
+    id: str  #: Name on the command line.
     name: str
-    arms: Mapping[str, float]
-    senses_alone: bool = False
+    arms: Mapping[str, float]  #: Thruster -> yaw arm in m. A thruster is named by its motor number or its side.
+    senses_alone: bool = False  #: Whether only the signs of the arms are known.
+    #: ``mass``, ``length``, ``width``: kg, m, m; None where not published.
     mass: float | None = None
     length: float | None = None
     width: float | None = None
-    curve: Path | None = None
-    supply: float | None = None
-    sources: tuple[str, ...] = field(default=())
+    curve: Path | None = None  #: Thrust curve, command in us; None where not published.
+    supply: float | None = None  #: Supply voltage of the curve in V.
+    sources: tuple[str, ...] = field(default=())  #: References for the numbers.
 
     def label(self, words: set[str]) -> str:
         """Thruster commanded by a column with these words in its name; empty if none."""
