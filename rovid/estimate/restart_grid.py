@@ -103,7 +103,7 @@ class GriddedRun:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RestartGrid:
-    """Predictions of all runs on their grids, one after the other. The m restarts are sorted by reach, longest first."""
+    """Predictions of all runs on their grids, one after the other. Restarts are sorted by reach, the longest first."""
 
     #: ``starts``, ``ends``: (N,) indices of the restart and of the end of each prediction.
     starts: IntArray
