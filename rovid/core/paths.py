@@ -24,18 +24,10 @@ _ABSENT = {errno.ENOENT, errno.ENOTDIR}
 
 @dataclass(frozen=True, kw_only=True)
 class FolderContents:
-    """Files in a folder and in the folders inside it, without hidden ones.
+    """Files in a folder and in the folders inside it, without hidden ones."""
 
-    Attributes
-    ----------
-    files
-        Regular files and dangling links, sorted.
-    special_files
-        Path -> kind of everything that is neither a regular file nor a folder.
-    """
-
-    files: tuple[Path, ...]
-    special_files: Mapping[Path, str]
+    files: tuple[Path, ...]  #: Regular files and dangling links, sorted.
+    special_files: Mapping[Path, str]  #: Path -> kind of everything that is neither a regular file nor a folder.
 
 
 def special_kind(path: Path) -> str:

@@ -11,25 +11,14 @@ _HEAD_BYTES = 4096
 
 @dataclass(frozen=True, kw_only=True)
 class FileSignature:
-    """How files of one kind are recognised.
+    """How files of one kind are recognised."""
 
-    Attributes
-    ----------
-    description
-        The kind in a sentence, such as "a parameter file".
-    pattern
-        Occurs near the beginning of each such file.
-    replaceable
-        Whether a file that matches may be replaced. A log or a rovid.toml belongs to the user once it is written: a
-        match then only means that the same content might be there already.
-    head_bytes
-        How many bytes of a file are searched; -1 for all.
-    """
-
-    description: str
-    pattern: re.Pattern[bytes]
+    description: str  #: The kind in a sentence, such as "a parameter file".
+    pattern: re.Pattern[bytes]  #: Occurs near the beginning of each such file.
+    #: Whether a file that matches may be replaced. A log or a rovid.toml belongs to the user once it is written: a
+    #: match then only means that the same content might be there already.
     replaceable: bool = True
-    head_bytes: int = _HEAD_BYTES
+    head_bytes: int = _HEAD_BYTES  #: How many bytes of a file are searched; -1 for all.
 
     def matches(self, path: Path) -> bool:
         """Whether the file has this signature."""

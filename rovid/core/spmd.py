@@ -232,26 +232,13 @@ class _Connection:
 
 @dataclass(eq=False)
 class _Team:
-    """One process among those that share the items of a map.
+    """One process among those that share the items of a map."""
 
-    Attributes
-    ----------
-    indices
-        Pipe end from which every process reads the index of its next item.
-    index_writer
-        Pipe end to which the first process writes all indices; None in a worker.
-    connections
-        Those to the workers, or the one to the first process.
-    is_busy
-        Whether this process is doing its part of a map.
-    cores_before
-        The environment's limit on cores before. In a team each process has one core.
-    """
-
-    indices: int
-    index_writer: int | None
-    connections: Sequence[_Connection]
-    is_busy: bool = False
+    indices: int  #: Pipe end from which every process reads the index of its next item.
+    index_writer: int | None  #: Pipe end to which the first process writes all indices; None in a worker.
+    connections: Sequence[_Connection]  #: Those to the workers, or the one to the first process.
+    is_busy: bool = False  #: Whether this process is doing its part of a map.
+    #: The environment's limit on cores before. In a team each process has one core.
     cores_before: str | None = field(default_factory=lambda: os.environ.get(CORES_VARIABLE))
 
     def map(self, function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:

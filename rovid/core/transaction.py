@@ -39,23 +39,12 @@ _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP)
 
 @dataclass(frozen=True, kw_only=True)
 class _Transaction:
-    """What replaces a set of files.
+    """What replaces a set of files."""
 
-    Attributes
-    ----------
-    journals
-        Path of the journal in each folder of the set.
-    commit
-        Path of the commit file.
-    moves
-        (staged file, target) of each new file.
-    removals
-        (stale file, its inode). A file with another inode was written since, and stays.
-    """
-
-    journals: tuple[Path, ...]
-    commit: Path
-    moves: tuple[tuple[Path, Path], ...]
+    journals: tuple[Path, ...]  #: Path of the journal in each folder of the set.
+    commit: Path  #: Path of the commit file.
+    moves: tuple[tuple[Path, Path], ...]  #: (staged file, target) of each new file.
+    #: (stale file, its inode). A file with another inode was written since, and stays.
     removals: tuple[tuple[Path, int], ...]
 
     def write_journals(self) -> None:

@@ -22,18 +22,10 @@ _REFERENCE_SHARE = 0.1
 
 @dataclass(frozen=True, eq=False)
 class SampleSelection:
-    """Some of the n instants of a log, with means over the intervals between them.
+    """Some of the n instants of a log, with means over the intervals between them."""
 
-    Attributes
-    ----------
-    at
-        (m,) indices of the instants, with the first and the last of the log among them.
-    length
-        (n,) s from each instant of the log to the next, 0 from the last.
-    """
-
-    at: IntArray
-    length: FloatArray
+    at: IntArray  #: (m,) indices of the instants, with the first and the last of the log among them.
+    length: FloatArray  #: (n,) s from each instant of the log to the next, 0 from the last.
 
     @classmethod
     def of(cls, time: FloatArray, at: IntArray) -> Self:
@@ -49,28 +41,14 @@ class SampleSelection:
 
 
 class TrialRows(NamedTuple):
-    """One among concatenated trials.
-
-    Attributes
-    ----------
-    parent
-        Name of the trial of which it is a part; otherwise its own name.
-    start_offset
-        s from the start of the campaign's first trial.
-    rows
-        Indices of its instants.
-    selection
-        Selected instants of its log; None for all.
-    subdivided
-        (m,) which of the intervals after these are subdivided; None for all.
-    """
+    """One among concatenated trials."""
 
     name: str = ""
-    parent: str = ""
-    start_offset: float = 0.0
-    rows: slice = slice(None)
-    selection: SampleSelection | None = None
-    subdivided: BoolArray | None = None
+    parent: str = ""  #: Name of the trial of which it is a part; otherwise its own name.
+    start_offset: float = 0.0  #: s from the start of the campaign's first trial.
+    rows: slice = slice(None)  #: Indices of its instants.
+    selection: SampleSelection | None = None  #: Selected instants of its log; None for all.
+    subdivided: BoolArray | None = None  #: (m,) which of the intervals after these are subdivided; None for all.
 
     def held_means(self, values: FloatArray) -> FloatArray:
         """(m,) of (n,) held values: means over the intervals between selected instants."""
@@ -79,48 +57,22 @@ class TrialRows(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ActuatorInputs:
-    """One trial or several concatenated ones, with k actuators.
+    """One trial or several concatenated ones, with k actuators."""
 
-    Attributes
-    ----------
-    time
-        (n,) s from the start of each trial.
-    neutral
-        (k,) command without thrust.
-    arms
-        (k,) yaw arm.
-    full_thrust
-        (k,) N; largest thrust of the bench curve, or largest torque or force of a campaign that logs it.
-    names
-        (k,) names of the thrusters.
-    forward_share
-        (k,) share of the thrust that drives the vehicle ahead; 0 if unknown.
-    command_range
-        (k, 2) smallest and largest command of the bench curve.
-    dead_zone
-        (k, 2) commands between which the bench curve gives no thrust; both ``neutral`` if there is no such zone.
-    extras
-        Further channels of the logs, each (n,), held; NaN in a trial without.
-    reference
-        Median of each further channel in the campaign.
-    trials
-        The trials.
-    subdivision
-        Number of parts of each subdivided interval between two log instants.
-    """
-
-    time: FloatArray
-    neutral: FloatArray
-    arms: FloatArray
+    time: FloatArray  #: (n,) s from the start of each trial.
+    neutral: FloatArray  #: (k,) command without thrust.
+    arms: FloatArray  #: (k,) yaw arm.
+    #: (k,) N; largest thrust of the bench curve, or largest torque or force of a campaign that logs it.
     full_thrust: FloatArray
-    names: tuple[str, ...]
-    forward_share: FloatArray
-    command_range: FloatArray
+    names: tuple[str, ...]  #: (k,) names of the thrusters.
+    forward_share: FloatArray  #: (k,) share of the thrust that drives the vehicle ahead; 0 if unknown.
+    command_range: FloatArray  #: (k, 2) smallest and largest command of the bench curve.
+    #: (k, 2) commands between which the bench curve gives no thrust; both ``neutral`` if there is no such zone.
     dead_zone: FloatArray
-    extras: Mapping[str, FloatArray]
-    reference: Mapping[str, float] = field(default_factory=dict)
-    trials: tuple[TrialRows, ...] = (TrialRows(),)
-    subdivision: int = 1
+    extras: Mapping[str, FloatArray]  #: Further channels of the logs, each (n,), held; NaN in a trial without.
+    reference: Mapping[str, float] = field(default_factory=dict)  #: Median of each further channel in the campaign.
+    trials: tuple[TrialRows, ...] = (TrialRows(),)  #: The trials.
+    subdivision: int = 1  #: Number of parts of each subdivided interval between two log instants.
     _speeds: dict[str, FloatArray] = field(default_factory=dict, init=False, repr=False)
     # Results of `from_trials` by the identity of the argument, which is kept so that its identity stays unique.
     _from_trials: dict[int, tuple[object, FloatArray]] = field(default_factory=dict, init=False, repr=False)

@@ -74,33 +74,22 @@ _INFINITE = 1e5
 
 @dataclass(frozen=True, kw_only=True)
 class EffectParameter:
-    """One parameter of an effect.
-
-    Attributes
-    ----------
-    neutral
-        Value without the effect.
-    low, high
-        Physical bounds, in ``unit`` times the scale.
-    initial_values
-        Initial values of fits, in ``unit`` times the scale.
-    scale
-        Typical size: ``one``; ``command``, a hundredth of the largest command; ``torque``, ``rate``, ``wash``,
-        ``sqrt_thrust``, ``surge`` and ``sway`` as they occur in the logs; ``load``, the largest share of full thrust;
-        ``longest``, hours of the longest log; ``day``, hours from the first log's start to the last one's end.
-        Quotients are written as ``torque/surge/rate``.
-    step
-        Relative step of difference quotients. A threshold makes the likelihood piecewise constant: with a small step
-        its derivative would be zero or far too large.
-    """
+    """One parameter of an effect."""
 
     name: str
     unit: str
-    neutral: float
+    neutral: float  #: Value without the effect.
+    #: ``low``, ``high``: physical bounds, in ``unit`` times the scale.
     low: float
     high: float
-    initial_values: tuple[float, ...]
+    initial_values: tuple[float, ...]  #: Initial values of fits, in ``unit`` times the scale.
+    #: Typical size: ``one``; ``command``, a hundredth of the largest command; ``torque``, ``rate``, ``wash``,
+    #: ``sqrt_thrust``, ``surge`` and ``sway`` as they occur in the logs; ``load``, the largest share of full thrust;
+    #: ``longest``, hours of the longest log; ``day``, hours from the first log's start to the last one's end. Quotients
+    #: are written as ``torque/surge/rate``.
     scale: str = "one"
+    #: Relative step of difference quotients. A threshold makes the likelihood piecewise constant: with a small step its
+    #: derivative would be zero or far too large.
     step: float = 1e-4
 
     @property
@@ -116,48 +105,26 @@ class EffectParameter:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Effect:
-    """One physical cause, in one of its forms.
+    """One physical cause, in one of its forms."""
 
-    Attributes
-    ----------
-    id
-        Name of the effect for users and programs.
-    acts
-        Stage at which the effect acts, with its function.
-    equation, fingerprint, experiment
-        Texts: the equation, the pattern in the residuals, and the run that reveals the effect.
-    form
-        Name of the form; empty for the plain one.
-    rivals
-        Ids of effects with which it is confused.
-    needs
-        Channels of the log without which the form cannot be evaluated.
-    axes
-        Names of the axes along which the effect exists; empty for all.
-    canonical
-        (parameters) -> equivalent parameters in the usual range.
-    per_thruster
-        Whether the effect acts on one thruster, whose name is the form.
-    size_count
-        Number of parameters, the first ones, that are the size of the effect.
-    environmental
-        Whether the effect belongs to the day (water, cable, battery) rather than to the vehicle.
-    """
-
-    id: str
+    id: str  #: Name of the effect for users and programs.
     title: str
     parameters: tuple[EffectParameter, ...]
-    acts: Acts
+    acts: Acts  #: Stage at which the effect acts, with its function.
+    #: ``equation``, ``fingerprint``, ``experiment``: texts: the equation, the pattern in the residuals, and the run
+    #: that reveals the effect.
     equation: str
     fingerprint: str
     experiment: str
-    form: str = ""
-    rivals: tuple[str, ...] = ()
-    needs: tuple[str, ...] = ()
-    axes: tuple[str, ...] = ()
+    form: str = ""  #: Name of the form; empty for the plain one.
+    rivals: tuple[str, ...] = ()  #: Ids of effects with which it is confused.
+    needs: tuple[str, ...] = ()  #: Channels of the log without which the form cannot be evaluated.
+    axes: tuple[str, ...] = ()  #: Names of the axes along which the effect exists; empty for all.
+    #: (parameters) -> equivalent parameters in the usual range.
     canonical: Callable[[FloatArray], FloatArray] | None = None
-    per_thruster: bool = False
-    size_count: int = 1
+    per_thruster: bool = False  #: Whether the effect acts on one thruster, whose name is the form.
+    size_count: int = 1  #: Number of parameters, the first ones, that are the size of the effect.
+    #: Whether the effect belongs to the day (water, cable, battery) rather than to the vehicle.
     environmental: bool = False
 
     @property

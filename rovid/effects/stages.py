@@ -43,33 +43,21 @@ class Body(NamedTuple):
 
 
 class Instant(NamedTuple):
-    """Motion and inputs at one instant.
+    """Motion and inputs at one instant."""
 
-    Attributes
-    ----------
-    rate, relative_rate
-        rad/s over ground, and relative to the water around the hull.
-    angle, start
-        rad since the start of the trial, and the position at the start. Their sum is the position, in yaw the heading.
-    thruster_torque
-        N m.
-    wash
-        N^0.5 m^2; sum of sqrt(thrust) * arm^2 over the thrusters.
-    surge, sway
-        m/s ahead and to starboard.
-    body
-        The plain model.
-    """
-
+    #: ``rate``, ``relative_rate``: rad/s over ground, and relative to the water around the hull.
     rate: float
     relative_rate: float
+    #: ``angle``, ``start``: rad since the start of the trial, and the position at the start. Their sum is the position,
+    #: in yaw the heading.
     angle: float
     start: float
-    thruster_torque: float
-    wash: float
+    thruster_torque: float  #: N m.
+    wash: float  #: N^0.5 m^2; sum of sqrt(thrust) * arm^2 over the thrusters.
+    #: ``surge``, ``sway``: m/s ahead and to starboard.
     surge: float
     sway: float
-    body: Body
+    body: Body  #: The plain model.
 
 
 @compiled
@@ -90,38 +78,25 @@ class OnCommand:
 
 @dataclass(frozen=True, eq=False)
 class OnThrust:
-    """``change``: (n, k) thrusts in N -> thrusts.
-
-    Attributes
-    ----------
-    settling_time
-        Time until the thrust is constant after a command change, if it varies within a sample interval.
-    anchored
-        Whether the effect leaves thrust unchanged at a reference thrust, command or voltage that is a mere convention.
-    """
+    """``change``: (n, k) thrusts in N -> thrusts."""
 
     change: OnSeries
     _: KW_ONLY
+    #: Time until the thrust is constant after a command change, if it varies within a sample interval.
     settling_time: Settling | None = None
+    #: Whether the effect leaves thrust unchanged at a reference thrust, command or voltage that is a mere convention.
     anchored: bool = False
 
 
 @dataclass(frozen=True, eq=False)
 class OnTorque:
-    """``change``: (n,) torque in N m -> torque, each value the mean until the next instant.
-
-    Attributes
-    ----------
-    settling_time
-        As in `OnThrust`.
-    impulse_variance
-        (n,) torque in N m before the change -> variance in N^2 m^2 s^2 of its integral until the next instant, if the
-        effect leaves open when the torque acts.
-    """
+    """``change``: (n,) torque in N m -> torque, each value the mean until the next instant."""
 
     change: OnSeries
     _: KW_ONLY
-    settling_time: Settling | None = None
+    settling_time: Settling | None = None  #: As in `OnThrust`.
+    #: (n,) torque in N m before the change -> variance in N^2 m^2 s^2 of its integral until the next instant, if the
+    #: effect leaves open when the torque acts.
     impulse_variance: OnSeries | None = None
 
 
@@ -131,38 +106,25 @@ class Term:
 
     ``at`` is an `Instant`, ``p`` holds the parameters in their order. A term with states x returns their derivatives
     too: ``(at, p, x) -> (torque, derivative, ...)``.
-
-    Attributes
-    ----------
-    states
-        Number of states.
-    fastest
-        (parameter values) -> fastest rate of change of the states in 1/s, for the step of the integration.
-    reset
-        Compiled ``(rate, x) -> state``: the value to which the single state is reset at this rate, mostly itself.
-    oscillatory
-        Whether the two states oscillate after an excitation. A filter then estimates their covariance. They are linear
-        in the rate and in each other, and the first is the integral of the second. A model has one such effect at most.
-    entrained_rate
-        Compiled ``(p, x)`` -> rad/s of the water around the hull. Drag in all terms is that of the relative rate.
-    added_inertia
-        (parameter values) -> inertia in kg m^2 that the term adds in slow motion.
-    uses_wash
-        Whether the term depends on ``at.wash``.
-    surge_from_thrust
-        (n, k) thrusts in N -> (n,) values for ``at.surge``, each the mean until the next instant, for a form that does
-        without a logged speed.
     """
 
     torque: Callable[..., Any]
     _: KW_ONLY
-    states: int = 0
+    states: int = 0  #: Number of states.
+    #: (parameter values) -> fastest rate of change of the states in 1/s, for the step of the integration.
     fastest: Callable[[Values], float] | None = None
+    #: Compiled ``(rate, x) -> state``: the value to which the single state is reset at this rate, mostly itself.
     reset: Callable[[float, Numbers], float] | None = None
+    #: Whether the two states oscillate after an excitation. A filter then estimates their covariance. They are linear
+    #: in the rate and in each other, and the first is the integral of the second. A model has one such effect at most.
     oscillatory: bool = False
+    #: Compiled ``(p, x)`` -> rad/s of the water around the hull. Drag in all terms is that of the relative rate.
     entrained_rate: Callable[[Numbers, Numbers], float] | None = None
+    #: (parameter values) -> inertia in kg m^2 that the term adds in slow motion.
     added_inertia: Callable[[Values], float] | None = None
-    uses_wash: bool = False
+    uses_wash: bool = False  #: Whether the term depends on ``at.wash``.
+    #: (n, k) thrusts in N -> (n,) values for ``at.surge``, each the mean until the next instant, for a form that does
+    #: without a logged speed.
     surge_from_thrust: OnSeries | None = None
 
     def evaluate(self, instant: Instant, numbers: Numbers, states: Numbers) -> tuple[float, Numbers]:

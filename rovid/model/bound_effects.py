@@ -40,33 +40,17 @@ def actions_at(effects: Sequence[BoundEffect], stage: type[Action]) -> Iterator[
 
 
 class PackedTerms(NamedTuple):
-    """The m terms of an equation of motion: terms that entrain water first, then others with states, then the rest.
+    """The m terms of an equation of motion: terms that entrain water first, then others with states, then the rest."""
 
-    Attributes
-    ----------
-    kinds
-        (m,) index of each term in ``rovid.effects.TERM_EFFECTS``.
-    parameters
-        (m * TERM_PARAMETERS, LANES) parameters of one term after the other, with a column for each of several models.
-    fastest
-        1/s; the fastest rate of change among the states and the motion.
-    entraining
-        Number of terms that entrain water. Drag in all terms depends on the rate relative to that water.
-    stateful
-        Number of terms up to the last one with states.
-    resetting
-        Whether a term resets its state.
-    oscillatory
-        Index of the oscillatory term, 0 if there is none.
-    """
-
-    kinds: IntArray
+    kinds: IntArray  #: (m,) index of each term in ``rovid.effects.TERM_EFFECTS``.
+    #: (m * TERM_PARAMETERS, LANES) parameters of one term after the other, with a column for each of several models.
     parameters: FloatArray
-    fastest: float
+    fastest: float  #: 1/s; the fastest rate of change among the states and the motion.
+    #: Number of terms that entrain water. Drag in all terms depends on the rate relative to that water.
     entraining: int
-    stateful: int
-    resetting: bool
-    oscillatory: int
+    stateful: int  #: Number of terms up to the last one with states.
+    resetting: bool  #: Whether a term resets its state.
+    oscillatory: int  #: Index of the oscillatory term, 0 if there is none.
 
 
 class Equation(NamedTuple):

@@ -23,19 +23,11 @@ _CACHE = SizedCache(32_000_000)
 
 @dataclass(frozen=True, eq=False)
 class CommandSeries:
-    """Commands of one trial or of several concatenated ones.
-
-    Attributes
-    ----------
-    inputs
-        The trials as effects see them, with each interval between two log instants subdivided.
-    held_commands
-        (n, k) commands at the selected log instants.
-    """
+    """Commands of one trial or of several concatenated ones."""
 
     vehicle: Vehicle
-    inputs: ActuatorInputs
-    held_commands: FloatArray
+    inputs: ActuatorInputs  #: The trials as effects see them, with each interval between two log instants subdivided.
+    held_commands: FloatArray  #: (n, k) commands at the selected log instants.
 
     @classmethod
     def from_trials(

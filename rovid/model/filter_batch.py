@@ -16,57 +16,31 @@ One = TypeVar("One")
 
 
 class FilterData(NamedTuple):
-    """Measurements of m concatenated trials.
+    """Measurements of m concatenated trials."""
 
-    Attributes
-    ----------
-    offsets
-        (m + 1,) index of each trial's first instant, and n.
-    time, rate
-        (n,) s, and measured rate in rad/s, NaN where not measured.
-    start_position
-        (m,) rad, the position at the start of each trial.
-    initial_rate
-        (m, 2) rate in rad/s at the first instant, and its standard deviation.
-    output_index
-        (n, 2) places of the innovations of angle and rate in the filter's output; -1 for none.
-    """
-
-    offsets: IntArray
+    offsets: IntArray  #: (m + 1,) index of each trial's first instant, and n.
+    #: ``time``, ``rate``: (n,) s, and measured rate in rad/s, NaN where not measured.
     time: FloatArray
     rate: FloatArray
-    start_position: FloatArray
-    initial_rate: FloatArray
-    output_index: IntArray
+    start_position: FloatArray  #: (m,) rad, the position at the start of each trial.
+    initial_rate: FloatArray  #: (m, 2) rate in rad/s at the first instant, and its standard deviation.
+    output_index: IntArray  #: (n, 2) places of the innovations of angle and rate in the filter's output; -1 for none.
 
 
 class FilterInputs(NamedTuple):
-    """Torque inputs and measured angles of the models in the four lanes. Lanes may share either.
+    """Torque inputs and measured angles of the models in the four lanes. Lanes may share either."""
 
-    Attributes
-    ----------
-    torque, timing_moment, impulse_variance
-        (d, n) of each distinct torque input, see `rovid.model.torque_input.TorqueInput`.
-    torque_index
-        (LANES,) index of each lane's torque input among the d.
-    effect_inputs
-        (b, n, 3) distinct effect inputs.
-    input_index
-        (LANES,) index of each lane's effect inputs among the b.
-    angles
-        (e, n) measured angle in rad without the sensor's deviation; NaN where not measured, in all or none.
-    angle_index
-        (LANES,) index of each lane's angles among the e.
-    """
-
+    #: ``torque``, ``timing_moment``, ``impulse_variance``: (d, n) of each distinct torque input, see
+    #: `rovid.model.torque_input.TorqueInput`.
     torque: FloatArray
     timing_moment: FloatArray
     impulse_variance: FloatArray
-    torque_index: IntArray
-    effect_inputs: FloatArray
-    input_index: IntArray
+    torque_index: IntArray  #: (LANES,) index of each lane's torque input among the d.
+    effect_inputs: FloatArray  #: (b, n, 3) distinct effect inputs.
+    input_index: IntArray  #: (LANES,) index of each lane's effect inputs among the b.
+    #: (e, n) measured angle in rad without the sensor's deviation; NaN where not measured, in all or none.
     angles: FloatArray
-    angle_index: IntArray
+    angle_index: IntArray  #: (LANES,) index of each lane's angles among the e.
 
     @classmethod
     def stack(cls, torque_inputs: Sequence[TorqueInput], angles: Sequence[FloatArray]) -> Self:
@@ -87,25 +61,15 @@ class FilterInputs(NamedTuple):
 
 
 class ParameterBatch(NamedTuple):
-    """Parameters of the models in the four lanes, which have the same terms.
+    """Parameters of the models in the four lanes, which have the same terms."""
 
-    Attributes
-    ----------
-    body
-        (5, LANES) numbers of each `rovid.effects.base.Body`.
-    terms
-        Terms of all models, with a column of parameters for each.
-    noise
-        (4, LANES) standard deviation of the disturbance in N m, its correlation time in s, standard deviations of the
-        white noise of measured angles in rad and rates in rad/s.
-    wave
-        (3, LANES) root 2 times the standard deviation of the wave torque in N m, its frequency in rad/s and the damping
-        of its filter; (0, LANES) without a wave.
-    """
-
-    body: FloatArray
-    terms: PackedTerms
+    body: FloatArray  #: (5, LANES) numbers of each `rovid.effects.base.Body`.
+    terms: PackedTerms  #: Terms of all models, with a column of parameters for each.
+    #: (4, LANES) standard deviation of the disturbance in N m, its correlation time in s, standard deviations of the
+    #: white noise of measured angles in rad and rates in rad/s.
     noise: FloatArray
+    #: (3, LANES) root 2 times the standard deviation of the wave torque in N m, its frequency in rad/s and the damping
+    #: of its filter; (0, LANES) without a wave.
     wave: FloatArray
 
     @classmethod

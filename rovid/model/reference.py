@@ -50,21 +50,11 @@ class Inputs:
 
 @dataclass(frozen=True, eq=False)
 class ReferenceEquation:
-    """The equation of motion, eq. (1), with terms of effects.
+    """The equation of motion, eq. (1), with terms of effects."""
 
-    Attributes
-    ----------
-    body
-        The plain model.
-    effects
-        Effects with their parameters.
-    start
-        Position in rad at the start of the trial.
-    """
-
-    body: Body
-    effects: Sequence[BoundEffect]
-    start: float = 0.0
+    body: Body  #: The plain model.
+    effects: Sequence[BoundEffect]  #: Effects with their parameters.
+    start: float = 0.0  #: Position in rad at the start of the trial.
 
     @cached_property
     def terms(self) -> list[tuple[Term, tuple[float, ...]]]:
@@ -167,18 +157,12 @@ def predict(
 
 @dataclass(frozen=True, kw_only=True)
 class Noise:
-    """Standard deviations and correlation time of a filter's noise.
+    """Standard deviations and correlation time of a filter's noise."""
 
-    Attributes
-    ----------
-    disturbance, correlation_time
-        Of the coloured disturbance torque, in N m and s.
-    angle, rate
-        Of the white measurement noise, in rad and rad/s.
-    """
-
+    #: ``disturbance``, ``correlation_time``: of the coloured disturbance torque, in N m and s.
     disturbance: float
     correlation_time: float
+    #: ``angle``, ``rate``: of the white measurement noise, in rad and rad/s.
     angle: float
     rate: float
 

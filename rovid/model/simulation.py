@@ -21,47 +21,27 @@ HORIZONS = (10.0, 60.0)
 
 @dataclass(frozen=True, kw_only=True)
 class FitMeasures:
-    """Agreement of simulated and measured rate.
+    """Agreement of simulated and measured rate."""
 
-    Attributes
-    ----------
-    samples
-        Number of compared instants.
-    r2
-        1 - SSE/SST of the rate; NaN if the measured rate is constant.
-    fit_percent
-        100 (1 - |y - yhat| / |y - mean(y)|), Ljung's NRMSE fit.
-    rmse
-        Root mean square error in rad/s.
-    """
-
-    samples: int
-    r2: float
-    fit_percent: float
-    rmse: float
+    samples: int  #: Number of compared instants.
+    r2: float  #: 1 - SSE/SST of the rate; NaN if the measured rate is constant.
+    fit_percent: float  #: 100 (1 - |y - yhat| / |y - mean(y)|), Ljung's NRMSE fit.
+    rmse: float  #: Root mean square error in rad/s.
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrialSimulation:
-    """Free-running simulation of one trial from its first sample.
-
-    Attributes
-    ----------
-    measured, simulated
-        (m,) rate in rad/s or m/s on the run's uniform grid, both through the same filter.
-    position
-        (n,) simulated position in rad or m at the trial's instants.
-    position_errors
-        Horizon in s -> RMS position error that long after a restart. A restart has the measured position and rate, and
-        the states that effects have on the measured trajectory. Restarts are one horizon apart. None if no segment
-        without a gap is as long.
-    """
+    """Free-running simulation of one trial from its first sample."""
 
     run: Run
     fit: FitMeasures
+    #: ``measured``, ``simulated``: (m,) rate in rad/s or m/s on the run's uniform grid, both through the same filter.
     measured: FloatArray
     simulated: FloatArray
-    position: FloatArray
+    position: FloatArray  #: (n,) simulated position in rad or m at the trial's instants.
+    #: Horizon in s -> RMS position error that long after a restart. A restart has the measured position and rate, and
+    #: the states that effects have on the measured trajectory. Restarts are one horizon apart. None if no segment
+    #: without a gap is as long.
     position_errors: dict[float, float | None]
 
 

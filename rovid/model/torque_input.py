@@ -20,24 +20,16 @@ MAX_SUBDIVISION = 8
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Intervals:
-    """Intervals of one trial or of several concatenated ones, over each of which a torque input is averaged.
+    """Intervals of one trial or of several concatenated ones, over each of which a torque input is averaged."""
 
-    Attributes
-    ----------
-    indices
-        (m,) index among n instants of each interval's begin. The last interval of a trial has no end, and lasts 1 s.
-    offsets
-        (t + 1,) index among the m intervals of each trial's first one, and m.
-    lengths, midpoints
-        (n,) s from each instant to the next, 0 from the last of a trial; and the time in the middle.
-    durations, ends
-        (m,) s that each interval lasts, and the time at which it ends.
-    """
-
+    #: (m,) index among n instants of each interval's begin. The last interval of a trial has no end, and lasts 1 s.
     indices: IntArray
-    offsets: IntArray
+    offsets: IntArray  #: (t + 1,) index among the m intervals of each trial's first one, and m.
+    #: ``lengths``, ``midpoints``: (n,) s from each instant to the next, 0 from the last of a trial; and the time in the
+    #: middle.
     lengths: FloatArray
     midpoints: FloatArray
+    #: ``durations``, ``ends``: (m,) s that each interval lasts, and the time at which it ends.
     durations: FloatArray
     ends: FloatArray
 
@@ -68,29 +60,18 @@ class Intervals:
 
 @dataclass(frozen=True, eq=False)
 class TorqueInput:
-    """Torque from each instant to the next, of one trial or of several concatenated ones.
+    """Torque from each instant to the next, of one trial or of several concatenated ones."""
 
-    Attributes
-    ----------
-    torque
-        (n,) N m, mean over the interval.
-    timing_moment
-        (n,) N m s^2; integral of (torque - mean) times the time left in the interval. A torque that comes late gives
-        the same rate at the interval's end, but less angle, by ``timing_moment / inertia``.
-    effect_inputs
-        (n, 3) further inputs of effects' terms: the wash of the thrusters in N^0.5 m^2, which is the sum of
-        sqrt(thrust) * arm^2, and the speeds `SPEEDS` in m/s. Zeros if no effect needs them.
-    impulse_variance
-        (n,) N^2 m^2 s^2; variance of the torque's integral if an effect leaves open when the torque acts, else zeros.
-    offsets
-        (t + 1,) index of each trial's first instant, and n.
-    """
-
-    torque: FloatArray
+    torque: FloatArray  #: (n,) N m, mean over the interval.
+    #: (n,) N m s^2; integral of (torque - mean) times the time left in the interval. A torque that comes late gives the
+    #: same rate at the interval's end, but less angle, by ``timing_moment / inertia``.
     timing_moment: FloatArray
+    #: (n, 3) further inputs of effects' terms: the wash of the thrusters in N^0.5 m^2, which is the sum of sqrt(thrust)
+    #: * arm^2, and the speeds `SPEEDS` in m/s. Zeros if no effect needs them.
     effect_inputs: FloatArray
+    #: (n,) N^2 m^2 s^2; variance of the torque's integral if an effect leaves open when the torque acts, else zeros.
     impulse_variance: FloatArray
-    offsets: IntArray
+    offsets: IntArray  #: (t + 1,) index of each trial's first instant, and n.
 
     @classmethod
     def held(
