@@ -28,7 +28,7 @@ def spoilt(day: Path, folder: Path, change: Callable[[pd.DataFrame], pd.DataFram
 
 def test_a_complete_campaign_gets_no_advice(csv_day: Path, rovid: Rovid) -> None:
     assert kinds(rovid, csv_day) == {}
-    assert "have what a fit needs" in rovid("check", csv_day).out
+    assert "good enough for a fit" in rovid("check", csv_day).out
 
 
 @pytest.mark.parametrize(
@@ -111,7 +111,7 @@ def test_unreadable_logs_are_not_called_ready(tmp_path: Path, rovid: Rovid) -> N
     (tmp_path / "a.csv").write_text("time_s,surge_velocity_m_s\n0,1\n")
     done = rovid("check", tmp_path, "--axis", "surge")
     assert done.code == 2
-    assert "what a fit needs" not in done.out
+    assert "good enough for a fit" not in done.out
 
 
 def test_a_saturated_command_is_reported(csv_day: Path, tmp_path: Path, rovid: Rovid) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 
 from rich.console import Console
@@ -16,9 +17,9 @@ from rovid.trial.trial import merged_remarks
 # Number of tasks before the tables.
 _FIRST_TASKS = 3
 VERDICTS = {
-    "go": ("Go:", "These logs have what a fit needs.", "bold green"),
-    "care": ("Go with care:", "These logs can be fitted; read this first.", "bold yellow"),
-    "no_go": ("No go:", "A fit would fail, or be wrong. First of all:", "bold red"),
+    "go": ("Go:", "the logs are good enough for a fit.", "bold green"),
+    "care": ("Go with care:", "the logs can be fitted; read this first.", "bold yellow"),
+    "no_go": ("No go:", "a fit would fail, or be wrong. First of all:", "bold red"),
 }
 _DIRECTIONS = {1: "as rovid.toml says", -1: "the other way", 0: "not determined"}
 
@@ -33,9 +34,9 @@ def show_check(console: Console, checked: LogCheck) -> None:
         console.print(_logs_table(checked))
         if any(thruster.observed.direction for thruster in checked.thrusters):
             console.print(_thrusters_table(checked))
-    reasons = _names_by_reason(checked.problems)
-    if len(reasons) > 1:
-        show_warnings(console, [_problem(names, reason) for reason, names in reasons.items()])
+    problems = _merged_problems(checked.problems)
+    if len(problems) > 1:
+        show_warnings(console, problems)
     _show_tasks(console, tasks[_FIRST_TASKS:], _FIRST_TASKS + 1)
     show_warnings(console, check_notes(checked))
 
@@ -49,28 +50,27 @@ def check_notes(checked: LogCheck) -> list[str]:
 
 def check_tasks(checked: LogCheck) -> Iterator[str]:
     """Tasks before a fit, the most serious first."""
-    reasons, bad = _names_by_reason(checked.problems), len(checked.problems)
+    problems, bad = _merged_problems(checked.problems), len(checked.problems)
     count = f"{bad} of {bad + len(checked.rows)} logs cannot be used"
-    if len(reasons) == 1:
-        ((reason, names),) = reasons.items()
-        problem = _problem(names, reason)
-        yield f"{count}. {problem}" if bad > 1 else problem
-    elif reasons:
-        yield f"{count}, for the reasons below: {shortened_list(list(checked.problems))}."
+    if len(problems) == 1:
+        yield f"{count}. {problems[0]}" if bad > 1 else problems[0]
+    elif problems:
+        yield f"{count} (reasons below): {shortened_list(list(checked.problems))}."
     yield from (advice.text for advice in checked.advice if advice.weight != "aside")
 
 
-def _names_by_reason(problems: Mapping[str, str]) -> dict[str, list[str]]:
-    """Reason why logs cannot be used -> names of these logs."""
-    names: dict[str, list[str]] = {}
+def _merged_problems(problems: Mapping[str, str]) -> list[str]:
+    """Each reason why logs cannot be used, led by the logs, and lines, with this fault."""
+    places: dict[str, list[str]] = {}
     for name, problem in problems.items():
-        names.setdefault(problem.rpartition(f"{name}: ")[2], []).append(name)
-    return names
-
-
-def _problem(names: Sequence[str], reason: str) -> str:
-    # The reason itself may name the log and the line.
-    return reason if any(name in reason for name in names) else f"{shortened_list(names)}: {reason}"
+        located = re.fullmatch(rf".*{re.escape(name)}((?::\d+)*): (.*)", problem, re.DOTALL)
+        if located:
+            places.setdefault(located[2], []).append(name + located[1])
+        elif name in problem:
+            places[problem] = []
+        else:
+            places.setdefault(problem, []).append(name)
+    return [f"{shortened_list(logs)}: {reason}" if logs else reason for reason, logs in places.items()]
 
 
 def _show_tasks(console: Console, tasks: Sequence[str], first: int) -> None:

@@ -72,10 +72,11 @@ def test_what_keeps_many_logs_from_being_used_is_told_once() -> None:
     assert "1. 9 of 10 logs cannot be used. bad_0.csv, bad_1.csv, " in text
     assert "bad_4.csv and 4 more: has no column 'hdg'." in text
     assert text.count("'hdg'") == 1
-    lines = printed(problems={**alike, "cut.csv": "day/cut.csv:17: is cut."})
-    assert lines[1].startswith("1. 10 of 11 logs cannot be used, for the reasons below: bad_0.csv, ")
+    cut = {"cut.csv": "day/cut.csv:17: is cut.", "short.csv": "day/short.csv:4: is cut."}
+    lines = printed(problems={**alike, **cut})
+    assert lines[1].startswith("1. 11 of 12 logs cannot be used (reasons below): bad_0.csv, ")
     assert sum("'hdg'" in line for line in lines) == 1
-    assert "Note: day/cut.csv:17: is cut." in lines
+    assert "Note: cut.csv:17, short.csv:4: is cut." in lines
 
 
 def test_no_runs_are_wanted_while_logs_cannot_be_read(csv_day: Path, tmp_path: Path, rovid: Rovid) -> None:
@@ -87,13 +88,13 @@ def test_no_runs_are_wanted_while_logs_cannot_be_read(csv_day: Path, tmp_path: P
     done = rovid("check", tmp_path)
     assert done.code == 2
     text = " ".join(done.out.split())
-    assert text.startswith("No go: A fit would fail, or be wrong. First of all: 1. ")
+    assert text.startswith("No go: a fit would fail, or be wrong. First of all: 1. ")
     assert text.count("has no column 'heading_deg'") == 1
     assert "\n2. " not in done.out
 
 
 def test_a_good_day_goes_and_clocks_that_differ_stop_it(csv_day: Path, tmp_path: Path, rovid: Rovid) -> None:
-    assert rovid("check", csv_day).out.startswith("Go: These logs have what a fit needs.\n")
+    assert rovid("check", csv_day).out.startswith("Go: the logs are good enough for a fit.\n")
     assert rovid("check", csv_day, "--json").document["verdict"] == "go"
     shutil.copytree(csv_day, tmp_path / "late")
     for path in (tmp_path / "late").glob("*.csv"):
