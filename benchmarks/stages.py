@@ -38,7 +38,7 @@ STAGES = {
     "rovid.diagnose.objectives.cv_pieces": "cutting into pieces",
     "rovid.diagnose.algorithm.select_directly": "search by one-step predictions",
     "rovid.diagnose.objectives.run_wave_test": "waves",
-    "rovid.diagnose.stepwise.screen": SCREENING,
+    "rovid.diagnose.stepwise.score_tests": SCREENING,
     "rovid.diagnose.stepwise.shortlist": "shortlist",
     "rovid.diagnose.stepwise.fit_candidates": CLIMBS,
     "rovid.estimate.fit_result.minimize": CLIMBS,

@@ -1,24 +1,20 @@
 """Algorithm of the diagnosis: how a cause of model error becomes established.
 
-1. The base model is fitted to the free-running simulation, and all forms of all effects of the catalogue become
-   candidates, together with every logged signal.
-2. *Screen*: a score test predicts the log-likelihood gain of each candidate without a fit.
-3. *Select*: the candidates with the largest predicted gain are fitted together with all other parameters. The one with
-   the best BIC is added if its gain exceeds a threshold and what approximate equations may explain. Effects that lose
-   their gain are removed, and effects are exchanged where another one is better, until the model no longer changes.
-4. The objective of the search is the likelihood of one-step innovations, if one cause dominates what is missing.
-5. Otherwise it is that of multi-step predictions. Their effects must then be as large in one-step predictions next to
-   waves, and the one-step search continues from there.
-6. *Validate*: alternatives that gain nearly as much are compared on all data, and the better one replaces an effect.
-7. Each effect must gain log-likelihood on held-out trials, lie within its bounds, differ significantly from zero, and
-   have a posterior probability of 0.95.
-8. An effect that fails is banned, and the search continues without it; its place may go to the true cause.
-9. *Decide*: the one-step model is reported if it is adequate after validation (white innovations, disturbance within
-   its limit); otherwise the multi-step model.
-10. *Conclude*: the effects that are left are established. Their parameters are fitted to all data. Further causes
-    with a probability of 0.2 or more are suspects.
+The plain model is fitted to the free-running simulation. All forms of all effects of the catalogue, and every logged
+signal, become candidates. Five stages follow:
 
-All numbers stand in `rovid.diagnose.thresholds`.
+1. *Screen*: score tests predict the log-likelihood gain of each candidate next to one model, without a fit.
+2. *Select*: candidates with the largest predicted gains are fitted, and the best one is added. Effects are removed and
+   exchanged until the model no longer changes. Each model on the way is screened.
+3. *Validate*: an effect that fails one of four tests is banned, and the search continues without it; its place may go
+   to the true cause. After `max_rejections` bans the model is not tested again.
+4. *Decide*: the stages 1 to 3 run by one-step predictions (innovations) if one cause dominates, otherwise by multi-step
+   predictions and then by one-step predictions from there. The one-step model is reported if it is adequate (white
+   innovations, disturbance within its limit), otherwise the multi-step model.
+5. *Conclude*: the effects that are left are established. Their parameters are fitted to all data. Further causes with
+   enough probability are suspects.
+
+Names such as `max_rejections` are those of `rovid.diagnose.thresholds`, which has all numbers.
 """
 
 from __future__ import annotations
@@ -43,7 +39,7 @@ from rovid.diagnose.objectives import (
     preload,
 )
 from rovid.diagnose.result import Diagnosis
-from rovid.diagnose.stepwise import ProgressCallback, StepwiseSearch, StopRule
+from rovid.diagnose.stepwise import ProgressCallback, SearchStop, StepwiseSearch, StopRule
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.diagnose.validation import (
     Selection,
@@ -94,20 +90,12 @@ def diagnose(prepared: PreparedRuns, vehicle: Vehicle, report: ProgressCallback 
         return conclude(decide(problem), notes)
 
 
-def screen(objective: InnovationObjective, found: FitResult, shape: FitResult, is_hopeless: StopRule) -> bool:
-    """Whether score tests on thinned data leave hope for a one-step search from ``found``; it saves a long search."""
-    if objective.screening_data is objective.search_data:
-        return True
-    start = objective.begin(objective.screening_data, found, shape)
-    search = objective.search(start)
-    return not is_hopeless(start, lambda: gains_by_cause(search.score_tests(start)))
-
-
 def select(problem: SearchProblem, objective: SearchObjective, search: StepwiseSearch, start: FitResult) -> Selection:
     """The model that a stepwise search by one of the objectives reaches from ``start``.
 
-    Each step of the search: score tests of all candidates, staged fits of a shortlist, addition of the best one by BIC,
-    elimination, exchange; see `StepwiseSearch`.
+    The search repeats: `StepwiseSearch.screen` the model, fit a shortlist, add the candidate with the best BIC if its
+    gain exceeds the threshold and what approximate equations may explain, remove effects that lost their gain, exchange
+    effects for better ones. It ends when the model no longer changes, or earlier for a `SearchStop`.
     """
     return Selection(
         search=search,
@@ -121,7 +109,12 @@ def select(problem: SearchProblem, objective: SearchObjective, search: StepwiseS
 
 
 def validate(selection: Selection) -> Selection:
-    """Test each effect of the model. Ban the first one that fails, search on without it, and repeat."""
+    """Test each effect of the model. Ban the first one that fails, search on without it, and repeat.
+
+    First, close alternatives are compared on all data. The four tests of `first_rejection`: log-likelihood gain on
+    held-out trials (`min_held_out_gain`), size within its bounds, significance (`min_standard_errors`), and posterior
+    probability (`established`, 0.95). After `max_rejections` the last search has the last word, without a test.
+    """
     selection = report_remainder(resolve_ties(selection))
     likely: list[str] = []
     for _ in range(THRESHOLDS.max_rejections):
@@ -129,7 +122,7 @@ def validate(selection: Selection) -> Selection:
         if rejection is None:
             break
         effect = rejection.effect
-        selection = selection.reject(f"{effect.title} {rejection.reason}: it is not claimed.").ban(effect)
+        selection = selection.with_message(f"{effect.title} {rejection.reason}: it is not claimed.").ban(effect)
         if rejection.is_likely:
             # A likely effect keeps its place until the end: otherwise a stand-in would take the place.
             likely.append(effect.key)
@@ -143,17 +136,22 @@ def validate(selection: Selection) -> Selection:
 
 
 def decide(problem: SearchProblem) -> Selection:
-    """Choose the objective: innovations where these become white, else multi-step predictions; return a valid model."""
+    """Run screening, selection and validation by one objective after the other; return the first adequate result.
+
+    If no one-step result is adequate, return the validated multi-step result.
+    """
     selection = select_directly(problem)
     if selection is not None:
         problem.report("Validating on held-out trials …")
-        selection = resolve_ties(selection)
+        selection = resolve_ties(selection)  # the first step of `validate` also; the tests below need it already
         # A rejection means that stand-ins were selected: then multi-step predictions decide where to start.
         if first_rejection(selection) is None and selection.is_adequate:
             return validate(selection)
     for predicted in select_by_predictions(problem):
+        # Effects must be about as large in one-step predictions, next to waves where these are established.
         multi_step = drop_inconsistent(predicted)
         waves = None if multi_step.waves is None else multi_step.waves.established
+        # The model with waves has the same effects; multi-step predictions alone cannot show waves.
         selection = select_by_innovations(problem, waves or multi_step.model, multi_step.model, cannot_whiten)
         if selection is not None:
             problem.report("Validating on held-out trials …")
@@ -175,56 +173,75 @@ def select_directly(problem: SearchProblem) -> Selection | None:
     waves = problem.wave_test(selection.model).established
     if waves is None:
         return selection
+    # Effects selected without the waves may stand in for them: if the second search fails, the first does not count.
     return select_by_innovations(problem, waves, selection.model, cannot_whiten)
 
 
 def select_by_innovations(
-    problem: SearchProblem, found: FitResult, shape: FitResult, is_hopeless: StopRule
+    problem: SearchProblem, effects_from: FitResult, drag_from: FitResult, is_hopeless: StopRule
 ) -> Selection | None:
-    """One-step selection from the effects of ``found``; None where it is hopeless, or the result is not adequate."""
+    """One-step selection from a start; None where it is hopeless, or the result is not adequate.
+
+    The start has the effects of ``effects_from``, and the inertia and drag of ``drag_from``. These are two models where
+    waves act: the model with waves has an unlimited disturbance, which may take the place of inertia and drag.
+    """
     problem.report("Searching by one-step predictions …")
     objective = problem.innovations
-    if not screen(objective, found, shape, is_hopeless):
+    if not is_worth_searching(objective, effects_from, drag_from, is_hopeless):
         return None
-    start = objective.begin(objective.search_data, found, shape)
+    start = objective.begin(objective.search_data, effects_from, drag_from)
     selection = select(problem, objective, objective.search(start, is_hopeless), start)
-    if selection.search.progress.given_up or not selection.is_adequate:
+    if SearchStop.HOPELESS in selection.search.progress.stops or not selection.is_adequate:
         return None
     return selection
+
+
+def is_worth_searching(
+    objective: InnovationObjective, effects_from: FitResult, drag_from: FitResult, is_hopeless: StopRule
+) -> bool:
+    """Whether a one-step search has a chance, by the stop rule on thinned data; that saves a long search."""
+    if objective.screening_data is objective.search_data:
+        return True  # the search itself begins with the stop rule
+    start = objective.begin(objective.screening_data, effects_from, drag_from)
+    search = objective.search(start)
+    return not is_hopeless(start, lambda: gains_by_cause(search.screen(start)))
 
 
 def select_by_predictions(problem: SearchProblem) -> Iterator[Selection]:
     """Multi-step selections: first one whose effects whiten the innovations, if any, and at last the complete one."""
     objective = MultiStepObjective.from_data(problem.data, problem.pieces, problem.candidates, problem.report)
     start = objective.base
-    is_enough: Callable[[FitResult], bool] | None = problem.innovations.is_adequate
+    is_adequate: Callable[[FitResult], bool] | None = problem.innovations.is_adequate
     if not objective.candidates:
         yield select(problem, objective, objective.search(None), start)
         return
     while True:
-        search = objective.search(is_enough)
+        search = objective.search(is_adequate)
         selection = select(problem, objective, search, start)
-        if search.progress.has_enough:
+        if SearchStop.ADEQUATE in search.progress.stops:
             yield selection
-            # If that fails, the search is repeated to its end.
-            is_enough = None
+            # The caller found no valid one-step model from there: search again, to the end.
+            is_adequate = None
             continue
+        # A missing effect correlates the prediction errors, and correlated errors count once. With the selected effects
+        # more predictions may count: then the search continues with their weights.
         reweighted = objective.reweighted(search, selection.model)
         if reweighted.data.effective_count < THRESHOLDS.reweighting_growth * objective.data.effective_count:
-            yield replace(selection, search=replace(search, is_enough=None))
+            # Searches after a rejection run to their end.
+            yield replace(selection, search=replace(search, is_adequate=None))
             return
-        # The selected effects make the errors less correlated: more predictions count, and the search goes on.
         objective = replace(reweighted, base=reweighted.refit(objective.base))
         start = objective.refit(selection.model)
 
 
 def conclude(selection: Selection, notes: Sequence[str]) -> Diagnosis:
-    """The result: established causes with estimates and alternatives, suspects, held-out scores, and warnings."""
+    """The result: established causes, suspects (further causes with a probability of `possible`, 0.2), and warnings."""
+    # The notes are on trials cut into parts, and multi-step predictions are of whole trials.
     warnings = [_MULTI_STEP] if selection.multi_step else list(notes)
-    if selection.search.progress.cut_short:
+    if SearchStop.CUT_SHORT in selection.search.progress.stops:
         warnings.append(_CUT_SHORT)
     warnings += [_INCONSISTENT.format(effect.title) for effect in selection.inconsistent]
-    warnings += selection.rejections
+    warnings += selection.messages
     try:
         return build_diagnosis(selection, warnings)
     except DataError as error:

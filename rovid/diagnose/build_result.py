@@ -349,7 +349,7 @@ def _nested_models(selection: Selection, causes: Sequence[Cause]) -> tuple[Model
 def _detectable(selection: Selection) -> tuple[tuple[Effect, float], ...]:
     """Smallest detectable size of each effect that was not found, to first order."""
     first: dict[str, ScoreTest] = {}
-    for test in selection.search.score_tests(selection.model):
+    for test in selection.search.screen(selection.model):
         if not is_signal(test.effect):
             first.setdefault(test.effect.id, test)
     sizes = []

@@ -61,12 +61,12 @@ class MultiStepObjective:
         searched = without_waves(candidates) if data.effective_count >= THRESHOLDS.min_predictions else []
         return cls(data=data, pieces=pieces, base=base, candidates=searched, report=report)
 
-    def search(self, is_enough: Callable[[FitResult], bool] | None) -> StepwiseSearch:
+    def search(self, is_adequate: Callable[[FitResult], bool] | None) -> StepwiseSearch:
         """Search by this objective."""
         return StepwiseSearch(
             self.candidates,
             self.report,
-            is_enough=is_enough,
+            is_adequate=is_adequate,
             fits_poorly=fits_poorly,
             margin=_MULTI_STEP_MARGIN,
             screening_share=0.0,
@@ -128,11 +128,11 @@ class InnovationObjective:
             self._bases[data.interval] = fit_innovations(data, free_run_r2(data.runs, data.initial_model))
         return self._bases[data.interval]
 
-    def begin(self, data: InnovationData, found: FitResult, shape: FitResult) -> FitResult:
-        """Fit the effects of ``found`` to ``data``, from the inertia and drag of ``shape``."""
-        if not found.effects:
+    def begin(self, data: InnovationData, effects_from: FitResult, drag_from: FitResult) -> FitResult:
+        """Fit the effects of ``effects_from`` to ``data``, from the inertia and drag of ``drag_from``."""
+        if not effects_from.effects:
             return self.base_of(data)
-        return loosen_limit(fit(*self._start(data, found, shape)))
+        return loosen_limit(fit(*self._start(data, effects_from, drag_from)))
 
     def search(self, start: FitResult, is_hopeless: StopRule | None = None) -> StepwiseSearch:
         """Search from ``start`` with the cache of fits of earlier searches on the same data.
@@ -155,13 +155,13 @@ class InnovationObjective:
         return self._adequate[objective.key]
 
     def _start(
-        self, data: InnovationData, found: FitResult, shape: FitResult
+        self, data: InnovationData, effects_from: FitResult, drag_from: FitResult
     ) -> tuple[NegativeLogLikelihood, FloatArray]:
-        """Objective with the effects of ``found``, and (p,) start with the inertia and drag of ``shape``."""
+        """Objective with the effects of one model, and (p,) start with the inertia and drag of another one."""
         base = self.base_of(data)
-        x = np.concatenate((base.x, found.x[len(found.common_coordinates) :]))
-        x[:DISTURBANCE] = shape.x[:DISTURBANCE]
-        return base.objective.with_effects(found.effects), x
+        x = np.concatenate((base.x, effects_from.x[len(effects_from.common_coordinates) :]))
+        x[:DISTURBANCE] = drag_from.x[:DISTURBANCE]
+        return base.objective.with_effects(effects_from.effects), x
 
 
 SearchObjective = InnovationObjective | MultiStepObjective

@@ -116,7 +116,7 @@ class NuisanceProjection:
         return score, directions.information - cross.T @ coefficients
 
 
-def screen(current: FitResult, forms: Sequence[Effect]) -> list[ScoreTest]:
+def score_tests(current: FitResult, forms: Sequence[Effect]) -> list[ScoreTest]:
     """Score test of each of ``forms`` as an addition to a fitted model."""
     objectives = [current.objective.with_effects((*current.effects, form)) for form in forms]
     starts = [objective.parametrization.initial_values() for objective in objectives]

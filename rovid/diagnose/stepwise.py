@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -22,7 +23,7 @@ from rovid.diagnose.candidate_fits import (
     shortlist,
     simplest_form,
 )
-from rovid.diagnose.score_test import ScoreTest, possible_substitutes, screen
+from rovid.diagnose.score_test import ScoreTest, possible_substitutes, score_tests
 from rovid.diagnose.signal_regressors import is_signal
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect
@@ -37,15 +38,21 @@ Gains = Callable[[], Sequence[float]]
 StopRule = Callable[[FitResult, Gains], bool]
 
 
+class SearchStop(enum.Enum):
+    """Why a search ended before its model no longer changed."""
+
+    ADEQUATE = enum.auto()  # `StepwiseSearch.is_adequate`; of the last run alone
+    HOPELESS = enum.auto()  # `StepwiseSearch.is_hopeless`
+    CUT_SHORT = enum.auto()  # `THRESHOLDS.max_screenings`, or `THRESHOLDS.max_effects` rounds without an end
+
+
 @dataclass(eq=False)
 class SearchProgress:
-    """Models that a search has seen, and why its last run ended."""
+    """Models that a search has seen, and why it ended early."""
 
     exchanged: set[Key] = field(default_factory=set)  # models that an exchange replaced
     screened: set[Key] = field(default_factory=set)  # models with fitted extensions
-    cut_short: bool = False  # the search had screened `THRESHOLDS.max_screenings` models
-    has_enough: bool = False  # the model was adequate
-    given_up: bool = False  # the model could not become adequate
+    stops: set[SearchStop] = field(default_factory=set)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +62,7 @@ class StepwiseSearch:
     candidates: Sequence[Effect]
     report: ProgressCallback = field(default=lambda _: None)
     # Whether a model is adequate; then the search ends.
-    is_enough: Callable[[FitResult], bool] | None = None
+    is_adequate: Callable[[FitResult], bool] | None = None
     # Whether no further effects can make a model adequate; then the search is given up.
     is_hopeless: StopRule | None = None
     # Whether a model is so wrong that score tests mislead; then every cause is fitted, and pairs of causes.
@@ -108,33 +115,37 @@ class StepwiseSearch:
 
     def run(self, base: FitResult) -> FitResult:
         """Exchange, add and eliminate effects from ``base`` on, until the model no longer changes."""
-        self.cache.fits[base.key], self.progress.has_enough = base, False
+        self.cache.fits[base.key] = base
+        stops = self.progress.stops
+        stops.discard(SearchStop.ADEQUATE)
         current = self._eliminate(base)
         for _ in range(THRESHOLDS.max_effects):
             self._apply_stop_rules(current)
             changed = self._grow(self._exchange(current))
-            if changed is current or self.progress.has_enough or self.progress.given_up:
+            if changed is current or stops - {SearchStop.CUT_SHORT}:
                 return changed
             current = changed
-        self.progress.cut_short = True
+        stops.add(SearchStop.CUT_SHORT)
         return current
 
     def _ends(self) -> bool:
-        progress = self.progress
-        progress.cut_short = progress.cut_short or len(progress.screened) >= THRESHOLDS.max_screenings
-        return progress.cut_short or progress.has_enough or progress.given_up
+        if len(self.progress.screened) >= THRESHOLDS.max_screenings:
+            self.progress.stops.add(SearchStop.CUT_SHORT)
+        return bool(self.progress.stops)
 
     def _apply_stop_rules(self, current: FitResult) -> None:
-        progress = self.progress
-        if self.is_enough is not None and not self.fits_poorly(current):
-            progress.has_enough = progress.has_enough or self.is_enough(current)
-        if self.is_hopeless is not None and not progress.given_up:
-            progress.given_up = self.is_hopeless(current, lambda: self._gains(current))
+        stops, is_adequate, is_hopeless = self.progress.stops, self.is_adequate, self.is_hopeless
+        may_be_adequate = SearchStop.ADEQUATE not in stops and not self.fits_poorly(current)
+        if is_adequate is not None and may_be_adequate and is_adequate(current):
+            stops.add(SearchStop.ADEQUATE)
+        may_be_hopeless = SearchStop.HOPELESS not in stops
+        if is_hopeless is not None and may_be_hopeless and is_hopeless(current, lambda: self._gains(current)):
+            stops.add(SearchStop.HOPELESS)
 
     def _gains(self, current: FitResult) -> list[float]:
         """Gain of each further effect, largest first: of the fits where there are any, else of the score tests."""
         if current.key not in self.cache.extensions:
-            return gains_by_cause(self.score_tests(current))
+            return gains_by_cause(self.screen(current))
         best: dict[str, float] = {}
         for fitted in self.cache.extensions[current.key]:
             cause = fitted.effects[-1].id
@@ -254,7 +265,7 @@ class StepwiseSearch:
         self.progress.screened.add(current.key)
         if current.key not in self.cache.extensions:
             every = growing and self.fits_poorly(current)
-            self.cache.extensions[current.key] = self._fit_extensions(current, self.score_tests(current), every=every)
+            self.cache.extensions[current.key] = self._fit_extensions(current, self.screen(current), every=every)
         return self.cache.extensions[current.key]
 
     def replacements(self, current: FitResult, effect: Effect) -> list[FitResult]:
@@ -268,8 +279,8 @@ class StepwiseSearch:
         keys = current.key, rest.key
         if keys not in self.cache.replacements:
             same = [form for form in self.candidates if form.id == effect.id]
-            forms = [*same, *possible_substitutes(current, effect, self.score_tests(current))]
-            self.cache.replacements[keys] = self._fit_extensions(rest, screen(rest, forms))
+            forms = [*same, *possible_substitutes(current, effect, self.screen(current))]
+            self.cache.replacements[keys] = self._fit_extensions(rest, score_tests(rest, forms))
         return self.cache.replacements[keys]
 
     def _fit_extensions(
@@ -293,14 +304,14 @@ class StepwiseSearch:
         effect = fitted.effects[-1]
         return self.is_allowed(effect) and is_plausible(fitted) and not is_signal(effect)
 
-    def score_tests(self, current: FitResult) -> list[ScoreTest]:
+    def screen(self, current: FitResult) -> list[ScoreTest]:
         """Score test of each form of the effects that ``current`` lacks, computed once."""
         if current.key not in self.cache.score_tests:
             names = ", ".join(effect.title for effect in current.effects) or "no effect"
             self.report(f"Model with {names}: score tests of {len(self.candidates)} candidate forms …")
             selected = {effect.id for effect in current.effects}
             forms = [effect for effect in self.candidates if effect.id not in selected]
-            self.cache.score_tests[current.key] = screen(current, forms)
+            self.cache.score_tests[current.key] = score_tests(current, forms)
         return self.cache.score_tests[current.key]
 
     def cause(self, current: FitResult, effect: Effect) -> Cause:

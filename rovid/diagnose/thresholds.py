@@ -206,16 +206,16 @@ class Thresholds:
     min_standard_errors_suspect: float = 1.0
     """Standard errors. Smaller effects are no suspects. Set: convention. Halved: more suspects; doubled: fewer."""
     established: float = 0.95
-    """Probability. A cause is established from here on. Set: convention; `docs/hard.md` counts 98 % right. Halved:
-    likely causes are stated as established; doubled: impossible."""
+    """Probability. A cause is established from here on. It must stay below `max_probability`. Set: convention;
+    `docs/hard.md` counts 98 % right. Halved: likely causes are stated as established; doubled: impossible."""
     likely: float = 0.5
     """Probability. An effect below `established` is called likely from here on, and stays in the model until validation
     ends. Set: convention (even odds). Halved: more effects stay; doubled: none does."""
     possible: float = 0.2
     """Probability. A less probable cause is not reported. Set: convention. Halved: more suspects; doubled: fewer."""
     max_rejections: int = 6
-    """Rejections. Most bans, each followed by a search. Set: convention. Halved: effects may stay unvalidated; doubled:
-    slower."""
+    """Rejections. Most bans, each followed by a search; the model after the last one is not tested again. Set:
+    convention. Halved: more effects stay untested; doubled: slower."""
     tie_margin: float = 6.0
     """Nats. Causes with a smaller difference of BIC gain are not distinguishable. Set: not recorded. Halved: sharper
     verdicts, more of them wrong; doubled: more causes are named together."""

@@ -43,7 +43,7 @@ class Selection:
     wave_test: Callable[[FitResult], WaveTest] | None = None  # next to a multi-step model
     waves: WaveTest | None = None  # last result of the test
     inconsistent: tuple[Effect, ...] = ()  # dropped because one-step predictions show less of them
-    rejections: tuple[str, ...] = ()  # messages on the effects that validation rejected
+    messages: tuple[str, ...] = ()  # on effects that are not claimed
 
     @property
     def is_adequate(self) -> bool:
@@ -51,20 +51,20 @@ class Selection:
         return self.model.is_white and not self.model.at_limit
 
     def ban(self, *effects: Effect) -> Self:
-        """The same, whose search selects ``effects`` no more."""
+        """The selection with a search that never selects ``effects`` again."""
         return replace(self, search=self.search.ban(*effects))
 
     def drop(self, effect: Effect) -> Self:
-        """The same without ``effect`` in the model, all other parameters refitted."""
+        """The selection without ``effect`` in the model, all other parameters refitted."""
         return replace(self, model=self.search.without(self.model, effect))
 
     def search_on(self) -> Self:
-        """The same with the model that the search reaches from here."""
+        """The selection with the model that the search reaches from the present one."""
         return replace(self, model=self.search.run(self.model))
 
-    def reject(self, message: str) -> Self:
-        """The same with one more message."""
-        return replace(self, rejections=(*self.rejections, message))
+    def with_message(self, message: str) -> Self:
+        """The selection with a further message."""
+        return replace(self, messages=(*self.messages, message))
 
     def folds(self, fitted: FitResult) -> list[Fold]:
         """Cross-validation of a model, computed once."""
@@ -88,7 +88,7 @@ class Selection:
         known.update((fitted.key, full) for fitted, full in zip(left, fits, strict=True))
 
     def full_data(self, fitted: FitResult) -> FitResult:
-        """The same model fitted to all data, once."""
+        """The model of ``fitted``, fitted to all data once."""
         self.fit_full_data((fitted,))
         return self.search.cache.full_data[fitted.key]
 
@@ -219,7 +219,7 @@ def drop_likely(selection: Selection, likely: Collection[str]) -> Selection:
             selection = selection.drop(effect)
     while (rejection := first_rejection(selection)) is not None:
         message = f"{rejection.effect.title} shows only next to an effect that is not established: it is not claimed."
-        selection = selection.reject(message).drop(rejection.effect)
+        selection = selection.with_message(message).drop(rejection.effect)
     return selection
 
 
@@ -253,7 +253,7 @@ def report_remainder(selection: Selection) -> Selection:
         why = "The gain is large enough for a cause, but the search ended before it was added."
     else:
         why = "The gain is small and may only reflect that the equations of the other effects are approximate."
-    return selection.reject(f"{effect.title} would gain a log-likelihood of {gain:.0f}. {why} It is not claimed.")
+    return selection.with_message(f"{effect.title} would gain a log-likelihood of {gain:.0f}. {why} It is not claimed.")
 
 
 @dataclass(frozen=True, eq=False)

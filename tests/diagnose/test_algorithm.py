@@ -157,7 +157,7 @@ def test_multi_step_selection_is_complete_where_no_model_whitens(monkeypatch: py
     assert selection.model.effects == (LAG,)
     assert selection.model.key in selection.search.cache.score_tests
     # A search after a rejection does not end early.
-    assert selection.search.is_enough is None
+    assert selection.search.is_adequate is None
 
 
 @pytest.mark.parametrize(("seconds", "thinned"), [(PERIOD, False), (3.0 * PERIOD, False), (6.0 * PERIOD, True)])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rovid.core.array_types import FloatArray
-from rovid.diagnose.score_test import possible_substitutes, screen
+from rovid.diagnose.score_test import possible_substitutes, score_tests
 from rovid.diagnose.stepwise import StepwiseSearch
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect, effect_named
@@ -79,7 +79,7 @@ def test_a_start_that_diverges_excludes_no_other_start() -> None:
     form = effect_named("drag_curvature")
     assert {np.sign(start[0]) for start in form.initial_values} == {-1.0, 1.0}
     objective: Any = RunningAway()  # stand-in for an objective
-    (test,) = screen(FitResult(objective, np.zeros(1), 0.0), [form])
+    (test,) = score_tests(FitResult(objective, np.zeros(1), 0.0), [form])
     # The effect can gain half the sum of squares.
     assert test.gain == pytest.approx(0.5 * 9.0 * 100.0, rel=0.02)
     assert test.start[0] > 0.0
@@ -108,7 +108,7 @@ def test_many_starts_together_predict_no_gain_from_noise() -> None:
     form = effect_named("tank_seiche")
     assert len(form.initial_values) == 36
     objective: Any = Noise()  # stand-in for an objective
-    (test,) = screen(FitResult(objective, np.zeros(1), 0.0), [form])
+    (test,) = score_tests(FitResult(objective, np.zeros(1), 0.0), [form])
     # Together, 36 directions gain 18 from noise (chi-square); the best one alone gains a few.
     assert 0.0 < test.gain < 8.0
 
@@ -128,7 +128,7 @@ def late() -> FitResult:
 
 
 def test_delays_are_possible_substitutes_for_a_lag(late: FitResult) -> None:
-    tests = screen(late, [effect_named(key) for key in (*LATE, *OTHERS)])
+    tests = score_tests(late, [effect_named(key) for key in (*LATE, *OTHERS)])
     found = {form.key for form in possible_substitutes(late, LAG, tests)}
     assert {"command_delay", "thruster_lag:spin"} <= found
     assert not found & {*OTHERS}
@@ -139,7 +139,7 @@ def test_every_form_is_a_substitute_where_the_neutral_value_is_infinite(late: Fi
     assert limit.parameters[0].neutral_at_infinity
     limited = late.objective.with_effects((LAG, limit))
     current = FitResult.at(limited, with_more(late, *limit.initial_values[0]))
-    tests = screen(current, [effect_named(key) for key in OTHERS])
+    tests = score_tests(current, [effect_named(key) for key in OTHERS])
     assert len(possible_substitutes(current, limit, tests)) == len(OTHERS)
 
 
@@ -187,7 +187,7 @@ def test_the_predicted_gain_of_a_small_effect_is_that_of_the_refit(key: str) -> 
     data = InnovationData(disturbed, synthetic.LOGGED, fit_output_error(disturbed, min_sigmas=0.0))
     plain, effect = InnovationLikelihood(data, 0.05), effect_named(key)
     base = fit(plain, plain.parametrization.initial(), tolerance=1e-4)
-    (test,) = screen(base, [effect])
+    (test,) = score_tests(base, [effect])
     refitted = fit(plain.with_effects((effect,)), with_more(base, *test.start), tolerance=1e-4)
     gain = base.value - refitted.value
     assert gain > 5.0

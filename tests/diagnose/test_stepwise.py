@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rovid.diagnose.candidate_fits import bic_score, simplest_form
-from rovid.diagnose.stepwise import StepwiseSearch
+from rovid.diagnose.stepwise import SearchStop, StepwiseSearch
 from rovid.effects import effect_named
 from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
@@ -24,9 +24,9 @@ def base() -> FitResult:
 
 
 def test_a_search_ends_at_an_adequate_model_and_another_continues_there(base: FitResult) -> None:
-    search = StepwiseSearch(CANDIDATES, is_enough=lambda found: bool(found.effects))
+    search = StepwiseSearch(CANDIDATES, is_adequate=lambda found: bool(found.effects))
     early = search.run(base)
-    assert search.progress.has_enough
+    assert search.progress.stops == {SearchStop.ADEQUATE}
     assert early.effects == (BIAS,)
     # Further effects were not screened.
     assert early.key not in search.cache.score_tests
@@ -38,13 +38,13 @@ def test_a_search_ends_at_an_adequate_model_and_another_continues_there(base: Fi
 
 
 def test_an_adequate_base_model_is_not_screened(base: FitResult) -> None:
-    search = StepwiseSearch(CANDIDATES, is_enough=lambda _: True)
+    search = StepwiseSearch(CANDIDATES, is_adequate=lambda _: True)
     assert search.run(base) is base
     assert search.cache.score_tests == {}
 
 
 def test_a_model_that_fits_poorly_is_never_adequate(base: FitResult) -> None:
-    search = StepwiseSearch(CANDIDATES, is_enough=lambda _: True, fits_poorly=lambda found: not found.effects)
+    search = StepwiseSearch(CANDIDATES, is_adequate=lambda _: True, fits_poorly=lambda found: not found.effects)
     assert search.run(base).effects == (BIAS,)
 
 
@@ -55,7 +55,7 @@ def test_a_stop_rule_that_never_holds_changes_nothing(base: FitResult) -> None:
         asked.append(tuple(effect.id for effect in found.effects))
         return False
 
-    found, plain = StepwiseSearch(CANDIDATES, is_enough=enough).run(base), StepwiseSearch(CANDIDATES).run(base)
+    found, plain = StepwiseSearch(CANDIDATES, is_adequate=enough).run(base), StepwiseSearch(CANDIDATES).run(base)
     assert found.effects == plain.effects == (BIAS,)
     assert np.array_equal(found.x, plain.x)
     assert {*asked} == {(), ("bias_torque",)}

@@ -189,7 +189,7 @@ def test_a_rejected_effect_is_banned_and_the_search_continues(
     assert BIAS not in validated.model.effects
     assert not validated.search.is_allowed(BIAS)
     assert selection.search.is_allowed(BIAS)
-    assert any("constant torque" in message and "not claimed" in message for message in validated.rejections)
+    assert any("constant torque" in message and "not claimed" in message for message in validated.messages)
     if not validated.model.effects:
         assert validated.model is validated.base
 
@@ -199,7 +199,7 @@ def test_a_likely_effect_keeps_its_place_until_the_end(selection: Selection, mon
     monkeypatch.setattr(StepwiseSearch, "run", None)
     validated = validate(selection)
     assert validated.model is validated.base
-    assert validated.rejections[-1] == "constant torque is likely, but not established: it is not claimed."
+    assert validated.messages[-1] == "constant torque is likely, but not established: it is not claimed."
 
 
 def test_an_effect_that_one_step_predictions_do_not_show_is_dropped(
@@ -218,9 +218,9 @@ def test_an_effect_that_one_step_predictions_do_not_show_is_dropped(
 
 
 def test_a_further_effect_with_a_notable_gain_is_reported(selection: Selection) -> None:
-    assert report_remainder(selection).rejections == ()
+    assert report_remainder(selection).messages == ()
     without = selection.drop(BIAS)
-    (message,) = report_remainder(without).rejections
+    (message,) = report_remainder(without).messages
     assert message.startswith("constant torque would gain a log-likelihood of")
     shown = replace(without, inconsistent=(BIAS,))
-    assert report_remainder(shown).rejections == ()
+    assert report_remainder(shown).messages == ()

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rovid.core.array_types import FloatArray
-from rovid.diagnose.score_test import screen
+from rovid.diagnose.score_test import score_tests
 from rovid.effects import effect_named
 from rovid.estimate import filter_data
 from rovid.estimate.filter_data import InnovationData
@@ -191,7 +191,7 @@ def test_score_tests_of_chunks_equal_those_of_all_runs(monkeypatch: pytest.Monke
     every = []
     for at_once in (10_000, 100):
         objective = objective_of(monkeypatch, at_once, "")
-        every.append(screen(FitResult.at(objective, objective.parametrization.initial()), forms))
+        every.append(score_tests(FitResult.at(objective, objective.parametrization.initial()), forms))
     for one, other in zip(*every, strict=True):
         assert other.gain == pytest.approx(one.gain, rel=0.01, abs=0.01)
         assert other.directions.gains_unfitted == pytest.approx(one.directions.gains_unfitted, rel=1e-3, abs=0.02)

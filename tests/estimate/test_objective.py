@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rovid.diagnose.score_test import screen
+from rovid.diagnose.score_test import score_tests
 from rovid.effects import effect_named
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fisher_information import NormalEquations, grouped_scores, jacobian_chunks
@@ -85,7 +85,7 @@ def small_effect(key: str) -> FitResult:
 def test_the_score_test_predicts_the_gain_of_a_refit_for_a_small_effect(key: str) -> None:
     """To second order both are v'z squared over twice v'v; docs/method.md, (19)."""
     plain, form = small_effect(key), effect_named(key)
-    (test,) = screen(plain, [form])
+    (test,) = score_tests(plain, [form])
     objective = plain.objective.with_effects((form,))
     refit = fit(objective, np.concatenate((plain.x, test.start)), tolerance=1e-6)
     gain = plain.value - refit.value
@@ -98,7 +98,7 @@ def test_the_score_test_predicts_the_gain_of_a_refit_of_multi_step_predictions()
     data = MultiStepData.from_data(small_effect("thrust_asymmetry").data, synthetic.ROSUB)
     objective, form = MultiStepLikelihood(data), effect_named("thrust_asymmetry")
     plain = fit(objective, objective.parametrization.initial(), tolerance=1e-6)
-    (test,) = screen(plain, [form])
+    (test,) = score_tests(plain, [form])
     refit = fit(objective.with_effects((form,)), np.concatenate((plain.x, test.start)), tolerance=1e-6)
     gain = plain.value - refit.value
     assert gain > 1.0
