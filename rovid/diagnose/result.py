@@ -30,18 +30,18 @@ DISCRIMINATING_RUNS = {
     frozenset({"thruster_lag", "command_delay"}): "a fast pseudo-random command, 1 to 3 s a level",
     frozenset({"entrained_swirl", "tether_torsion"}): "six turns one way, rest, and six turns back",
     frozenset({"coulomb_resistance", "drag_curvature"}): "coast-downs to rest and the slowest possible holds",
-    frozenset({"bias_torque", "thrust_asymmetry"}): "a coast-down left alone at rest, and holds of both signs",
-    frozenset({"bias_torque", "drag_asymmetry"}): "a coast-down left alone at rest",
-    frozenset({"thrust_asymmetry", "drag_asymmetry"}): "sines from 10 to 80 s and coast-downs both ways",
+    frozenset({"bias_torque", "thrust_asymmetry"}): "a coast-down to rest without commands, and holds of both signs",
+    frozenset({"bias_torque", "drag_asymmetry"}): "a coast-down to rest without commands",
+    frozenset({"thrust_asymmetry", "drag_asymmetry"}): "sines from 10 to 80 s, and coast-downs from both directions",
     frozenset({"oscillatory_drag", "added_mass_memory"}): "coast-downs from a long turn; sines from 10 to 160 s",
     frozenset({"added_mass_memory", "thruster_lag"}): "a fast pseudo-random command; sines from 5 to 160 s",
     frozenset({"thruster_deadband", "supply_sag"}): "a low-speed staircase through neutral, both ways",
     frozenset({"oscillatory_drag", "entrained_swirl"}): "coast-downs from turns of different length",
     frozenset({"command_hysteresis", "command_delay"}): "a slow staircase up and down through neutral",
     frozenset({"speed_dependent_damping", "advance_speed_loss"}): "coast-downs of the rate at several speeds ahead",
-    frozenset({"sideslip_moment", "bias_torque"}): "the same drift sideways both ways",
+    frozenset({"sideslip_moment", "bias_torque"}): "the same sideways drift in both directions",
     frozenset({"restoring_curve", "drag_curvature"}): "releases from a large and from a small tilt",
-    frozenset({"drag_curvature", "supply_sag"}): "coast-downs beside holds, with the supply's voltage in the log",
+    frozenset({"drag_curvature", "supply_sag"}): "coast-downs and holds, with the supply's voltage in the log",
 }
 
 

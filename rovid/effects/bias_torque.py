@@ -54,12 +54,12 @@ def for_trials(names: Sequence[str]) -> Effect:
     return replace(
         EFFECT,
         form=per_trial.form_name(names),
-        title="constant torque of another size in each trial",
+        title="different constant torque in each trial",
         parameters=torques,
         size_count=len(torques),
         equation=f"+ b, of each trial by itself: {', '.join(names)}",
-        fingerprint="slow rotation without command, another in each log",
-        experiment="a coast-down to rest from each direction in every run; the tether's lead and the current noted",
+        fingerprint="slow rotation without command, different in each log",
+        experiment="a coast-down to rest from each direction in every run; notes on the tether's lead and the current",
         rivals=("heading_dependent_torque", "tether_torsion"),
         acts=OnTorque(in_trials),
     )

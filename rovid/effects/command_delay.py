@@ -37,7 +37,7 @@ EFFECT: Effect = Effect(
     title="command delay",
     parameters=(EffectParameter(name="delay", unit="s", neutral=0.0, low=0.0, high=10.0, initial_values=(0.08, 0.4)),),
     equation="T'(t) = T(t − L)",
-    fingerprint="residual torque at the edges of steps, gone after the delay; none in steady motion",
+    fingerprint="residual torque at the edges of steps, for the duration of the delay; none in steady motion",
     experiment="a fast pseudo-random command, 1 to 3 s a level",
     rivals=("thruster_lag", "command_hysteresis", "slew_limit"),
     acts=OnTorque(_delayed, settling_time=lambda values, _: values["delay"]),

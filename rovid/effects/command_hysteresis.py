@@ -30,7 +30,7 @@ EFFECT: Effect = Effect(
     ),
     equation="u' follows u within ±b/2",
     fingerprint="at one command the residual differs for rising and falling commands, however slowly they change",
-    experiment="a staircase up and down, slowly",
+    experiment="a slow staircase up and down",
     rivals=("command_delay", "thruster_deadband"),
     acts=OnCommand(_play),
 )

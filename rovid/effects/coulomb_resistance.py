@@ -71,7 +71,7 @@ FORMS: tuple[Effect, ...] = (
             _RATE,
         ),
         equation="− c·tanh(r/r0) where r > 0, − c2·tanh(r/r0) − d2·r where r < 0",
-        fingerprint="a torque that does not vanish with the rate, of another size each way",
+        fingerprint="a torque that does not vanish with the rate, different in each direction",
         experiment="coast-downs to rest and the slowest possible holds, both ways",
         rivals=("drag_asymmetry", "bias_torque", "thrust_asymmetry"),
         acts=Term(_unequal),

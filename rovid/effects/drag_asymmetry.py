@@ -24,7 +24,7 @@ EFFECT: Effect = Effect(
     title="asymmetric drag",
     parameters=(EffectParameter(name="ratio", unit="1", neutral=1.0, low=0.3, high=3.0, initial_values=(1.1, 0.9)),),
     equation="drag times a where r < 0",
-    fingerprint="residual torque as |r|·r in one direction only, with thrust and coasting alike",
+    fingerprint="residual torque in proportion to |r|·r in one direction only, both under thrust and in coast-downs",
     experiment="coast-downs from both directions",
     rivals=("thrust_asymmetry", "bias_torque"),
     acts=Term(_all_drag),

@@ -44,7 +44,7 @@ EFFECT: Effect = Effect(
         ),
     ),
     equation="− c·r³",
-    fingerprint="residual torque odd in the rate, with a zero inside the range; the same with thrust and coasting",
+    fingerprint="residual torque odd in the rate, with a zero inside the range, both under thrust and in coast-downs",
     experiment="holds over a decade of rates, and coast-downs",
     rivals=("coulomb_resistance", "supply_sag", "thrust_curve_shape"),
     acts=Term(_cubic),

@@ -59,8 +59,8 @@ EFFECT: Effect = Effect(
         EffectParameter(name="time_constant", unit="s", neutral=1.0, low=1.0, high=600.0, initial_values=(20.0, 90.0)),
     ),
     equation="all drag of r − s·w in place of r, τ·dw/dt = r − w",
-    fingerprint="a rate that creeps up during long holds; drift on after a stop; a first reversal that meets more drag",
-    experiment="several turns one way, rest, and the same turns back",
+    fingerprint="a rate that creeps up in long holds; rotation that continues after a stop; more drag at a reversal",
+    experiment="several turns in one direction, rest, and the same turns back",
     rivals=("tether_torsion", "oscillatory_drag", "added_mass_memory"),
     acts=Term(_linear, states=1, fastest=_fastest, entrained_rate=_share),
 )

@@ -47,7 +47,7 @@ EFFECT: Effect = Effect(
     title="deviation of the heading",
     parameters=_FIRST,
     equation="ψ measured = ψ + a·sin(ψ + φ)",
-    fingerprint="a ripple of the rate, repeated with every turn, in proportion to the rate and not to the torque",
+    fingerprint="a ripple of the rate that repeats with every turn, in proportion to the rate and not to the torque",
     experiment="full turns at two rates, both ways, with a gyro in the log",
     rivals=("heading_dependent_torque",),
     acts=OnHeading(_once),

@@ -43,7 +43,7 @@ EFFECT: Effect = Effect(
         EffectParameter(name="swept_angle", unit="rad", neutral=1.0, low=0.05, high=12.0, initial_values=(0.6, 2.5)),
     ),
     equation="quadratic drag times 1 + g·exp(−θ/θ0), θ swept since the last reversal",
-    fingerprint="drag in sines differs from drag in steady motion; residual after each reversal",
+    fingerprint="drag in sines differs from drag in steady motion; residual torque after each reversal",
     experiment="sines of one peak rate at several periods",
     rivals=("added_mass_memory", "entrained_swirl"),
     acts=Term(_exponential, states=1, reset=_reversed),

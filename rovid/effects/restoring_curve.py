@@ -21,7 +21,7 @@ EFFECT: Effect = Effect(
         EffectParameter(name="cubic", unit="1/rad^2", neutral=0.0, low=-5.0, high=20.0, initial_values=(1.0, -1.0)),
     ),
     equation="K·(sin x + c·x²·sin x) in place of K·sin x, x = θ − θ0",
-    fingerprint="residual torque as the cube of the tilt; a period that changes as a swing dies out",
+    fingerprint="residual torque in proportion to the cube of the tilt; a period that changes while a swing decays",
     experiment="releases from a large and from a small tilt",
     rivals=("drag_curvature", "oscillatory_drag"),
     acts=Term(_term),

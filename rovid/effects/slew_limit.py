@@ -32,7 +32,7 @@ EFFECT: Effect = Effect(
         ),
     ),
     equation="|du'/dt| ≤ R",
-    fingerprint="steps answered by a ramp whose length goes with the size of the step; slow sines untouched",
+    fingerprint="a ramp after each step, longer for larger steps; slow sines unchanged",
     experiment="steps of different sizes",
     rivals=("thruster_lag", "command_delay"),
     acts=OnCommand(_both_ways, settling_time=_ramp_time),

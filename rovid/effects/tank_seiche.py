@@ -50,8 +50,8 @@ EFFECT: Effect = Effect(
         EffectParameter(name="damping", unit="1", neutral=0.05, low=0.005, high=0.5, initial_values=(0.08,)),
     ),
     equation="− g·I·ω·dq/dt, d²q/dt² + 2ζω·dq/dt + ω²·q = dr/dt",
-    fingerprint="a ring of one frequency that decays after each start and stop, whatever the rate",
-    experiment="stops at full speed, left alone until the water is still; the same at depth",
+    fingerprint="an oscillation of one frequency that decays after each start and stop, whatever the rate",
+    experiment="stops from full speed, then no command until the water is still; the same at depth",
     rivals=("wave_torque", "added_mass_memory"),
     acts=Term(_term, states=2, fastest=_fastest, oscillatory=True),
 )

@@ -50,8 +50,8 @@ EFFECT: Effect = Effect(
     title="tether torsion",
     parameters=(_STIFFNESS,),
     equation="− k·(ψ − ψ at the start of the trial)",
-    fingerprint="residual torque in proportion to the turns made; recoil after a stop",
-    experiment="six turns one way, rest, six turns back",
+    fingerprint="residual torque in proportion to the angle turned; recoil after a stop",
+    experiment="six turns in one direction, rest, six turns back",
     rivals=("entrained_swirl", "bias_torque"),
     acts=Term(_linear),
 )

@@ -36,8 +36,8 @@ EFFECT: Effect = Effect(
         EffectParameter(name="exponent", unit="1", neutral=1.0, low=0.4, high=2.5, initial_values=(0.92, 1.08)),
     ),
     equation="F' = F0·(|F|/F0)^e·sign(F), F0 a tenth of the bench's largest thrust",
-    fingerprint="residual torque odd in the thrust, of one sign at small and the other at large thrust",
-    experiment="coast-downs, which know no thrust, beside holds at many levels",
+    fingerprint="residual torque odd in the thrust, with opposite signs at small and large thrust",
+    experiment="coast-downs, where no thrust acts, and holds at many levels",
     rivals=("thruster_deadband", "supply_sag", "drag_curvature"),
     acts=OnThrust(_power, anchored=True),
 )
@@ -54,7 +54,7 @@ FORMS: tuple[Effect, ...] = (
         EFFECT,
         form="command",
         equation="u' = U·(|u|/U)^e·sign(u), u the command beyond the bench's dead zone and U the largest of its sign",
-        fingerprint="residual torque odd in the command, of the same shape both ways though the bench thrusts differ",
+        fingerprint="residual torque odd in the command, although the bench thrusts of both directions differ",
         acts=OnCommand(_in_command, anchored=True),
     ),
 )

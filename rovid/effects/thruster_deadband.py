@@ -41,7 +41,7 @@ EFFECT: Effect = Effect(
         ),
     ),
     equation="u' = u − sign(u)·b where |u| > b, else 0",
-    fingerprint="residual torque odd in the command, largest in share at small ones; flat where a sine crosses zero",
+    fingerprint="residual torque odd in the command, relatively largest near zero; flat where a sine crosses zero",
     experiment="a low-speed staircase through neutral, both ways",
     rivals=("coulomb_resistance", "thrust_curve_shape", "supply_sag"),
     acts=OnCommand(_shift),

@@ -22,7 +22,7 @@ EFFECT: Effect = Effect(
         EffectParameter(name="damping", unit="1", neutral=1e-8, low=1e-8, high=0.5, initial_values=(0.04,)),
     ),
     equation="+ w, a narrow-band torque about ω of standard deviation a/√2",
-    fingerprint="a peak in the spectrum of the residual, not coherent with the command, present at rest too",
+    fingerprint="a peak in the spectrum of the residual, not coherent with the command, also present at rest",
     experiment="a record at rest without command; the same run deeper",
     rivals=("tank_seiche",),
     acts=WaveTorque(),
