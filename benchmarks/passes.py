@@ -75,7 +75,7 @@ class Reference:
         (time,), (angle,) = misfit.data.times, misfit.data.angles
         ((known, _),) = misfit.data.innovation_samples
         (chunk,) = misfit.data.chunks
-        drive = chunk.torque_input(misfit.parametrization.model(points[0]))
+        drive = chunk.inputs.between_steps(misfit.parametrization.model(points[0]))
         sets = np.column_stack([_set(misfit, x) for x in points])
         log = time, drive.torque, drive.timing_moment, angle
         innovation, variance = (np.empty((len(time), self.lanes)) for _ in range(2))

@@ -132,7 +132,7 @@ def _estimate(fitted: FitResult, *, white: bool) -> Estimate:
         samples=len(fitted.data.run_index),
         warnings=tuple(warnings),
     )
-    return estimate if fitted.data.has_actuators else estimate.undriven()
+    return estimate if fitted.data.has_actuators else estimate.normalised_by_inertia()
 
 
 def _average_over_forms(selection: Selection, estimate: Estimate) -> Estimate:

@@ -16,7 +16,7 @@ from rovid.diagnose.score_test import ScoreTest, bic_penalty, scaled_start
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect, EffectParameter
 from rovid.estimate.fit_result import FitResult, fit
-from rovid.estimate.objective import Key, NegativeLogLikelihood
+from rovid.estimate.objective import ModelKey, NegativeLogLikelihood
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,15 +142,15 @@ def simplest_form(better: FitResult, others: Sequence[FitResult], current: FitRe
 class FitCache:
     """Everything computed for models of the same data with the same candidates, by the key of a model."""
 
-    score_tests: dict[Key, list[ScoreTest]] = field(default_factory=dict)
+    score_tests: dict[ModelKey, list[ScoreTest]] = field(default_factory=dict)
     # Fitted models with one effect more.
-    extensions: dict[Key, list[FitResult]] = field(default_factory=dict)
+    extensions: dict[ModelKey, list[FitResult]] = field(default_factory=dict)
     # By a model and the same model without one effect: fits of the latter with possible substitutes.
-    replacements: dict[tuple[Key, Key], list[FitResult]] = field(default_factory=dict)
-    fits: dict[Key, FitResult] = field(default_factory=dict)
+    replacements: dict[tuple[ModelKey, ModelKey], list[FitResult]] = field(default_factory=dict)
+    fits: dict[ModelKey, FitResult] = field(default_factory=dict)
     # Cross-validation folds, and fits to all data; see `for_selection`.
-    folds: dict[Key, list[Fold]] = field(default_factory=dict)
-    full_data: dict[Key, FitResult] = field(default_factory=dict)
+    folds: dict[ModelKey, list[Fold]] = field(default_factory=dict)
+    full_data: dict[ModelKey, FitResult] = field(default_factory=dict)
     _converged: dict[FitResult, FitResult] = field(default_factory=dict)
 
     def for_selection(self) -> Self:

@@ -28,7 +28,7 @@ from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.maximum_likelihood import DISTURBANCE_LIMITS, INNOVATIONS_R2, fit_innovations, loosen_limit
 from rovid.estimate.multi_step_data import MultiStepData, time_constant
 from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
-from rovid.estimate.objective import UNLIMITED, Key, NegativeLogLikelihood
+from rovid.estimate.objective import UNLIMITED, ModelKey, NegativeLogLikelihood
 from rovid.estimate.output_error import free_run_r2
 from rovid.estimate.parametrization import DISTURBANCE
 from rovid.model.model import Model
@@ -98,7 +98,7 @@ class InnovationObjective:
     candidates: Sequence[Effect]
     report: ProgressCallback
     _bases: dict[float, FitResult] = field(default_factory=dict)
-    _adequate: dict[Key, bool] = field(default_factory=dict)
+    _adequate: dict[ModelKey, bool] = field(default_factory=dict)
     _caches: dict[tuple[float, int], FitCache] = field(default_factory=dict)
 
     @property

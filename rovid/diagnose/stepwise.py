@@ -29,7 +29,7 @@ from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect
 from rovid.estimate.fit_result import FitResult
 from rovid.estimate.maximum_likelihood import loosen_limit
-from rovid.estimate.objective import Key
+from rovid.estimate.objective import ModelKey
 
 ProgressCallback = Callable[[str], None]
 # Gain of the best form of each further effect, largest first; computed on demand.
@@ -50,8 +50,8 @@ class SearchStop(enum.Enum):
 class SearchProgress:
     """Models that a search has seen, and why it ended early."""
 
-    exchanged: set[Key] = field(default_factory=set)  # models that an exchange replaced
-    screened: set[Key] = field(default_factory=set)  # models with fitted extensions
+    exchanged: set[ModelKey] = field(default_factory=set)  # models that an exchange replaced
+    screened: set[ModelKey] = field(default_factory=set)  # models with fitted extensions
     stops: set[SearchStop] = field(default_factory=set)
 
 

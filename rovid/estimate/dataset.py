@@ -117,7 +117,7 @@ class FitData(ABC):
     def scales(self) -> Scales:
         """Scales of the effects' parameters."""
         trials = [run.trial for run in self.runs]
-        return effect_scales(trials, self.vehicle, self.rms_torque, self.rms_rate, has_actuators=self.has_actuators)
+        return effect_scales(trials, self.vehicle, self.rms_torque, self.rms_rate)
 
     @cached_property
     def position_noise(self) -> float:
@@ -158,29 +158,25 @@ def rms_nonzero(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(nonzero**2))) if nonzero.size else 1.0
 
 
-def effect_scales(
-    trials: Sequence[Trial], vehicle: Vehicle | None, torque: float, rate: float, *, has_actuators: bool
-) -> Scales:
+def effect_scales(trials: Sequence[Trial], vehicle: Vehicle | None, torque: float, rate: float) -> Scales:
     """Scales of the effects' parameters, from the RMS ``torque`` in N m, the RMS ``rate`` and the logged channels."""
-    wash, sqrt_thrust, load = math.sqrt(torque), math.sqrt(torque), 1.0
-    if vehicle is not None and has_actuators:
-        wash, sqrt_thrust, load = _thruster_scales(trials, vehicle)
-    neutral = 0.0 if vehicle is None else neutral_commands(vehicle)
+    wash, sqrt_thrust, load, neutral = math.sqrt(torque), math.sqrt(torque), 1.0, np.zeros(1)
+    if vehicle is not None:
+        neutral = neutral_commands(vehicle)
+        if trials[0].has_actuators:
+            wash, sqrt_thrust, load = _thruster_scales(trials, vehicle)
     largest_commands = [np.max(np.abs(trial.commands - neutral), initial=0.0) for trial in trials]
-    surge, sway = (_rms_speed(trials, name) for name in SPEEDS)
-    spans = [float(np.ptp(trial.time)) for trial in trials]
-    ends = [trial.campaign_time + span for trial, span in zip(trials, spans, strict=True)]
     return Scales(
         command=float(max(largest_commands)),
         torque=torque,
         rate=rate,
         wash=wash,
         sqrt_thrust=sqrt_thrust,
-        surge=surge,
-        sway=sway,
+        surge=_rms_speed(trials, SPEEDS[0]),
+        sway=_rms_speed(trials, SPEEDS[1]),
         load=load,
-        longest=max([0.0, *spans]) / _HOUR,
-        day=max([0.0, *ends]) / _HOUR,
+        longest=max(trial.duration for trial in trials) / _HOUR,
+        day=max(trial.campaign_time + trial.duration for trial in trials) / _HOUR,
     )
 
 

@@ -89,9 +89,8 @@ class Estimate:
         """Confidence interval by Student's t; the uncertainty of the thrust scale is a factor on the value."""
         value, quantile = self.value(name), 0.5 + level / 2.0
         reach = t_quantile(quantile, self.degrees_of_freedom) * self._covariance_error(name)
-        log_error = 0.0
-        if self._scaled_size(name):
-            log_error = t_quantile(quantile, math.inf) * self.thrust_scale_uncertainty
+        relative = self.thrust_scale_uncertainty if self._scaled_size(name) else 0.0
+        log_error = t_quantile(quantile, math.inf) * relative
 
         def edge(sign: float) -> float:
             plain = value + sign * reach
@@ -135,7 +134,7 @@ class Estimate:
         )
         return replace(self, thrust_scale_uncertainty=uncertainty, warnings=(*self.warnings, warning))
 
-    def undriven(self) -> Self:
+    def normalised_by_inertia(self) -> Self:
         """The estimate for logs without actuators: the inertia was taken to be 1 and is refused."""
         warnings = (*self.warnings, f"{UNDRIVEN[:1].upper()}{UNDRIVEN[1:]}.")
         return replace(self, refused={**self.refused, "inertia": UNDRIVEN}, per_inertia=True, warnings=warnings)
@@ -147,12 +146,8 @@ class Estimate:
     @property
     def ratios(self) -> tuple[Ratio, ...]:
         """Determined ratios between inertia and drags, which do not depend on the thrust scale."""
-        candidates = [self.ratio("inertia", drag) for drag in ("quadratic_drag", "linear_drag")]
-        found = tuple(ratio for ratio in candidates if ratio is not None)
-        drags = self.ratio("linear_drag", "quadratic_drag")
-        if found or drags is None:
-            return found
-        return (drags,)
+        to_inertia = self.ratio("inertia", "quadratic_drag"), self.ratio("inertia", "linear_drag")
+        return tuple(filter(None, to_inertia)) or tuple(filter(None, [self.ratio("linear_drag", "quadratic_drag")]))
 
     def ratio(self, first: str, second: str) -> Ratio | None:
         """Ratio of two parameters; None where either is undetermined or the second is near zero."""

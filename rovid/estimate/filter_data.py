@@ -17,7 +17,6 @@ from rovid.estimate.input_cache import InputCache
 from rovid.model.filter_batch import FilterData
 from rovid.model.model import Model
 from rovid.model.ode import initial_rate
-from rovid.model.torque_input import TorqueInput
 from rovid.signals.preprocessing import Run
 
 # Least standard deviation of a measured rate, rad/s.
@@ -53,12 +52,8 @@ class DataChunk:
     filter_data: FilterData  #: The same readings as the filter takes them.
     innovation_index: IntArray  #: (N,) twice the sample of each innovation, plus one for an innovation of the rate.
     rows: slice  #: Rows of these innovations among those of all chunks.
-    inputs: InputCache  #: Torque inputs of the runs.
+    inputs: InputCache  #: Torque inputs of the runs, from each filter step to the next.
     cache: SizedCache  #: Corrected angles of all chunks.
-
-    def torque_input(self, model: Model) -> TorqueInput:
-        """Torque input of all runs, from each filter step to the next."""
-        return self.inputs.between_steps(model)
 
     def corrected_angle(self, model: Model) -> CorrectedAngle:
         """The angle that the filter takes, corrected for the deviation of the heading sensor of ``model``."""

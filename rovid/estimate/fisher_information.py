@@ -137,16 +137,8 @@ def jacobian_chunks(
 ) -> Iterator[Jacobian]:
     """Jacobians by finite differences, up to ``at_once`` innovations each.
 
-    Parameters
-    ----------
-    centre, sides
-        Innovations at a point, and one ``step`` away along each of p coordinates.
-    step
-        (p,) signed lengths of the steps.
-    weight
-        Weight of the innovations, one or (N,).
-    first
-        Row of the first of these innovations among all.
+    ``sides`` are the innovations one (p,) signed ``step`` away from the ``centre`` along each of p coordinates.
+    ``weight`` is one or (N,). ``first`` is the row of the first of these innovations among all.
     """
     weights = np.broadcast_to(weight, centre.error.shape)
     for rows in _pieces(len(weights), at_once):

@@ -20,7 +20,8 @@ from rovid.estimate.fisher_information import (
     whitening_gain,
 )
 from rovid.estimate.levenberg_marquardt import ITERATIONS, TOLERANCE, minimize
-from rovid.estimate.objective import Key, NegativeLogLikelihood
+from rovid.estimate.objective import ModelKey, NegativeLogLikelihood
+from rovid.estimate.parametrization import COMMON
 from rovid.model.model import Model
 from rovid.model.simulation import fit_measures, simulated_rate
 from rovid.trial.vehicle import PLAUSIBLE_INERTIA_RATIO
@@ -57,7 +58,7 @@ class FitResult:
         return self.objective.data
 
     @property
-    def key(self) -> Key:
+    def key(self) -> ModelKey:
         """Identity among models of the same data."""
         return self.objective.key
 
@@ -186,7 +187,7 @@ class FitResult:
             reach = self._reach(at)
             if reach is None:
                 continue
-            step = parametrization.parameter(at).step * abs(self.x[at])
+            step = parametrization.parameters[at - COMMON].step * abs(self.x[at])
             error = max(inflation * reach, step / math.sqrt(3.0))
             factor = np.where(np.arange(len(self.x)) == at, error / math.sqrt(covariance[at, at]), 1.0)
             covariance = covariance * np.outer(factor, factor)

@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from statistics import median
 
 import numpy as np
 
-from rovid.core.array_types import FloatArray
 from rovid.estimate.estimate import Estimate
 from rovid.model.model import Model
 from rovid.signals.preprocessing import Run
@@ -72,16 +70,14 @@ def analyse_free_decay(model: Model, estimate: Estimate, runs: Sequence[Run], ve
     rms_swing = swing("", rms_amplitude, runs[0].trial.reference)
     period = rms_swing.natural_period
     frequency = 2.0 * math.pi / period.value
+    error = period.standard_error / period.value * frequency
     swings = []
     for run, tilt in zip(runs, tilts, strict=True):
-        largest = float(np.max(np.abs(tilt)))
-        swings.append(swing(run.trial.name, largest, _median_channels(run.trial)))
+        swings.append(swing(run.trial.name, float(np.max(np.abs(tilt))), _median_channels(run.trial)))
     return FreeDecay(
         rms_swing=rms_swing,
         swings=tuple(swings),
-        natural_frequency=Quantity(
-            value=frequency, standard_error=period.standard_error / period.value * frequency, unit="rad/s"
-        ),
+        natural_frequency=Quantity(value=frequency, standard_error=error, unit="rad/s"),
         terms={
             "linear": quantity(lambda m: m.linear_drag / (2.0 * math.sqrt(m.stiffness * m.inertia)), "1"),
             # 8/(3 pi) of frequency times amplitude is the equivalent linear drag in a sine.
@@ -97,12 +93,8 @@ def analyse_free_decay(model: Model, estimate: Estimate, runs: Sequence[Run], ve
 
 def _median_channels(trial: Trial) -> dict[str, float]:
     """Median of each extra channel of ``trial``."""
-    medians = {}
-    for name, values in trial.extras.items():
-        known = values[np.isfinite(values)]
-        if known.size:
-            medians[name] = float(median(known.tolist()))
-    return medians
+    known = {name: values[np.isfinite(values)] for name, values in trial.extras.items()}
+    return {name: float(np.median(values)) for name, values in known.items() if values.size}
 
 
 def _standard_error(formula: Callable[[Model], float], model: Model, estimate: Estimate) -> float:
@@ -111,22 +103,9 @@ def _standard_error(formula: Callable[[Model], float], model: Model, estimate: E
     value, slopes = formula(model), np.zeros(len(values))
     for at in np.flatnonzero(errors > 0.0):
         step = np.where(np.arange(len(values)) == at, _STEP * errors, 0.0)
-        slopes[at] = (formula(_with_values(model, values + step)) - value) / step[at]
+        moved = Model.from_values(values + step, model.axis, model.effects)
+        slopes[at] = (formula(moved) - value) / step[at]
     return math.sqrt(float(slopes @ estimate.covariance @ slopes))
-
-
-def _with_values(model: Model, values: FloatArray) -> Model:
-    """``model`` with the (p,) ``values`` of inertia, drag, restoring torque and effects."""
-    inertia, quadratic, linear, *others = values.tolist()
-    restoring = len(model.restoring_values)
-    return replace(
-        model,
-        inertia=inertia,
-        quadratic_drag=quadratic,
-        linear_drag=linear,
-        restoring_values=tuple(others[:restoring]),
-        effect_values=tuple(others[restoring:]),
-    )
 
 
 def _period_and_damping(

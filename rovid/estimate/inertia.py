@@ -26,7 +26,7 @@ from rovid.estimate.sine_inertia import (
 )
 from rovid.model.model import Model
 from rovid.signals.preprocessing import Run
-from rovid.trial.axis import Axis
+from rovid.trial.axis import YAW, Axis
 from rovid.trial.tables import SINE_COLUMNS, CsvTable
 from rovid.trial.vehicle import PLAUSIBLE_INERTIA_RATIO
 
@@ -91,14 +91,18 @@ def fit_inertia(runs: Sequence[Run], *, drag: Estimate | None, rigid_body: float
     except DataError as refusal:
         refused["regression"] = str(refusal)
     if not trials:
-        refused |= dict.fromkeys(("peak", "orbit_integral", "harmonic_balance"), _no_sines(axis))
+        why = f"the logs hold no sine-shaped {axis.force_name} of three or more equal periods. {SINE_ADVICE}"
+        if axis.self_righting:
+            why = "in a sine, the restoring torque looks like less inertia."
+        refused |= dict.fromkeys(("peak", "orbit_integral", "harmonic_balance"), why)
     methods = _sine_methods(trials, drag)
     if regression is not None:
         value, error = regression.estimate.value("inertia"), regression.estimate.standard_error("inertia")
         methods["regression"] = InertiaReading(value=value, standard_error=error, runs=())
     # Without a steady drag, inertia and drag of the regression are used together.
     if trials and (drag is not None or regression is None):
-        chosen, estimate = "orbit_integral", _orbit_estimate(methods["orbit_integral"], trials, axis)
+        chosen, cycles = "orbit_integral", [trial.cycles for trial in trials]
+        estimate = _estimate(methods[chosen], METHODS[chosen], sum(cycles), axis, float(sum(cycles) - len(cycles)))
     elif regression is not None:
         chosen, estimate = "regression", regression.estimate
         if drag is not None:
@@ -129,13 +133,6 @@ def fit_inertia(runs: Sequence[Run], *, drag: Estimate | None, rigid_body: float
         regression=regression,
         refused=refused,
     )
-
-
-def _no_sines(axis: Axis) -> str:
-    """Why no sine method can be used."""
-    if axis.self_righting:
-        return "in a sine, the restoring torque looks like less inertia."
-    return f"the logs hold no sine-shaped {axis.force_name} of three or more equal periods. {SINE_ADVICE}"
 
 
 def _sine_methods(trials: Sequence[SineTrial], drag: Estimate | None) -> dict[str, InertiaReading]:
@@ -172,15 +169,17 @@ def _drag_model(drags: FloatArray) -> Model:
     return Model(inertia=1.0, quadratic_drag=float(drags[0]), linear_drag=float(drags[1]))
 
 
-def _orbit_estimate(reading: InertiaReading, trials: Sequence[SineTrial], axis: Axis) -> Estimate:
+def _estimate(
+    reading: InertiaReading, method: str, samples: int, axis: Axis = YAW, degrees_of_freedom: float = math.inf
+) -> Estimate:
     return Estimate(
         axis=axis,
         names=("inertia",),
         values=np.array([reading.value]),
         covariance=np.array([[reading.standard_error**2]]),
-        degrees_of_freedom=float(sum(trial.cycles - 1 for trial in trials)),
-        method=METHODS["orbit_integral"],
-        samples=sum(trial.cycles for trial in trials),
+        degrees_of_freedom=degrees_of_freedom,
+        method=method,
+        samples=samples,
     )
 
 
@@ -262,8 +261,8 @@ def fit_inertia_table(table: CsvTable, *, drag: Estimate | None, rigid_body: flo
     """
     for name in SINE_COLUMNS:
         values = table.numbers(name)
-        if (values <= 0.0).any():
-            at = int(np.argmin(values))
+        at = int(np.argmin(values))
+        if values[at] <= 0.0:
             raise DataError(
                 f"{name} is {values[at]:g}, a number above 0 was expected.",
                 where=f"{table.path}:{table.lines[at]}",
@@ -271,13 +270,7 @@ def fit_inertia_table(table: CsvTable, *, drag: Estimate | None, rigid_body: flo
             )
     names = row_names(table)
     balance, warnings = _table_harmonic_balance(table, drag, names)
-    estimate = Estimate(
-        names=("inertia",),
-        values=np.array([balance.value]),
-        covariance=np.array([[balance.standard_error**2]]),
-        method=METHODS["harmonic_balance"] + ", amplitudes of a table",
-        samples=len(names),
-    )
+    estimate = _estimate(balance, METHODS["harmonic_balance"] + ", amplitudes of a table", len(names))
     warnings += plausibility_warnings(estimate, rigid_body)
     no_phase = "a table of amplitudes holds no phase"
     return InertiaFit(
@@ -347,7 +340,7 @@ def _table_harmonic_balance(
         )
     values = inertia(rate)
     half = table.resolution("peak_yaw_rate_rad_s") / 2.0
-    ends = [inertia(edge) for edge in (rate + -1.0 * half, rate + 1.0 * half)]
+    ends = inertia(rate - half), inertia(rate + half)
     # A rounding error is uniform over the last digit.
     errors = np.abs(ends[0] - ends[1]) / math.sqrt(12.0)
     weights = 1.0 / errors**2

@@ -6,6 +6,7 @@ import math
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
 from typing import ClassVar, Self, TypeVar
 
 import numpy as np
@@ -63,8 +64,7 @@ class InnovationLikelihood(NegativeLogLikelihood):
         begin, end = self.data_chunks[0].rows.start, self.data_chunks[-1].rows.stop
         if self.mask is None:
             return slice(begin, end)
-        before, until = (int(np.count_nonzero(self.mask[:place])) for place in (begin, end))
-        return slice(before, until)
+        return slice(int(self.mask[:begin].sum()), int(self.mask[:end].sum()))
 
     @property
     def data_chunks(self) -> list[DataChunk]:
@@ -100,8 +100,7 @@ class InnovationLikelihood(NegativeLogLikelihood):
 
     def evaluate(self, points: Sequence[FloatArray]) -> list[Innovations]:
         """For each of the (p,) ``points``, (N,) innovations in rad or m, and rad/s or m/s, with their variances."""
-        pairs = [(self, x) for x in points]
-        return [one for few in _groups(LANES, pairs) for one in _evaluate_batch(few)]
+        return [one for few in _groups(LANES, [(self, x) for x in points]) for one in _evaluate_batch(few)]
 
     def evaluate_nearby(
         self, x: FloatArray, near: Sequence[FloatArray], centre: Innovations | None = None
@@ -136,10 +135,8 @@ class InnovationLikelihood(NegativeLogLikelihood):
         for at, (objective, _) in enumerate(pairs):
             by_key.setdefault(objective.batch_key, []).append(at)
         groups = [few for places in by_key.values() for few in _groups(LANES, places)]
-        found: dict[int, Innovations] = {}
         every = thread_map(lambda few: _evaluate_batch([pairs[at] for at in few]), groups)
-        for few, series in zip(groups, every, strict=True):
-            found.update(zip(few, series, strict=True))
+        found = dict(zip(chain(*groups), chain(*every), strict=True))
         return [found[at] for at in range(len(pairs))]
 
     def held_out_values(self, tests: Sequence[Self], fits: Sequence[FloatArray]) -> list[float]:
@@ -214,8 +211,10 @@ def _filter_chunk(pairs: Sequence[tuple[InnovationLikelihood, FloatArray]]) -> l
     filled = [pairs[min(at, len(pairs) - 1)] for at in range(LANES)]
     models = [objective.parametrization.model(x) for objective, x in pairs]
     models += models[-1:] * (LANES - len(pairs))
-    corrected = [chunk.corrected_angle(model) for model in models]
-    inputs = FilterInputs.stack([chunk.torque_input(model) for model in models], [one.angle for one in corrected])
+    corrected = list(map(chunk.corrected_angle, models))
+    inputs = FilterInputs.stack(
+        [chunk.inputs.between_steps(model) for model in models], [one.angle for one in corrected]
+    )
     batch = ParameterBatch.stack(models, [objective.noise_parameters(x) for objective, x in filled])
     kernel = ekf5_innovations if first.has_oscillator else ekf3_innovations
     errors, variances = kernel(chunk.filter_data, inputs, batch)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import compress
 
 import numpy as np
 
@@ -65,7 +66,7 @@ def fit_regression(runs: Sequence[Run], *, min_sigmas: float = 3.0) -> Regressio
     """
     torque, blocks = _torque_and_blocks(runs)
     axis = runs[0].trial.axis
-    raw = np.concatenate([_regressors(axis, *_filtered_motion(run))[run.valid] for run in runs])
+    raw = _measured_regressors(runs)[np.concatenate([run.valid for run in runs])]
     _require_motion(runs, raw, torque)
     plain = _solve(raw, raw, torque, np.ones(raw.shape[1], dtype=bool))
     values = _physical_start(plain, raw, torque)
@@ -82,11 +83,7 @@ def fit_regression(runs: Sequence[Run], *, min_sigmas: float = 3.0) -> Regressio
     covariance = _jackknife_covariance(instruments, measured, torque, blocks)
     names = base_names(axis)
     derivatives = _parameter_derivatives(axis, values)
-    warnings = [
-        f"{name} would come out negative in the regression; it is held at zero, its lower bound."
-        for name, kept in zip(names, free, strict=True)
-        if not kept
-    ]
+    text = "{} would come out negative in the regression; it is held at zero, its lower bound."
     estimate = Estimate(
         names=names,
         values=_model(axis, values).values,
@@ -94,7 +91,7 @@ def fit_regression(runs: Sequence[Run], *, min_sigmas: float = 3.0) -> Regressio
         method="regression on all excited data, instrumental variables",
         samples=len(torque),
         degrees_of_freedom=float(len(np.unique(blocks)) - len(names)),
-        warnings=tuple(warnings),
+        warnings=tuple(map(text.format, compress(names, ~free))),
         axis=axis,
     )
     require_inertia(estimate, min_sigmas)
@@ -112,8 +109,7 @@ def fit_free_swings(runs: Sequence[Run]) -> Model:
     from scipy.optimize import lsq_linear
 
     axis = runs[0].trial.axis
-    known = [np.isfinite(run.rates.rate) & np.isfinite(run.rates.acceleration) for run in runs]
-    every = np.concatenate([_regressors(axis, *_filtered_motion(run))[at] for run, at in zip(runs, known, strict=True)])
+    every = _measured_regressors(runs)[np.concatenate([run.rates.valid for run in runs])]
     acceleration, others = every[:, 0], np.ascontiguousarray(every[:, 1:])
     _require_motion(runs, every, np.ones(len(acceleration)))
     scale = np.linalg.norm(others, axis=0)
@@ -160,9 +156,10 @@ def _torque_and_blocks(runs: Sequence[Run]) -> tuple[FloatArray, IntArray]:
     return np.concatenate(torque), np.concatenate(blocks)
 
 
-def _filtered_motion(run: Run) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(n,) filtered rate, acceleration and position."""
-    return run.rates.rate, run.rates.acceleration, run.rates.position
+def _measured_regressors(runs: Sequence[Run]) -> FloatArray:
+    """(n, p) regressors from the filtered motion of all runs."""
+    motion = np.hstack([(run.rates.rate, run.rates.acceleration, run.rates.position) for run in runs])
+    return _regressors(runs[0].trial.axis, *motion)
 
 
 def _regressors(axis: Axis, rate: FloatArray, acceleration: FloatArray, position: FloatArray) -> FloatArray:
@@ -171,15 +168,7 @@ def _regressors(axis: Axis, rate: FloatArray, acceleration: FloatArray, position
 
 
 def _model(axis: Axis, unknowns: FloatArray) -> Model:
-    inertia, quadratic, linear = (float(value) for value in unknowns[:3])
-    restoring = from_regressors(restoring_effect(axis), unknowns[3:])
-    return Model(
-        inertia=inertia,
-        quadratic_drag=quadratic,
-        linear_drag=linear,
-        axis=axis,
-        restoring_values=tuple(float(value) for value in restoring),
-    )
+    return Model.from_values([*unknowns[:3], *from_regressors(restoring_effect(axis), unknowns[3:])], axis)
 
 
 def _parameter_derivatives(axis: Axis, unknowns: FloatArray) -> FloatArray:

@@ -174,9 +174,7 @@ def bounded_step(
     step = np.zeros(len(x))
     size = np.diag(information)
     floor = _FLOOR * float(size.max()) + _FLOOR
-    for _ in range(len(x)):
-        if not free.any():
-            break
+    while free.any():
         part = np.ix_(free, free)
         matrix = information[part] + np.diag(damping * size[free] + floor)
         step[:] = 0.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -118,9 +118,8 @@ def fit_innovations(data: InnovationData, simulation_r2: float) -> FitResult:
     tried = []
     for limit in DISTURBANCE_LIMITS:
         objective = InnovationLikelihood(data, limit)
-        fitted = fit(objective, objective.parametrization.initial())
-        tried.append(fitted)
-        if fitted.simulated_r2 >= simulation_r2 - _MAX_R2_LOSS:
+        tried.append(fit(objective, objective.parametrization.initial()))
+        if tried[-1].simulated_r2 >= simulation_r2 - _MAX_R2_LOSS:
             break
     return max(tried, key=lambda one: one.simulated_r2)
 
@@ -171,7 +170,7 @@ def _result(best: FitResult, simulation_r2: float) -> LikelihoodFit:
         warnings=(*_warnings(fitted), *misspecification_warnings),
     )
     if not data.has_actuators:
-        estimate = estimate.undriven()
+        estimate = estimate.normalised_by_inertia()
     require_inertia(estimate, MIN_INERTIA_SIGMAS)
     # Added after the check of the excitation, because misspecification does not mean too little excitation.
     estimate = replace(estimate, covariance=estimate.covariance + added)
@@ -193,26 +192,25 @@ def _result(best: FitResult, simulation_r2: float) -> LikelihoodFit:
     )
 
 
-def _warnings(fitted: FitResult) -> list[str]:
-    texts = []
+def _warnings(fitted: FitResult) -> Iterator[str]:
     if fitted.at_limit:
         axis, limit = fitted.data.axis, fitted.objective.limit
         per_inertia = "" if fitted.data.has_actuators else PER_INERTIA
         most = f"{significant(limit * fitted.data.rms_torque, 3)} {axis.force_unit}{per_inertia}"
-        texts.append(
+        yield (
             f"The disturbance {axis.force_name} would exceed its limit of {100 * limit:.2g} % of the "
             f"{axis.force_name} in use ({most}): the model misses an effect that these data show. The standard errors "
             f"include the change of the parameters under a limit {_LOOSER:g} times as high."
         )
-    texts += fitted.objective.caveats
+    yield from fitted.objective.caveats
     if not fitted.is_white:
-        texts.append(
+        yield (
             "The innovations are not white. The standard errors come from the scatter between blocks of the logs, not "
             "from the curvature of the likelihood."
         )
-    drags = {"quadratic_drag": fitted.model.quadratic_drag, "linear_drag": fitted.model.linear_drag}
-    texts += [f"{name} is held at zero, its lower bound." for name, value in drags.items() if value == 0.0]
-    return texts
+    for name in ("quadratic_drag", "linear_drag"):
+        if getattr(fitted.model, name) == 0.0:
+            yield f"{name} is held at zero, its lower bound."
 
 
 def misspecification_covariance(fitted: FitResult) -> tuple[FloatArray, list[str]]:

@@ -102,10 +102,6 @@ class MultiStepLikelihood(NegativeLogLikelihood):
         """All rows."""
         return slice(0, None)
 
-    def mean_squares(self, error: FloatArray) -> FloatArray:
-        """(q,) mean squares of the errors over each horizon."""
-        return _mean_squares(self._horizon, error)
-
     def _predict(self, x: FloatArray) -> Innovations:
         """(N,) prediction errors in rad or m, and the mean square of the errors over the same horizon."""
         model = self.parametrization.model(x)
@@ -114,7 +110,7 @@ class MultiStepLikelihood(NegativeLogLikelihood):
             if self.mask is not None:
                 error = error[self.mask]
             error = np.nan_to_num(error, nan=_DIVERGED, posinf=_DIVERGED, neginf=-_DIVERGED)
-            return Innovations(error, np.maximum(self.mean_squares(error), _LEAST_VARIANCE)[self._horizon])
+            return Innovations(error, np.maximum(_mean_squares(self._horizon, error), _LEAST_VARIANCE)[self._horizon])
 
     def evaluate(self, points: Sequence[FloatArray]) -> list[Innovations]:
         """For each of the (p,) ``points``, (N,) errors in rad or m and mean squares over the same horizon."""
@@ -138,10 +134,8 @@ class MultiStepLikelihood(NegativeLogLikelihood):
         errors = [test.innovations(x).error for test, x in zip(tests, fits, strict=True)]
         horizons = [test.masked(self.data.horizon) for test in tests]
         variances = np.maximum(_mean_squares(np.concatenate(horizons), np.concatenate(errors)), _LEAST_VARIANCE)
-        values = []
-        for test, error, horizon in zip(tests, errors, horizons, strict=True):
-            values.append(test.value_of(Innovations(error, variances[horizon])))
-        return values
+        each = zip(tests, errors, horizons, strict=True)
+        return [test.value_of(Innovations(error, variances[horizon])) for test, error, horizon in each]
 
     def reweighted(self, model: Model) -> Self:
         """The objective with weights by the correlation of the errors of ``model``."""
@@ -160,7 +154,7 @@ class MultiStepLikelihood(NegativeLogLikelihood):
         """Standard deviation in N m and correlation time in s of a torque that causes the errors over horizon 1."""
         memory = self.data.time_constant
         span = HORIZONS[0] * memory
-        error = math.sqrt(float(self.mean_squares(self.innovations(x).error)[0]))
+        error = math.sqrt(float(_mean_squares(self._horizon, self.innovations(x).error)[0]))
         return 2.0 * self.parametrization.model(x).inertia * error / span**2, memory
 
     def disturbance_rate_std(self, x: FloatArray) -> float:  # noqa: ARG002 - as every objective
@@ -174,7 +168,5 @@ class MultiStepLikelihood(NegativeLogLikelihood):
 
 def _mean_squares(horizon: IntArray, error: FloatArray) -> FloatArray:
     """(q,) mean squares of the (N,) errors of each horizon; zero for an empty horizon."""
-    count = len(HORIZONS)
-    square = np.bincount(horizon, weights=error**2, minlength=count)
-    number = np.bincount(horizon, minlength=count)
-    return np.asarray(square / np.maximum(number, 1))
+    square = np.bincount(horizon, weights=error**2, minlength=len(HORIZONS))
+    return np.asarray(square / np.maximum(np.bincount(horizon, minlength=len(HORIZONS)), 1))

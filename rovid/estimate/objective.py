@@ -28,7 +28,7 @@ from rovid.model.model import Model
 UNLIMITED = 1.0
 
 # Identity of a model among those of the same data: the limit of its disturbance and its effects.
-Key = tuple[float, frozenset[str]]
+ModelKey = tuple[float, frozenset[str]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +135,7 @@ class NegativeLogLikelihood(ABC):
         return replace(self, limit=limit)
 
     @property
-    def key(self) -> Key:
+    def key(self) -> ModelKey:
         """Identity among the objectives of the same data."""
         return self.limit, frozenset(effect.key for effect in self.effects)
 

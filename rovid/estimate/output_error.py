@@ -60,14 +60,7 @@ def _fit(runs: tuple[Run, ...], min_sigmas: float) -> Model:
     def model(x: FloatArray) -> Model:
         values = start / scale
         values[free] = x
-        inertia, quadratic, linear, *restoring = (values * scale).tolist()
-        return Model(
-            inertia=inertia,
-            quadratic_drag=quadratic,
-            linear_drag=linear,
-            axis=axis,
-            restoring_values=tuple(restoring),
-        )
+        return Model.from_values(values * scale, axis)
 
     def residuals(x: FloatArray) -> FloatArray:
         """(N,) measured minus simulated rate; zero where the filter has no answer."""

@@ -61,8 +61,6 @@ class Parametrization:
 
     def _bound_frequencies(self) -> None:
         """Keep oscillating effects below the Nyquist frequency, and at one cycle in the longest run or more."""
-        if not any(effect.oscillatory for effect in self.effects):
-            return
         longest = max(run.trial.duration for run in self.data.runs)
         period = min(run.trial.sampling_interval for run in self.data.runs)
         slowest, nyquist = 2.0 * math.pi / longest, math.pi / max(self.data.interval, period)
@@ -132,17 +130,8 @@ class Parametrization:
     def model(self, x: FloatArray) -> Model:
         """The model at (p,) ``x``."""
         quadratic, linear = self.data.drag_scale
-        values = tuple(float(value) for value in x[COMMON:] * self.units)
-        restoring = len(_restoring_parameters(self.data))
-        return Model(
-            inertia=math.exp(x[INERTIA]),
-            quadratic_drag=float(x[QUADRATIC] * quadratic),
-            linear_drag=float(x[LINEAR] * linear),
-            effects=self.effects,
-            effect_values=values[restoring:],
-            axis=self.data.axis,
-            restoring_values=values[:restoring],
-        )
+        base = math.exp(x[INERTIA]), x[QUADRATIC] * quadratic, x[LINEAR] * linear
+        return Model.from_values([*base, *(x[COMMON:] * self.units)], self.data.axis, self.effects)
 
     def model_jacobian(self, x: FloatArray) -> tuple[list[int], FloatArray]:
         """Coordinates that are model parameters, and the derivative of each parameter by its coordinate."""
@@ -151,19 +140,9 @@ class Parametrization:
 
     def coordinates_of(self, model: Model, disturbance: float, memory: float, noise: float) -> FloatArray:
         """(p,) coordinates of a ``model``, a disturbance in N m, its correlation time in s, and measurement noise."""
-        quadratic, linear = self.data.drag_scale
-        own = np.array([*model.restoring_values, *model.effect_values])
-        return np.array(
-            [
-                math.log(model.inertia),
-                model.quadratic_drag / quadratic,
-                model.linear_drag / linear,
-                math.log(disturbance),
-                math.log(memory),
-                math.log(noise),
-                *(own / self.units),
-            ]
-        )
+        drags = np.array([model.quadratic_drag, model.linear_drag]) / self.data.drag_scale
+        logs = map(math.log, (disturbance, memory, noise))
+        return np.array([math.log(model.inertia), *drags, *logs, *(model.values[3:] / self.units)])
 
     def difference_steps(self, x: FloatArray) -> FloatArray:
         """(p,) positive difference steps at ``x``; those of effects are proportional to the parameter."""
@@ -171,10 +150,6 @@ class Parametrization:
         shares = np.array([parameter.step for parameter in self.parameters])
         own = shares * np.maximum(np.abs(x[COMMON:]), _LEAST_SIZE * starts)
         return np.concatenate((np.full(COMMON, _STEP), own))
-
-    def parameter(self, at: int) -> EffectParameter:
-        """The parameter of coordinate number ``at``, after the common ones."""
-        return self.parameters[at - COMMON]
 
     def piecewise_constant(self) -> list[int]:
         """Coordinates along which the likelihood is piecewise constant."""

@@ -97,8 +97,7 @@ class GriddedRun:
     @cached_property
     def restarts(self) -> tuple[IntArray, IntArray]:
         """(m,) grid indices of the distinct restarts, and (N,) the number of the restart of each prediction."""
-        restarts, number = np.unique(self.starts, return_inverse=True)
-        return restarts, number
+        return np.unique(self.starts, return_inverse=True)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -40,11 +40,6 @@ class PeriodicMotion:
     rate: NDArray[np.complex128]
     seconds: float
 
-    @property
-    def moves(self) -> bool:
-        """Whether the acceleration is not zero."""
-        return bool(self.acceleration().any())
-
     def acceleration(self) -> NDArray[np.complex128]:
         """Complex amplitudes of the acceleration in rad/s^2."""
         return np.asarray(1j * self.frequency * np.arange(len(self.rate)) * self.rate)
@@ -88,19 +83,14 @@ class InertiaReading:
 
 def sine_trials(runs: Sequence[Run]) -> list[SineTrial]:
     """Find the sine runs and fit their harmonics."""
-    trials = []
-    for run in runs:
-        for sine in find_sines(run.trial, run.torque):
-            trial = _sine_trial(run, sine)
-            if trial is not None:
-                trials.append(trial)
-    return trials
+    found = [_sine_trial(run, sine) for run in runs for sine in find_sines(run.trial, run.torque)]
+    return [trial for trial in found if trial is not None]
 
 
 def require_motion(trials: Sequence[SineTrial], axis: Axis) -> None:
     """Raise DataError for a sine without acceleration in all periods, or in all but one."""
     for trial in trials:
-        if all(motion.moves for motion in (trial.motion, *trial.without)):
+        if all(motion.acceleration().any() for motion in (trial.motion, *trial.without)):
             continue
         raise DataError(
             f"the vehicle never {axis.motion_verb} under the sine-shaped {axis.force_name} of {trial.source}: its "

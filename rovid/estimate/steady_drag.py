@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
 
@@ -87,14 +87,19 @@ def fit_drag(points: Sequence[SteadyPoint], axis: Axis = YAW) -> DragFit:
     solution = balance.solve()
     negative = balance.free & (solution.values < 0.0) & np.isin(names, NAMES)
     clipped = bool(negative.any() and balance.free.all())
-    warnings = _at_rest_warnings(len(steady) - len(fitted), len(steady), axis)
+    warnings = list[str]()
+    if len(fitted) < len(steady):
+        warnings.append(
+            f"{len(steady) - len(fitted)} of {len(steady)} holds have less than {100.0 * _AT_REST:.0f} % of the "
+            f"largest {axis.force_name} and are left out: there the vehicle moves with a current or by its tether."
+        )
     if clipped:
         at = int(np.argmax(negative))
         value = plus_minus(solution.values[at], np.sqrt(solution.covariance[at, at]))
         warnings.append(f"{names[at]} came out negative ({value}), which no drag is; it is held at zero.")
         # The covariance stays that of the free fit, since taking the zero as certain would understate both errors.
         kept = (solution.values >= 0.0) | ~np.isin(names, NAMES)
-        solution = solution._replace(values=balance.with_free(kept).solve().values)
+        solution = solution._replace(values=replace(balance, free=kept).solve().values)
     if not (solution.values[:2] > 0.0).any():
         raise DataError(
             f"the vehicle moves against its {axis.force_name} in these holds, which no drag does.",
@@ -104,9 +109,10 @@ def fit_drag(points: Sequence[SteadyPoint], axis: Axis = YAW) -> DragFit:
     kind = "weighted" if balance.error_known else "ordinary"
     estimate = _estimate(f"{_states(axis)}, {kind} least squares", names, solution, axis, len(fitted))
     estimate = replace(estimate, refused=refused)
+    rows = {"up": balance.design[:, 1] > 0, "down": balance.design[:, 1] < 0}
     # With a net buoyancy as a further unknown, one direction alone determines too little.
-    directions = _fit_directions(fitted, balance, axis) if len(names) == len(NAMES) else {}
-    warnings += [*_parameter_warnings(estimate), *_direction_warnings(balance, residuals, directions, axis)]
+    directions = _fit_directions(fitted, balance, rows, axis) if len(names) == len(NAMES) else {}
+    warnings += [*_parameter_warnings(estimate), *_direction_warnings(balance, residuals, rows, directions, axis)]
     return DragFit(
         estimate=replace(estimate, warnings=tuple(warnings)),
         points=fitted,
@@ -177,51 +183,37 @@ def _undetermined(points: Sequence[SteadyPoint], axis: Axis) -> dict[str, str]:
             "which does not distinguish quadratic from linear drag. The linear drag is taken as zero; the quadratic "
             "drag and its error hold at that rate only. Run holds at other commands."
         )
-        return {"linear_drag": reason}
-    if _from_table(points) and len(points) < len(NAMES) + 1:
+    elif _from_table(points) and len(points) <= len(NAMES):
         reason = (
             f"{len(points)} rows leave no residual to estimate the error from; the linear drag is taken as zero. Give "
             "three rows or more."
         )
-        return {"linear_drag": reason}
-    return {}
+    else:
+        return {}
+    return {"linear_drag": reason}
 
 
-def _at_rest_warnings(left: int, count: int, axis: Axis) -> list[str]:
-    if not left:
-        return []
-    text = (
-        f"{left} of {count} holds have less than {100.0 * _AT_REST:.0f} % of the largest {axis.force_name} and are "
-        "left out: there the vehicle moves with a current or by its tether."
-    )
-    return [text]
-
-
-def _parameter_warnings(estimate: Estimate) -> list[str]:
+def _parameter_warnings(estimate: Estimate) -> Iterator[str]:
     """Warnings of parameters that are undetermined or not significantly different from zero."""
-    texts = [f"{name} is not determined: {reason}" for name, reason in estimate.refused.items()]
+    for name, reason in estimate.refused.items():
+        yield f"{name} is not determined: {reason}"
     for name in NAMES:
         value = estimate.value(name)
         if name in estimate.refused or value == 0.0 or estimate.differs_from_zero(name):
             continue
         error, (low, high) = estimate.standard_error(name), estimate.interval(name)
-        texts.append(
+        yield (
             f"{name} is not significantly different from zero: {plus_minus(value, error)} {estimate.unit(name)}, 95 % "
             f"interval {round_to_error(low, error)} to {round_to_error(high, error)}. Run slower holds."
         )
-    return texts
 
 
-def _directions(balance: TorqueBalance) -> dict[str, BoolArray]:
-    """The points of each direction."""
-    rates = balance.design[:, 1]
-    return {"up": rates > 0, "down": rates < 0}
-
-
-def _fit_directions(points: Sequence[SteadyPoint], balance: TorqueBalance, axis: Axis) -> dict[str, Estimate]:
+def _fit_directions(
+    points: Sequence[SteadyPoint], balance: TorqueBalance, directions: dict[str, BoolArray], axis: Axis
+) -> dict[str, Estimate]:
     """The fit of each direction alone, where its points determine one."""
     fits = {}
-    for name, rows in _directions(balance).items():
+    for name, rows in directions.items():
         part, chosen = balance.subset(rows), list(compress(points, rows))
         if part.degrees_of_freedom <= 0 or rows.all() or _undetermined(chosen, axis) or not part.is_determined:
             continue
@@ -231,30 +223,31 @@ def _fit_directions(points: Sequence[SteadyPoint], balance: TorqueBalance, axis:
 
 
 def _direction_warnings(
-    balance: TorqueBalance, residuals: FloatArray, fits: dict[str, Estimate], axis: Axis
-) -> list[str]:
+    balance: TorqueBalance,
+    residuals: FloatArray,
+    directions: dict[str, BoolArray],
+    fits: dict[str, Estimate],
+    axis: Axis,
+) -> Iterator[str]:
     """Warnings of runs in one direction only, and of a difference between the two directions by an F test."""
-    directions = _directions(balance)
     if any(rows.all() for rows in directions.values()):
-        text = (
+        yield (
             f"All {_states(axis)} are in one direction: a constant {axis.force_name} (tether, trim) or a weaker "
             "reverse thrust would pass for drag. Run the same holds the other way."
         )
-        return [text]
+        return
     spare = len(balance.torque) - 2 * len(NAMES)
     if len(fits) < len(directions) or spare <= 0:
-        return []
+        return
     separate = sum(balance.subset(rows).chi2(fits[name].values) for name, rows in directions.items())
     if separate <= 0.0:
-        return []
+        return
     together = float(np.sum((residuals / balance.error) ** 2))
     p_value = f_sf(len(NAMES), spare, (together - separate) / len(NAMES) / (separate / spare))
-    if not p_value <= _DIFFERENT_P:
-        return []
-    up, down = (fits[name].value("quadratic_drag") for name in directions)
-    text = (
-        f"The two directions differ (p = {p_value:.1g}): quadratic drag {significant(up, 4)} with the "
-        f"{axis.position_words} growing, {significant(down, 4)} with it falling. Thrust curve, a constant "
-        f"{axis.force_name} or the drag itself is not the same both ways."
-    )
-    return [text]
+    if p_value <= _DIFFERENT_P:
+        up, down = (fits[name].value("quadratic_drag") for name in directions)
+        yield (
+            f"The two directions differ (p = {p_value:.1g}): quadratic drag {significant(up, 4)} with the "
+            f"{axis.position_words} growing, {significant(down, 4)} with it falling. Thrust curve, a constant "
+            f"{axis.force_name} or the drag itself is not the same both ways."
+        )

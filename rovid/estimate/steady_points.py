@@ -77,21 +77,12 @@ def points_from_table(table: CsvTable) -> list[SteadyPoint]:
         A column is missing or a cell is not a number.
     """
     rates, torques = map(table.numbers, STEADY_COLUMNS)
-    commands = np.full(len(rates), np.nan)
-    if "command" in table.header:
-        commands = table.numbers("command")
+    commands = table.numbers("command") if "command" in table.header else np.full(len(rates), np.nan)
     points = []
-    for line, command, torque, rate in zip(
-        table.lines, commands.tolist(), torques.tolist(), rates.tolist(), strict=True
-    ):
-        point = SteadyPoint(
-            source=f"{table.path.name}:{line}",
-            command=(command,),
-            torque=torque,
-            rate=rate,
-            square_rate=abs(rate) * rate,
-        )
-        points.append(point)
+    for line, *row in zip(table.lines, commands.tolist(), torques.tolist(), rates.tolist(), strict=True):
+        command, torque, rate = row
+        source, square = f"{table.path.name}:{line}", abs(rate) * rate
+        points.append(SteadyPoint(source=source, command=(command,), torque=torque, rate=rate, square_rate=square))
     return points
 
 
@@ -131,11 +122,8 @@ def _block_means(run: Run, hold: Hold) -> tuple[FloatArray, FloatArray, FloatArr
     inside = (rates.time >= hold.start) & (rates.time <= hold.stop - rates.kernel.half_width) & rates.valid
     rows = np.flatnonzero(inside)
     size = max(round(_BLOCK_SECONDS / rates.kernel.period), 1)
-    count = len(rows) // size
-    if count == 0:
-        return np.empty(0), np.empty(0), np.empty(0)
     # Blocks are counted from the end, because the start is transient.
-    block = rows[len(rows) - count * size :].reshape(count, size)
+    block = rows[len(rows) % size :].reshape(-1, size)
     rate = rates.rate[block]
     mean = rate.mean(axis=1)
     # The square of the sensor noise is subtracted. The square of true fluctuations contributes to the drag.
@@ -212,10 +200,6 @@ class TorqueBalance:
         """The same balance with known errors."""
         return replace(self, error=error, error_known=True)
 
-    def with_free(self, free: BoolArray) -> Self:
-        """The same balance with other free unknowns."""
-        return replace(self, free=free)
-
     def subset(self, rows: BoolArray) -> Self:
         """The balance of some of the steady states."""
         return replace(self, design=self.design[rows], torque=self.torque[rows], error=self.error[rows])
@@ -267,10 +251,9 @@ class TorqueBalance:
         rows = np.full((count, 3), np.nan)
         for k in range(count):
             others = self.subset(np.arange(count) != k)
-            if not others.is_determined:
-                continue
-            values = others.solve().values
-            rows[k] = (*values[:2], self.torque[k] - self.design[k] @ values)
+            if others.is_determined:
+                values = others.solve().values
+                rows[k] = (*values[:2], self.torque[k] - self.design[k] @ values)
         return rows
 
 

@@ -115,16 +115,13 @@ def fit_thrust_curve(command: FloatArray, thrust: FloatArray) -> ThrustCurveFit:
     noise = _noise(levels, rising, monotone)
     share = _ZERO_SHARE_NOISY if noise > 0.0 else _ZERO_SHARE_EXACT
     least = share * float(np.max(np.abs(mean)))
-    idle = _idle(rising, max(noise, least))
-    values = monotone.copy()
-    if idle is not None:
-        low, high = idle
+    low, high = _idle(rising, max(noise, least))
+    values, dead_zone = monotone, None
+    if low <= high:
         values[low : high + 1] = 0.0
         values[:low] = _isotonic(np.minimum(rising[:low], 0.0), counts[:low])
         values[high + 1 :] = _isotonic(np.maximum(rising[high + 1 :], 0.0), counts[high + 1 :])
-    dead_zone = None
-    if idle is not None and idle[0] != idle[1]:
-        low, high = idle
+    if low < high:
         ends = [_edge(levels[low::-1], values[low::-1], levels), _edge(levels[high:], values[high:], levels)]
         dead_zone = (ends[0], ends[1])
         more = [end for end in ends if end not in levels]
@@ -169,14 +166,11 @@ def _noise(levels: FloatArray, rising: FloatArray, monotone: FloatArray) -> floa
     return float(np.max(np.abs(rising - monotone)[near], initial=0.0))
 
 
-def _idle(rising: FloatArray, tolerance: float) -> tuple[int, int] | None:
-    """First and last index of the unbroken series of readings around neutral without thrust."""
+def _idle(rising: FloatArray, tolerance: float) -> tuple[int, int]:
+    """First and last index of the unbroken series of readings around neutral without thrust; last < first for none."""
     centre = int(np.argmin(np.abs(rising)))
-    if abs(rising[centre]) > tolerance:
-        return None
-    low = high = centre
-    while low > 0 and abs(rising[low - 1]) <= tolerance:
-        low -= 1
-    while high < len(rising) - 1 and abs(rising[high + 1]) <= tolerance:
-        high += 1
-    return low, high
+    acting = np.flatnonzero(np.abs(rising) > tolerance)
+    if centre in acting:
+        return centre, centre - 1
+    low, high = acting[acting < centre], acting[acting > centre]
+    return int(np.max(low, initial=-1)) + 1, int(np.min(high, initial=len(rising))) - 1

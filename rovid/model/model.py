@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import Self
 
 import numpy as np
 
@@ -40,6 +41,21 @@ class Model:
     effect_values: tuple[float, ...] = ()
     axis: Axis = YAW
     restoring_values: tuple[float, ...] = ()
+
+    @classmethod
+    def from_values(cls, values: Iterable[float], axis: Axis, effects: tuple[Effect, ...] = ()) -> Self:
+        """The model with these ``values`` of all its parameters, in the order of ``names``."""
+        inertia, quadratic, linear, *others = map(float, values)
+        restoring = len(base_names(axis)) - 3
+        return cls(
+            inertia=inertia,
+            quadratic_drag=quadratic,
+            linear_drag=linear,
+            effects=effects,
+            effect_values=tuple(others[restoring:]),
+            axis=axis,
+            restoring_values=tuple(others[:restoring]),
+        )
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -20,18 +20,11 @@ def first_order_sum(values: FloatArray, fade: float) -> FloatArray:
 
 @compiled
 def find_constant_runs(values: FloatArray, tolerance: FloatArray) -> FloatArray:
-    """Cut (n, k) ``values`` greedily into runs within which no column spans more than its ``tolerance``.
-
-    Returns
-    -------
-    starts
-        (m,) index of each run's first row, as floats.
-    """
+    """(m,) first rows, as floats, of greedy runs of (n, k) ``values`` whose columns stay within their ``tolerance``."""
     n, width = values.shape
     starts = np.empty(n)
     count = 0
-    low = np.empty(width)
-    high = np.empty(width)
+    low, high = np.empty(width), np.empty(width)
     for k in range(n):
         fits = k > 0
         for j in range(width):

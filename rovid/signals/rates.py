@@ -86,8 +86,7 @@ class ZeroPhaseFilter:
 
     def gain(self, frequency: FloatArray) -> FloatArray:
         """Gain of the low pass at each ``frequency`` in Hz."""
-        half = len(self.value) // 2
-        instants = self.period * np.arange(-half, half + 1)
+        instants = self.period * (np.arange(len(self.value)) - len(self.value) // 2)
         phase = 2.0 * np.pi * np.outer(frequency, instants)
         return np.asarray(np.cos(phase) @ self.value)
 

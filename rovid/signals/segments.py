@@ -65,7 +65,10 @@ def find_holds(trial: Trial, vehicle: Vehicle, torque: FloatArray) -> list[Hold]
     # Imported here because commands that find no holds must not load compiled code.
     from rovid.signals.numba_loops import find_constant_runs
 
-    starts = find_constant_runs(np.ascontiguousarray(trial.commands), _tolerance(vehicle, torque)).astype(np.intp)
+    ranges = np.array([thruster.command_range() for thruster in vehicle.thrusters])
+    logged = _HELD_TORQUE_SHARE / _HELD_SHARE * float(np.max(np.abs(torque), initial=0.0))
+    tolerance = _HELD_SHARE * np.where(np.isfinite(ranges), ranges, logged)
+    starts = find_constant_runs(np.ascontiguousarray(trial.commands), tolerance).astype(np.intp)
     stops = np.append(starts[1:], len(trial.time) - 1)
     holds = []
     for start, stop in zip(starts, stops, strict=True):
@@ -78,20 +81,13 @@ def find_holds(trial: Trial, vehicle: Vehicle, torque: FloatArray) -> list[Hold]
     return holds
 
 
-def _tolerance(vehicle: Vehicle, torque: FloatArray) -> FloatArray:
-    """(k,) tolerance of each command within which it counts as held."""
-    ranges = np.array([thruster.command_range() for thruster in vehicle.thrusters])
-    logged = _HELD_TORQUE_SHARE / _HELD_SHARE * float(np.max(np.abs(torque), initial=0.0))
-    return np.asarray(_HELD_SHARE * np.where(np.isfinite(ranges), ranges, logged))
-
-
 def find_sines(trial: Trial, torque: FloatArray) -> list[SineRun]:
     """Segments of at least ``MIN_CYCLES`` equal sine-like waves of torque, cut to whole periods."""
     crossings = _rising_crossings(trial.time, torque)
     if len(crossings) < MIN_CYCLES:
         return []
     periods = np.diff(crossings)
-    amplitudes = np.array([_amplitude(torque[_rows(trial, a, b)]) for a, b in pairwise(crossings)])
+    amplitudes = np.array([np.ptp(torque[_rows(trial, a, b)]) / 2.0 for a, b in pairwise(crossings)])
     runs = []
     first = 0
     for last in range(1, len(periods) + 1):
@@ -108,10 +104,8 @@ def find_sines(trial: Trial, torque: FloatArray) -> list[SineRun]:
 def _rising_crossings(time: FloatArray, torque: FloatArray) -> FloatArray:
     """Instants in s at which the torque turns positive, with a hysteresis of a fifth of its 90th percentile."""
     level = 0.2 * float(np.percentile(np.abs(torque), 90))
-    state = np.where(torque > level, 1, np.where(torque < -level, -1, 0))
+    state = (torque > level).astype(int) - (torque < -level)
     known = np.flatnonzero(state)
-    if not known.size:
-        return np.empty(0)
     # From the negative side straight to the positive one.
     rises = np.diff(state[known]) == 2
     turns, before = known[1:][rises], known[:-1][rises]
@@ -168,10 +162,6 @@ def _rows(trial: Trial, start: float, stop: float) -> slice:
     return slice(int(first), max(int(last), int(first) + 1))
 
 
-def _amplitude(wave: FloatArray) -> float:
-    return float(np.ptp(wave)) / 2.0
-
-
 def _fit_sine(trial: Trial, torque: FloatArray, start: float, stop: float, cycles: int) -> SineRun | None:
     """The segment as a sine run, or None where its fundamental holds too little of the variance."""
     rows = _rows(trial, start, stop)
@@ -189,7 +179,7 @@ def _fit_sine(trial: Trial, torque: FloatArray, start: float, stop: float, cycle
         stop=float(stop),
         period=float(period),
         cycles=cycles,
-        amplitude=_amplitude(torque[rows]),
+        amplitude=float(np.ptp(torque[rows])) / 2.0,
     )
 
 

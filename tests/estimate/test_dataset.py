@@ -55,7 +55,7 @@ def test_rms_ignores_nan_and_is_never_zero() -> None:
 
 def test_scales_are_those_of_commands_speeds_and_hours() -> None:
     logged = replace(TRIAL, campaign_time=3500.0, extras={"surge_velocity": np.full(len(SHORT), -2.0)})
-    scales = effect_scales([TRIAL, logged], VEHICLE, 100.0, 0.1, has_actuators=True)
+    scales = effect_scales([TRIAL, logged], VEHICLE, 100.0, 0.1)
     assert scales.command == 4.0
     assert scales.surge == 2.0
     assert scales.sway == 1.0
@@ -66,6 +66,6 @@ def test_scales_are_those_of_commands_speeds_and_hours() -> None:
 
 
 def test_without_actuators_there_is_no_load() -> None:
-    scales = effect_scales([TRIAL], None, 100.0, 0.1, has_actuators=False)
+    scales = effect_scales([TRIAL], None, 100.0, 0.1)
     assert scales.load == 1.0
     assert scales.wash == scales.sqrt_thrust == 10.0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import secrets
 from pathlib import Path
 
 import numpy as np
@@ -17,13 +16,12 @@ from rovid.estimate.output_error import fit_output_error
 from rovid.estimate.parametrization import DISTURBANCE, INERTIA
 from rovid.store.study import open_study
 from tests import synthetic
-from tests.estimate.test_maximum_likelihood import SHORT, advanced_commands
+from tests.estimate.test_maximum_likelihood import advanced_commands, write_short_day
 from tests.predictions import NOISE, TIME, TORQUE
-from tools.trial_day import write_trial_day
 
 
 def test_the_fit_of_an_incomplete_model_converges(tmp_path: Path) -> None:
-    write_trial_day(tmp_path / "day", seed=secrets.randbelow(10**6), formats="csv", campaign=SHORT)
+    write_short_day(tmp_path / "day")
     advanced_commands(tmp_path / "day", 32)
     runs = open_study([tmp_path / "day"]).runs
     assert runs is not None

@@ -136,9 +136,8 @@ def test_r_squared_of_a_constant_torque_is_nan() -> None:
 
 def test_thrust_of_the_wrong_sign_is_refused() -> None:
     good = run(clock(200.0), levels(10.0, 20, 200.0, np.random.default_rng(3)))
-    wrong = Run(trial=good.trial, torque=-good.torque, rates=good.rates, filtered_torque=-good.filtered_torque)
     with pytest.raises(DataError, match="signs of yaw_arm"):
-        fit_regression([wrong])
+        fit_regression([replace(good, torque=-good.torque, filtered_torque=-good.filtered_torque)])
 
 
 def test_the_output_error_fit_starts_where_a_delay_makes_both_drags_negative() -> None:

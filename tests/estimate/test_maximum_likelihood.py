@@ -47,6 +47,14 @@ TRUTH = {
 }
 
 
+def write_short_day(folder: Path) -> int:
+    """Write a new day of ``SHORT`` and return its seed."""
+    seed = secrets.randbelow(10**6)
+    print(f"seed {seed}")
+    write_trial_day(folder, seed=seed, formats="csv", campaign=SHORT)
+    return seed
+
+
 @pytest.mark.parametrize("day", [slow("fixed"), "fresh"])
 def test_everything_about_the_day_comes_back(day: str, tmp_path: Path, rovid: Rovid) -> None:
     seed = 3 if day == "fixed" else secrets.randbelow(10**6)
@@ -124,9 +132,7 @@ HIDDEN: dict[str, tuple[Callable[[Path], None], dict[str, float]]] = {
 @pytest.mark.parametrize("effect", HIDDEN)
 def test_an_effect_hidden_in_the_files_is_measured(effect: str, tmp_path: Path, rovid: Rovid) -> None:
     hide, expected = HIDDEN[effect]
-    seed = secrets.randbelow(10**6)
-    print(f"seed {seed}")
-    write_trial_day(tmp_path / "day", seed=seed, formats="csv", campaign=SHORT)
+    write_short_day(tmp_path / "day")
     hide(tmp_path / "day")
     base = rovid("fit", "day", "--json", "-p", "base.toml").document
     fit = rovid("fit", "day", "--effect", effect, "--json").document
@@ -157,9 +163,7 @@ def weaken(path: Path, gain: float) -> None:
 
 
 def test_a_change_of_thrust_in_one_trial_is_measured_and_named(tmp_path: Path, rovid: Rovid) -> None:
-    seed = secrets.randbelow(10**6)
-    print(f"seed {seed}")
-    write_trial_day(tmp_path / "day", seed=seed, formats="csv", campaign=SHORT)
+    write_short_day(tmp_path / "day")
     weaken(tmp_path / "day" / "multilevel.csv", 0.9)
     said = rovid("diagnose", "day", "--json").document
     (found,) = said["findings"]
@@ -176,9 +180,7 @@ def test_a_change_of_thrust_in_one_trial_is_measured_and_named(tmp_path: Path, r
 
 
 def test_changes_of_thrust_in_each_trial_are_measured_and_named(tmp_path: Path, rovid: Rovid) -> None:
-    seed = secrets.randbelow(10**6)
-    print(f"seed {seed}")
-    write_trial_day(tmp_path / "day", seed=seed, formats="csv", campaign=SHORT)
+    write_short_day(tmp_path / "day")
     # Their mean is one, because no log shows a common factor of all thrust.
     gains = dict(zip(sorted(f"{run.name}.csv" for run in SHORT), (1.1, 0.85, 1.05, 0.9, 1.1), strict=True))
     for name, gain in gains.items():
@@ -197,10 +199,8 @@ def test_changes_of_thrust_in_each_trial_are_measured_and_named(tmp_path: Path, 
 
 @pytest.mark.slow
 def test_a_different_constant_torque_in_each_trial_is_named(tmp_path: Path, rovid: Rovid) -> None:
-    seed = secrets.randbelow(10**6)
-    print(f"seed {seed}")
     day = tmp_path / "day"
-    write_trial_day(day, seed=seed, formats="csv", campaign=SHORT)
+    seed = write_short_day(day)
     torques = dict(zip(sorted(f"{run.name}.csv" for run in SHORT), (60.0, -40.0, 20.0, -80.0, 50.0), strict=True))
     for name, torque in torques.items():
         truth = replace(ROSUB, hidden=(Hidden(effect="bias_torque", form="constant", parameters={"torque": torque}),))
@@ -220,9 +220,7 @@ def test_a_different_constant_torque_in_each_trial_is_named(tmp_path: Path, rovi
 @pytest.mark.parametrize("holds_at", [60.0, slow(240.0)])
 def test_a_fitted_thrust_curve_leaves_the_thrust_scale_uncertain(holds_at: float, tmp_path: Path, rovid: Rovid) -> None:
     """Wherever in the range in use the bench's thrust in N is right, the truth is within what is stated."""
-    seed = secrets.randbelow(10**6)
-    print(f"seed {seed}")
-    write_trial_day(tmp_path / "day", seed=seed, formats="csv", campaign=SHORT)
+    write_short_day(tmp_path / "day")
 
     def bent(table: pd.DataFrame) -> pd.DataFrame:
         share = table.thrust_N.abs() / holds_at
@@ -264,7 +262,7 @@ def test_the_thrust_scale_error_is_a_factor_on_forces_only() -> None:
 
 
 def test_the_limit_of_the_disturbance_is_loosened_once_the_effect_is_in(tmp_path: Path, rovid: Rovid) -> None:
-    write_trial_day(tmp_path / "day", seed=secrets.randbelow(10**6), formats="csv", campaign=SHORT)
+    write_short_day(tmp_path / "day")
     advanced_commands(tmp_path / "day", 32)
     plain, delayed = (
         rovid("fit", "day", "--json", *option).document["disturbance"] for option in ([], ["--effect", "command_delay"])
@@ -278,9 +276,7 @@ def test_the_limit_of_the_disturbance_is_loosened_once_the_effect_is_in(tmp_path
 def test_an_absent_effect_is_not_significant(tmp_path: Path, rovid: Rovid) -> None:
     deviations = []
     for day in ("one", "two", "three", "four"):
-        seed = secrets.randbelow(10**6)
-        print(f"seed {seed}")
-        write_trial_day(tmp_path / day, seed=seed, formats="csv", campaign=SHORT)
+        write_short_day(tmp_path / day)
         fit = rovid("fit", day, "--effect", "bias_torque", "-p", f"{day}.toml", "--json").document
         found = fit["parameters"]["bias_torque.torque"]
         assert found["standard_error"] < 1.0  # N m, of 126 in use
@@ -332,7 +328,7 @@ def test_a_missing_gyro_is_refused(rovid: Rovid) -> None:
 
 @pytest.mark.parametrize(("jump", "every"), [(0.05, 5000), (3.0, 100)])
 def test_jumps_of_innovations_do_not_reduce_the_errors(jump: float, every: int, tmp_path: Path) -> None:
-    write_trial_day(tmp_path / "day", seed=secrets.randbelow(10**6), formats="csv", campaign=SHORT)
+    write_short_day(tmp_path / "day")
     runs = open_study([tmp_path / "day"]).runs
     assert runs is not None
     objective = InnovationLikelihood(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -123,14 +124,7 @@ def test_a_delay_makes_the_orbit_integral_inconsistent_with_a_warning() -> None:
         noise = rng.normal(0.0, np.radians(0.01), len(time))
         acted = run(time, late, noise=noise)
         told = 200.0 * np.sin(2.0 * np.pi * time / period)
-        runs.append(
-            Run(
-                trial=acted.trial,
-                torque=told,
-                rates=acted.rates,
-                filtered_torque=acted.rates.filter_held(acted.trial, told),
-            )
-        )
+        runs.append(replace(acted, torque=told, filtered_torque=acted.rates.filter_held(acted.trial, told)))
     reading = orbit_integral(sine_trials(runs))
     assert reading.consistent is False
     values = [value for _, value, _ in reading.runs]
