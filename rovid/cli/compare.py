@@ -59,9 +59,7 @@ def compare(
     *,
     axis: AxisName = None,
     parameters: ParameterFile = None,
-    output: Annotated[
-        Path | None, option("--output", "-o", metavar="PAGE", help="Write a self-contained HTML page.")
-    ] = None,
+    output: Annotated[Path | None, option("PAGE", "Write a self-contained HTML page.", "--output", "-o")] = None,
     matters: Annotated[
         float,
         typer.Option(
@@ -121,31 +119,24 @@ def _campaigns(
         names = [path.resolve().name for path in given]
         if names[0] == names[1]:
             names = list(map(str, given))
-        a, b = (_campaign(path, name, named_axis(axis), cutoff) for path, name in zip(given, names, strict=True))
+        a, b = (_campaign([path], name, named_axis(axis), cutoff) for path, name in zip(given, names, strict=True))
         return (a, b), []
     stored = existing_parameters(parameters, axis)
     notes = require_fresh(stored, None)
-    if not given:
-        return (previous_campaign(stored), campaign_from_file(stored.path, str(stored.path))), notes
-    (first,) = given
-    if _is_parameter_file(first):
-        return (campaign_from_file(first, str(first)), campaign_from_file(stored.path, str(stored.path))), notes
-    logs = stored_logs(stored)
-    a = _campaign(first, first.resolve().name, stored.axis, cutoff)
-    return (a, _campaign_of_logs(logs, ", ".join(path.name for path in logs), stored.axis, cutoff)), notes
+    if given and not _is_parameter_file(given[0]):
+        logs = stored_logs(stored)
+        a = _campaign(given, given[0].resolve().name, stored.axis, cutoff)
+        return (a, _campaign(logs, ", ".join(path.name for path in logs), stored.axis, cutoff)), notes
+    a = campaign_from_file(given[0], str(given[0])) if given else previous_campaign(stored)
+    return (a, campaign_from_file(stored.path, str(stored.path))), notes
 
 
-def _campaign(path: Path, name: str, axis: Axis, cutoff: float | None) -> CampaignFit:
-    from rovid.compare.campaign_fit import campaign_from_file
+def _campaign(paths: list[Path], name: str, axis: Axis, cutoff: float | None) -> CampaignFit:
+    """The campaign of a parameter file or of logs."""
+    from rovid.compare.campaign_fit import campaign_from_file, campaign_from_study
 
-    if _is_parameter_file(path):
-        return campaign_from_file(path, name)
-    return _campaign_of_logs([path], name, axis, cutoff)
-
-
-def _campaign_of_logs(paths: list[Path], name: str, axis: Axis, cutoff: float | None) -> CampaignFit:
-    from rovid.compare.campaign_fit import campaign_from_study
-
+    if _is_parameter_file(paths[0]):
+        return campaign_from_file(paths[0], name)
     return campaign_from_study(open_logs(paths, cutoff, axis), name)
 
 

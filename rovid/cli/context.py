@@ -87,13 +87,7 @@ def named_axis(name: str | None) -> Axis:
 
 
 def stored_logs(stored: Parameters) -> list[Path]:
-    """The logs that the parameter file names.
-
-    Raises
-    ------
-    ConfigError
-        There are none.
-    """
+    """The logs that the parameter file names; an error if there are none."""
     if not stored.logs:
         exists = stored.path.exists()
         raise ConfigError(
@@ -213,10 +207,12 @@ def fit_and_store(
     json: bool,
 ) -> None:
     """Run a fit, store its estimate in the parameter file, and print the result."""
-    with busy(words):
+    from rovid.store.checks import method_disagreement
+
+    with progress(words):
         result: Fit = fit()
     study, stored = session.study, session.stored
-    disagreements: list[str] = method_disagreements(stored, study, result.estimate)
+    disagreements: list[str] = method_disagreement(stored.entries_for(study.paths), result.estimate)
     warnings = (*result.estimate.warnings, *session.notes, *disagreements)
     warned = replace(result, estimate=replace(result.estimate, warnings=warnings))
     stored = store_estimate(stored, session.outputs, study, warned.estimate, *options)
@@ -228,19 +224,14 @@ def fit_and_store(
     show_fit(console(), warned, show, study, stored)
 
 
-def method_disagreements(stored: Parameters, study: Study, estimate: Estimate) -> list[str]:
-    """Warnings where another method gave a different value for the same logs."""
-    from rovid.store.agreement import method_disagreement
-
-    return method_disagreement(stored.entries_for(study.paths), estimate)
-
-
 def diagnose_study(stored: Parameters, study: Study, report: Callable[[str], None]) -> Diagnosis:
     """Diagnose the logs and warn where ``stored`` disagrees."""
+    from rovid.store.checks import method_disagreement
+
     stored, notes = without_stale_values(stored, study)
     diagnosis = study.diagnosis(report, drag=stored.independent_drag())
     if diagnosis.extended is not None:
-        notes = [*notes, *method_disagreements(stored, study, diagnosis.extended.estimate)]
+        notes = [*notes, *method_disagreement(stored.entries_for(study.paths), diagnosis.extended.estimate)]
     return replace(diagnosis, warnings=(*diagnosis.warnings, *notes))
 
 
@@ -257,7 +248,7 @@ def store_estimate(
 
     A joint estimate of all parameters also goes into the history, with the effect sizes a diagnosis could detect.
     """
-    from rovid.store.agreement import JOINT_METHODS
+    from rovid.store.checks import JOINT_METHODS
     from rovid.store.history import update_parameters
 
     def change(current: Parameters) -> Parameters:
@@ -274,7 +265,7 @@ def store_estimate(
 
 def without_stale_values(stored: Parameters, study: Study) -> tuple[Parameters, list[str]]:
     """``stored`` for a new fit, emptied if its inputs changed, with a remark in that case."""
-    from rovid.store.staleness import check_freshness
+    from rovid.store.checks import check_freshness
 
     freshness = check_freshness(stored, study.provenance)
     if not freshness.changes:
@@ -292,7 +283,7 @@ def require_fresh(stored: Parameters, study: Study | None) -> list[str]:
     ConfigError
         An input changed.
     """
-    from rovid.store.staleness import check_freshness
+    from rovid.store.checks import check_freshness
 
     freshness = check_freshness(stored, None if study is None else study.provenance)
     if freshness.changes:
@@ -312,17 +303,19 @@ def model_assumptions(stored: Parameters, study: Study | None) -> Assumptions:
     return study.vehicle.assumptions if study.provenance.logs == stored.logs else own | study.vehicle.assumptions
 
 
-def require_measured(stored: Parameters, assumptions: Assumptions, *, force: bool) -> None:
-    """Refuse to pass on values that depend on guesses, unless forced.
+def require_usable(stored: Parameters, study: Study | None, *, force: bool) -> tuple[list[str], Assumptions]:
+    """Refuse a parameter file whose inputs changed or, unless forced, are guesses; return remarks and guesses.
 
     Raises
     ------
     ConfigError
-        The values depend on guesses.
+        An input changed, or the values depend on guesses.
     """
+    remarks, assumptions = require_fresh(stored, study), model_assumptions(stored, study)
     if assumptions and not force:
         mend = "Or give --force, and keep the results apart."
         raise ConfigError(assumptions.refusal, where=stored.path, mend=mend)
+    return remarks, assumptions
 
 
 def compile_in_background() -> bool:
@@ -343,20 +336,8 @@ def announce_compilation() -> None:
 
 
 @contextmanager
-def busy(text: str) -> Iterator[None]:
-    """Show a progress text on a terminal."""
-    if not sys.stderr.isatty():
-        yield
-        return
-    from rovid.core.console import SafeConsole
-
-    with SafeConsole(stderr=True).status(text):
-        yield
-
-
-@contextmanager
 def progress(text: str) -> Iterator[Callable[[str], None]]:
-    """Show a progress text that the yielded function changes; as lines if ROVID_PROGRESS is "lines"."""
+    """Show a progress text, which the yielded function changes, on a terminal or if ROVID_PROGRESS is "lines"."""
     if os.environ.get("ROVID_PROGRESS") == "lines":
         _print_line(text)
         yield _print_line

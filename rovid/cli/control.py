@@ -8,13 +8,11 @@ from typing import Annotated
 import typer
 
 from rovid.cli.context import (
-    busy,
     console,
-    model_assumptions,
     open_logs,
     print_json,
-    require_fresh,
-    require_measured,
+    progress,
+    require_usable,
     reserve_outputs,
     stored_logs,
     yaw_parameters,
@@ -46,16 +44,16 @@ PAGE = Page(
 def control(
     logs: OptionalLogs = None,
     *,
-    kp: Annotated[float | None, option(metavar="GAIN", help="Heading gain in N m/rad; requires --kd.")] = None,
-    kd: Annotated[float | None, option(metavar="GAIN", help="Yaw rate gain in N m s/rad; requires --kp.")] = None,
+    kp: Annotated[float | None, option("GAIN", "Heading gain in N m/rad; requires --kd.")] = None,
+    kd: Annotated[float | None, option("GAIN", "Yaw rate gain in N m s/rad; requires --kp.")] = None,
     damping: Annotated[
         float, typer.Option(metavar="RATIO", help="Damping ratio, unless --kp and --kd are given.")
     ] = 0.7,
     bandwidth: Annotated[
         float | None,
         option(
-            metavar="RAD/S",
-            help="Natural frequency in rad/s. Default: the largest one with a phase margin of 45 deg, a sensitivity "
+            "RAD/S",
+            "Natural frequency in rad/s. Default: the largest one with a phase margin of 45 deg, a sensitivity "
             "peak of 1.6 and a tolerance of twice the delay, within the limits of noise and actuators.",
         ),
     ] = None,
@@ -63,16 +61,13 @@ def control(
     delay: Annotated[float, typer.Option(metavar="S", help="Delay from heading to command in s.")] = 0.0,
     rate_filter: Annotated[
         float | None,
-        option(
-            metavar="S", help="Time constant of the low-pass filter of the rate in s. Default: chosen by the design."
-        ),
+        option("S", "Time constant of the low-pass filter of the rate in s. Default: chosen by the design."),
     ] = None,
     step: Annotated[
-        list[str] | None,
-        option(metavar="FROM:TO", help="Simulate one more heading step, in deg, as 350:40. Repeatable."),
+        list[str] | None, option("FROM:TO", "Simulate one more heading step, in deg, as 350:40. Repeatable.")
     ] = None,
-    c: Annotated[Path | None, option("--c", metavar="FILE", help="Write the controller as C.")] = None,
-    python: Annotated[Path | None, option("--python", metavar="FILE", help="Write the controller as Python.")] = None,
+    c: Annotated[Path | None, option("FILE", "Write the controller as C.")] = None,
+    python: Annotated[Path | None, option("FILE", "Write the controller as Python.")] = None,
     parameters: ParameterFile = None,
     force: ForceGuess = False,
     json: Json = False,
@@ -107,10 +102,9 @@ def control(
     outputs = reserve_outputs(list(generators), paths, stored.path, force=force)
     study = open_logs(paths, None, stored.axis)
     study.require_effects(model.effects)
-    remarks, assumptions = require_fresh(stored, study), model_assumptions(stored, study)
-    require_measured(stored, assumptions, force=force)
+    remarks, assumptions = require_usable(stored, study, force=force)
     conditions = loop_conditions(options, model, study.position_noise(), study.median_torque())
-    with busy("Simulating the closed loop …"):
+    with progress("Simulating the closed loop …"):
         result = design_controller(stored, study.vehicle, conditions, options)
     if generators:
         outputs.write({output: source(result.law, assumptions) for output, source in generators.items()})

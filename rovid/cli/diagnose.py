@@ -64,9 +64,11 @@ def diagnose(
 
         print_json(diagnosis_document(diagnosis, study))
     else:
-        from rovid.present.console import show_caution, show_warnings
+        from rovid.present.console import print_text, show_caution, show_warnings
         from rovid.present.terminal.diagnosis import show_diagnosis
 
         show_caution(console(), study.vehicle.assumptions)
         show_diagnosis(console(), diagnosis, study.vehicle)
         show_warnings(console(), [*study.remarks(), *diagnosis.warnings])
+        if diagnosis.extended is not None:
+            print_text(console(), f"written to {session.stored.path}")

@@ -10,13 +10,11 @@ import typer
 
 from rovid.cli import completion
 from rovid.cli.context import (
-    busy,
     console,
-    model_assumptions,
     open_logs,
     print_json,
-    require_fresh,
-    require_measured,
+    progress,
+    require_usable,
     reserve_outputs,
     yaw_parameters,
 )
@@ -44,17 +42,16 @@ PAGE = Page(
 
 def export(
     format: Annotated[  # noqa: A002 - the word that the help shows
-        str,
-        typer.Argument(metavar="FORMAT", help=f"One of {', '.join(FORMATS)}.", autocompletion=completion.formats),
+        str, typer.Argument(metavar="FORMAT", help=f"One of {', '.join(FORMATS)}.", autocompletion=completion.formats)
     ],
     *,
     output: Annotated[
         Path | None,
         option(
+            "FILE",
+            "The new file. Default: the name of the format, as gz_sim.sdf. uuv writes .xacro or .yaml.",
             "--output",
             "-o",
-            metavar="FILE",
-            help="The new file. Default: the name of the format, as gz_sim.sdf. uuv writes .xacro or .yaml.",
         ),
     ] = None,
     parameters: ParameterFile = None,
@@ -75,9 +72,8 @@ def export(
     study = None
     if stored.logs and all(path.exists() for path in stored.logs):
         study = open_logs(stored.logs, None, stored.axis)
-    remarks, assumptions = require_fresh(stored, study), model_assumptions(stored, study)
-    require_measured(stored, assumptions, force=force)
-    with busy("Simulating …"):
+    remarks, assumptions = require_usable(stored, study, force=force)
+    with progress("Simulating …"):
         exported = verified_export(exporter, replace(export_input(stored, study), guess=assumptions))
     exported = replace(exported, warnings=(*exported.warnings, *remarks))
     outputs.write({target: exported.content})

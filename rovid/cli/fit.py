@@ -38,11 +38,7 @@ def fit(
     *,
     effect: Annotated[
         list[str] | None,
-        option(
-            metavar="ID",
-            help="Add this effect to the model, as thruster_lag. Repeatable.",
-            autocompletion=completion.effects,
-        ),
+        option("ID", "Add this effect to the model, as thruster_lag. Repeatable.", autocompletion=completion.effects),
     ] = None,
     gyro: Annotated[
         bool, typer.Option("--gyro", help="Also fit the logged rates, if they come from a gyro of their own.")

@@ -33,20 +33,15 @@ def fit_thruster(
     bench: Annotated[Path, typer.Argument(metavar="BENCH", help="A CSV file of measured commands and thrusts.")],
     *,
     output: Annotated[
-        Path | None,
-        option("--output", "-o", metavar="FILE", help="The new file. Default: BENCH_curve.csv in the working folder."),
+        Path | None, option("FILE", "The new file. Default: BENCH_curve.csv in the working folder.", "--output", "-o")
     ] = None,
-    command: Annotated[
-        str | None, option(metavar="COLUMN", help="Column of the command. Default: found by its name.")
-    ] = None,
-    thrust: Annotated[
-        str | None, option(metavar="COLUMN", help="Column of the thrust. Default: found by its name.")
-    ] = None,
+    command: Annotated[str | None, option("COLUMN", "Column of the command. Default: found by its name.")] = None,
+    thrust: Annotated[str | None, option("COLUMN", "Column of the thrust. Default: found by its name.")] = None,
     unit: Annotated[
         str | None,
         option(
-            metavar="UNIT",
-            help=f"Unit of the thrust: {', '.join(completion.THRUST_UNITS)}. Default: the unit in the column's name.",
+            "UNIT",
+            f"Unit of the thrust: {', '.join(completion.THRUST_UNITS)}. Default: the unit in the column's name.",
             autocompletion=completion.thrust_units,
         ),
     ] = None,

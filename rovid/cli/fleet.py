@@ -41,11 +41,9 @@ def fleet(
         Path, typer.Option("--output", "-o", metavar="OUT", help="Folder for the table, the page and the diagnoses.")
     ],
     jobs: Annotated[
-        int | None, option(metavar="N", min=1, help="Number of campaigns at a time. Default: the number of cores.")
+        int | None, option("N", "Number of campaigns at a time. Default: the number of cores.", min=1)
     ] = None,
-    cluster: Annotated[
-        str, option(metavar="ADDRESS", help="Scheduler of a Dask cluster to use instead of this machine.")
-    ] = "",
+    cluster: Annotated[str, option("ADDRESS", "Scheduler of a Dask cluster to use instead of this machine.")] = "",
     timeout: Annotated[
         float, typer.Option(metavar="SECONDS", min=1e-3, help="Time limit for each campaign in s.")
     ] = 3600.0,
@@ -55,8 +53,8 @@ def fleet(
     axis: Annotated[
         str | None,
         option(
-            metavar="AXIS",
-            help="Degree of freedom: yaw, surge, sway, heave, roll or pitch. Default: yaw.",
+            "AXIS",
+            "Degree of freedom: yaw, surge, sway, heave, roll or pitch. Default: yaw.",
             autocompletion=completion.axes,
         ),
     ] = None,

@@ -41,21 +41,16 @@ def init(
     vehicle: Annotated[
         str | None,
         option(
-            "--vehicle",
-            metavar="TYPE",
-            help="Type of vehicle, as bluerov2-heavy, or your own preset file, as my_rov.toml.",
+            "TYPE",
+            "Type of vehicle, as bluerov2-heavy, or your own preset file, as my_rov.toml.",
             autocompletion=completion.vehicles,
         ),
     ] = None,
     heading: Annotated[
-        str | None,
-        option("--heading", metavar="COLUMN", help="Column or topic of the heading, or of the position along --axis."),
+        str | None, option("COLUMN", "Column or topic of the heading, or of the position along --axis.")
     ] = None,
     command: Annotated[
-        str | None,
-        option(
-            "--command", metavar="COLUMN,…", help="Columns or topics of the thruster commands, separated by commas."
-        ),
+        str | None, option("COLUMN,…", "Columns or topics of the thruster commands, separated by commas.")
     ] = None,
     axis: AxisName = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing rovid.toml.")] = False,

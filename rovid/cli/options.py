@@ -15,8 +15,8 @@ def argument(metavar: str, help: str, **settings: Any) -> Any:  # noqa: A002 - t
     return typer.Argument(metavar=metavar, help=help, show_default=False, **settings)
 
 
-def option(*names: str, metavar: str, help: str, **settings: Any) -> Any:  # noqa: A002 - typer's word
-    """A command's option without a default in the help."""
+def option(metavar: str, help: str, *names: str, **settings: Any) -> Any:  # noqa: A002 - typer's word
+    """A command's option without a default in the help; ``names`` default to the parameter's."""
     return typer.Option(*names, metavar=metavar, help=help, show_default=False, **settings)
 
 
@@ -28,28 +28,23 @@ OptionalLogs = Annotated[
 ParameterFile = Annotated[
     Path | None,
     option(
+        "FILE",
+        "Parameter file. Default: parameters.toml, or parameters_AXIS.toml for an axis other than yaw.",
         "--parameters",
         "-p",
-        metavar="FILE",
-        help="Parameter file. Default: parameters.toml, or parameters_AXIS.toml for an axis other than yaw.",
     ),
 ]
 AxisName = Annotated[
     str | None,
     option(
-        "--axis",
-        metavar="AXIS",
-        help="Degree of freedom: yaw, surge, sway, heave, roll or pitch. Default: that of the parameter file, or yaw.",
+        "AXIS",
+        "Degree of freedom: yaw, surge, sway, heave, roll or pitch. Default: that of the parameter file, or yaw.",
         autocompletion=completion.axes,
     ),
 ]
 Cutoff = Annotated[
     float | None,
-    option(
-        metavar="HZ",
-        min=1e-3,
-        help="Cut-off frequency of the low-pass filter for rates, in Hz. Default: chosen from the data.",
-    ),
+    option("HZ", "Cut-off frequency of the low-pass filter for rates, in Hz. Default: chosen from the data.", min=1e-3),
 ]
 Force = Annotated[
     bool,

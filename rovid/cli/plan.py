@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from rovid.cli import completion
-from rovid.cli.context import busy, console, open_logs, parameters_at, print_json, reserve_outputs, stored_logs
+from rovid.cli.context import console, open_logs, parameters_at, print_json, progress, reserve_outputs, stored_logs
 from rovid.cli.help_format import Page
 from rovid.cli.options import AxisName, Force, Json, OptionalLogs, ParameterFile, option
 from rovid.core.errors import ConfigError
@@ -40,16 +40,14 @@ def plan(
     between: Annotated[
         list[str] | None,
         option(
-            metavar="ID",
-            help="Distinguish this effect from another one. Give the option twice.",
-            autocompletion=completion.effects,
+            "ID", "Distinguish this effect from another one. Give the option twice.", autocompletion=completion.effects
         ),
     ] = None,
     narrow: Annotated[
         str | None,
         option(
-            metavar="PARAMETER",
-            help="Narrow the interval of this parameter, as linear_drag. Default: the least certain parameter.",
+            "PARAMETER",
+            "Narrow the interval of this parameter, as linear_drag. Default: the least certain parameter.",
             autocompletion=completion.parameters,
         ),
     ] = None,
@@ -59,12 +57,10 @@ def plan(
     ] = 1.0,
     minutes: Annotated[float, typer.Option(metavar="MINUTES", min=0.1, help="Longest run in minutes.")] = 10.0,
     max_rate: Annotated[
-        float | None,
-        option(metavar="RATE", help="Largest rate: deg/s, or m/s along surge, sway and heave. Default: no limit."),
+        float | None, option("RATE", "Largest rate: deg/s, or m/s along surge, sway and heave. Default: no limit.")
     ] = None,
     turns: Annotated[
-        float | None,
-        option(metavar="TURNS", help="Largest distance: turns, or m along surge, sway and heave. Default: no limit."),
+        float | None, option("TURNS", "Largest distance: turns, or m along surge, sway and heave. Default: no limit.")
     ] = None,
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The command file.")] = Path(
         "plan.csv"
@@ -84,7 +80,7 @@ def plan(
     from rovid.present.documents.results import plan_document
     from rovid.present.plots.results import plan_picture
     from rovid.present.terminal.results import show_plan
-    from rovid.store.staleness import check_freshness
+    from rovid.store.checks import check_freshness
 
     causes = tuple(effect_named(name) for name in between or ())
     if len({cause.id for cause in causes}) not in {0, 2} or len(causes) > 2:
@@ -101,7 +97,7 @@ def plan(
         rate=math.inf if max_rate is None else factor * max_rate,
         travel=math.inf if turns is None else turns,
     )
-    with busy("Fitting, and comparing candidate runs …"):
+    with progress("Fitting, and comparing candidate runs …"):
         found = study.plan(tuple(effect_named(name) for name in stored.effects), causes, limits, narrow or "")
     outputs.write({commands: command_csv(found), picture: plan_picture(found, stored.axis)})
     warnings = []

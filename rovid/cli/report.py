@@ -49,10 +49,10 @@ def report(
     output: Annotated[
         Path | None,
         option(
+            "FOLDER",
+            "Folder for page and plots. Default: report, or report_AXIS for an axis other than yaw.",
             "--output",
             "-o",
-            metavar="FOLDER",
-            help="Folder for page and plots. Default: report, or report_AXIS for an axis other than yaw.",
         ),
     ] = None,
     diagnosis: Annotated[bool, typer.Option("--diagnosis/--no-diagnosis", help="Include the diagnosis.")] = True,

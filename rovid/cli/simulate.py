@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import Annotated
 
 from rovid.cli.context import (
-    busy,
     console,
     existing_parameters,
     model_assumptions,
     open_logs,
     print_json,
+    progress,
     require_fresh,
     reserve_outputs,
     stored_logs,
@@ -47,10 +47,7 @@ def simulate(
     cutoff: Cutoff = None,
     mcap: Annotated[
         Path | None,
-        option(
-            metavar="OUT",
-            help="Write measurement, simulation and residual as MCAP: a file for one run, else a folder.",
-        ),
+        option("OUT", "Write measurement, simulation and residual as MCAP: a file for one run, else a folder."),
     ] = None,
     force: Force = False,
     json: Json = False,
@@ -71,7 +68,7 @@ def simulate(
     remarks = require_fresh(stored, study)
     recordings = recording_outputs(mcap, [run.trial for run in study.runs.items]) if mcap else []
     outputs = reserve_outputs(recordings, study.paths, stored.path, force=force)
-    with busy("Simulating …"):
+    with progress("Simulating …"):
         simulations = simulate_runs(study.runs.items, model, study.vehicle)
         if recordings:
             write_recordings(outputs, recordings, simulations, study.runs, model, study.vehicle)

@@ -61,8 +61,8 @@ def watch(
     until: Annotated[
         str | None,
         option(
-            metavar="TEXT",
-            help="Stop when the 95 % intervals of parameters are this narrow, as in "
+            "TEXT",
+            "Stop when the 95 % intervals of parameters are this narrow, as in "
             '"inertia 2 %, linear_drag 9 %", or when a cause is this probable, as in "thruster_lag 95 %".',
         ),
     ] = None,
@@ -93,7 +93,7 @@ def watch(
     from rovid.core.atomic_write import OutputFile
     from rovid.core.signatures import PLAN
     from rovid.design.experiment_design import command_csv
-    from rovid.watch.folder_monitor import FolderMonitor, Problem, SettleTimes
+    from rovid.watch.folder_monitor import FolderMonitor, Problem
     from rovid.watch.session import SessionActions, WatchSession
     from rovid.watch.stop_criteria import parse_criteria
 
@@ -113,19 +113,20 @@ def watch(
 
     diagnose = None if no_diagnosis else lambda study, report: diagnose_study(stored, study, report)
     actions = SessionActions(diagnose=diagnose, keep=keep, write=write, cutoff=cutoff)
-    monitor = FolderMonitor(path=folder, axis=stored.axis, patience=SettleTimes(whole=whole, cut=cut), once=once)
+    monitor = FolderMonitor(path=folder, axis=stored.axis, settled=whole, abandoned=cut, once=once)
     problems: list[str] = []
     with _progress() as status:
-        session = WatchSession(monitor, actions, criteria, interval=interval, report=status.update)
+        report = (lambda _: None) if status is None else status.update
+        session = WatchSession(monitor, actions, criteria, interval=interval, report=report)
         show = _printer(folder, criteria, interval, once=once, json=json)
         with _interruptible() as interruption:
             for event in session.events():
                 if isinstance(event, Problem):
                     problems.append(f"{event.where}: {event.text}")
-                with status.paused():
+                with _paused(status):
                     show(event)
         if interruption:
-            with status.paused():
+            with _paused(status):
                 show(session.ended("interrupted"))
     if once and not session.ended("once").logs:
         raise LogError(problems[-1] if problems else "holds no logs.", where="" if problems else folder)
@@ -171,33 +172,23 @@ def _interruptible() -> Iterator[list[str]]:
         signal.signal(signal.SIGTERM, previous)
 
 
-class _Status:
-    """The progress line on a terminal, below the printed text."""
-
-    def __init__(self, status: Status | None) -> None:
-        self._status = status
-
-    def update(self, words: str) -> None:
-        """Change the progress text."""
-        if self._status is not None:
-            self._status.update(words)
-
-    @contextmanager
-    def paused(self) -> Iterator[None]:
-        """Remove the progress line while something is printed."""
-        if self._status is not None:
-            self._status.stop()
-        yield
-        if self._status is not None:
-            self._status.start()
-
-
 @contextmanager
-def _progress() -> Iterator[_Status]:
+def _progress() -> Iterator[Status | None]:
+    """The progress line on a terminal, below the printed text."""
     if not sys.stderr.isatty():
-        yield _Status(None)
+        yield None
         return
     from rovid.core.console import SafeConsole
 
     with SafeConsole(stderr=True).status("Looking …") as status:
-        yield _Status(status)
+        yield status
+
+
+@contextmanager
+def _paused(status: Status | None) -> Iterator[None]:
+    """Remove the progress line while something is printed."""
+    if status is not None:
+        status.stop()
+    yield
+    if status is not None:
+        status.start()

@@ -125,6 +125,13 @@ class SharedEstimate:
     samples: int
     warnings: tuple[str, ...] = ()
 
+    def moments(self, name: str) -> tuple[float, float]:
+        """Value and variance of a parameter; NaN if it is unknown."""
+        if name not in self.names:
+            return math.nan, math.nan
+        index = self.names.index(name)
+        return float(self.values[index]), float(self.covariance[index, index])
+
 
 def campaign_from_study(study: Study, name: str) -> CampaignFit:
     """A campaign of logs without a diagnosis.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -161,7 +162,7 @@ def _pair(a: SharedEstimate, b: SharedEstimate, environmental: Sequence[Effect])
     """Estimates of the parameters known in both campaigns, and the names known in only one, without environment."""
     excluded = tuple(f"{effect.key}." for effect in environmental)
     names = [name for name in dict.fromkeys((*a.names, *b.names)) if not name.startswith(excluded)]
-    shared = [name for name in names if _is_known(a, name) and _is_known(b, name)]
+    shared = [name for name in names if all(0.0 < side.moments(name)[1] < math.inf for side in (a, b))]
     at_a, at_b = ([side.names.index(name) for name in shared] for side in (a, b))
     pair = EstimatePair(
         names=tuple(shared),
@@ -174,14 +175,6 @@ def _pair(a: SharedEstimate, b: SharedEstimate, environmental: Sequence[Effect])
         samples=a.samples + b.samples,
     )
     return pair, [name for name in names if name not in shared]
-
-
-def _is_known(estimate: SharedEstimate, name: str) -> bool:
-    if name not in estimate.names:
-        return False
-    index = estimate.names.index(name)
-    variance = estimate.covariance[index, index]
-    return math.isfinite(variance) and variance > 0.0
 
 
 def _remaining_thruster(campaign: CampaignFit, effects: Sequence[Effect]) -> str:
@@ -208,10 +201,8 @@ def _open_questions(
             "several parameters changed slightly"
         )
     for name in only_in_one:
-        reason = (
-            "" if both_logs else ", and a parameter file does not show whether the other logs contain it: give the logs"
-        )
-        yield f"{name} is known in only one campaign{reason}"
+        reason = ", and a parameter file does not show whether the other logs contain it: give the logs"
+        yield f"{name} is known in only one campaign{reason * (not both_logs)}"
 
 
 def _causes(
@@ -230,7 +221,8 @@ def _causes(
     changed = {change.candidate.name for change in changes.established}
     for effect in effects:
         parameter = effect.parameters[0]
-        acts = _is_significant(estimate, f"{effect.key}.{parameter.name}", parameter.neutral)
+        value, variance = estimate.moments(f"{effect.key}.{parameter.name}")
+        acts = abs(value - parameter.neutral) > _ACTS * math.sqrt(variance)
         if effect.key in changed and effect.id in found.values() and not acts:
             found = {key: name for key, name in found.items() if name != effect.id}
         elif acts and effect.id in found_in_other and not effect.environmental:
@@ -238,24 +230,15 @@ def _causes(
     return tuple(dict.fromkeys(found.values()))
 
 
-def _is_significant(estimate: SharedEstimate, name: str, neutral: float) -> bool:
-    if name not in estimate.names:
-        return False
-    index = estimate.names.index(name)
-    return bool(abs(estimate.values[index] - neutral) > _ACTS * math.sqrt(estimate.covariance[index, index]))
-
-
 def _predictions(a: CampaignFit, b: CampaignFit) -> dict[tuple[str, str], CrossPrediction]:
     """Simulations of each campaign's runs by each model, if the logs hold the signals of its effects."""
-    campaigns = {"a": a, "b": b}
     tasks: dict[tuple[str, str], tuple[Model, CampaignFit]] = {}
-    for name, campaign in campaigns.items():
+    for (name, campaign), (other_name, other) in itertools.product({"a": a, "b": b}.items(), repeat=2):
         model = campaign.model
-        for other_name, other in campaigns.items():
-            if model is None or not other.runs:
-                continue
-            if campaign is other or all(map(other.has_signals_for, model.effects)):
-                tasks[name, other_name] = model, other
+        if model is None or not other.runs:
+            continue
+        if campaign is other or all(map(other.has_signals_for, model.effects)):
+            tasks[name, other_name] = model, other
     return dict(zip(tasks, thread_map(lambda task: _predict(*task), list(tasks.values())), strict=True))
 
 

@@ -14,7 +14,7 @@ from typing import Any
 from rich.console import Console
 
 from rovid import __version__
-from rovid.fleet.campaign_record import CampaignRecord
+from rovid.fleet.campaigns import CampaignRecord
 from rovid.fleet.page import cause_changes, caution, headline
 from rovid.fleet.results import Fleet, causes, guessed, outliers, verdict
 from rovid.fleet.shrinkage import ShrunkParameter

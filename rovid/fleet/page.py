@@ -19,7 +19,7 @@ from rovid import __version__
 from rovid.core.errors import escape_invisible
 from rovid.core.formatting import plus_minus, significant
 from rovid.effects import CATALOGUE
-from rovid.fleet.campaign_record import CampaignRecord
+from rovid.fleet.campaigns import CampaignRecord
 from rovid.fleet.results import RULE, Fleet, Outlier, ParameterValue, causes, guessed, median_of, outliers, verdict
 from rovid.fleet.shrinkage import ShrunkParameter
 from rovid.present.number_format import DASH, parameter_title, unit_symbol
@@ -70,6 +70,10 @@ class PageFigure:
 def fleet_page(fleet: Fleet, means: Sequence[ShrunkParameter]) -> str:
     """The page as self-contained HTML, with links to the diagnosis of each campaign."""
     found = outliers(fleet)
+    timeline_figure = None
+    if any(record.start is not None for record in fleet.done):
+        alt = "A row for each vehicle and a mark for each campaign at its date. The table below shows the same."
+        timeline_figure = PageFigure(svg=render_inline_svg(timeline(fleet), "timeline"), alt=alt)
     environment = template_environment("rovid.fleet")
     environment.globals["guess"] = Assumptions()
     return environment.get_template("fleet.html.j2").render(
@@ -83,7 +87,7 @@ def fleet_page(fleet: Fleet, means: Sequence[ShrunkParameter]) -> str:
         far=found,
         rule=RULE,
         campaigns=_campaign_table(fleet),
-        timeline=_timeline(fleet),
+        timeline=timeline_figure,
         histories=list(_histories(fleet, found, means)),
         causes=_cause_table(fleet),
         outliers=_outlier_table(found),
@@ -164,13 +168,6 @@ def _link(record: CampaignRecord) -> Markup:
     return Markup('<a href="{}">{}</a>').format(place, escape_invisible(record.campaign))
 
 
-def _timeline(fleet: Fleet) -> PageFigure | None:
-    if all(record.start is None for record in fleet.done):
-        return None
-    alt = "A row for each vehicle and a mark for each campaign at its date. The table below shows the same."
-    return PageFigure(svg=render_inline_svg(timeline(fleet), "timeline"), alt=alt)
-
-
 def _histories(fleet: Fleet, found: Sequence[Outlier], means: Sequence[ShrunkParameter]) -> Iterator[PageFigure]:
     by_name = {mean.name: mean for mean in means}
     for number, name in enumerate(fleet.parameters):
@@ -208,14 +205,8 @@ def _outlier_table(found: Sequence[Outlier]) -> ResultTable:
     )
     for one in found:
         value = f"{plus_minus(one.value.value, one.value.error)} {unit_symbol(one.value.unit)}".strip()
-        table.add_row(
-            one.campaign,
-            one.vehicle,
-            parameter_title(one.name),
-            value,
-            significant(one.median, 4),
-            f"{one.distance:+.1f}",
-        )
+        numbers = value, significant(one.median, 4), f"{one.distance:+.1f}"
+        table.add_row(one.campaign, one.vehicle, parameter_title(one.name), *numbers)
     return table
 
 
@@ -283,13 +274,8 @@ def history(fleet: Fleet, name: str, marked: Collection[str], mean: ShrunkParame
             ticks.append((at, _date(record)))
             at += 1
         at += 1
-    panel.axhline(
-        _centre(fleet, name, medians, mean),
-        color=BLACK if mean is None else PALE,
-        linewidth=0.8,
-        linestyle=(0, (4, 3)),
-        zorder=1,
-    )
+    look: dict[str, Any] = {"linewidth": 0.8, "linestyle": (0, (4, 3)), "zorder": 1}
+    panel.axhline(_centre(fleet, name, medians, mean), color=BLACK if mean is None else PALE, **look)
     dates = ticks[:: max(1, math.ceil(len(ticks) / _DATES))]
     panel.set_xticks([place for place, _ in dates], [text for _, text in dates], fontsize=8)
     panel.set_xlim(-0.7, at - 1.0)

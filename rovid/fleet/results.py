@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from rovid.fleet.campaign_record import CampaignRecord
+from rovid.fleet.campaigns import CampaignRecord
 from rovid.model.parameter_names import base_names
 from rovid.trial.axis import axis_named
 
@@ -88,12 +88,11 @@ class Fleet:
 
     def campaigns_with(self, name: str) -> Mapping[str, list[tuple[CampaignRecord, ParameterValue]]]:
         """Vehicle -> its campaigns that have the parameter, by date, with its value."""
-        groups = {}
+        groups: dict[str, list[tuple[CampaignRecord, ParameterValue]]] = {}
         for vehicle, records in self.vehicles.items():
-            known = [(record, self.values[record.campaign].get(name)) for record in records]
-            present = [(record, value) for record, value in known if value is not None]
-            if present:
-                groups[vehicle] = present
+            for record in records:
+                if name in self.values[record.campaign]:
+                    groups.setdefault(vehicle, []).append((record, self.values[record.campaign][name]))
         return groups
 
     def dissimilar_medians(self, name: str) -> Mapping[str, float]:

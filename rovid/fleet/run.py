@@ -14,8 +14,7 @@ from rovid.core.atomic_write import OutputFile, OutputSet
 from rovid.core.errors import ConfigError
 from rovid.core.signatures import CAMPAIGN, FLEET_PAGE, FLEET_TABLE
 from rovid.core.threads import core_count, thread_map
-from rovid.fleet.campaign_record import CampaignRecord, CampaignTask, campaign_digest, read_record
-from rovid.fleet.folders import CampaignFolder, find_campaigns
+from rovid.fleet.campaigns import CampaignRecord, CampaignTask, campaign_digest, find_campaigns, read_record
 from rovid.fleet.output import FleetOutput, parquet_table
 from rovid.fleet.page import fleet_page
 from rovid.fleet.results import Fleet
@@ -24,7 +23,6 @@ from rovid.fleet.worker import diagnose_campaign
 
 # Time limit for the connection to a cluster, in s.
 _CONNECT_TIMEOUT = 20.0
-_EXTRA = "Install it with `pip install 'rovid[fleet]'`."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,32 +60,28 @@ def run_fleet(
     for package in ("joblib", "pyarrow"):
         _require(package, f"-o {out}")
     campaigns = find_campaigns(folders, out)
-    files = {one.name: OutputFile(out / "campaigns" / f"{one.name}.json", CAMPAIGN) for one in campaigns}
+    files = {name: OutputFile(out / "campaigns" / f"{name}.json", CAMPAIGN) for name in campaigns}
     table, page = OutputFile(out / "fleet.parquet", FLEET_TABLE), OutputFile(out / "index.html", FLEET_PAGE)
     claim = OutputSet([table, page, *files.values()], force=force)
     report("Looking for earlier results …")
-    tasks = thread_map(lambda campaign: _task(campaign, options), campaigns)
+    tasks = thread_map(lambda campaign: _task(*campaign, options), list(campaigns.items()))
     records = {record.campaign: record for record in _valid_records(tasks, files, out, claim, options.patience)}
     todo = [task for task in tasks if task.name not in records]
     for count, record in enumerate(_diagnose(todo, options, report), 1):
         claim.write({files[record.campaign]: record.text})
         records[record.campaign] = record.reduced
         report(f"{count} of {len(todo)} campaigns: {record.campaign} took {record.took:.0f} s …")
-    fleet = Fleet(axis=options.axis, records=tuple(records[campaign.name] for campaign in campaigns))
+    fleet = Fleet(axis=options.axis, records=tuple(map(records.__getitem__, campaigns)))
     means: tuple[ShrunkParameter, ...] = shrink(fleet) if options.shrink else ()
     report("Writing the table and the page …")
     claim.write({table: parquet_table(fleet, means), page: fleet_page(fleet, means)})
     return FleetOutput(fleet=fleet, table=table.path, page=page.path, diagnosed_anew=len(todo))
 
 
-def _task(campaign: CampaignFolder, options: FleetOptions) -> CampaignTask:
-    return CampaignTask(
-        name=campaign.name,
-        folder=str(campaign.folder),
-        axis=options.axis,
-        cutoff=options.cutoff,
-        digest=campaign_digest(campaign.folder, options.axis, options.cutoff),
-    )
+def _task(name: str, folder: Path, options: FleetOptions) -> CampaignTask:
+    axis, cutoff = options.axis, options.cutoff
+    digest = campaign_digest(folder, axis, cutoff)
+    return CampaignTask(name=name, folder=str(folder), axis=axis, cutoff=cutoff, digest=digest)
 
 
 def _valid_records(
@@ -121,6 +115,8 @@ def _diagnose(
         return
     from joblib import Parallel, delayed, parallel_config
 
+    from rovid.model.kernels import compile_all, is_compiled
+
     jobs, cores_each = options.jobs or core_count(), 1
     with contextlib.ExitStack() as stack:
         if options.cluster:
@@ -129,7 +125,10 @@ def _diagnose(
             # The threads only wait for the processes that do the work.
             stack.enter_context(parallel_config(backend="threading"))
             cores_each = max(1, core_count() // min(jobs, len(tasks)))
-            _compile(report)
+            if not is_compiled():
+                # Otherwise each process would compile.
+                report("Compiling the simulation for this machine, once …")
+                compile_all()
         report(f"Diagnosing {len(tasks)} campaigns, {jobs} at a time …")
         parallel = Parallel(n_jobs=jobs, batch_size=1, pre_dispatch="2*n_jobs", return_as="generator_unordered")
         yield from parallel(delayed(diagnose_campaign)(task, options.patience, cores_each) for task in tasks)
@@ -179,13 +178,5 @@ def _require(package: str, where: str) -> Any:
     try:
         return import_module(package)
     except ImportError as error:
-        raise ConfigError(f"needs the package {package}.", where=where, mend=_EXTRA) from error
-
-
-def _compile(report: Callable[[str], None]) -> None:
-    """Compile once, because otherwise each process would compile."""
-    from rovid.model.kernels import compile_all, is_compiled
-
-    if not is_compiled():
-        report("Compiling the simulation for this machine, once …")
-        compile_all()
+        mend = "Install it with `pip install 'rovid[fleet]'`."
+        raise ConfigError(f"needs the package {package}.", where=where, mend=mend) from error

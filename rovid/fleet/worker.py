@@ -17,7 +17,7 @@ from typing import IO, Any
 
 from rovid.core.errors import RovidError
 from rovid.core.threads import CORES_VARIABLE
-from rovid.fleet.campaign_record import CampaignRecord, CampaignTask
+from rovid.fleet.campaigns import CampaignRecord, CampaignTask
 
 # The process settings come first, because the imports allocate most of the long-lived objects.
 _CODE = (

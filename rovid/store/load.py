@@ -51,16 +51,7 @@ def parse_parameters(path: Path, document: Mapping[str, Any]) -> Parameters:
     ConfigError
         The document is not of parameters, or of a newer schema.
     """
-    _check_schema(path, document.get("schema"))
-    try:
-        return _parse(path, document)
-    except KeyError as error:
-        raise ConfigError(f"is damaged: it has no {error.args[0]!r}.", where=path, mend=_AGAIN) from error
-    except (LookupError, TypeError, ValueError, AttributeError) as error:
-        raise ConfigError(f"is damaged: {error}.", where=path, mend=_AGAIN) from error
-
-
-def _check_schema(path: Path, schema: object) -> None:
+    schema = document.get("schema")
     version = re.fullmatch(rf"{SCHEMA}/([0-9]{{1,9}})", str(schema))
     if version is None:
         raise ConfigError(f"has schema {schema!r}; {SCHEMA}/{SCHEMA_VERSION} was expected.", where=path, mend=_ANOTHER)
@@ -70,6 +61,12 @@ def _check_schema(path: Path, schema: object) -> None:
             where=path,
             mend="Use the version of rovid that wrote it, or a newer one.",
         )
+    try:
+        return _parse(path, document)
+    except KeyError as error:
+        raise ConfigError(f"is damaged: it has no {error.args[0]!r}.", where=path, mend=_AGAIN) from error
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
+        raise ConfigError(f"is damaged: {error}.", where=path, mend=_AGAIN) from error
 
 
 def _parse(path: Path, document: Mapping[str, Any]) -> Parameters:

@@ -20,7 +20,6 @@ from rovid.core.errors import ConfigError
 from rovid.core.escaping import encodable
 from rovid.core.signatures import PARAMETERS
 from rovid.effects import effect_named
-from rovid.effects.base import Effect
 from rovid.estimate.estimate import PER_INERTIA, Estimate
 from rovid.model.model import Model
 from rovid.model.parameter_names import base_names, effect_ids
@@ -112,9 +111,7 @@ class Parameters:
 
     def entries_for(self, paths: Sequence[Path]) -> Mapping[str, Entry]:
         """The parameters if they were fitted to the logs at ``paths``; else none."""
-        if self.logs == absolute_paths(paths):
-            return self.entries
-        return {}
+        return self.entries if self.logs == absolute_paths(paths) else {}
 
     def independent_drag(self) -> Estimate | None:
         """Quadratic and linear drag that were fitted without the inertia; a refused linear drag is zero.
@@ -175,9 +172,10 @@ class Parameters:
         effects = tuple(map(effect_named, self.effects))
         # The first three names are the inertia and the two drags; the others are restoring terms.
         restoring = [self._needed(name, "Run `rovid fit-inertia LOGS` first.") for name in base_names(self.axis)[3:]]
-        effect_values: list[float] = []
+        effect_values = []
         for effect in effects:
-            effect_values += self._effect_values(effect)
+            mend = f"Run `rovid fit --effect {effect.key}`, or delete the other entries of the effect."
+            effect_values += [self._needed(f"{effect.key}.{parameter.name}", mend) for parameter in effect.parameters]
         if quadratic_drag + linear_drag > _FASTEST * inertia:
             raise ConfigError(
                 f"quadratic drag {quadratic_drag:.3g} and linear drag {linear_drag:.3g} stop a motion at "
@@ -201,18 +199,10 @@ class Parameters:
             raise ConfigError(f"holds no {name}.", where=self.path, mend=mend)
         return self.entries[name].value
 
-    def _effect_values(self, effect: Effect) -> list[float]:
-        mend = f"Run `rovid fit --effect {effect.key}`, or delete the other entries of the effect."
-        return [self._needed(f"{effect.key}.{parameter.name}", mend) for parameter in effect.parameters]
-
     def _matrix(self, names: Sequence[str]) -> list[list[float]]:
         """Covariance of ``names`` with each other."""
-        return [[self._covariance_of(first, second) for second in names] for first in names]
-
-    def _covariance_of(self, first: str, second: str) -> float:
-        if (first, second) in self.covariance:
-            return self.covariance[first, second]
-        return self.covariance.get((second, first), 0.0)
+        both = {(second, first): value for (first, second), value in self.covariance.items()} | {**self.covariance}
+        return [[both.get((first, second), 0.0) for second in names] for first in names]
 
     @property
     def effects(self) -> list[str]:
@@ -221,11 +211,12 @@ class Parameters:
 
     def _written(self, entry: Entry) -> dict[str, Any]:
         """One parameter for the file, marked if it is a placeholder."""
-        marked = self.settings is not None and self.settings.assumptions.is_placeholder(entry.unit)
         written: dict[str, Any] = asdict(entry)
-        if marked:
+        if not entry.options:
+            del written["options"]
+        if self.settings is not None and self.settings.assumptions.is_placeholder(entry.unit):
             written["placeholder"] = True
-        return {key: value for key, value in written.items() if key != "options" or value}
+        return written
 
     @property
     def output(self) -> OutputFile:
@@ -273,17 +264,17 @@ def _is_of_effect(name: str) -> bool:
 
 def _entries(estimate: Estimate, options: str) -> dict[str, Entry]:
     """Entries of the parameters that the estimate does not refuse."""
-    entries = {}
-    for name in estimate.names:
-        if name not in estimate.refused:
-            entries[name] = Entry(
-                value=estimate.value(name),
-                standard_error=estimate.standard_error(name),
-                unit=estimate.unit(name),
-                method=estimate.method,
-                options=options,
-            )
-    return entries
+    return {
+        name: Entry(
+            value=estimate.value(name),
+            standard_error=estimate.standard_error(name),
+            unit=estimate.unit(name),
+            method=estimate.method,
+            options=options,
+        )
+        for name in estimate.names
+        if name not in estimate.refused
+    }
 
 
 def _covariance(estimate: Estimate) -> dict[tuple[str, str], float]:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -14,19 +15,14 @@ from rovid.core.errors import ConfigError, DataError, suggestion
 from rovid.core.signatures import PLAN
 from rovid.core.toml import read_toml
 from rovid.design.candidate_runs import RunLimits
-from rovid.design.experiment_design import (
-    CandidateModel,
-    ExperimentPlan,
-    candidate_model,
-    plan_experiment,
-    require_thrusters,
-)
+from rovid.design.experiment_design import ExperimentPlan, candidate_model, plan_experiment, require_thrusters
 from rovid.diagnose.result import Diagnosis, Finding, ModelAssessment
 from rovid.diagnose.tables import TableDiagnosis, diagnose_tables
 from rovid.effects import Effect, forms_for
 from rovid.effects.per_trial import trials_in_form
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.inertia import InertiaFit, fit_inertia, fit_inertia_table, rigid_body_warnings
+from rovid.estimate.instrumental_variables import Regression
 from rovid.estimate.maximum_likelihood import LikelihoodFit, fit_likelihood
 from rovid.estimate.steady_drag import DragFit, fit_drag
 from rovid.estimate.steady_points import points_from_table, steady_points
@@ -44,6 +40,7 @@ from rovid.trial.vehicle import Vehicle
 
 # Effects that a clock offset between commands and motion resembles.
 _DELAYS = ("command_delay", "thruster_lag")
+_Result = TypeVar("_Result", DragFit, Finding, InertiaFit, LikelihoodFit, ModelAssessment, Regression)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -86,10 +83,6 @@ class Study:
                 sources.append(read_source(table.name, table, len(read_table(table).rows)))
         return tuple(sources)
 
-    @property
-    def _run_list(self) -> Sequence[Run]:
-        return () if self.runs is None else self.runs.items
-
     def remarks(self) -> list[str]:
         """Remarks on the logs, including everything that was dropped."""
         if self.campaign is None or self.runs is None:
@@ -115,9 +108,9 @@ class Study:
                 f"a constant torque does not keep {axis.name} turning. Drag is fitted together with the inertia.",
                 mend="Run `rovid fit-inertia`.",
             )
-        fit = fit_drag(steady_points(self.runs.items, self.vehicle), axis)
+        fit = self._marked(fit_drag(steady_points(self.runs.items, self.vehicle), axis))
         directions = {name: self._with_assumptions(each) for name, each in fit.directions.items()}
-        return replace(fit, estimate=self._with_assumptions(fit.estimate), directions=directions)
+        return replace(fit, directions=directions)
 
     def inertia(self, drag: Estimate | None) -> InertiaFit:
         """Inertia from sine runs and all other excited data, with the steady ``drag`` if it is known.
@@ -132,11 +125,8 @@ class Study:
             if self.sine is None:
                 raise DataError(f"there is no table of sine trials (columns {', '.join(SINE_COLUMNS)}).")
             return fit_inertia_table(read_table(self.sine), drag=drag, rigid_body=rigid_body)
-        fit = fit_inertia(self.runs.items, drag=drag, rigid_body=rigid_body)
-        regression = fit.regression
-        if regression is not None:
-            regression = replace(regression, estimate=self._with_assumptions(regression.estimate))
-        return replace(fit, estimate=self._with_assumptions(fit.estimate), regression=regression)
+        fit = self._marked(fit_inertia(self.runs.items, drag=drag, rigid_body=rigid_body))
+        return replace(fit, regression=fit.regression and self._marked(fit.regression))
 
     def require_effects(self, effects: Sequence[Effect]) -> None:
         """Refuse effects that do not exist for this axis, these trials or these thrusters.
@@ -147,7 +137,7 @@ class Study:
             There is such an effect. The message suggests a similar one.
         """
         thruster_forms = [form.key for form in forms_for(self.vehicle) if form.per_thruster]
-        trials = [run.trial.name for run in self._run_list]
+        trials = [] if self.runs is None else [run.trial.name for run in self.runs.items]
         axis = self.vehicle.axis.name
         for effect in effects:
             for name in set(trials_in_form(effect.form)).difference(trials):
@@ -181,7 +171,7 @@ class Study:
         fit = fit_likelihood(self.runs.items, self.vehicle, effects, gyro=gyro)
         warnings = rigid_body_warnings(fit.estimate, self.vehicle.reference_inertia)
         estimate = replace(fit.estimate, warnings=(*fit.estimate.warnings, *warnings))
-        return replace(fit, estimate=self._with_assumptions(estimate))
+        return self._marked(replace(fit, estimate=estimate))
 
     def _with_assumptions(self, estimate: Estimate) -> Estimate:
         """``estimate`` with the vehicle's guesses, which its warnings then mention."""
@@ -189,12 +179,12 @@ class Study:
         warnings = tuple(map(assumptions.mark_sentence, estimate.warnings))
         return replace(estimate, assumptions=assumptions, warnings=warnings)
 
+    def _marked(self, result: _Result) -> _Result:
+        """``result`` with the vehicle's guesses in its estimate."""
+        return replace(result, estimate=self._with_assumptions(result.estimate))
+
     def plan(
-        self,
-        effects: tuple[Effect, ...],
-        between: tuple[Effect, ...],
-        limits: RunLimits,
-        narrow: str = "",
+        self, effects: tuple[Effect, ...], between: tuple[Effect, ...], limits: RunLimits, narrow: str = ""
     ) -> ExperimentPlan:
         """The next run: one that distinguishes two causes ``between``, or that narrows the interval of a parameter.
 
@@ -208,18 +198,15 @@ class Study:
         if self.campaign is None:
             raise DataError("a table does not hold the vehicle's dynamics.", where=self.paths[0], mend="Give logs.")
         require_thrusters(self.vehicle)
-        models = self._candidate_models(effects, between)
+        if between:
+            others = tuple(effect for effect in effects if effect.id not in {cause.id for cause in between})
+            models = [candidate_model(self.likelihood((*others, cause)), cause.key) for cause in between]
+        else:
+            models = [candidate_model(self.likelihood(effects), "the model")]
         names = models[0].model.names
         if narrow and narrow not in names:
             raise ConfigError(f"is {narrow!r}. {suggestion(narrow, names)}", where="--narrow")
         return plan_experiment(models, self.vehicle, self.campaign.trials, limits, narrow)
-
-    def _candidate_models(self, effects: tuple[Effect, ...], causes: tuple[Effect, ...]) -> list[CandidateModel]:
-        """A fit with ``effects`` and each of the ``causes``, or one fit with ``effects`` only."""
-        if not causes:
-            return [candidate_model(self.likelihood(effects), "the model")]
-        others = tuple(effect for effect in effects if effect.id not in {cause.id for cause in causes})
-        return [candidate_model(self.likelihood((*others, cause)), cause.key) for cause in causes]
 
     def amplitudes(self, drag: Estimate | None = None) -> TableDiagnosis:
         """Diagnosis of tables; the drag of a table of steady turns takes precedence over ``drag``.
@@ -280,31 +267,24 @@ class Study:
             warnings += rigid_body_warnings(final.estimate, self.vehicle.reference_inertia)
         return replace(
             diagnosis,
-            base=self._assessment_with_assumptions(diagnosis.base),
-            extended=self._assessment_with_assumptions(diagnosis.extended),
-            findings=tuple(map(self._finding_with_assumptions, diagnosis.findings)),
-            suspects=tuple(map(self._finding_with_assumptions, diagnosis.suspects)),
-            warnings=(*warnings, *self._clock_warnings(causes)),
+            base=diagnosis.base and self._marked(diagnosis.base),
+            extended=diagnosis.extended and self._marked(diagnosis.extended),
+            findings=tuple(map(self._marked, diagnosis.findings)),
+            suspects=tuple(map(self._marked, diagnosis.suspects)),
+            warnings=(*warnings, *_clock_warnings(self.runs.items, causes)),
         )
 
-    def _clock_warnings(self, causes: Sequence[Finding]) -> Iterator[str]:
-        """Warning about delays if commands and motion come from clocks that were not compared."""
-        titles = {effect.id: effect.title for cause in causes for effect in (cause.effect, *cause.indistinguishable)}
-        delays = [title for key, title in titles.items() if key in _DELAYS]
-        joined = any(remark.kind == "joined" for run in self._run_list for remark in run.trial.remarks)
-        if delays and joined:
-            yield (
-                f"The {' or '.join(delays)} may be a clock offset of the joined files. The logs do not distinguish the "
-                "two. Give the known offset in [join] offset."
-            )
 
-    def _assessment_with_assumptions(self, assessment: ModelAssessment | None) -> ModelAssessment | None:
-        if assessment is None:
-            return None
-        return replace(assessment, estimate=self._with_assumptions(assessment.estimate))
-
-    def _finding_with_assumptions(self, finding: Finding) -> Finding:
-        return replace(finding, estimate=self._with_assumptions(finding.estimate))
+def _clock_warnings(runs: Sequence[Run], causes: Sequence[Finding]) -> Iterator[str]:
+    """Warning about delays if commands and motion come from clocks that were not compared."""
+    titles = {effect.id: effect.title for cause in causes for effect in (cause.effect, *cause.indistinguishable)}
+    delays = [title for key, title in titles.items() if key in _DELAYS]
+    joined = any(remark.kind == "joined" for run in runs for remark in run.trial.remarks)
+    if delays and joined:
+        yield (
+            f"The {' or '.join(delays)} may be a clock offset of the joined files. The logs do not distinguish the "
+            "two. Give the known offset in [join] offset."
+        )
 
 
 def input_files(paths: Sequence[Path]) -> list[Path]:

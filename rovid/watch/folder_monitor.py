@@ -32,14 +32,6 @@ _READABLE, _FINAL = 1, 2
 
 
 @dataclass(frozen=True, kw_only=True)
-class SettleTimes:
-    """Time in s without changes before a file is read (``whole``), or is used without a proper end (``cut``)."""
-
-    whole: float = 5.0
-    cut: float = 60.0
-
-
-@dataclass(frozen=True, kw_only=True)
 class Problem:
     """A problem in one sentence, or the message that it is ``resolved``."""
 
@@ -73,14 +65,6 @@ class ProblemLog:
 
 
 @dataclass(kw_only=True, eq=False)
-class _FileState:
-    """Stamp of a file, None if it is gone, and the time in s since when the stamp is the same."""
-
-    stamp: Stamp | None
-    since: float
-
-
-@dataclass(kw_only=True, eq=False)
 class FolderMonitor:
     """A folder that is polled.
 
@@ -90,12 +74,15 @@ class FolderMonitor:
 
     path: Path
     axis: Axis
-    patience: SettleTimes = field(default_factory=SettleTimes)
+    # settled, abandoned: times in s without changes before a file is read, or is used without a proper end
+    settled: float = 5.0
+    abandoned: float = 60.0
     once: bool = False  # Whether the first poll takes all logs as they are
     clock: Clock = time.monotonic
     problems: ProblemLog = field(default_factory=ProblemLog)
     logs: Mapping[Path, WatchedLog] = field(default_factory=dict)  # The accepted logs
-    _states: dict[Path, _FileState] = field(default_factory=dict)
+    # Stamp of each file, None if it is gone, and the time in s since when the stamp is the same
+    _states: dict[Path, tuple[Stamp | None, float]] = field(default_factory=dict)
     _read: dict[Path, WatchedLog] = field(default_factory=dict)
     _settings: FileStamps = ()
     _previous: tuple[Mapping[Path, WatchedLog], FileStamps] = field(default_factory=lambda: ({}, ()))
@@ -106,7 +93,7 @@ class FolderMonitor:
         """The change since `accept`; None if there is none."""
         try:
             self._update_states(self._current_stamps())
-            snapshot = [(path, state.stamp, self._stability(path)) for path, state in self._states.items()]
+            snapshot = [(path, stamp, self._stability(path)) for path, (stamp, _) in self._states.items()]
             if snapshot != self._snapshot:
                 self._snapshot = snapshot
                 self._change = self._compare()
@@ -139,30 +126,27 @@ class FolderMonitor:
     def _update_states(self, stamps: Mapping[Path, Stamp]) -> None:
         now = self.clock()
         for path in {**self._states, **stamps}:
-            known, stamp = self._states.get(path), stamps.get(path)
-            if known is None or known.stamp != stamp:
-                self._states[path] = _FileState(stamp=stamp, since=now)
+            stamp = stamps.get(path)
+            if path not in self._states or self._states[path][0] != stamp:
+                self._states[path] = stamp, now
         # A file that is gone is remembered as long as its log is in use.
-        in_use = files_of(self.logs.values())
-        gone = [path for path, state in self._states.items() if state.stamp is None and self._stability(path)]
-        for path in gone:
-            if path not in in_use:
-                del self._states[path]
+        gone = [path for path, (stamp, _) in self._states.items() if stamp is None and self._stability(path)]
+        for path in set(gone) - files_of(self.logs.values()):
+            del self._states[path]
 
     def _stability(self, path: Path) -> int:
         """0 if the file changed recently, else `_READABLE` or `_FINAL`."""
         if self.once:
             return _FINAL
-        state = self._states.get(path)
-        if state is None:
+        if path not in self._states:
             return 0
-        age = self.clock() - state.since
-        return (age >= self.patience.whole) + (age >= max(self.patience.cut, self.patience.whole))
+        age = self.clock() - self._states[path][1]
+        return (age >= self.settled) + (age >= max(self.abandoned, self.settled))
 
     def _compare(self) -> FolderChange | None:
         """Change of the folder; logs that are being written or have a fault are excluded."""
         # A dictionary keeps the order of the files.
-        present = dict.fromkeys(path for path, state in self._states.items() if state.stamp is not None)
+        present = dict.fromkeys(path for path, (stamp, _) in self._states.items() if stamp is not None)
         if any(path not in present and not self._stability(path) for path in files_of(self.logs.values())):
             return None
         lost = bool(self.logs) and not any(path in present for path in self.logs)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from rovid.core.errors import ConfigError, DataError, OutputError, RovidError
@@ -86,7 +86,6 @@ class SessionActions:
     diagnose: Callable[[Study, Report], Diagnosis] | None
     keep: Callable[[Study, Estimate], None]  # Called with the estimate after each log
     write: Callable[[ExperimentPlan], Path | None]  # Writes the command file of a plan and returns its path
-    limits: RunLimits = field(default_factory=RunLimits)
     cutoff: float | None = None  # Low-pass cut-off in Hz; None: chosen from the data
 
 
@@ -286,8 +285,7 @@ class WatchSession:
         wanted = [one.criterion.name for one in self._criteria() if not one.met and not one.criterion.is_effect]
         parameters = [name for parameter in wanted for name in names if without_form(name) == parameter]
         models = [candidate_model(self._fit, "the model")]
-        trials, limits = study.campaign.trials, self._actions.limits
-        return plan_experiment(models, study.vehicle, trials, limits, next(iter(parameters), ""))
+        return plan_experiment(models, study.vehicle, study.campaign.trials, RunLimits(), next(iter(parameters), ""))
 
     def _estimate(self) -> Estimate | None:
         """Estimate of the diagnosis, or else of the fit."""

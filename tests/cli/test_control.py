@@ -55,7 +55,7 @@ def test_control_of_a_trial_day_writes_its_source(rovid: Rovid, csv_day: Path, t
         (("--step", "0:inf"), "--step"),
         (("--period", "0"), "--period"),
         (("--delay", "nan"), "--delay"),
-        (("--delay", "90"), "delayed too much"),
+        (("--delay", "90"), "the delay of the loop is too long"),
     ],
 )
 def test_bad_numbers_end_with_one_message(rovid: Rovid, arguments: tuple[str, ...], complaint: str) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from rovid.fleet.campaign_record import CampaignRecord
+from rovid.fleet.campaigns import CampaignRecord
 from rovid.fleet.results import Fleet
 from tools.cases import hide
 from tools.programme import Hold, Run, Sine

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from rovid.fleet import campaign_record as module
-from rovid.fleet.campaign_record import CampaignRecord, CampaignTask, campaign_digest, read_record
+from rovid.fleet import campaigns as module
+from rovid.fleet.campaigns import CampaignRecord, CampaignTask, campaign_digest, read_record
 
 TASK = CampaignTask(name="a", folder="/a", axis="yaw", cutoff=None, digest="0123")
 RECORD = CampaignRecord(campaign="a", folder="/a", digest="0123", seconds=1.5, diagnosis={"verdict": "found"})

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from rovid.core.errors import ConfigError
-from rovid.fleet.folders import find_campaigns
+from rovid.fleet.campaigns import find_campaigns
 
 
 def campaign(folder: Path, *, toml: bool = True) -> Path:
@@ -19,7 +19,7 @@ def campaign(folder: Path, *, toml: bool = True) -> Path:
 
 
 def named(*folders: Path, out: Path = Path("/nowhere/out")) -> dict[str, Path]:
-    return {place.name: place.folder for place in find_campaigns(folders, out)}
+    return find_campaigns(folders, out)
 
 
 def test_a_folder_with_rovid_toml_is_one_campaign(tmp_path: Path) -> None:

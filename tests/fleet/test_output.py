@@ -12,7 +12,7 @@ import pytest
 
 from rovid.core.console import SafeConsole
 from rovid.core.signatures import FLEET_TABLE, LOG
-from rovid.fleet.campaign_record import CampaignRecord
+from rovid.fleet.campaigns import CampaignRecord
 from rovid.fleet.output import FleetOutput, fleet_document, parquet_table, show_fleet
 from rovid.fleet.results import Fleet
 from rovid.fleet.shrinkage import shrink

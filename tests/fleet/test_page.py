@@ -11,7 +11,7 @@ import numpy as np
 
 from rovid.core.signatures import FLEET_PAGE, PAGE
 from rovid.effects import CATALOGUE
-from rovid.fleet.campaign_record import CampaignRecord
+from rovid.fleet.campaigns import CampaignRecord
 from rovid.fleet.page import cause_changes, fleet_page, headline, history, timeline
 from rovid.fleet.results import Fleet
 from rovid.fleet.shrinkage import shrink

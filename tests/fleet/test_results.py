@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rovid.fleet.campaign_record import CampaignRecord
+from rovid.fleet.campaigns import CampaignRecord
 from rovid.fleet.page import fleet_page
 from rovid.fleet.results import causes, outliers, verdict
 from rovid.fleet.shrinkage import shrink

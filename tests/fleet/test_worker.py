@@ -14,7 +14,7 @@ import pytest
 
 from rovid.core.threads import CORES_VARIABLE
 from rovid.fleet import worker
-from rovid.fleet.campaign_record import CampaignTask
+from rovid.fleet.campaigns import CampaignTask
 from rovid.fleet.worker import diagnose_campaign
 from tests.conftest import ROOT
 

@@ -7,7 +7,7 @@ import pytest
 
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.innovation_likelihood import InnovationLikelihood
-from rovid.store.agreement import method_disagreement
+from rovid.store.checks import method_disagreement
 from rovid.store.parameter_file import Entry
 
 ORBIT = "orbit integral over whole periods"

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from rovid.store.checks import check_freshness
 from rovid.store.load import read_parameters
 from rovid.store.parameter_file import Parameters, Provenance, absolute_paths, read_source
-from rovid.store.staleness import check_freshness
 from tests.store.test_parameter_file import estimate
 from tests.trial.test_config_fingerprint import CURVE, TOML, settings
 

@@ -12,7 +12,7 @@ import pytest
 from rovid.store.study import open_study
 from rovid.trial.axis import YAW
 from rovid.watch import folder_monitor
-from rovid.watch.folder_monitor import FolderMonitor, SettleTimes
+from rovid.watch.folder_monitor import FolderMonitor
 from rovid.watch.watched_log import FolderChange, WatchedLog, read_watched_log
 from tests.watch.days import write_day
 
@@ -23,7 +23,7 @@ class Scene:
     def __init__(self, store: Path, path: Path, *, at_once: bool = False) -> None:
         self.store, self.path, self.now = store, path, 0.0
         self.watched = FolderMonitor(
-            path=path, axis=YAW, patience=SettleTimes(whole=5.0, cut=60.0), once=at_once, clock=lambda: self.now
+            path=path, axis=YAW, settled=5.0, abandoned=60.0, once=at_once, clock=lambda: self.now
         )
 
     def put(self, *names: str) -> None:

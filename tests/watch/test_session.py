@@ -15,7 +15,7 @@ from rovid.estimate.estimate import Estimate
 from rovid.store.study import Study, open_study
 from rovid.trial.axis import YAW
 from rovid.watch import session as days
-from rovid.watch.folder_monitor import FolderMonitor, Problem, SettleTimes
+from rovid.watch.folder_monitor import FolderMonitor, Problem
 from rovid.watch.session import LogsChanged, LogsDiagnosed, ModelFitted, NextRun, Report, SessionActions, WatchSession
 from rovid.watch.stop_criteria import parse_criteria
 from tests.watch.days import write_day
@@ -44,7 +44,7 @@ def write(plan: ExperimentPlan) -> Path:
 
 def day_of(folder: Path, work: SessionActions, until: str = "") -> WatchSession:
     """A session in which every log is complete at once, and that ends when it waits."""
-    watched = FolderMonitor(path=folder, axis=YAW, patience=SettleTimes(whole=0.0, cut=0.0))
+    watched = FolderMonitor(path=folder, axis=YAW, settled=0.0, abandoned=0.0)
     return WatchSession(watched, work, parse_criteria(until, YAW) if until else (), interval=0.0, sleep=_ends)
 
 
@@ -125,7 +125,7 @@ def test_a_vanished_network_share_is_tried_again(folder: Path, monkeypatch: pyte
     monkeypatch.setattr(days, "open_study", flaky)
     put(folder, "sine.csv")
     work = SessionActions(diagnose=None, keep=keep, write=write)
-    watched = FolderMonitor(path=folder, axis=YAW, patience=SettleTimes(whole=0.0, cut=0.0))
+    watched = FolderMonitor(path=folder, axis=YAW, settled=0.0, abandoned=0.0)
     slept: list[float] = []
 
     def sleep(seconds: float) -> None:

@@ -23,10 +23,9 @@ from rovid.model.simulation import simulate_runs
 from rovid.present.page.pdf import print_pdf, require_browser
 from rovid.present.page.render import claim_report, write_report
 from rovid.present.report_data import ReportData, simulate_nested_models
-from rovid.store.agreement import JOINT_METHODS
+from rovid.store.checks import JOINT_METHODS, check_freshness
 from rovid.store.history import history_output, update_parameters
 from rovid.store.parameter_file import Parameters
-from rovid.store.staleness import check_freshness
 from rovid.store.study import Study, input_files
 from rovid.trial.axis import YAW
 

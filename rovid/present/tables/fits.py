@@ -29,7 +29,7 @@ from rovid.present.number_format import (
 from rovid.present.report_data import ReportData
 from rovid.present.tables.diagnosis import valid_ratios
 from rovid.present.tables.table import Column, ResultTable, mixed_number_column, number_column, text_column
-from rovid.store.agreement import effect_titles, relative_deviation
+from rovid.store.checks import effect_titles, relative_deviation
 from rovid.store.parameter_file import Entry, Parameters
 
 # Standard errors to either end of a two-sided 95 % interval of the normal distribution.

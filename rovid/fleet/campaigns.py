@@ -1,0 +1,178 @@
+"""The campaigns of a fleet: search and names, and the record of each campaign with a digest of its input."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from rovid import __version__
+from rovid.core.errors import ConfigError, RovidError
+from rovid.core.escaping import encodable
+from rovid.core.formatting import to_json
+from rovid.core.paths import special_kind
+from rovid.readers import READERS
+from rovid.store.study import input_files
+from rovid.trial.config import FILE_NAME
+
+SCHEMA = "rovid-campaign/1"
+
+
+@dataclass(frozen=True, kw_only=True)
+class CampaignTask:
+    """A campaign to diagnose."""
+
+    name: str
+    folder: str  # Absolute path
+    axis: str
+    cutoff: float | None  # Low-pass cut-off in Hz; None: chosen from the data
+    digest: str  # Digest of everything the diagnosis depends on; empty if the input cannot be read
+
+
+@dataclass(frozen=True, kw_only=True)
+class CampaignRecord:
+    """The outcome of one campaign. The field names are the keys of its JSON file."""
+
+    campaign: str
+    folder: str
+    rovid: str = __version__
+    digest: str
+    vehicle: str | None = None
+    start: float | None = None  # Start of the first log, in s since 1970; None if unknown
+    seconds: float | None = None  # Total duration of the logs; None for tables
+    took: float | None = None  # Duration of the diagnosis in s
+    peak_memory: int | None = None  # Largest memory of the process in bytes; None if unknown
+    error: str | None = None  # Reason why there is no diagnosis; None if there is one
+    failure: str | None = None  # "input" (a retry gives the same error), "timeout", "crash" or None
+    patience: float | None = None  # Time limit of the run in s
+    diagnosis: Mapping[str, Any] | None = None  # The document of `rovid diagnose --json`
+
+    @property
+    def text(self) -> str:
+        """The JSON file."""
+        return to_json({"schema": SCHEMA, **asdict(self)}) + "\n"
+
+    @property
+    def reduced(self) -> CampaignRecord:
+        """The record with only those parts of the diagnosis that table and page need, to save memory."""
+        if self.diagnosis is None:
+            return self
+        reduced = {key: self.diagnosis[key] for key in ("verdict", "guessed")}
+        for kind in ("findings", "suspects"):
+            reduced[kind] = [{"effect": finding["effect"]} for finding in self.diagnosis[kind]]
+        for side in ("base", "extended"):
+            model = self.diagnosis[side]
+            reduced[side] = model and {"parameters": model["parameters"]}
+        return replace(self, diagnosis=reduced)
+
+    def is_valid_for(self, task: CampaignTask, patience: float) -> bool:
+        """Whether a new diagnosis with this time limit in s would give the same result."""
+        if not task.digest or self.digest != task.digest:
+            return False
+        if self.failure == "timeout":
+            return patience <= (self.patience or 0.0)
+        return self.failure in {None, "input"}
+
+
+def read_record(path: Path) -> CampaignRecord | None:
+    """Read a record; None if the file is missing, damaged or of another schema."""
+    try:
+        document = json.loads(path.read_bytes())
+        if document.pop("schema") != SCHEMA:
+            return None
+        return CampaignRecord(**document)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return None
+
+
+def campaign_digest(folder: Path, axis: str, cutoff: float | None) -> str:
+    """Digest of the input files, the version of rovid and the options; empty if a file cannot be read."""
+    parts = []
+    try:
+        files = {os.path.relpath(path, folder): path for path in input_files([folder])}
+        for name in sorted(files):
+            with files[name].open("rb") as stream:
+                parts.append([name, hashlib.file_digest(stream, "sha256").hexdigest()])
+    except (OSError, RovidError):
+        return ""
+    return hashlib.sha256(json.dumps([__version__, axis, cutoff, parts]).encode()).hexdigest()
+
+
+def find_campaigns(folders: Sequence[Path], out: Path) -> dict[str, Path]:
+    """Unique name -> absolute path of each campaign in ``folders``, sorted by name.
+
+    A folder with a rovid.toml is one campaign, including its subfolders. Any other folder is searched for such
+    folders. A folder with logs outside of every campaign counts as a campaign too, because its record then reports
+    the missing rovid.toml. So does a given folder without any campaign. The output folder ``out`` is skipped.
+
+    Raises
+    ------
+    ConfigError
+        ``out`` lies in a campaign, or none of the folders exists.
+    """
+    if not any(folder.exists() for folder in folders):
+        raise ConfigError("there is no such folder.", where=folders[0], mend="Give folders of campaigns.")
+    out = _absolute(out)
+    found = dict.fromkeys(campaign for folder in folders for campaign in _search(_absolute(folder), out))
+    for folder in found:
+        if out.resolve().is_relative_to(folder.resolve()):
+            raise ConfigError(
+                f"lies in the campaign {folder}. The results would be read as logs of that campaign.",
+                where=f"-o {out}",
+                mend="Choose a folder outside of the campaign.",
+            )
+    # A link to another folder of the list is not a second campaign.
+    unique = {folder.resolve(): folder for folder in reversed(found)}
+    return dict(sorted(_names(list(unique.values())).items()))
+
+
+def _absolute(path: Path) -> Path:
+    return Path(os.path.normpath(path.absolute()))
+
+
+def _search(folder: Path, out: Path) -> Iterator[Path]:
+    """Campaigns in one given folder."""
+    campaigns: list[Path] = []
+    log_folders: list[Path] = []
+    if folder.is_dir() and not _is_campaign(folder):
+        for name, subfolders, files in os.walk(folder):
+            here = Path(name)
+            if _is_campaign(here):
+                campaigns.append(here)
+                subfolders.clear()
+                continue
+            subfolders[:] = sorted(name for name in subfolders if not name.startswith(".") and here / name != out)
+            if any(Path(name).suffix.lower() in READERS and not name.startswith(".") for name in files):
+                log_folders.append(here)
+    if not campaigns:
+        yield folder
+        return
+    yield from campaigns
+    # Folders of logs without a rovid.toml: the highest folder above each that contains no campaign.
+    for here in log_folders:
+        parents = [parent for parent in (here, *here.parents) if parent != folder and parent.is_relative_to(folder)]
+        free = [parent for parent in parents if not any(campaign.is_relative_to(parent) for campaign in campaigns)]
+        if free:
+            yield free[-1]
+
+
+def _is_campaign(folder: Path) -> bool:
+    return (folder / FILE_NAME).is_file() or bool(special_kind(folder / FILE_NAME))
+
+
+def _names(folders: Sequence[Path]) -> dict[str, Path]:
+    """Folders by the shortest end of their path that is unique."""
+    lengths = dict.fromkeys(folders, 1)
+    while True:
+        names = {folder: encodable("/".join(folder.parts[1:][-n:])) or "campaign" for folder, n in lengths.items()}
+        counts = Counter(names.values())
+        ambiguous = [folder for folder, name in names.items() if counts[name] > 1]
+        if not ambiguous:
+            return {name: folder for folder, name in names.items()}
+        for folder in ambiguous:
+            lengths[folder] += 1
