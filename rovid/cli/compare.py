@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from rovid.cli.context import (
     compile_in_background,
     console,
@@ -61,10 +59,7 @@ def compare(
     parameters: ParameterFile = None,
     output: Annotated[Path | None, option("PAGE", "Write a self-contained HTML page.", "--output", "-o")] = None,
     matters: Annotated[
-        float,
-        typer.Option(
-            metavar="PERCENT", min=0.1, max=100.0, help="Change of drag or inertia that has to be detectable."
-        ),
+        float, option("PERCENT", "Change of drag or inertia that has to be detectable.", min=0.1, max=100.0)
     ] = 10.0,
     cutoff: Cutoff = None,
     force: Force = False,

@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from rovid.cli.context import (
     console,
     open_logs,
@@ -46,9 +44,7 @@ def control(
     *,
     kp: Annotated[float | None, option("GAIN", "Heading gain in N m/rad; requires --kd.")] = None,
     kd: Annotated[float | None, option("GAIN", "Yaw rate gain in N m s/rad; requires --kp.")] = None,
-    damping: Annotated[
-        float, typer.Option(metavar="RATIO", help="Damping ratio, unless --kp and --kd are given.")
-    ] = 0.7,
+    damping: Annotated[float, option("RATIO", "Damping ratio, unless --kp and --kd are given.")] = 0.7,
     bandwidth: Annotated[
         float | None,
         option(
@@ -57,8 +53,8 @@ def control(
             "peak of 1.6 and a tolerance of twice the delay, within the limits of noise and actuators.",
         ),
     ] = None,
-    period: Annotated[float, typer.Option(metavar="S", help="Sampling period of the controller in s.")] = 0.1,
-    delay: Annotated[float, typer.Option(metavar="S", help="Delay from heading to command in s.")] = 0.0,
+    period: Annotated[float, option("S", "Sampling period of the controller in s.")] = 0.1,
+    delay: Annotated[float, option("S", "Delay from heading to command in s.")] = 0.0,
     rate_filter: Annotated[
         float | None,
         option("S", "Time constant of the low-pass filter of the rate in s. Default: chosen by the design."),

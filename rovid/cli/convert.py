@@ -10,7 +10,7 @@ import typer
 
 from rovid.cli.context import named_axis, print_json, reserve_outputs
 from rovid.cli.help_format import Page
-from rovid.cli.options import AxisName, Force, Json
+from rovid.cli.options import AxisName, Force, Json, argument, option
 from rovid.core.errors import LINE_LENGTH, display_text
 
 PAGE = Page(
@@ -31,11 +31,9 @@ PAGE = Page(
 
 
 def convert(
-    log: Annotated[Path, typer.Argument(metavar="LOG", help="A log in any supported format; see rovid help logs.")],
+    log: Annotated[Path, argument("LOG", "A log in any supported format; see rovid help logs.")],
     *,
-    output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FILE", help="The new file: .csv, .mcap or .parquet.")
-    ],
+    output: Annotated[Path, option("FILE", "The new file: .csv, .mcap or .parquet.", "--output", "-o")],
     axis: AxisName = None,
     force: Force = False,
     json: Json = False,

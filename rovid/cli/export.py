@@ -6,8 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from rovid.cli import completion
 from rovid.cli.context import (
     console,
@@ -19,7 +17,7 @@ from rovid.cli.context import (
     yaw_parameters,
 )
 from rovid.cli.help_format import Page
-from rovid.cli.options import ForceGuess, Json, ParameterFile, option
+from rovid.cli.options import ForceGuess, Json, ParameterFile, argument, option
 from rovid.export import FORMATS
 
 PAGE = Page(
@@ -42,7 +40,7 @@ PAGE = Page(
 
 def export(
     format: Annotated[  # noqa: A002 - the word that the help shows
-        str, typer.Argument(metavar="FORMAT", help=f"One of {', '.join(FORMATS)}.", autocompletion=completion.formats)
+        str, argument("FORMAT", f"One of {', '.join(FORMATS)}.", autocompletion=completion.formats)
     ],
     *,
     output: Annotated[

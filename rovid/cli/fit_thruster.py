@@ -5,12 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from rovid.cli import completion
 from rovid.cli.context import console, print_json
 from rovid.cli.help_format import Page
-from rovid.cli.options import Force, Json, option
+from rovid.cli.options import Force, Json, argument, option
 from rovid.core.errors import ConfigError, suggestion
 
 PAGE = Page(
@@ -30,7 +28,7 @@ PAGE = Page(
 
 
 def fit_thruster(
-    bench: Annotated[Path, typer.Argument(metavar="BENCH", help="A CSV file of measured commands and thrusts.")],
+    bench: Annotated[Path, argument("BENCH", "A CSV file of measured commands and thrusts.")],
     *,
     output: Annotated[
         Path | None, option("FILE", "The new file. Default: BENCH_curve.csv in the working folder.", "--output", "-o")

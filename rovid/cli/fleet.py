@@ -37,16 +37,12 @@ PAGE = Page(
 def fleet(
     folders: Annotated[list[Path], argument("FOLDERS", "Campaigns, or folders that contain campaigns at any depth.")],
     *,
-    output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="OUT", help="Folder for the table, the page and the diagnoses.")
-    ],
+    output: Annotated[Path, option("OUT", "Folder for the table, the page and the diagnoses.", "--output", "-o")],
     jobs: Annotated[
         int | None, option("N", "Number of campaigns at a time. Default: the number of cores.", min=1)
     ] = None,
     cluster: Annotated[str, option("ADDRESS", "Scheduler of a Dask cluster to use instead of this machine.")] = "",
-    timeout: Annotated[
-        float, typer.Option(metavar="SECONDS", min=1e-3, help="Time limit for each campaign in s.")
-    ] = 3600.0,
+    timeout: Annotated[float, option("SECONDS", "Time limit for each campaign in s.", min=1e-3)] = 3600.0,
     shrink: Annotated[
         bool, typer.Option("--shrink", help="Treat the vehicles as sisters: add hierarchical means to the table.")
     ] = False,

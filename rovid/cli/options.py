@@ -16,8 +16,8 @@ def argument(metavar: str, help: str, **settings: Any) -> Any:  # noqa: A002 - t
 
 
 def option(metavar: str, help: str, *names: str, **settings: Any) -> Any:  # noqa: A002 - typer's word
-    """A command's option without a default in the help; ``names`` default to the parameter's."""
-    return typer.Option(*names, metavar=metavar, help=help, show_default=False, **settings)
+    """A command's option; its name is the parameter's unless ``names`` are given."""
+    return typer.Option(*names, metavar=metavar, help=help, **settings)
 
 
 Logs = Annotated[list[Path], argument("LOGS", "A folder of logs, or single logs.")]

@@ -6,8 +6,6 @@ import math
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from rovid.cli import completion
 from rovid.cli.context import console, open_logs, parameters_at, print_json, progress, reserve_outputs, stored_logs
 from rovid.cli.help_format import Page
@@ -52,19 +50,16 @@ def plan(
         ),
     ] = None,
     share: Annotated[
-        float,
-        typer.Option(metavar="SHARE", min=0.05, max=1.0, help="Largest command relative to the largest in the logs."),
+        float, option("SHARE", "Largest command relative to the largest in the logs.", min=0.05, max=1.0)
     ] = 1.0,
-    minutes: Annotated[float, typer.Option(metavar="MINUTES", min=0.1, help="Longest run in minutes.")] = 10.0,
+    minutes: Annotated[float, option("MINUTES", "Longest run in minutes.", min=0.1)] = 10.0,
     max_rate: Annotated[
         float | None, option("RATE", "Largest rate: deg/s, or m/s along surge, sway and heave. Default: no limit.")
     ] = None,
     turns: Annotated[
         float | None, option("TURNS", "Largest distance: turns, or m along surge, sway and heave. Default: no limit.")
     ] = None,
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The command file.")] = Path(
-        "plan.csv"
-    ),
+    output: Annotated[Path, option("FILE", "The command file.", "--output", "-o")] = Path("plan.csv"),
     axis: AxisName = None,
     parameters: ParameterFile = None,
     force: Force = False,

@@ -70,16 +70,10 @@ def watch(
     no_diagnosis: Annotated[
         bool, typer.Option("--no-diagnosis", help="Only fit: seconds after each log instead of minutes.")
     ] = False,
-    output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FILE", help="The command file of the next run.")
-    ] = Path("plan.csv"),
-    interval: Annotated[float, typer.Option(metavar="S", min=0.05, help="Time between two checks in s.")] = 2.0,
-    whole: Annotated[
-        float, typer.Option(metavar="S", min=0.0, help="Time without changes before a log is read in s.")
-    ] = 5.0,
-    cut: Annotated[
-        float, typer.Option(metavar="S", min=0.0, help="The same for a truncated or unreadable log in s.")
-    ] = 60.0,
+    output: Annotated[Path, option("FILE", "The command file of the next run.", "--output", "-o")] = Path("plan.csv"),
+    interval: Annotated[float, option("S", "Time between two checks in s.", min=0.05)] = 2.0,
+    whole: Annotated[float, option("S", "Time without changes before a log is read in s.", min=0.0)] = 5.0,
+    cut: Annotated[float, option("S", "The same for a truncated or unreadable log in s.", min=0.0)] = 60.0,
     axis: AxisName = None,
     parameters: ParameterFile = None,
     cutoff: Cutoff = None,
