@@ -20,8 +20,8 @@ from rovid.trial.vehicle import Vehicle
 # Parameters that no data along one axis identify: other inertia and drag give the same motion.
 NEVER_IDENTIFIABLE = ("thrust_scale", "rate_scale")
 UNIDENTIFIABLE = {
-    "thrust_scale": "a common scale of all thrust",
-    "rate_scale": "a constant scale of the rate",
+    "thrust_scale": "a common factor on all thrust",
+    "rate_scale": "a constant factor on the rate",
     "thruster_imbalance": "an imbalance between thrusters",
     "inertia": "the inertia, and with it the size of every torque and drag, where nothing drives the vehicle",
 }

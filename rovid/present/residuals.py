@@ -232,25 +232,27 @@ def _less(model: Model, effect: Effect) -> Model:
 
 def _drivers(runs: Sequence[Run], axis: Axis) -> Iterator[tuple[str, FloatArray]]:
     """Possible drivers with their values along all runs, the simplest first."""
+    channels = sorted(shared_channels(runs))
+    by_run = [dict(_run_drivers(run, axis, channels)) for run in runs]
+    for name in by_run[0]:
+        yield name, np.concatenate([drivers[name] for drivers in by_run])
 
-    def resampled(run: Run, values: FloatArray) -> FloatArray:
-        return resample(run.trial, values, run.rates.time)
 
+def _run_drivers(run: Run, axis: Axis, channels: Sequence[str]) -> Iterator[tuple[str, FloatArray]]:
+    """Possible drivers with their values along one run."""
     unit, factor = axis.display_unit
-    torques = [run.filtered_torque for run in runs]
-    positions = [resampled(run, run.trial.position) for run in runs]
-    yield f"{axis.force_name} of the thrusters, {axis.force_unit}", np.concatenate(torques)
-    yield f"{axis.rate_words}, {axis.rate_unit}", np.concatenate([run.rates.rate for run in runs])
-    changes = [np.gradient(torque, run.rates.kernel.period) for torque, run in zip(torques, runs, strict=True)]
-    yield f"change of the {axis.force_name}, {axis.force_unit}/s", np.concatenate(changes)
-    yield f"acceleration, {axis.rate_unit}²", np.concatenate([run.rates.acceleration for run in runs])
+    trial, rates, torque = run.trial, run.rates, run.filtered_torque
+    position = resample(trial, trial.position, rates.time)
+    yield f"{axis.force_name} of the thrusters, {axis.force_unit}", torque
+    yield f"{axis.rate_words}, {axis.rate_unit}", rates.rate
+    yield f"change of the {axis.force_name}, {axis.force_unit}/s", np.gradient(torque, rates.kernel.period)
+    yield f"acceleration, {axis.rate_unit}²", rates.acceleration
     if axis is YAW:
-        yield "heading, deg", np.concatenate([factor * position % 360.0 for position in positions])
-    turned = [factor * (position - run.trial.first_position) for position, run in zip(positions, runs, strict=True)]
-    yield f"{axis.position_words} from the start, {unit}", np.concatenate(turned)
-    yield "time in the trial, s", np.concatenate([run.rates.time for run in runs])
-    for name in sorted(shared_channels(runs)):
-        yield name.replace("_", " "), np.concatenate([resampled(run, run.trial.extras[name]) for run in runs])
+        yield "heading, deg", factor * position % 360.0
+    yield f"{axis.position_words} from the start, {unit}", factor * (position - trial.first_position)
+    yield "time in the trial, s", rates.time
+    for name in channels:
+        yield name.replace("_", " "), resample(trial, trial.extras[name], rates.time)
 
 
 def _explained_share(driver: FloatArray, equation: FloatArray) -> float:

@@ -10,7 +10,7 @@ from rovid.compare.comparison import Comparison
 from rovid.compare.difference_tests import ParameterChange
 from rovid.core.formatting import plus_minus, significant
 from rovid.diagnose.result import UNIDENTIFIABLE, Diagnosis, Finding
-from rovid.diagnose.thresholds import ESTABLISHED
+from rovid.diagnose.thresholds import ESTABLISHED, THRESHOLDS
 from rovid.effects import CATALOGUE, Effect, effect_named
 from rovid.model.parameter_names import without_form
 from rovid.trial.assumptions import Assumptions
@@ -71,20 +71,22 @@ def confidence_words(finding: Finding) -> str:
 
 
 def odds_words(probability: float) -> str:
-    """A probability as odds: "odds 19 to 1"."""
+    """A probability as odds: "odds 19 to 1"; the largest that a diagnosis states is a lower limit."""
     odds = probability / max(1.0 - probability, 1e-9)
     larger = max(odds, 1.0 / max(odds, 1e-9))
     number = f"{larger:.0f}" if larger >= 10.0 else f"{larger:.2g}"
-    return f"odds {number} to 1" if odds >= 1.0 else f"odds 1 to {number}"
+    if odds < 1.0:
+        return f"odds 1 to {number}"
+    return f"odds {number} to 1{' or better' * (probability >= THRESHOLDS.max_probability)}"
 
 
-def improvement_sentence(errors: Mapping[str, tuple[float, float]]) -> str:
-    """By how much each error, without and with the causes, changes on held-out trials."""
+def improvement_words(errors: Mapping[str, tuple[float, float]]) -> str:
+    """By how much each error, by the plain model and with the causes, changes."""
     parts = []
     for title, (without, with_causes) in errors.items():
         share = 100.0 * (1.0 - with_causes / without) if without else 0.0
         parts.append(f"{title} {abs(share):.0f} % {'smaller' if share >= 0.0 else 'larger'}")
-    return f"On held-out trials: {join_words(parts)}."
+    return ", ".join(parts)
 
 
 def comparison_headline(comparison: Comparison) -> str:

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from rovid.diagnose.result import Diagnosis, Finding
+from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import effect_named
 from rovid.estimate.estimate import Estimate
-from rovid.present.sentences import cause_name, confidence_words, improvement_sentence, join_words, verdict_sentence
+from rovid.present.sentences import cause_name, confidence_words, improvement_words, join_words, verdict_sentence
 from rovid.trial.assumptions import Assumptions
 
 LAG = Finding(
@@ -53,7 +54,8 @@ def test_where_no_cause_is_named_that_is_said() -> None:
 @pytest.mark.parametrize(
     ("sure", "words"),
     [
-        (0.97, "established: odds 32 to 1"),
+        (0.96, "established: odds 24 to 1"),
+        (THRESHOLDS.max_probability, "established: odds 32 to 1 or better"),
         (0.8, "likely, not established: odds 4 to 1"),
         (0.25, "possible, not established: odds 1 to 3"),
     ],
@@ -64,11 +66,11 @@ def test_sureness_is_a_word_and_odds(sure: float, words: str) -> None:
 
 def test_what_is_gained_is_a_share_of_each_error() -> None:
     assert (
-        improvement_sentence({"heading error": (40.0, 4.0), "yaw rate error": (0.02, 0.01)})
-        == "On held-out trials: heading error 90 % smaller and yaw rate error 50 % smaller."
+        improvement_words({"heading error": (40.0, 4.0), "yaw rate error": (0.02, 0.01)})
+        == "heading error 90 % smaller, yaw rate error 50 % smaller"
     )
-    grown = improvement_sentence({"heading error": (4.0, 5.0), "yaw rate error": (0.02, 0.01)})
-    assert grown == "On held-out trials: heading error 25 % larger and yaw rate error 50 % smaller."
+    grown = improvement_words({"heading error": (4.0, 5.0), "yaw rate error": (0.02, 0.01)})
+    assert grown == "heading error 25 % larger, yaw rate error 50 % smaller"
 
 
 def test_lists_end_in_a_word() -> None:

@@ -38,16 +38,16 @@ from rovid.trial.axis import Axis
 
 def diagnosis_document(diagnosis: Diagnosis, study: Study) -> Document:
     """The document of `rovid diagnose --json`."""
-    base, extended, axis = diagnosis.base, diagnosis.extended, study.vehicle.axis
+    axis = study.vehicle.axis
     shown = "deg" if axis.angular else "m"
     names = [signal_name(signal) for signal, _ in diagnosis.signals]
     document = {
         "schema": "rovid-diagnosis/1",
         **axis_document(axis),
         "verdict": diagnosis.verdict,
-        "base": None if base is None else _assessment(base, axis),
-        "findings": [_finding(finding) for finding in diagnosis.findings],
-        "suspects": [_finding(suspect) for suspect in diagnosis.suspects],
+        "base": _assessment(diagnosis.base, axis),
+        "findings": list(map(_finding, diagnosis.findings)),
+        "suspects": list(map(_finding, diagnosis.suspects)),
         "horizons": [
             {
                 "seconds": errors.seconds,
@@ -56,7 +56,7 @@ def diagnosis_document(diagnosis: Diagnosis, study: Study) -> Document:
             }
             for errors in diagnosis.horizons
         ],
-        "extended": None if extended is None else _assessment(extended, axis),
+        "extended": _assessment(diagnosis.extended, axis),
         "held_out_gain": _held_out_gain(diagnosis, axis),
         "unexplained": {
             "share_of_torque_variance": diagnosis.unexplained_share,
@@ -119,8 +119,10 @@ def _table_diagnosis(diagnosis: TableDiagnosis) -> Document:
     }
 
 
-def _assessment(side: ModelAssessment, axis: Axis) -> Document:
+def _assessment(side: ModelAssessment | None, axis: Axis) -> Document | None:
     """A model's parameters, and its errors on held-out trials."""
+    if side is None:
+        return None
     held_out = side.held_out
     return {
         "parameters": _without_forms(side.estimate),

@@ -122,7 +122,7 @@ def control_document(design: ControllerDesign, warnings: Sequence[str], guess: A
         "torque_in_use": design.conditions.torque_in_use,
         "monte_carlo": None if spread is None else vars(spread),
         "effects": [effect.key for effect in design.model.effects],
-        "runs": [_closed_run(run) for run in design.runs],
+        "runs": list(map(_closed_run, design.runs)),
         "units": dict(_CONTROL_UNITS),
         **guess_document(guess),
         "warnings": all_warnings(guess, warnings),
@@ -171,18 +171,23 @@ def _mismatch(mismatch: Mismatch) -> Document:
 
 def survey_document(survey: LogSurvey, written: Sequence[Path]) -> Document:
     """The document of `rovid init --json`."""
+    signals, commands, unused = {}, {}, {}
+    for kind, mapping in survey.mappings.items():
+        signals[kind] = _guessed_signals(mapping)
+        commands[kind] = _guessed_commands(mapping)
+        unused[kind] = list(mapping.unused)
     return {
         "schema": "rovid-init/1",
-        "written": [str(path) for path in written],
+        "written": list(map(str, written)),
         **axis_document(survey.axis),
         "logs": survey.logs,
         "vehicle": None if survey.profile is None else {"type": survey.profile.id, "guessed": survey.profile_guessed},
         "curve": {"file": survey.curve or None, "guessed": survey.curve_guessed},
         "joined": None if survey.join is None else list(survey.join.parts),
         "clocks": list(map(_clock_document, survey.clock_offsets.offsets)),
-        "signals": {kind: _guessed_signals(mapping) for kind, mapping in survey.mappings.items()},
-        "commands": {kind: _guessed_commands(mapping) for kind, mapping in survey.mappings.items()},
-        "unused": {kind: list(mapping.unused) for kind, mapping in survey.mappings.items()},
+        "signals": signals,
+        "commands": commands,
+        "unused": unused,
         "open": [*survey.unrecognised, *(f"sense of {source}" for source in survey.unknown_directions)],
         **guess_document(assumptions_in(survey)),
         "warnings": list(survey.warnings),
@@ -224,7 +229,7 @@ def check_document(checked: LogCheck, vehicle: Vehicle) -> Document:
         "verdict": checked.verdict,
         "logs": [{"name": trial.name} | dict(facts) for trial, facts in checked.rows],
         "unreadable": [{"name": name, "problem": problem} for name, problem in checked.problems.items()],
-        "remarks": [remark_document(remark) for remark in checked.remarks],
+        "remarks": list(map(remark_document, checked.remarks)),
         "advice": list(map(vars, checked.advice)),
         "feedback": list(map(vars, checked.feedback)),
         "clocks": list(map(_clock_document, checked.clocks.offsets)),

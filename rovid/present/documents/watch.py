@@ -90,12 +90,14 @@ def parameters_with_previous(estimate: Estimate, before: Estimate | None) -> dic
         return float(high - low)
 
     documents: dict[str, Document] = parameter_document(estimate)
-    previous = {} if before is None else parameter_document(before)
+    previous: dict[str, Document] = {}
+    if before is not None:
+        previous = parameter_document(before)
     for name, document in documents.items():
         old = previous.get(name)
-        document["relative_interval"] = relative_half_width(estimate, name)
-        document["before"] = old
-        document["narrower"] = None if old is None else width(old) / max(width(document), 1e-300)
+        document |= {"relative_interval": relative_half_width(estimate, name), "before": old, "narrower": None}
+        if old is not None:
+            document["narrower"] = width(old) / max(width(document), 1e-300)
     return documents
 
 
@@ -136,22 +138,25 @@ def _next_run_document(event: NextRun) -> Document:
 
 
 def _end_document(event: SessionEnded) -> Document:
-    study, fit, diagnosis = event.study, event.fit, event.diagnosis
-    return {
+    document: Document = {
         "reason": event.reason,
         "logs": [log.name for log in event.logs],
         "until": _criteria(event.criteria),
-        "fit": None if fit is None or study is None else likelihood_document(fit, study),
-        "diagnosis": None if diagnosis is None or study is None else diagnosis_document(diagnosis, study),
+        "fit": None,
+        "diagnosis": None,
     }
+    if event.study is not None and event.fit is not None:
+        document["fit"] = likelihood_document(event.fit, event.study)
+    if event.study is not None and event.diagnosis is not None:
+        document["diagnosis"] = diagnosis_document(event.diagnosis, event.study)
+    return document
 
 
 def _criteria(criteria: Sequence[CriterionStatus]) -> list[Document]:
-    return [
-        {
-            "condition": str(status.criterion),
-            "percent": None if status.current is None else 100.0 * status.current,
-            "met": status.met,
-        }
-        for status in criteria
-    ]
+    documents = []
+    for status in criteria:
+        percent = None
+        if status.current is not None:
+            percent = 100.0 * status.current
+        documents.append({"condition": str(status.criterion), "percent": percent, "met": status.met})
+    return documents

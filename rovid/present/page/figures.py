@@ -264,7 +264,7 @@ def paginate(items: Sequence[_T], size: int) -> Iterator[tuple[Sequence[_T], str
 def _overview(report: ReportData) -> Iterator[FigureDraft]:
     """All trials in small panels."""
     pairs = list(zip(report.simulations_without, report.simulations_with, strict=True))
-    models = " without and with what was found" if report.extended else ""
+    models = " by the plain model and with the causes" if report.extended else ""
     rate = report.axis.rate_words
     for sheet, suffix in paginate(pairs, trials.PER_SHEET):
         fits = "; ".join(f"{item.run.trial.name} R² {format_number(item.fit.r2, '.4f')}" for _, item in sheet)
@@ -312,7 +312,7 @@ def _rivals(report: ReportData) -> Iterator[tuple[str, FigureDraft]]:
         shown = finding.alternatives[:ALTERNATIVES_SHOWN]
         others = "; ".join(f"{effect_title(other.effect, axis)} {other.bic_gain:.0f}" for other in shown)
         gain = f"Log-likelihood gained by {effect_title(effect, axis)}: {finding.bic_gain:.0f}"
-        caption = "Log-likelihood that each cause gains in its place, less the price of its parameters."
+        caption = "Log-likelihood gain of each cause in its place, after the parameter penalty."
         name = f"rivals_{_file_name(effect.key)}"
         figure = results.plot_alternatives(finding)
         yield effect.key, FigureDraft(name, figure, caption=caption, alt=f"{gain}; in its place {others}.")
@@ -352,7 +352,7 @@ def _compared(report: ReportData) -> Iterator[FigureDraft]:
     yield FigureDraft(
         "diagnosis_gain",
         trials.plot_before_after(before, after, width=canvas.WIDTH, rows=(2.4, 1.5)),
-        caption=f"The worst trial, {before.run.trial.name}, simulated freely without and with what was found.",
+        caption=f"The worst trial, {before.run.trial.name}, simulated freely by the plain model and with the causes.",
         alt=_error_words(before, after),
     )
 
@@ -369,10 +369,10 @@ def _left_over(report: ReportData) -> Iterator[FigureDraft]:
     yield FigureDraft(
         "diagnosis_residuals",
         residuals.plot_residual_comparison(before, after, runs.cutoff),
-        caption=f"The {force} that the model does not explain, without and with what was found: {was} and {now} "
+        caption=f"The {force} that the model does not explain, by the plain model and with the causes: {was} and {now} "
         f"{unit} root mean square.",
-        alt=f"Five panels of the residual {force}: {was} {unit} root mean square without what was found, {now} {unit} "
-        "with it.",
+        alt=f"Five panels of the residual {force}: {was} {unit} root mean square by the plain model, {now} {unit} "
+        "with the causes.",
     )
 
 

@@ -15,7 +15,7 @@ from rovid.present.report_data import ReportData, simulation_errors
 from rovid.present.sentences import (
     confidence_words,
     effect_title,
-    improvement_sentence,
+    improvement_words,
     join_words,
     verdict_sentence,
 )
@@ -105,7 +105,7 @@ def summarize(report: ReportData) -> PageSummary:
         reasons=() if diagnosis is None else tuple(_reasons(diagnosis, report.axis)),
         no_cause=_no_cause_sentence(report),
         gains=tuple(_gain_bars(error, found=found) for error in errors),
-        improvement=improvement_sentence(changes) if found else "",
+        improvement=f"On trials that were not fitted: {improvement_words(changes)}." if found else "",
         next_run=next_run,
         next_reason=next_reason,
     )

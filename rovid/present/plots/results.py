@@ -34,7 +34,7 @@ from rovid.present.tables.diagnosis import ALTERNATIVES_SHOWN, alternative_statu
 from rovid.trial.axis import Axis
 
 # Characters of a cause's name beside its bar.
-_NAME_LENGTH = 40
+_NAME_LENGTH = 48
 _STATUS_LOOKS = {
     "found": (BLUE, ""),
     "not ruled out": (ORANGE, "///"),
@@ -68,7 +68,7 @@ def plot_alternatives(finding: Finding) -> Figure:
         names.append(effect_title(other.effect, axis))
         gains.append(other.bic_gain)
         statuses.append(alternative_status(finding, other))
-    figure, ((panel,),) = panel_grid([(0.3 * len(gains) + 0.15, 1)], left=3.2, right=0.55)
+    figure, ((panel,),) = panel_grid([(0.3 * len(gains) + 0.15, 1)], left=3.8, right=0.55)
     for status, (colour, hatch) in _STATUS_LOOKS.items():
         rows = [row for row, each in enumerate(statuses) if each == status]
         if rows:
@@ -79,7 +79,7 @@ def plot_alternatives(finding: Finding) -> Figure:
     panel.set_ylim(len(names) - 0.5, -0.5)
     panel.axvline(0.0, color=BLACK, linewidth=0.8)
     panel.margins(x=0.08)
-    panel.set_xlabel("log-likelihood gained, less the price of the parameters")
+    panel.set_xlabel("log-likelihood gain after the parameter penalty")
     panel.grid(visible=False, axis="y")
     panel.set_axisbelow(True)
     figure.legend(*panel.get_legend_handles_labels(), ncols=4, loc="upper right", borderaxespad=0.1)

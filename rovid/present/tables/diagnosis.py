@@ -60,10 +60,10 @@ def alternative_status(finding: Finding, alternative: Alternative) -> str:
 def models_table(base: Estimate, extended: Estimate, findings: tuple[Finding, ...]) -> ResultTable:
     """Parameters without and with the causes."""
     table = ResultTable(
-        "Parameters ± standard error, without and with what was found",
+        "Parameters ± standard error, of the plain model and with the causes",
         text_column("parameter"),
-        mixed_number_column("without"),
-        mixed_number_column("with what was found"),
+        mixed_number_column("plain model"),
+        mixed_number_column("with these causes"),
         number_column("change", "%"),
     )
     without, with_causes = ({ratio.name: ratio for ratio in valid_ratios(side)} for side in (base, extended))
@@ -112,9 +112,9 @@ def _relative_change(base: Estimate, extended: Estimate, name: str) -> str:
 
 def held_out_table(diagnosis: Diagnosis, base: ModelAssessment, extended: ModelAssessment) -> ResultTable:
     """Errors of free-running simulations of held-out trials; one column where both models are the same."""
-    models = ["without", "with what was found"] if extended.model.effects else ["the model"]
+    models = ("plain model", "with these causes")[: 1 + bool(extended.model.effects)]
     columns = map(mixed_number_column, (*models, "noise floor"))
-    table = ResultTable("Trials that were not fitted, simulated freely", text_column("quantity"), *columns)
+    table = ResultTable("Error on trials that were not fitted", text_column("quantity"), *columns)
     for quantity, values, floor in _held_out_rows(diagnosis, base, extended):
         table.add_row(quantity, *values[: len(models)], floor)
     return table

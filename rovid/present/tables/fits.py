@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import chain, combinations
 
 import numpy as np
 
@@ -36,6 +36,7 @@ from rovid.store.parameter_file import Entry, Parameters
 _NORMAL_95 = 1.959964
 _METHOD_TITLES = {"peak": "peak method", "orbit_integral": "orbit integral", "harmonic_balance": "harmonic balance"}
 _DIRECTIONS = {"up": "growing", "down": "falling"}
+_TIMES = "from–to, s"
 # Absolute correlations from which a cell is shaded, one shade darker at each.
 _SHADES = (0.5, 0.8, 0.95)
 
@@ -63,12 +64,8 @@ def estimate_table(estimate: Estimate) -> ResultTable:
 def parameters_table(report: ReportData) -> ResultTable:
     """Every parameter of the file, and those that it lacks."""
     axis, entries, guess = report.axis, report.parameters.entries, report.vehicle.assumptions
-    columns = (
-        text_column("parameter"),
-        mixed_number_column("value ± standard error"),
-        mixed_number_column("95 % interval"),
-    )
-    table = ResultTable("Parameters", *columns, text_column("found by"))
+    columns = map(mixed_number_column, ("value ± standard error", "95 % interval"))
+    table = ResultTable("Parameters", text_column("parameter"), *columns, text_column("found by"))
     for ratio in valid_ratios(report.parameters.base_estimate()):
         value = plus_minus(ratio.value, ratio.standard_error)
         interval = _interval_text(value, _normal_interval(ratio.value, ratio.standard_error))
@@ -106,8 +103,10 @@ def _normal_interval(value: float, error: float) -> tuple[float, float]:
     return value - _NORMAL_95 * error, value + _NORMAL_95 * error
 
 
-def _interval_text(text: str, interval: tuple[float, float]) -> str:
-    """An interval with the decimals of ``text``."""
+def _interval_text(text: str, interval: tuple[float, float] | None) -> str:
+    """An interval with the decimals of ``text``; a dash for None."""
+    if interval is None:
+        return DASH
     return " … ".join(same_decimals(text, end) for end in interval)
 
 
@@ -154,49 +153,62 @@ def _difference(report: ReportData, estimate: Estimate, name: str) -> str:
 
 def steady_table(fit: DragFit) -> ResultTable:
     """Steady states with residuals, and the drag that the fit gives without each of them."""
-    axis, points = fit.estimate.axis, fit.points
-    residuals = [f"{value:.2f}" for value in fit.residuals]
-    if fit.torque_error_known:
-        residuals = [f"{text} ± {error:.2f}" for text, error in zip(residuals, fit.torque_error, strict=True)]
-    rates = [
-        plus_minus(point.rate, point.rate_error) if math.isfinite(point.rate_error) else f"{point.rate:.4g}"
-        for point in points
-    ]
-    columns = [
-        text_column("source", [point.source for point in points]),
-        number_column(axis.force_name, axis.force_unit, [format_number(point.torque, ".2f") for point in points]),
-        number_column(axis.rate_words, axis.rate_unit, rates),
-        number_column("residual", axis.force_unit, residuals),
-    ]
-    if any(math.isfinite(point.start) for point in points):
-        columns.append(text_column("from–to, s", [f"{point.start:.0f}–{point.stop:.0f}" for point in points]))
-    columns.append(text_column("command", [" ".join(f"{value:.4g}" for value in point.command) for point in points]))
-    for place, (symbol, name, digits) in enumerate((("DQ", "quadratic_drag", 5), ("DL", "linear_drag", 3))):
-        cells = [format_number(row[place], digits) for row in fit.left_out.tolist()]
-        columns.append(number_column(f"{symbol} without it", unit_symbol(unit_of(name, axis)), cells))
-    return ResultTable(f"{steady_state_words(axis).capitalize()}s that were fitted", *columns)
+    axis = fit.estimate.axis
+    table = ResultTable(
+        f"{steady_state_words(axis).capitalize()}s that were fitted",
+        text_column("source"),
+        number_column(axis.force_name, axis.force_unit),
+        number_column(axis.rate_words, axis.rate_unit),
+        number_column("residual", axis.force_unit),
+        text_column(_TIMES),
+        text_column("command"),
+        number_column("DQ without it", unit_symbol(unit_of("quadratic_drag", axis))),
+        number_column("DL without it", unit_symbol(unit_of("linear_drag", axis))),
+    )
+    rows = zip(fit.points, fit.residuals, fit.torque_error, fit.left_out.tolist(), strict=True)
+    for point, residual, error, (quadratic, linear, *_) in rows:
+        rate, difference = f"{point.rate:.4g}", f"{residual:.2f}"
+        if math.isfinite(point.rate_error):
+            rate = plus_minus(point.rate, point.rate_error)
+        if fit.torque_error_known:
+            difference += f" ± {error:.2f}"
+        table.add_row(
+            point.source,
+            format_number(point.torque, ".2f"),
+            rate,
+            difference,
+            f"{point.start:.0f}–{point.stop:.0f}",
+            " ".join(map("{:.4g}".format, point.command)),
+            format_number(quadratic, 5),
+            format_number(linear, 3),
+        )
+    if any(math.isfinite(point.start) for point in fit.points):
+        return table
+    return table.without(_TIMES)
 
 
 def directions_table(fit: DragFit) -> ResultTable:
     """Drag from both directions together, and from each alone."""
     axis = fit.estimate.axis
-    names = {"DQ": "quadratic_drag", "DL": "linear_drag"}
     table = ResultTable(
         "Drag from each direction alone",
         text_column("turns" if axis.angular else "direction"),
         number_column(f"{steady_state_words(axis)}s"),
-        *(number_column(symbol, unit_symbol(unit_of(name, axis))) for symbol, name in names.items()),
+        number_column("DQ", unit_symbol(unit_of("quadratic_drag", axis))),
+        number_column("DL", unit_symbol(unit_of("linear_drag", axis))),
     )
     rows = {"both": fit.estimate}
     for name, estimate in fit.directions.items():
         rows[f"{axis.position_words} {_DIRECTIONS.get(name, name)}"] = estimate
     for title, estimate in rows.items():
-        cells = [DASH if name in estimate.refused else _plus_minus(estimate, name) for name in names.values()]
-        table.add_row(title, str(estimate.samples), *cells)
+        drags = _drag_cell(estimate, "quadratic_drag"), _drag_cell(estimate, "linear_drag")
+        table.add_row(title, str(estimate.samples), *drags)
     return table
 
 
-def _plus_minus(estimate: Estimate, name: str) -> str:
+def _drag_cell(estimate: Estimate, name: str) -> str:
+    if name in estimate.refused:
+        return DASH
     return plus_minus(estimate.value(name), estimate.standard_error(name))
 
 
@@ -228,12 +240,12 @@ def methods_table(fit: InertiaFit, rigid_body: float | None, *, used: bool = Tru
     if rigid_body is not None:
         columns.append(number_column("over rigid body"))
     table = ResultTable("Inertia by each method", *columns)
-    for name in (name for name in METHODS if name in fit.methods):
+    for name in filter(fit.methods.__contains__, METHODS):
         reading = fit.methods[name]
         value = plus_minus(reading.value, reading.standard_error)
         interval = method_interval(fit, name)
         cells = [METHODS[name], value, _method_note(fit, name, used=used)]
-        cells.append(DASH if interval is None else _interval_text(value, interval))
+        cells.append(_interval_text(value, interval))
         if rigid_body is not None:
             cells.append(f"{reading.value / rigid_body:.3f}")
         table.add_row(*cells)
@@ -254,15 +266,19 @@ def sine_table(fit: InertiaFit) -> ResultTable:
     """Each sine run, and the inertia that each method reads from it."""
     unit, axis = unit_symbol(fit.estimate.unit("inertia")), fit.estimate.axis
     readings = {name: _run_readings(fit, name) for name in METHODS if name in fit.methods and fit.methods[name].runs}
-    keys = list(dict.fromkeys(key for runs in readings.values() for key in runs))
+    keys = list(dict.fromkeys(chain(*readings.values())))
     columns: list[Column] = [text_column("sine run", [source for source, _ in keys])]
     if len(fit.trials) == len(keys):
-        waves = [trial.motion for trial in fit.trials]
-        torques = [_peak(wave.over_one_period(wave.torque)) for wave in waves]
-        rates = [_peak(wave.over_one_period(wave.rate)) for wave in waves]
+        periods, cycles, torques, rates = [], [], [], []
+        for trial in fit.trials:
+            wave = trial.motion
+            periods.append(f"{trial.period:.4g}")
+            cycles.append(str(trial.cycles))
+            torques.append(_peak(wave.over_one_period(wave.torque)))
+            rates.append(_peak(wave.over_one_period(wave.rate)))
         columns += [
-            number_column("period", "s", [f"{trial.period:.4g}" for trial in fit.trials]),
-            number_column("periods used", "", [str(trial.cycles) for trial in fit.trials]),
+            number_column("period", "s", periods),
+            number_column("periods used", "", cycles),
             number_column(f"peak {axis.force_name}", axis.force_unit, equal_decimals(torques, 4)),
             number_column("peak rate", axis.rate_unit, equal_decimals(rates, 3)),
         ]

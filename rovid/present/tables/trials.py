@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from rovid.model.simulation import HORIZONS, TrialSimulation, pooled_fit
+from rovid.model.simulation import HORIZONS, FitMeasures, TrialSimulation, pooled_fit
 from rovid.present.number_format import DASH, arm_words, equal_decimals, format_number, steady_state_words
 from rovid.present.report_data import ReportData
 from rovid.present.tables.table import Column, ResultTable, mixed_number_column, number_column, text_column
@@ -46,31 +46,42 @@ def simulation_table(simulations: Sequence[TrialSimulation]) -> ResultTable:
         mixed_number_column("fit %"),
         mixed_number_column("samples"),
     )
-    rows = [(item.run.trial.name, item.fit, item.position_errors) for item in simulations]
-    for name, fit, errors in (*rows, ("all", pooled_fit(simulations), None)):
-        ahead = ["" for _ in horizons]
-        if errors is not None:
-            ahead = [format_number(axis.to_display(errors[horizon]), 2) for horizon in horizons]
-        measures = format_number(fit.rmse, 2), format_number(fit.fit_percent, ".1f"), str(fit.samples)
-        table.add_row(name, format_number(fit.r2, ".4f"), *ahead, *measures, begins_section=errors is None)
+    for item in simulations:
+        errors = [format_number(axis.to_display(item.position_errors[horizon]), 2) for horizon in horizons]
+        r2, *measures = _fit_cells(item.fit)
+        table.add_row(item.run.trial.name, r2, *errors, *measures)
+    r2, *measures = _fit_cells(pooled_fit(simulations))
+    table.add_row("all", r2, *[""] * len(horizons), *measures, begins_section=True)
     return table
+
+
+def _fit_cells(fit: FitMeasures) -> tuple[str, str, str, str]:
+    """R², RMSE, fit and number of samples."""
+    percent = format_number(fit.fit_percent, ".1f")
+    return format_number(fit.r2, ".4f"), format_number(fit.rmse, 2), percent, str(fit.samples)
 
 
 def trials_table(report: ReportData, campaign: Campaign) -> ResultTable:
     """What each trial measured, what it served for, and how well it is simulated without and with the causes."""
-    trials = campaign.trials
-    remarks = [" ".join(remark.text for remark in trial.remarks) or DASH for trial in trials]
-    rates = [format_number(1.0 / trial.sampling_interval, ".3g") for trial in trials]
-    gaps = [format_number(_longest_gap(trial), ".2f") for trial in trials]
+    names, lengths, uses, rates, gaps, remarks = [], [], [], [], [], []
+    for trial in campaign.trials:
+        names.append(trial.name)
+        lengths.append(format_number(trial.duration, ".0f"))
+        uses.append(_use(report, trial.name))
+        rates.append(format_number(1.0 / trial.sampling_interval, ".3g"))
+        # The longest time between two readings, s.
+        gap = float(np.max(np.diff(trial.time[trial.measured]), initial=0.0))
+        gaps.append(format_number(gap, ".2f"))
+        remarks.append(" ".join(remark.text for remark in trial.remarks) or DASH)
     measured = [number_column("rate", "Hz", rates), number_column("longest gap", "s", gaps)]
     # The caption has what is equal in all trials.
     shared = [column for column in measured if len(set(column.cells)) == 1]
     caption = ["Trials", *(f"{column.title} {column.cells[0]} {column.unit}" for column in shared)]
     columns = [
-        text_column("trial", [trial.name for trial in trials]),
-        number_column("length", "s", [format_number(trial.duration, ".0f") for trial in trials]),
-        text_column("what it gave", [_use(report, trial.name) for trial in trials]),
-        *(_simulation_columns(report, trials) if report.simulations else ()),
+        text_column("trial", names),
+        number_column("length", "s", lengths),
+        text_column("what it gave", uses),
+        *_simulation_columns(report, campaign.trials),
         *(column for column in measured if column not in shared),
     ]
     if set(remarks) != {DASH}:
@@ -78,13 +89,10 @@ def trials_table(report: ReportData, campaign: Campaign) -> ResultTable:
     return ResultTable(", ".join(caption), *columns)
 
 
-def _longest_gap(trial: Trial) -> float:
-    """The longest time between two readings, s."""
-    return float(np.max(np.diff(trial.time[trial.measured]), initial=0.0))
-
-
 def _simulation_columns(report: ReportData, trials: Sequence[Trial]) -> Iterator[Column]:
     """R² of the rate and error of the position after a minute, without and with the causes where there are any."""
+    if not report.simulations:
+        return
     axis, sides = report.axis, {"": report.simulations_with}
     names = {item.run.trial.name for item in report.simulations_with}
     if any(trial.name not in names for trial in trials):
@@ -94,12 +102,15 @@ def _simulation_columns(report: ReportData, trials: Sequence[Trial]) -> Iterator
         sides = {"without: ": report.simulations_without, "with: ": report.simulations_with}
     for side, items in sides.items():
         by_name = {item.run.trial.name: item for item in items}
-        chosen = [by_name.get(trial.name) for trial in trials]
-        r2 = [DASH if item is None else format_number(item.fit.r2, ".4f") for item in chosen]
-        positions = [None if item is None else item.position_errors.get(HORIZONS[-1]) for item in chosen]
+        r2 = [DASH] * len(trials)
+        positions: list[float | None] = [None] * len(trials)
+        for place, trial in enumerate(trials):
+            if item := by_name.get(trial.name):
+                r2[place] = format_number(item.fit.r2, ".4f")
+                positions[place] = axis.to_display(item.position_errors.get(HORIZONS[-1]))
         yield number_column(f"{side}R²", "", r2)
         title = f"{side}{axis.position_words} off after {HORIZONS[-1]:.0f} s"
-        yield number_column(title, axis.display_unit[0], equal_decimals(list(map(axis.to_display, positions)), 2))
+        yield number_column(title, axis.display_unit[0], equal_decimals(positions, 2))
 
 
 def _use(report: ReportData, name: str) -> str:
@@ -112,9 +123,7 @@ def _use(report: ReportData, name: str) -> str:
     if report.inertia is not None:
         sines = [trial for trial in report.inertia.trials if trial.source == name]
         uses += [f"{trial.cycles} periods of {trial.period:.3g} s" for trial in sines]
-    if uses:
-        return ", ".join(uses)
-    return "regression, simulation" if report.simulations else "regression"
+    return ", ".join(uses) or f"regression{', simulation' * bool(report.simulations)}"
 
 
 def sources_table(report: ReportData) -> ResultTable | None:
@@ -123,16 +132,13 @@ def sources_table(report: ReportData) -> ResultTable | None:
     trials = {} if report.campaign is None else {trial.name: trial for trial in report.campaign.trials}
     if not fitted and not trials:
         return None
-    names = list(dict.fromkeys((*fitted, *trials)))
-    hashes = [fitted[name] if name in fitted else _file_hash(trials[name]) for name in names]
-    uses = ["parameters, this page" if name in trials else "parameters" for name in fitted]
-    uses += ["this page only"] * (len(names) - len(fitted))
-    columns = [text_column("log", names), text_column("used for", uses), text_column("SHA-256", hashes)]
-    if len(set(uses)) == 1:
-        del columns[1]
-    return ResultTable("Logs and their SHA-256", *columns)
-
-
-def _file_hash(trial: Trial) -> str:
-    """SHA-256 of the log; a dash where it is not a file."""
-    return sha256(trial.path) if trial.path.is_file() else DASH
+    uses = {name: f"parameters{', this page' * (name in trials)}" for name in fitted}
+    table = ResultTable("Logs and their SHA-256", *map(text_column, ("log", "used for", "SHA-256")))
+    for name in dict.fromkeys((*fitted, *trials)):
+        digest = fitted.get(name, DASH)
+        if name not in fitted and trials[name].path.is_file():
+            digest = sha256(trials[name].path)
+        table.add_row(name, uses.setdefault(name, "this page only"), digest)
+    if len(set(uses.values())) == 1:
+        return table.without("used for")
+    return table

@@ -80,9 +80,8 @@ def _show_tasks(console: Console, tasks: Sequence[str], first: int) -> None:
 
 def _thrusters_table(checked: LogCheck) -> ResultTable:
     """Direction of each thruster as the logs show it."""
-    verb = checked.rows[0][0].axis.motion_verb
-    columns = mixed_number_column("standard errors"), mixed_number_column("share %")
-    table = ResultTable("Thrusters, by these logs alone", text_column("thruster"), text_column(verb), *columns)
+    columns = map(mixed_number_column, ("certainty (standard errors)", "share of motion %"))
+    table = ResultTable("Thrusters, by these logs alone", text_column("thruster"), text_column("direction"), *columns)
     for thruster in checked.thrusters:
         observed = thruster.observed
         share = 100.0 * max(observed.explained_share, 0.0)
@@ -94,10 +93,10 @@ def _thrusters_table(checked: LogCheck) -> ResultTable:
 def _logs_table(checked: LogCheck) -> ResultTable:
     """Length, motion, noise and remarks of each log."""
     first, _ = checked.rows[0]
-    _, unit, factor = first.axis.measured_quantity(integrated=first.rate_only)
+    quantity, unit, factor = first.axis.measured_quantity(integrated=first.rate_only)
     shown_unit, shown_factor = first.axis.display_unit
     travel = f"{'turned' if first.axis.angular else 'went'} {shown_unit}"
-    titles = ("s", "held", "sines", "Hz", f"noise {unit}", travel, "samples")
+    titles = ("length s", "holds", "sine runs", "Hz", f"{quantity} noise {unit}", travel, "samples")
     table = ResultTable("Logs", text_column("log"), *map(mixed_number_column, titles), text_column("remarks"))
     for trial, facts in checked.rows:
         table.add_row(

@@ -28,7 +28,7 @@ from rovid.present.sentences import (
     comparison_headline,
     comparison_sentences,
     confidence_words,
-    improvement_sentence,
+    improvement_words,
     join_words,
     verdict_sentence,
 )
@@ -48,6 +48,8 @@ from rovid.trial.assumptions import Assumptions
 from rovid.trial.vehicle import Vehicle
 
 _ALTERNATIVES_SHOWN = 3
+# Largest share of the variance that is called small: a tenth of the RMS torque. Convention.
+_SMALL_SHARE = 0.01
 
 
 def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> None:
@@ -72,13 +74,20 @@ def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> 
         _show_improvement(console, diagnosis, diagnosis.base, diagnosis.extended)
         console.print(estimate_table(diagnosis.extended.estimate))
         share = 100.0 * diagnosis.unexplained_share
-        print_text(console, f"left unexplained: {share:.2g} % of the {axis.force_name}'s variance")
+        size = _size_words(diagnosis.unexplained_share)
+        print_text(console, f"left unexplained: {share:.2g} % of the {axis.force_name}'s variance ({size})")
     if diagnosis.verdict == "nothing_found":
         detectable_table(diagnosis, vehicle).print(console, guess)
     unidentifiable = [UNIDENTIFIABLE[name] for name in unidentifiable_parameters(vehicle)]
-    print_text(console, f"never visible in {axis.name} data: {join_words(unidentifiable)}")
+    print_text(console, f"cannot be found from {axis.name} data: {'; '.join(unidentifiable)}")
     run = next_experiment(diagnosis)
     print_labelled(console, "Next:", f"{run['run']} ({run['reason']})")
+
+
+def _size_words(share: float) -> str:
+    """Whether a share of the variance is small."""
+    comparison = "small: below" if share < _SMALL_SHARE else "not small: above"
+    return f"{comparison} {100.0 * _SMALL_SHARE:.0f} %"
 
 
 def _show_finding(console: Console, finding: Finding) -> None:
@@ -97,7 +106,10 @@ def _show_finding(console: Console, finding: Finding) -> None:
         print_text(console, Text(f"  {caveat}", style="red"), 2)
     print_text(console, f"  {confidence_words(finding)}")
     print_text(console, f"  {effect.key}: {effect.equation}")
-    evidence = f"log-likelihood gained: {finding.bic_gain:.0f}, on held-out trials {finding.held_out_gain:.0f}"
+    gain, held_out = f"{finding.bic_gain:.0f}", f"{finding.held_out_gain:.0f}"
+    evidence = (
+        f"log-likelihood gain: {gain} after its penalty for parameters, {held_out} on trials that were not fitted"
+    )
     if finding.alternatives:
         others = [
             f"{estimate.axis.reword(other.effect.title)} {other.bic_gain:.0f}"
@@ -128,7 +140,7 @@ def _show_improvement(console: Console, diagnosis: Diagnosis, base: ModelAssessm
     errors[f"{axis.rate_words} error"] = (one.rate_rmse, other.rate_rmse)
     console.print()
     if extended.model.effects:
-        print_labelled(console, "Gain:", improvement_sentence(errors))
+        print_labelled(console, "Gain on trials that were not fitted:", improvement_words(errors))
     held_out_table(diagnosis, base, extended).print(console, base.estimate.assumptions)
 
 

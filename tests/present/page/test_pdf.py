@@ -47,9 +47,9 @@ def test_the_page_is_printed_and_known_again(rovid: Rovid) -> None:
 
 
 def test_without_a_browser_nothing_is_begun(rovid: Rovid, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pdf, "NAMES", ("no-such-browser", "nor-this"))
+    monkeypatch.setattr(pdf, "BROWSERS", ("no-such-browser", "nor-this"))
     monkeypatch.setattr(pdf, "_PLACES", ())
-    with pytest.raises(ConfigError, match=r"no-such-browser or nor-this was looked for.* print it"):
+    with pytest.raises(ConfigError, match=r"none of no-such-browser and nor-this was found.* print it"):
         pdf.require_browser()
     monkeypatch.setenv("PATH", "")
     done = rovid(*REPORT)

@@ -40,10 +40,10 @@ def test_what_was_found_is_wrong_why_gain_and_next(lagged: ReportData) -> None:
     assert reason.title == "thruster lag"
     assert reason.size.startswith("time constant 0.8")
     assert reason.size.endswith("\u00a0s")
-    assert reason.sure == "established: odds 32 to 1"
+    assert reason.sure == "established: odds 32 to 1 or better"
     lost = [round(100 * (1 - gain.bars[1].share)) for gain in answer.gains]
-    said = f"heading error {lost[0]} % smaller and yaw rate error {lost[1]} % smaller"
-    assert answer.improvement == f"On held-out trials: {said}."
+    said = f"heading error {lost[0]} % smaller, yaw rate error {lost[1]} % smaller"
+    assert answer.improvement == f"On trials that were not fitted: {said}."
     assert answer.next_run
 
 
@@ -53,7 +53,7 @@ def test_an_error_that_grew_is_called_larger(lagged: ReportData) -> None:
     assert side is not None
     worse = replace(side, held_out=replace(side.held_out, position_errors={10.0: 9.0, 60.0: 9.0}))
     assert re.search(
-        r"heading error \d+ % larger and yaw rate error \d+ % smaller",
+        r"heading error \d+ % larger, yaw rate error \d+ % smaller",
         answered(lagged, extended=worse).improvement,
     )
 
