@@ -57,7 +57,7 @@ def simulate(
     from rovid.present.console import show_caution, show_warnings
     from rovid.present.documents.results import simulation_document
     from rovid.present.mcap_output import recording_outputs, write_recordings
-    from rovid.present.terminal.results import show_simulation
+    from rovid.present.tables.trials import simulation_table
 
     stored = existing_parameters(parameters, axis)
     model = stored.model()
@@ -78,5 +78,5 @@ def simulate(
         print_json(document | {"recordings": [str(recording.path) for recording in recordings]})
     else:
         show_caution(console(), assumptions)
-        show_simulation(console(), simulations, assumptions)
+        simulation_table(simulations).print(console(), assumptions)
         show_warnings(console(), warnings)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -52,16 +53,18 @@ def recording_paths(target: Path, trials: Sequence[Trial]) -> list[Path]:
 
 def _recording_names(trials: Sequence[Trial]) -> list[Path]:
     """A file name for each trial, with the log's suffix where trials differ by that only."""
-    # A trial may be named by an absolute path: its recording stays inside the folder.
-    parts = [
-        [part for part in Path(trial.name).parts if part not in {"..", Path(trial.name).anchor}] for trial in trials
-    ]
-    names = [Path(*each) for each in parts]
-    short = [name.with_suffix(_SUFFIX) for name in names]
-    return [
-        plain if short.count(plain) == 1 else name.with_name(name.name + _SUFFIX)
-        for name, plain in zip(names, short, strict=True)
-    ]
+    names = [_name_inside(Path(trial.name)) for trial in trials]
+    counts = Counter(name.with_suffix(_SUFFIX) for name in names)
+    for place, name in enumerate(names):
+        names[place] = name.with_suffix(_SUFFIX)
+        if counts[names[place]] > 1:
+            names[place] = name.with_name(name.name + _SUFFIX)
+    return names
+
+
+def _name_inside(path: Path) -> Path:
+    """``path`` inside a folder, even if it is absolute or leads upwards."""
+    return Path(*(part for part in path.parts if part not in {"..", path.anchor}))
 
 
 def write_recordings(

@@ -47,7 +47,9 @@ def format_number(value: float | None, form: str | int = 3) -> str:
 
 def unit_symbol(text: str) -> str:
     """A unit with superscripts; empty for a dimensionless number."""
-    return "" if text == "1" else _UNITS.get(text, text)
+    if text == "1":
+        return ""
+    return _UNITS.get(text, text)
 
 
 def number_with_unit(text: str, unit: str) -> str:
@@ -71,7 +73,9 @@ def arm_words(axis: Axis) -> tuple[str, str]:
 
 def steady_state_words(axis: Axis) -> str:
     """Name of a steady state along ``axis``."""
-    return "steady turn" if axis.angular else "steady state"
+    if axis.angular:
+        return "steady turn"
+    return "steady state"
 
 
 def as_sentence(text: str) -> str:

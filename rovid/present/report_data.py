@@ -81,8 +81,9 @@ class ReportData:
     @property
     def extended(self) -> ModelAssessment | None:
         """The model with the causes; None where there are none."""
-        side = self.diagnosis.extended if self.diagnosis else None
-        return side if side is not None and side.model.effects else None
+        if self.diagnosis is None or self.diagnosis.extended is None or not self.diagnosis.extended.model.effects:
+            return None
+        return self.diagnosis.extended
 
     @property
     def steady_drag_model(self) -> Model | None:
@@ -133,8 +134,10 @@ def effects_of(nested: Sequence[NestedSimulation]) -> tuple[Effect, ...]:
 
 def worst_first(simulations: Sequence[TrialSimulation]) -> list[int]:
     """Indices of the trials by decreasing RMS error of the rate; trials without an error last."""
-    errors = [item.fit.rmse if math.isfinite(item.fit.rmse) else -1.0 for item in simulations]
-    return sorted(range(len(errors)), key=lambda index: -errors[index])
+    errors = np.array([item.fit.rmse for item in simulations])
+    errors[~np.isfinite(errors)] = -1.0
+    order: list[int] = np.argsort(-errors, kind="stable").tolist()
+    return order
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -31,7 +31,9 @@ def join_words(texts: Sequence[str], last: str = "and") -> str:
 def effect_title(effect: Effect, axis: Axis = YAW) -> str:
     """An effect's title along ``axis``, with its form or thruster where it has one."""
     title = axis.reword(effect.title)
-    return f"{title} ({effect.form.replace('_', ' ')})" if effect.form else title
+    if effect.form:
+        title += f" ({effect.form.replace('_', ' ')})"
+    return title
 
 
 def cause_title(effect_id: str) -> str:
@@ -160,14 +162,20 @@ def _change_title(candidate: ChangeCandidate) -> str:
     if candidate.is_factor and not candidate.inverse:
         return _part_title(candidate.name)
     effect = effect_named(candidate.name)
-    return f"{effect.title} ({effect.form})" if effect.per_thruster else effect.title
+    if effect.per_thruster:
+        return f"{effect.title} ({effect.form})"
+    return effect.title
 
 
 def _part_title(name: str) -> str:
-    return _ALL_THRUST if name == THRUST_SCALE else name.replace("_", " ")
+    if name == THRUST_SCALE:
+        return _ALL_THRUST
+    return name.replace("_", " ")
 
 
 def document_key(name: str) -> str:
     """A parameter's name in JSON: without the form of its effect, but with its thruster."""
     key, dot, _ = name.rpartition(".")
-    return name if dot and effect_named(key).per_thruster else without_form(name)
+    if dot and effect_named(key).per_thruster:
+        return name
+    return without_form(name)

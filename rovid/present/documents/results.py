@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 from rovid.control.design import ClosedLoopResult, ControllerDesign
@@ -131,20 +132,12 @@ def control_document(design: ControllerDesign, warnings: Sequence[str], guess: A
 
 def _closed_run(run: ClosedLoopResult) -> Document:
     """A closed-loop run: times in s, angles in deg, effort in N m."""
-    metrics = run.metrics
     return {
         "name": run.name,
         "effects": list(run.effects),
         "model_aid": run.model_aid,
         "effects_known": run.effects_known,
-        "time_constant": metrics.time_constant,
-        "rise_time": metrics.rise_time,
-        "settling_time": metrics.settling_time,
-        "overshoot_deg": metrics.overshoot_deg,
-        "steady_error_deg": metrics.steady_error_deg,
-        "effort": metrics.effort,
-        "effort_change": metrics.effort_change,
-        "limit_cycle": None if metrics.limit_cycle is None else vars(metrics.limit_cycle),
+        **asdict(run.metrics),
     }
 
 

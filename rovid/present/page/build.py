@@ -107,20 +107,24 @@ def _identified(stored: Parameters, study: Study, claim: OutputSet, report: _Rep
     independent_drag = _completed(stored, study, estimates).independent_drag() or estimates["quadratic_drag"]
     inertia, inertia_refusal = _or_refusal(lambda: study.inertia(independent_drag))
     estimates["inertia"] = None if inertia is None else inertia.estimate
-    diagnosis, refusal = _diagnosis(study, independent_drag, report) if diagnosed else (None, "")
-    joint = None
+    diagnosis, refusal, joint, limits = None, "", None, None
+    if diagnosed:
+        diagnosis, refusal = _diagnosis(study, independent_drag, report)
     if diagnosis is not None and diagnosis.extended is not None:
         joint = diagnosis.extended.estimate
     elif stored is not before:
         joint = _fitted_again(before, study)
+    if joint is not None:
+        limits = diagnosis.detectable_sizes if diagnosis else {}
 
     def change(current: Parameters) -> Parameters:
         held, _ = _if_valid(current, study)
-        return _completed(held, study, estimates) if joint is None else held.with_estimate(joint, study.provenance)
+        if joint is None:
+            return _completed(held, study, estimates)
+        return held.with_estimate(joint, study.provenance)
 
     if joint is not None or change(stored) is not stored or not stored.path.exists():
-        limits = {} if diagnosis is None else diagnosis.detectable_sizes
-        stored = update_parameters(stored, claim, change, detection_limits=None if joint is None else limits)
+        stored = update_parameters(stored, claim, change, detection_limits=limits)
     return ReportData(
         vehicle=study.vehicle,
         parameters=stored,
@@ -144,12 +148,14 @@ def _with_control_and_exports(
     stored, guess = data.parameters, study.vehicle.assumptions
     if study.vehicle.axis is not YAW:
         return data
-    guessed = f"{stored.path.name} {guess.refusal}" if guess else ""
+    if guess:
+        refusal = f"{stored.path.name} {guess.refusal}"
+        return replace(data, control_refusal=refusal * controlled, export_refusal=refusal * exported)
     if controlled:
-        control, refusal = (None, guessed) if guess else designed_control(study, stored, report)
+        control, refusal = designed_control(study, stored, report)
         data = replace(data, control=control, control_refusal=refusal)
     if exported:
-        exports, refusal = (None, guessed) if guess else every_export(study, stored, report)
+        exports, refusal = every_export(study, stored, report)
         data = replace(data, exports=exports, export_refusal=refusal)
     return data
 
@@ -166,7 +172,7 @@ def _if_valid(stored: Parameters, study: Study) -> tuple[Parameters, list[str]]:
     other_options = any(not options <= set(entry.options.split()) for entry in stored.entries.values())
     if not freshness.changes and not other_logs and not other_options:
         return stored, list(freshness.remarks)
-    reason = f"it was fitted without {provenance.options}" if other_options else ""
+    reason = f"it was fitted without {provenance.options}"
     if other_logs:
         reason = "these are other logs than those that it was fitted to"
     reason = freshness.reason or reason

@@ -6,7 +6,7 @@ import base64
 import itertools
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
@@ -29,6 +29,7 @@ from rovid.present.tables.fits import method_title
 from rovid.signals.preprocessing import PreparedRuns
 from rovid.trial.assumptions import Assumptions
 
+_PEAK_MARKS = "The marks are the three moments that the peak method takes for one."
 # Most large trial plots: a page with more opens slowly on a tablet. The overview shows all trials.
 LARGE_PLOTS = 40
 # File names of the plots of any report.
@@ -99,7 +100,8 @@ class ReportFigures:
     def files(self, folder: Path) -> dict[OutputFile, bytes]:
         """Every plot as PNG and as SVG in ``folder``."""
         files = {}
-        for section in (getattr(self, each.name) for each in fields(self) if each.name != "worst"):
+        # The first field is the worst trial, which is part of the page.
+        for section in list(vars(self).values())[1:]:
             for figure in section.values() if isinstance(section, Mapping) else section:
                 files[OutputFile(folder / f"{figure.name}.png", png_signature("report"))] = figure.png
                 files[OutputFile(folder / f"{figure.name}.svg", svg_signature("report"))] = figure.svg
@@ -134,17 +136,16 @@ def _draw(report: ReportData) -> ReportFigures:
         "left_over": list(_left_over(report)),
         "closed_loop": list(_closed_loop(report)),
     }
-    by_effect = {"rivals": dict(_rivals(report)), "drivers": dict(_drivers(report))}
-    drafts = [*itertools.chain(*sections.values()), *itertools.chain(*(each.values() for each in by_effect.values()))]
+    rivals, drivers = dict(_rivals(report)), dict(_drivers(report))
+    drafts = [*itertools.chain(*sections.values()), *rivals.values(), *drivers.values()]
     guess = report.vehicle.assumptions
     # Matplotlib's style belongs to the process: threads cannot draw.
     figures = parallel_map(lambda draft: _render(draft, guess), drafts, use_threads=False)
     rendered = dict(zip(drafts, figures, strict=True))
-    rivals, drivers = ({key: rendered[draft] for key, draft in drafts.items()} for drafts in by_effect.values())
     return ReportFigures(
         worst=_worst(report),
-        rivals=rivals,
-        drivers=drivers,
+        rivals={key: rendered[draft] for key, draft in rivals.items()},
+        drivers={key: rendered[draft] for key, draft in drivers.items()},
         **{name: tuple(rendered[draft] for draft in section) for name, section in sections.items()},
     )
 
@@ -183,7 +184,7 @@ def _error_words(before: TrialSimulation, after: TrialSimulation) -> str:
 
 
 def _thrust(report: ReportData) -> Iterator[FigureDraft]:
-    runs = () if report.runs is None else report.runs.items
+    runs = report.runs.items if report.runs else ()
     figure = identification.plot_thrust_curves(report.vehicle, runs)
     if figure is None:
         return
@@ -216,10 +217,9 @@ def _inertia(report: ReportData) -> Iterator[FigureDraft]:
     fit = report.inertia
     if fit is None:
         return
-    readings = [
-        f"{method_title(name)} {plus_minus(reading.value, reading.standard_error)}"
-        for name, reading in fit.methods.items()
-    ]
+    readings = []
+    for name, reading in fit.methods.items():
+        readings.append(f"{method_title(name)} {plus_minus(reading.value, reading.standard_error)}")
     yield FigureDraft(
         "inertia",
         identification.plot_inertia_methods(fit, report.vehicle.rigid_body_inertia),
@@ -235,13 +235,9 @@ def _sines(report: ReportData) -> Iterator[FigureDraft]:
     drag, force = report.steady_drag_model, axis.force_name
     sheets = list(paginate(fit.trials, identification.SINES_PER_SHEET))
     for number, (runs, suffix) in enumerate(sheets, start=1):
-        # The first sheet explains them all.
-        caption = (
-            f"Mean period of each sine run; right, {force} over rate. The marks are the three moments that the peak "
-            "method takes for one."
-        )
-        if number > 1:
-            caption = f"Mean period of each sine run, sheet {number} of {len(sheets)}."
+        caption = f"Mean period of each sine run, sheet {number} of {len(sheets)}."
+        if number == 1:
+            caption = f"Mean period of each sine run; right, {force} over rate. {_PEAK_MARKS}"
         periods = ", ".join(f"{trial.period:.3g}" for trial in runs)
         yield FigureDraft(
             f"sine_runs{suffix}",
@@ -323,7 +319,8 @@ def _drivers(report: ReportData) -> Iterator[tuple[str, FigureDraft]]:
     diagnosis, runs, axis = report.diagnosis, _diagnosed_runs(report), report.axis
     if diagnosis is None or report.extended is None or runs is None:
         return
-    for effect in (finding.effect for finding in diagnosis.findings):
+    for finding in diagnosis.findings:
+        effect = finding.effect
         missing = missing_without(effect, runs, report.extended.model, report.vehicle)
         if missing is None:
             continue
@@ -362,8 +359,8 @@ def _left_over(report: ReportData) -> Iterator[FigureDraft]:
     if runs is None or diagnosis is None or diagnosis.base is None or report.extended is None:
         return
     force, unit = report.axis.force_name, report.axis.force_unit
-    models = (diagnosis.base.model, report.extended.model)
-    before, after = (unexplained_torques(runs, model, vehicle) for model in models)
+    before = unexplained_torques(runs, diagnosis.base.model, vehicle)
+    after = unexplained_torques(runs, report.extended.model, vehicle)
     sizes = [format_number(rms_sizes(items)[0], ".3g") for items in (before, after)]
     was, now = (vehicle.assumptions.mark_number(size, unit) for size in sizes)
     yield FigureDraft(

@@ -92,7 +92,7 @@ def render_page(report: ReportData, figures: ReportFigures, *, today: date) -> s
 def _context(report: ReportData, figures: ReportFigures, today: date) -> dict[str, Any]:
     """Variables of the page's templates."""
     axis, found, simulations = report.axis, report.diagnosis, report.simulations
-    all_trials = () if report.campaign is None else report.campaign.trials
+    all_trials = report.campaign.trials if report.campaign else ()
     missing = list(_missing_parameters(report))
     residual_sizes = None
     if report.runs is not None and simulations:

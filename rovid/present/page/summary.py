@@ -12,13 +12,7 @@ from rovid.model.parameter_names import unit_of
 from rovid.model.simulation import HORIZONS
 from rovid.present.number_format import equal_decimals, number_with_unit, same_decimals
 from rovid.present.report_data import ReportData, simulation_errors
-from rovid.present.sentences import (
-    confidence_words,
-    effect_title,
-    improvement_words,
-    join_words,
-    verdict_sentence,
-)
+from rovid.present.sentences import confidence_words, effect_title, improvement_words, join_words, verdict_sentence
 from rovid.trial.axis import Axis
 from rovid.trial.vehicle import Vehicle
 
@@ -201,7 +195,9 @@ def _no_cause_sentence(report: ReportData) -> str:
         return ""
     limits = list(_detection_limits(diagnosis, report.vehicle))[:_LIMITS_SHOWN]
     sentence = "Every cause was tried and none was needed."
-    return f"{sentence} These would have shown: {join_words(limits)}." if limits else sentence
+    if limits:
+        sentence += f" These would have shown: {join_words(limits)}."
+    return sentence
 
 
 def _detection_limits(diagnosis: Diagnosis, vehicle: Vehicle) -> Iterator[str]:

@@ -53,8 +53,8 @@ def viewer_document(report: ReportData) -> dict[str, Any]:
     sides = [[side[number] for number in order] for side in simulations]
     trials = []
     for trial, items in zip(trial_levels(sides), zip(*sides, strict=True), strict=True):
-        levels = [{"rows": level.shape[1], "data": _base64(level)} for level in trial.levels]
         missed = [_errors_document(axis, [item]) for item in items]
+        levels = list(map(_level_document, trial.levels))
         trials.append({"name": trial.name, "samples": trial.samples, "levels": levels, "missed": missed})
     causes = effects_of(report.nested)
     keys = [{effect.key for effect in nested.model.effects} for nested in report.nested]
@@ -177,7 +177,7 @@ def _panels(axis: Axis, guess: Assumptions) -> list[dict[str, Any]]:
     ]
     documents = []
     for title, panel_unit, height, lines in panels:
-        guessed = f", by guessed {guess.quantities}" if guess.is_placeholder(panel_unit) else ""
+        guessed = f", by guessed {guess.quantities}" * guess.is_placeholder(panel_unit)
         documents.append({"title": title + guessed, "unit": panel_unit, "height": height, "lines": lines})
     return documents
 
@@ -192,6 +192,6 @@ def _line(look: str, column: int, plus: int | None = None, less: int | None = No
     return {"look": look, "column": column, "plus": plus, "less": less, "staged": 0}
 
 
-def _base64(level: NDArray[np.float32]) -> str:
-    """The table's bytes, row after row."""
-    return base64.b64encode(np.ascontiguousarray(level).tobytes()).decode("ascii")
+def _level_document(level: NDArray[np.float32]) -> dict[str, Any]:
+    """The number of rows, and the table's bytes, column after column, in base64."""
+    return {"rows": level.shape[1], "data": base64.b64encode(np.ascontiguousarray(level).tobytes()).decode("ascii")}

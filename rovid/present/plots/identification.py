@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -44,7 +45,7 @@ def plot_thrust_curves(vehicle: Vehicle, runs: Sequence[Run]) -> Figure | None:
     columns = 2 if len(curves) == 4 else min(len(curves), 3)
     rows = -(-len(curves) // columns)
     figure, panels = panel_grid([(1.9, columns)] * rows, top=0.75, across=0.85, down=0.95)
-    flat = [panel for row in panels for panel in row]
+    flat = list(chain(*panels))
     for panel, (k, thruster, curve) in zip(flat, curves, strict=False):
         commands = np.concatenate([np.empty(0), *(run.trial.commands[:, k] for run in runs)])
         _plot_thrust_curve(panel, curve, commands[np.isfinite(commands)])
@@ -78,9 +79,8 @@ def plot_steady_states(fit: DragFit) -> Figure:
     """Torque against rate with the fitted drag, its 95 % band, and the residuals."""
     figure, ((top,), (bottom,)) = panel_grid([(3.6, 1), (1.5, 1)], top=0.25, down=0.2, share_x=True)
     axis, estimate = fit.estimate.axis, fit.estimate
-    every = (*fit.points, *fit.unsteady)
-    rates = [0.0, *(point.rate for point in every)]
-    line = np.linspace(1.05 * min(rates), 1.05 * max(rates), _STEPS)
+    rates = np.array([0.0, *(point.rate for point in (*fit.points, *fit.unsteady))])
+    line = np.linspace(1.05 * rates.min(), 1.05 * rates.max(), _STEPS)
     drag, reach = _drag(estimate, line), _band_half_width(estimate, line)
     if reach is not None:
         top.fill_between(line, drag - reach, drag + reach, color=BLUE, alpha=0.22, linewidth=0, label="95 % band")
@@ -218,9 +218,12 @@ def plot_inertia_methods(fit: InertiaFit, rigid_body: float | None) -> Figure:
 def _method_label(fit: InertiaFit, name: str) -> str:
     title = method_title(name)
     if name == "peak":
-        bias = "" if fit.peak_bias is None else f": {100.0 * fit.peak_bias:.0f} % of true"
-        return f"{title}\n(biased{bias})"
-    return f"{title}\n(best of these)" if name == fit.chosen else title
+        if fit.peak_bias is None:
+            return f"{title}\n(biased)"
+        return f"{title}\n(biased: {100.0 * fit.peak_bias:.0f} % of true)"
+    if name == fit.chosen:
+        return f"{title}\n(best of these)"
+    return title
 
 
 def _plot_methods(panel: Axes, fit: InertiaFit, names: list[str]) -> None:

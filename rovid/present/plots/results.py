@@ -120,8 +120,8 @@ def plot_closed_loop(steps: Mapping[str, Mapping[str, ClosedLoopRun]], bandwidth
 def plot_plan(plan: ExperimentPlan, axis: Axis) -> Figure:
     """Commands and predicted rates of the best run; the difference of two models next to the effect of disturbance."""
     discriminates = len(plan.models) > 1
-    rows = [(1.4, 1), (2.0, 1), (1.4, 1)] if discriminates else [(1.4, 1), (2.0, 1)]
-    figure, panels = panel_grid(rows, left=1.05, down=0.42, top=0.75, share_x=True)
+    rows = [(1.4, 1), (2.0, 1), (1.4, 1)]
+    figure, panels = panel_grid(rows[: 2 + discriminates], left=1.05, down=0.42, top=0.75, share_x=True)
     (command,), (rate,), *more = panels
     best, run = plan.best, plan.best.run
     # Four kinds of dashes in each of two colours distinguish eight thrusters.
@@ -155,15 +155,14 @@ def plan_picture(plan: ExperimentPlan, axis: Axis) -> bytes:
 @report_style
 def plot_ratios(changes: DifferenceTest, titles: Mapping[str, str]) -> Figure | None:
     """B over A of each parameter with its 95 % interval; None where no ratio is known."""
-    ratios = {name: changes.ratio(name) for name in changes.pair.names}
-    known = {name: ratio for name, ratio in ratios.items() if ratio is not None}
+    known = {name: ratio for name in changes.pair.names if (ratio := changes.ratio(name)) is not None}
     if not known:
         return None
     figure, ((panel,),) = panel_grid([(0.42 * len(known) + 0.3, 1)], left=2.4, top=0.15)
-    for row, (name, (ratio, error)) in enumerate(known.items()):
+    for row, (name, (value, error)) in enumerate(known.items()):
         changed = any(name in change.candidate.parameters for change in changes.established)
         colour, filled = (ORANGE, ORANGE) if changed else (BLACK, "white")
-        panel.errorbar(ratio, row, xerr=_NORMAL_95 * error, fmt="o", capsize=3, color=colour, markerfacecolor=filled)
+        panel.errorbar(value, row, xerr=_NORMAL_95 * error, fmt="o", capsize=3, color=colour, markerfacecolor=filled)
     panel.axvline(1.0, color=GREY, linestyle="--")
     panel.set_yticks(range(len(known)), [titles[name] for name in known])
     panel.set_ylim(len(known) - 0.5, -0.5)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import chain
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -93,7 +94,7 @@ def plot_overview(pairs: Sequence[tuple[TrialSimulation, TrialSimulation]]) -> F
     rows = -(-len(pairs) // columns)
     height = 0.95 if rows > 1 else 1.8
     figure, panels = panel_grid([(height, columns)] * rows, left=0.75, top=0.52, bottom=0.5, across=0.5, down=0.5)
-    flat = [panel for row in panels for panel in row]
+    flat = list(chain(*panels))
     for panel, (before, after) in zip(flat, pairs, strict=False):
         _plot_small(panel, before, after)
     for panel in flat[len(pairs) :]:
@@ -110,7 +111,7 @@ def _plot_small(panel: Axes, before: TrialSimulation, after: TrialSimulation) ->
     plot_overlay(panel, after.run.rates.time, after.measured, after.simulated, 500)
     if before is not after:
         time, rate = decimate_min_max(after.run.rates.time, before.simulated, 500)
-        panel.plot(time, rate, "--", color=ORANGE, linewidth=1.0, label="simulated without what was found")
+        panel.plot(time, rate, "--", color=ORANGE, linewidth=1.0, label="simulated by the plain model")
     panel.set_title(shorten_name(after.run.trial.name, 22), fontsize=9, pad=3)
     if math.isfinite(after.fit.r2):
         panel.set_title(f"R² {after.fit.r2:.4f}", fontsize=8, loc="right", pad=3)

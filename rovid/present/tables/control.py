@@ -49,12 +49,14 @@ def _gain_rows(design: ControllerDesign) -> Iterator[tuple[str, str, str, str]]:
     yield "phase margin", format_number(margins.phase_deg, ".0f"), "deg", f"≥ {format_number(bounds[1], '.0f')}"
     yield "delay margin", format_number(margins.delay_s, ".2f"), "s", f"≥ {format_number(bounds[2], '.2f')}"
     yield "lag margin", _bounded(margins.lag_s, ".2f"), "s", DASH
-    peak, bound = (format_number(value, ".2f") for value in (margins.sensitivity_peak, bounds[3]))
-    yield "peak of the sensitivity", peak, "", f"≤ {bound}"
+    peak = format_number(margins.sensitivity_peak, ".2f")
+    yield "peak of the sensitivity", peak, "", f"≤ {format_number(bounds[3], '.2f')}"
 
 
 def _bounded(value: float, form: str) -> str:
-    return "without limit" if math.isinf(value) else format_number(value, form)
+    if math.isinf(value):
+        return "without limit"
+    return format_number(value, form)
 
 
 def runs_table(design: ControllerDesign) -> ResultTable:
@@ -77,8 +79,10 @@ def runs_table(design: ControllerDesign) -> ResultTable:
         effects = "all" if run.effects else "none"
         table.add_row(run.name, effects, *_run_cells(run), begins_section=run.name != before)
         before = run.name
+    if design.model.effects:
+        return table
     # Without effects in the model the column has no information.
-    return table if design.model.effects else table.without("effects")
+    return table.without("effects")
 
 
 def _run_cells(run: ClosedLoopResult) -> Iterator[str]:
@@ -108,10 +112,15 @@ def formats_table(exports: Mapping[str, VerifiedExport]) -> ResultTable:
         text_column("not held, % of range"),
     )
     for name, made in exports.items():
-        mismatches = (made.mismatch.percent_of_range, made.mismatch.rms, made.kept_mismatch.percent_of_range)
         lost = [f"{_loss_title(loss)} {format_number(loss.percent_of_range, '.2g')}" for loss in made.losses]
-        numbers = [format_number(value, ".2g") for value in mismatches]
-        table.add_row(name, FORMATS[name].file, *numbers, "; ".join(lost) or DASH)
+        table.add_row(
+            name,
+            FORMATS[name].file,
+            format_number(made.mismatch.percent_of_range, ".2g"),
+            format_number(made.mismatch.rms, ".2g"),
+            format_number(made.kept_mismatch.percent_of_range, ".2g"),
+            "; ".join(lost) or DASH,
+        )
     return table
 
 

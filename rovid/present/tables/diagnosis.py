@@ -66,24 +66,25 @@ def models_table(base: Estimate, extended: Estimate, findings: tuple[Finding, ..
         mixed_number_column("with these causes"),
         number_column("change", "%"),
     )
-    without, with_causes = ({ratio.name: ratio for ratio in valid_ratios(side)} for side in (base, extended))
-    for name in dict.fromkeys((*without, *with_causes)):
-        ratios = [side.get(name) for side in (without, with_causes)]
-        values = [plus_minus(ratio.value, ratio.standard_error) if ratio else DASH for ratio in ratios]
-        unit = next(ratio.unit for ratio in ratios if ratio)
-        table.add_row(f"{parameter_title(name)}, {unit}", *values, DASH)
-    titles = {
-        f"{finding.effect.key}.{parameter.name}": f"{finding.effect.title}: {parameter.name.replace('_', ' ')}"
-        for finding in findings
-        for parameter in finding.effect.parameters
-    }
+    ratios: dict[str, list[str]] = {}
+    for place, side in enumerate((base, extended)):
+        for ratio in valid_ratios(side):
+            cells = ratios.setdefault(f"{parameter_title(ratio.name)}, {ratio.unit}", [DASH] * 3)
+            cells[place] = plus_minus(ratio.value, ratio.standard_error)
+    for title, cells in ratios.items():
+        table.add_row(title, *cells)
+    titles = {}
+    for effect in (finding.effect for finding in findings):
+        for parameter in effect.parameters:
+            title = f"{effect.title}: {parameter.name.replace('_', ' ')}"
+            titles[f"{effect.key}.{parameter.name}"] = base.axis.reword(title)
     for name in dict.fromkeys((*base.names, *extended.names)):
-        title = base.axis.reword(titles[name]) if name in titles else parameter_title(name)
+        title = titles.get(name) or parameter_title(name)
         unit = unit_symbol((base if name in base.names else extended).unit(name))
         if unit:
             # The first column stays visible on a narrow page: its unit is not broken.
             title += ", " + unit.replace(" ", "\u00a0")
-        values = [_estimate_cell(side, name) for side in (base, extended)]
+        values = _estimate_cell(base, name), _estimate_cell(extended, name)
         table.add_row(title, *values, _relative_change(base, extended, name))
     return table
 
@@ -188,10 +189,9 @@ def explanations_table(diagnosis: TableDiagnosis) -> ResultTable:
         text_column("run that decides"),
     )
     for cause in diagnosis.causes:
-        sizes = [
-            f"{name.replace('_', ' ')} {significant(value, 3)} {unit_symbol(unit)}".strip()
-            for name, (value, unit) in cause.sizes.items()
-        ]
+        sizes = []
+        for name, (value, unit) in cause.sizes.items():
+            sizes.append(f"{name.replace('_', ' ')} {significant(value, 3)} {unit_symbol(unit)}".strip())
         effect, inertia = cause.model.effects[0], format_number(cause.model.inertia, ".0f")
         table.add_row(effect_title(effect), ", ".join(sizes), inertia, effect.experiment)
     return table
@@ -271,7 +271,9 @@ def ratios_table(comparison: Comparison) -> ResultTable | None:
     table = ResultTable("Ratios, whatever the size of thrust", text_column("ratio"), *columns, text_column("unit"))
     for symbols, sides, over, unit in inertia_ratios(comparison):
         table.add_row(symbols, plus_minus(*over), plus_minus(*sides[0]), plus_minus(*sides[1]), unit)
-    return table if table.rows else None
+    if not table.rows:
+        return None
+    return table
 
 
 def cross_prediction_table(comparison: Comparison) -> ResultTable | None:

@@ -19,18 +19,15 @@ from rovid.estimate.maximum_likelihood import LikelihoodFit
 from rovid.estimate.steady_drag import DragFit
 from rovid.estimate.thrust_curve import ThrustCurveFit
 from rovid.export.run_export import VerifiedExport
-from rovid.model.simulation import TrialSimulation
 from rovid.preflight.config_writer import assumptions_in, log_count_text
 from rovid.preflight.log_survey import LogSurvey
 from rovid.present.console import print_labelled, print_path, print_text, show_caution, show_warnings
 from rovid.present.number_format import format_number, unit_symbol
 from rovid.present.tables.fits import directions_table, estimate_table, methods_table, sine_table, steady_table
 from rovid.present.tables.table import ResultTable, mixed_number_column, text_column
-from rovid.present.tables.trials import simulation_table
 from rovid.signals.preprocessing import PreparedRuns
 from rovid.store.parameter_file import Parameters
 from rovid.store.study import Study
-from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import YAW
 
 _RUNS_SHOWN = 8
@@ -148,11 +145,6 @@ def _show_decay(console: Console, decay: FreeDecay) -> None:
     print_text(console, f"over the inertia: {', '.join(ratios)}")
 
 
-def show_simulation(console: Console, simulations: Sequence[TrialSimulation], guess: Assumptions) -> None:
-    """Print how well the free-running simulation follows each trial."""
-    simulation_table(simulations).print(console, guess)
-
-
 def show_bench(console: Console, fit: ThrustCurveFit, output: Path) -> None:
     """Print bench readings next to the fitted thrust curve."""
     columns = map(mixed_number_column, ("command", "thrust", "curve", "residual"), ("", "N", "N", "N"))
@@ -167,7 +159,7 @@ def show_bench(console: Console, fit: ThrustCurveFit, output: Path) -> None:
     console.print(table)
     if step > 1:
         print_text(console, f"every {step}th of {len(fit.command)} readings shown")
-    dead_zone = "none" if fit.dead_zone is None else " to ".join(f"{end:.5g}" for end in fit.dead_zone)
+    dead_zone = " to ".join(map("{:.5g}".format, fit.dead_zone or ())) or "none"
     least, most = (rounded(value, decimals) for value in (fit.curve.thrust.min(), fit.curve.thrust.max()))
     largest = format_number(float(np.max(np.abs(fit.residuals))), 2)
     print_text(

@@ -93,14 +93,17 @@ def _effect_words() -> dict[str, str]:
 def _folder() -> Path:
     """The folder of the pages: next to the code of an installed rovid, docs/ in a checkout."""
     installed = _PACKAGE / "pages"
-    return installed if installed.is_dir() else _PACKAGE.parent / "docs"
+    if installed.is_dir():
+        return installed
+    return _PACKAGE.parent / "docs"
 
 
 def _path(topic: str) -> Path:
     if topic == "effects":
         return _folder() / "effects" / f"{_INDEX}.md"
-    page = _folder() / f"{topic}.md"
-    return page if topic in TOPICS else _folder() / "effects" / page.name
+    if topic in TOPICS:
+        return _folder() / f"{topic}.md"
+    return _folder() / "effects" / f"{topic}.md"
 
 
 def _reference(link: re.Match[str], topic: str) -> str:
@@ -113,4 +116,6 @@ def _reference(link: re.Match[str], topic: str) -> str:
     if page.suffix != ".md" or name in {topic, words} or name not in {*topic_names()}:
         return words
     # The title of an effect is nearly its id.
-    return words if words.replace(" ", "_") == name else f"{words} (`rovid help {name}`)"
+    if words.replace(" ", "_") == name:
+        return words
+    return f"{words} (`rovid help {name}`)"

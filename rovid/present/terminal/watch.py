@@ -134,7 +134,9 @@ def _parameters_table(estimate: Estimate, before: Estimate | None) -> ResultTabl
 
 
 def _percent(share: float | None) -> str:
-    return DASH if share is None else f"{format_number(100.0 * share, 2)} %"
+    if share is None:
+        return DASH
+    return f"{format_number(100.0 * share, 2)} %"
 
 
 def _show_criteria(console: Console, criteria: Sequence[CriterionStatus]) -> None:
@@ -143,8 +145,10 @@ def _show_criteria(console: Console, criteria: Sequence[CriterionStatus]) -> Non
 
 
 def _criterion_words(status: CriterionStatus) -> str:
-    current = "not known yet" if status.current is None else f"{_percent(status.current)} now"
-    return f"{status.criterion}: {'reached, ' if status.met else ''}{current}"
+    current = "not known yet"
+    if status.current is not None:
+        current = f"{_percent(status.current)} now"
+    return f"{status.criterion}: {'reached, ' * status.met}{current}"
 
 
 def _show_diagnosis(console: Console, event: LogsDiagnosed) -> None:
@@ -155,7 +159,7 @@ def _show_diagnosis(console: Console, event: LogsDiagnosed) -> None:
     print_labelled(console, "Causes:", verdict_sentence(diagnosis, event.study.vehicle.assumptions), indent=2)
     for finding in (*diagnosis.findings, *diagnosis.suspects):
         print_text(console, f"  {cause_name(finding)}: {confidence_words(finding)}", 4)
-    fitted = None if event.fit is None else event.fit.estimate
+    fitted = _estimate_of(event)
     if extended is not None and (fitted is None or extended.estimate.names != fitted.names):
         print_labelled(console, "With these causes:")
         console.print(_parameters_table(extended.estimate, fitted))
@@ -163,9 +167,18 @@ def _show_diagnosis(console: Console, event: LogsDiagnosed) -> None:
         _show_criteria(console, event.criteria)
 
 
+def _estimate_of(event: LogsDiagnosed | SessionEnded) -> Estimate | None:
+    """The last fit; None where there is none."""
+    if event.fit is None:
+        return None
+    return event.fit.estimate
+
+
 def _show_next_run(console: Console, event: NextRun) -> None:
-    minutes = "" if event.plan is None else f", {event.plan.best.run.seconds / 60.0:.1f} min"
-    print_labelled(console, "Next:", f"{event.words}{minutes}; {event.reason}.", indent=2)
+    run = event.words
+    if event.plan is not None:
+        run += f", {event.plan.best.run.seconds / 60.0:.1f} min"
+    print_labelled(console, "Next:", f"{run}; {event.reason}.", indent=2)
     if event.written is not None:
         print_path(console, f"  written: {event.written}")
 
@@ -183,7 +196,7 @@ def _show_end(console: Console, event: SessionEnded) -> None:
     _show_criteria(console, event.criteria)
     if event.reason != "interrupted":
         return
-    estimate = None if event.fit is None else event.fit.estimate
+    estimate = _estimate_of(event)
     if event.diagnosis is not None and event.study is not None:
         guess = event.study.vehicle.assumptions
         print_labelled(console, "Causes:", verdict_sentence(event.diagnosis, guess), indent=2)
