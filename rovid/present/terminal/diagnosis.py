@@ -107,9 +107,7 @@ def _show_finding(console: Console, finding: Finding) -> None:
     print_text(console, f"  {confidence_words(finding)}")
     print_text(console, f"  {effect.key}: {effect.equation}")
     gain, held_out = f"{finding.bic_gain:.0f}", f"{finding.held_out_gain:.0f}"
-    evidence = (
-        f"log-likelihood gain: {gain} after its penalty for parameters, {held_out} on trials that were not fitted"
-    )
+    evidence = f"log-likelihood gain: {gain} after the parameter penalty, {held_out} on trials that were not fitted"
     if finding.alternatives:
         others = [
             f"{estimate.axis.reword(other.effect.title)} {other.bic_gain:.0f}"
