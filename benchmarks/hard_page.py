@@ -53,18 +53,19 @@ def _head(records: list[dict[str, Any]]) -> str:
         "and eddies. Rotors with their own dynamics drive them. The commands come from an autopilot, a zigzag, a "
         "programme or a pilot. A compass, a gyro and a DVL measure the motion with noise, rounding, jitter and "
         "gaps. A campaign has one to eight runs of 40 to 180 time constants. Two of three campaigns have a "
-        "hidden cause, and its form may differ from rovid's. The simulator shares no code with rovid. rovid "
-        "reads only the files.\n\n*Visible* is the relative reduction of the heading error of held-out blocks, "
-        "half to eight time constants ahead, if the cause were known exactly. R² of "
+        "hidden cause. The form of this cause may differ from rovid's forms. The simulator shares no code with "
+        "rovid. rovid reads only the files.\n\n*Visible* is a number: the relative reduction of the heading error of "
+        "held-out blocks, half to eight time constants ahead, by a model with the exact cause. R² of "
         f"the plain model's yaw rate is {low:.2f} to {high:.2f} in eight campaigns of ten. The diagnosis time was "
         f"{np.median(seconds):.0f} s at the median, {np.max(seconds):.0f} s at most.\n\n"
         "A finding is right if its name is the hidden cause, a cause of the same class that such logs cannot "
-        "separate, or a cause that rovid reports as indistinguishable from it. A finding is also right if the "
-        "cause always acts and is visible. These causes are waves of at least a hundredth of the torque in use, "
-        "and the rotors' own lag and advance loss with a size within three standard errors of the truth. Any "
+        "separate, or a cause that rovid reports as indistinguishable from the hidden cause. Some causes always "
+        "act. A finding of such a cause is right if the cause is visible. These causes are waves of at least a "
+        "hundredth of the torque in use, and the rotors' own lag and advance loss with a size within three standard "
+        "errors of the truth. Any "
         "other cause counts as visible if it reduces the heading error by a twentieth or more, alone or together "
         "with the others; the moment of sway is the most frequent. *Counted strictly*, a finding is right only "
-        "if its own name was hidden or reduces the heading error by that amount."
+        "if its own cause was hidden or reduces the heading error by that amount."
     )
 
 
@@ -109,7 +110,7 @@ def _nothing(scores: list[dict[str, Any]]) -> str:
             [[str(len(nothing)), _share(wrong, len(nothing)), str(there), str(suspected), str(silent)]],
         )
         + f"\n\nOf {len(causes)} causes established in all campaigns {_share(right, len(causes))} are right. "
-        f"Counted strictly {_share(sum(strictly), len(causes))} are: see above."
+        f"Counted strictly (see above), {_share(sum(strictly), len(causes))} are right."
     )
 
 
@@ -154,8 +155,10 @@ def _odds(odds: Odds, with_picture: bool) -> str:
         "## Odds\n\nConfidence of each finding and suspect, and whether the cause acts, by two criteria. The "
         "first criterion includes indistinguishable causes and the class, as the confidence does. The second "
         "criterion counts only the cause itself, if it was hidden or changes the heading error by a twentieth. "
-        f"Brier score by the first criterion: {brier:.3f}, {len(odds)} of "
-        "them.\n\n" + _table(["confidence", "number", "mean", "it or its class acts", "it acts"], rows) + picture
+        f"Brier score by the first criterion: {brier:.3f}, for {len(odds)} findings "
+        "and suspects.\n\n"
+        + _table(["confidence", "number", "mean", "cause or its class acts", "cause acts"], rows)
+        + picture
     )
 
 
@@ -166,7 +169,7 @@ def _parameters(scores: list[dict[str, Any]]) -> str:
         "visible, not found": [
             one for one in scores if one["visibility"] in ROWS[:3] and not one["established_right"]
         ],
-        "hidden by the parameters": [
+        "absorbed by inertia or drag": [
             one for one in scores if one["visibility"] == ROWS[3] and not one["established_right"]
         ],
         "**all**": scores,

@@ -455,7 +455,7 @@ def score_card(results: Sequence[Result]) -> str:
 {table(head, rows)}
 Calm water follows the model equation exactly, and each campaign has a complete programme of runs. This is the
 easiest case. [Hard water](hard.md) has waves, an autopilot or a pilot, and few runs; [real logs](real.md) have
-their own difficulties. Expect similar hit rates for your own logs as in these two.
+their own difficulties. For your own logs, expect hit rates like those of these two.
 """
 
 
@@ -479,11 +479,11 @@ def in_short(results: Sequence[Result]) -> Iterator[list[str]]:
 
 def in_hard_water() -> Iterator[list[str]]:
     """As the page on hard water has it."""
-    # What was aimed at stands before what was reached.
-    _, _, text = " ".join((DOCS / "hard.md").read_text(encoding="utf-8").split()).partition(" Here ")
-    causes = re.search(r"(\d+) of (\d+) are right", text)
-    visible = re.search(r"(\d+) of (\d+) visible ones", text)
-    false = re.search(r"(\d+) of (\d+) with nothing hidden", text)
+    # The targets come before the results.
+    _, _, text = " ".join((DOCS / "hard.md").read_text(encoding="utf-8").split()).partition(" Results: ")
+    causes = re.search(r"(\d+) of (\d+) established causes are right", text)
+    visible = re.search(r"(\d+) of (\d+) visible causes are", text)
+    false = re.search(r"(\d+) of (\d+) campaigns without a hidden cause have", text)
     if causes is None or visible is None or false is None:
         raise SystemExit(f"{DOCS / 'hard.md'} does not say how many were right.")
     good, whole = int(causes[1]), int(causes[2])
@@ -524,7 +524,7 @@ WORDS = """\
 - exact: all hidden causes were named, no others, and no rival was left open;
 - class: the hidden cause is among the names, but a rival is indistinguishable from it or was named first;
 - extra: the hidden cause was named, and also a cause that does not act;
-- wrong: a false name without the correct name among its rivals, and a hidden cause was not named;
+- wrong: a false cause was named, without the correct one among its rivals, and a hidden cause was not named;
 - partial: some of several hidden causes were named, some were not;
 - unexplained: an error was detected but not named; missed: no error was detected;
 - no answer: an error, or too little data.
@@ -533,7 +533,7 @@ OUTSIDE_WORDS = """\
 A torque or a drag depends on a logged signal in a way that no effect of the catalogue has. Unrelated signals
 are also logged. Right: reported as unexplained, with the true driver first. Listed: the driver is among the
 listed signals, but not first. Other driver: unexplained, without the true signal. Named: an effect of the
-catalogue was named, wrongly.
+catalogue was named, which is wrong.
 """
 NOTHING_WORDS = """\
 Clean: nothing was found. Unexplained: no effect was named, but a model error was reported. Every second

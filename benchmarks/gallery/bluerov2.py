@@ -109,8 +109,8 @@ DIVE = RealSet(
     ),
     ours="One dive of 200 s under an autopilot hardly separates friction from a dead zone, or memory of the "
     "water from a rotor lag. The plain model can be checked, and the ratio of inertia and drag of the extended "
-    "model can be compared with published tank tests. An established cause claims more here than anybody can "
-    "check.",
+    "model can be compared with published tank tests. Nobody can check the established causes of "
+    "this dive.",
 )
 
 STRAIGHT = RealSet(

@@ -90,7 +90,7 @@ class Claim:
     def judged(self, answer: Answer | None) -> Judgement:
         """By the answer of its step; None where that was left out."""
         if answer is None:
-            return Judgement(UNDECIDED, "not asked, for what it needs is not there")
+            return Judgement(UNDECIDED, "not run, because its input is missing")
         if answer.code not in {0, None, REFUSED}:
             return Judgement(WRONG, answer.end)
         return self.judge(answer)
@@ -127,7 +127,7 @@ def number(read: Reader, low: float, high: float, unit: str = "", *, sharp: floa
         said = f"{plus_minus(value, error or math.nan)} {unit}".strip()
         reach = 2.0 * (error or 0.0)
         if reach > sharp * max(abs(value), abs(low), abs(high)):
-            return Judgement(UNDECIDED, f"{said}: too blunt to tell")
+            return Judgement(UNDECIDED, f"{said}: too imprecise to decide")
         meets = value - reach <= high and value + reach >= low
         return Judgement(RIGHT if meets else WRONG, said)
 

@@ -47,8 +47,8 @@ BENCH = RealSet(
         _zone(
             "kaxan_520",
             1,
-            "Both have a dead zone of about 1 V on each side, 0.5 to 1.5 V: within the zone the readings scatter "
-            "about zero. The upper end of 520",
+            "Both thrusters have a dead zone of about 1 V on each side, 0.5 to 1.5 V: within the zone the readings "
+            "scatter about zero. The upper end of 520",
             _NO_READING,
         ),
         _zone("kaxan_520", 0, "The lower end of 520"),

@@ -103,15 +103,15 @@ results, and a judgement. Failures are listed next to successes. The facts and t
 Verdicts, numbers and the three words below are filled in by `benchmarks/real.py` from rovid's JSON.
 
 * **right**: a number agrees with the fact within two standard errors; a named cause is known to act, alone or as a
-  member of a class; or rovid refuses and there is nothing to find.
+  member of a class; or rovid refuses, and there is nothing to find.
 * **wrong**: a number does not agree; a cause known not to act is established or has a confidence of {LIKELY:g} or more;
-  a completed diagnosis omits a cause that clearly acts; or rovid gives a result and none is possible.
+  a completed diagnosis omits a cause that clearly acts; or rovid gives a result although none is possible.
 * **undecided**: the truth is unknown; the result is too imprecise (a cause that clearly acts is not established,
   not the first suspect, and has a confidence below {LIKELY:g}); or the command did not end in time.
 
 The tables list elapsed time and processor time on {cores} cores shared with other processes. The smaller of the
-two times is an upper limit for an idle machine. By this measure a command may take {SECONDS_A_MINUTE:g} s for each
-minute of logs, or {SECONDS_AT_LEAST:g} s if that is more; a refusal {SECONDS_AT_LEAST:g} s."""
+two times is an upper limit for an idle machine. A command is in time if this value is at most {SECONDS_A_MINUTE:g} s
+for each minute of logs, or at most {SECONDS_AT_LEAST:g} s for short logs and refusals."""
 
 
 def _summary(done: Sequence[Done]) -> str:
@@ -220,7 +220,9 @@ def _claims(real: RealSet, record: Record) -> str:
         asked = next(step.words.split()[0] for step in real.steps if step.name == claim.step)
         remark = claim.remarks.get(judgement.word, "")
         rows.append([claim.known, f"`{asked}`", judgement.said, _word(judgement.word), remark])
-    return "### Facts and results\n\n" + _table(["known without rovid", "asked by", "rovid says", "", "remark"], rows)
+    return "### Facts and results\n\n" + _table(
+        ["known without rovid", "command", "result of rovid", "", "remark"], rows
+    )
 
 
 def _causes(real: RealSet, record: Record) -> str:
