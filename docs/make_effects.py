@@ -420,25 +420,27 @@ def _fingerprints(effect: Effect) -> Iterator[str]:
     for form in forms_of(effect)[1:]:
         if form.fingerprint != effect.fingerprint:
             yield _wrapped(f"`{form.key}`: {form.fingerprint}.")
-    yield _wrapped(f"The best run to reveal the effect: {effect.experiment}.")
+    yield _wrapped(f"Data that reveal the effect best: {effect.experiment}.")
     for form in forms_of(effect)[1:]:
         if form.experiment != effect.experiment:
             yield _wrapped(f"`{form.key}`: {form.experiment}.")
 
 
 def _rivals(effect: Effect) -> Iterator[str]:
-    yield "| effect | run that separates the two |"
+    yield "| effect | data that separate the two |"
     yield "|---|---|"
     for name in effect.rivals:
         yield f"| {_link(name)} | {_cell(_run(effect, _plain(name)))} |"
     others = [other.id for other in CATALOGUE if effect.id in other.rivals and other.id not in effect.rivals]
     if others:
         yield ""
-        yield f"The effect is also confused with {' and '.join(_link(name) for name in others)}."
+        *most, last = map(_link, others)
+        named = f"{', '.join(most)} and {last}" if most else last
+        yield _wrapped(f"The effect is also confused with {named}.")
 
 
 def _run(effect: Effect, rival: Effect) -> str:
-    """Run that separates the two; if unknown, the runs that reveal either."""
+    """Data that separate the two; if unknown, the data that reveal either."""
     runs = dict.fromkeys((effect.experiment, rival.experiment))
     return DISCRIMINATING_RUNS.get(frozenset({effect.id, rival.id}), "; ".join(runs))
 

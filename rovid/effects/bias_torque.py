@@ -57,7 +57,7 @@ def for_trials(names: Sequence[str]) -> Effect:
         title="different constant torque in each trial",
         parameters=torques,
         size_count=len(torques),
-        equation=f"+ b, of each trial by itself: {', '.join(names)}",
+        equation=f"+ b, a separate b for each trial: {', '.join(names)}",
         fingerprint="slow rotation without command, different in each log",
         experiment="a coast-down to rest from each direction in every run; notes on the tether's lead and the current",
         rivals=("heading_dependent_torque", "tether_torsion"),

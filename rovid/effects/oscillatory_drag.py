@@ -59,7 +59,7 @@ FORMS: tuple[Effect, ...] = (
     replace(
         EFFECT,
         form="fading",
-        equation="quadratic drag times 1 + g·f, f growing at a reversal by what was swept before, then as exp(−θ/θ0)",
+        equation="quadratic drag times 1 + g·f, f grows at a reversal by the angle swept, then decays as exp(−θ/θ0)",
         acts=Term(_fading, states=1),
     ),
 )

@@ -147,7 +147,7 @@ def _for_several(names: Sequence[str]) -> Effect:
         title="different thrust in each trial",
         parameters=gains,
         size_count=len(gains),
-        equation=f"T' = g·T, g of each trial by itself and 1 in the mean: {', '.join(names)}",
+        equation=f"T' = g·T, a separate g for each trial with a mean of 1: {', '.join(names)}",
         fingerprint="residual torque in proportion to T in every log, with a different size and sign in each",
         experiment="the same run several times; the supply's voltage in the log",
         rivals=_RIVALS_PER_TRIAL,

@@ -60,13 +60,13 @@ FORMS: tuple[Effect, ...] = (
     replace(
         EFFECT,
         form="following",
-        equation="− g·I·ω²·q, q as above: water that follows the vehicle and pulls by its own acceleration",
+        equation="− g·I·ω²·q, q as above: water that follows the vehicle and acts by its acceleration",
         acts=Term(_following, states=2, fastest=_fastest, oscillatory=True),
     ),
     replace(
         EFFECT,
         form="thrust",
-        equation="− g·I·ω·dq/dt, d²q/dt² + 2ζω·dq/dt + ω²·q = T/I: set off by the jets",
+        equation="− g·I·ω·dq/dt, d²q/dt² + 2ζω·dq/dt + ω²·q = T/I: excited by the jets",
         # Not oscillatory for the filter: the known thrust is the only excitation.
         acts=Term(_by_thrust, states=2, fastest=_fastest),
     ),

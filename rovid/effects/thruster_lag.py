@@ -61,7 +61,7 @@ FORMS: tuple[Effect, ...] = (
     replace(
         EFFECT,
         form="spin",
-        equation="τ·dn/dt + n = sign(F)·√|F|, F' = n·|n|: the rotor's speed, as a motor's controller has it follow",
+        equation="τ·dn/dt + n = sign(F)·√|F|, F' = n·|n|: rotor with a speed controller",
         acts=OnThrust(_lagged_speed, settling_time=_settled),
     ),
     # A rotor after a motor or a controller with its own lag.
@@ -75,7 +75,7 @@ FORMS: tuple[Effect, ...] = (
     replace(
         EFFECT,
         form="rotor",
-        equation="2τ·√F0·dn/dt + n|n| = F, F' = n|n|: τ at a tenth of full thrust F0, longer at less",
+        equation="2τ·√F0·dn/dt + n|n| = F, F' = n|n|: τ at a tenth of full thrust F0, slower at smaller thrust",
         acts=OnThrust(_rotor, settling_time=_settled),
     ),
 )
