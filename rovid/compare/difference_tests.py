@@ -16,7 +16,7 @@ import numpy as np
 from rovid.compare.candidates import ChangeCandidate, EstimatePair
 from rovid.core.array_types import FloatArray
 from rovid.core.stats import chi2_sf
-from rovid.diagnose.posterior import posterior_probability, stand_in_cap
+from rovid.diagnose.posterior import posterior_probability, probability_not_a_stand_in
 from rovid.diagnose.thresholds import ESTABLISHED, POSSIBLE
 
 # Log-likelihood ratio beyond which an alternative is ruled out: 1 in 20; a decision.
@@ -193,7 +193,7 @@ class _Selection:
         similar = [other for other in rest if other is not candidate and scores[other.name] > limit]
         equivalent = [candidate.name, *(other.name for other in similar)]
         gain = self.gain([*others, candidate]) - self.gain(others)
-        cap = stand_in_cap(gain, gain, white=self.pair.white)
+        cap = probability_not_a_stand_in(gain, gain, white=self.pair.white)
         ratio, error = self._ratio(candidate, others)
         return ParameterChange(
             candidate=candidate,
@@ -232,11 +232,11 @@ class _Selection:
         """Gain in log-likelihood that establishes a change."""
         prior = math.log(len(self.candidates) * ESTABLISHED / (1.0 - ESTABLISHED)) + self._penalty
         low, high = prior, prior
-        while stand_in_cap(high, high, white=self.pair.white) < ESTABLISHED:
+        while probability_not_a_stand_in(high, high, white=self.pair.white) < ESTABLISHED:
             high += 1.0
         for _ in range(30):
             middle = 0.5 * (low + high)
-            if stand_in_cap(middle, middle, white=self.pair.white) >= ESTABLISHED:
+            if probability_not_a_stand_in(middle, middle, white=self.pair.white) >= ESTABLISHED:
                 high = middle
             else:
                 low = middle

@@ -1,4 +1,4 @@
-"""A cache with a limited number of bytes."""
+"""Cache with a limited total size, which evicts the least recently used value, or a random one."""
 
 from __future__ import annotations
 
@@ -51,12 +51,14 @@ class SizedCache:
             with self._lock:
                 self._pop(key)
                 self._put(key, made)
-                while self._bytes > self.max_bytes and len(self._values) > self.evict_randomly:
+                fewest = 1 if self.evict_randomly else 0
+                while self._bytes > self.max_bytes and len(self._values) > fewest:
                     self._pop(self._next_evicted())
         return made
 
     def _next_evicted(self) -> Hashable:
         keys = list(self._values)
+        # The latest key stands last.
         return keys[self._random.randrange(len(keys) - 1)] if self.evict_randomly else keys[0]
 
     def _pop(self, key: Hashable) -> Any:

@@ -32,7 +32,7 @@ def posterior_probability(
     causes_tried
         Number of causes tested, including those that were not fitted. They share the prior odds that any acts.
     cap
-        Largest probability; see `stand_in_cap`.
+        Largest probability; see `probability_not_a_stand_in`.
     """
     # Relative to the largest, because its exponential may overflow.
     top = max([0.0, *bic_gains.values()])
@@ -43,12 +43,13 @@ def posterior_probability(
     return min(own / total, cap)
 
 
-def stand_in_cap(held_out_gain: float, bic_gain: float, *, white: bool) -> float:
-    """Probability that a cause with these gains (nats) is no stand-in for an equation that the catalogue lacks.
+def probability_not_a_stand_in(held_out_gain: float, bic_gain: float, *, white: bool) -> float:
+    """Probability that a cause with these gains (nats) acts itself.
 
-    The odds are those of hard-water campaigns: even at a held-out gain of `THRESHOLDS.stand_in_gain`, and e times as
-    high for each further `THRESHOLDS.stand_in_scale`. With ``white`` innovations both gains are exact, and the smaller
-    one counts, because the best of many causes gains on a few trials by chance.
+    A stand-in is an effect that does not act, but resembles physics that the catalogue lacks. The odds are those of
+    hard-water campaigns: even at a held-out gain of `THRESHOLDS.stand_in_gain`, and e times as high for each further
+    `THRESHOLDS.stand_in_scale`. With ``white`` innovations both gains are exact, and the smaller one counts, because
+    the best of many causes gains on a few trials by chance.
     """
     gain, scale = held_out_gain, THRESHOLDS.stand_in_scale
     if white:
@@ -76,27 +77,28 @@ def effect_size(
     With several sizes, their projection on the unit vector ``along``, by default their own direction. The standard
     error then includes that a direction was chosen. ``sandwich`` allows for coloured innovations.
     """
+    away, covariance = effect_sizes(fitted, effect, sandwich=sandwich)
     if effect.size_count > 1:
-        away, covariance = effect_sizes(fitted, effect, sandwich=sandwich)
         along = unit_direction(away) if along is None else along
         return float(along @ away), math.sqrt(effect.size_count * max(float(along @ covariance @ along), 0.0))
-    size = effect.parameters[0]
-    at = fitted.model.names.index(f"{effect.key}.{size.name}")
-    variance = fitted.covariance(sandwich=sandwich)[at, at]
+    distance, variance = float(away[0]), float(covariance[0, 0])
     # Rounding may leave a negative variance: then nothing is known.
     error = math.sqrt(variance) if variance >= 0.0 else math.inf
-    value = float(fitted.model.values[at])
-    if size.neutral_at_infinity:
-        return 1.0 / value, error / value**2
-    return value - size.neutral * fitted.data.scales.unit_size(size), error
+    if effect.parameters[0].neutral_at_infinity:
+        return 1.0 / distance, error / distance**2
+    return distance, error
 
 
 def effect_sizes(fitted: FitResult, effect: Effect, *, sandwich: bool) -> tuple[FloatArray, FloatArray]:
-    """(s,) distances of all sizes of ``effect`` from their neutral values, and their (s, s) covariance."""
+    """(s,) distances of all sizes of ``effect`` from their neutral values, and their (s, s) covariance.
+
+    Where the neutral value is infinite, the distance is counted from zero.
+    """
     sizes = effect.parameters[: effect.size_count]
     at = [fitted.model.names.index(f"{effect.key}.{size.name}") for size in sizes]
-    away = fitted.model.values[at] - [size.neutral for size in sizes]
-    return away, fitted.covariance(sandwich=sandwich)[np.ix_(at, at)]
+    scales = fitted.data.scales
+    neutral = [0.0 if size.neutral_at_infinity else size.neutral * scales.unit_size(size) for size in sizes]
+    return fitted.model.values[at] - neutral, fitted.covariance(sandwich=sandwich)[np.ix_(at, at)]
 
 
 def unit_direction(away: FloatArray) -> FloatArray:
@@ -130,15 +132,13 @@ def has_consistent_size(multi_step: FitResult, one_step: FitResult, effect: Effe
     if effect.size_count > 1:
         along = unit_direction(effect_sizes(multi_step, effect, sandwich=True)[0])
     expected, error = effect_size(multi_step, effect, sandwich=True, along=along)
-    found, other_error = effect_size(one_step, effect, sandwich=True, along=along)
-    if effect.canonical is not None:
-        # A negative amplitude is a positive one with the phase turned by half a cycle.
-        expected, found = abs(expected), abs(found)
-    found = math.copysign(1.0, expected) * found
-    missing = abs(expected) - found
-    if found >= THRESHOLDS.consistent_share * abs(expected):
+    found, one_step_error = effect_size(one_step, effect, sandwich=True, along=along)
+    # A size of the other sign is a negative share of the expected one. A negative amplitude is a positive one with the
+    # phase turned by half a cycle.
+    same_sense = abs(found) if effect.canonical is not None else math.copysign(1.0, expected) * found
+    if same_sense >= THRESHOLDS.consistent_share * abs(expected):
         return True
-    return missing <= THRESHOLDS.consistent_errors * math.hypot(error, other_error)
+    return abs(expected) - same_sense <= THRESHOLDS.consistent_errors * math.hypot(error, one_step_error)
 
 
 def outlier_probability(fitted: FitResult, effect: Effect) -> float:
@@ -166,24 +166,26 @@ def _single_outlier(fitted: FitResult, effect: Effect) -> float:
     Each trial has a thrust of its own, because kinds of runs differ where the form of the model is approximate.
     """
     trials = dict.fromkeys(run.trial.parent or run.trial.name for run in fitted.data.runs)
-    others = [one for one in (supply_sag.for_trials([name]) for name in trials) if one.key != effect.key]
-    rest, x = fitted.without(effect)
+    others = [other for other in (supply_sag.for_trials([name]) for name in trials) if other.key != effect.key]
+    kept_effects, kept_x = fitted.without(effect)
     # The first of the other trials is the reference.
-    free = fitted.objective.with_effects((*rest, effect, *others[1:]))
-    start = np.concatenate((x, fitted.effect_coordinates(effect), np.ones(len(others) - 1)))
-    best = fit_coarse(free, start, THRESHOLDS.close_iterations)
+    objective = fitted.objective.with_effects((*kept_effects, effect, *others[1:]))
+    start = np.concatenate((kept_x, fitted.effect_coordinates(effect), np.ones(len(others) - 1)))
+    refitted = fit_coarse(objective, start, THRESHOLDS.close_iterations)
     # The thrust of the trial itself stands first, that of the reference last.
-    last = slice(-len(others), None)
-    thrusts = np.concatenate((best.model.values[last], [1.0]))
+    thrust_slice = slice(-len(others), None)
+    thrusts = np.concatenate((refitted.model.values[thrust_slice], [1.0]))
+    # Thrust of the trial less the mean of the others.
     contrast = np.full(len(thrusts), -1.0 / len(others))
     contrast[0] = 1.0
-    covariance = best.covariance(sandwich=True)[last, last]
-    known = contrast[:-1] @ covariance @ contrast[:-1]
+    covariance = refitted.covariance(sandwich=True)[thrust_slice, thrust_slice]
+    fit_variance = float(contrast[:-1] @ covariance @ contrast[:-1])
     deviations = thrusts[1:] - thrusts[1:].mean()
     prior_trials = THRESHOLDS.thrust_scatter_trials
-    scatter = float(np.sum(deviations**2)) + prior_trials * THRESHOLDS.thrust_scatter**2
+    squares = float(np.sum(deviations**2)) + prior_trials * THRESHOLDS.thrust_scatter**2
     freedom = len(others) - 1 + prior_trials
-    # Variance of a new trial: scatter between trials, error of their mean, and errors of the thrusts.
-    variance = scatter / freedom * (1.0 + 1.0 / len(others)) + float(known)
-    distance = abs(float(thrusts @ contrast)) / math.sqrt(variance)
-    return max(0.0, 1.0 - 2.0 * len(thrusts) * t_cdf(freedom, -distance))
+    # Scatter between trials, error of their mean, and errors of the fitted thrusts.
+    variance = squares / freedom * (1.0 + 1.0 / len(others)) + fit_variance
+    t_statistic = abs(float(thrusts @ contrast)) / math.sqrt(variance)
+    # Two-sided, and Bonferroni's correction for the choice of the trial.
+    return max(0.0, 1.0 - 2.0 * len(thrusts) * t_cdf(freedom, -t_statistic))

@@ -17,9 +17,9 @@ from rovid.diagnose.posterior import (
     has_consistent_size,
     outlier_probability,
     posterior_probability,
+    probability_not_a_stand_in,
     recalibrated,
     significance,
-    stand_in_cap,
 )
 from rovid.diagnose.signal_regressors import is_signal
 from rovid.diagnose.stepwise import StepwiseSearch
@@ -137,7 +137,7 @@ class Selection:
         allowance = self.search.misspecification_allowance(rest, white=white)
         excess = max(own - held_out_gain, 0.0) + allowance
         gains = {name: gain - excess for name, gain in gains.items()}
-        cap = stand_in_cap(held_out_gain - allowance, own - allowance, white=white)
+        cap = probability_not_a_stand_in(held_out_gain - allowance, own - allowance, white=white)
         probability = posterior_probability(gains, equivalent, self.search.causes_tried, cap=cap)
         return probability if white else min(probability, outlier_probability(self.model, cause.effect))
 
@@ -303,7 +303,7 @@ def suspects(selection: Selection) -> list[Suspected]:
         others = [other for other in near if has_size(other)]
         gain = held_out_log_likelihood(selection.folds(one.fitted)) - held_out_log_likelihood(selection.folds(model))
         own = selection.chance_corrected_gain(one)
-        cap = stand_in_cap(gain - allowance, own - allowance, white=white)
+        cap = probability_not_a_stand_in(gain - allowance, own - allowance, white=white)
         probability = posterior([one, *others], max(own - gain, 0.0), cap)
         if not white:
             probability = min(probability, outlier_probability(one.fitted, one.effect))

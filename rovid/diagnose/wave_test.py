@@ -13,7 +13,7 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.diagnose.candidate_fits import bic_score, fit_coarse, fit_in_parallel, is_plausible
 from rovid.diagnose.cross_validation import CvPiece, cross_validate, held_out_log_likelihood
-from rovid.diagnose.posterior import posterior_probability, stand_in_cap
+from rovid.diagnose.posterior import posterior_probability, probability_not_a_stand_in
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect
 from rovid.estimate.filter_data import InnovationData
@@ -54,7 +54,7 @@ class WaveTest:
         if probability < THRESHOLDS.possible:
             return probability
         gain = min(self.bic_gain, self.held_out_gain)
-        cap = stand_in_cap(self.held_out_gain, self.bic_gain, white=True)
+        cap = probability_not_a_stand_in(self.held_out_gain, self.bic_gain, white=True)
         return posterior_probability({name: gain}, (name,), 1, cap=cap)
 
     @property

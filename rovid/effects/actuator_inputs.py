@@ -44,7 +44,7 @@ class TrialRows(NamedTuple):
     """One among concatenated trials."""
 
     name: str = ""
-    parent: str = ""  #: Name of the trial of which it is a part; otherwise its own name.
+    parent: str = ""  #: Name of the whole trial, if this is a part cut from one; otherwise the same as ``name``.
     start_offset: float = 0.0  #: s from the start of the campaign's first trial.
     rows: slice = slice(None)  #: Indices of its instants.
     selection: SampleSelection | None = None  #: Selected instants of its log; None for all.

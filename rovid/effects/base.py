@@ -83,10 +83,10 @@ class EffectParameter:
     low: float
     high: float
     initial_values: tuple[float, ...]  #: Initial values of fits, in ``unit`` times the scale.
-    #: Typical size: ``one``; ``command``, a hundredth of the largest command; ``torque``, ``rate``, ``wash``,
-    #: ``sqrt_thrust``, ``surge`` and ``sway`` as they occur in the logs; ``load``, the largest share of full thrust;
-    #: ``longest``, hours of the longest log; ``day``, hours from the first log's start to the last one's end. Quotients
-    #: are written as ``torque/surge/rate``.
+    #: Typical size: ``one``; ``command``, a hundredth of the largest command from neutral; ``torque``, ``rate``,
+    #: ``wash``, ``sqrt_thrust``, ``surge`` and ``sway``, the RMS over all logs; ``load``, the largest share of full
+    #: thrust; ``longest``, hours of the longest log; ``day``, hours from the first log's start to the last one's end.
+    #: Quotients are written as ``torque/surge/rate``.
     scale: str = "one"
     #: Relative step of difference quotients. A threshold makes the likelihood piecewise constant: with a small step its
     #: derivative would be zero or far too large.

@@ -18,7 +18,11 @@ def _mean_of_delays(inputs: ActuatorInputs, torque: FloatArray, values: Values) 
 
 
 def _impulse_variance(inputs: ActuatorInputs, torque: FloatArray, values: Values) -> FloatArray:
-    """Variance of the impulse: (change J L)^2 / 3 for each change that is delayed by (1 - J) L to (1 + J) L."""
+    """Variance of the impulse in each interval, in (N m s)^2.
+
+    A change c with a delay of (1 - J) L to (1 + J) L has the variance (c J L)^2 / 3, spread evenly over the 2 J L
+    between the shortest and the longest delay.
+    """
     jitter = values["jitter"] * values["delay"]
     return inputs.apply_per_trial(pending_changes, torque, *_delay_range(values)) * (jitter / 6.0) * inputs.intervals
 
@@ -29,7 +33,8 @@ def _delay_range(values: Values) -> tuple[float, float]:
     return delay * (1.0 - jitter), delay * (1.0 + jitter)
 
 
-# Relative step of difference quotients. The range of delays is not known more closely.
+# Relative step of difference quotients: below the accuracy with which logs determine a range of delays, and wide enough
+# for the jumps of the likelihood where a delay passes an instant of the log. Origin not recorded.
 _STEP = 0.1
 
 EFFECT: Effect = Effect(

@@ -1,4 +1,7 @@
-"""Forms of an effect with another size in each trial, or in one trial alone. The form names the trials."""
+"""Forms of an effect with another size in each trial, or in one trial alone. The form names the trials.
+
+Parts of a trial, cut for validation, have the size of that trial, their `TrialRows.parent`.
+"""
 
 from __future__ import annotations
 

@@ -9,7 +9,10 @@ from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, 
 
 @compiled
 def _mode(excitation: float, p: Numbers, x: Numbers) -> float:
-    """dq/dt of the mode. Its equation is integrated once, as rdot is unknown here: the states are ∫q and q."""
+    """Derivative dq/dt of the mode q, with the states x = (∫q, q).
+
+    The equation of the mode is integrated once, because a term does not know the acceleration of the vehicle.
+    """
     return excitation - 2.0 * p[2] * p[1] * x[1] - p[1] * p[1] * x[0]
 
 
@@ -67,7 +70,7 @@ FORMS: tuple[Effect, ...] = (
         EFFECT,
         form="thrust",
         equation="− g·I·ω·dq/dt, d²q/dt² + 2ζω·dq/dt + ω²·q = T/I: excited by the jets",
-        # Not oscillatory for the filter: the known thrust is the only excitation.
+        # Not `oscillatory`, because the known thrust alone excites the mode: a filter need not estimate its states.
         acts=Term(_by_thrust, states=2, fastest=_fastest),
     ),
 )

@@ -34,13 +34,13 @@ def read_only(values: ArrayLike) -> FloatArray:
 class Remark:
     """A fault that a reader found in a log, and its treatment.
 
-    ``kind`` is a stable word (duplicate, backward, missing, outlier, frozen, gap, truncated, extrapolated, repeated,
-    start, stale, skipped, ...); ``count`` the number of affected samples (bytes, for truncated); ``text`` a sentence.
+    ``kind`` is a stable word for programs, such as duplicate, backward, missing, outlier, frozen, gap, truncated,
+    extrapolated, repeated, start, stale, skipped, chosen, clock, joined, gyro, released, "left out".
     """
 
     kind: str
-    count: int
-    text: str
+    count: int  #: Affected samples, intervals, files or bytes, as the text says.
+    text: str  #: A sentence for people.
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -14,8 +14,8 @@ from rovid.diagnose.posterior import (
     has_consistent_size,
     outlier_probability,
     posterior_probability,
+    probability_not_a_stand_in,
     recalibrated,
-    stand_in_cap,
 )
 from rovid.diagnose.thresholds import ESTABLISHED, POSSIBLE
 from rovid.effects import effect_named
@@ -47,7 +47,7 @@ def test_posterior_probability(worths: dict[str, float], alike: tuple[str, ...],
 @pytest.mark.parametrize(("white", "least", "enough"), [(False, 19.0, 21.0), (True, 12.0, 14.0)])
 def test_a_small_held_out_gain_caps_the_probability(white: bool, least: float, enough: float) -> None:
     def sure(gain: float) -> float:
-        return stand_in_cap(gain, gain, white=white)
+        return probability_not_a_stand_in(gain, gain, white=white)
 
     assert sure(6.0) == pytest.approx(0.5)
     assert sure(least) < ESTABLISHED <= sure(enough)
@@ -57,8 +57,9 @@ def test_a_small_held_out_gain_caps_the_probability(white: bool, least: float, e
 
 
 def test_with_white_innovations_the_smaller_gain_counts() -> None:
-    assert stand_in_cap(30.0, 6.0, white=True) == stand_in_cap(6.0, 30.0, white=True) == pytest.approx(0.5)
-    assert stand_in_cap(30.0, 6.0, white=False) > ESTABLISHED
+    for gains in ((30.0, 6.0), (6.0, 30.0)):
+        assert probability_not_a_stand_in(*gains, white=True) == pytest.approx(0.5)
+    assert probability_not_a_stand_in(30.0, 6.0, white=False) > ESTABLISHED
 
 
 @pytest.mark.parametrize("white", [True, False])

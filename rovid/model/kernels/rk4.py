@@ -1,6 +1,7 @@
 """Classical fourth-order Runge-Kutta steps, and the free-running simulation.
 
-Vectors are never changed in place, as others may hold them. States of effects are.
+SIMD vectors are never changed in place, because other names may refer to them. The states of effects are changed in
+place.
 """
 
 from __future__ import annotations
@@ -21,14 +22,14 @@ from rovid.model.kernels.simd_io import broadcast_equation, copy_rows, gather
 # Nodes of stages two to four as shares of the step, and six times the weights of all four stages.
 NODES = (0.5, 0.5, 1.0)
 WEIGHTS = (1.0, 2.0, 2.0, 1.0)
-# Steps in shares of the shortest time constant: without effects exact to about 1e-6, with effects to 1e-4, as their
-# equations are known less well.
+# Step in shares of the shortest time constant. The error is about 1e-6 without effects, and 1e-4 with effects, because
+# their equations are known less well.
 _STEP_SHARE, EFFECTS_STEP_SHARE = 0.2, 0.5
-# Steps in an interval at most. Without effects the steps of a longer gap are repeated until the rate has settled, by a
-# relative change of less than _SETTLED. With effects all steps are done.
+# Largest number of steps in an interval. Without effects, the steps of a longer gap are repeated until the relative
+# change of the rate is below _SETTLED. With effects all steps are done.
 _MAX_PLAIN_STEPS, MAX_STEPS = 1000, 1_000_000
 _SETTLED = 1e-9
-# In place of zero drag in a denominator.
+# Smallest denominator, in place of a drag of zero.
 _TINY = 1e-12
 
 
@@ -51,27 +52,27 @@ def drag_damping(rate: Any, slopes: Any) -> Any:
 
 
 @traced
-def plain_step(r: Any, a: Any, torque: Any, slopes: Any, h: Any) -> Any:
-    """One step of rate and angle without effects; also the damping in mid-step in 1/s.
+def plain_step(rate: Any, angle: Any, torque: Any, slopes: Any, h: Any) -> Any:
+    """One step of ``h`` s of rate and angle without effects; also the damping in mid-step in 1/s.
 
     `rk4_step` without terms takes twice as long, and this is the innermost of all loops.
     """
     push, half = torque * slopes[2], 0.5 * h
-    k1 = _acceleration(r, push, slopes)
-    r2 = r + half * k1
-    k2 = _acceleration(r2, push, slopes)
-    r3 = r + half * k2
-    k3 = _acceleration(r3, push, slopes)
-    r4 = r + h * k3
-    k4 = _acceleration(r4, push, slopes)
-    angle = a + h / 6.0 * (r + 2.0 * (r2 + r3) + r4)
-    return r + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4), angle, drag_damping(r2, slopes)
+    k1 = _acceleration(rate, push, slopes)
+    rate2 = rate + half * k1
+    k2 = _acceleration(rate2, push, slopes)
+    rate3 = rate + half * k2
+    k3 = _acceleration(rate3, push, slopes)
+    rate4 = rate + h * k3
+    k4 = _acceleration(rate4, push, slopes)
+    angle = angle + h / 6.0 * (rate + 2.0 * (rate2 + rate3) + rate4)
+    return rate + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4), angle, drag_damping(rate2, slopes)
 
 
 @njit_noalloc
 def rk4_step(
-    r: Any,
-    a: Any,
+    start_rate: Any,
+    start_angle: Any,
     thruster_torque: Any,
     other_torque: Any,
     effect_inputs: Any,
@@ -100,17 +101,17 @@ def rk4_step(
     """
     rows, derivative, stage_state, sums = TERM_STATES * equation.terms.stateful, work[0], work[1], work[2]
     slopes = drag_slopes(equation.body)
-    push, nudge = (thruster_torque + other_torque) * slopes[2], 1e-6 + 1e-4 * abs(r)
+    push, nudge = (thruster_torque + other_torque) * slopes[2], 1e-6 + 1e-4 * abs(start_rate)
     # A vehicle that hardly moves may be about to turn back: states are reset for the nudged rate too.
-    rate, angle = r + nudge, a
+    rate, angle = start_rate + nudge, start_angle
     reset_states(rate, equation, state)
     copy_rows(rows, state, stage_state)
     angle_sum = rate_sum = effect_slope = damping = broadcast(0.0)
-    # Stage -1 is for the slope of the effects by a difference quotient.
+    # Stage -1 evaluates the effects at the nudged rate: their slope is a difference quotient.
     for stage in range(-1, 4):
         extra = sum_terms(rate, angle, thruster_torque, effect_inputs, equation, stage_state, derivative) * slopes[2]
         if stage < 0:
-            effect_slope, rate = extra, r
+            effect_slope, rate = extra, start_rate
             reset_states(rate, equation, state)
             copy_rows(rows, state, stage_state)
             continue
@@ -123,9 +124,9 @@ def rk4_step(
         rate_sum = rate_sum + WEIGHTS[stage] * acceleration
         advance_states(stage, rows, state, derivative, h, stage_state, sums)
         if stage < 3:
-            angle = a + NODES[stage] * h * rate
-            rate = r + NODES[stage] * h * acceleration
-    return r + h / 6.0 * rate_sum, a + h / 6.0 * angle_sum, damping
+            angle = start_angle + NODES[stage] * h * rate
+            rate = start_rate + NODES[stage] * h * acceleration
+    return start_rate + h / 6.0 * rate_sum, start_angle + h / 6.0 * angle_sum, damping
 
 
 @njit_inline
@@ -152,12 +153,13 @@ def state_substeps(h: float, terms: Any) -> int:
 
 
 @njit_inline
-def wanted_steps(r: Any, torque: Any, damping: Any, interval: Any, equation: Any) -> Any:
+def wanted_steps(rate: Any, torque: Any, damping: Any, interval: Any, equation: Any) -> Any:
     """Steps that an interval needs, as real numbers; ``damping`` in 1/s is that of the interval before."""
     body, size = equation.body, abs(torque)
+    # The steady rate is at most the smaller one of those with either drag alone.
     balance = minimum(sqrt(size / maximum(body.quadratic_drag, _TINY)), size / maximum(body.linear_drag, _TINY))
     damping = maximum(
-        maximum(damping, equation.terms.fastest), drag_damping(maximum(abs(r), balance), drag_slopes(body))
+        maximum(damping, equation.terms.fastest), drag_damping(maximum(abs(rate), balance), drag_slopes(body))
     )
     return interval * damping / EFFECTS_STEP_SHARE
 
@@ -187,45 +189,45 @@ def simulate(time: FloatArray, torque: FloatArray, body: Body, initial_rate: flo
         (n,) rad/s and (n,) rad. Steps are a small share of the local time constant
         ``inertia / (2*quadratic*|r| + linear)``.
     """
-    rate, angle = np.empty(len(time)), np.empty(len(time))
-    rate[0], angle[0] = initial_rate, 0.0
-    _simulate(np.diff(time), torque, body, rate, angle)
-    return rate, angle
+    rates, angles = np.empty(len(time)), np.empty(len(time))
+    rates[0], angles[0] = initial_rate, 0.0
+    _simulate(np.diff(time), torque, body, rates, angles)
+    return rates, angles
 
 
 @njit_noalloc
-def _simulate(intervals: FloatArray, torque: FloatArray, body: Body, rate: FloatArray, angle: FloatArray) -> None:
-    """Fill in ``rate`` and ``angle`` after the first instant."""
+def _simulate(intervals: FloatArray, torque: FloatArray, body: Body, rates: FloatArray, angles: FloatArray) -> None:
+    """Fill in ``rates`` and ``angles`` after the first instant."""
     quadratic, linear, slopes = body.quadratic_drag, body.linear_drag, drag_slopes(body)
     for k in range(len(intervals)):
-        r = rate[k]
-        a = angle[k]
-        # The rate approaches the one that balances the torque. The faster of the two determines the time constant.
+        rate = rates[k]
+        angle = angles[k]
+        # The rate approaches the steady rate. The larger one of the two rates determines the time constant.
         balance = math.sqrt(abs(torque[k]) / quadratic) if quadratic > 0.0 else 0.0
         if linear > 0.0:
             balance = min(balance, abs(torque[k]) / linear) if quadratic > 0.0 else 0.0
         left = intervals[k]
         while left > 0.0:
-            damping = drag_damping(max(abs(r), balance), slopes)
+            damping = drag_damping(max(abs(rate), balance), slopes)
             wanted = left * damping / _STEP_SHARE
             is_gap = wanted > _MAX_PLAIN_STEPS
             steps = 1 if not wanted > 1.0 else int(min(wanted, _MAX_PLAIN_STEPS - 1.0)) + 1
             h = _STEP_SHARE / damping if is_gap else left / steps
-            before = r
+            before = rate
             for _ in range(steps):
-                r, a, _ = plain_step(r, a, torque[k], slopes, h)
+                rate, angle, _ = plain_step(rate, angle, torque[k], slopes, h)
             left = left - steps * h if is_gap else 0.0
-            if not abs(r - before) > _SETTLED * abs(r):
-                a += r * left
+            if not abs(rate - before) > _SETTLED * abs(rate):
+                angle += rate * left
                 left = 0.0
-        rate[k + 1] = r
-        angle[k + 1] = a
+        rates[k + 1] = rate
+        angles[k + 1] = angle
 
 
 @njit_noalloc
 def advance(
-    r: float,
-    a: float,
+    rate: float,
+    angle: float,
     thruster_torque: float,
     other_torque: float,
     timing_moment: float,
@@ -256,10 +258,12 @@ def advance(
         At the interval's end.
     """
     inputs = broadcast(effect_inputs[0]), broadcast(effect_inputs[1]), broadcast(effect_inputs[2])
-    motion = broadcast(r), broadcast(a), broadcast(damping)
+    motion = broadcast(rate), broadcast(angle), broadcast(damping)
     torque = broadcast(thruster_torque), broadcast(other_torque), broadcast(timing_moment), inputs
-    rate, angle, fastest = _advance(motion, torque, broadcast(interval), broadcast_equation(equation), state, work)
-    return extract(rate, 0), extract(angle, 0), extract(fastest, 0)
+    end_rate, end_angle, fastest = _advance(
+        motion, torque, broadcast(interval), broadcast_equation(equation), state, work
+    )
+    return extract(end_rate, 0), extract(end_angle, 0), extract(fastest, 0)
 
 
 @njit_inline
@@ -273,7 +277,7 @@ def _advance(motion: Any, torque: Any, interval: Any, equation: Any, state: Any,
             rate, angle, thruster_torque, other_torque, effect_inputs, equation, state, work, h
         )
         fastest = maximum(fastest, damping)
-    # Torque that came late in the interval has turned the vehicle less, and drag has reduced its rate less.
+    # Torque late in the interval (negative moment) has turned the vehicle less, and drag has reduced the rate less.
     late = timing_moment / equation.body.inertia
     return rate - drag_damping(rate, drag_slopes(equation.body)) * late, angle + late, fastest
 
@@ -339,13 +343,13 @@ def _simulate_effects(runs: Any, inputs: FloatArray, equation: Any, at: Any, wor
             for j in range(states.shape[1]):
                 state[j, i] = states[run, j]
         own = Equation(body, equation.terms, start)
-        r, a, damping = gather(motion, here, 0), gather(motion, here, 1), broadcast(0.0)
+        rate, angle, damping = gather(motion, here, 0), gather(motion, here, 1), broadcast(0.0)
         for _ in range(longest):
             interval, timing_moment = gather(inputs, here, 0), gather(inputs, here, 2)
             effect_inputs = gather(inputs, here, 3), gather(inputs, here, 4), gather(inputs, here, 5)
             torque = gather(inputs, here, 1), broadcast(0.0), timing_moment, effect_inputs
-            r, a, damping = _advance((r, a, damping), torque, interval, own, state, work[1:])
+            rate, angle, damping = _advance((rate, angle, damping), torque, interval, own, state, work[1:])
             for i in range(LANES):
                 if here[i] < last[i]:
                     here[i] += 1
-                    motion[here[i], 0], motion[here[i], 1] = extract(r, i), extract(a, i)
+                    motion[here[i], 0], motion[here[i], 1] = extract(rate, i), extract(angle, i)
