@@ -16,7 +16,7 @@ from rovid.effects import effect_named
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import fit
 from rovid.estimate.maximum_likelihood import add_effects, fit_innovations
-from rovid.estimate.output_error import fit_output_error, free_run_r2
+from rovid.estimate.output_error import fit_output_error
 from rovid.model.parameter_names import base_names
 from rovid.store.study import open_study
 from rovid.trial.axis import YAW
@@ -33,7 +33,8 @@ def main() -> None:
     assert study.runs is not None
     runs, effects = study.runs.items, tuple(effect_named(name) for name in arguments.effect)
     start = fit_output_error(runs)
-    fitted = fit_innovations(InnovationData(runs, study.vehicle, start), free_run_r2(runs, start))
+    data = InnovationData(runs, study.vehicle, start)
+    fitted = fit_innovations(data, data.free_run_r2(start))
     if effects:
         fitted = add_effects(fitted, effects)
     white = fitted.is_white

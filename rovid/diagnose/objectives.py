@@ -29,7 +29,6 @@ from rovid.estimate.maximum_likelihood import DISTURBANCE_LIMITS, INNOVATIONS_R2
 from rovid.estimate.multi_step_data import MultiStepData, time_constant
 from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
 from rovid.estimate.objective import UNLIMITED, ModelKey, NegativeLogLikelihood
-from rovid.estimate.output_error import free_run_r2
 from rovid.estimate.parametrization import DISTURBANCE
 from rovid.model.model import Model
 from rovid.signals.preprocessing import PreparedRuns, Run, shared_channels
@@ -125,7 +124,7 @@ class InnovationObjective:
     def base_of(self, data: InnovationData) -> FitResult:
         """Model without effects, fitted to ``data``."""
         if data.interval not in self._bases:
-            self._bases[data.interval] = fit_innovations(data, free_run_r2(data.runs, data.initial_model))
+            self._bases[data.interval] = fit_innovations(data, data.free_run_r2(data.initial_model))
         return self._bases[data.interval]
 
     def begin(self, data: InnovationData, effects_from: FitResult, drag_from: FitResult) -> FitResult:

@@ -16,6 +16,7 @@ from rovid.effects.actuator_inputs import SPEEDS, actuator_inputs, neutral_comma
 from rovid.effects.base import Scales
 from rovid.estimate.input_cache import InputCache
 from rovid.model.model import Model
+from rovid.model.simulation import fit_measures, simulated_rate
 from rovid.model.torque_input import TorqueInput
 from rovid.signals.preprocessing import Run
 from rovid.trial.axis import Axis
@@ -37,14 +38,11 @@ class FitData(ABC):
     vehicle: Vehicle | None
     initial_model: Model  #: Start of the fit, and source of the scales.
     gyro: bool = False  #: Whether logged rates are used besides the positions.
+    #: Least time between readings in s; closer readings are skipped, which is enough for a coarse fit. 0 for none.
+    interval: float = 0.0
 
     # As in `InputCache`.
     means_only: ClassVar[bool] = False
-
-    @property
-    @abstractmethod
-    def interval(self) -> float:
-        """Least time between readings in s; closer readings are skipped. 0 for none."""
 
     @property
     @abstractmethod
@@ -139,6 +137,12 @@ class FitData(ABC):
     def torque_inputs(self, model: Model) -> Iterator[TorqueInput]:
         """Torque input of each run at all instants of its log."""
         return self._inputs.at_samples(model)
+
+    def free_run_r2(self, model: Model) -> float:
+        """R^2 of the rate over all runs, each simulated freely from its first sample."""
+        pairs = zip(self.runs, self.torque_inputs(model), strict=True)
+        simulated = np.concatenate([simulated_rate(run, model, torque_input) for run, torque_input in pairs])
+        return fit_measures(np.concatenate([run.rates.rate for run in self.runs]), simulated).r2
 
 
 def rms(series: Sequence[FloatArray]) -> float:

@@ -73,9 +73,6 @@ class DataChunk:
 class InnovationData(FitData):
     """Data of the innovation likelihood: each reading is predicted from all readings before it."""
 
-    #: Least time between readings in s; closer readings are skipped, which is enough for a coarse fit. 0 for none.
-    interval: float = 0.0
-
     @cached_property
     def steps(self) -> list[IntArray] | None:
         """For each run, the (n,) sample numbers of the filter's steps; None for all samples."""

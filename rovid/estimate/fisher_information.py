@@ -59,8 +59,7 @@ class Jacobian:
     @property
     def information(self) -> FloatArray:
         """(p, p) Fisher information; not finite where the model diverges."""
-        with np.errstate(over="ignore", invalid="ignore"):
-            return np.asarray(self.matrix.T @ self.matrix)
+        return self.cross_information(self)
 
     def cross_information(self, others: Jacobian) -> FloatArray:
         """(p, s) Fisher information between these p coordinates and s others of the same innovations."""

@@ -23,7 +23,6 @@ from rovid.estimate.levenberg_marquardt import ITERATIONS, TOLERANCE, minimize
 from rovid.estimate.objective import ModelKey, NegativeLogLikelihood
 from rovid.estimate.parametrization import COMMON
 from rovid.model.model import Model
-from rovid.model.simulation import fit_measures, simulated_rate
 from rovid.trial.vehicle import PLAUSIBLE_INERTIA_RATIO
 
 # Least number of runs for a sandwich covariance by runs.
@@ -131,10 +130,7 @@ class FitResult:
     @cached_property
     def simulated_r2(self) -> float:
         """R^2 of the free-running rate."""
-        measured = np.concatenate([run.rates.rate for run in self.data.runs])
-        pairs = zip(self.data.runs, self.data.torque_inputs(self.model), strict=True)
-        simulated = np.concatenate([simulated_rate(run, self.model, torque_input) for run, torque_input in pairs])
-        return fit_measures(measured, simulated).r2
+        return self.data.free_run_r2(self.model)
 
     @property
     def thrust_scale_uncertainty(self) -> float:

@@ -77,11 +77,6 @@ class InnovationLikelihood(NegativeLogLikelihood):
         """1: innovations are independent."""
         return 1.0
 
-    @property
-    def caveats(self) -> tuple[str, ...]:
-        """None."""
-        return ()
-
     @cached_property
     def batch_key(self) -> Hashable:
         """The filter and the kinds of terms, which all lanes of a pass share."""

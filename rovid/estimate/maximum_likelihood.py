@@ -19,7 +19,7 @@ from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from rovid.estimate.instrumental_variables import require_inertia
 from rovid.estimate.multi_step_data import MultiStepData
 from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
-from rovid.estimate.output_error import MIN_INERTIA_SIGMAS, fit_output_error, free_run_r2
+from rovid.estimate.output_error import MIN_INERTIA_SIGMAS, fit_output_error
 from rovid.model.model import Model
 from rovid.model.parameter_names import unit_of
 from rovid.signals.preprocessing import Run
@@ -99,7 +99,7 @@ def fit_likelihood(
         )
     start = fit_output_error(runs, min_sigmas=0.0 if effects else MIN_INERTIA_SIGMAS)
     data = InnovationData(runs, vehicle, start, gyro=gyro)
-    simulation_r2 = free_run_r2(runs, start)
+    simulation_r2 = data.free_run_r2(start)
     if simulation_r2 >= INNOVATIONS_R2:
         fitted = fit_innovations(data, simulation_r2)
     else:
@@ -202,7 +202,13 @@ def _warnings(fitted: FitResult) -> Iterator[str]:
             f"{axis.force_name} in use ({most}): the model misses an effect that these data show. The standard errors "
             f"include the change of the parameters under a limit {_LOOSER:g} times as high."
         )
-    yield from fitted.objective.caveats
+    if isinstance(fitted.objective, MultiStepLikelihood):
+        yield (
+            "The model is too incomplete for one-step predictions, which would attribute the missing effect to the "
+            "disturbance. The parameters are those of the best predictions from half to eight time constants ahead."
+        )
+        if fitted.data.gyro:
+            yield "--gyro has no influence on these predictions, which are of the position."
     if not fitted.is_white:
         yield (
             "The innovations are not white. The standard errors come from the scatter between blocks of the logs, not "

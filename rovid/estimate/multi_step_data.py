@@ -64,11 +64,6 @@ class MultiStepData(FitData):
         errors = prediction_errors(self, model, self.torque_between_steps(model))
         return replace(self, weights=_weights(self.gridded_runs, errors))
 
-    @property
-    def interval(self) -> float:
-        """0: no reading is skipped."""
-        return 0.0
-
     @cached_property
     def steps(self) -> list[IntArray]:
         """For each run, the (n,) samples that are held at the grid instants."""

@@ -27,11 +27,6 @@ _MIDDLE = len(HORIZONS) // 2
 _DIVERGED = 1e6
 # Least mean square error: two readings at the noise floor. A few predictions may all be met by chance.
 _LEAST_VARIANCE = 2.0 * ANGLE_NOISE_FLOOR**2
-_CAVEAT = (
-    "The model is too incomplete for one-step predictions, which would attribute the missing effect to the "
-    "disturbance. The parameters are those of the best predictions from half to eight time constants ahead."
-)
-_NO_GYRO = "--gyro has no influence on these predictions, which are of the position."
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,13 +74,6 @@ class MultiStepLikelihood(NegativeLogLikelihood):
     def weight(self) -> FloatArray:
         """(N,) weight of each used prediction."""
         return self.data.weights[self._horizon]
-
-    @property
-    def caveats(self) -> tuple[str, ...]:
-        """That the fit rests on multi-step predictions."""
-        if self.data.gyro:
-            return _CAVEAT, _NO_GYRO
-        return (_CAVEAT,)
 
     @property
     def batch_key(self) -> Hashable:

@@ -65,11 +65,6 @@ class NegativeLogLikelihood(ABC):
 
     @property
     @abstractmethod
-    def caveats(self) -> tuple[str, ...]:
-        """Warnings that belong to every fit by this objective, full sentences."""
-
-    @property
-    @abstractmethod
     def batch_key(self) -> Hashable:
         """Key that is equal for objectives which one SIMD pass can evaluate together."""
 

@@ -14,7 +14,7 @@ from rovid.effects import restoring_effect
 from rovid.estimate.dataset import rms, rms_rate
 from rovid.estimate.instrumental_variables import fit_free_swings, fit_regression
 from rovid.model.model import Model
-from rovid.model.simulation import fit_measures, simulated_rate
+from rovid.model.simulation import simulated_rate
 from rovid.model.torque_input import TorqueInput
 from rovid.signals.preprocessing import Run
 
@@ -65,7 +65,11 @@ def _fit(runs: tuple[Run, ...], min_sigmas: float) -> Model:
     def residuals(x: FloatArray) -> FloatArray:
         """(N,) measured minus simulated rate; zero where the filter has no answer."""
         here = model(x)
-        return np.concatenate(parallel_map(lambda run: np.nan_to_num(run.rates.rate - _simulated(run, here)), runs))
+
+        def of_run(run: Run) -> FloatArray:
+            return np.nan_to_num(run.rates.rate - simulated_rate(run, here, TorqueInput.held(run.torque)))
+
+        return np.concatenate(parallel_map(of_run, runs))
 
     unbounded = np.full(len(start) - 3, np.inf)
     low, high = np.array([0.05, 0.0, 0.0, *-unbounded]), np.array([20.0, np.inf, np.inf, *unbounded])
@@ -106,15 +110,3 @@ def _start_by_rms(runs: Sequence[Run]) -> FloatArray | None:
     inertia = float(np.linalg.norm(torque) / np.linalg.norm(acceleration))
     drag = power / np.sum(np.abs(rate) ** 3)
     return np.array([inertia, drag, 0.0])
-
-
-def free_run_r2(runs: Sequence[Run], model: Model) -> float:
-    """R^2 of the rate over all runs, each simulated freely from its first sample."""
-    measured = np.concatenate([run.rates.rate for run in runs])
-    simulated = np.concatenate([_simulated(run, model) for run in runs])
-    return fit_measures(measured, simulated).r2
-
-
-def _simulated(run: Run, model: Model) -> FloatArray:
-    """(n,) free-running rate under the measured torque."""
-    return simulated_rate(run, model, TorqueInput.held(run.torque))

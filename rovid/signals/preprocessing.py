@@ -102,13 +102,12 @@ def _usable_trials(trials: Sequence[Trial]) -> tuple[Sequence[Trial], list[Remar
     """All trials, or the free swings of trials without actuators, and remarks on them."""
     if all(trial.has_actuators for trial in trials):
         return trials, []
-    found, kept, rejected = [], [], []
+    found, kept, rejected = list[Trial](), list[str](), list[str]()
     for trial in trials:
         parts = find_releases(trial)
         spans = [f"{trial.time[part][0]:.1f} to {trial.time[part][-1]:.1f} s" for part in parts]
-        for part, span in zip(parts, spans, strict=True):
-            name = trial.name if len(parts) == 1 else f"{trial.name}, {span}"
-            found.append(trial.part(part, name))
+        names = [f"{trial.name}, {span}" for span in spans] if len(spans) > 1 else [trial.name]
+        found += map(trial.part, parts, names)
         if spans:
             kept.append(f"{trial.name} ({', '.join(spans)})")
         else:

@@ -36,7 +36,6 @@ _MIN_HALF_SWINGS = 4
 class Hold:
     """A segment of constant ``command`` and ``torque`` in N m, from ``start`` to ``stop`` in s."""
 
-    trial: Trial
     start: float
     stop: float
     command: FloatArray
@@ -52,7 +51,6 @@ class Hold:
 class SineRun:
     """Whole periods of a sine-shaped torque: ``start``, ``stop``, ``period`` in s, ``amplitude`` in N m."""
 
-    trial: Trial
     start: float
     stop: float
     period: float
@@ -77,7 +75,7 @@ def find_holds(trial: Trial, vehicle: Vehicle, torque: FloatArray) -> list[Hold]
         rows = slice(start, max(stop, start + 1))
         command, median_torque = np.median(trial.commands[rows], axis=0), float(np.median(torque[rows]))
         begin, end = float(trial.time[start]), float(trial.time[stop])
-        holds.append(Hold(trial=trial, start=begin, stop=end, command=command, torque=median_torque))
+        holds.append(Hold(start=begin, stop=end, command=command, torque=median_torque))
     return holds
 
 
@@ -174,7 +172,6 @@ def _fit_sine(trial: Trial, torque: FloatArray, start: float, stop: float, cycle
     if variance <= 0.0 or float(np.sum((basis @ coefficients) ** 2)) < _SINE_SHARE * variance:
         return None
     return SineRun(
-        trial=trial,
         start=float(start),
         stop=float(stop),
         period=float(period),
