@@ -273,7 +273,7 @@ def horizon_errors(fitted: FitResult, folds: Sequence[Fold], pieces: Sequence[Cv
         model = fitted.objective.parametrization.model(fold.x)
         own = np.isin(piece, [pieces.index(one) for one in fold.pieces])
         horizon = data.horizon[own]
-        errors = prediction_errors(data, model, data.torque_between_steps(model))[own]
+        errors = prediction_errors(data, model)[own]
         squares += np.bincount(horizon, weights=errors**2, minlength=len(HORIZONS))
         count += np.bincount(horizon, minlength=len(HORIZONS))
     mean = np.where(count > 0, squares / np.maximum(count, 1), np.nan)

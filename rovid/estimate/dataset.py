@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
@@ -17,7 +17,6 @@ from rovid.effects.base import Scales
 from rovid.estimate.input_cache import InputCache
 from rovid.model.model import Model
 from rovid.model.simulation import fit_measures, simulated_rate
-from rovid.model.torque_input import TorqueInput
 from rovid.signals.preprocessing import Run
 from rovid.trial.axis import Axis
 from rovid.trial.trial import Trial
@@ -124,7 +123,8 @@ class FitData(ABC):
         return max(float(np.median(noise)), ANGLE_NOISE_FLOOR)
 
     @cached_property
-    def _inputs(self) -> InputCache:
+    def inputs(self) -> InputCache:
+        """Torque inputs of all runs."""
         return InputCache(
             runs=self.runs,
             vehicle=self.vehicle,
@@ -134,13 +134,9 @@ class FitData(ABC):
             means_only=self.means_only,
         )
 
-    def torque_inputs(self, model: Model) -> Iterator[TorqueInput]:
-        """Torque input of each run at all instants of its log."""
-        return self._inputs.at_samples(model)
-
     def free_run_r2(self, model: Model) -> float:
         """R^2 of the rate over all runs, each simulated freely from its first sample."""
-        pairs = zip(self.runs, self.torque_inputs(model), strict=True)
+        pairs = zip(self.runs, self.inputs.at_samples(model), strict=True)
         simulated = np.concatenate([simulated_rate(run, model, torque_input) for run, torque_input in pairs])
         return fit_measures(np.concatenate([run.rates.rate for run in self.runs]), simulated).r2
 

@@ -168,7 +168,7 @@ class InnovationData(FitData):
             filter_data=filter_data,
             innovation_index=innovation_index,
             rows=slice(begin, begin + len(innovation_index)),
-            inputs=self._inputs.subset(place),
+            inputs=self.inputs.subset(place),
             cache=cache,
         )
 

@@ -54,7 +54,8 @@ class InputCache:
     #: timing within.
     means_only: bool = False
     parent: Self | None = None  #: The cache of all runs, where this is a subset; it decides on the resolution.
-    _chosen: dict[int, list[IntArray]] = field(default_factory=dict, init=False, repr=False)
+    #: Count of values of a torque input that is shorter than the log -> the samples of each run behind it.
+    chosen_rows: dict[int, list[IntArray]] = field(default_factory=dict, init=False, repr=False)
 
     def subset(self, place: slice) -> Self:
         """The inputs of some of the runs."""
@@ -102,7 +103,7 @@ class InputCache:
         if rows is not None:
             cut = [here[chosen] for here, chosen in zip(fresh, rows, strict=True)]
             if self.means_only:
-                self._chosen[sum(map(len, rows))] = rows
+                self.chosen_rows[sum(map(len, rows))] = rows
             if steps is not None:
                 steps = [np.searchsorted(here, step) for here, step in zip(rows, steps, strict=True)]
         trials = [run.trial for run in self.runs]
@@ -119,10 +120,6 @@ class InputCache:
             needed[[0, -1]] = needed[steps] = True
             rows.append(np.flatnonzero(needed))
         return None if sum(map(len, rows)) == sum(map(len, fresh)) else rows
-
-    def chosen_rows(self, count: int) -> list[IntArray]:
-        """For each run, the samples of a torque input with ``count`` values in all, fewer than the log has."""
-        return self._chosen[count]
 
     def transient_seconds(self, settling_time: float) -> float:
         """Time in s after a change of commands that is resolved finely: the ``settling_time`` or longer."""

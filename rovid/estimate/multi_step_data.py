@@ -27,7 +27,6 @@ from rovid.estimate.restart_grid import (
     held_rows,
 )
 from rovid.model.model import Model
-from rovid.model.torque_input import TorqueInput
 from rovid.signals.rates import resample
 
 # Length of a block in time constants, and the least number of blocks.
@@ -61,8 +60,7 @@ class MultiStepData(FitData):
 
     def reweighted(self, model: Model) -> Self:
         """The same predictions, weighted by the correlation of the errors of ``model``."""
-        errors = prediction_errors(self, model, self.torque_between_steps(model))
-        return replace(self, weights=_weights(self.gridded_runs, errors))
+        return replace(self, weights=_weights(self.gridded_runs, prediction_errors(self, model)))
 
     @cached_property
     def steps(self) -> list[IntArray]:
@@ -96,17 +94,13 @@ class MultiStepData(FitData):
         """(r,) first measured position of each run, rad or m."""
         return np.array([run.trial.first_position for run in self.runs])
 
-    def torque_between_steps(self, model: Model) -> TorqueInput:
-        """Torque input of all runs, from each step to the next."""
-        return self._inputs.between_steps(model)
-
     def interval_means(self, series: FloatArray) -> FloatArray:
         """(m,) means over the grid intervals, of an (n,) series at all samples or at the chosen ones."""
         count = len(series)
         if count not in self._interval_means:
             times = [run.trial.time for run in self.runs]
             if count != sum(map(len, times)):
-                chosen = self._inputs.chosen_rows(count)
+                chosen = self.inputs.chosen_rows[count]
                 times = [time[rows] for time, rows in zip(times, chosen, strict=True)]
             grids = [gridded.time for gridded in self.gridded_runs]
             self._interval_means[count] = IntervalMeans.between_grids(times, grids)
@@ -148,7 +142,7 @@ def time_constant(model: Model, rate: float) -> float:
     return constant
 
 
-def prediction_errors(data: MultiStepData, model: Model, torque_input: TorqueInput) -> FloatArray:
+def prediction_errors(data: MultiStepData, model: Model) -> FloatArray:
     """(N,) predicted minus measured position at the end of every prediction, in rad or m."""
     from rovid.model.kernels import predict_multi_step
 
@@ -158,6 +152,7 @@ def prediction_errors(data: MultiStepData, model: Model, torque_input: TorqueInp
     measured = data.trajectory
     if model.heading_sensor.deviates:
         measured = Trajectory.concatenated([_true_trajectory(gridded, model) for gridded in data.gridded_runs])
+    torque_input = data.inputs.between_steps(model)
     torque = data.torque if model.actuators.is_plain else data.interval_means(torque_input.torque)
     effect_inputs = np.zeros((len(torque), torque_input.effect_inputs.shape[1]))
     if torque_input.has_effect_inputs:

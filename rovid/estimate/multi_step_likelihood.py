@@ -94,7 +94,7 @@ class MultiStepLikelihood(NegativeLogLikelihood):
         """(N,) prediction errors in rad or m, and the mean square of the errors over the same horizon."""
         model = self.parametrization.model(x)
         with np.errstate(over="ignore", invalid="ignore"):
-            error = prediction_errors(self.data, model, self.data.torque_between_steps(model))
+            error = prediction_errors(self.data, model)
             if self.mask is not None:
                 error = error[self.mask]
             error = np.nan_to_num(error, nan=_DIVERGED, posinf=_DIVERGED, neginf=-_DIVERGED)

@@ -21,7 +21,7 @@ from tests.predictions import BIAS, NOISE, TIME, TORQUE, biased, records
 
 
 def rms(ahead: MultiStepData, model: Model) -> FloatArray:
-    errors = prediction_errors(ahead, model, ahead.torque_between_steps(model))
+    errors = prediction_errors(ahead, model)
     return np.array([np.sqrt(np.mean(errors[ahead.horizon == number] ** 2)) for number in range(len(HORIZONS))])
 
 
