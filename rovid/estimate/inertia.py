@@ -344,8 +344,7 @@ def _table_harmonic_balance(
     # A rounding error is uniform over the last digit.
     errors = np.abs(ends[0] - ends[1]) / math.sqrt(12.0)
     weights = 1.0 / errors**2
-    value = float(weights @ values / weights.sum())
-    error = float(1.0 / np.sqrt(weights.sum()))
+    value, error = float(weights @ values / weights.sum()), float(1.0 / np.sqrt(weights.sum()))
     consistent = not np.max(np.minimum(*ends)) > np.min(np.maximum(*ends))
     warnings = []
     if not consistent:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -245,8 +245,5 @@ def peak_bias(trials: Sequence[SineTrial], model: Model) -> float:
         rate, _ = simulate(time, torque, model.body, 0.0)
         spectrum = np.fft.rfft(rate[-_PHASES - 1 : -1])[: len(motion.rate)] / _PHASES
         spectrum[1:] *= 2.0
-        simulated = PeriodicMotion(
-            frequency=motion.frequency, torque=motion.torque, rate=spectrum, seconds=motion.seconds
-        )
-        ratios.append(peak_inertia(simulated, model) / model.inertia)
+        ratios.append(peak_inertia(replace(motion, rate=spectrum), model) / model.inertia)
     return float(np.mean(ratios))

@@ -107,8 +107,8 @@ def fit_drag(points: Sequence[SteadyPoint], axis: Axis = YAW) -> DragFit:
         )
     residuals = balance.residuals(solution.values)
     kind = "weighted" if balance.error_known else "ordinary"
-    estimate = _estimate(f"{_states(axis)}, {kind} least squares", names, solution, axis, len(fitted))
-    estimate = replace(estimate, refused=refused)
+    method = f"{_states(axis)}, {kind} least squares"
+    estimate = replace(_estimate(method, names, solution, axis, len(fitted)), refused=refused)
     rows = {"up": balance.design[:, 1] > 0, "down": balance.design[:, 1] < 0}
     # With a net buoyancy as a further unknown, one direction alone determines too little.
     directions = _fit_directions(fitted, balance, rows, axis) if len(names) == len(NAMES) else {}
