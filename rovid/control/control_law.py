@@ -18,8 +18,8 @@ from rovid.effects.base import TERM_STATES, Instant
 from rovid.model.model import Model
 from rovid.trial.assumptions import Assumptions
 
-# Number of shapes of torques at rest in the catalogue: constant, odd in the turned angle, once and twice a turn.
-STATIC_TERMS = 7
+# Shapes of torques at rest in the catalogue: constant, odd in the turned angle, once and twice a turn.
+NO_STATIC_TERMS = (0.0,) * 7
 _TURNS = np.linspace(-2.0, 2.0, 97) * 2.0 * math.pi
 
 
@@ -54,7 +54,7 @@ class ControlLaw:
     linear_drag: float = 0.0
     #: (7,) N m, factors of 1, x, x^3, sin h, cos h, sin 2h and cos 2h that compensate the torques at rest; x is the
     #: angle turned since the start and h the heading in rad.
-    static_terms: tuple[float, ...] = (0.0,) * STATIC_TERMS
+    static_terms: tuple[float, ...] = NO_STATIC_TERMS
     #: ``lowest``, ``highest``: limits of the actuators in N m.
     lowest: float = -math.inf
     highest: float = math.inf
@@ -112,7 +112,7 @@ def static_terms_of(model: Model) -> tuple[float, ...]:
     """
     torque = effect_torque(model)
     if torque is None:
-        return (0.0,) * STATIC_TERMS
+        return NO_STATIC_TERMS
     # Two initial headings, a radian apart, distinguish functions of the angle from functions of the heading.
     rows = [(angle, angle + first) for first in (0.0, 1.0) for angle in _TURNS]
     values = np.array([torque(0.0, x, 0.0, h - x, None)[0] for x, h in rows])

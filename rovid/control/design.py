@@ -11,7 +11,7 @@ import numpy as np
 
 from rovid.control.actuators import ActuatorProbe, Allocation, allocate, one_way_only
 from rovid.control.closed_loop import ClosedLoop, ClosedLoopRun, Plant, simulate_loops
-from rovid.control.control_law import ControlLaw, static_terms_of
+from rovid.control.control_law import NO_STATIC_TERMS, ControlLaw, static_terms_of
 from rovid.control.specs import WAVE_PERIOD, ControllerOptions, HeadingManoeuvre, LoopConditions, standard_manoeuvres
 from rovid.control.step_metrics import StepMetrics, step_metrics
 from rovid.control.tuning import (
@@ -96,12 +96,9 @@ def design_controller(
         # Results from tables know no thrusters: the torque itself is commanded.
         vehicle = replace(vehicle, thrusters=(Thruster(name="torque", arm=1.0, curve=None),))
     allocation = allocate(vehicle, model)
-    if options.kp is not None and options.kd is not None:
-        kp, kd = options.kp, options.kd
-    else:
-        bandwidth = options.bandwidth
-        if bandwidth is None:
-            bandwidth = choose_bandwidth(model, vehicle, allocation, conditions, options.damping)
+    kp, kd, bandwidth = options.kp, options.kd, options.bandwidth
+    if kp is None or kd is None:
+        bandwidth = bandwidth or choose_bandwidth(model, vehicle, allocation, conditions, options.damping)
         kp, kd = pd_gains(model.inertia, options.damping, bandwidth)
     law = control_law(model, allocation, conditions, kp, kd)
     loop = open_loop(law, model, vehicle, allocation, conditions)
@@ -142,8 +139,7 @@ def control_law(model: Model, allocation: Allocation, conditions: LoopConditions
 
 def without_model_aid(law: ControlLaw) -> ControlLaw:
     """The same gains without model aid."""
-    no_terms = (0.0,) * len(law.static_terms)
-    return replace(law, inertia=0.0, quadratic_drag=0.0, linear_drag=0.0, static_terms=no_terms)
+    return replace(law, inertia=0.0, quadratic_drag=0.0, linear_drag=0.0, static_terms=NO_STATIC_TERMS)
 
 
 # ---- margins
@@ -242,13 +238,13 @@ def closed_runs(
     """Each manoeuvre with and without model aid; with effects also before and after the aid knows of them."""
     bare = replace(model, effects=(), effect_values=())
     bench = allocate(vehicle, bare)
-    plain = replace(law, static_terms=(0.0,) * len(law.static_terms), lowest=bench.lowest, highest=bench.highest)
+    plain = replace(law, static_terms=NO_STATIC_TERMS, lowest=bench.lowest, highest=bench.highest)
     # Controller, its allocation, model aid, and effects known.
     variants = [(plain, bench, True, False), (without_model_aid(plain), bench, False, False)]
     plants = [(bare, variants)]
     if model.effects:
         plants.append((model, [(law, allocation, True, True), *variants]))
-    results = list[list[ClosedLoopResult]]()
+    results: list[list[ClosedLoopResult]] = [[] for _ in manoeuvres]
     for acting, controllers in plants:
         plant = Plant(
             model=acting,
@@ -259,21 +255,20 @@ def closed_runs(
         )
         loops = [noisy_and_noise_free(controller, own, plant, manoeuvres) for controller, own, _, _ in controllers]
         runs = iter(simulate_pairs([*itertools.chain(*loops)]))
-        for _, _, aided, known in controllers:
-            results.append([])
-            for manoeuvre, (metrics, noise_free) in zip(
-                manoeuvres, itertools.islice(runs, len(manoeuvres)), strict=True
-            ):
-                result = ClosedLoopResult(
-                    name=manoeuvre.name,
-                    effects=tuple(effect.key for effect in acting.effects),
-                    model_aid=aided,
-                    effects_known=known,
-                    metrics=metrics,
-                    noise_free_run=noise_free,
-                )
-                results[-1].append(result)
-    return [result for of_manoeuvre in zip(*results, strict=True) for result in of_manoeuvre]
+        for (_, _, aided, known), (manoeuvre, own) in itertools.product(
+            controllers, zip(manoeuvres, results, strict=True)
+        ):
+            metrics, noise_free = next(runs)
+            result = ClosedLoopResult(
+                name=manoeuvre.name,
+                effects=tuple(effect.key for effect in acting.effects),
+                model_aid=aided,
+                effects_known=known,
+                metrics=metrics,
+                noise_free_run=noise_free,
+            )
+            own.append(result)
+    return [*itertools.chain(*results)]
 
 
 def noisy_and_noise_free(

@@ -34,11 +34,11 @@ class StepMetrics:
 
     #: ``time_constant``, ``rise_time``, ``settling_time``: s; to 63 % of the step, from 10 to 90 %, and until the error
     #: stays within 2 % or 0.6 deg.
-    time_constant: float | None
-    rise_time: float | None
-    settling_time: float | None
+    time_constant: float | None = None
+    rise_time: float | None = None
+    settling_time: float | None = None
     #: ``overshoot_deg``, ``steady_error_deg``: deg; largest error over the last third of the run.
-    overshoot_deg: float | None
+    overshoot_deg: float | None = None
     steady_error_deg: float
     #: ``effort``, ``effort_change``: N m, root mean square of the commanded torque, and of its change from step to
     #: step.
@@ -51,10 +51,6 @@ def step_metrics(run: ClosedLoopRun, noise_free: ClosedLoopRun) -> StepMetrics:
     """Metrics of ``run``, with the limit cycle of the same run without noise and disturbance."""
     time, error = run.time, np.degrees(run.setpoint - run.heading)
     metrics = StepMetrics(
-        time_constant=None,
-        rise_time=None,
-        settling_time=None,
-        overshoot_deg=None,
         steady_error_deg=float(np.max(np.abs(error[time >= (1.0 - _END) * time[-1]]))),
         effort=float(np.sqrt(np.mean(run.torque**2))),
         effort_change=float(np.sqrt(np.mean(np.diff(run.torque) ** 2))),

@@ -93,11 +93,7 @@ def _model(
     """An SDF model with one link, its thrusters and these hydrodynamics; ``advance`` integrates in FLU axes."""
     curves = thruster_curves(subject)
     bands = [_deadband_thrust(subject, index) for index in range(len(curves))]
-    thrusters = []
-    for index, thruster in enumerate(subject.vehicle.thrusters):
-        # A logged torque has no thruster.
-        if thruster.curve is not None:
-            thrusters.append(_thruster(curves[index], bands[index], side_of(index)))
+    thrusters = [_thruster(curve, band) for curve, band in zip(curves, bands, strict=True) if curve.side]
     content = f"""<?xml version="1.0"?>
 <!-- {export_mark(name)}.
      {xml_comment(subject.vehicle.name)}: yaw identified by rovid; z up, a yaw rate is minus the heading's. -->
@@ -169,18 +165,8 @@ def _with_deadband(curve: ThrusterCurve, band: float) -> ThrusterCurve:
     return replace(curve, command=command, thrust=np.where(np.abs(thrust) < band, 0.0, thrust))
 
 
-def side_of(index: int) -> float:
-    """1 ahead and -1 astern in turn, as the places of the thrusters are not known."""
-    return 1.0 if index % 2 == 0 else -1.0
-
-
-def place(curve: ThrusterCurve, side: float) -> tuple[float, float]:
-    """Place on the x axis in m and direction along y, in FLU axes, with a torque about z of minus arm * thrust."""
-    return side * curve.arm, -side
-
-
-def _thruster(curve: ThrusterCurve, band: float, side: float) -> str:
-    name, (x, direction) = curve.identifier, place(curve, side)
+def _thruster(curve: ThrusterCurve, band: float) -> str:
+    name, (x, direction) = curve.identifier, curve.place
     deadband = f"\n      <deadband>{band:.10g}</deadband>" if band > 0.0 else ""
     return f"""    <!-- {curve_comment(curve)} -->
     <link name="{name}_link">

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.effects import Effect
 from rovid.model.model import Model
 from rovid.store.parameter_file import Entry, Parameters
 from rovid.store.study import Study
@@ -74,12 +73,8 @@ class ExportInput:
     def with_effects(self, keys: frozenset[str]) -> Model:
         """The model with only these effects."""
         kept = tuple(effect for effect in self.model.effects if effect.key in keys)
-        return replace(self.model, effects=kept, effect_values=self.effect_values(kept))
-
-    def effect_values(self, effects: Sequence[Effect]) -> tuple[float, ...]:
-        """Parameters of these ``effects`` in order."""
-        values = self.effects
-        return tuple(value for effect in effects for value in values[effect.key].values())
+        values = [value for effect in kept for value in self.effects[effect.key].values()]
+        return replace(self.model, effects=kept, effect_values=tuple(values))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -96,14 +96,14 @@ class RovidVehicle:
 def export(subject: ExportInput) -> ExportResult:
     """A module with the class RovidVehicle."""
     model, vehicle, curves = subject.model, subject.vehicle, thruster_curves(subject)
-    time_constant, lag = thruster_lag(subject)
+    lag = thruster_lag(subject)
     tables = ""
     for curve in curves:
         command, thrust = curve.command.tolist(), curve.thrust.tolist()
         tables += f"            ({curve.arm!r}, {curve.neutral!r}, {command!r}, {thrust!r}),\n"
     # The lag acts on the thrust, behind the curves, or on the command.
     lagged = {"acting": "command", "push": "self.torque(u)", "goal": "u_control", "start": [c.neutral for c in curves]}
-    if lag == THRUST_LAG:
+    if lag.key == THRUST_LAG:
         push, goal = "float(np.dot(self.arms, u))", "self.thrusts(u_control)"
         lagged = {"acting": "thrust", "push": push, "goal": goal, "start": [0.0] * len(curves)}
     content = _MODULE.format(
@@ -114,7 +114,7 @@ def export(subject: ExportInput) -> ExportResult:
         inertia=model.inertia,
         quadratic_drag=model.quadratic_drag,
         linear_drag=model.linear_drag,
-        time_constant=time_constant,
+        time_constant=lag.time_constant,
         terms="".join(_TERMS[key].format(**values) for key, values in subject.effects.items() if key in _TERMS),
         tables=tables,
         names=[f"{curve.name} command" for curve in curves],
@@ -135,7 +135,7 @@ def export(subject: ExportInput) -> ExportResult:
     return ExportResult(
         content=content,
         simulate=simulate,
-        kept_effects=curve_effect_keys(subject) | {key for key in subject.effects if key in _TERMS or key == lag},
+        kept_effects=curve_effect_keys(subject) | {key for key in subject.effects if key in _TERMS or key == lag.key},
         notes=(
             "Axes are NED, as rovid's: no sign changes.",
             "Yaw alone moves: surge to pitch keep their velocity.",

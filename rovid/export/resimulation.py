@@ -11,7 +11,7 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.effects.actuator_inputs import neutral_commands
 from rovid.export.interface import PERIOD, ExportInput
-from rovid.export.thruster_curves import ThrusterCurve
+from rovid.export.thruster_curves import COMMAND_LAG, NO_LAG, THRUST_LAG, ThrusterCurve, ThrusterLag
 from rovid.model.model import Model
 from rovid.signals.numba_loops import first_order_sum
 from rovid.trial.trial import Trial
@@ -122,18 +122,18 @@ def first_order_lag(values: FloatArray, time_constant: float, step: float) -> Fl
 
 
 def thrust_torque(
-    curves: Sequence[ThrusterCurve],
-    commands: FloatArray,
-    step: float,
-    *,
-    command_lag: float = 0.0,
-    thrust_lag: float = 0.0,
+    curves: Sequence[ThrusterCurve], commands: FloatArray, step: float, lag: ThrusterLag = NO_LAG
 ) -> FloatArray:
     """(m,) yaw torque in N m in each step under (n, k) commands, positive where the heading turns up."""
     total = np.zeros(len(commands) * round(PERIOD / step))
     for curve, command in zip(curves, commands.T, strict=True):
-        beyond = first_order_lag(repeat_held(command - curve.neutral, step), command_lag, step)
-        total += curve.arm * first_order_lag(curve(curve.neutral + beyond), thrust_lag, step)
+        beyond = repeat_held(command - curve.neutral, step)
+        if lag.key == COMMAND_LAG:
+            beyond = first_order_lag(beyond, lag.time_constant, step)
+        thrust = curve(curve.neutral + beyond)
+        if lag.key == THRUST_LAG:
+            thrust = first_order_lag(thrust, lag.time_constant, step)
+        total += curve.arm * thrust
     return total
 
 

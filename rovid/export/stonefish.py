@@ -7,23 +7,18 @@ There is no |r|*r. Axes are FRD, z down, as in rovid: no sign changes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.optimize import nnls
 
 from rovid.core.array_types import FloatArray
 from rovid.core.escaping import xml_attribute
 from rovid.core.signatures import export_mark
-from rovid.export.gazebo import side_of
 from rovid.export.interface import ExportInput, ExportResult
 from rovid.export.resimulation import integrate_rate, thrust_torque
 from rovid.export.thruster_curves import (
-    THRUST_LAG,
     ThrusterCurve,
     curve_comment,
     curve_effect_keys,
-    input_note,
     number_list,
     thruster_curves,
     thruster_inputs,
@@ -36,48 +31,26 @@ _SUBDIVISIONS = 3  # of each face of Stonefish's box
 _RATES = 200  # number of rates in the fit of the drag
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Drag:
-    """``linear`` * r + ``cubic`` * r^3 in N m, with the largest error relative to the largest torque."""
-
-    linear: float
-    cubic: float
-    error: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Hull:
-    """Box in m in place of the mesh, and the two coefficients that give it the drag."""
-
-    length: float
-    width: float
-    quadratic_drag: float
-    viscous_drag: float
-
-
 def export(subject: ExportInput) -> ExportResult:
     """A robot for Stonefish with a box as its body."""
     model, vehicle, curves = subject.model, subject.vehicle, thruster_curves(subject)
-    drag = _fit_drag(subject)
+    linear, cubic, error = _fit_drag(subject)
     length, width = vehicle.length or 1.0, vehicle.width or 1.0
-    form_drag, friction = _mesh_integrals(length, width)
-    hull = _Hull(
-        length=length,
-        width=width,
-        quadratic_drag=drag.cubic / (0.5 * _DENSITY * form_drag),
-        viscous_drag=drag.linear / (_DENSITY * friction),
-    )
-    lag, key = thruster_lag(subject)
-    lags = {"thrust_lag" if key == THRUST_LAG else "command_lag": lag}
+    lag = thruster_lag(subject)
+    inputs, input_note = thruster_inputs(curves, lag)
+    thrusters = ""
+    for curve, table in zip(inputs, curves, strict=True):
+        if curve.side:
+            thrusters += _thruster(curve, table, lag.time_constant)
 
     def advance(rate: float, _: float, torque: float) -> float:
-        return rate + _STEP * (torque - (drag.linear + drag.cubic * rate * rate) * rate) / model.inertia
+        return rate + _STEP * (torque - (linear + cubic * rate * rate) * rate) / model.inertia
 
     losses = []
     if model.quadratic_drag != 0.0:
         why = (
-            f"Stonefish has a linear and a cubic drag, no |r|*r: {drag.linear:.4g}*r + {drag.cubic:.4g}*r^3 is fitted "
-            f"to the drag up to {subject.largest_rate:.3g} rad/s, with an error of up to {100.0 * drag.error:.2g} % of "
+            f"Stonefish has a linear and a cubic drag, no |r|*r: {linear:.4g}*r + {cubic:.4g}*r^3 is fitted "
+            f"to the drag up to {subject.largest_rate:.3g} rad/s, with an error of up to {100.0 * error:.2g} % of "
             "its largest torque, and wrong beyond"
         )
         losses.append(("quadratic_drag", why))
@@ -85,35 +58,34 @@ def export(subject: ExportInput) -> ExportResult:
     if vehicle.length is None or vehicle.width is None:
         box += " (length or width not known: 1 m)"
     return ExportResult(
-        content=_scenario(subject, hull, drag, thruster_inputs(curves, key), curves, lag),
-        simulate=lambda commands: integrate_rate(thrust_torque(curves, commands, _STEP, **lags), advance, _STEP),
-        kept_effects=curve_effect_keys(subject) | (subject.effects.keys() & {"drag_curvature", key}),
+        content=_scenario(subject, length, width, linear, cubic, thrusters),
+        simulate=lambda commands: integrate_rate(thrust_torque(curves, commands, _STEP, lag), advance, _STEP),
+        kept_effects=curve_effect_keys(subject) | (subject.effects.keys() & {"drag_curvature", lag.key}),
         base_losses=tuple(losses),
         notes=(
             "Axes are FRD, z down, as rovid's: no sign changes.",
             f"The drag coefficients hold for {box}. For another mesh divide the torques in the file by its integrals.",
             "physics is 'floating' and the inertia the whole one: 'submerged' would add Stonefish's own added inertia.",
             "A newer Stonefish makes both terms quadratic; there neither coefficient is right.",
-            input_note(key),
+            input_note,
         ),
     )
 
 
-def _fit_drag(subject: ExportInput) -> _Drag:
-    """Non-negative least squares fit to the model's drag up to the largest rate."""
+def _fit_drag(subject: ExportInput) -> tuple[float, float, float]:
+    """Linear and cubic coefficient by non-negative least squares up to the largest rate, and the largest error.
+
+    The error is relative to the largest torque.
+    """
     largest = subject.largest_rate
     rates = np.linspace(0.0, largest, _RATES)
     wanted = subject.model.drag(rates) + subject.value("drag_curvature", "cubic") * rates**3
-    # Shares of the largest rate, for columns of equal size.
-    share = rates / largest
-    columns = np.column_stack([share, share**3])
+    # Relative to the largest rate, for columns of equal size.
+    columns = np.column_stack([rates / largest, (rates / largest) ** 3])
     torques, _ = nnls(columns, wanted)
     error = float(np.max(np.abs(columns @ torques - wanted)))
-    return _Drag(
-        linear=float(torques[0] / largest),
-        cubic=float(torques[1] / largest**3),
-        error=error / float(wanted[-1]) if wanted[-1] > 0.0 else 0.0,
-    )
+    share = error / float(wanted[-1]) if wanted[-1] > 0.0 else 0.0
+    return float(torques[0] / largest), float(torques[1] / largest**3), share
 
 
 def _mesh_integrals(length: float, width: float) -> tuple[float, float]:
@@ -154,36 +126,31 @@ def _box_mesh(half: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     return a, b, c
 
 
-def _scenario(
-    subject: ExportInput, hull: _Hull, drag: _Drag, inputs: list[ThrusterCurve], curves: list[ThrusterCurve], lag: float
-) -> str:
-    inertia = subject.model.inertia
-    thrusters = []
-    for index, thruster in enumerate(subject.vehicle.thrusters):
-        if thruster.curve is not None:
-            thrusters.append(_thruster(inputs[index], curves[index], side_of(index), lag))
+def _scenario(subject: ExportInput, length: float, width: float, linear: float, cubic: float, thrusters: str) -> str:
+    inertia, (form_drag, friction) = subject.model.inertia, _mesh_integrals(length, width)
+    quadratic_drag, viscous_drag = cubic / (0.5 * _DENSITY * form_drag), linear / (_DENSITY * friction)
     return f"""<?xml version="1.0"?>
 <!-- {export_mark("stonefish")}. Yaw identified by rovid; z down, a yaw rate is the heading's.
-     Torque of drag: {drag.linear:.10g}*r + {drag.cubic:.10g}*r^3 N m. -->
+     Torque of drag: {linear:.10g}*r + {cubic:.10g}*r^3 N m. -->
 <scenario>
   <robot name={xml_attribute(subject.vehicle.name)} fixed="false" self_collisions="false">
     <base_link name="base_link" type="box" physics="floating">
-      <dimensions xyz="{hull.length:.10g} {hull.width:.10g} {hull.width:.10g}"/>
+      <dimensions xyz="{length:.10g} {width:.10g} {width:.10g}"/>
       <origin xyz="0 0 0" rpy="0 0 0"/>
       <material name="Neutral"/>
       <look name="Yellow"/>
       <mass value="{subject.mass:.10g}"/>
       <inertia xyz="{inertia:.10g} {inertia:.10g} {inertia:.10g}"/>
       <cg xyz="0 0 0" rpy="0 0 0"/>
-      <hydrodynamics viscous_drag="0 0 {hull.viscous_drag:.10g}" quadratic_drag="0 0 {hull.quadratic_drag:.10g}"/>
+      <hydrodynamics viscous_drag="0 0 {viscous_drag:.10g}" quadratic_drag="0 0 {quadratic_drag:.10g}"/>
     </base_link>
-{"".join(thrusters)}    <world_transform xyz="0 0 5" rpy="0 0 0"/>
+{thrusters}    <world_transform xyz="0 0 5" rpy="0 0 0"/>
   </robot>
 </scenario>
 """
 
 
-def _thruster(curve: ThrusterCurve, table: ThrusterCurve, side: float, lag: float) -> str:
+def _thruster(curve: ThrusterCurve, table: ThrusterCurve, lag: float) -> str:
     # FRD: a force along side*y at x = side*arm has the torque arm*thrust about z.
     rotor = '<rotor_dynamics type="zero_order"/>'
     if lag > 0.0:
@@ -202,7 +169,7 @@ def _thruster(curve: ThrusterCurve, table: ThrusterCurve, side: float, lag: floa
         <input value="{number_list(curve.command)}"/>
         <output value="{number_list(curve.thrust)}"/>
       </thrust_model>
-      <origin xyz="{side * curve.arm:.10g} 0 0" rpy="0 0 {side * np.pi / 2.0:.16g}"/>
+      <origin xyz="{curve.side * curve.arm:.10g} 0 0" rpy="0 0 {curve.side * np.pi / 2.0:.16g}"/>
       <link name="base_link"/>
     </actuator>
 """

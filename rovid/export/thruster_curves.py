@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
 from rovid.core.escaping import identifiers, xml_comment
-from rovid.effects import Effect
 from rovid.effects.actuator_inputs import neutral_commands
 from rovid.effects.thruster_imbalance import WITH_OTHERS
 from rovid.export.interface import ExportInput
@@ -25,6 +25,16 @@ _RESERVED = ("base", "base_link", "bias_torque", "yaw")
 THRUST_LAG, COMMAND_LAG = "thruster_lag", "thruster_lag:command"
 
 
+class ThrusterLag(NamedTuple):
+    """First-order lag of all thrusters: time constant in s, and key of the effect; 0 and empty without a lag."""
+
+    time_constant: float
+    key: str
+
+
+NO_LAG = ThrusterLag(0.0, "")
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ThrusterCurve:
     """Steady thrust of one thruster over its command, memoryless effects included."""
@@ -36,6 +46,13 @@ class ThrusterCurve:
     #: ``command``, ``thrust``: (m,) in the unit of the log, and in N (N m for a logged torque).
     command: FloatArray
     thrust: FloatArray
+    #: 1 ahead and -1 astern in turn, as the places are not known; 0 for a logged torque, which has no thruster.
+    side: int
+
+    @property
+    def place(self) -> tuple[float, float]:
+        """Place on the x axis in m and direction along y, in FLU axes, with a torque about z of minus arm * thrust."""
+        return self.side * self.arm, -float(self.side)
 
     def __call__(self, command: FloatArray) -> FloatArray:
         """Thrust in N."""
@@ -44,25 +61,20 @@ class ThrusterCurve:
 
 def curve_effect_keys(subject: ExportInput) -> frozenset[str]:
     """Keys of the effects that a thrust curve represents."""
-    return frozenset(effect.key for effect in _curve_effects(subject))
-
-
-def _curve_effects(subject: ExportInput) -> list[Effect]:
     effects = subject.model.effects
-    return [one for one in effects if one.id in _CURVE_EFFECTS and not one.form.endswith(WITH_OTHERS)]
+    return frozenset(one.key for one in effects if one.id in _CURVE_EFFECTS and not one.form.endswith(WITH_OTHERS))
 
 
 def thruster_curves(subject: ExportInput) -> list[ThrusterCurve]:
     """Thrust curve of each thruster, with no more points than necessary."""
-    effects, vehicle = _curve_effects(subject), subject.vehicle
+    vehicle, model = subject.vehicle, subject.with_effects(curve_effect_keys(subject))
     names = identifiers([thruster.name for thruster in vehicle.thrusters], taken=_RESERVED)
     neutral = neutral_commands(vehicle)
-    model = replace(subject.model, effects=tuple(effects), effect_values=subject.effect_values(effects))
     curves = []
     for index, thruster in enumerate(vehicle.thrusters):
         low, high = subject.commands[index]
         command = np.unique([low, 0.0, high] if thruster.curve is None else thruster.curve.command)
-        if effects:
+        if model.effects:
             command = np.union1d(command, np.linspace(command.min(), command.max(), _POINTS))
         commands = np.tile(neutral, (len(command), 1))
         commands[:, index] = command
@@ -77,6 +89,7 @@ def thruster_curves(subject: ExportInput) -> list[ThrusterCurve]:
                 neutral=float(neutral[index]),
                 command=command[kept],
                 thrust=thrust[kept],
+                side=0 if thruster.curve is None else 1 - 2 * (index % 2),
             )
         )
     return curves
@@ -110,30 +123,25 @@ def curve_comment(curve: ThrusterCurve) -> str:
 # ---- thrusters with a first-order lag in front of the curve, as in uuv_simulator and Stonefish
 
 
-def thruster_lag(subject: ExportInput) -> tuple[float, str]:
-    """Time constant in s and key of the lag that such thrusters represent; 0 and empty without a lag."""
+def thruster_lag(subject: ExportInput) -> ThrusterLag:
+    """Lag that such thrusters represent."""
     for key, values in subject.effects.items():
         if key in {THRUST_LAG, COMMAND_LAG}:
-            return values["time_constant"], key
-    return 0.0, ""
+            return ThrusterLag(values["time_constant"], key)
+    return NO_LAG
 
 
-def thruster_inputs(curves: list[ThrusterCurve], lag: str) -> list[ThrusterCurve]:
-    """Curves from input to thrust with zero input at rest, where the lag starts.
+def thruster_inputs(curves: list[ThrusterCurve], lag: ThrusterLag) -> tuple[list[ThrusterCurve], str]:
+    """Curves from input to thrust with zero input at rest, where the lag starts, and a note on the input.
 
     If thrust lags, behind the curve, the input is the steady thrust itself.
     """
-    if lag != THRUST_LAG:
-        return [replace(curve, command=curve.command - curve.neutral, neutral=0.0) for curve in curves]
+    if lag.key != THRUST_LAG:
+        inputs = [replace(curve, command=curve.command - curve.neutral, neutral=0.0) for curve in curves]
+        return inputs, "The thrusters' input is the command less its neutral value."
     inputs = []
     for curve in curves:
         ends = np.array([min(float(curve.thrust.min()), 0.0), max(float(curve.thrust.max()), 0.0)])
         inputs.append(replace(curve, command=ends, thrust=ends, neutral=0.0))
-    return inputs
-
-
-def input_note(lag: str) -> str:
-    """Meaning of the thrusters' input."""
-    if lag == THRUST_LAG:
-        return "The thrusters' input is the steady thrust in N, by the curves in the file: thrust lags, not command."
-    return "The thrusters' input is the command less its neutral value."
+    note = "The thrusters' input is the steady thrust in N, by the curves in the file: thrust lags, not command."
+    return inputs, note

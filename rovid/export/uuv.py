@@ -12,15 +12,15 @@ import math
 from rovid.core.array_types import FloatArray
 from rovid.core.escaping import identifiers
 from rovid.core.signatures import export_mark
-from rovid.export.gazebo import frame_notes, place, side_of
+from rovid.export.gazebo import frame_notes
 from rovid.export.interface import ExportInput, ExportResult, Simulate
 from rovid.export.resimulation import integrate_rate, settling_time, thrust_torque
 from rovid.export.thruster_curves import (
-    COMMAND_LAG,
+    NO_LAG,
     ThrusterCurve,
+    ThrusterLag,
     curve_comment,
     curve_effect_keys,
-    input_note,
     number_list,
     thruster_curves,
     thruster_inputs,
@@ -40,14 +40,18 @@ _STABLE = 2.8
 def export(subject: ExportInput) -> ExportResult:
     """A xacro for uuv_simulator."""
     body, added, note = _split_inertia(subject)
-    lag, key = thruster_lag(subject)
-    curves = thruster_curves(subject)
-    lags = {"command_lag" if key == COMMAND_LAG else "thrust_lag": lag}
+    lag, curves = thruster_lag(subject), thruster_curves(subject)
+    inputs, input_note = thruster_inputs(curves, lag)
+    name = identifiers([subject.vehicle.name])[0].lower()
+    thrusters = ""
+    for index, (curve, table) in enumerate(zip(inputs, curves, strict=True)):
+        if curve.side:
+            thrusters += _thruster(name, index, curve, table, lag.time_constant)
     return ExportResult(
-        content=_xacro(subject, body, added, curves, lag, key),
-        simulate=_simulator(subject, body, added, curves, **lags),
-        kept_effects=curve_effect_keys(subject) | ({key} if key else set()),
-        notes=(*frame_notes(subject), note, input_note(key)),
+        content=_xacro(subject, name, body, added, thrusters),
+        simulate=_simulator(subject, body, added, curves, lag),
+        kept_effects=curve_effect_keys(subject) | (subject.effects.keys() & {lag.key}),
+        notes=(*frame_notes(subject), note, input_note),
     )
 
 
@@ -69,7 +73,7 @@ def export_yaml(subject: ExportInput) -> ExportResult:
     ]
     return ExportResult(
         content="\n".join(lines),
-        simulate=_simulator(subject, body, added, thruster_curves(subject)),
+        simulate=_simulator(subject, body, added, thruster_curves(subject), NO_LAG),
         kept_effects=curve_effect_keys(subject),
         notes=(*frame_notes(subject), note, "The controllers' model takes forces: a thruster manager has the curves."),
     )
@@ -89,12 +93,7 @@ def _split_inertia(subject: ExportInput) -> tuple[float, float, str]:
 
 
 def _simulator(
-    subject: ExportInput,
-    body: float,
-    added: float,
-    curves: list[ThrusterCurve],
-    command_lag: float = 0.0,
-    thrust_lag: float = 0.0,
+    subject: ExportInput, body: float, added: float, curves: list[ThrusterCurve], lag: ThrusterLag
 ) -> Simulate:
     model = subject.model
 
@@ -108,21 +107,15 @@ def _simulator(
             before = (torque + drag - added * filtered) / body
             return rate + _STEP * before
 
-        torque = thrust_torque(curves, commands, _STEP, command_lag=command_lag, thrust_lag=thrust_lag)
+        torque = thrust_torque(curves, commands, _STEP, lag)
         return -integrate_rate(-torque, advance, _STEP)
 
     return simulate
 
 
-def _xacro(subject: ExportInput, body: float, added: float, curves: list[ThrusterCurve], lag: float, key: str) -> str:
-    inputs = thruster_inputs(curves, key)
+def _xacro(subject: ExportInput, name: str, body: float, added: float, thrusters: str) -> str:
     model = subject.model
-    name = identifiers([subject.vehicle.name])[0].lower()
     matrix = "            0 0 0 0 0 0\n" * 5 + f"            0 0 0 0 0 {added:.10g}"
-    thrusters = []
-    for index, thruster in enumerate(subject.vehicle.thrusters):
-        if thruster.curve is not None:
-            thrusters.append(_thruster(name, index, inputs[index], curves[index], side_of(index), lag))
     return f"""<?xml version="1.0"?>
 <!-- {export_mark("uuv")}. Yaw identified by rovid; z up, a yaw rate is minus the heading's. -->
 <robot name="{name}" xmlns:xacro="http://www.ros.org/wiki/xacro">
@@ -150,12 +143,12 @@ def _xacro(subject: ExportInput, body: float, added: float, curves: list[Thruste
       </link>
     </plugin>
   </gazebo>
-{"".join(thrusters)}</robot>
+{thrusters}</robot>
 """
 
 
-def _thruster(name: str, index: int, curve: ThrusterCurve, table: ThrusterCurve, side: float, lag: float) -> str:
-    x, direction = place(curve, side)
+def _thruster(name: str, index: int, curve: ThrusterCurve, table: ThrusterCurve, lag: float) -> str:
+    x, direction = curve.place
     link = f"{name}/thruster_{index}"
     dynamics = "<type>ZeroOrder</type>"
     if lag > 0:
