@@ -12,16 +12,8 @@ from dataclasses import dataclass
 
 # FRAME_CONFIG of ArduSub -> direction in which each motor turns the bow to starboard; the other motors do not turn it.
 # Source: the motor tables in ArduPilot's AP_Motors6DOF.
-_VECTORED = {1: 1, 2: -1, 3: -1, 4: 1}
-_FRAMES: Mapping[int, Mapping[int, int]] = {
-    0: {1: -1, 2: 1},
-    1: _VECTORED,
-    2: _VECTORED,
-    3: {2: 1, 7: -1},
-    4: {1: -1, 2: 1},
-    5: {1: -1, 2: 1},
-    6: {1: -1, 2: 1},
-}
+_PAIR, _VECTORED = {1: -1, 2: 1}, {1: 1, 2: -1, 3: -1, 4: 1}
+_FRAMES = {0: _PAIR, 1: _VECTORED, 2: _VECTORED, 3: {2: 1, 7: -1}, 4: _PAIR, 5: _PAIR, 6: _PAIR}
 _FRAME = "FRAME_CONFIG"
 # Frames that only one type of vehicle has.
 _TYPES = {1: "bluerov2", 2: "bluerov2-heavy"}

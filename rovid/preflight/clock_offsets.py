@@ -55,12 +55,14 @@ def estimate_clock_offsets(trials: Sequence[Trial], config: Config) -> ClockOffs
     wholes = {_parent(trial): trial for trial in joined}
     if not wholes:
         return ClockOffsets()
+    measured = config.signals.get(config.measured_signal)
+    motion = set() if measured is None else set(measured.sources.values())
     starts: dict[str, float | None] = {}
     aligned: list[ClockOffset] = []
     command_files: dict[str, tuple[str, float]] = {}
     for name, trial in wholes.items():
         files = _read_files(trial, config)
-        home = _file_with(files, _sources_of_motion(config))
+        home = _file_with(files, motion)
         if home is None:
             continue
         for file in files.keys() - {home}:
@@ -111,11 +113,6 @@ def _read_files(trial: Trial, config: Config) -> dict[Path, dict[str, RawColumn]
             for source, channel in found.items()
         }
     return files
-
-
-def _sources_of_motion(config: Config) -> set[str]:
-    measured = config.signals.get(config.measured_signal)
-    return set() if measured is None else set(measured.sources.values())
 
 
 def _file_with(files: Mapping[Path, Columns], sources: set[str]) -> Path | None:
@@ -185,16 +182,8 @@ def _on_line(
     drifting = []
     for clock, middle in zip(clocks, time.tolist(), strict=True):
         start = middle - clock.middle
-        drifting.append(
-            replace(
-                clock,
-                offset=offset + drift * start,
-                error=math.hypot(error, drift_error * start),
-                drift=1e6 * drift,
-                drift_error=1e6 * drift_error,
-                middle=0.0,
-            )
-        )
+        own = replace(clock, offset=offset + drift * start, error=math.hypot(error, drift_error * start), middle=0.0)
+        drifting.append(replace(own, drift=1e6 * drift, drift_error=1e6 * drift_error))
     return drifting
 
 
@@ -227,8 +216,7 @@ def _response_delays(trials: Sequence[Trial], vehicle: Vehicle) -> tuple[dict[st
 def _delays(fit: LikelihoodFit, names: Sequence[str], shifts: Mapping[str, float]) -> dict[str, tuple[float, float]]:
     delays = {}
     for number, name in enumerate(names, 1):
-        parameter = f"clock:{form_name(names)}.offset_{number}"
-        delay, error = _value_and_error(fit, parameter)
+        delay, error = _value_and_error(fit, f"clock:{form_name(names)}.offset_{number}")
         delays[name] = shifts[name] + delay, error
     return delays
 

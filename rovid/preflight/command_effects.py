@@ -119,7 +119,7 @@ def response_delay(neutral: Mapping[str, float], log: Log, position: SignalGuess
     r2 = {0.0: 0.0}
     for delay in np.arange(-_MAX_CLOCK_OFFSET, _MAX_CLOCK_OFFSET + _WINDOWS[0], _WINDOWS[0]).tolist():
         moved = {source: replace(log[source], time=log[source].time + delay) for source in neutral if source in log}
-        fit = _regress(_windowed(neutral, [{**log, **moved}], position, _WINDOWS[1]))
+        fit = _regress(_windowed(neutral, [{**log, **moved}], position, _WINDOWS[1], self_righting=False))
         if fit is not None:
             r2[delay] = fit.r2
     return max(r2, key=lambda delay: r2[delay])
@@ -158,12 +158,7 @@ def _mean_command(column: RawColumn, edges: FloatArray) -> FloatArray:
 
 
 def _windowed(
-    neutral: Mapping[str, float],
-    logs: Sequence[Log],
-    position: SignalGuess,
-    window: float,
-    *,
-    self_righting: bool = False,
+    neutral: Mapping[str, float], logs: Sequence[Log], position: SignalGuess, window: float, *, self_righting: bool
 ) -> list[tuple[FloatArray, FloatArray]]:
     """For each log (n, 2 + k) rows of a constant, the rate before and the mean commands, and the (n,) rates.
 

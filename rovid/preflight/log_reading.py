@@ -157,7 +157,7 @@ def _join_files(read: LogsRead, axis: Axis) -> LogsRead:
     """Join the files of each trial, if no file holds both the motion and the commands."""
     for kind, logs in read.logs.items():
         mapping = map_columns(logs, GuessHints(axis=axis))
-        if mapping.missing or not mapping.has_actuation or any(_is_complete(log, mapping) for log in logs):
+        if mapping.missing or not mapping.actuation or any(_is_complete(log, mapping) for log in logs):
             continue
         names = read.names[kind]
         join = Join(parts=guess_parts(names))
@@ -195,7 +195,4 @@ def _on_one_clock(parts: Sequence[Mapping[str, RawColumn]], mapping: ColumnMappi
 
 def _is_complete(log: Mapping[str, RawColumn], mapping: ColumnMapping) -> bool:
     """Whether a log holds the motion and a command or a torque."""
-    commands = {command.source for command in mapping.commands}
-    if "torque" in mapping.signals:
-        commands.add(mapping.signals["torque"].source)
-    return mapping.measured.source in log and not commands.isdisjoint(log)
+    return mapping.measured.source in log and not mapping.actuation.isdisjoint(log)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import itertools
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -73,9 +74,7 @@ class UserOverrides:
         if not commands and "torque" not in signals:
             missing.append("command")
         taken |= {command.source for command in commands}
-        sources = [signal.source for signal in guessed.signals.values()]
-        sources += [command.source for command in guessed.commands]
-        unused = tuple(source for source in (*sources, *guessed.unused) if source not in taken)
+        unused = tuple(source for source in (*guessed.sources, *guessed.unused) if source not in taken)
         return ColumnMapping(signals=signals, commands=commands, missing=tuple(missing), unused=unused)
 
     def _overridden(self, command: ThrusterCommand) -> ThrusterCommand:
@@ -162,7 +161,7 @@ def survey_read_logs(
     # The logs may be surveyed again: problems are added to a copy.
     read = replace(read, problems=list(read.problems))
     profile = load_preset(options.vehicle) if options.vehicle else None
-    present = sorted(set().union(*(log for logs in read.logs.values() for log in logs)))
+    present = sorted(set().union(*itertools.chain(*read.logs.values())))
     for option, sources in (("--heading", options.headings), ("--command", options.commands)):
         for source in sources:
             if source not in present:
@@ -172,11 +171,11 @@ def survey_read_logs(
         types = filter(None, map(vehicle_type, read.parameters.values()))
         profile = next(map(load_preset, types), None)
     mappings = _map_formats(read, options, profile)
-    guessed_profile = None
+    profile_guessed = False
     if profile is None and options.axis is YAW:
-        guessed_profile = _profile_of_outputs(list(all_commands(mappings)))
-    if guessed_profile is not None:
-        profile = guessed_profile
+        profile = _profile_of_outputs(all_commands(mappings))
+        profile_guessed = profile is not None
+    if profile_guessed:
         mappings = _map_formats(read, options, profile)
     if overrides is not None:
         mappings = overrides.apply_to(mappings)
@@ -190,9 +189,9 @@ def survey_read_logs(
         clock_sources=read.clocks,
         curve=curve,
         new_curve=new_curve,
-        curve_guessed=is_guess or (guessed_profile is not None and new_curve is not None),
+        curve_guessed=is_guess or (profile_guessed and new_curve is not None),
         profile=profile,
-        profile_guessed=guessed_profile is not None,
+        profile_guessed=profile_guessed,
         join=read.join,
         logs=sum(map(len, read.logs.values())),
         warnings=(
@@ -247,7 +246,7 @@ def _not_recognised(read: LogsRead, kind: str, mapping: ColumnMapping) -> DataEr
     )
 
 
-def _profile_of_outputs(commands: Sequence[ThrusterCommand]) -> VehiclePreset | None:
+def _profile_of_outputs(commands: Iterable[ThrusterCommand]) -> VehiclePreset | None:
     """Type of vehicle whose turning outputs are those of the logs."""
     outputs = {}
     for command in commands:

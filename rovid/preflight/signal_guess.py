@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -93,9 +93,15 @@ class ColumnMapping:
         return next(iter(self.signals.values()))
 
     @property
-    def has_actuation(self) -> bool:
-        """Whether a command or a torque is known."""
-        return bool(self.commands) or "torque" in self.signals
+    def sources(self) -> list[str]:
+        """Sources of all signals and commands."""
+        return [signal.source for signal in self.signals.values()] + [command.source for command in self.commands]
+
+    @property
+    def actuation(self) -> set[str]:
+        """Sources of the commands, and of a torque."""
+        torque = [signal.source for name, signal in self.signals.items() if name == "torque"]
+        return {*torque, *(command.source for command in self.commands)}
 
 
 def map_columns(logs: Sequence[Mapping[str, RawColumn]], hints: GuessHints | None = None) -> ColumnMapping:
@@ -129,9 +135,8 @@ def map_columns(logs: Sequence[Mapping[str, RawColumn]], hints: GuessHints | Non
         missing.append(hints.axis.position_signal)
     if not (commands or "torque" in signals or hints.axis.self_righting):
         missing.append("command")
-    taken = {signal.source for signal in signals.values()} | {command.source for command in commands}
-    unused = tuple(source for source in columns if source not in taken)
-    return ColumnMapping(signals=signals, commands=commands, missing=tuple(missing), unused=unused)
+    mapping = ColumnMapping(signals=signals, commands=commands, missing=tuple(missing))
+    return replace(mapping, unused=tuple(source for source in columns if source not in mapping.sources))
 
 
 def _supply(shared: Columns, taken: set[str]) -> str | None:
@@ -180,18 +185,18 @@ def _yaw_signals(
     columns: Columns, shared: Columns, logs: Sequence[Mapping[str, RawColumn]], chosen: str
 ) -> dict[str, SignalGuess]:
     """Heading, yaw rate and tilts that were found; the user may have ``chosen`` the heading."""
-    heading = _chosen_heading(chosen, columns) if chosen else _heading(columns)
+    heading = None
+    if not chosen:
+        heading = _heading(columns)
+    elif chosen in columns:
+        unit, reason = _angle_unit(chosen, columns[chosen])
+        heading = SignalGuess(source=chosen, unit=unit, reason=f"given; {reason}") if unit else None
     guesses = {"heading": heading}
     if heading is not None:
         guesses["yaw_rate"] = _yaw_rate(shared, logs, heading)
     for name, words in _TILTS.items():
         guesses[name] = _tilt(shared, words, heading)
     return {name: guess for name, guess in guesses.items() if guess is not None}
-
-
-def _chosen_heading(source: str, columns: Columns) -> SignalGuess | None:
-    unit, reason = _angle_unit(source, columns[source]) if source in columns else ("", "")
-    return SignalGuess(source=source, unit=unit, reason=f"given; {reason}") if unit else None
 
 
 def _heading(columns: Columns) -> SignalGuess | None:

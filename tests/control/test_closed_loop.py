@@ -32,13 +32,8 @@ def test_the_aided_loop_is_of_second_order() -> None:
 
 def test_the_closed_loop_equals_an_independent_integration() -> None:
     controller = law()
-    course = run_one(
-        controller,
-        allocate(LOGGED, PAPER),
-        Plant(model=PAPER, vehicle=LOGGED),
-        np.full(600, math.radians(200.0)),
-        math.radians(90.0),
-    )
+    plant = Plant(model=PAPER, vehicle=LOGGED)
+    course = run_one(controller, allocate(LOGGED, PAPER), plant, np.full(600, math.radians(200.0)), math.radians(90.0))
     heading, rate, read, filtered = math.radians(90.0), 0.0, math.radians(90.0), 0.0
     blend = 1.0 - math.exp(-0.1 / 0.3)
     expected = [heading]

@@ -32,15 +32,15 @@ def test_a_dead_zone_and_a_lag_cause_a_limit_cycle() -> None:
     model = with_effect("thruster_lag", 1.0, model=with_effect("command_hysteresis", 0.4))
     bench = allocate(VEHICLE, PAPER)
     controller = law(2000.0, 3000.0)
-    ((shaken, _),) = simulate_pairs(
-        noisy_and_noise_free(controller, bench, Plant(model=model, vehicle=VEHICLE), paper_runs()[2:3])
-    )
-    assert shaken.limit_cycle is not None
-    assert shaken.limit_cycle.amplitude_deg > 0.2
-    ((calm, _),) = simulate_pairs(
-        noisy_and_noise_free(controller, bench, Plant(model=PAPER, vehicle=VEHICLE), paper_runs()[2:3])
-    )
-    assert calm.limit_cycle is None
+    found = []
+    for acting in (model, PAPER):
+        plant = Plant(model=acting, vehicle=VEHICLE)
+        ((metrics, _),) = simulate_pairs(noisy_and_noise_free(controller, bench, plant, paper_runs()[2:3]))
+        found.append(metrics.limit_cycle)
+    shaken, calm = found
+    assert shaken is not None
+    assert shaken.amplitude_deg > 0.2
+    assert calm is None
 
 
 def random_vehicle(seed: int) -> tuple[Model, Vehicle, LoopConditions]:
@@ -65,13 +65,8 @@ def random_vehicle(seed: int) -> tuple[Model, Vehicle, LoopConditions]:
             null = parameter.neutral * scales.unit_size(parameter)
             away = first if effect.id == "slew_limit" else null + share * (first - null)
             values.append(away)
-    model = Model(
-        inertia=inertia,
-        quadratic_drag=quadratic,
-        linear_drag=linear,
-        effects=tuple(chosen.values()),
-        effect_values=tuple(values),
-    )
+    plain = Model(inertia=inertia, quadratic_drag=quadratic, linear_drag=linear)
+    model = replace(plain, effects=tuple(chosen.values()), effect_values=tuple(values))
     return model, vehicle, LoopConditions(torque_in_use=torque, heading_noise=math.radians(0.01))
 
 
@@ -82,12 +77,8 @@ def test_predicted_margins_hold_for_random_vehicles(seed: int) -> None:
     bandwidth = choose_bandwidth(model, vehicle, allocation, setting, 0.7)
     controller = control_law(model, allocation, setting, *pd_gains(model.inertia, 0.7, bandwidth))
     predicted = open_loop(controller, model, vehicle, allocation, setting).margins()
-    plant = Plant(
-        model=model,
-        vehicle=vehicle,
-        heading_noise=setting.heading_noise,
-        disturbance=0.02 * setting.torque_in_use,
-    )
+    noise, disturbance = setting.heading_noise, 0.02 * setting.torque_in_use
+    plant = Plant(model=model, vehicle=vehicle, heading_noise=noise, disturbance=disturbance)
     wanted = standard_manoeuvres((), setting.torque_in_use)[:3]
     for found, _ in simulate_pairs(noisy_and_noise_free(controller, allocation, plant, wanted, seed=seed)):
         assert found.settling_time is not None
@@ -115,11 +106,6 @@ def test_without_model_aid_only_pd_remains() -> None:
 
 
 def test_the_error_in_a_current_is_torque_over_stiffness() -> None:
-    loops = noisy_and_noise_free(
-        law(1000.0, 3500.0),
-        allocate(LOGGED, PAPER),
-        Plant(model=PAPER, vehicle=LOGGED),
-        [HeadingManoeuvre(name="", start=120.0, target=120.0, current=10.0)],
-    )
-    ((found, _),) = simulate_pairs(loops)
+    hold, plant = HeadingManoeuvre(name="", start=120.0, target=120.0, current=10.0), Plant(model=PAPER, vehicle=LOGGED)
+    ((found, _),) = simulate_pairs(noisy_and_noise_free(law(1000.0, 3500.0), allocate(LOGGED, PAPER), plant, [hold]))
     assert found.steady_error_deg == pytest.approx(math.degrees(10.0 / 1000.0), rel=1e-3)

@@ -49,20 +49,13 @@ SIZES: dict[str, dict[str, float]] = {
     "added_mass_memory": {"inertia": 800.0, "time_constant": 2.0},
 }
 CURVE = ("thruster_deadband", "thrust_asymmetry", "thrust_curve_shape", "thruster_imbalance:aft")
+LAGS = ("thruster_lag", "thruster_lag:command")
 HELD: dict[str, tuple[str, ...]] = {
     "gz-sim": CURVE,
     "vrx": CURVE,
-    "uuv": (*CURVE, "thruster_lag", "thruster_lag:command"),
+    "uuv": (*CURVE, *LAGS),
     "mujoco": (*CURVE, "thruster_lag", "command_delay", "drag_curvature", "bias_torque", "tether_torsion"),
-    "python-vehicle-simulator": (
-        *CURVE,
-        "thruster_lag",
-        "thruster_lag:command",
-        "drag_curvature",
-        "drag_asymmetry",
-        "bias_torque",
-        "tether_torsion",
-    ),
+    "python-vehicle-simulator": (*CURVE, *LAGS, "drag_curvature", "drag_asymmetry", "bias_torque", "tether_torsion"),
     "ros2": tuple(SIZES),
     "matlab": tuple(SIZES),
     "json": tuple(SIZES),
@@ -101,12 +94,8 @@ def with_effects(fitted: Path, keys: tuple[str, ...], folder: Path) -> Path:
     document["logs"] = [str(fitted.parent / "day")]
     for key in keys:
         for name, value in SIZES[key].items():
-            document["parameters"][f"{key}.{name}"] = {
-                "value": value,
-                "standard_error": 0.01 * value,
-                "unit": "",
-                "method": "test",
-            }
+            entry = {"value": value, "standard_error": 0.01 * value, "unit": "", "method": "test"}
+            document["parameters"][f"{key}.{name}"] = entry
     path = folder / "effects.toml"
     path.write_text(tomli_w.dumps(document))
     return path
@@ -522,10 +511,8 @@ def test_an_export_without_logs_reports_its_assumptions(fitted: Path, tmp_path: 
     assert any("rigid-body inertia is not known" in text for text in document["warnings"])
     assert read_sdf(file).inertia == pytest.approx(read_parameters(fitted).model().inertia)
     alone.write_text(tomli_w.dumps(tomllib.loads(fitted.read_text()) | {"logs": []}))
-    assert any(
-        "largest yaw rate of 0.3 rad/s is assumed" in text
-        for text in exported("gz-sim", alone, tmp_path)[0]["warnings"]
-    )
+    document, _ = exported("gz-sim", alone, tmp_path)
+    assert any("largest yaw rate of 0.3 rad/s is assumed" in text for text in document["warnings"])
 
 
 @pytest.mark.parametrize("name", FORMATS)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -49,11 +50,8 @@ def test_feedback_does_not_reverse_a_direction(hand: bool) -> None:
 def test_the_explained_share_is_that_of_the_acting_command() -> None:
     logs = [steered(1, hand=True)]
     heading = SignalGuess(source="heading_deg", reason="", unit="deg")
-    idle = RawColumn(
-        source="idle",
-        time=logs[0]["yaw_cmd"].time,
-        values=np.repeat(np.random.default_rng(5).uniform(-1.0, 1.0, 40), 60),
-    )
+    levels = np.repeat(np.random.default_rng(5).uniform(-1.0, 1.0, 40), 60)
+    idle = RawColumn(source="idle", time=logs[0]["yaw_cmd"].time, values=levels)
     found = command_effects({"yaw_cmd": 0.0, "idle": 0.0}, [logs[0] | {"idle": idle}], heading)
     assert found["yaw_cmd"].direction == 1
     assert found["idle"].direction == 0
@@ -92,13 +90,16 @@ def test_reversed_and_ineffective_thrusters_are_found() -> None:
     assert [push.is_ineffective for push in found] == [False, False, True]
 
 
+def write_day(sample: str, folder: Path, arm: str, count: int = -1) -> None:
+    """A copy of a sample campaign with ``arm`` in place of the first ``count`` arms."""
+    shutil.copytree(SAMPLES / sample, folder)
+    config = folder / "rovid.toml"
+    text = config.read_text(encoding="utf-8")
+    config.write_text(text.replace("yaw_arm = 0.43", f"yaw_arm = {arm}", count), encoding="utf-8")
+
+
 def test_check_reports_a_reversed_thruster(tmp_path: Path, rovid: Rovid) -> None:
-    folder = tmp_path / "day"
-    folder.mkdir()
-    for path in (SAMPLES / "rosub_tank").glob("*"):
-        (folder / path.name).write_bytes(path.read_bytes())
-    text = (folder / "rovid.toml").read_text(encoding="utf-8")
-    (folder / "rovid.toml").write_text(text.replace("yaw_arm = 0.43", "yaw_arm = -0.43", 1), encoding="utf-8")
+    write_day("rosub_tank", tmp_path / "day", "-0.43", 1)
     document = rovid("check", "day", "--json").document
     assert document["verdict"] == "no_go"
     assert any(one["kind"] == "thruster" and "Turn yaw_arm of fore around" in one["text"] for one in document["advice"])
@@ -107,11 +108,6 @@ def test_check_reports_a_reversed_thruster(tmp_path: Path, rovid: Rovid) -> None
 
 
 def test_implausible_arms_are_reported(tmp_path: Path, rovid: Rovid) -> None:
-    folder = tmp_path / "day"
-    folder.mkdir()
-    for path in (SAMPLES / "rosub_hidden").glob("*"):
-        (folder / path.name).write_bytes(path.read_bytes())
-    text = (folder / "rovid.toml").read_text(encoding="utf-8")
-    (folder / "rovid.toml").write_text(text.replace("yaw_arm = 0.43", "yaw_arm = 43.0"), encoding="utf-8")
+    write_day("rosub_hidden", tmp_path / "day", "43.0")
     advice = rovid("check", "day", "--json").document["advice"]
     assert [one for one in advice if one["kind"] == "scale"]

@@ -24,9 +24,13 @@ def written(folder: Path, asked: SurveyOptions | None = None, **columns: np.ndar
     """rovid.toml of a log with these columns, and its assumptions."""
     pd.DataFrame({"time_s": TIME, **columns}).to_csv(folder / "log.csv", index=False)
     surveyed = survey([folder], asked)
-    for output, text in config_files(surveyed).items():
+    return write(surveyed).read_text(encoding="utf-8"), list(assumptions_in(surveyed).items)
+
+
+def write(survey: LogSurvey) -> Path:
+    for output, text in config_files(survey).items():
         output.path.write_text(text, encoding="utf-8")
-    return (folder / "rovid.toml").read_text(encoding="utf-8"), list(assumptions_in(surveyed).items)
+    return survey.folder / "rovid.toml"
 
 
 def heading() -> np.ndarray:
@@ -84,40 +88,32 @@ def test_published_arms_of_any_size_are_no_guess(size: str, guessed: bool, tmp_p
 
 
 def test_a_heading_recognised_only_by_its_jumps_causes_a_warning(tmp_path: Path) -> None:
-    pd.DataFrame({"time_s": TIME, "channel_7": (30.0 * TIME) % 360.0, "port_cmd": np.sin(TIME)}).to_csv(
-        tmp_path / "log.csv", index=False
-    )
-    surveyed = survey([tmp_path])
-    assert [text for text in surveyed.warnings if text.startswith("channel_7 is taken for the heading")]
+    written(tmp_path, channel_7=(30.0 * TIME) % 360.0, port_cmd=np.sin(TIME))
+    assert [text for text in survey([tmp_path]).warnings if text.startswith("channel_7 is taken for the heading")]
 
 
 # ---- overrides
 
 
 def by_hand(folder: Path, hand: UserOverrides) -> LogSurvey:
-    return survey_read_logs(read_logs([folder]), SurveyOptions(), hand)
-
-
-def write(survey: LogSurvey) -> Path:
-    for output, text in config_files(survey).items():
-        output.path.write_text(text)
-    return survey.folder / "rovid.toml"
+    """Survey of the sample logs in a new ``folder``, with the choices of the user."""
+    return survey_read_logs(read_logs([logs_into(folder)]), SurveyOptions(), hand)
 
 
 def test_a_measured_arm_is_no_guess(tmp_path: Path) -> None:
-    survey = by_hand(logs_into(tmp_path / "day"), UserOverrides(arms={"fore_V": 0.43}))
+    survey = by_hand(tmp_path / "day", UserOverrides(arms={"fore_V": 0.43}))
     assert assumptions_in(survey).items == ("yaw_arm of aft",)
     assert load_config(write(survey)).vehicle.assumptions.items == ("yaw_arm of aft",)
 
 
 def test_an_override_sets_sign_and_name(tmp_path: Path) -> None:
-    survey = by_hand(logs_into(tmp_path / "day"), UserOverrides(arms={"fore_V": -0.5}, names={"fore_V": 'bow "1"'}))
+    survey = by_hand(tmp_path / "day", UserOverrides(arms={"fore_V": -0.5}, names={"fore_V": 'bow "1"'}))
     first, _ = load_config(write(survey)).vehicle.thrusters
     assert (first.name, first.arm) == ('bow "1"', -0.5)
 
 
 def test_a_rejected_command_is_not_written(tmp_path: Path) -> None:
-    survey = by_hand(logs_into(tmp_path / "day"), UserOverrides(commands=frozenset({"fore_V"})))
+    survey = by_hand(tmp_path / "day", UserOverrides(commands=frozenset({"fore_V"})))
     assert [thruster.name for thruster in load_config(write(survey)).vehicle.thrusters] == ["fore"]
     assert "aft_V" in survey.mappings["csv"].unused
 
@@ -125,7 +121,7 @@ def test_a_rejected_command_is_not_written(tmp_path: Path) -> None:
 def test_chosen_signals_keep_a_valid_reason(tmp_path: Path) -> None:
     heading = SignalGuess(source="heading_deg", unit="deg", reason="")
     chosen = {"heading": heading, "depth tank": SignalGuess(source="supply_V", sign=-1, reason="")}
-    survey = by_hand(logs_into(tmp_path / "day"), UserOverrides(signals={"csv": chosen}))
+    survey = by_hand(tmp_path / "day", UserOverrides(signals={"csv": chosen}))
     signals = survey.mappings["csv"].signals
     assert signals["heading"].reason.startswith("named so")
     assert signals["depth tank"].reason == CHOSEN
@@ -135,19 +131,16 @@ def test_chosen_signals_keep_a_valid_reason(tmp_path: Path) -> None:
 
 
 def test_a_removed_heading_is_open(tmp_path: Path) -> None:
-    survey = by_hand(logs_into(tmp_path / "day"), UserOverrides(signals={"csv": {}}, commands=frozenset()))
+    survey = by_hand(tmp_path / "day", UserOverrides(signals={"csv": {}}, commands=frozenset()))
     assert survey.unrecognised == ("heading", "command")
     assert "OPEN: no column was recognised as heading" in "".join(config_files(survey).values())
 
 
 def test_exclusions_and_size_are_written(tmp_path: Path) -> None:
-    left_out = (
-        Exclusion(log="hold_03.csv", begin=3.25, end=1234.5, reason='a "hand"'),
-        Exclusion(log="*", begin=2000.0),
-    )
-    survey = by_hand(
-        logs_into(tmp_path / "day"), UserOverrides(exclusions=left_out, size={"mass": 2604.0}, name="mine")
-    )
+    hand = Exclusion(log="hold_03.csv", begin=3.25, end=1234.5, reason='a "hand"')
+    left_out = (hand, Exclusion(log="*", begin=2000.0))
+    overrides = UserOverrides(exclusions=left_out, size={"mass": 2604.0}, name="mine")
+    survey = by_hand(tmp_path / "day", overrides)
     config = load_config(write(survey))
     assert config.exclusions == left_out
     assert (config.vehicle.mass, config.vehicle.name) == (2604.0, "mine")
