@@ -171,13 +171,7 @@ def _probe(model: Model, vehicle: Vehicle, allocation: Allocation, conditions: L
 def choose_bandwidth(
     model: Model, vehicle: Vehicle, allocation: Allocation, conditions: LoopConditions, damping: float
 ) -> float:
-    """Largest bandwidth in rad/s with sufficient margins, within the limits of noise and actuators.
-
-    Raises
-    ------
-    DataError
-        No bandwidth has sufficient margins, or the thrusters cannot turn the vehicle both ways.
-    """
+    """Largest bandwidth in rad/s with sufficient margins, within the limits of noise and actuators."""
     capacity = min(allocation.highest, -allocation.lowest)
     if not capacity > 0.0:
         raise one_way_only()

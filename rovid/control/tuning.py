@@ -242,11 +242,6 @@ def largest_bandwidth(loop_of: Callable[[float], OpenLoop], limit: float) -> flo
     """Largest bandwidth in rad/s below ``limit`` with sufficient margins.
 
     They are a phase margin of 45 degrees, a sensitivity peak of 1.6, and a delay margin as long as the total delay.
-
-    Raises
-    ------
-    DataError
-        No bandwidth has sufficient margins.
     """
     for bandwidth in BANDWIDTHS[::-1].tolist():
         if bandwidth <= limit:

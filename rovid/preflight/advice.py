@@ -239,14 +239,11 @@ def _missing_runs(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[Advice]:
 
 def _count_levels(values: Sequence[float]) -> int:
     """Number of different sizes in ``values``."""
-    sizes = sorted(np.abs(values))
-    tolerance = _SAME_LEVEL * max(sizes, default=0.0)
-    last, count = -math.inf, 0
-    for size in sizes:
-        if size > last + tolerance:
-            last = size
-            count += 1
-    return count
+    levels: list[float] = []
+    for size in sorted(np.abs(values)):
+        if not levels or size > levels[-1] + _SAME_LEVEL * np.max(np.abs(values)):
+            levels.append(size)
+    return len(levels)
 
 
 def _has_single_thruster_run(runs: Sequence[Run], vehicle: Vehicle) -> bool:

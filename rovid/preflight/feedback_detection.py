@@ -87,11 +87,9 @@ def _combined(results: Sequence[Feedback]) -> list[Feedback]:
     """Results of one test, with the combined p value (Fisher) where a log agrees with it."""
     logarithms = [math.log(max(result.chance, 1e-300)) for result in results]
     together = chi2_sf(2 * len(results), -2.0 * sum(logarithms))
-    combined = []
-    for result in results:
-        chance = min(result.chance, together) if result.chance < _LOG_LEVEL else result.chance
-        combined.append(replace(result, chance=chance))
-    return combined
+    alone = [result.chance for result in results]
+    chances = np.where(np.less(alone, _LOG_LEVEL), np.minimum(alone, together), alone).tolist()
+    return [replace(result, chance=chance) for result, chance in zip(results, chances, strict=True)]
 
 
 def _effort(trial: Trial, vehicle: Vehicle) -> FloatArray:

@@ -92,11 +92,9 @@ def guess_thrusters(
     commands: list[ThrusterCommand] = []
     for source, values in ranges.items():
         output = hints.outputs.get(source)
-        label = ""
-        if output:
-            label = output.label
-        elif hints.profile and yaw:
-            label = hints.profile.label(name_words(source))
+        label = output.label if output else ""
+        if hints.profile and yaw:
+            label = label or hints.profile.label(name_words(source))
         names.append(_distinct(output.name if output else _short_name(source), names))
         effect = effects.get(source, CommandEffect())
         direction, arm, reason = _direction(source, label, hints, effect, mixed)
@@ -180,7 +178,7 @@ def _select_commands(columns: Columns, hints: GuessHints) -> dict[str, FloatArra
     torque_logged = any(is_torque(source, values) for source, values in varying.items())
     name_tests = [is_thruster_command, _is_one_of_several, _is_feedback]
     if not torque_logged:
-        name_tests += [_is_motion_command, _is_pilot_input]
+        name_tests += [_is_motion_command, lambda source: bool(name_words(source) & _PILOT)]
     for name_test in name_tests:
         found = {source: values for source, values in varying.items() if name_test(source)}
         if torque_logged:
@@ -239,10 +237,6 @@ def _is_motion_command(source: str) -> bool:
     """Whether the command is distributed to the thrusters."""
     words = name_words(source)
     return bool(words & COMMAND and words & MOTION_COMMAND and not words & LIGHT and not has_other_unit(source))
-
-
-def _is_pilot_input(source: str) -> bool:
-    return bool(name_words(source) & _PILOT)
 
 
 def _short_name(source: str) -> str:

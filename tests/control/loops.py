@@ -26,11 +26,7 @@ CURVE = ThrustCurve(
 )
 # One thruster turns the vehicle with forward, the other with reverse thrust.
 VEHICLE = Vehicle(
-    name="test",
-    thrusters=(
-        Thruster(name="fore", arm=0.43, curve=CURVE),
-        Thruster(name="aft", arm=-0.43, curve=CURVE),
-    ),
+    name="test", thrusters=(Thruster(name="fore", arm=0.43, curve=CURVE), Thruster(name="aft", arm=-0.43, curve=CURVE))
 )
 SCALES = Scales(command=2.0, torque=126.0, rate=0.17, wash=11.0)
 SETTING = LoopConditions(torque_in_use=126.0, heading_noise=math.radians(0.01))

@@ -181,11 +181,7 @@ def read_uuv(file: Path) -> Read:
     lag = lags[0]
     return Read(
         inertia=float(inertia.get("izz") or "nan") + floats(water.findtext("added_mass")).reshape(6, 6)[5, 5],
-        damping=(
-            -floats(water.findtext("linear_damping"))[5],
-            -floats(water.findtext("quadratic_damping"))[5],
-            0.0,
-        ),
+        damping=(-floats(water.findtext("linear_damping"))[5], -floats(water.findtext("quadratic_damping"))[5], 0.0),
         arms=tuple(arms),
         curves=tuple(curves),
         up=-1.0,
