@@ -6,15 +6,15 @@ import json
 import sqlite3
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import AbstractContextManager, closing, contextmanager
-from dataclasses import dataclass
 from functools import partial
 from itertools import islice
 from pathlib import Path
+from typing import NamedTuple
 from urllib.parse import quote
 
 from rovid.core.errors import LogError, suggestion
 from rovid.readers.message_topics import Decoder, TopicExtractor, TopicListing
-from rovid.readers.raw_log import LogContents, RawLog, require_library, required_signals, wrong_format
+from rovid.readers.raw_log import LogContents, RawLog, require_library, require_mark, required_signals
 from rovid.trial.config import Config
 from rovid.trial.trial import Remark
 
@@ -34,8 +34,7 @@ _MESSAGES = """SELECT CAST(topic_id AS INTEGER), CAST(timestamp AS INTEGER), CAS
 _TABLES = "SELECT CAST(name AS TEXT) FROM sqlite_master WHERE type = 'table'"
 
 
-@dataclass(frozen=True, kw_only=True)
-class _BagConnection:
+class _BagConnection(NamedTuple):
     """A topic of one type; ``definition`` is empty if the bag does not hold it."""
 
     number: int
@@ -91,14 +90,10 @@ def _until_damage(messages: _Messages, wanted: Collection[int], damage: list[str
 
 
 def _opened(path: Path) -> AbstractContextManager[_Bag]:
-    with path.open("rb") as file:
-        head = file.read(len(_ROS2_MARK))
     if path.suffix.lower() == ".db3":
-        if head != _ROS2_MARK:
-            raise wrong_format(path, "a ROS 2 bag in SQLite")
+        require_mark(path, _ROS2_MARK, "a ROS 2 bag in SQLite")
         return _ros2(path)
-    if not head.startswith(_ROS1_MARK):
-        raise wrong_format(path, "a ROS 1 bag")
+    require_mark(path, _ROS1_MARK, "a ROS 1 bag")
     return _ros1(path)
 
 
@@ -111,17 +106,12 @@ def _ros1(path: Path) -> Iterator[_Bag]:
         raise _unreadable(path, error, "If it was not closed, `rosbag reindex` mends it; else leave it out.") from error
 
     def messages(wanted: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
-        chosen = [one for one in reader.connections if one.id in wanted]
+        chosen = [one for one in found if one.id in wanted]
         for one, stamp, data in reader.messages(connections=chosen):
             yield one.id, stamp, data
 
-    connections = []
-    for one in reader.connections:
-        definition = one.msgdef.data
-        connection = _BagConnection(
-            number=one.id, topic=one.topic, kind=one.msgtype, encoding="ros1", definition=definition
-        )
-        connections.append(connection)
+    found = reader.connections
+    connections = [_BagConnection(one.id, one.topic, one.msgtype, "ros1", one.msgdef.data) for one in found]
     try:
         yield connections, messages, []
     finally:
@@ -161,9 +151,7 @@ def _ros2(path: Path) -> Iterator[_Bag]:
             # Bags up to ROS 2 Humble do not hold the definitions of their messages.
             definitions = dict(bag.execute(_DEFINITIONS)) if "message_definitions" in names else {}
             for number, topic, kind, encoding in bag.execute(_TOPICS):
-                definition = definitions.get(kind, "")
-                one = _BagConnection(number=number, topic=topic, kind=kind, encoding=encoding, definition=definition)
-                connections.append(one)
+                connections.append(_BagConnection(number, topic, kind, encoding, definitions.get(kind, "")))
             ((pages,),), ((page_size,),) = bag.execute("PRAGMA page_count"), bag.execute("PRAGMA page_size")
         except (sqlite3.Error, UnicodeDecodeError) as error:  # SQLite quotes damaged text in its messages.
             raise _unreadable(path, error, "Record the log again, or leave it out.") from error
@@ -185,17 +173,13 @@ def _decoder(path: Path, one: _BagConnection) -> Decoder:
         if one.definition:
             store.register(types.get_types_from_msg(one.definition, one.kind))
     except Exception as error:
-        raise LogError(
-            f"the type {one.kind} of topic {one.topic!r} cannot be parsed ({str(error)[:100]!r}).",
-            where=path,
-            mend="Convert the bag to MCAP, or leave it out.",
-        ) from error
+        text = f"the type {one.kind} of topic {one.topic!r} cannot be parsed ({str(error)[:100]!r})."
+        raise LogError(text, where=path, mend="Convert the bag to MCAP, or leave it out.") from error
     if one.kind not in store.fielddefs or one.encoding not in {"ros1", "cdr"}:
-        raise LogError(
+        text = (
             f"the type {one.kind} of topic {one.topic!r}, encoded as {one.encoding!r}, is not defined in the bag, and "
-            f"it is none of ROS 2's own. {suggestion(one.kind, store.fielddefs)}",
-            where=path,
-            mend="Convert the bag to MCAP where the type is known, or map another topic.",
+            f"it is none of ROS 2's own. {suggestion(one.kind, store.fielddefs)}"
         )
+        raise LogError(text, where=path, mend="Convert the bag to MCAP where the type is known, or map another topic.")
     decode = store.deserialize_ros1 if one.encoding == "ros1" else store.deserialize_cdr
     return lambda payload: decode(payload, one.kind)

@@ -25,6 +25,7 @@ from rovid.readers.raw_log import (
     missing_topic,
     numeric_sources,
     raw_log_of_topics,
+    require_mark,
     required_signals,
     select_instance,
     split_instance,
@@ -73,11 +74,9 @@ def sources(path: Path) -> LogContents:
 
 @contextmanager
 def _opened(path: Path, wanted: set[str]) -> Iterator[DataFlashLog]:
-    with path.open("rb") as file:
-        if file.read(2) != _MARK:
-            raise wrong_format(path, _FORMAT)
-        with mmap(file.fileno(), 0, access=ACCESS_READ) as data:
-            yield DataFlashLog(path, data, wanted)
+    require_mark(path, _MARK, _FORMAT)
+    with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as data:
+        yield DataFlashLog(path, data, wanted)
 
 
 class _MessageType:

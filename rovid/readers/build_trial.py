@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +28,6 @@ from rovid.readers.timestamps import is_plausible, make_monotonic
 from rovid.readers.unit_checks import gyro_confirms_unit, refuse_wrong_heading
 from rovid.trial.axis import YAW
 from rovid.trial.config import Config
-from rovid.trial.signal_names import Signal
 from rovid.trial.trial import Remark, Trial
 
 _TILTS = ("roll", "pitch")
@@ -66,9 +66,7 @@ class TimedSeries:
     @cached_property
     def known(self) -> FloatArray:
         """(k,) known values."""
-        if not self.missing:
-            return self.values
-        return self.values[self.is_known]
+        return self.values[self.is_known] if self.missing else self.values
 
     @cached_property
     def held(self) -> FloatArray:
@@ -144,11 +142,8 @@ class TimeBase:
 def build(raw: RawLog, config: Config, path: Path, name: str) -> Trial:
     """One trial from the channels of one file.
 
-    Raises
-    ------
-    LogError
-        Time runs backwards; the measured signal is missing, frozen or in another unit than declared; or a command is
-        never known.
+    Raises `LogError` if time runs backwards; the measured signal is missing, frozen or in another unit than declared;
+    or a command is never known.
     """
     return _Builder(raw=raw, config=config, path=path, name=name).trial()
 
@@ -196,7 +191,10 @@ class _Builder:
         extras = {}
         for key in series:
             if key in self.config.signals and key not in (measured_signal, *interpolated):
-                extras[key] = self.extra_channel(key, series[key], base)
+                if not series[key].known.size:
+                    text = f"{self.raw.channels[key].source} ({key}) holds no number."
+                    self.remark("missing", series[key].missing, text)
+                extras[key] = base.hold(series[key])
         held = np.array([base.hold(command) for command in commands])
         trial = Trial(
             name=self.name,
@@ -220,19 +218,12 @@ class _Builder:
         # A position on the map is none along the body before the heading is known, too.
         return trial.part(slice(int(np.argmax(trial.measured)), None), self.name)
 
-    def signal(self, name: str) -> Signal:
-        commands = {command.name: command for command in self.config.commands}
-        return commands.get(name) or self.config.signals[name]
-
     def ordered(self) -> dict[str, TimedSeries]:
         """Every signal in order of time, in SI; each clock is sorted once."""
         clocks: dict[int, dict[str, Channel]] = {}
         for name, channel in self.raw.channels.items():
             clocks.setdefault(id(channel.time), {})[name] = channel
-        series: dict[str, TimedSeries] = {}
-        for channels in clocks.values():
-            series.update(self.one_clock(channels))
-        return series
+        return dict(chain.from_iterable(map(self.one_clock, clocks.values())))
 
     def one_clock(self, channels: Mapping[str, Channel]) -> Iterator[tuple[str, TimedSeries]]:
         first = next(iter(channels))
@@ -245,8 +236,9 @@ class _Builder:
             where=self.name,
         )
         self.remarks += remarks
+        signals = {**self.config.signals, **{command.name: command for command in self.config.commands}}
         for name, values in ordered.items():
-            factor = self.signal(name).factor
+            factor = signals[name].factor
             if channels[name].radians:
                 factor = float(np.sign(factor))  # Only the sense applies to radians.
             with np.errstate(invalid="ignore"):  # A damaged number may be a signalling NaN.
@@ -333,13 +325,6 @@ class _Builder:
         if not logged.known.size:
             return None
         return base.interpolate(logged, angle=name in (*_TILTS, "heading"))
-
-    def extra_channel(self, name: str, logged: TimedSeries, base: TimeBase) -> FloatArray:
-        """(n,) held on the time base; a channel without any number is remarked upon."""
-        if not logged.known.size:
-            text = f"{self.raw.channels[name].source} ({name}) holds no number."
-            self.remark("missing", logged.missing, text)
-        return base.hold(logged)
 
     def is_frozen(self, time: FloatArray, rate: FloatArray, position: FloatArray) -> bool:
         """Whether a rate is constant while the position departs from its integral."""

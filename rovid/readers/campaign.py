@@ -37,14 +37,14 @@ def read_campaign(
     reading: TrialReader | None = None,
     without: Collection[Path] = (),
 ) -> Campaign:
-    """Every log in ``paths``.
+    """Every log in ``paths``: files, and folders, searched with their subfolders except hidden ones.
+
+    In a folder, CSV files that are no logs (thrust curves, tables of results, files without a mapped column) are left
+    out; the last kind is remarked upon, and so are files of a format for which rovid.toml maps nothing. A missing path,
+    an unreadable log or no log raises `LogError`, an unmapped format `ConfigError`.
 
     Parameters
     ----------
-    paths
-        Files, and folders, searched with their subfolders except hidden ones. In a folder, CSV files that are no logs
-        (thrust curves, tables of results, files without a mapped column) are left out; the last kind is remarked upon,
-        and so are files of a format for which rovid.toml maps nothing.
     progress
         Called with each file and its size in bytes after it is read. By default a bar is shown on stderr for large
         logs if stderr is a terminal.
@@ -52,13 +52,6 @@ def read_campaign(
         Function that reads a log; `read_trials` by default.
     without
         Files to ignore.
-
-    Raises
-    ------
-    LogError
-        A path does not exist, there are no logs, or one of them cannot be read.
-    ConfigError
-        rovid.toml does not map the format of a log.
     """
     logs, remarks = find_logs(paths, config, without)
     read = reading or read_trials
@@ -77,13 +70,7 @@ def read_campaign(
 
 
 def read_trials(path: Path, config: Config, name: str, remarks: list[Remark]) -> list[Trial]:
-    """The used parts of a log: one trial, or several with exclusions between them.
-
-    Raises
-    ------
-    LogError
-        The log cannot be read.
-    """
+    """The used parts of a log: one trial, or several with exclusions between them."""
     parts = apply_exclusions(read_log(path, config, name), config.exclusions)
     if not parts:
         remarks.append(left_out(name, "rovid.toml excludes all of it"))
@@ -143,12 +130,7 @@ _TrialsRead = dict[tuple[Path, str], tuple[list[Trial], list[Remark]]]
 class PrefetchedReader(ForkedCall[_TrialsRead]):
     """A `TrialReader` that takes trials from a forked child, and reads the remaining logs itself.
 
-    Parameters
-    ----------
-    asked
-        Called in the child: the paths to read, and the axis.
-    meanwhile
-        Called in this process before it waits for the child.
+    The child calls ``asked`` for the paths to read and the axis. This process calls ``meanwhile`` before it waits.
     """
 
     def __init__(self, asked: Callable[[], tuple[Sequence[Path], Axis]], meanwhile: Callable[[], object]) -> None:

@@ -117,20 +117,10 @@ class _Samples:
 def clean(
     time: FloatArray, angle: FloatArray, kind: Kind = ANGLE, name: str = "heading"
 ) -> tuple[FloatArray, list[Remark]]:
-    """Remove values that are no measurements, and unwrap.
+    """(n,) unwrapped, NaN where not measured; and remarks on the removed values and the gaps.
 
-    Parameters
-    ----------
-    time
-        (n,) s, strictly increasing.
-    angle
-        (n,) in SI, finite; an angle may be wrapped in any way or not at all.
-    name
-        Name of the signal in remarks.
-
-    Returns
-    -------
-    (n,) in SI, unwrapped, NaN where not measured; and remarks on the removed values and the gaps.
+    ``time``: (n,) s, strictly increasing. ``angle``: (n,) in SI, finite, wrapped in any way or not at all. ``name`` is
+    that of the signal in remarks.
     """
     remarks: list[Remark] = []
     good = np.arange(len(angle))

@@ -49,13 +49,7 @@ class _Column:
 
 
 def output_at(target: Path, log: Path) -> OutputFile:
-    """The output at ``target``, checked before ``log`` is read.
-
-    Raises
-    ------
-    ConfigError
-        ``log`` is a folder or does not exist; ``target`` has the suffix of no format for output, or is the log itself.
-    """
+    """The output at ``target``, checked before ``log`` is read."""
     require_exists(log)
     if log.is_dir():
         raise ConfigError("is a folder; one log was expected.", where=log)
@@ -68,13 +62,7 @@ def output_at(target: Path, log: Path) -> OutputFile:
 
 
 def convert(log: Path, config: Config, target: Path) -> Converted:
-    """``log`` as read by rovid, in order of time and without faulty values, in the format of ``target``.
-
-    Raises
-    ------
-    LogError
-        The log cannot be read, or pyarrow is missing for Parquet.
-    """
+    """``log`` as read by rovid, in order of time and without faulty values, in the format of ``target``."""
     trial = read_log(log, config)
     columns = _columns(trial, config)
     kind = target.suffix.lower().removeprefix(".")

@@ -60,11 +60,9 @@ class Layout:
         """Raise a `LogError` for the first row with more cells than the header, as decimal commas produce."""
         for number, row in enumerate(self.rows):
             if any(cell.strip() for cell in row[len(self.names) :]):
-                raise LogError(
-                    f"row {number + 1} holds {len(row)} cells, but the header names {len(self.names)} columns.",
-                    where=self.path,
-                    mend="Name every column; where the decimal sign is a comma, separate the cells by semicolons.",
-                )
+                text = f"row {number + 1} holds {len(row)} cells, but the header names {len(self.names)} columns."
+                mend = "Name every column; where the decimal sign is a comma, separate the cells by semicolons."
+                raise LogError(text, where=self.path, mend=mend)
 
     def decimal(self, columns: Collection[int]) -> str:
         """Decimal sign of the first rows in ``columns``."""
@@ -72,39 +70,22 @@ class Layout:
         return "," if any(map(_DECIMAL_COMMA.fullmatch, cells)) else "."
 
     def column(self, name: str, signal: str) -> int:
-        """Index of the column ``name``.
-
-        Raises
-        ------
-        LogError
-            There is no such column, or more than one.
-        """
+        """Index of the one column ``name``; `LogError` if there is none, or more than one."""
         places = [index for index, present in enumerate(self.names) if present == name]
         if len(places) == 1:
             return places[0]
         if places:
             text = f"has {len(places)} columns named {name!r}, which is mapped to {signal}; one was expected."
             raise LogError(text, where=self.path, mend="Rename the others in the header.")
-        text = f"has no column {name!r}, which rovid.toml maps to {signal}."
-        raise LogError(
-            f"{text} {suggest_columns(name, self.names, self.rows)}",
-            where=self.path,
-            mend=f"Correct the name in rovid.toml ({signal}), or leave this log out.",
-        )
+        near = suggest_columns(name, self.names, self.rows)
+        text = f"has no column {name!r}, which rovid.toml maps to {signal}. {near}"
+        raise LogError(text, where=self.path, mend=f"Correct the name in rovid.toml ({signal}), or leave this log out.")
 
 
 def read_layout(path: Path, wanted: Collection[str]) -> Layout:
-    """Layout of ``path``, from its beginning.
+    """Layout of ``path``, from its beginning; `LogError` if it is empty, is no text, or has no header.
 
-    Parameters
-    ----------
-    wanted
-        Column names in rovid.toml: they decide on the delimiter and on the line of the header.
-
-    Raises
-    ------
-    LogError
-        The file is empty, is no text, or has no header.
+    ``wanted`` are the column names in rovid.toml, which decide on the delimiter and on the line of the header.
     """
     with path.open("rb") as file:
         head = file.read(_HEAD)
@@ -156,11 +137,8 @@ def _encoding(path: Path, head: bytes) -> str:
 
 
 def _no_text(path: Path, found: str) -> LogError:
-    return LogError(
-        f"is no text: it holds {found}; a table with a header row was expected.",
-        where=path,
-        mend="Export it as CSV, or give it the suffix of its format.",
-    )
+    text = f"is no text: it holds {found}; a table with a header row was expected."
+    return LogError(text, where=path, mend="Export it as CSV, or give it the suffix of its format.")
 
 
 def _first_lines(text: str) -> list[tuple[str, int]]:

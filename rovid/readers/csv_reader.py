@@ -12,7 +12,7 @@ from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 import numpy as np
 import pandas as pd
@@ -20,7 +20,7 @@ import pandas as pd
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import LogError
 from rovid.readers.csv_dialect import Layout, last_whole_line, read_layout
-from rovid.readers.raw_log import Channel, LogContents, RawLog, required_signals, required_time
+from rovid.readers.raw_log import Channel, FilePart, LogContents, RawLog, required_signals, required_time
 from rovid.readers.timestamps import column_to_seconds, start_epoch
 from rovid.trial.config import Config
 from rovid.trial.signal_names import CLOCK_WORDS, NOT_CLOCK, Signal, name_words
@@ -88,15 +88,9 @@ class _NoNumberError(LogError):
 
 
 def _cut_remarks(line: int, nul: int) -> tuple[Remark, ...]:
-    parts = []
-    if line:
-        parts.append(f"a last line of {line} bytes without an end")
-    if nul:
-        parts.append(f"{nul} NUL bytes")
-    if not parts:
-        return ()
+    parts = [f"a last line of {line} bytes without an end"] * bool(line) + [f"{nul} NUL bytes"] * bool(nul)
     text = f"The file ends in {' and '.join(parts)}, as a crash leaves it; that part was left out."
-    return (Remark(kind="truncated", count=line + nul, text=text),)
+    return (Remark(kind="truncated", count=line + nul, text=text),) * bool(parts)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -181,7 +175,7 @@ class _Table:
             yield io.StringIO(text[self.layout.offset : max(text.rfind("\n"), text.rfind("\r")) + 1])
             return
         with self.layout.path.open("rb") as file:
-            rows = _Slice(file, self.layout.offset, self.end)
+            rows = FilePart(file, self.layout.offset, self.end - self.layout.offset)
             yield io.TextIOWrapper(io.BufferedReader(rows, 1 << 18), encoding="utf-8", errors="replace", newline="")
 
     def line(self, row: int) -> int:
@@ -201,11 +195,9 @@ class _Table:
                 except StopIteration:
                     return
                 except csv.Error as error:  # A cell beyond the module's limit.
-                    raise LogError(
-                        "has a cell of more than 100 000 characters; a number was expected.",
-                        where=f"{self.layout.path}:{number}",
-                        mend="Look for a quotation mark that is opened in this row and never closed.",
-                    ) from error
+                    text = "has a cell of more than 100 000 characters; a number was expected."
+                    mend = "Look for a quotation mark that is opened in this row and never closed."
+                    raise LogError(text, where=f"{self.layout.path}:{number}", mend=mend) from error
                 if len(cells) > 1 or any(cell.strip() for cell in cells):
                     yield number, cells
 
@@ -237,22 +229,6 @@ def _is_number(cell: str, decimal: str) -> bool:
         return False
 
 
-class _Slice(io.RawIOBase):
-    """Bytes ``start`` to ``end`` of a file."""
-
-    def __init__(self, file: IO[bytes], start: int, end: int) -> None:
-        self._file, self._left = file, max(0, end - start)
-        file.seek(start)
-
-    def readable(self) -> bool:
-        return True
-
-    def readinto(self, buffer: Any) -> int:
-        count = self._file.readinto(memoryview(buffer)[: self._left])  # type: ignore[attr-defined]  # a raw file has it
-        self._left -= count
-        return int(count)
-
-
 def sources(path: Path) -> LogContents:
     """The time column, empty if none looks like a time, and every other column that begins with numbers."""
     layout = read_layout(path, ())
@@ -270,11 +246,8 @@ def sources(path: Path) -> LogContents:
             increasing.append(name)
     clock = _guess_clock(increasing, numbers, layout)
     if numbers and not clock:
-        raise LogError(
-            "holds no column that could be the time: none only grows.",
-            where=path,
-            mend="Export the log with a column of times, or leave it out.",
-        )
+        text = "holds no column that could be the time: none only grows."
+        raise LogError(text, where=path, mend="Export the log with a column of times, or leave it out.")
     return LogContents(
         clock=clock,
         sources=tuple(name for name in numbers if name != clock),

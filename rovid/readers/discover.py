@@ -18,11 +18,7 @@ from rovid.trial.tables import CURVE_COLUMNS, SINE_COLUMNS, STEADY_COLUMNS
 from rovid.trial.trial import Remark
 
 # Columns of tables that may lie among logs; a log has a time column, too.
-_TABLES = (
-    frozenset(CURVE_COLUMNS),
-    frozenset(STEADY_COLUMNS),
-    frozenset(SINE_COLUMNS) - {"torque_amplitude_Nm"},
-)
+_TABLES = (frozenset(CURVE_COLUMNS), frozenset(STEADY_COLUMNS), frozenset(SINE_COLUMNS) - {"torque_amplitude_Nm"})
 _MAX_NAMES_IN_MESSAGE = 5
 
 
@@ -45,12 +41,7 @@ def find_logs(
 ) -> tuple[list[tuple[str, Path]], list[Remark]]:
     """(name, file) of every log in ``paths``, ordered by name, without copies; and remarks. No log is read.
 
-    Files in ``without`` are ignored.
-
-    Raises
-    ------
-    LogError
-        A path does not exist, or there are no logs.
+    Files in ``without`` are ignored. Raises `LogError` if a path does not exist, or there are no logs.
     """
     remarks: list[Remark] = []
     files = [one for one in _files_in(paths, remarks) if one.path not in without]
@@ -202,12 +193,11 @@ def _no_logs(paths: Sequence[Path], files: Sequence[_File]) -> LogError:
     others = sorted({one.kind for one in files} - {"csv"})
     if others:
         noun, unmapped = "files", f", and rovid.toml maps nothing for {' or '.join(others)} logs"
-    return LogError(
+    text = (
         f"holds {len(files)} {noun} ({', '.join(names)}) but no log: "
-        f"none has the mapped time and heading columns{unmapped}.",
-        where=where,
-        mend="Correct [signals] in rovid.toml, or give the folder that holds the logs.",
+        f"none has the mapped time and heading columns{unmapped}."
     )
+    return LogError(text, where=where, mend="Correct [signals] in rovid.toml, or give the folder that holds the logs.")
 
 
 def _without_copies(logs: Sequence[_File], remarks: list[Remark]) -> list[_File]:

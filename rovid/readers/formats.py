@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import cast
 
 import numpy as np
@@ -34,27 +35,24 @@ class LogFormat:
 
     def read(self, path: Path, config: Config) -> RawLog:
         """Raw channels of ``path``."""
-        with _system_errors(path):
-            reader = import_module(f"rovid.readers.{self.kind}_reader")
-            return cast("Callable[[Path, Config], RawLog]", reader.read)(path, config)
+        with self._reader(path) as reader:
+            return cast("RawLog", reader.read(path, config))
 
     def sources(self, path: Path) -> LogContents:
         """Readable contents of ``path``."""
-        with _system_errors(path):
-            reader = import_module(f"rovid.readers.{self.kind}_reader")
-            return cast("Callable[[Path], LogContents]", reader.sources)(path)
+        with self._reader(path) as reader:
+            return cast("LogContents", reader.sources(path))
 
-
-@contextmanager
-def _system_errors(path: Path) -> Iterator[None]:
-    """Convert errors of the operating system to a `LogError`."""
-    require_regular(path, LogError)
-    try:
-        yield
-    except OSError as error:
-        raise LogError(f"cannot be read ({error.strerror or error}).", where=path) from error
-    except MemoryError as error:
-        raise LogError("needs more memory than there is.", where=path, mend="Split the log.") from error
+    @contextmanager
+    def _reader(self, path: Path) -> Iterator[ModuleType]:
+        """The reader; errors of the operating system on ``path`` become a `LogError`."""
+        require_regular(path, LogError)
+        try:
+            yield import_module(f"rovid.readers.{self.kind}_reader")
+        except OSError as error:
+            raise LogError(f"cannot be read ({error.strerror or error}).", where=path) from error
+        except MemoryError as error:
+            raise LogError("needs more memory than there is.", where=path, mend="Split the log.") from error
 
 
 READERS: Mapping[str, LogFormat] = {suffix: LogFormat(kind=kind) for suffix, kind in FORMATS.items()}
@@ -63,34 +61,19 @@ READERS: Mapping[str, LogFormat] = {suffix: LogFormat(kind=kind) for suffix, kin
 def read_log(path: Path, config: Config, name: str | None = None) -> Trial:
     """One trial from one file, or from the files of the same trial.
 
-    Parameters
-    ----------
-    path
-        A file with one of the suffixes in `READERS`.
-    name
-        Name of the trial; the file's name by default.
-
-    Raises
-    ------
-    LogError
-        The file cannot be read in the format of its suffix, or holds no usable measurement.
-    ConfigError
-        rovid.toml does not map this format.
+    ``name`` is that of the trial; by default the file's. Raises `LogError` if the file cannot be read in the format of
+    its suffix or holds no usable measurement, `ConfigError` if rovid.toml does not map this format.
     """
     form = READERS.get(path.suffix.lower())
     if form is None:
-        raise LogError(
-            f"has the suffix {path.suffix!r}; {', '.join(READERS)} were expected.",
-            where=path,
-            mend="Convert the log or name it by its format.",
-        )
+        text = f"has the suffix {path.suffix!r}; {', '.join(READERS)} were expected."
+        raise LogError(text, where=path, mend="Convert the log or name it by its format.")
     from rovid.readers.build_trial import build
 
     config = config.for_format(form.kind)
     files = trial_files(path, config)
-    if files:
-        return build(_read_joined(path, files, config), config, path, name or path.name)
-    return build(form.read(path, config), config, path, name or path.name)
+    raw = _read_joined(path, files, config) if files else form.read(path, config)
+    return build(raw, config, path, name or path.name)
 
 
 # --- trials of several files -----------------------------------------------------------------------------------
@@ -119,13 +102,7 @@ def relative_name(file: Path, config: Config) -> str:
 
 
 def _read_joined(path: Path, files: list[Path], config: Config) -> RawLog:
-    """Channels of all ``files`` of a trial, in the time of the first.
-
-    Raises
-    ------
-    LogError
-        A file cannot be read; one has absolute times and another has not; or a required signal is in none of them.
-    """
+    """Channels of all ``files`` of a trial, in the time of the first."""
     join = cast("Join", config.join)
     read: dict[Path, RawLog] = {}
     channels: dict[str, Channel] = {}
@@ -145,11 +122,8 @@ def _read_joined(path: Path, files: list[Path], config: Config) -> RawLog:
         remarks += [replace(remark, text=f"{file.name}: {remark.text}") for remark in raw.remarks]
     for name in config.required_signals:
         if name not in channels:
-            raise LogError(
-                f"neither this nor the files joined with it hold the source of {name}.",
-                where=path,
-                mend="Correct [signals], or parts in [join], in rovid.toml.",
-            )
+            text = f"neither this nor the files joined with it hold the source of {name}."
+            raise LogError(text, where=path, mend="Correct [signals], or parts in [join], in rovid.toml.")
     return RawLog(
         channels=channels,
         place=lambda name, index: owners[name].place(name, index),
@@ -197,9 +171,7 @@ def _own_config(file: Path, config: Config, join: Join) -> Config:
 def _synchronised(file: Path, raw: RawLog, before: Mapping[Path, RawLog], config: Config) -> dict[str, Channel]:
     """Channels of ``file`` in the time of the first file, with the clock correction of [join]."""
     shift = _shift(file, raw, before)
-    offset = drift = 0.0
-    if config.join is not None:
-        offset, drift = config.join.clock_correction(relative_name(file, config))
+    offset, drift = cast("Join", config.join).clock_correction(relative_name(file, config))
     starts = [float(channel.time[np.isfinite(channel.time)].min(initial=np.inf)) for channel in raw.channels.values()]
     begin = min(starts, default=0.0)
     moved = {}
@@ -216,11 +188,9 @@ def _shift(file: Path, raw: RawLog, before: Mapping[Path, RawLog]) -> float:
     first, log = next(iter(before.items()))
     if (log.epoch is None) is not (raw.epoch is None):
         absolute, relative = (file, first) if log.epoch is None else (first, file)
-        raise LogError(
-            f"has no absolute time, and {absolute.name} has: their clocks cannot be synchronised.",
-            where=relative,
-            mend="Log ISO 8601 or epoch times in both, or seconds from the same moment.",
-        )
+        text = f"has no absolute time, and {absolute.name} has: their clocks cannot be synchronised."
+        mend = "Log ISO 8601 or epoch times in both, or seconds from the same moment."
+        raise LogError(text, where=relative, mend=mend)
     if log.epoch is None or raw.epoch is None:
         return 0.0
     return raw.epoch - log.epoch

@@ -12,7 +12,7 @@ import zlib
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, BinaryIO, cast
+from typing import BinaryIO, cast
 
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
@@ -21,6 +21,7 @@ from mcap.records import Channel, ChunkIndex, Footer, Schema, Statistics
 
 from rovid.core.errors import LogError
 from rovid.readers.message_topics import Handler
+from rovid.readers.raw_log import FilePart
 
 MAGIC = b"\x89MCAP0\r\n"
 # Bytes of the footer record and the end mark.
@@ -103,9 +104,8 @@ class McapFile:
         except (McapError, ValueError, struct.error, Damage):  # Without an index the file is scanned.
             summary = None
         if summary is None:
-            self.channels.clear()
-            self.handlers.clear()
-            self._schemas.clear()
+            for declared in (self.channels, self.handlers, self._schemas):
+                declared.clear()
         return summary
 
     def _parse_summary(self, data: bytes, start: int) -> tuple[_Places, Statistics] | None:
@@ -161,7 +161,8 @@ class McapFile:
             if opcode == 0:
                 raise Damage("it continues with bytes that are no record")
             if after > self.size:
-                self._rescue(opcode, offset, length)
+                if opcode == Opcode.CHUNK:
+                    self._read_chunk(offset, length, cut=True)
                 raise Damage("its last record is cut")
             if opcode == Opcode.CHUNK:
                 if self._holds_only_unmapped(after):
@@ -174,15 +175,6 @@ class McapFile:
             else:
                 walked = self._walk(self._bytes(offset, max(_BLOCK, _HEAD.size + length)))
                 offset += walked or _HEAD.size + length
-
-    def _rescue(self, opcode: int, offset: int, length: int) -> None:
-        """Take the whole messages of a cut chunk."""
-        taken = self.taken
-        try:
-            if opcode == Opcode.CHUNK:
-                self._read_chunk(offset, length, cut=True)
-        finally:
-            self.rescued = self.taken - taken
 
     def _holds_only_unmapped(self, offset: int) -> bool:
         """Whether the message indexes after a chunk name only known channels, none of them mapped."""
@@ -213,18 +205,19 @@ class McapFile:
         if data_at + packed > length:
             raise Damage("a chunk is longer than its record")
         if compression not in {"", "lz4", "zstd"}:
-            raise LogError(
-                f"packs its chunks with {compression!r}; lz4, zstd or nothing was expected.",
-                where=self.path,
-                mend="Write it again with `mcap compress`.",
-            )
+            text = f"packs its chunks with {compression!r}; lz4, zstd or nothing was expected."
+            raise LogError(text, where=self.path, mend="Write it again with `mcap compress`.")
         packed = min(packed, max(0, self.size - body - data_at))
 
         def blocks() -> Iterator[bytes]:
             return _unpacked(self.file, body + data_at, packed, compression, size)
 
         if cut:
-            self._read_records(blocks())
+            taken = self.taken
+            try:
+                self._read_records(blocks())
+            finally:
+                self.rescued = self.taken - taken
         elif size > _MAX_HELD:
             _verify(blocks(), size, crc)
             self._read_records(blocks(), whole=True)
@@ -338,30 +331,12 @@ def _stream(body: bytes) -> ReadDataStream:
 # --- compression -----------------------------------------------------------------------------------------------
 
 
-class _FilePart(io.RawIOBase):
-    """``size`` bytes of a file from ``start`` on, independent of the position of the file."""
-
-    def __init__(self, file: BinaryIO, start: int, size: int) -> None:
-        super().__init__()
-        self._file, self._at, self._end = file, start, start + size
-
-    def readable(self) -> bool:
-        return True
-
-    def readinto(self, buffer: Any) -> int:
-        self._file.seek(self._at)
-        data = self._file.read(min(len(buffer), self._end - self._at))
-        self._at += len(data)
-        buffer[: len(data)] = data
-        return len(data)
-
-
 def _unpacked(file: BinaryIO, start: int, packed: int, compression: str, size: int) -> Iterator[bytes]:
     """Blocks of a chunk: ``size`` bytes, one more if there are more, fewer if the chunk is cut."""
     left = size + 1
     errors: tuple[type[Exception], ...] = (RuntimeError, ValueError, MemoryError)
     try:
-        part = _FilePart(file, start, packed)
+        part = FilePart(file, start, packed)
         read: Callable[[int], bytes] = io.BufferedReader(part, _CHUNK_BLOCK).read1
         if compression == "zstd":
             import zstandard

@@ -6,7 +6,6 @@ import io
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from mcap.records import Channel, Schema
 
@@ -33,11 +32,8 @@ def read(path: Path, config: Config) -> RawLog:
         topics = TopicExtractor(path, KIND, signals, config.time)
         recording = _read_messages(path, topics.handler, by_index=False)
     for topic, size in recording.too_large.items():
-        raise LogError(
-            f"topic {topic!r} has a message of {size / 1e6:.1f} MB; at most {MAX_MESSAGE / 1e6:.1f} MB was expected.",
-            where=path,
-            mend="Map a topic of smaller messages.",
-        )
+        text = f"topic {topic!r} has a message of {size / 1e6:.1f} MB; at most {MAX_MESSAGE / 1e6:.1f} MB was expected."
+        raise LogError(text, where=path, mend="Map a topic of smaller messages.")
     unread = recording.size - recording.end
     damage = f" The recording is cut: {recording.damage}, {unread} bytes were not read." if recording.damage else ""
     return topics.result(lambda last: _damage_remarks(recording, last), damage)
@@ -77,43 +73,27 @@ def _damage_remarks(recording: McapFile, last: float) -> tuple[Remark, ...]:
 
 
 def _decoder(channel: Channel, schema: Schema | None, where: str) -> Decoder:
-    """Function that turns payloads of the channel into objects.
-
-    Raises
-    ------
-    LogError
-        The encoding is not supported, or its schema cannot be parsed.
-    """
+    """Function that turns payloads into objects; `LogError` if encoding or schema cannot be read."""
     encodings = channel.message_encoding, schema.encoding if schema else ""
-    decoder: Decoder | None = None
     try:
         if encodings[0] == "json":
-            decoder = _decode_json
-        elif schema is not None and encodings == ("cdr", "ros2msg"):
+            return lambda payload: json.loads(str(payload, "utf-8"))
+        if schema is not None and encodings == ("cdr", "ros2msg"):
             from rovid.readers.ros2_cdr import cdr_decoder
 
-            decoder = cdr_decoder(schema.name, schema.data.decode())
-        elif schema is not None and encodings == ("protobuf", "protobuf"):
+            return cdr_decoder(schema.name, schema.data.decode())
+        if schema is not None and encodings == ("protobuf", "protobuf"):
             from mcap_protobuf.decoder import DecoderFactory
 
-            decoder = DecoderFactory().decoder_for("protobuf", schema)
+            if decoder := DecoderFactory().decoder_for("protobuf", schema):
+                return decoder
     except Exception as error:  # Libraries raise any exception on damaged schemas.
         reason = f"{type(error).__name__}: {error}"[:120].split("\n", 1)[0]
-        raise LogError(
-            f"the schema of topic {channel.topic!r} cannot be parsed ({reason}).",
-            where=where,
-            mend="Record the log again, or leave it out.",
-        ) from error
-    if decoder is None:
-        of_schema = f" with schema {encodings[1]!r}" if encodings[1] else " without a schema"
-        raise LogError(
-            f"topic {channel.topic!r} is encoded as {encodings[0]!r}{of_schema}; json, cdr with ros2msg, or protobuf "
-            "with protobuf was expected.",
-            where=where,
-            mend="Convert the recording (`mcap convert`), or map a topic in one of these.",
-        )
-    return decoder
-
-
-def _decode_json(payload: bytes) -> Any:
-    return json.loads(str(payload, "utf-8"))
+        text = f"the schema of topic {channel.topic!r} cannot be parsed ({reason})."
+        raise LogError(text, where=where, mend="Record the log again, or leave it out.") from error
+    of_schema = f" with schema {encodings[1]!r}" if encodings[1] else " without a schema"
+    text = (
+        f"topic {channel.topic!r} is encoded as {encodings[0]!r}{of_schema}; json, cdr with ros2msg, or protobuf "
+        "with protobuf was expected."
+    )
+    raise LogError(text, where=where, mend="Convert the recording (`mcap convert`), or map a topic in one of these.")

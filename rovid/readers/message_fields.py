@@ -14,6 +14,7 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import LogError
 from rovid.readers.raw_log import ANGLES, euler
+from rovid.trial.signal_names import Signal
 
 Getter = Callable[[Any], Any]
 
@@ -146,13 +147,11 @@ def as_float(value: Any) -> float:
 class FieldCollector:
     """Collects the values of one signal from the messages of one topic; ``take`` is called with each message.
 
-    A log may lack an ``optional`` signal: values that are no numbers are then missing.
+    A log may lack an optional signal: values that are no numbers are then missing.
     """
 
-    def __init__(
-        self, signal: str, source: str, fields: tuple[str, ...], *, mapping: bool, where: str, optional: bool = False
-    ) -> None:
-        self.signal, self.source, self.where, self.optional = signal, source, where, optional
+    def __init__(self, signal: Signal, source: str, fields: tuple[str, ...], *, mapping: bool, where: str) -> None:
+        self.signal, self.source, self.where = signal, source, where
         self.fields, self.mapping = fields, mapping
         self.seen = False  # Whether the field was present in any message.
         self.quaternion = False  # Whether the field is a quaternion.
@@ -175,14 +174,14 @@ class FieldCollector:
             self._values = array("d", [float("nan")] * (4 * len(self._values)))
             self.take = self._take_quaternion
             self._take_quaternion(message)
-        elif value is None or self.optional:
+        elif value is None or self.signal.optional:
             self._values.append(float("nan"))
         else:
             raise self._no_number(value, message)
 
     def _find_quaternion(self, value: Any) -> bool:
         """Find the quaternion in ``value``, for all further messages."""
-        if self.signal not in ANGLES or self.seen:
+        if self.signal.name not in ANGLES or self.seen:
             return False
         for inner in _ORIENTATIONS:
             try:
@@ -205,16 +204,16 @@ class FieldCollector:
 
     def _no_number(self, value: Any, message: Any) -> LogError:
         found = repr(value) if isinstance(value, str | bytes) else f"a {type(value).__name__}"
-        wanted = "a number or a quaternion" if self.signal in ANGLES else "a number"
-        text = f"{self.source} ({self.signal}) is {found[:60]}; {wanted} was expected."
+        wanted = "a number or a quaternion" if self.signal.name in ANGLES else "a number"
+        text = f"{self.source} ({self.signal.name}) is {found[:60]}; {wanted} was expected."
         text += f" The message's fields: {listed_fields(message)}."
-        return LogError(text, where=self.where, mend=f"Name one field for {self.signal} in rovid.toml.")
+        return LogError(text, where=self.where, mend=f"Name one field for {self.signal.name} in rovid.toml.")
 
     def column(self) -> FloatArray:
         """(n,) values as logged, in rad from a quaternion; NaN where missing."""
         values = np.frombuffer(self._values, dtype=np.float64) if self._values else np.empty(0)
         if self.quaternion:
-            return euler(values.reshape(-1, 4), self.signal)
+            return euler(values.reshape(-1, 4), self.signal.name)
         return values
 
 

@@ -48,7 +48,7 @@ class TopicCollector:
 
     def handler(self, make_decoder: Callable[[], Decoder], *, mapping: bool) -> Handler | None:
         """Function that takes the messages of one channel; None for an optional topic that cannot be decoded."""
-        optional = all(collector.optional for collector in self.collectors)
+        optional = all(collector.signal.optional for collector in self.collectors)
         try:
             decode = make_decoder()
         except LogError as error:
@@ -63,10 +63,8 @@ class TopicCollector:
             try:
                 message = self.last = decode(payload)
             except Exception as error:  # Libraries raise any exception on damaged payloads.
-                raise self._message_error(
-                    f"cannot be decoded ({type(error).__name__}: {str(error)[:100]})",
-                    "Record the log again, or leave it out.",
-                ) from error
+                text = f"cannot be decoded ({type(error).__name__}: {str(error)[:100]})"
+                raise self._message_error(text, "Record the log again, or leave it out.") from error
             try:
                 if by_log:
                     self.times.append(log)
@@ -119,13 +117,8 @@ class TopicCollector:
 class TopicExtractor:
     """Opens the mapped topics of a log and builds raw channels from their messages.
 
-    Parameters
-    ----------
-    kind
-        Key of the format in rovid.toml.
-    time
-        Its source is the clock: "log" (time of recording; the default), "publish", "header" (the message's own stamp),
-        or a field of each message.
+    The source of ``time`` for the format ``kind`` is the clock: "log" (time of recording; the default), "publish",
+    "header" (the message's own stamp), or a field of each message.
     """
 
     def __init__(self, path: Path, kind: str, signals: Mapping[str, Signal], time: Signal) -> None:
@@ -142,32 +135,21 @@ class TopicExtractor:
         if name not in self.topics:
             where = str(self.path)
             collectors = []
-            for signal, mapped_to in self.signals.items():
-                source, optional = mapped_to.sources[self.kind], mapped_to.optional
+            for signal in self.signals.values():
+                source = signal.sources[self.kind]
                 fields = split_path(source, name)
                 if fields is not None:
-                    collectors.append(
-                        FieldCollector(signal, source, fields, mapping=mapping, where=where, optional=optional)
-                    )
+                    collectors.append(FieldCollector(signal, source, fields, mapping=mapping, where=where))
             topic = TopicCollector(name, self.kind, self.clock, collectors, where)
             self.topics[name] = topic if collectors else None
         found = self.topics[name]
         return None if found is None else found.handler(make_decoder, mapping=mapping)
 
     def result(self, remarks: Callable[[float], tuple[Remark, ...]], damage: str = "") -> RawLog:
-        """Raw channels.
+        """Raw channels; `LogError` if a topic is missing or empty, or its messages lack the field.
 
-        Parameters
-        ----------
-        remarks
-            Last time read, in s -> remarks on the file.
-        damage
-            Sentence on unread parts of the file, for errors.
-
-        Raises
-        ------
-        LogError
-            A topic is missing or empty, or its messages lack the field.
+        ``remarks`` maps the last time read, in s, to remarks on the file; errors quote ``damage``, a sentence on unread
+        parts.
         """
         self.damage = damage
         chosen: dict[str, tuple[TopicCollector, FieldCollector]] = {}
@@ -207,15 +189,13 @@ class TopicExtractor:
         matching = [name for name in self.topics if split_path(source, name) is not None]
         topic = self.topics.get(max(matching, key=len, default=""))
         if topic is None:
-            raise self._missing(
-                f"has no topic for {source!r}, which rovid.toml maps to {signal}. {suggestion(source, self.topics)}",
-                f'Write {signal} = {{ {self.kind} = "<topic>.<field>" }} in rovid.toml.',
-            )
+            text = f"has no topic for {source!r}, which rovid.toml maps to {signal}. {suggestion(source, self.topics)}"
+            raise self._missing(text, f'Write {signal} = {{ {self.kind} = "<topic>.<field>" }} in rovid.toml.')
         if topic.error is not None:
             raise topic.error
         if not len(topic.times):
             raise self._missing(f"holds no message on topic {topic.name!r} ({signal}).", "Leave this log out.")
-        collector = next(one for one in topic.collectors if one.signal == signal)
+        collector = next(one for one in topic.collectors if one.signal.name == signal)
         if not collector.seen:
             field = ".".join(collector.fields) or "of a quaternion"
             text = f"topic {topic.name!r} never holds the field {field!r} ({signal})."

@@ -40,57 +40,41 @@ _CHANNELS = {
     "pitch": ("ATITUD", 3, 1.0),
 }
 _MEASURING = {kind for kind, _, _ in _CHANNELS.values()}
-# Cells of each sentence that are kept.
+# Number of cells of each sentence that are kept; missing cells are empty.
 _CELLS = 5
 
 
 def read(path: Path, config: Config) -> RawLog:
-    """Mapped channels of ``path``: heading, yaw_rate (deg/s), roll, pitch; all others from the log of the same name.
-
-    Raises
-    ------
-    LogError
-        The file holds no NMEA sentences, none of the mapped ones, or no time; or there is no log of the same name, or
-        one without absolute time.
-    ConfigError
-        rovid.toml maps a command to NMEA, or a required signal to neither log.
-    """
+    """Mapped channels of ``path``: heading, yaw_rate (deg/s), roll, pitch; all others from the log of the same name."""
     for signal in config.commands:
         if KIND in signal.sources:
-            raise ConfigError(
-                f"{signal.name} is mapped to nmea, whose sentences hold no commands.",
-                where=config.path,
-                mend=f"Map it in another format, and put that log next to the text: {path.stem}.csv, for instance.",
-            )
-    text = _Text(path)
+            text = f"{signal.name} is mapped to nmea, whose sentences hold no commands."
+            mend = f"Map it in another format, and put that log next to the text: {path.stem}.csv, for instance."
+            raise ConfigError(text, where=config.path, mend=mend)
+    sentences = _Text(path)
     own, others = {}, {}
     for name, signal in config.signals.items():
         if KIND in signal.sources:
-            own[name] = text.channel(name, signal.sources[KIND])
+            own[name] = sentences.channel(name, signal.sources[KIND])
         else:
             others[name] = signal
     companion, log = _read_companion(path, replace(config, signals=others, measured_signal=""))
     if log.epoch is None:
-        raise LogError(
-            f"has no absolute time, so it cannot be synchronised with {path.name}.",
-            where=companion,
-            mend="Log ISO 8601 or epoch times.",
-        )
-    shift = text.origin - log.epoch
-    if not text.is_dated:  # A time of day: of the nearest day.
+        text = f"has no absolute time, so it cannot be synchronised with {path.name}."
+        raise LogError(text, where=companion, mend="Log ISO 8601 or epoch times.")
+    shift = sentences.origin - log.epoch
+    if not sentences.is_dated:  # A time of day: of the nearest day.
         shift -= _DAY * np.rint(shift / _DAY)
     # Channels of one sentence share their clock.
-    moved = {id(time): time + shift for time in text.clocks.values()}
+    moved = {id(time): time + shift for time in sentences.clocks.values()}
     channels = dict(log.channels)
     for name, channel in own.items():
         channels[name] = replace(channel, time=moved[id(channel.time)])
     for name in config.required_signals:
         if name not in channels:
-            raise ConfigError(
-                f"{name} names neither an nmea source nor one of {companion.name}.",
-                where=config.path,
-                mend=f'Add nmea = "{name}" to its sources.' if name in _CHANNELS else "Add one.",
-            )
+            text = f"{name} names neither an nmea source nor one of {companion.name}."
+            mend = f'Add nmea = "{name}" to its sources.' if name in _CHANNELS else "Add one."
+            raise ConfigError(text, where=config.path, mend=mend)
 
     def place(name: str, index: int) -> str:
         if name not in own:
@@ -100,25 +84,16 @@ def read(path: Path, config: Config) -> RawLog:
     return RawLog(
         channels=channels,
         place=place,
-        remarks=(*text.remarks, *log.remarks),
+        remarks=(*sentences.remarks, *log.remarks),
         sortable=log.sortable,
         companion_files=(companion,),
     )
 
 
 def sources(path: Path) -> LogContents:
-    """Refuse: NMEA text is a log only together with another.
-
-    Raises
-    ------
-    LogError
-        Always.
-    """
-    raise LogError(
-        "is no log by itself, so nothing is guessed from it.",
-        where=path,
-        mend='Write heading = { nmea = "heading" } in [signals] by hand.',
-    )
+    """Always raise `LogError`: NMEA text is a log only together with another."""
+    text = "is no log by itself, so nothing is guessed from it."
+    raise LogError(text, where=path, mend='Write heading = { nmea = "heading" } in [signals] by hand.')
 
 
 def _read_companion(path: Path, config: Config) -> tuple[Path, RawLog]:
@@ -130,11 +105,9 @@ def _read_companion(path: Path, config: Config) -> tuple[Path, RawLog]:
             logs.append((near, form))
     if len(logs) != 1:
         found = f"{len(logs)} logs of its name are in its folder" if logs else "no log of its name is in its folder"
-        raise LogError(
-            f"holds no commands, and {found}; one was expected.",
-            where=path,
-            mend=f"Put the log that holds the commands there, as {path.stem}.csv, for instance.",
-        )
+        text = f"holds no commands, and {found}; one was expected."
+        mend = f"Put the log that holds the commands there, as {path.stem}.csv, for instance."
+        raise LogError(text, where=path, mend=mend)
     [(log, form)] = logs
     return log, form.read(log, config.for_format(form.kind))
 
@@ -162,19 +135,13 @@ class _Text:
     def channel(self, name: str, source: str) -> Channel:
         """One of `_CHANNELS`."""
         if source not in _CHANNELS:
-            raise LogError(
-                f"has no {source!r} ({name}). {suggestion(source, _CHANNELS)}",
-                where=self.path,
-                mend=f"Correct {name} in rovid.toml.",
-            )
+            text = f"has no {source!r} ({name}). {suggestion(source, _CHANNELS)}"
+            raise LogError(text, where=self.path, mend=f"Correct {name} in rovid.toml.")
         kind, at, factor = _CHANNELS[source]
         if kind not in self.clocks:
-            raise LogError(
-                f"holds no sentence {kind} ({name}). {suggestion(kind, self.cells)}",
-                where=self.path,
-                mend=f"Delete nmea from {name} in rovid.toml, or leave this log out.",
-            )
-        values = np.array([_number(_cell(cells, at)) for cells in self.cells[kind]])
+            text = f"holds no sentence {kind} ({name}). {suggestion(kind, self.cells)}"
+            raise LogError(text, where=self.path, mend=f"Delete nmea from {name} in rovid.toml, or leave this log out.")
+        values = np.array([_number(cells[at]) for cells in self.cells[kind]])
         return Channel(source=source, clock=kind, time=self.clocks[kind], values=values * factor)
 
     def _scan(self) -> None:
@@ -198,17 +165,14 @@ class _Text:
             gga += kind == "GGA"
             kept = self.cells.setdefault(kind, [])
             if kind in _MEASURING or kind in {"ZDA", "GGA"}:
-                kept.append(cells[:_CELLS])
+                kept.append([*cells, *[b""] * _CELLS][:_CELLS])
                 self._prefixes.setdefault(kind, []).append(line[:at].strip(b" \t,;[]"))
                 self._counts.setdefault(kind, []).append((zda, gga))
         if not self.cells and not bad:
             raise wrong_format(self.path, "NMEA text")
         if not self.cells:
-            raise LogError(
-                f"holds {bad} sentences, none of them with a right checksum.",
-                where=self.path,
-                mend="Log them as the INS sends them, with the *hh at the end.",
-            )
+            text = f"holds {bad} sentences, none of them with a right checksum."
+            raise LogError(text, where=self.path, mend="Log them as the INS sends them, with the *hh at the end.")
         bad += is_cut
         if bad:
             text = f"{bad} sentences are cut or have a wrong checksum, and were left out."
@@ -252,11 +216,9 @@ class _Text:
         return spread
 
     def _no_time(self) -> LogError:
-        return LogError(
-            "has no time: there is neither an ISO 8601 or epoch time in front of each sentence, nor ZDA, nor GGA.",
-            where=self.path,
-            mend="Let the INS send ZDA, or the logger write the time in front of each line.",
-        )
+        text = "has no time: there is neither an ISO 8601 or epoch time in front of each sentence, nor ZDA, nor GGA."
+        mend = "Let the INS send ZDA, or the logger write the time in front of each line."
+        return LogError(text, where=self.path, mend=mend)
 
 
 def _lines(path: Path) -> Iterator[tuple[bytes, bool]]:
@@ -272,12 +234,6 @@ def _sentence_kind(cells: list[bytes]) -> str:
     if cells[0] == b"PIXSE" and len(cells) > 1:
         return cells[1].decode("ascii", "replace")
     return cells[0][2:].decode("ascii", "replace")
-
-
-def _cell(cells: list[bytes], at: int) -> bytes:
-    if at < len(cells):
-        return cells[at]
-    return b""
 
 
 def _number(text: bytes | str) -> float:
@@ -299,7 +255,7 @@ def _iso_time(text: str) -> float:
 
 def _time_of_day(cells: list[bytes]) -> float:
     """Seconds since midnight of hhmmss.ss; NaN beyond the end of the day, with room for a leap second."""
-    text = _cell(cells, 1)
+    text = cells[1]
     hours, minutes, seconds = map(_number, (text[:2], text[2:4], text[4:]))
     time = 3600.0 * hours + 60.0 * minutes + seconds
     if 0.0 <= time <= _DAY + 1.0:

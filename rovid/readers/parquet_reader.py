@@ -18,9 +18,9 @@ from rovid.readers.raw_log import (
     LogContents,
     RawLog,
     require_library,
+    require_mark,
     required_signals,
     required_time,
-    wrong_format,
 )
 from rovid.readers.timestamps import column_to_seconds, start_epoch, to_datetimes
 from rovid.trial.config import Config
@@ -28,7 +28,7 @@ from rovid.trial.signal_names import CLOCK_WORDS, name_words
 
 KIND = "parquet"
 EXTRA = "parquet"
-_MARK = b"PAR1"
+_MARK, _FORMAT = b"PAR1", "a Parquet file"
 # MB that the mapped columns of one log may take.
 _MAX_SIZE = 512
 # Rows in one batch, and bytes of the read buffer.
@@ -40,7 +40,7 @@ _READABLE = {"STRING", "ENUM", "DECIMAL", "FLOAT16"}
 def read(path: Path, config: Config) -> RawLog:
     """Mapped columns of ``path``; ``pose.heading`` is a column inside another."""
     signals = {"time": required_time(config, KIND), **required_signals(config, KIND, path)}
-    _check_mark(path)
+    require_mark(path, _MARK, _FORMAT)
     sources = {name: signal.sources[KIND] for name, signal in signals.items()}
     clock, unit = sources["time"], signals["time"].unit
     times, columns = _columns(path, sources)
@@ -80,33 +80,23 @@ def _columns(path: Path, sources: Mapping[str, str]) -> tuple[pd.Series[Any], di
 
 
 def _check_columns(path: Path, footer: Any, sources: Mapping[str, str]) -> list[str]:
-    """Mapped columns that hold text.
-
-    Raises
-    ------
-    LogError
-        A column is missing, not unique, or holds neither numbers nor text; or the columns are too large.
-    """
+    """Mapped columns that hold text; `LogError` if one is missing, repeated or of bytes, or all are too large."""
     leaves = [footer.schema.column(at) for at in range(len(footer.schema.names))]
     present = [leaf.path for leaf in leaves if leaf.max_repetition_level == 0]  # Without lists.
     for name, column in sources.items():
         if column not in present:
-            raise LogError(
-                f"has no column {column!r}, which rovid.toml maps to {name}. {suggestion(column, present)}",
-                where=path,
-                mend=f"Correct the name in rovid.toml ({name}), or leave this log out.",
-            )
+            text = f"has no column {column!r}, which rovid.toml maps to {name}. {suggestion(column, present)}"
+            raise LogError(text, where=path, mend=f"Correct the name in rovid.toml ({name}), or leave this log out.")
         if present.count(column) > 1:
             raise LogError(f"has {present.count(column)} columns {column!r} ({name}).", where=path, mend="Rename one.")
     count = sum(leaf.path in sources.values() for leaf in leaves)
     size = 8 * footer.num_rows * count >> 20
     if size > _MAX_SIZE:
-        raise LogError(
+        text = (
             f"holds {footer.num_rows} rows, of which {count} columns are mapped: {size} MB unpacked; "
-            f"at most {_MAX_SIZE} MB were expected.",
-            where=path,
-            mend="Split the log, or keep every tenth row.",
+            f"at most {_MAX_SIZE} MB were expected."
         )
+        raise LogError(text, where=path, mend="Split the log, or keep every tenth row.")
     texts = []
     # Statistics of columns in the footer are not read: if they are damaged, pyarrow ends the whole process.
     for leaf in leaves:
@@ -147,7 +137,7 @@ def _reading(path: Path) -> Iterator[None]:
 
 def sources(path: Path) -> LogContents:
     """The column with a clock's name, if any, and every other column of numbers."""
-    _check_mark(path)
+    require_mark(path, _MARK, _FORMAT)
     parquet, types = require_library("pyarrow.parquet", EXTRA, path), require_library("pyarrow.types", EXTRA, path)
     with _reading(path):
         schema = parquet.read_schema(path)
@@ -156,12 +146,6 @@ def sources(path: Path) -> LogContents:
     numbers = [column.name for column in schema if types.is_integer(column.type) or types.is_floating(column.type)]
     unique = tuple(name for name in numbers if counts[name] == 1 and name != clock)
     return LogContents(clock=clock, sources=unique)
-
-
-def _check_mark(path: Path) -> None:
-    with path.open("rb") as file:
-        if file.read(len(_MARK)) != _MARK:
-            raise wrong_format(path, "a Parquet file")
 
 
 def _damaged(path: Path, error: Exception) -> LogError:
@@ -194,11 +178,8 @@ def _numbers(path: Path, values: Any, column: str, name: str, before: int) -> Fl
         numbers, wrong = _to_numbers(_series(path, values))
     if wrong.any():
         row = int(np.argmax(wrong))
-        raise LogError(
-            f"{column} ({name}) is {str(values[row].as_py())[:40]!r}; a number was expected.",
-            where=f"{path}: row {before + row + 1}",
-            mend="Delete the row or leave the cell empty.",
-        )
+        text = f"{column} ({name}) is {str(values[row].as_py())[:40]!r}; a number was expected."
+        raise LogError(text, where=f"{path}: row {before + row + 1}", mend="Delete the row or leave the cell empty.")
     return numbers
 
 

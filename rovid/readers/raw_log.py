@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,57 +62,30 @@ class LogContents:
 
 
 def required_signals(config: Config, kind: str, path: Path) -> dict[str, Signal]:
-    """Signals that rovid.toml maps for logs of the format ``kind``.
-
-    Raises
-    ------
-    ConfigError
-        The measured signal or a command has no source in this format.
-    """
+    """Signals mapped for logs of the format ``kind``; `ConfigError` if a required one has no source."""
     signals = config.mapped_signals(kind)
     for name in config.required_signals:
         if name not in signals:
-            raise ConfigError(
-                f"{name} names no {kind} source, but {path.name} is a {kind} log.",
-                where=config.path,
-                mend=f'Add {kind} = "…" to its sources, or leave this log out.',
-            )
+            text = f"{name} names no {kind} source, but {path.name} is a {kind} log."
+            raise ConfigError(text, where=config.path, mend=f'Add {kind} = "…" to its sources, or leave this log out.')
     return signals
 
 
 def required_time(config: Config, kind: str) -> Signal:
-    """The time column of tables.
-
-    Raises
-    ------
-    ConfigError
-        rovid.toml names none for the format ``kind``.
-    """
+    """The time column of tables; `ConfigError` if rovid.toml names none for the format ``kind``."""
     if kind not in config.time.sources:
-        raise ConfigError(
-            f"time names no {kind} column, but there is a {kind} log.",
-            where=config.path,
-            mend=f'Add time = {{ {kind} = "<column>" }} to [signals].',
-        )
+        text = f"time names no {kind} column, but there is a {kind} log."
+        raise ConfigError(text, where=config.path, mend=f'Add time = {{ {kind} = "<column>" }} to [signals].')
     return config.time
 
 
 def require_library(module: str, extra: str, path: Path) -> ModuleType:
-    """Import an optional package that one format needs.
-
-    Raises
-    ------
-    LogError
-        The package is not installed.
-    """
+    """Import an optional package that one format needs; `LogError` if it is not installed."""
     try:
         return import_module(module)
     except ImportError as error:
-        raise LogError(
-            f"needs the package {module.partition('.')[0]}.",
-            where=path,
-            mend=f"Install it with `pip install 'rovid[{extra}]'`.",
-        ) from error
+        text = f"needs the package {module.partition('.')[0]}."
+        raise LogError(text, where=path, mend=f"Install it with `pip install 'rovid[{extra}]'`.") from error
 
 
 def wrong_format(path: Path, expected: str) -> LogError:
@@ -119,6 +93,32 @@ def wrong_format(path: Path, expected: str) -> LogError:
     found = "does not begin as one" if path.stat().st_size else "is empty"
     mend = "Fetch the log again, or give it the suffix of its format."
     return LogError(f"is not {expected}: it {found}.", where=path, mend=mend)
+
+
+def require_mark(path: Path, mark: bytes, expected: str) -> None:
+    """Raise `LogError` for a file that does not begin with the ``mark`` of its format, ``expected`` by its suffix."""
+    with path.open("rb") as file:
+        if file.read(len(mark)) != mark:
+            raise wrong_format(path, expected)
+
+
+class FilePart(io.RawIOBase):
+    """``size`` bytes of a file from ``start`` on, independent of the position of the file."""
+
+    def __init__(self, file: IO[bytes], start: int, size: int) -> None:
+        self._file, self._at, self._end = file, start, start + size
+
+    def readable(self) -> bool:
+        """True."""
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        """Fill ``buffer``, and return the number of bytes."""
+        self._file.seek(self._at)
+        data = self._file.read(max(0, min(len(buffer), self._end - self._at)))
+        self._at += len(data)
+        buffer[: len(data)] = data
+        return len(data)
 
 
 def subsampled_median(values: FloatArray) -> float:
@@ -158,21 +158,10 @@ def raw_log_of_topics(
     clock: str,
     remarks: list[Remark],
 ) -> RawLog:
-    """The channels of ``signals`` from topics with columns.
+    """The channels of ``signals``; `LogError` if a topic or field is missing or is no number.
 
-    Parameters
-    ----------
-    topic
-        Name -> columns; raises `LogError` where there is no such topic.
-    clock
-        Field of each topic that holds the time in us.
-    remarks
-        Remarks on the file, to which ``topic`` may add.
-
-    Raises
-    ------
-    LogError
-        A topic or field is missing, or is no number.
+    ``topic`` returns the columns of a name, raises `LogError` where there are none, and may add to ``remarks``.
+    ``clock`` is the field of each topic that holds the time in us.
     """
     topics: dict[str, Columns] = {}
     found: dict[str, tuple[str, NDArray[Any], bool]] = {}
@@ -217,17 +206,11 @@ def _float64(values: NDArray[Any]) -> FloatArray:
 def _field(path: Path, name: str, topic: str, columns: Columns, signal: str) -> NDArray[Any]:
     values = columns.get(name)
     if values is None:
-        raise LogError(
-            f"{topic} has no field {name!r} ({signal}). {suggestion(name, columns)}",
-            where=path,
-            mend=f"Correct {signal} in rovid.toml.",
-        )
+        text = f"{topic} has no field {name!r} ({signal}). {suggestion(name, columns)}"
+        raise LogError(text, where=path, mend=f"Correct {signal} in rovid.toml.")
     if values.dtype.kind not in "iuf":
-        raise LogError(
-            f"{topic}.{name} ({signal}) is text; a number was expected.",
-            where=path,
-            mend=f"Name another field for {signal} in rovid.toml.",
-        )
+        text = f"{topic}.{name} ({signal}) is text; a number was expected."
+        raise LogError(text, where=path, mend=f"Name another field for {signal} in rovid.toml.")
     return values
 
 
@@ -266,13 +249,7 @@ def split_instance(topic: str) -> tuple[str, int | None]:
 def select_instance(
     path: Path, kind: str, topic: str, columns: Columns, instance_field: str, remarks: list[Remark]
 ) -> Columns:
-    """Rows of the one sensor that ``topic`` names; of the first sensor, with a remark, where it names none.
-
-    Raises
-    ------
-    LogError
-        There is no such sensor.
-    """
+    """Rows of the one sensor that ``topic`` names; of the first sensor, with a remark, where it names none."""
     if instance_field not in columns:
         return columns
     name, wanted = split_instance(topic)

@@ -10,6 +10,7 @@ import re
 import struct
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache, partial
 from itertools import groupby
 from types import SimpleNamespace
 from typing import Any
@@ -135,19 +136,16 @@ class _Cursor:
         return self.take(self.count())[:-1].decode()  # Without the final NUL.
 
 
-_Step = Callable[[_Cursor, dict[str, Any]], None]
+_Step = Callable[[_Cursor, dict[str, Any]], object]
 _Steps = dict[str, list[_Step]]
 
 
 def _number_step(names: tuple[str, ...], letters: str) -> _Step:
     """Decode consecutive numbers; their alignment depends on the position of the first."""
-    layouts: dict[tuple[int, str], struct.Struct] = {}
+    layout_at = cache(partial(_layout, letters))
 
     def step(cursor: _Cursor, values: dict[str, Any]) -> None:
-        place = cursor.at % 8, cursor.order
-        layout = layouts.get(place)
-        if layout is None:
-            layout = layouts[place] = _layout(letters, *place)
+        layout = layout_at(cursor.at % 8, cursor.order)
         values.update(zip(names, layout.unpack(cursor.take(layout.size)), strict=True))
 
     return step
@@ -193,14 +191,9 @@ def _read_message(steps: list[_Step], cursor: _Cursor) -> Message:
     return message
 
 
-def _skip_byte(cursor: _Cursor, _: dict[str, Any]) -> None:
-    """Skip the one byte of a message without fields."""
-    cursor.take(1)
-
-
 def _steps_of(fields: _Fields, steps: _Steps) -> Iterator[_Step]:
-    if not fields:
-        yield _skip_byte
+    if not fields:  # Such a message takes one byte.
+        yield lambda cursor, _: cursor.take(1)
     for is_number, group in groupby(fields.items(), lambda item: item[1].kind in _NUMBERS and not item[1].is_list):
         if is_number:
             names, kinds = zip(*group, strict=True)
@@ -227,13 +220,7 @@ def _linked(root: str, definitions: Mapping[str, _Fields]) -> _Steps:
 
 
 def cdr_decoder(name: str, text: str) -> Callable[[bytes], Any]:
-    """Function that decodes messages of the type ``name``, which ``text`` defines, into `Message` objects.
-
-    Raises
-    ------
-    ValueError
-        The definition makes no sense; on decoding, the message does not match it.
-    """
+    """Function that decodes messages of the type ``name``, which ``text`` defines; `ValueError` for damage."""
     root = _short_name(name)
     steps = _linked(root, _parse_definitions(name, text))[root]
 

@@ -56,16 +56,8 @@ def time_unit(name: str, magnitude: float, declared: str) -> str:
 def to_seconds(values: NDArray[Any], name: str, declared: str, origin: int | None = None) -> FloatArray:
     """(n,) s of (n,) numbers; integers are made relative before they become floats, so that no digit is lost.
 
-    Parameters
-    ----------
-    values
-        float64 with NaN where missing, or integers.
-    name
-        The column or field.
-    declared
-        Unit in rovid.toml: auto, s, ms, us or ns.
-    origin
-        Subtracted from integers; the first of them by default.
+    ``name`` is the column or field, ``declared`` the unit in rovid.toml. ``origin`` is subtracted from integers; it is
+    the first of them by default. Floats are NaN where missing.
     """
     if not values.size:
         return values.astype(np.float64)
@@ -73,9 +65,7 @@ def to_seconds(values: NDArray[Any], name: str, declared: str, origin: int | Non
         values = values.astype(np.int64)
     sample = np.abs(values[:: len(values) // 1000 + 1].astype(np.float64))
     sample = sample[sample < 1e30]  # Larger numbers are no times.
-    magnitude = 0.0
-    if sample.size:
-        magnitude = float(np.median(sample))
+    magnitude = float(np.median(sample)) if sample.size else 0.0
     scale = _SCALE[time_unit(name, magnitude, declared)]
     relative: FloatArray = values
     if values.dtype.kind == "i":
@@ -88,15 +78,7 @@ def to_seconds(values: NDArray[Any], name: str, declared: str, origin: int | Non
 
 
 def column_to_seconds(column: pd.Series[Any], name: str, declared: str, where: Callable[[int], str]) -> FloatArray:
-    """(n,) s of a column of numbers, dates or text; NaN where missing. Parameters as in `to_seconds`.
-
-    ``where`` maps a row to its place in the file, for messages.
-
-    Raises
-    ------
-    LogError
-        A text is no ISO 8601 time.
-    """
+    """(n,) s of a column of numbers, dates or text, as in `to_seconds`; ``where``: row -> its place in the file."""
     import pandas as pd
 
     if isinstance(column.dtype, np.dtype) and column.dtype.kind in "iuf":
@@ -115,13 +97,7 @@ def column_to_seconds(column: pd.Series[Any], name: str, declared: str, where: C
 
 
 def to_datetimes(column: pd.Series[Any], name: str, where: Callable[[int], str]) -> pd.Series[Any]:
-    """Dates of a column of dates or text; NaT where missing.
-
-    Raises
-    ------
-    LogError
-        A text is no ISO 8601 time.
-    """
+    """Dates of a column of dates or text; NaT where missing, `LogError` for text that is no ISO 8601 time."""
     import pandas as pd
 
     dates = pd.to_datetime(column, format="ISO8601", utc=True, errors="coerce")
@@ -131,12 +107,11 @@ def to_datetimes(column: pd.Series[Any], name: str, where: Callable[[int], str])
         dates = pd.to_datetime(tidy, format="ISO8601", utc=True, errors="coerce")
     if dates.notna().sum() < column.notna().sum():
         row = int(np.argmax((dates.isna() & column.notna()).to_numpy()))
-        raise LogError(
+        text = (
             f"{name} is {column.iloc[row]!r}; seconds, an ISO 8601 time (2026-01-07T12:00:00.05Z) or an epoch time "
-            "was expected.",
-            where=where(row),
-            mend="Delete the row, or write its time so.",
+            "was expected."
         )
+        raise LogError(text, where=where(row), mend="Delete the row, or write its time so.")
     return dates
 
 
@@ -163,23 +138,13 @@ Samples = Mapping[str, FloatArray]
 
 
 def make_monotonic(
-    time: FloatArray,
-    values: Samples,
-    *,
-    clock: str,
-    place: Callable[[int], str],
-    sortable: bool,
-    where: str,
+    time: FloatArray, values: Samples, *, clock: str, place: Callable[[int], str], sortable: bool, where: str
 ) -> tuple[FloatArray, Samples, list[Remark]]:
     """Time and values of one clock in strictly increasing time, with remarks on order, duplicates and missing times.
 
     Samples with one time stamp are merged: each signal keeps its first value that is not missing. A sample earlier than
-    the latest before it is removed, unless the format is ``sortable`` and the clock was not set back.
-
-    Raises
-    ------
-    LogError
-        More than 5 % of the samples run backwards, most time stamps repeat, or the clock leaps.
+    the latest before it is removed, unless the format is ``sortable`` and the clock was not set back. Raises `LogError`
+    if more than 5 % of the samples run backwards, most time stamps repeat, or the clock leaps.
     """
     with np.errstate(over="ignore", invalid="ignore"):  # Damaged times.
         steps = np.diff(time)
@@ -228,12 +193,11 @@ def _drop_backward(
         return rows
     at = int(np.argmax(backward))
     if count > _MAX_BACKWARD * len(rows):
-        raise LogError(
+        text = (
             f"{clock} runs backwards at {place(int(rows[at]))}, from {stamps[at - 1]:.10g} s to "
-            f"{stamps[at]:.10g} s; {count} of {len(rows)} samples are not later than those before them.",
-            where=where,
-            mend="Split the log where its clock was set back, or map another time.",
+            f"{stamps[at]:.10g} s; {count} of {len(rows)} samples are not later than those before them."
         )
+        raise LogError(text, where=where, mend="Split the log where its clock was set back, or map another time.")
     text = f"{clock} runs backwards, first at {place(int(rows[at]))}; {count} samples were left out."
     remarks.append(Remark(kind="backward", count=count, text=text))
     return rows[~backward]
@@ -272,8 +236,5 @@ def _refuse_leap(time: FloatArray, steps: FloatArray, clock: str, where: str) ->
         raise LogError(text, where=where, mend="Cut the log where its clock was set.")
     if duration > _MAX_DURATION:
         days, limit = duration / 86400.0, _MAX_DURATION / 86400.0
-        raise LogError(
-            f"{clock} runs over {days:.4g} days; a run of at most {limit:.0f} was expected.",
-            where=where,
-            mend="Check the unit of time in rovid.toml, or cut the log.",
-        )
+        text = f"{clock} runs over {days:.4g} days; a run of at most {limit:.0f} was expected."
+        raise LogError(text, where=where, mend="Check the unit of time in rovid.toml, or cut the log.")

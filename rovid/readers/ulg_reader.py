@@ -15,21 +15,15 @@ from rovid.readers.raw_log import (
     numeric_sources,
     raw_log_of_topics,
     require_library,
+    require_mark,
     required_signals,
-    wrong_format,
 )
 from rovid.trial.config import Config
 from rovid.trial.trial import Remark
 
 KIND = "ulg"
 # Topics on motion, thrusters and supply, for `rovid init`.
-_INTERESTING = {
-    "vehicle_attitude",
-    "vehicle_angular_velocity",
-    "actuator_motors",
-    "actuator_outputs",
-    "battery_status",
-}
+_INTERESTING = {"vehicle_attitude", "vehicle_angular_velocity", "actuator_motors", "actuator_outputs", "battery_status"}
 _MARK = b"ULog\x01\x12\x35"
 _HEADER = 3
 # Bytes that pyulog may read for each byte of the file, and in addition: damage makes it go back and read again.
@@ -55,9 +49,7 @@ class _ULog:
     """The ``wanted`` topics of a log, by name and instance, and the autopilot's parameters at its beginning."""
 
     def __init__(self, path: Path, wanted: set[str]) -> None:
-        with path.open("rb") as head:
-            if head.read(len(_MARK)) != _MARK:
-                raise wrong_format(path, "a ULog of PX4")
+        require_mark(path, _MARK, "a ULog of PX4")
         self._path = path
         core = require_library("pyulog.core", "px4", path)
         # pyulog prints messages on damage to stdout, which holds rovid's own output.

@@ -25,28 +25,15 @@ _WINDOW, _MIN_WINDOWS, _MIN_CORRELATION = 0.5, 50, 0.8
 
 
 def refuse_wrong_heading(channel: Channel, signal: Signal, heading: FloatArray, where: str) -> None:
-    """Check the range and the jumps of a heading against its declared unit.
+    """Raise `LogError` if the heading is declared in degrees but logged in radians, or the reverse.
 
-    Parameters
-    ----------
-    channel
-        The heading as logged; a heading computed from a quaternion is in radians.
-    heading
-        (n,) rad, cleaned, by the declared unit; NaN where not measured.
-
-    Raises
-    ------
-    LogError
-        The heading is declared in degrees but logged in radians, or the reverse.
+    The evidence is the range and the jumps of the ``channel`` as logged and of the (n,) ``heading`` in rad, cleaned.
     """
     if channel.radians:
         return
     evidence = ""
     if signal.unit == "deg":
-        low = float(np.fmin.reduce(heading) * _DEG_PER_RAD)
-        high = float(np.fmax.reduce(heading) * _DEG_PER_RAD)
-        if max(-low, high) <= _TURN_RAD + 0.01:
-            evidence = _evidence_of_radians(heading[np.isfinite(heading)] * _DEG_PER_RAD, low, high)
+        evidence = _evidence_of_radians(heading[np.isfinite(heading)] * _DEG_PER_RAD)
     else:
         good = is_plausible(channel.time) & is_plausible(channel.values)
         evidence = _evidence_of_degrees(channel.time[good], channel.values[good])
@@ -57,7 +44,10 @@ def refuse_wrong_heading(channel: Channel, signal: Signal, heading: FloatArray, 
         raise LogError(text, where=where, mend=f'Set unit = "{other}" in [signals] heading.')
 
 
-def _evidence_of_radians(values: FloatArray, low: float, high: float) -> str:
+def _evidence_of_radians(values: FloatArray) -> str:
+    low, high = float(values.min()), float(values.max())
+    if max(-low, high) > _TURN_RAD + 0.01:
+        return ""
     steps = np.abs(np.diff(values))
     whole_turn = np.abs(steps - _TURN_RAD) < 0.5
     # A vehicle that spins fast makes large steps all the time.
@@ -89,30 +79,18 @@ def _evidence_of_degrees(time: FloatArray, values: FloatArray) -> str:
 def gyro_confirms_unit(
     time: FloatArray, heading: FloatArray, yaw_rate: FloatArray, signals: tuple[Signal, Signal], where: str
 ) -> bool:
-    """Whether the logged yaw rate confirms the unit of the heading.
+    """Whether the logged yaw rate confirms the unit of the heading; `LogError` if one contradicts its unit or sense.
 
-    Parameters
-    ----------
-    time, heading, yaw_rate
-        (n,) s, rad, rad/s; NaN where not measured.
-    signals
-        Heading and yaw rate as mapped in rovid.toml.
-
-    Raises
-    ------
-    LogError
-        One of the two is in another unit or sense than declared.
+    ``time``, ``heading``, ``yaw_rate``: (n,) s, rad, rad/s; NaN where not measured. ``signals``: heading, yaw rate.
     """
     compared = _compare(time, heading, yaw_rate)
     if compared is None:
         return False
     ratio, correlation = compared
     if correlation < 0:
-        raise LogError(
-            f"yaw_rate falls when heading grows (correlation {correlation:.2f}); both should grow in the same sense.",
-            where=where,
-            mend="Set sign = -1 in [signals] yaw_rate, or in heading if that one is reversed.",
-        )
+        text = f"yaw_rate falls when heading grows (correlation {correlation:.2f}); both should grow in the same sense."
+        mend = "Set sign = -1 in [signals] yaw_rate, or in heading if that one is reversed."
+        raise LogError(text, where=where, mend=mend)
     if _DEG_PER_RAD / 1.6 < max(ratio, 1.0 / ratio) < _DEG_PER_RAD * 1.6:
         raise _wrong_unit(ratio, heading, signals, where)
     return 0.5 < ratio < 2.0
@@ -154,9 +132,8 @@ def _wrong_unit(ratio: float, heading: FloatArray, signals: tuple[Signal, Signal
         heading_is_wrong = heading_signal.unit == "deg" and small
     culprit = heading_signal if heading_is_wrong else gyro_signal
     other = {"deg": "rad", "rad": "deg", "deg/s": "rad/s", "rad/s": "deg/s"}.get(culprit.unit, "rad")
-    return LogError(
+    text = (
         f"yaw_rate is {ratio:.3g} times the change of heading per second; with heading in {heading_signal.unit} and "
-        f"yaw_rate in {gyro_signal.unit} one of them has the wrong unit, degrees for radians or the reverse.",
-        where=where,
-        mend=f'Set unit = "{other}" in [signals] {culprit.name}.',
+        f"yaw_rate in {gyro_signal.unit} one of them has the wrong unit, degrees for radians or the reverse."
     )
+    return LogError(text, where=where, mend=f'Set unit = "{other}" in [signals] {culprit.name}.')

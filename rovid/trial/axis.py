@@ -112,64 +112,36 @@ _LINEAR_UNITS: Mapping[str, str] = {"kg m^2": "kg", "kg m²": "kg", "N m": "N", 
 YAW = Axis(name="yaw", position_signals=("heading",), rate_signal="yaw_rate", arm_key="yaw_arm", angular=True)
 
 
-def _horizontal(name: str) -> Axis:
-    """Surge or sway."""
-    return Axis(
-        name=name,
-        position_signals=(f"{name}_position",),
-        rate_signal=f"{name}_velocity",
-        arm_key=name,
-        angular=False,
-        fix_signals=("north", "east", "heading"),
-    )
+def _linear(name: str, *positions: str, fix: tuple[str, ...] = ()) -> Axis:
+    """Surge, sway or heave."""
+    rate = f"{name}_velocity"
+    return Axis(name=name, position_signals=positions, rate_signal=rate, arm_key=name, angular=False, fix_signals=fix)
 
 
 def _tilt(name: str) -> Axis:
     """Roll or pitch."""
-    return Axis(
-        name=name,
-        position_signals=(name,),
-        rate_signal=f"{name}_rate",
-        arm_key=f"{name}_arm",
-        angular=True,
-        self_righting=True,
-    )
+    rate, arm = f"{name}_rate", f"{name}_arm"
+    return Axis(name=name, position_signals=(name,), rate_signal=rate, arm_key=arm, angular=True, self_righting=True)
 
 
+_FIX = ("north", "east", "heading")
 AXES: Mapping[str, Axis] = {
     "yaw": YAW,
-    "surge": _horizontal("surge"),
-    "sway": _horizontal("sway"),
-    "heave": Axis(
-        name="heave",
-        position_signals=("depth", "heave_position"),
-        rate_signal="heave_velocity",
-        arm_key="heave",
-        angular=False,
-    ),
+    "surge": _linear("surge", "surge_position", fix=_FIX),
+    "sway": _linear("sway", "sway_position", fix=_FIX),
+    "heave": _linear("heave", "depth", "heave_position"),
     "roll": _tilt("roll"),
     "pitch": _tilt("pitch"),
 }
-
-
 # Other name -> axis, for suggestions.
 _SYNONYMS = {"heading": "yaw", "ahead": "surge", "sideways": "sway", "depth": "heave", "heel": "roll", "trim": "pitch"}
 
 
 def axis_named(name: str) -> Axis:
-    """The axis of this name.
-
-    Raises
-    ------
-    ConfigError
-        There is no such axis.
-    """
+    """The axis of this name; `ConfigError` if there is none."""
     if name not in AXES:
-        raise ConfigError(
-            f"is {name!r}; one of {', '.join(AXES)} was expected.",
-            where="--axis",
-            mend=suggestion(name, AXES, _SYNONYMS),
-        )
+        text = f"is {name!r}; one of {', '.join(AXES)} was expected."
+        raise ConfigError(text, where="--axis", mend=suggestion(name, AXES, _SYNONYMS))
     return AXES[name]
 
 

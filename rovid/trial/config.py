@@ -104,15 +104,7 @@ class NoConfigError(ConfigError):
 
 
 def find_config(paths: Sequence[Path]) -> Path:
-    """Nearest rovid.toml at or above the first of ``paths``.
-
-    Raises
-    ------
-    NoConfigError
-        There is none.
-    ConfigError
-        One of ``paths`` does not exist.
-    """
+    """Nearest rovid.toml at or above the first of ``paths``; `NoConfigError` if there is none."""
     for path in paths:
         require_exists(path)
     folder = paths[0].resolve()
@@ -130,13 +122,7 @@ def find_config(paths: Sequence[Path]) -> Path:
 
 
 def load_config(path: Path, axis: Axis = YAW) -> Config:
-    """Read and check the rovid.toml at ``path``, for ``axis``.
-
-    Raises
-    ------
-    ConfigError
-        With the place inside the file, the value found and the value expected.
-    """
+    """Read and check the rovid.toml at ``path``, for ``axis``; a `ConfigError` names the place in the file."""
     document = read_toml(path)
     if path.read_bytes().startswith(_UNMARKED_GUESSES):
         _mark_guesses(document)
@@ -283,7 +269,7 @@ class _Parser:
 
     def actuators(self, blocks: Sequence[Any], signals: dict[str, Signal]) -> tuple[list[Thruster], list[Signal]]:
         """Thrusters along the axis and their commands; a logged torque is removed from ``signals``."""
-        pairs = [pair for index, block in enumerate(blocks) if (pair := self.thruster(index, block)) is not None]
+        pairs = list(filter(None, map(self.thruster, range(len(blocks)), blocks)))
         force = self.axis.force_name
         if force not in signals:
             return [thruster for thruster, _ in pairs], [command for _, command in pairs]
@@ -335,9 +321,8 @@ class _Parser:
         if not thrusters and not axis.self_righting:
             if not blocks:
                 raise self.error("[[thrusters]]", f"there are none, and no {axis.force_name} is mapped in [signals].")
-            raise self.error(
-                "[[thrusters]]", f"none has {axis.arm_key}.", f"Add {axis.arm_key} = {_example_arm(axis)}."
-            )
+            mend = f"Add {axis.arm_key} = {_example_arm(axis)}."
+            raise self.error("[[thrusters]]", f"none has {axis.arm_key}.", mend)
         names = [thruster.name for thruster in thrusters]
         if len(set(names)) < len(names):
             raise self.error("[[thrusters]]", f"two have the same name among {names}.", "Name each differently.")

@@ -30,10 +30,10 @@ class ConfigFingerprint:
 
     def changes(self, now: ConfigFingerprint, *, drive_alone: bool = False) -> list[str]:
         """Differences of ``now`` from this fingerprint; a new further channel is no change."""
-        found = [*_changes(self.drive, now.drive), *_additions(self.drive, now.drive)]
+        found = list(_changes(self.drive, now.drive))
         if not drive_alone:
-            found += [*_changes(self.signals, now.signals), *_additions(self.signals, now.signals)]
-            found += _changes(self.further, now.further)
+            known = {name: value for name, value in now.further.items() if name in self.further}
+            found += [*_changes(self.signals, now.signals), *_changes(self.further, known)]
         return list(dict.fromkeys(found))
 
 
@@ -42,18 +42,15 @@ def _subject(name: str) -> str:
     return name.partition(" of ")[2] or name
 
 
-def _additions(before: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]:
-    for name in now:
-        if name not in before:
-            yield f"{_subject(name)} is new"
-
-
 def _changes(before: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]:
     for name, value in before.items():
         if name not in now:
             yield f"{_subject(name)} is gone"
         elif now[name] != value:
             yield f"{name} has changed" if value.startswith(_DIGEST) else f"{name} was {value} and is {now[name]}"
+    for name in now:
+        if name not in before:
+            yield f"{_subject(name)} is new"
 
 
 def config_fingerprint(vehicle: Vehicle, signals: Mapping[str, str], further: Mapping[str, str]) -> ConfigFingerprint:

@@ -39,13 +39,7 @@ class CsvTable:
     lines: tuple[int, ...]
 
     def text(self, column: str) -> list[str]:
-        """Cells of ``column``.
-
-        Raises
-        ------
-        LogError
-            There is no such column; similar names are suggested.
-        """
+        """Cells of ``column``; `LogError` with similar names if there is none."""
         if column not in self.header:
             mend = suggest_columns(column, self.header, self.rows)
             raise LogError(f"has no column {column!r}. {mend}", where=self.path)
@@ -53,23 +47,14 @@ class CsvTable:
         return [row[at] if at < len(row) else "" for row in self.rows]
 
     def numbers(self, column: str, *, empty_allowed: bool = False) -> FloatArray:
-        """(n,) numbers of ``column``; NaN for empty cells if those are allowed.
-
-        Raises
-        ------
-        LogError
-            There is no such column, or a cell is not a number.
-        """
+        """(n,) numbers of ``column``; NaN for empty cells if those are allowed, `LogError` for other text."""
         values = np.empty(len(self.rows))
         for k, cell in enumerate(self.text(column)):
-            values[k] = _number(cell)
+            values[k] = float(cell) if _is_number(cell) else math.nan
             may_be_empty = empty_allowed and not cell
             if not may_be_empty and not abs(values[k]) <= LARGEST:
-                raise LogError(
-                    f"{column} is {cell!r}, a number was expected.",
-                    where=f"{self.path}:{self.lines[k]}",
-                    mend="Correct the cell or delete the row.",
-                )
+                text = f"{column} is {cell!r}, a number was expected."
+                raise LogError(text, where=f"{self.path}:{self.lines[k]}", mend="Correct the cell or delete the row.")
         return values
 
     def resolution(self, column: str) -> FloatArray:
@@ -83,12 +68,8 @@ class CsvTable:
 def read_table(path: Path, *, headerless: tuple[str, ...] = ()) -> CsvTable:
     """Read a CSV with a header row; comma, semicolon or tab.
 
-    A file whose first row is all numbers has no header: it takes the names in ``headerless``, if any.
-
-    Raises
-    ------
-    LogError
-        The file cannot be read or holds no rows.
+    A file whose first row is all numbers has no header: it takes the names in ``headerless``, if any. Raises `LogError`
+    if the file cannot be read or holds no rows.
     """
     require_regular(path, LogError)
     numbered = [(number, line) for number, line in enumerate(_content(path).splitlines(), 1) if _has_content(line)]
@@ -152,11 +133,6 @@ def suggest_columns(wanted: str, header: Sequence[str], rows: Sequence[Sequence[
     return suggestion(wanted, header)
 
 
-def _number(cell: str) -> float:
-    """The number in a cell, or NaN."""
-    return float(cell) if _is_number(cell) else math.nan
-
-
 def _is_number(cell: str) -> bool:
     try:
         float(cell)
@@ -179,13 +155,7 @@ def column_names(path: Path) -> tuple[str, ...]:
 
 
 def find_table(paths: Sequence[Path], columns: Sequence[str]) -> Path | None:
-    """First table with all ``columns`` among ``paths`` and in their folders; None where there is a log, too.
-
-    Raises
-    ------
-    LogError
-        One of ``paths`` does not exist.
-    """
+    """First table with all ``columns`` among ``paths`` and in their folders; None where there is a log, too."""
     for path in paths:
         require_exists(path, LogError)
     contents = {path: list_files(path, lambda _: None).files for path in paths}
@@ -217,13 +187,7 @@ def curve_csv(command: FloatArray, thrust: FloatArray) -> str:
 
 
 def read_curve(path: Path) -> ThrustCurve:
-    """Thrust curve from a CSV with the columns command and thrust_N.
-
-    Raises
-    ------
-    RovidError
-        The file is missing, has other columns, text in a number, fewer than two points or a repeated command.
-    """
+    """Thrust curve from a CSV with the columns command and thrust_N, and two or more different commands."""
     require_regular(path)
     if not path.is_file():
         mend = f"Make one from bench readings with `rovid fit-thruster BENCH.csv -o {path.name}`."

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -78,10 +78,8 @@ class Trial:
     companion_files: tuple[Path, ...] = ()  #: Further files of the trial.
 
     def __post_init__(self) -> None:
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if isinstance(value, np.ndarray):
-                object.__setattr__(self, item.name, read_only(value))
+        for name, values in self._arrays().items():
+            object.__setattr__(self, name, read_only(values))
         extras = {name: read_only(values) for name, values in self.extras.items()}
         object.__setattr__(self, "extras", MappingProxyType(extras))
         if self.commands.ndim != 2 or not len(self.commands) == len(self.time) == len(self.position):
@@ -110,23 +108,21 @@ class Trial:
             reference=channels,
         )
 
+    def _arrays(self) -> dict[str, Any]:
+        """The arrays by field."""
+        values = {item.name: getattr(self, item.name) for item in fields(self)}
+        return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
+
     def part(self, rows: slice, name: str) -> Self:
         """The ``rows`` as a trial of its own, with time from 0."""
-
-        def cut(values: FloatArray | None) -> FloatArray | None:
-            return None if values is None else values[rows]
-
         start = float(self.time[rows][0])
+        cut = {field_name: values[rows] for field_name, values in self._arrays().items()}
+        cut["time"] = cut["time"] - start
         return replace(
             self,
+            **cut,
             name=name,
             parent=self.parent or self.name,
-            time=self.time[rows] - self.time[rows][0],
-            position=self.position[rows],
-            commands=self.commands[rows],
-            rate=cut(self.rate),
-            roll=cut(self.roll),
-            pitch=cut(self.pitch),
             extras={channel: values[rows] for channel, values in self.extras.items()},
             start_epoch=None if self.start_epoch is None else self.start_epoch + start,
             campaign_time=self.campaign_time + start,
@@ -223,10 +219,6 @@ class Exclusion:
         """Whether the log ``name`` is meant, with or without its folder."""
         return is_called(name, self.log)
 
-    def covers(self, time: FloatArray) -> BoolArray:
-        """(n,) whether each of the (n,) instants in s lies in the interval."""
-        return (self.begin <= time) & (time <= self.end)
-
 
 def apply_exclusions(trial: Trial, exclusions: Sequence[Exclusion]) -> list[Trial]:
     """The rest of ``trial``: one trial for each interval between exclusions; none if all is excluded."""
@@ -236,7 +228,7 @@ def apply_exclusions(trial: Trial, exclusions: Sequence[Exclusion]) -> list[Tria
     excluded = np.zeros(len(trial.time), dtype=bool)
     remarks = list(trial.remarks)
     for exclusion in own:
-        covered = exclusion.covers(trial.time)
+        covered = (exclusion.begin <= trial.time) & (trial.time <= exclusion.end)
         excluded |= covered
         reason = f": {exclusion.reason.rstrip('.')}." if exclusion.reason else ", as rovid.toml says."
         text = f"Left out, {exclusion}{reason}"

@@ -160,13 +160,7 @@ class Vehicle:
         return thrust
 
     def torque(self, trial: Trial) -> FloatArray:
-        """(n,) torque in N m, held until the next instant of ``trial.time``.
-
-        Raises
-        ------
-        ConfigError
-            A command lies outside its thruster's bench curve.
-        """
+        """(n,) torque in N m, held until the next instant; `ConfigError` for a command outside its bench curve."""
         total = np.zeros(len(trial.time))
         for thruster, command in zip(self.thrusters, trial.commands.T, strict=True):
             if thruster.curve is not None and not thruster.clamp and thruster.curve.excess(command):

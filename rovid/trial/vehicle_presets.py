@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from rovid.core.errors import ConfigError, suggestion
-from rovid.core.toml import read_toml
+from rovid.core.toml import expected_number, read_toml
 from rovid.trial.signal_names import word_set
 
 _FOLDER = Path(__file__).parent / "vehicles"
@@ -46,7 +45,7 @@ class VehiclePreset:
     width: float | None = None
     curve: Path | None = None  #: Thrust curve, command in us; None where not published.
     supply: float | None = None  #: Supply voltage of the curve in V.
-    sources: tuple[str, ...] = field(default=())  #: References for the numbers.
+    sources: tuple[str, ...] = ()  #: References for the numbers.
 
     def label(self, words: set[str]) -> str:
         """Thruster commanded by a column with these words in its name; empty if none."""
@@ -62,23 +61,16 @@ def preset_names() -> list[str]:
 
 
 def load_preset(name: str) -> VehiclePreset:
-    """The built-in type ``name``, or the type described by the file ``name``.toml.
-
-    Raises
-    ------
-    ConfigError
-        There is no such type or file, or the file does not describe a vehicle.
-    """
+    """The built-in type ``name``, or the type described by the file ``name`` if that ends in .toml."""
     own = Path(name)
     if own.suffix == ".toml":
         return _read(own, own.stem)
     known = {re.sub(r"[\W_]", "", each): each for each in preset_names()}
     found = known.get(re.sub(r"[\W_]", "", name.lower()))
     if found is None:
-        raise ConfigError(
-            f"there is no vehicle {name!r}. {suggestion(name, preset_names())}",
-            mend=f"Known vehicles: {', '.join(preset_names())}. You can also give a file of your own, as my_rov.toml.",
-        )
+        text = f"there is no vehicle {name!r}. {suggestion(name, preset_names())}"
+        mend = f"Known vehicles: {', '.join(preset_names())}. You can also give a file of your own, as my_rov.toml."
+        raise ConfigError(text, mend=mend)
     return _read(_FOLDER / f"{found}.toml", found)
 
 
@@ -88,12 +80,11 @@ def _read(path: Path, name: str) -> VehiclePreset:
         if key not in _KEYS:
             raise ConfigError(f"has the unknown key {key!r}. {suggestion(key, _KEYS)}", where=path)
     arms = document.get("arms")
-    if not isinstance(arms, dict) or not arms or not all(map(_is_number, arms.values())):
-        raise ConfigError(
-            "has no [arms]: a yaw arm in m for each thruster was expected.", where=path, mend="Add port = 0.3, say."
-        )
+    if not isinstance(arms, dict) or not arms or any(map(expected_number, arms.values())):
+        text = "has no [arms]: a yaw arm in m for each thruster was expected."
+        raise ConfigError(text, where=path, mend="Add port = 0.3, say.")
     for key in _NUMBERS:
-        if key in document and not (_is_number(document[key]) and document[key] > 0.0):
+        if key in document and expected_number(document[key], positive=True):
             raise ConfigError(f"{key} is {document[key]!r}; a positive number was expected.", where=path)
     curve = document.get("curve")
     if curve is not None and not (isinstance(curve, str) and (path.parent / curve).is_file()):
@@ -110,7 +101,3 @@ def _read(path: Path, name: str) -> VehiclePreset:
         sources=tuple(sources),
         **{key: float(document[key]) for key in _NUMBERS if key in document},
     )
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool)

@@ -28,23 +28,13 @@ Row = tuple[str, tuple[object, ...]]
 
 @dataclass(frozen=True, kw_only=True)
 class Recording:
-    """A format, and the run in it.
+    """A format, and the run in it."""
 
-    Attributes
-    ----------
-    write
-        Makes its bytes.
-    heading, command
-        As rovid.toml names them; without a heading where its format has a standard one.
-    beside
-        Suffix -> text of another file of the same name that belongs to it.
-    """
-
-    write: Callable[[], bytes]
-    heading: str
-    command: str
+    write: Callable[[], bytes]  # Makes its bytes.
+    heading: str  # As in rovid.toml; empty where the format has a standard one.
+    command: str  # As in rovid.toml.
     tolerance: float = 1e-6
-    beside: Mapping[str, str] = field(default_factory=dict)
+    beside: Mapping[str, str] = field(default_factory=dict)  # Suffix -> text of another file of the same name.
 
 
 # --- ArduPilot DataFlash ------------------------------------------------------------------------------------------

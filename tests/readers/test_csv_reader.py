@@ -51,13 +51,11 @@ def test_empty_cells_are_counted(tmp_path: Path) -> None:
     command = np.asarray(standard()["fore_V"]).copy()
     heading[[5, 6, 100]] = np.nan
     command[200:250] = np.nan
-    text = csv_text(standard(heading_deg=heading, fore_V=command)).replace("\n0.3500,", "\n0.3500, NaN ,", 1)
     trial = read_csv(tmp_path, csv_text(standard(heading_deg=heading, fore_V=command)))
     assert kinds(trial) == {"missing": 53}
     assert trial.measured.sum() == 397
     assert trial.commands[-1, 0] == 2.0
     assert "fore_V" in " ".join(remark.text for remark in trial.remarks)
-    assert "NaN" in text
 
 
 @pytest.mark.parametrize("word", ["", "nan", "NaN", "  ", "inf", "-inf", " nan "])
