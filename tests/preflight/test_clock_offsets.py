@@ -96,4 +96,4 @@ def test_a_diagnosed_delay_may_be_a_clock_offset(tmp_path: Path, rovid: Rovid) -
     day(tmp_path / "day", split="{run}_{part}.csv")
     document = rovid("diagnose", "day", "--json").document
     assert {finding["effect"] for finding in document["findings"]} & {"thruster_lag", "command_delay"}
-    assert any("may be the clocks of the joined files" in text for text in document["warnings"])
+    assert any("may be a clock offset of the joined files" in text for text in document["warnings"])
