@@ -166,7 +166,7 @@ def test_the_sample_days(axis: str, expected: Mapping[str, float], tmp_path: Pat
         (("check", SAMPLES / "surge_tank", "--axis", "surg"), "Nearest: 'surge'"),
         (
             ("fit", SAMPLES / "surge_tank", "--axis", "surge", "--effect", "tether_torsion"),
-            "nothing that acts in surge",
+            "tether_torsion: does not exist for surge",
         ),
         (("simulate", "--axis", "pitch"), "parameters_pitch.toml"),
         (("fit", SAMPLES / "pitch_tank", "--axis", "roll"), "has no roll. Add roll"),
@@ -183,7 +183,7 @@ def test_a_parameter_file_is_of_one_axis(rovid: Rovid) -> None:
     rovid("fit-drag", SAMPLES / "surge_tank", "--axis", "surge", "-p", "p.toml", "--json")
     done = rovid("fit-inertia", "--axis", "pitch", "-p", "p.toml")
     assert done.code == 2
-    assert "holds the parameters of surge, and --axis says pitch" in done.err
+    assert "holds the parameters of surge, but --axis is pitch" in done.err
     for command in ("control", ("export", "json")):
         asked = rovid(*([command] if isinstance(command, str) else command), "-p", "p.toml")
         assert asked.code == 2

@@ -263,7 +263,7 @@ def test_the_biased_inertia_stands_beside_it_as_what_it_is(lagged: Played) -> No
     found, biased = inertia_in(lagged.folder), documents(lagged)["fit-inertia"]["parameters"]["inertia"]["value"]
     assert biased > 1.05 * found
     shown = text_of(lagged.page)
-    (said,) = re.findall(r"By orbit integral over whole periods: [^)]*\)\. It knows nothing of [^.]*\.", shown)
+    (said,) = re.findall(r"By orbit integral over whole periods: [^)]*\)\. This method does not model [^.]*\.", shown)
     share = re.search(r"\(([\d.]+) % above the model's\)", said)
     assert share is not None
     assert float(share[1]) == pytest.approx(100.0 * (biased / found - 1.0), abs=0.6)  # rounded to a percent
@@ -273,7 +273,7 @@ def test_the_biased_inertia_stands_beside_it_as_what_it_is(lagged: Played) -> No
     assert f"{biased:.0f}" not in model
     assert "Read this before you use the numbers" not in model
     (noted,) = [text for text in documents(lagged)["diagnose"]["warnings"] if "orbit integral" in text]
-    assert "knows nothing of" in noted
+    assert "does not model" in noted
     assert "Believe" not in noted
 
 
@@ -283,5 +283,5 @@ def test_a_file_of_an_older_rovid_is_read_and_its_standing_said(lagged: Played, 
     text = re.sub(r"\[rests_on\].*?(?=\[\[sources\]\])", "", text, flags=re.DOTALL)
     (tmp_path / "parameters.toml").write_text(re.sub(r"^path = .*\n", "", text, flags=re.MULTILINE))
     document = rovid("simulate", "--json").document
-    assert any("does not say what its parameters rest on" in text for text in document["warnings"])
+    assert any("does not name its inputs" in text for text in document["warnings"])
     assert document["overall"]["yaw_rate_r2"] > 0.99
