@@ -50,7 +50,8 @@ def control(
         option(
             "RAD/S",
             "Natural frequency in rad/s. Default: the largest one with a phase margin of 45 deg, a sensitivity "
-            "peak of 1.6 and a tolerance of twice the delay, within the limits of noise and actuators.",
+            "peak of 1.6 and a delay margin of at least the delay of the loop, within the limits of noise and "
+            "actuators.",
         ),
     ] = None,
     period: Annotated[float, option("S", "Sampling period of the controller in s.")] = 0.1,

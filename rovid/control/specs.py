@@ -99,7 +99,7 @@ class LoopConditions:
 
 @dataclass(frozen=True, kw_only=True)
 class HeadingManoeuvre:
-    """A run from rest at ``start`` to ``wanted``, in deg; ``current`` and ``waves`` in N m."""
+    """A run from rest at ``start`` to ``target``, in deg; ``current`` and ``waves`` in N m."""
 
     name: str
     start: float

@@ -1,16 +1,17 @@
 """Algorithm of the diagnosis: how a cause of model error becomes established.
 
-The plain model is fitted to the free-running simulation. All forms of all effects of the catalogue, and every logged
-signal, become candidates. Five stages follow:
+The plain model is fitted to the logs by free-running simulation. All forms of all effects of the catalogue, and every
+logged signal, become candidates. Five stages follow:
 
 1. *Screen*: score tests predict the log-likelihood gain of each candidate next to one model, without a fit.
 2. *Select*: candidates with the largest predicted gains are fitted, and the best one is added. Effects are removed and
    exchanged until the model no longer changes. Each model on the way is screened.
-3. *Validate*: an effect that fails one of four tests is banned, and the search continues without it; its place may go
-   to the true cause. After `max_rejections` bans the model is not tested again.
-4. *Decide*: the stages 1 to 3 run by one-step predictions (innovations) if one cause dominates, otherwise by multi-step
-   predictions and then by one-step predictions from there. The one-step model is reported if it is adequate (white
-   innovations, disturbance within its limit), otherwise the multi-step model.
+3. *Validate*: an effect that fails one of four tests is banned, and the search continues without it. A likely effect
+   keeps its place until the end. After `max_rejections` bans the model is tested only if likely effects are dropped.
+4. *Decide*: the search by one-step predictions (innovations) comes first. Multi-step predictions choose a new start for
+   it if the plain model fits poorly, no cause dominates, waves change the result, an effect is rejected, or the result
+   is not adequate (white innovations, disturbance within its limit). The first adequate and validated one-step model is
+   reported. If there is none, the multi-step model is validated and reported.
 5. *Conclude*: the effects that are left are established. Their parameters are fitted to all data. Further causes with
    enough probability are suspects.
 
@@ -113,7 +114,8 @@ def validate(selection: Selection) -> Selection:
 
     First, close alternatives are compared on all data. The four tests of `first_rejection`: log-likelihood gain on
     held-out trials (`min_held_out_gain`), size within its bounds, significance (`min_standard_errors`), and posterior
-    probability (`established`, 0.95). After `max_rejections` the last search has the last word, without a test.
+    probability (`established`, 0.95). A likely effect that fails is banned, but keeps its place until the end. After
+    `max_rejections` bans the result of the last search is tested only if likely effects are dropped.
     """
     selection = report_remainder(resolve_ties(selection))
     likely: list[str] = []
@@ -144,7 +146,7 @@ def decide(problem: SearchProblem) -> Selection:
     if selection is not None:
         problem.report("Validating on held-out trials …")
         selection = resolve_ties(selection)  # the first step of `validate` also; the tests below need it already
-        # A rejection means that stand-ins were selected: then multi-step predictions decide where to start.
+        # A rejection may mean that stand-ins were selected: then multi-step predictions decide where to start.
         if first_rejection(selection) is None and selection.is_adequate:
             return validate(selection)
     for predicted in select_by_predictions(problem):
@@ -236,7 +238,7 @@ def select_by_predictions(problem: SearchProblem) -> Iterator[Selection]:
 
 def conclude(selection: Selection, notes: Sequence[str]) -> Diagnosis:
     """The result: established causes, suspects (further causes with a probability of `possible`, 0.2), and warnings."""
-    # The notes are on trials cut into parts, and multi-step predictions are of whole trials.
+    # Drop the notes on trials cut into parts: multi-step predictions are of whole trials.
     warnings = [_MULTI_STEP] if selection.multi_step else list(notes)
     if SearchStop.CUT_SHORT in selection.search.progress.stops:
         warnings.append(_CUT_SHORT)

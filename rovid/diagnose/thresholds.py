@@ -89,8 +89,8 @@ class Thresholds:
     """Share of the best predicted gain. Causes below are not fitted. Set: not recorded. Halved: more fits; doubled: a
     cause may be missed where its score test predicts too little."""
     shortlisted_causes: int = 7
-    """Causes. Most causes fitted in one round. Set: not recorded. Halved: faster, causes are missed; doubled:
-    slower."""
+    """Causes. Most causes fitted in one round; all are fitted if the plain model fits poorly. Set: not recorded. Halved:
+    faster, causes are missed; doubled: slower."""
     shortlisted_forms: int = 3
     """Forms. Most forms fitted for each shortlisted cause, besides simpler ones. Set: not recorded. Halved or doubled:
     as `shortlisted_causes`."""
@@ -214,8 +214,8 @@ class Thresholds:
     possible: float = 0.2
     """Probability. A less probable cause is not reported. Set: convention. Halved: more suspects; doubled: fewer."""
     max_rejections: int = 6
-    """Rejections. Most bans, each followed by a search; the model after the last one is not tested again. Set:
-    convention. Halved: more effects stay untested; doubled: slower."""
+    """Rejections. Most bans in one validation; the model after the last one is tested again only if likely effects are
+    dropped. Set: convention. Halved: more effects stay untested; doubled: slower."""
     tie_margin: float = 6.0
     """Nats. Causes with a smaller difference of BIC gain are not distinguishable. Set: not recorded. Halved: sharper
     verdicts, more of them wrong; doubled: more causes are named together."""
