@@ -89,7 +89,7 @@ class Thresholds:
     """Share of the best predicted gain. Causes below are not fitted. Set: not recorded. Halved: more fits; doubled: a
     cause may be missed where its score test predicts too little."""
     shortlisted_causes: int = 7
-    """Causes. Most causes fitted in one round; all are fitted if the plain model fits poorly. Set: not recorded. Halved:
+    """Causes. Most causes fitted in one round; all are, if the plain model fits poorly. Set: not recorded. Halved:
     faster, causes are missed; doubled: slower."""
     shortlisted_forms: int = 3
     """Forms. Most forms fitted for each shortlisted cause, besides simpler ones. Set: not recorded. Halved or doubled:
