@@ -199,7 +199,7 @@ def previous_campaign(stored: Parameters) -> CampaignFit:
     Raises
     ------
     DataError
-        There is none.
+        The history has no such model.
     ConfigError
         The history is damaged.
     """

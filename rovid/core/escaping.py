@@ -1,4 +1,4 @@
-"""Names and text from files, escaped for the formats that rovid writes: one function for each format."""
+"""Names and text from files, escaped for each format that rovid writes."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def csv_line(cells: Sequence[str]) -> str:
 
 
 def identifiers(names: Sequence[str], *, taken: Collection[str] = ()) -> list[str]:
-    """``names`` as identifiers for XML, YAML, topics and programs: all different, and none of those ``taken``."""
+    """``names`` as identifiers for XML, YAML, topics and programs, distinct from each other and from ``taken``."""
     return _distinct([_identifier(name) for name in names], taken)
 
 
@@ -98,7 +98,7 @@ def _identifier(name: str) -> str:
 
 
 def field_names(names: Sequence[str], *, taken: Collection[str] = ()) -> list[str]:
-    """``names`` as column or field names, with letters of any script: all different, and none of those ``taken``."""
+    """``names`` as column or field names, with letters of any script, distinct from each other and from ``taken``."""
     return _distinct([re.sub(r"\W+", "_", name) for name in names], taken)
 
 

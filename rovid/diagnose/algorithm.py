@@ -15,7 +15,7 @@ logged signal, become candidates. Five stages follow:
 5. *Conclude*: the effects that are left are established. Their parameters are fitted to all data. Further causes with
    enough probability are suspects.
 
-Names such as `max_rejections` are those of `rovid.diagnose.thresholds`, which has all numbers.
+Thresholds such as `max_rejections` stand in `rovid.diagnose.thresholds`.
 """
 
 from __future__ import annotations

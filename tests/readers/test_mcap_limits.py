@@ -51,7 +51,7 @@ def in_front(path: Path, more: bytes) -> Path:
     return path
 
 
-@pytest.mark.skipif(not STATUS.exists(), reason="tells its memory in no such file")
+@pytest.mark.skipif(not STATUS.exists(), reason="/proc/self/status is missing, which has the peak memory")
 @pytest.mark.parametrize("chunked", [True, False])
 def test_a_wanted_message_that_is_too_large(chunked: bool, config: Config, tmp_path: Path) -> None:
     """Thirty times its size as objects is more than there may be."""
@@ -105,7 +105,7 @@ def pictures(count: int, size: int = 1_000_000) -> Iterator[bytes]:
         yield record(5, struct.pack("<HIQQ", 100, 0, EPOCH, EPOCH) + picture + bytes(size - len(picture)))
 
 
-@pytest.mark.skipif(not STATUS.exists(), reason="tells its memory in no such file")
+@pytest.mark.skipif(not STATUS.exists(), reason="/proc/self/status is missing, which has the peak memory")
 @pytest.mark.parametrize("compression", ["zstd", "lz4"])
 def test_a_large_chunk_is_not_held(compression: str, config: Config, tmp_path: Path) -> None:
     output = io.BytesIO()
@@ -124,7 +124,7 @@ def test_a_large_chunk_is_not_held(compression: str, config: Config, tmp_path: P
     assert read_apart(path) == "400"
 
 
-@pytest.mark.skipif(not STATUS.exists(), reason="tells its memory in no such file")
+@pytest.mark.skipif(not STATUS.exists(), reason="/proc/self/status is missing, which has the peak memory")
 def test_large_records_are_not_held(config: Config, tmp_path: Path) -> None:
     """A picture, an attachment, a metadata record, a chunk that is not packed: each a hole of 400 MB in the file."""
     size = 400_000_000
