@@ -12,7 +12,7 @@ from typing import Any
 from rovid.core.errors import NAME_LENGTH, ConfigError
 from rovid.preflight.log_survey import LogSurvey, UserOverrides, all_commands
 from rovid.preflight.raw_columns import SignalGuess
-from rovid.trial.trial import Exclusion
+from rovid.trial.cutting import Exclusion
 
 _SIZES = ("mass", "length", "width")
 # These lines mark a rovid.toml that the page wrote, and hold the choices.

@@ -183,9 +183,13 @@ def open_session(
     *,
     force: bool,
     with_history: bool = False,
+    require_sound: bool = True,
     prefetch: PrefetchedReader | None = None,
 ) -> FitSession:
-    """Open the parameter file, reserve it (and its history), and read the logs."""
+    """Open the parameter file, reserve it (and its history), and read the logs.
+
+    Logs with a fault that no fit survives raise a `LogError` if ``require_sound``, unless ``force`` is given.
+    """
     from rovid.store.history import history_output
 
     stored = parameters_at(parameters, axis, force=force)
@@ -193,6 +197,8 @@ def open_session(
     files = [stored.output, history_output(stored.path)] if with_history else [stored.output]
     outputs = reserve_outputs(files, paths, force=force)
     study = open_logs(paths, cutoff, stored.axis, prefetch)
+    if require_sound and not force:
+        study.require_sound()
     stored, notes = without_stale_values(stored, study)
     return FitSession(stored=stored, study=study, outputs=outputs, notes=notes)
 
@@ -224,12 +230,14 @@ def fit_and_store(
     show_fit(console(), warned, show, study, stored)
 
 
-def diagnose_study(stored: Parameters, study: Study, report: Callable[[str], None]) -> Diagnosis:
-    """Diagnose the logs and warn where ``stored`` disagrees."""
+def diagnose_study(
+    stored: Parameters, study: Study, report: Callable[[str], None], *, force: bool = False
+) -> Diagnosis:
+    """Diagnose the logs and warn where ``stored`` disagrees; with ``force`` also logs with a fault that stops."""
     from rovid.store.checks import method_disagreement
 
     stored, notes = without_stale_values(stored, study)
-    diagnosis = study.diagnosis(report, drag=stored.independent_drag())
+    diagnosis = study.diagnosis(report, drag=stored.independent_drag(), force=force)
     if diagnosis.extended is not None:
         notes = [*notes, *method_disagreement(stored.entries_for(study.paths), diagnosis.extended.estimate)]
     return replace(diagnosis, warnings=(*diagnosis.warnings, *notes))

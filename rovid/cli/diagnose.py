@@ -51,10 +51,12 @@ def diagnose(
         if compile_in_background():
             # The compilation already uses the second core.
             prefetch.stop()
-        session = open_session(logs, parameters, axis, cutoff, force=force, with_history=True, prefetch=prefetch)
+        session = open_session(
+            logs, parameters, axis, cutoff, force=force, with_history=True, require_sound=False, prefetch=prefetch
+        )
     study = session.study
     with progress("Diagnosing …") as report:
-        diagnosis = diagnose_study(session.stored, study, report)
+        diagnosis = diagnose_study(session.stored, study, report, force=force)
     diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, *session.notes))
     if diagnosis.extended is not None:
         estimate, sizes = diagnosis.extended.estimate, diagnosis.detectable_sizes

@@ -68,9 +68,9 @@ def plan(
     """Design the next run."""
     from rovid.core.atomic_write import OutputFile
     from rovid.core.signatures import PLAN, png_signature
-    from rovid.design.candidate_runs import RunLimits
-    from rovid.design.experiment_design import command_csv
     from rovid.effects import effect_named
+    from rovid.estimate.candidate_runs import RunLimits
+    from rovid.estimate.experiment_design import command_csv
     from rovid.present.console import show_caution, show_warnings
     from rovid.present.documents.results import plan_document
     from rovid.present.plots.results import plan_picture

@@ -27,8 +27,8 @@ from rovid.core.errors import ConfigError, LogError
 if TYPE_CHECKING:
     from rich.status import Status
 
-    from rovid.design.experiment_design import ExperimentPlan
     from rovid.estimate.estimate import Estimate
+    from rovid.estimate.experiment_design import ExperimentPlan
     from rovid.present.documents.fits import Document
     from rovid.store.study import Study
     from rovid.watch.session import Event
@@ -86,7 +86,7 @@ def watch(
     compile_in_background()
     from rovid.core.atomic_write import OutputFile
     from rovid.core.signatures import PLAN
-    from rovid.design.experiment_design import command_csv
+    from rovid.estimate.experiment_design import command_csv
     from rovid.watch.folder_monitor import FolderMonitor, Problem
     from rovid.watch.session import SessionActions, WatchSession
     from rovid.watch.stop_criteria import parse_criteria

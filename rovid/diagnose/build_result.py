@@ -12,8 +12,6 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
 from rovid.core.spmd import parallel_map
-from rovid.design.candidate_runs import RunLimits
-from rovid.design.experiment_design import CandidateModel, ExperimentPlan, plan_experiment
 from rovid.diagnose.candidate_fits import Cause, bic_score, is_plausible
 from rovid.diagnose.cross_validation import (
     held_out_log_likelihood,
@@ -29,7 +27,9 @@ from rovid.diagnose.signal_regressors import is_signal
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.diagnose.validation import Selection, Suspected, suspects
 from rovid.effects import CATALOGUE, Effect, EffectParameter
+from rovid.estimate.candidate_runs import RunLimits
 from rovid.estimate.estimate import Estimate
+from rovid.estimate.experiment_design import CandidateModel, ExperimentPlan, plan_experiment
 from rovid.estimate.fit_result import FitResult
 from rovid.estimate.instrumental_variables import require_inertia
 from rovid.estimate.maximum_likelihood import INNOVATIONS_R2, misspecification_covariance

@@ -7,13 +7,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from rovid.design.experiment_design import ExperimentPlan, commands_by_name
 from rovid.diagnose.candidate_fits import Alternative
 from rovid.diagnose.cross_validation import HeldOutScores
 from rovid.diagnose.signal_regressors import signal_name
 from rovid.diagnose.tables import TableDiagnosis
 from rovid.effects import Effect, effect_named
 from rovid.estimate.estimate import Estimate
+from rovid.estimate.experiment_design import ExperimentPlan, commands_by_name
 from rovid.model.model import Model
 from rovid.trial.vehicle import Vehicle
 

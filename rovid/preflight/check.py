@@ -10,17 +10,21 @@ from typing import Any, Literal
 import numpy as np
 
 from rovid.core.errors import RovidError
+from rovid.faults.catalogue import examine_runs
 from rovid.preflight.advice import Advice, advise
 from rovid.preflight.clock_alignment import ClockOffsets
 from rovid.preflight.clock_offsets import estimate_clock_offsets
 from rovid.preflight.command_effects import ThrusterCheck, check_thrusters
 from rovid.preflight.feedback_detection import Feedback, detect_feedback
 from rovid.readers import find_logs, read_trials
-from rovid.readers.campaign import without_duplicates
+from rovid.readers.campaign import examine_campaign
+from rovid.signals.preprocessing import prepare
 from rovid.signals.rates import white_noise
 from rovid.signals.segments import find_holds, find_sines
 from rovid.trial.config import Config
-from rovid.trial.trial import Remark, Trial
+from rovid.trial.fault import Fault, stopping
+from rovid.trial.trial import Campaign, Remark, Trial
+from rovid.trial.vehicle import Vehicle
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,43 +42,70 @@ class LogCheck:
     feedback: tuple[Feedback, ...] = ()
     clocks: ClockOffsets = field(default_factory=ClockOffsets)
     thrusters: tuple[ThrusterCheck, ...] = ()
+    faults: tuple[Fault, ...] = ()
 
     @property
     def verdict(self) -> Literal["go", "care", "no_go"]:
         """Whether the logs are ready for a fit."""
         weights = {one.weight for one in self.advice}
-        if self.problems or not self.rows or "grave" in weights:
+        if self.problems or not self.rows or "grave" in weights or stopping(self.faults):
             return "no_go"
-        return "care" if "care" in weights else "go"
+        return "care" if "care" in weights or self.faults else "go"
 
 
 def check_logs(paths: Sequence[Path], config: Config) -> LogCheck:
     """Check all logs. Each log is read by itself: an unreadable log does not hide the others."""
     found, remarks = find_logs(paths, config)
-    rows: list[tuple[Trial, dict[str, Any]]] = []
+    every: list[Trial] = []
     problems = {}
     for name, path in found:
         try:
-            rows += [(trial, _facts(trial, config)) for trial in read_trials(path, config, name, remarks)]
+            every += read_trials(path, config, name, remarks)
         except RovidError as error:
             problems[name] = str(error)
-    trials = without_duplicates([trial for trial, _ in rows], remarks)
-    feedback = detect_feedback(trials, config.vehicle)
+    trials, faults = examine_campaign(every, config)
+    vehicle = config.vehicle.clamped() if stopping(faults) else config.vehicle
+    rows: list[tuple[Trial, dict[str, Any]]] = []
+    for trial in every:
+        try:
+            rows.append((trial, _facts(trial, config, vehicle)))
+        except RovidError as error:
+            problems[trial.parent or trial.name] = str(error)
+    usable = {id(trial) for trial, _ in rows}
+    trials = [trial for trial in trials if id(trial) in usable]
+    if stopping(faults):
+        return LogCheck(rows=tuple(rows), problems=problems, remarks=tuple(remarks), advice=(), faults=faults)
+    trials, more = _examine_runs(trials, config)
+    feedback = detect_feedback(trials, vehicle)
     clocks = estimate_clock_offsets(trials, config)
-    thrusters = check_thrusters(trials, config.vehicle)
+    thrusters = check_thrusters(trials, vehicle)
     return LogCheck(
         rows=tuple(rows),
         problems=problems,
         remarks=tuple(remarks),
-        advice=tuple(advise(trials, config.vehicle, feedback, clocks, thrusters, all_read=not problems)),
+        advice=tuple(advise(trials, vehicle, feedback, clocks, thrusters, all_read=not problems)),
         feedback=tuple(feedback),
         clocks=clocks,
         thrusters=tuple(thrusters),
+        faults=(*faults, *more),
     )
 
 
-def _facts(trial: Trial, config: Config) -> dict[str, Any]:
-    torque = config.vehicle.torque(trial)
+def _examine_runs(trials: Sequence[Trial], config: Config) -> tuple[Sequence[Trial], tuple[Fault, ...]]:
+    """The trials that stay after the remedies of faults that torque and rates show, and these faults."""
+    if not trials or not trials[0].has_actuators:
+        return trials, ()
+    try:
+        runs = prepare(Campaign(trials=tuple(trials), sources=()), config.vehicle)
+    except RovidError:  # `advise` reports it.
+        return trials, ()
+    kept, faults = examine_runs(runs.items, config.vehicle, config.faults)
+    left = {id(run.trial) for run in runs.items} - {id(run.trial) for run in kept}
+    return [trial for trial in trials if id(trial) not in left], faults
+
+
+def _facts(trial: Trial, config: Config, vehicle: Vehicle) -> dict[str, Any]:
+    torque = vehicle.torque(trial)
     position = trial.position[trial.measured]
     measured = position
     if trial.rate_only and trial.rate is not None:
@@ -87,7 +118,7 @@ def _facts(trial: Trial, config: Config) -> dict[str, Any]:
         "noise": white_noise(measured),
         "travel": float(np.sum(np.abs(np.diff(position)))),
         f"{trial.axis.force_name}_range": [float(torque.min()), float(torque.max())],
-        "held_commands": len(find_holds(trial, config.vehicle, torque)),
+        "held_commands": len(find_holds(trial, vehicle, torque)),
         "sine_runs": len(find_sines(trial, torque)),
         "remarks": [remark_document(remark) for remark in trial.remarks],
     }

@@ -22,9 +22,9 @@ from rovid.preflight.signal_guess import UNNAMED, ColumnMapping, map_columns
 from rovid.preflight.thruster_guess import GuessHints, ThrusterCommand
 from rovid.trial.axis import YAW, Axis
 from rovid.trial.config import FILE_NAME
+from rovid.trial.cutting import Exclusion
 from rovid.trial.log_files import Join
 from rovid.trial.tables import read_curve
-from rovid.trial.trial import Exclusion
 from rovid.trial.vehicle import ThrustCurve
 from rovid.trial.vehicle_presets import VehiclePreset, load_preset
 

@@ -12,25 +12,32 @@ together with the heading.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
-from rovid.core.array_types import BoolArray, FloatArray, IntArray
+from rovid.core.array_types import FloatArray, IntArray
 from rovid.core.errors import LogError
-from rovid.readers.cleaning import ANGLE, DISTANCE, SPEED_KIND, TURNING, Kind, clean, gap_limit
-from rovid.readers.raw_log import Channel, RawLog, subsampled_median
-from rovid.readers.timestamps import is_plausible, make_monotonic
+from rovid.faults.base import ClockData, CommandData, SignalData, Stage, TrialData, examine
+from rovid.faults.catalogue import fault_kinds
+from rovid.readers.cleaning import ANGLE, DISTANCE, SPEED_KIND, TURN, TURNING, Kind, clean
+from rovid.readers.raw_log import ANGLES, Channel, RawLog
+from rovid.readers.time_base import TimeBase, TimedSeries
+from rovid.readers.timestamps import make_monotonic
 from rovid.readers.unit_checks import gyro_confirms_unit, refuse_wrong_heading
+from rovid.signals.intervals import subsampled_median
 from rovid.trial.axis import YAW
 from rovid.trial.config import Config
+from rovid.trial.fault import Fault
 from rovid.trial.trial import Remark, Trial
+from rovid.trial.vehicle import Thruster
 
 _TILTS = ("roll", "pitch")
+_Data = TypeVar("_Data", ClockData, SignalData, CommandData, TrialData)
 _MIN_READINGS = 10
 # s; median intervals outside these limits show no dynamics: the unit of time is probably wrong.
 _MAX_INTERVAL, _MIN_INTERVAL = 10.0, 2e-4
@@ -39,104 +46,6 @@ _LATE_START = 1.0
 # A command logged regularly (90th percentile of its intervals within _REGULAR medians) that then stays silent for this
 # many s and medians is remarked upon.
 _STALE_SECONDS, _STALE_INTERVALS, _REGULAR = 5.0, 10.0, 3.0
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class TimedSeries:
-    """One signal in order of time."""
-
-    time: FloatArray  #: (m,) s, strictly increasing. Signals of one clock share the array itself, which saves searches.
-    values: FloatArray  #: (m,) in SI or the unit of the command; NaN where missing.
-
-    @cached_property
-    def is_known(self) -> BoolArray:
-        """(m,) where the value is not missing."""
-        return is_plausible(self.values)
-
-    @cached_property
-    def missing(self) -> int:
-        """Number of missing samples."""
-        return len(self.is_known) - int(np.count_nonzero(self.is_known))
-
-    @cached_property
-    def known_time(self) -> FloatArray:
-        """(k,) s of the known values; ``time`` itself if none is missing."""
-        return self.time[self.is_known] if self.missing else self.time
-
-    @cached_property
-    def known(self) -> FloatArray:
-        """(k,) known values."""
-        return self.values[self.is_known] if self.missing else self.values
-
-    @cached_property
-    def held(self) -> FloatArray:
-        """(m,) last known value; NaN before the first."""
-        if not self.missing:
-            return self.values
-        last = np.maximum.accumulate(np.where(self.is_known, np.arange(len(self.is_known)), -1))
-        return np.where(last < 0, np.nan, self.values[last])
-
-    @cached_property
-    def changed(self) -> BoolArray:
-        """(m,) where the held value differs from the one before."""
-        return np.concatenate(([False], np.diff(self.held) != 0.0))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class TimeBase:
-    """The (n,) instants ``time`` of a trial in s; if all lie on one ``clock``, ``rows`` are their samples there."""
-
-    time: FloatArray
-    clock: FloatArray | None = None
-    rows: BoolArray | slice = field(default_factory=lambda: slice(None))
-
-    @classmethod
-    def union(cls, position: TimedSeries, commands: Sequence[TimedSeries], begin: float, end: float) -> TimeBase:
-        """Instants from ``begin`` to ``end`` (s) at which the position was measured or a command changed."""
-        if all(command.time is position.time for command in commands):
-            first, last = np.searchsorted(position.time, (begin, end)).tolist()
-            rows: BoolArray | slice = slice(first, last + 1)
-            if position.missing:
-                rows = position.is_known.copy()
-                for command in commands:
-                    rows |= command.changed
-                rows[:first] = rows[last + 1 :] = False
-            return cls(time=position.time[rows], clock=position.time, rows=rows)
-        measured = position.known_time[(position.known_time >= begin) & (position.known_time <= end)]
-        changes = [command.time[command.changed] for command in commands]
-        inside = [times[(times > begin) & (times < end)] for times in changes]
-        times = np.sort(np.concatenate([measured, *inside]), kind="stable")  # Merges sorted runs; unique would not.
-        # Instants that are distinct to the precision of a float.
-        return cls(time=times[np.diff(times - times[0], prepend=-1.0) > 0.0])
-
-    def hold(self, series: TimedSeries) -> FloatArray:
-        """(n,) last value known at or before each instant; NaN before the first."""
-        if series.time is self.clock:
-            return series.held[self.rows]
-        if not series.known_time.size:
-            return np.full(len(self.time), np.nan)
-        at = np.searchsorted(series.known_time, self.time, side="right") - 1
-        return np.where(at < 0, np.nan, series.known[at])
-
-    def match(self, series: TimedSeries) -> FloatArray:
-        """(n,) value measured at each instant; NaN where there is none."""
-        if series.time is self.clock:
-            return series.values[self.rows]
-        at = np.minimum(np.searchsorted(series.known_time, self.time), len(series.known_time) - 1)
-        return np.where(series.known_time[at] == self.time, series.known[at], np.nan)
-
-    def interpolate(self, series: TimedSeries, *, angle: bool) -> FloatArray:
-        """(n,) linear interpolation, along the shorter arc for an ``angle``; NaN in gaps and outside the series."""
-        if series.time is self.clock and not series.missing:
-            return series.values[self.rows]
-        stamps = series.known_time
-        known = np.unwrap(series.known) if angle else series.known
-        after = np.minimum(np.searchsorted(stamps, self.time), len(stamps) - 1)
-        before = np.maximum(after - 1, 0)
-        exact = stamps[after] == self.time
-        inside = (stamps[before] <= self.time) & (self.time <= stamps[after])
-        near = stamps[after] - stamps[before] <= gap_limit(np.diff(stamps))
-        return np.where(exact | (inside & near), np.interp(self.time, stamps, known), np.nan)
 
 
 def build(raw: RawLog, config: Config, path: Path, name: str) -> Trial:
@@ -156,11 +65,20 @@ class _Builder:
         self.measured_words = config.measured_signal.replace("_", " ")
         self.rate_only = config.measured_signal == self.axis.rate_signal
         self.remarks = list(raw.remarks)
+        self.faults: list[Fault] = list(raw.faults)
+        self.cuts: list[float] = []  # s on the clocks of the log.
+        self.unknown: list[tuple[float, float]] = []
         kinds = {(True, True): TURNING, (True, False): SPEED_KIND, (False, True): ANGLE, (False, False): DISTANCE}
         self.kind: Kind = kinds[self.rate_only, self.axis.angular]
 
     def remark(self, kind: str, count: int, text: str) -> None:
         self.remarks.append(Remark(kind=kind, count=count, text=text))
+
+    def examined(self, stage: Stage, data: _Data) -> _Data:
+        """``data`` of this ``stage`` with the remedies of its faults."""
+        data, faults = examine(fault_kinds(stage), data, self.config.faults)
+        self.faults += faults
+        return data
 
     def error(self, text: str, mend: str) -> LogError:
         return LogError(text, where=self.name, mend=mend)
@@ -169,7 +87,10 @@ class _Builder:
         axis, measured_signal = self.axis, self.measured_signal
         series = self.ordered()
         measured = self.cleaned(series[measured_signal])
-        commands = [self.command(signal.name, series[signal.name]) for signal in self.config.commands]
+        commands = [
+            self.command(signal.name, series[signal.name], thruster, measured)
+            for signal, thruster in zip(self.config.commands, self.config.vehicle.thrusters, strict=True)
+        ]
         base = TimeBase.union(measured, commands, *self.span(measured, commands))
         position = base.match(measured)
         fixes = axis.fix_signals if measured_signal in axis.fix_signals else ()
@@ -196,6 +117,7 @@ class _Builder:
                     self.remark("missing", series[key].missing, text)
                 extras[key] = base.hold(series[key])
         held = np.array([base.hold(command) for command in commands])
+        start = float(base.time[0])
         trial = Trial(
             name=self.name,
             path=self.path,
@@ -205,6 +127,8 @@ class _Builder:
             commands=held.reshape(len(commands), len(base.time)).T,
             extras=extras,
             remarks=tuple(self.remarks),
+            cuts=tuple(sorted(cut - start for cut in self.cuts)),
+            unknown=tuple(sorted((begin - start, end - start) for begin, end in self.unknown)),
             rate=rate,
             roll=continuous.get("roll"),
             pitch=continuous.get("pitch"),
@@ -213,6 +137,8 @@ class _Builder:
             start_epoch=None if self.raw.epoch is None else self.raw.epoch + float(base.time[0]),
             companion_files=self.raw.companion_files,
         )
+        trial = self.examined("trial", TrialData(trial=trial, vehicle=self.config.vehicle)).trial
+        trial = replace(trial, faults=tuple(self.faults))
         if not fixes:
             return trial
         # A position on the map is none along the body before the heading is known, too.
@@ -227,16 +153,33 @@ class _Builder:
 
     def one_clock(self, channels: Mapping[str, Channel]) -> Iterator[tuple[str, TimedSeries]]:
         first = next(iter(channels))
-        time, ordered, remarks = make_monotonic(
-            channels[first].time,
-            {name: channel.values for name, channel in channels.items()},
+        signals = {**self.config.signals, **{command.name: command for command in self.config.commands}}
+        periods = {}
+        for name, channel in channels.items():
+            if name in ANGLES:
+                periods[name] = TURN if channel.radians else TURN / abs(signals[name].factor)
+        data = ClockData(
+            log=self.name,
             clock=channels[first].clock,
-            place=lambda index: self.raw.place(first, index),
+            time=channels[first].time,
+            rows=np.arange(len(channels[first].time)),
+            values={name: channel.values for name, channel in channels.items()},
+            periods=periods,
+            measured=self.measured_signal,
+            sortable=self.raw.sortable,
+        )
+        data = self.examined("clock", data)
+        self.cuts += data.cuts
+        self.unknown += data.unknown
+        time, ordered, remarks = make_monotonic(
+            data.time,
+            data.values,
+            clock=data.clock,
+            place=lambda index: self.raw.place(first, int(data.rows[index])),
             sortable=self.raw.sortable,
             where=self.name,
         )
         self.remarks += remarks
-        signals = {**self.config.signals, **{command.name: command for command in self.config.commands}}
         for name, values in ordered.items():
             factor = signals[name].factor
             if channels[name].radians:
@@ -254,14 +197,23 @@ class _Builder:
         if known.min() == known.max():
             text = f"{source} never changes: the sensor was frozen, or this is not the {self.measured_words}."
             raise self.error(text, mend)
-        position, remarks = clean(logged.known_time, known, self.kind, self.measured_words)
+        signal = SignalData(
+            log=self.name,
+            name=self.measured_words,
+            time=logged.known_time,
+            values=known,
+            period=self.kind.turn,
+            unit=self.axis.unit("rad/s" if self.rate_only else "rad"),
+        )
+        signal = self.examined("signal", signal)
+        position, remarks = clean(signal.time, signal.values, self.kind, self.measured_words)
         self.remark_missing(self.measured_signal, logged)
         self.remarks += remarks
         self.check_interval(logged.known_time)
-        if not logged.missing:
+        if len(position) == len(logged.time):
             return TimedSeries(time=logged.time, values=position)
         values = np.full(len(logged.time), np.nan)
-        values[logged.is_known] = position
+        values[np.searchsorted(logged.time, signal.time)] = position
         return TimedSeries(time=logged.time, values=values)
 
     def remark_missing(self, name: str, logged: TimedSeries, consequence: str = "") -> None:
@@ -282,8 +234,22 @@ class _Builder:
             'Set unit = "s", "ms", "us" or "ns" in [signals] time.',
         )
 
-    def command(self, name: str, logged: TimedSeries) -> TimedSeries:
+    def command(self, name: str, logged: TimedSeries, thruster: Thruster, measured: TimedSeries) -> TimedSeries:
         """The command, which must be known at least once."""
+        data = CommandData(
+            log=self.name,
+            name=thruster.name,
+            time=logged.time,
+            values=logged.values,
+            thruster=None if thruster.curve is None else thruster,
+            begin=float(measured.known_time[0]),
+            end=float(measured.known_time[-1]),
+            sparse=self.raw.sparse,
+        )
+        data = self.examined("command", data)
+        self.unknown += data.unknown
+        if data.values is not logged.values:
+            logged = TimedSeries(time=logged.time, values=data.values)
         if not logged.known.size:
             text = f"{self.raw.channels[name].source} ({name}) holds no number."
             raise self.error(text, "Map the column or topic that holds the command, or leave this log out.")
@@ -324,7 +290,7 @@ class _Builder:
         self.remark_missing(name, logged)
         if not logged.known.size:
             return None
-        return base.interpolate(logged, angle=name in (*_TILTS, "heading"))
+        return base.interpolate(logged, angle=name in ANGLES)
 
     def is_frozen(self, time: FloatArray, rate: FloatArray, position: FloatArray) -> bool:
         """Whether a rate is constant while the position departs from its integral."""

@@ -12,13 +12,11 @@ from functools import cached_property
 import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
-from rovid.readers.raw_log import subsampled_median
+from rovid.signals.intervals import gap_limit, subsampled_median
 from rovid.trial.trial import Remark
 
 TURN = 2.0 * np.pi
 _DEG = np.pi / 180.0
-# A gap is longer than this many median intervals, and than this many s.
-_GAP_INTERVALS, _GAP_SECONDS = 5.0, 0.5
 # A spike deviates by this many robust standard deviations, over at most this many samples; close spikes hide each
 # other, so the search is repeated this often.
 _SPIKE_SIGMAS, _MAX_SPIKE_LENGTH, _MORE_ROUNDS = 6.0, 3, 2
@@ -58,11 +56,6 @@ ANGLE = Kind(turn=TURN, spike=0.5 * _DEG, swing=(40.0 * _DEG, 2), jump=20.0 * _D
 DISTANCE = Kind(turn=np.inf, spike=0.03, swing=(1.0, 2), jump=1.0)
 TURNING = Kind(turn=np.inf, spike=1.0 * _DEG, swing=(160.0 * _DEG, 1), jump=60.0 * _DEG)
 SPEED_KIND = Kind(turn=np.inf, spike=0.03, swing=(4.0, 1), jump=1.0)
-
-
-def gap_limit(intervals: FloatArray) -> float:
-    """Longest interval in s that is no gap, for samples ``intervals`` apart."""
-    return max(_GAP_INTERVALS * subsampled_median(intervals), _GAP_SECONDS)
 
 
 class _Samples:

@@ -18,6 +18,7 @@ from rovid.core.array_types import FloatArray
 from rovid.core.errors import ConfigError, LogError, suggestion
 from rovid.readers.timestamps import to_seconds
 from rovid.trial.config import Config
+from rovid.trial.fault import Fault
 from rovid.trial.signal_names import Signal
 from rovid.trial.trial import Remark
 
@@ -45,7 +46,9 @@ class RawLog:
 
     channels: Mapping[str, Channel]  #: Signal name -> channel.
     place: Callable[[str, int], str]  #: (signal, index of a sample) -> "line 17" or "message 16", for messages.
-    remarks: tuple[Remark, ...] = ()  #: Faults of the file itself.
+    remarks: tuple[Remark, ...] = ()  #: Remarks on the file itself.
+    faults: tuple[Fault, ...] = ()  #: Faults that the file itself states, as a reset of the heading.
+    sparse: bool = False  #: Fields of a message may be absent, as in JSON and protobuf.
     sortable: bool = False  #: The format may store messages slightly out of order: they are sorted.
     epoch: float | None = None  #: s since 1970 at the channels' time zero; None where unknown.
     companion_files: tuple[Path, ...] = ()  #: Further files that channels come from.
@@ -119,13 +122,6 @@ class FilePart(io.RawIOBase):
         self._at += len(data)
         buffer[: len(data)] = data
         return len(data)
-
-
-def subsampled_median(values: FloatArray) -> float:
-    """Median of at most about ten thousand evenly picked ``values``, for thresholds; NaN for none."""
-    if not values.size:
-        return float("nan")
-    return float(np.median(values[:: len(values) // 10_000 + 1]))
 
 
 def euler(quaternions: FloatArray, signal: str) -> FloatArray:

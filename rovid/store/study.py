@@ -11,21 +11,22 @@ from typing import TypeVar
 
 import numpy as np
 
-from rovid.core.errors import ConfigError, DataError, suggestion
+from rovid.core.errors import ConfigError, DataError, LogError, suggestion
 from rovid.core.signatures import PLAN
 from rovid.core.toml import read_toml
-from rovid.design.candidate_runs import RunLimits
-from rovid.design.experiment_design import ExperimentPlan, candidate_model, plan_experiment, require_thrusters
 from rovid.diagnose.result import Diagnosis, Finding, ModelAssessment
 from rovid.diagnose.tables import TableDiagnosis, diagnose_tables
 from rovid.effects import Effect, forms_for
 from rovid.effects.per_trial import trials_in_form
+from rovid.estimate.candidate_runs import RunLimits
 from rovid.estimate.estimate import Estimate
+from rovid.estimate.experiment_design import ExperimentPlan, candidate_model, plan_experiment, require_thrusters
 from rovid.estimate.inertia import InertiaFit, fit_inertia, fit_inertia_table, rigid_body_warnings
 from rovid.estimate.instrumental_variables import Regression
 from rovid.estimate.maximum_likelihood import LikelihoodFit, fit_likelihood
 from rovid.estimate.steady_drag import DragFit, fit_drag
 from rovid.estimate.steady_points import points_from_table, steady_points
+from rovid.faults.catalogue import examine_runs
 from rovid.readers import read_campaign
 from rovid.readers.campaign import TrialReader
 from rovid.readers.discover import candidate_files
@@ -34,6 +35,7 @@ from rovid.store.parameter_file import Provenance, Source, absolute_paths, read_
 from rovid.trial.axis import YAW, Axis
 from rovid.trial.config import find_config, load_config, vehicle_without_thrusters
 from rovid.trial.config_fingerprint import ConfigFingerprint
+from rovid.trial.fault import Fault, fault_texts, stopping
 from rovid.trial.tables import SINE_COLUMNS, STEADY_COLUMNS, find_table, read_table
 from rovid.trial.trial import Campaign, merged_remarks
 from rovid.trial.vehicle import Vehicle
@@ -55,6 +57,7 @@ class Study:
     #: ``steady``, ``sine``: tables of steady states and of sine trials; None for logs, or if there is no such table.
     steady: Path | None = None
     sine: Path | None = None
+    faults: tuple[Fault, ...] = ()  #: Faults of the logs, with their remedies.
     #: Fingerprint of the rovid.toml that the logs were read with.
     settings: ConfigFingerprint = field(default_factory=ConfigFingerprint)
 
@@ -88,7 +91,19 @@ class Study:
         if self.campaign is None or self.runs is None:
             return []
         remarks = [remark.text for remark in (*self.campaign.remarks, *self.runs.remarks)]
-        return [*merged_remarks(self.campaign.trials), *remarks]
+        return [*fault_texts(self.faults), *merged_remarks(self.campaign.trials), *remarks]
+
+    def require_sound(self) -> None:
+        """Refuse logs with a fault that no fit survives.
+
+        Raises
+        ------
+        LogError
+            There is such a fault.
+        """
+        for fault in stopping(self.faults):
+            mend = f'Correct it, or set {fault.fault} = "keep" in [faults] of rovid.toml.'
+            raise LogError(fault.text, where="", mend=mend)
 
     def drag(self) -> DragFit:
         """Drag from steady turns.
@@ -240,7 +255,9 @@ class Study:
         acting = torque[torque > 0.0]
         return float(np.median(acting)) if acting.size else None
 
-    def diagnosis(self, report: Callable[[str], None] = lambda _: None, *, drag: Estimate | None = None) -> Diagnosis:
+    def diagnosis(
+        self, report: Callable[[str], None] = lambda _: None, *, drag: Estimate | None = None, force: bool = False
+    ) -> Diagnosis:
         """Errors of the simulation and their causes.
 
         Parameters
@@ -249,6 +266,8 @@ class Study:
             Called with progress messages.
         drag
             Drag of the model if there are only tables of sine trials.
+        force
+            Diagnose logs with a fault that no fit survives, too.
 
         Raises
         ------
@@ -258,6 +277,8 @@ class Study:
         if self.runs is None:
             from_tables = self.amplitudes(drag)
             return Diagnosis(verdict="too_little_data", missing=from_tables.missing, from_tables=from_tables)
+        if stopping(self.faults) and not force:
+            return Diagnosis(verdict="bad_logs", missing=" ".join(fault_texts(stopping(self.faults))))
         from rovid.diagnose.algorithm import diagnose
 
         diagnosis = diagnose(self.runs, self.vehicle, report)
@@ -342,5 +363,15 @@ def open_study(
     config = load_config(find_config(paths), axis)
     campaign = read_campaign(paths, config, reading=reading, without=without)
     vehicle = config.vehicle.with_logged_torque(campaign.trials)
+    if stopping(campaign.faults):
+        vehicle = vehicle.clamped()  # Commands of another unit than the curve are outside it.
     runs = prepare(campaign, vehicle, cutoff=cutoff)
-    return Study(paths=tuple(paths), vehicle=vehicle, campaign=campaign, runs=runs, settings=config.fingerprint)
+    items, faults = examine_runs(runs.items, vehicle, config.faults)
+    return Study(
+        paths=tuple(paths),
+        vehicle=vehicle,
+        campaign=campaign,
+        runs=replace(runs, items=items),
+        faults=(*campaign.faults, *faults),
+        settings=config.fingerprint,
+    )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +14,11 @@ from rovid.core.toml import expected_number, read_toml
 from rovid.core.transaction import recover
 from rovid.trial.axis import AXES, YAW, Axis, other_axes
 from rovid.trial.config_fingerprint import ConfigFingerprint, config_fingerprint
+from rovid.trial.cutting import Exclusion
+from rovid.trial.fault import FAULT_IDS, FaultOverrides
 from rovid.trial.log_files import KINDS, Join
 from rovid.trial.signal_names import ANGLE_UNITS, DEFAULT_UNIT, SIGNAL_UNITS, STANDARD_SOURCES, TIME_UNITS, Signal
 from rovid.trial.tables import read_curve
-from rovid.trial.trial import Exclusion
 from rovid.trial.vehicle import Thruster, Vehicle
 
 FILE_NAME = "rovid.toml"
@@ -47,6 +48,7 @@ class Config:
     measured_signal: str = "heading"
     exclusions: tuple[Exclusion, ...] = ()
     join: Join | None = None
+    faults: FaultOverrides = field(default_factory=FaultOverrides)  #: Faults of logs whose remedy the user rejects.
 
     @property
     def axis(self) -> Axis:
@@ -69,6 +71,8 @@ class Config:
         commands = {signal.name.replace(".", " of ", 1): str(signal) for signal in self.commands}
         if self.join is not None:
             signals["joined files"] = str(self.join)
+        if self.faults.kept:
+            signals["faults kept"] = str(self.faults)
         for exclusion in self.exclusions:
             earlier = signals.get(f"left out of {exclusion.log}")
             signals[f"left out of {exclusion.log}"] = f"{earlier}, {exclusion}" if earlier else str(exclusion)
@@ -198,7 +202,7 @@ class _Parser:
     # --- tables ------------------------------------------------------------------------------------------
 
     def config(self, document: Mapping[str, Any]) -> Config:
-        self.require_known(document, ("vehicle", "thrusters", "signals", "leave_out", "join"), "top level")
+        self.require_known(document, ("vehicle", "thrusters", "signals", "leave_out", "join", "faults"), "top level")
         signals = {}
         for name, value in self.table(document, "signals").items():
             signals[self.name(name, f"[signals] {name}")] = self.signal(name, value, f"[signals] {name}")
@@ -217,6 +221,7 @@ class _Parser:
             measured_signal=measured_signal,
             exclusions=tuple(self.exclusions(document)),
             join=self.join(self.table(document, "join")),
+            faults=self.faults(self.table(document, "faults")),
         )
 
     def vehicle(self, table: Mapping[str, Any], thrusters: tuple[Thruster, ...]) -> Vehicle:
@@ -355,6 +360,16 @@ class _Parser:
             clocks[part] = next(iter(signal.sources.values()), ""), signal.unit
         offset, drift = (self.clock_corrections(table, key, parts) for key in ("offset", "drift"))
         return Join(parts=tuple(parts), offset=offset, drift=drift, time=clocks)
+
+    def faults(self, table: Mapping[str, Any]) -> FaultOverrides:
+        self.require_known(table, FAULT_IDS, "[faults]")
+        kept = {}
+        for fault, value in table.items():
+            logs = ["*"] if value == "keep" else value
+            if not isinstance(logs, list) or not all(isinstance(log, str) for log in logs):
+                raise self.error(f"[faults] {fault}", f'is {value!r}; "keep" or a list of logs was expected.')
+            kept[fault] = tuple(logs)
+        return FaultOverrides(kept=kept)
 
     def clock_corrections(self, table: Mapping[str, Any], key: str, parts: Sequence[str]) -> dict[str, float]:
         """Numbers by part, or by file name or pattern, which has a dot, a star or a slash in it."""

@@ -15,10 +15,7 @@ from numpy.typing import ArrayLike
 
 from rovid.core.array_types import BoolArray, FloatArray
 from rovid.trial.axis import YAW, Axis
-from rovid.trial.log_files import is_called
-
-# Measured positions that a part of a log needs to be kept.
-_MIN_READINGS = 10
+from rovid.trial.fault import Fault
 
 
 def read_only(values: ArrayLike) -> FloatArray:
@@ -69,7 +66,11 @@ class Trial:
     extras: Mapping[str, FloatArray] = field(default_factory=dict)
     #: Median of each further channel over the whole campaign.
     reference: Mapping[str, float] = field(default_factory=dict)
-    remarks: tuple[Remark, ...] = ()  #: Faults found by the reader.
+    remarks: tuple[Remark, ...] = ()  #: Remarks of the reader.
+    faults: tuple[Fault, ...] = ()  #: Faults of the log, with their remedies.
+    cuts: tuple[float, ...] = ()  #: s, instants at which the log is still to be cut.
+    #: s, intervals within which the commands are unknown, still to be treated.
+    unknown: tuple[tuple[float, float], ...] = ()
     axis: Axis = YAW
     rate_only: bool = False  #: Only the rate was measured; ``position`` is its integral.
     start_epoch: float | None = None  #: s since 1970 at time 0; None where the log has no absolute time.
@@ -78,7 +79,7 @@ class Trial:
     companion_files: tuple[Path, ...] = ()  #: Further files of the trial.
 
     def __post_init__(self) -> None:
-        for name, values in self._arrays().items():
+        for name, values in self.arrays().items():
             object.__setattr__(self, name, read_only(values))
         extras = {name: read_only(values) for name, values in self.extras.items()}
         object.__setattr__(self, "extras", MappingProxyType(extras))
@@ -108,15 +109,15 @@ class Trial:
             reference=channels,
         )
 
-    def _arrays(self) -> dict[str, Any]:
-        """The arrays by field."""
+    def arrays(self) -> dict[str, Any]:
+        """The arrays by field, without the further channels."""
         values = {item.name: getattr(self, item.name) for item in fields(self)}
         return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
 
     def part(self, rows: slice, name: str) -> Self:
         """The ``rows`` as a trial of its own, with time from 0."""
         start = float(self.time[rows][0])
-        cut = {field_name: values[rows] for field_name, values in self._arrays().items()}
+        cut = {field_name: values[rows] for field_name, values in self.arrays().items()}
         cut["time"] = cut["time"] - start
         return replace(
             self,
@@ -126,6 +127,8 @@ class Trial:
             extras={channel: values[rows] for channel, values in self.extras.items()},
             start_epoch=None if self.start_epoch is None else self.start_epoch + start,
             campaign_time=self.campaign_time + start,
+            cuts=tuple(cut - start for cut in self.cuts),
+            unknown=tuple((begin - start, end - start) for begin, end in self.unknown),
         )
 
     @property
@@ -190,60 +193,12 @@ class Campaign:
     trials: tuple[Trial, ...]
     sources: tuple[Path, ...]
     remarks: tuple[Remark, ...] = ()
+    faults: tuple[Fault, ...] = ()  #: All faults of the logs, in the order of the logs.
 
     @property
     def samples(self) -> int:
         """Number of measured positions."""
         return int(sum(trial.measured.sum() for trial in self.trials))
-
-
-@dataclass(frozen=True, kw_only=True)
-class Exclusion:
-    """An interval of a log that rovid.toml excludes: a caught tether, a hand on the vehicle."""
-
-    log: str  #: Name of the log, or a pattern such as "hold_*.csv".
-    #: ``begin``, ``end``: s from the beginning of the log.
-    begin: float = 0.0
-    end: float = np.inf
-    reason: str = ""  #: Text for people; may be empty.
-
-    def __str__(self) -> str:
-        """The interval, as "12 to 30.5 s"."""
-        if np.isfinite(self.end):
-            return f"{self.begin:g} to {self.end:g} s"
-        if self.begin > 0.0:
-            return f"all from {self.begin:g} s on"
-        return "all of it"
-
-    def applies_to(self, name: str) -> bool:
-        """Whether the log ``name`` is meant, with or without its folder."""
-        return is_called(name, self.log)
-
-
-def apply_exclusions(trial: Trial, exclusions: Sequence[Exclusion]) -> list[Trial]:
-    """The rest of ``trial``: one trial for each interval between exclusions; none if all is excluded."""
-    own = [exclusion for exclusion in exclusions if exclusion.applies_to(trial.name)]
-    if not own:
-        return [trial]
-    excluded = np.zeros(len(trial.time), dtype=bool)
-    remarks = list(trial.remarks)
-    for exclusion in own:
-        covered = (exclusion.begin <= trial.time) & (trial.time <= exclusion.end)
-        excluded |= covered
-        reason = f": {exclusion.reason.rstrip('.')}." if exclusion.reason else ", as rovid.toml says."
-        text = f"Left out, {exclusion}{reason}"
-        remarks.append(Remark(kind="left out", count=int(covered.sum()), text=text))
-    edges = np.flatnonzero(np.diff(np.concatenate(([True], excluded, [True])).astype(int))).reshape(-1, 2)
-    kept = [slice(first, end) for first, end in edges.tolist() if trial.measured[first:end].sum() >= _MIN_READINGS]
-    if len(kept) == 1:
-        return [replace(trial.part(kept[0], trial.name), remarks=tuple(remarks))]
-    parts: list[Trial] = []
-    for rows in kept:
-        span = trial.time[rows]
-        part = trial.part(rows, f"{trial.name}, {span[0]:.1f} to {span[-1]:.1f} s")
-        # The first part carries the remarks.
-        parts.append(replace(part, remarks=() if parts else tuple(remarks)))
-    return parts
 
 
 # A number on its own: the only difference that two remarks on the same fault may have.

@@ -152,6 +152,10 @@ class Vehicle:
             thrusters.append(thruster if known else replace(thruster, max_logged_torque=torque or 1.0))
         return replace(self, thrusters=tuple(thrusters))
 
+    def clamped(self) -> Self:
+        """The vehicle whose commands outside the bench curves give the curves' end values."""
+        return replace(self, thrusters=tuple(replace(thruster, clamp=True) for thruster in self.thrusters))
+
     def thrust(self, commands: FloatArray) -> FloatArray:
         """(n, k) thrust in N for (n, k) commands; the torque itself for a logged torque."""
         thrust = np.empty_like(commands)

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rovid.core.errors import ConfigError, DataError, OutputError, RovidError
-from rovid.design.candidate_runs import RunLimits
-from rovid.design.experiment_design import ExperimentPlan, candidate_model, plan_experiment
 from rovid.diagnose.result import Diagnosis, next_experiment
 from rovid.effects import Effect
+from rovid.estimate.candidate_runs import RunLimits
 from rovid.estimate.estimate import Estimate
+from rovid.estimate.experiment_design import ExperimentPlan, candidate_model, plan_experiment
 from rovid.estimate.maximum_likelihood import LikelihoodFit
 from rovid.model.parameter_names import without_form
 from rovid.store.study import Study, open_study

@@ -61,7 +61,7 @@ def test_a_recording_in_two_formats_is_one_run(csv_day: Path, tmp_path: Path, ro
     once = kinds(rovid, tmp_path / "day")
     pd.read_csv(csv_day / "sine_20s.csv").iloc[::2].to_csv(tmp_path / "day" / "thinned.csv", index=False)
     document = rovid("check", "day", "--json").document
-    assert [remark["kind"] for remark in document["remarks"]] == ["repeated"]
+    assert [fault["fault"] for fault in document["faults"]] == ["same_run_twice"]
     assert {one["kind"]: one["text"] for one in document["advice"]} == once
 
 

@@ -14,7 +14,7 @@ from rovid.preflight.log_reading import read_logs
 from rovid.preflight.log_survey import CHOSEN, LogSurvey, SurveyOptions, UserOverrides, survey, survey_read_logs
 from rovid.preflight.raw_columns import SignalGuess
 from rovid.trial.config import load_config
-from rovid.trial.trial import Exclusion
+from rovid.trial.cutting import Exclusion
 from tests.app.conftest import logs_into
 
 TIME = np.arange(0.0, 200.0, 0.2)

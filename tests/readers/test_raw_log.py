@@ -18,10 +18,10 @@ from rovid.readers.raw_log import (
     required_time,
     select_instance,
     split_instance,
-    subsampled_median,
     wrong_format,
 )
 from rovid.readers.timestamps import is_plausible
+from rovid.signals.intervals import subsampled_median
 from rovid.trial.config import Config
 from rovid.trial.signal_names import Signal
 from rovid.trial.trial import Remark

@@ -13,7 +13,8 @@ import pytest
 from rovid.core.errors import ConfigError
 from rovid.trial.axis import AXES
 from rovid.trial.config import load_config
-from rovid.trial.trial import Exclusion, Remark, apply_exclusions, merged_remarks
+from rovid.trial.cutting import Exclusion, split
+from rovid.trial.trial import Remark, merged_remarks
 from tests.conftest import SAMPLES, Rovid
 from tests.synthetic import assert_same_trial, clock, trial
 from tests.trial.test_vehicle import CURVE
@@ -78,9 +79,7 @@ def test_what_was_noticed_in_many_trials_is_said_once() -> None:
 def test_what_is_between_two_stretches_is_a_trial_by_itself() -> None:
     time = clock(60.0)
     whole = trial(time, np.zeros(len(time)), 0.01 * time)
-    parts = apply_exclusions(
-        whole, [Exclusion(log="*", begin=10.0, end=20.0, reason="tether"), Exclusion(log="*", begin=50.0)]
-    )
+    parts = split(whole, [Exclusion(log="*", begin=10.0, end=20.0, reason="tether"), Exclusion(log="*", begin=50.0)])
     assert [(round(part.campaign_time + 1e-9, 1), round(part.duration)) for part in parts] == [(0.0, 10), (20.1, 30)]
     assert {part.parent for part in parts} == {whole.name}
     said = [remark.text for part in parts for remark in part.remarks if remark.kind == "left out"]
@@ -90,10 +89,10 @@ def test_what_is_between_two_stretches_is_a_trial_by_itself() -> None:
 def test_a_log_that_is_cut_at_its_ends_keeps_its_name() -> None:
     time = clock(60.0)
     whole = trial(time, np.zeros(len(time)), 0.01 * time)
-    (part,) = apply_exclusions(whole, [Exclusion(log=whole.name, end=5.0)])
+    (part,) = split(whole, [Exclusion(log=whole.name, end=5.0)])
     assert part.name == whole.name
-    assert apply_exclusions(whole, [Exclusion(log="other.csv")]) == [whole]
-    assert apply_exclusions(whole, [Exclusion(log="*")]) == []
+    assert split(whole, [Exclusion(log="other.csv")]) == [whole]
+    assert split(whole, [Exclusion(log="*")]) == []
 
 
 def day(folder: Path, text: str) -> Path:

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from rovid.core.errors import LogError, OutputError
-from rovid.design.experiment_design import ExperimentPlan
 from rovid.diagnose.result import Diagnosis
 from rovid.estimate.estimate import Estimate
+from rovid.estimate.experiment_design import ExperimentPlan
 from rovid.store.study import Study, open_study
 from rovid.trial.axis import YAW
 from rovid.watch import session as days

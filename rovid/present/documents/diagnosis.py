@@ -23,6 +23,7 @@ from rovid.present.documents.fits import (
     Document,
     all_warnings,
     axis_document,
+    fault_documents,
     guess_document,
     parameter_document,
     position_errors,
@@ -74,6 +75,7 @@ def diagnosis_document(diagnosis: Diagnosis, study: Study) -> Document:
     }
     if diagnosis.from_tables is not None:
         document["tables"] = _table_diagnosis(diagnosis.from_tables)
+    document["faults"] = fault_documents(study.faults)
     document["warnings"] = all_warnings(study.vehicle.assumptions, [*study.remarks(), *diagnosis.warnings])
     return document
 

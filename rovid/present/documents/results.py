@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from rovid.control.design import ClosedLoopResult, ControllerDesign
-from rovid.design.experiment_design import ExperimentPlan, commands_by_name
+from rovid.estimate.experiment_design import ExperimentPlan, commands_by_name
 from rovid.export.resimulation import Mismatch
 from rovid.export.run_export import VerifiedExport
 from rovid.model.simulation import FitMeasures, TrialSimulation, pooled_fit
@@ -21,6 +21,7 @@ from rovid.present.documents.fits import (
     Document,
     all_warnings,
     axis_document,
+    fault_documents,
     guess_document,
     position_errors,
     simulation_units,
@@ -222,6 +223,7 @@ def check_document(checked: LogCheck, vehicle: Vehicle) -> Document:
         "verdict": checked.verdict,
         "logs": [{"name": trial.name} | dict(facts) for trial, facts in checked.rows],
         "unreadable": [{"name": name, "problem": problem} for name, problem in checked.problems.items()],
+        "faults": fault_documents(checked.faults),
         "remarks": list(map(remark_document, checked.remarks)),
         "advice": list(map(vars, checked.advice)),
         "feedback": list(map(vars, checked.feedback)),

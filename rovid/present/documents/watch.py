@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 
-from rovid.design.experiment_design import commands_by_name
 from rovid.estimate.estimate import Estimate
+from rovid.estimate.experiment_design import commands_by_name
 from rovid.present.documents.diagnosis import diagnosis_document
 from rovid.present.documents.fits import Document, likelihood_document, parameter_document
 from rovid.watch.folder_monitor import Problem

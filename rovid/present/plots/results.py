@@ -15,8 +15,8 @@ from rovid.control.closed_loop import ClosedLoopRun
 from rovid.control.design import ControllerDesign
 from rovid.control.specs import paper_runs
 from rovid.core.array_types import FloatArray
-from rovid.design.experiment_design import ExperimentPlan
 from rovid.diagnose.result import Finding
+from rovid.estimate.experiment_design import ExperimentPlan
 from rovid.present.plots.canvas import (
     BLACK,
     BLUE,

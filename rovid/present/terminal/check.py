@@ -12,6 +12,7 @@ from rovid.preflight.check import LogCheck
 from rovid.present.console import print_labelled, print_text, show_warnings
 from rovid.present.number_format import format_number
 from rovid.present.tables.table import ResultTable, mixed_number_column, text_column
+from rovid.trial.fault import fault_texts
 from rovid.trial.trial import merged_remarks
 
 # Number of tasks before the tables.
@@ -50,6 +51,7 @@ def check_notes(checked: LogCheck) -> list[str]:
 
 def check_tasks(checked: LogCheck) -> Iterator[str]:
     """Tasks before a fit, the most serious first."""
+    yield from fault_texts(checked.faults)
     problems, bad = _merged_problems(checked.problems), len(checked.problems)
     count = f"{bad} of {bad + len(checked.rows)} logs cannot be used"
     if len(problems) == 1:

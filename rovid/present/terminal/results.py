@@ -11,8 +11,8 @@ import numpy as np
 from rich.console import Console
 
 from rovid.core.formatting import plus_minus, rounded
-from rovid.design.experiment_design import DECISIVE_LLR, ExperimentPlan
 from rovid.estimate.estimate import PER_INERTIA
+from rovid.estimate.experiment_design import DECISIVE_LLR, ExperimentPlan
 from rovid.estimate.free_decay import FreeDecay, Quantity, analyse_free_decay
 from rovid.estimate.inertia import InertiaFit
 from rovid.estimate.maximum_likelihood import LikelihoodFit

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from rovid.design.candidate_runs import CandidateRun
-from rovid.design.experiment_design import ExpectedInformation, ExperimentPlan
+from rovid.estimate.candidate_runs import CandidateRun
+from rovid.estimate.experiment_design import ExpectedInformation, ExperimentPlan
 from rovid.export.resimulation import Mismatch
 from rovid.export.run_export import ExportLoss, VerifiedExport
 from rovid.model.simulation import simulate_runs

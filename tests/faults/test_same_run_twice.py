@@ -72,7 +72,9 @@ def test_a_recording_given_twice_counts_once(case: str, tmp_path: Path, config: 
     (tmp_path / "dive.mcap").write_bytes(as_mcap(1))
     found = read_campaign([tmp_path], config)
     assert names(found) == [kept]
-    assert "the same recording" in said(found)
+    (fault,) = found.faults
+    assert (fault.fault, fault.remedy) == ("same_run_twice", "counted_once")
+    assert "is the same recording as" in fault.text
 
 
 @pytest.mark.parametrize("decimals", [2, 3, 6])
@@ -83,7 +85,8 @@ def test_the_same_run_repeated_is_not_the_same_recording(decimals: int, tmp_path
     (tmp_path / "hold_4.mcap").write_bytes(as_mcap(4))
     found = read_campaign([tmp_path], config)
     assert len(found.trials) == 4
-    assert found.remarks == ()
+    assert not found.remarks
+    assert not found.faults
 
 
 def test_two_rests_are_not_the_same_recording(tmp_path: Path, config: Config) -> None:

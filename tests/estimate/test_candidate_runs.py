@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rovid.design.candidate_runs import LEAD_SECONDS, RunScales, candidate_runs
+from rovid.estimate.candidate_runs import LEAD_SECONDS, RunScales, candidate_runs
 from rovid.model.model import Model
 from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
 from tests.synthetic import VEHICLE, clock, trial

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from rovid.core.errors import DataError
-from rovid.design.candidate_runs import CandidateRun, RunLimits
-from rovid.design.experiment_design import CandidateModel, ExpectedInformation, ExperimentPlan, command_csv, rank_runs
+from rovid.estimate.candidate_runs import CandidateRun, RunLimits
+from rovid.estimate.experiment_design import CandidateModel, ExpectedInformation, ExperimentPlan, command_csv, rank_runs
 from rovid.model.model import Model
 from tests.synthetic import ROSUB, VEHICLE, clock
 

@@ -12,7 +12,7 @@ from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
 from rovid.core.escaping import csv_line
 from rovid.core.threads import thread_map
-from rovid.design.candidate_runs import CandidateRun, RunLimits, RunScales, candidate_runs
+from rovid.estimate.candidate_runs import CandidateRun, RunLimits, RunScales, candidate_runs
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult
 from rovid.estimate.innovation_likelihood import InnovationLikelihood

@@ -1,1 +1,0 @@
-"""Experiment design: the run to make next."""

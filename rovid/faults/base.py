@@ -1,0 +1,145 @@
+"""A kind of fault: detector, remedy, and the data that detectors examine at each stage of reading.
+
+The stages, in order: ``clock`` (the readings of one clock, as logged), ``signal`` (one measured signal), ``command``
+(one command), ``trial`` (one log on one time base), ``campaign`` (all logs), ``runs`` (all logs with torque and rates).
+A detector gets the data of its stage and yields detections, each with a function that applies the remedy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Generic, Literal, Self, TypeVar
+
+from rovid.core.array_types import BoolArray, FloatArray, IntArray
+from rovid.signals.preprocessing import Run
+from rovid.trial.fault import Fault, FaultOverrides
+from rovid.trial.trial import Trial
+from rovid.trial.vehicle import Thruster, Vehicle
+
+Stage = Literal["clock", "signal", "command", "trial", "campaign", "runs"]
+Intervals = tuple[tuple[float, float], ...]
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ClockData:
+    """The readings of one clock in the order logged, before they are sorted."""
+
+    log: str  #: Name of the log.
+    clock: str  #: Time column or topic, for messages.
+    time: FloatArray  #: (n,) s; NaN where missing.
+    rows: IntArray  #: (n,) number of each reading in the file; a remedy that removes readings removes their rows.
+    values: Mapping[str, FloatArray]  #: Signal name -> (n,) as logged; NaN where missing.
+    #: Signal name -> period of an angle in the unit of ``values``; absent for other signals.
+    periods: Mapping[str, float] = field(default_factory=dict)
+    measured: str = "heading"  #: Name of the signal that measures the motion; it may be on another clock.
+    sortable: bool = False  #: Whether the format stores messages slightly out of order.
+    cuts: tuple[float, ...] = ()  #: s on the repaired clock, at which the log is to be cut.
+    unknown: Intervals = ()  #: s on the repaired clock, between which the commands are unknown.
+
+    @property
+    def commands(self) -> tuple[str, ...]:
+        """Names of the commands on this clock."""
+        return tuple(name for name in self.values if name.startswith("command."))
+
+    def select(self, kept: BoolArray) -> Self:
+        """The readings where the (n,) ``kept`` is true."""
+        values = {name: column[kept] for name, column in self.values.items()}
+        return replace(self, time=self.time[kept], rows=self.rows[kept], values=values)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SignalData:
+    """A measured signal in order of time."""
+
+    log: str
+    name: str  #: Name of the signal, as "heading".
+    time: FloatArray  #: (n,) s, strictly increasing.
+    values: FloatArray  #: (n,) in SI, angles wrapped as logged; finite.
+    period: float  #: 2 pi for an angle; infinite otherwise.
+    unit: str  #: SI unit, for messages.
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CommandData:
+    """A command in order of time."""
+
+    log: str
+    name: str  #: Name of the thruster, or "torque".
+    time: FloatArray  #: (n,) s, strictly increasing; instants of the command's messages or rows.
+    values: FloatArray  #: (n,) in the unit of the thrust curve; NaN where missing.
+    thruster: Thruster | None  #: None for a logged torque.
+    begin: float  #: ``begin``, ``end``: s, first and last instant of the measured motion.
+    end: float
+    #: Whether the format stores messages whose fields may be absent, as JSON and protobuf.
+    sparse: bool = False
+    unknown: Intervals = ()  #: s, between which the command is unknown.
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TrialData:
+    """One log on one time base; a remedy replaces ``trial``, mostly its ``cuts`` or its ``unknown`` intervals."""
+
+    trial: Trial
+    vehicle: Vehicle
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CampaignData:
+    """All trials of a campaign; a remedy removes some of them."""
+
+    trials: Sequence[Trial]
+    vehicle: Vehicle
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RunsData:
+    """All runs of a campaign, with torque and rates; a remedy removes some of them."""
+
+    runs: Sequence[Run]
+    vehicle: Vehicle
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Detection(Generic[T]):
+    """A fault that was found."""
+
+    #: The fault; its text says what was found: which log, when, how large.
+    fault: Fault
+    done: str = ""  #: Sentence on the remedy, for people.
+    repair: Callable[[T], T] = lambda data: data  #: Applies the remedy.
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FaultKind:
+    """One kind of fault, the unit of growth: one file, one line in the catalogue, one page of the documentation."""
+
+    id: str  #: Stable name, as in the JSON documents.
+    title: str
+    stage: Stage
+    detect: Callable[[Any], Iterable[Detection[Any]]]  #: From the data of the stage to the detections.
+    false_alarms: str  #: Rate at which undamaged logs show this fault, and its origin.
+
+
+def examine(kinds: Iterable[FaultKind], data: T, overrides: FaultOverrides) -> tuple[T, tuple[Fault, ...]]:
+    """``data`` after all remedies of these ``kinds``, in their order, and the faults that were found.
+
+    A fault that the user keeps is listed with the remedy "none" and stops nothing.
+    """
+    faults: list[Fault] = []
+    for kind in kinds:
+        for detection in tuple(kind.detect(data)):
+            fault, done = detection.fault, detection.done
+            if overrides.keep(fault):
+                fault, done = replace(fault, remedy="none", stops=False), "It was kept, as rovid.toml says."
+            else:
+                data = detection.repair(data)
+            faults.append(replace(fault, text=f"{fault.text} {done}".strip()))
+    return data, tuple(faults)
+
+
+def named(logs: Sequence[str], most: int = 5) -> str:
+    """The first of the names of ``logs``, and the number of the others."""
+    more = len(logs) - most
+    return ", ".join(logs[:most]) + (f" and {more} more" if more > 0 else "")

@@ -1,0 +1,30 @@
+"""The catalogue of log faults: one file a fault, named by its id in `rovid.trial.fault`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from importlib import import_module
+from importlib.util import find_spec
+
+from rovid.faults.base import FaultKind, RunsData, Stage, examine
+from rovid.signals.preprocessing import Run
+from rovid.trial.fault import FAULT_IDS, Fault, FaultOverrides
+from rovid.trial.vehicle import Vehicle
+
+
+def examine_runs(
+    runs: Sequence[Run], vehicle: Vehicle, overrides: FaultOverrides
+) -> tuple[tuple[Run, ...], tuple[Fault, ...]]:
+    """The runs that stay after the remedies, and the faults that torque and rates show."""
+    data, faults = examine(fault_kinds("runs"), RunsData(runs=runs, vehicle=vehicle), overrides)
+    return tuple(data.runs), faults
+
+
+@cache
+def fault_kinds(stage: Stage) -> tuple[FaultKind, ...]:
+    """Kinds of faults that are looked for at ``stage``."""
+    kinds: tuple[FaultKind, ...] = tuple(
+        import_module(f"rovid.faults.{name}").FAULT for name in FAULT_IDS if find_spec(f"rovid.faults.{name}")
+    )
+    return tuple(kind for kind in kinds if kind.stage == stage)

@@ -1,0 +1,81 @@
+"""A fault of the logs: the record that every reader, result and screen shares."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from rovid.trial.log_files import is_called
+
+# Ids of all faults, in the order in which they are listed; the files of `rovid.faults` have these names.
+FAULT_IDS = (
+    "wild_stamp",
+    "arrival_bursts",
+    "repeated_stamps",
+    "clock_step",
+    "lost_rows",
+    "two_sources",
+    "saturated_sensor",
+    "absent_zero",
+    "sentinel_command",
+    "stale_commands",
+    "heading_gaps",
+    "heading_step",
+    "several_releases",
+    "idle_ends",
+    "same_run_twice",
+    "unit_mismatch",
+    "clocks_apart",
+    "scaled_heading",
+    "no_response",
+    "foreign_log",
+    "thrust_unit",
+)
+
+Remedy = Literal["cut", "left_out", "unknown", "zero", "counted_once", "set_aside", "none"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fault:
+    """A fault of one log or of several, and its remedy."""
+
+    fault: str  #: Id in the catalogue `rovid.faults.catalogue`.
+    logs: tuple[str, ...]  #: Names of the logs.
+    text: str  #: Sentences for people: which log, when, how large, and the remedy that was applied.
+    at: tuple[float, ...] = ()  #: s from the beginning of the log; empty where the whole log is meant.
+    #: ``size``, ``standard_error``: in ``unit``; None where the fault has no size.
+    size: float | None = None
+    standard_error: float | None = None
+    unit: str = ""
+    confidence: float = 0.99  #: Probability that the fault is real.
+    remedy: Remedy = "none"  #: The applied remedy.
+    stops: bool = False  #: Whether no fit is valid before the fault is corrected.
+
+
+@dataclass(frozen=True, kw_only=True)
+class FaultOverrides:
+    """The [faults] table of rovid.toml: faults whose remedy the user rejects."""
+
+    #: Id -> names or patterns of the logs that stay as logged.
+    kept: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+
+    def keep(self, fault: Fault) -> bool:
+        """Whether the logs of ``fault`` stay as logged."""
+        patterns = self.kept.get(fault.fault, ())
+        return bool(patterns) and all(any(is_called(log, each) for each in patterns) for log in fault.logs)
+
+    def __str__(self) -> str:
+        """All settings that results depend on."""
+        return ", ".join(f"{fault} of {' and '.join(logs)}" for fault, logs in sorted(self.kept.items()))
+
+
+def fault_texts(faults: Iterable[Fault]) -> list[str]:
+    """Sentences on the ``faults``, those that stop a fit first; equal sentences once."""
+    ordered = sorted(faults, key=lambda fault: not fault.stops)
+    return list(dict.fromkeys(fault.text for fault in ordered))
+
+
+def stopping(faults: Iterable[Fault]) -> list[Fault]:
+    """The ``faults`` that no fit survives."""
+    return [fault for fault in faults if fault.stops]
