@@ -20,9 +20,9 @@ from rovid.estimate.restart_grid import HORIZONS
 from rovid.model.model import Model
 from rovid.model.simulation import HORIZONS as HORIZON_SECONDS
 from rovid.model.simulation import fit_measures, simulate_runs
-from rovid.signals.preprocessing import PreparedRuns, Run, prepare
+from rovid.signals.preprocessing import PreparedRuns, Run, prepare_trials
 from rovid.signals.rates import highest_cutoff
-from rovid.trial.trial import Campaign, Trial
+from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Vehicle
 
 
@@ -84,11 +84,10 @@ def split_runs(runs: Sequence[Run], vehicle: Vehicle, cutoff: float) -> Prepared
 def cv_pieces(runs: Sequence[Run], vehicle: Vehicle, cutoff: float) -> list[CvPiece]:
     """Pieces of ``runs`` for cross-validation: whole runs where these are many and short, parts of them otherwise."""
     parts = _cut_runs(runs, cutoff)
-    prepared = _prepare_parts(parts, vehicle, cutoff).items
-    pieces = []
-    for part, run in zip(parts, prepared, strict=True):
-        pieces.append(CvPiece(part.run_index, part.begin, part.end, run))
-    return pieces
+    # A part in which gaps leave too little for the filter has no run: no fold predicts it, and no fold is fitted to it.
+    prepared = {id(run.trial): run for run in _prepare_parts(parts, vehicle, cutoff).items}
+    known = [part for part in parts if id(part.trial) in prepared]
+    return [CvPiece(part.run_index, part.begin, part.end, prepared[id(part.trial)]) for part in known]
 
 
 def min_part_length(runs: Sequence[Run], cutoff: float) -> float:
@@ -130,7 +129,7 @@ class _Part:
 def _prepare_parts(parts: Sequence[_Part], vehicle: Vehicle, cutoff: float) -> PreparedRuns:
     trials = [part.trial for part in parts]
     common = min(cutoff, highest_cutoff(trials))
-    return prepare(Campaign(trials=tuple(trials), sources=()), vehicle, cutoff=common)
+    return prepare_trials(trials, vehicle, cutoff=common)
 
 
 def _cut_runs(runs: Sequence[Run], cutoff: float) -> list[_Part]:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rovid.core.array_types import FloatArray, IntArray
+from rovid.core.array_types import BoolArray, FloatArray, IntArray
 from rovid.core.lru_cache import SizedCache
 from rovid.estimate.dataset import FitData
 from rovid.estimate.input_cache import InputCache
@@ -25,6 +25,8 @@ _RATE_NOISE_FLOOR = 1e-5
 _RATE_ERROR = 0.2
 # Length of a block in s, and the least number of blocks.
 _BLOCK_SECONDS, _BLOCKS = 40.0, 12
+# Intervals between the filter's steps that a gap needs to be divided into steps; convention.
+_GAP_STEPS = 5.0
 # Bytes of cached angles that are corrected for the heading sensor's deviation.
 _CACHE_BYTES = 16_000_000
 # Largest number of log samples in a chunk of several runs; bounds the memory of a filter pass.
@@ -78,7 +80,7 @@ class InnovationData(FitData):
         """For each run, the (n,) sample numbers of the filter's steps; None for all samples."""
         if self.interval <= 0.0:
             return None
-        return [_thinned(run.trial.time, np.flatnonzero(run.trial.measured), self.interval) for run in self.runs]
+        return [_thinned(run.trial.time, run.trial.measured, self.interval) for run in self.runs]
 
     @cached_property
     def _runs(self) -> list[tuple[Run, IntArray | slice]]:
@@ -187,12 +189,24 @@ class InnovationData(FitData):
         return max(float(np.sqrt(np.nanmean(differences**2) / 6.0)), _RATE_NOISE_FLOOR)
 
 
-def _thinned(time: FloatArray, known: IntArray, interval: float) -> IntArray:
-    """The first of the ``known`` samples in each cell of a grid of ``interval`` s, and the last of all."""
-    cell = np.floor((time[known] - time[known[0]]) / interval + 1e-6)
-    first = np.concatenate(([True], cell[1:] != cell[:-1]))
+def _thinned(time: FloatArray, measured: BoolArray, interval: float) -> IntArray:
+    """The first measured sample in each cell of a grid of ``interval`` s, the last of all, and samples across gaps.
+
+    In a gap, the first sample of each cell is a step without a reading. A single step would take the mean torque of the
+    whole gap, and an effect that divides the step would explain the error of that mean.
+    """
+    known = np.flatnonzero(measured)
+    cell = np.floor((time - time[known[0]]) / interval + 1e-6)
+    first = np.concatenate(([True], cell[known][1:] != cell[known][:-1]))
     first[-1] = True
-    return np.asarray(known[first])
+    chosen = known[first]
+    usual = max(interval, float(np.median(np.diff(time[known])))) if len(known) > 1 else interval
+    for begin, end in pairwise(chosen.tolist()):
+        if time[end] - time[begin] > _GAP_STEPS * usual:
+            inside = np.arange(begin + 1, end)
+            fresh = (cell[inside] != cell[inside - 1]) & (cell[inside] != cell[begin]) & (cell[inside] != cell[end])
+            chosen = np.append(chosen, inside[fresh])
+    return np.sort(chosen)
 
 
 def _chunk_slices(lengths: Sequence[int]) -> list[slice]:

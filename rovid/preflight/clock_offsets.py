@@ -338,7 +338,8 @@ def _mean_square_residual(own: Sequence[Run], runs: PreparedRuns, shift: int) ->
     for run in own:
         count = len(run.filtered_torque)
         torque = np.full(count, np.nan)
-        torque[late : count - early] = run.filtered_torque[early : count - late]
+        if late + early < count:
+            torque[late : count - early] = run.filtered_torque[early : count - late]
         known = np.flatnonzero(run.rates.valid & np.isfinite(torque))[::stride]
         rate = run.rates.rate[known]
         plain = (run.rates.acceleration[known], np.abs(rate) * rate, rate, np.ones(len(rate)))

@@ -76,6 +76,22 @@ def prepare(campaign: Campaign, vehicle: Vehicle, *, cutoff: float | None = None
         The cut-off is too high for the sampling rate.
     """
     trials, remarks = _usable_trials(campaign.trials)
+    return prepare_trials(trials, vehicle, cutoff=cutoff, remarks=remarks)
+
+
+def prepare_trials(
+    trials: Sequence[Trial], vehicle: Vehicle, *, cutoff: float | None = None, remarks: Sequence[Remark] = ()
+) -> PreparedRuns:
+    """`prepare` of the ``trials`` as they are; each run keeps its trial. Trials too short for the filter are left out.
+
+    Raises
+    ------
+    DataError
+        No trial is long enough for the filter.
+    ConfigError
+        The cut-off is too high for the sampling rate.
+    """
+    remarks = list(remarks)
     shared = choose_cutoff(trials) if cutoff is None else cutoff
     highest = highest_cutoff(trials)
     if shared > highest * (1.0 + 1e-6):

@@ -214,8 +214,11 @@ def resample(trial: Trial, values: FloatArray, grid: FloatArray) -> FloatArray:
     out = np.interp(grid, time, measured, left=np.nan, right=np.nan)
     period = grid[1] - grid[0]
     limit = max(_BRIDGE_SAMPLES * period, _BRIDGE_SECONDS)
-    for k in np.flatnonzero(np.diff(time) > limit):
-        out[(grid > time[k] + 1e-9) & (grid < time[k + 1] - 1e-9)] = np.nan
+    # Readings before and after each instant, with a nanosecond's margin for rounding; an instant at a reading has more
+    # than one step between them.
+    before, after = np.searchsorted(time, grid - 1e-9) - 1, np.searchsorted(time, grid + 1e-9, side="right")
+    between = np.flatnonzero((after == before + 1) & (before >= 0) & (after < len(time)))
+    out[between[time[after[between]] - time[before[between]] > limit]] = np.nan
     return out
 
 

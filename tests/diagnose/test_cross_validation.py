@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -24,6 +25,7 @@ from rovid.estimate.multi_step_data import MultiStepData
 from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
 from rovid.model.model import Model
 from rovid.signals.preprocessing import Run
+from rovid.signals.rates import compute_rates
 from tests import synthetic
 from tests.predictions import BIAS, NOISE, TIME, TORQUE, biased, weakened
 
@@ -68,6 +70,26 @@ def test_long_runs_have_two_pieces() -> None:
     runs = [synthetic.run(TIME[:600], TORQUE[:600], noise=NOISE[:600]) for _ in range(12)]
     pieces = cv_pieces(runs, synthetic.LOGGED, 1.0)
     assert [piece.run_index for piece in pieces] == [number for number in range(12) for _ in range(2)]
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_gaps_of_any_length_leave_pieces_with_runs(seed: int) -> None:
+    """Parts without readings, shorter than the filter, or of one sample have no piece."""
+    rng = np.random.default_rng(seed)
+    broken = []
+    for run in runs_of(PUSHED):
+        position = run.trial.position.copy()
+        for _ in range(int(rng.integers(1, 30))):
+            begin = int(rng.integers(len(position)))
+            position[begin : begin + int(20.0 * 10.0 ** rng.uniform(-1.0, 1.7))] = np.nan
+        log = replace(run.trial, position=position)
+        rates = compute_rates(log, cutoff=CUTOFF)
+        broken.append(replace(run, trial=log, rates=rates, filtered_torque=rates.filter_held(log, run.torque)))
+    pieces = cv_pieces(broken, synthetic.LOGGED, CUTOFF)
+    assert pieces
+    for piece in pieces:
+        assert piece.run.trial.duration == pytest.approx(piece.end - piece.begin)
+        assert broken[piece.run_index].trial.name == piece.run.trial.parent
 
 
 def test_cross_validation_shows_the_gain_of_a_cause() -> None:

@@ -37,6 +37,24 @@ def test_an_interval_skips_readings_except_the_last() -> None:
     assert quick[-1] == SECONDS[-1]
 
 
+def test_a_gap_in_thinned_data_is_crossed_in_steps() -> None:
+    """An effect without influence keeps the likelihood; one step over a whole gap made it better by hundreds."""
+    gap = RUN.trial.position.copy()
+    gap[1150:1400] = np.nan  # the torque changes its sign at sample 1200
+    broken = replace(RUN, trial=replace(RUN.trial, position=gap))
+    data = readings(broken, interval=0.4)
+    (steps,) = data.times
+    assert np.max(np.diff(steps)) < 0.5
+    ((angles, _),) = data.innovation_samples
+    assert not np.isnan(gap[np.searchsorted(SECONDS, steps[angles])]).any()
+    plain = InnovationLikelihood(data, 0.01)
+    x = plain.parametrization.initial()
+    delay = effect_named("command_delay")
+    other = plain.with_effects((delay,))
+    neutral = [parameter.neutral for parameter in delay.parameters]
+    assert other.value(np.concatenate((x, neutral))) == pytest.approx(plain.value(x), abs=0.1)
+
+
 def test_every_reading_but_the_first_has_an_innovation() -> None:
     gap = RUN.trial.position.copy()
     gap[100:200] = np.nan
