@@ -110,21 +110,28 @@ class RunScales:
         return np.asarray(0.5 * (self.edge[0] + self.edge[1]))
 
 
-def candidate_runs(scales: RunScales, thrusters: Sequence[str]) -> list[CandidateRun]:
-    """All candidate runs; each starts and ends at rest."""
+def candidate_runs(scales: RunScales, thrusters: Sequence[str], longest: float = math.inf) -> list[CandidateRun]:
+    """All candidate runs of at most ``longest`` s; each starts and ends at rest."""
     runs = []
     for name, pieces in _named_pieces(scales):
-        time, shares = _sampled(pieces, scales)
-        runs.append(CandidateRun(name=name, time=time, commands=scales.commands(shares)))
-    if len(thrusters) > 1:
+        # A slow vehicle has long runs: only those that are wanted are sampled.
+        if LEAD_SECONDS + sum(seconds for seconds, _ in pieces) <= longest:
+            time, shares = _sampled(pieces, scales)
+            runs.append(CandidateRun(name=name, time=time, commands=scales.commands(shares)))
+    if len(thrusters) > 1 and LEAD_SECONDS + 4.0 * _hold(scales) <= longest:
         runs += [_single_thruster(name, at, scales) for at, name in enumerate(thrusters)]
     return runs
+
+
+def _hold(scales: RunScales) -> float:
+    """Length of a hold in s."""
+    return max(5.0 * scales.constant, _SHORTEST_HOLD)
 
 
 def _named_pieces(scales: RunScales) -> Iterator[tuple[str, list[_Piece]]]:
     """Name and pieces of each run with all thrusters."""
     tau = scales.constant
-    hold = max(5.0 * tau, _SHORTEST_HOLD)
+    hold = _hold(scales)
     for level in _LEVELS:
         share = f"{100 * level:.0f} % of the command"
         yield f"hold both ways at {share}, {hold:.0f} s each", [(hold, level), (hold, -level)]
@@ -191,7 +198,7 @@ def _sampled(pieces: Sequence[_Piece], scales: RunScales) -> tuple[FloatArray, F
 
 
 def _single_thruster(name: str, at: int, scales: RunScales) -> CandidateRun:
-    hold = max(5.0 * scales.constant, _SHORTEST_HOLD)
+    hold = _hold(scales)
     time, shares = _sampled([(hold, 1.0), (hold, 0.0), (hold, -1.0), (hold, 0.0)], scales)
     commands = scales.commands(np.zeros(len(time)))
     commands[:, at] = scales.commands(shares)[:, at]

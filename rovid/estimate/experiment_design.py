@@ -123,7 +123,16 @@ def plan_experiment(
     require_thrusters(vehicle)
     names = tuple(thruster.name for thruster in vehicle.thrusters)
     scales = RunScales.from_trials(models[0].model, vehicle, trials, limits.share)
-    runs = [replace(run, reference=trials[0].reference) for run in candidate_runs(scales, names)]
+    recorded = sum(trial.duration for trial in trials)
+    if not scales.constant <= recorded:
+        raise DataError(
+            f"the fitted time constant of {scales.constant:.2g} s is longer than all logs together ({recorded:.0f} s): "
+            "these data do not determine the drag or the inertia, and no run can be planned with them.",
+            mend="Run `rovid check`, and record sines, steps and holds.",
+        )
+    # Rounding to the clock of the commands adds less than an interval.
+    drawn = candidate_runs(scales, names, limits.seconds + scales.period)
+    runs = [replace(run, reference=trials[0].reference) for run in drawn]
     if not parameter and len(models) == 1:
         parameter = least_certain_parameter(models[0])
     ranked = rank_runs(runs, models, vehicle, limits, parameter=parameter)

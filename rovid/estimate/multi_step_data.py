@@ -31,6 +31,8 @@ from rovid.signals.rates import resample
 
 # Length of a block in time constants, and the least number of blocks.
 _BLOCK, _BLOCKS = 8.0, 12
+# s, longest time constant that lengths are derived from: longer than any log. Of a fit that ran off, no length follows.
+LONGEST_CONSTANT = 1e6
 # Largest effective number of predictions. The errors of an incomplete model recur however long the logs are.
 _MAX_COUNT = 200.0
 
@@ -136,7 +138,7 @@ class MultiStepData(FitData):
 def time_constant(model: Model, rate: float) -> float:
     """Time constant in s of the decay of a motion at ``rate``, or a third of the natural period where that is less."""
     slope = 2.0 * model.quadratic_drag * rate + model.linear_drag
-    constant = model.inertia / max(slope, 1e-12)
+    constant = min(model.inertia / max(slope, 1e-12), LONGEST_CONSTANT)
     if model.natural_frequency > 0.0:
         return min(constant, 2.0 / model.natural_frequency)
     return constant

@@ -15,7 +15,7 @@ from rovid.core.formatting import plus_minus, round_to_error, significant
 from rovid.core.stats import f_sf
 from rovid.core.toml import SMALLEST
 from rovid.estimate.estimate import Estimate, r_squared
-from rovid.estimate.steady_points import SteadyPoint, TorqueBalance, WlsSolution, with_pooled_errors
+from rovid.estimate.steady_points import SteadyPoint, TorqueBalance, WlsSolution, lasting_covariance, pooled_errors
 from rovid.model.parameter_names import base_names
 from rovid.signals.segments import MIN_HOLD_SECONDS
 from rovid.trial.axis import YAW, Axis
@@ -25,6 +25,9 @@ NAMES = ("quadratic_drag", "linear_drag")
 _AT_REST = 0.02
 # Least ratio of the fastest to the slowest rate that distinguishes quadratic from linear drag.
 _MIN_RATE_RATIO = 1.25
+# Least number of holds beyond the unknowns. With one, the scatter between holds has one degree of freedom, and three
+# standard errors would have to be 64 times the scatter.
+_MIN_FREEDOM = 2
 # Largest p-value of the F test at which the two directions are reported as different.
 _DIFFERENT_P = 0.01
 _ADVICE = (
@@ -82,9 +85,15 @@ def fit_drag(points: Sequence[SteadyPoint], axis: Axis = YAW) -> DragFit:
     balance = TorqueBalance.of(fitted, axis, np.array([name not in refused for name in names]))
     if not balance.is_determined:
         raise _not_distinguishable(fitted, [name for name in names if name not in refused], axis)
+    lasting = None
     if not table:
-        balance = with_pooled_errors(balance, fitted)
+        if balance.degrees_of_freedom < _MIN_FREEDOM:
+            raise _too_few(fitted, balance, axis)
+        balance, within = pooled_errors(balance, fitted)
+        lasting = lasting_covariance(balance, fitted, within)
     solution = balance.solve()
+    if lasting is not None:
+        solution = solution._replace(covariance=lasting, degrees_of_freedom=math.inf)
     negative = balance.free & (solution.values < 0.0) & np.isin(names, NAMES)
     clipped = bool(negative.any() and balance.free.all())
     warnings = list[str]()
@@ -170,6 +179,16 @@ def _not_distinguishable(points: Sequence[SteadyPoint], names: Sequence[str], ax
         f"or the rate in {fastest.source}, {fastest.rate:.3g} {axis.unit('rad/s')}, is so large that all others are "
         "negligible.",
         mend=f"Give more {_states(axis)} at other rates; correct or delete an impossible one.",
+    )
+
+
+def _too_few(points: Sequence[SteadyPoint], balance: TorqueBalance, axis: Axis) -> DataError:
+    unknowns = int(balance.free.sum())
+    return DataError(
+        f"{len(points)} {_states(axis)} are too few for {unknowns} unknowns: a disturbance that outlasts a hold shows "
+        f"only in the scatter between holds, so the errors would be unknown. At least {unknowns + _MIN_FREEDOM} "
+        "steady holds were expected.",
+        mend=_ADVICE.format(axis.motion_verb),
     )
 
 

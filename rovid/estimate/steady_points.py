@@ -10,6 +10,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray
+from rovid.core.stats import t_quantile
 from rovid.effects import restoring_effect
 from rovid.effects.restoring import regressors
 from rovid.signals.preprocessing import Run
@@ -25,6 +26,10 @@ _BLOCK_SECONDS, _MIN_BLOCKS = 1.0, 6
 _TREND_SIGMAS, _TREND_SHARE = 3.0, 0.005
 # Least ratio of the singular values of the normalised design matrix, below which unknowns are not distinguishable.
 _LEAST_RATIO = 1e-10
+# Memories of a disturbance in usual lengths of a hold, from none to one that outlasts a series of holds; convention.
+_MEMORIES = (0.01, 1.0, 3.0, 10.0, 30.0)
+# Probability that an estimate is off by more than three of its standard errors; convention.
+_BEYOND_THREE = 0.01
 # Least number of standard errors from zero of the rate of a steady turn.
 _MIN_RATE_SIGMAS = 4.0
 
@@ -257,8 +262,8 @@ class TorqueBalance:
         return rows
 
 
-def with_pooled_errors(balance: TorqueBalance, points: Sequence[SteadyPoint]) -> TorqueBalance:
-    """The balance with errors sigma_k^2 = q/t_k + tau^2 of holds of lengths t_k; docs/method.md, (7).
+def pooled_errors(balance: TorqueBalance, points: Sequence[SteadyPoint]) -> tuple[TorqueBalance, FloatArray]:
+    """The balance with errors sigma_k^2 = q/t_k + tau^2 of holds of lengths t_k, and (k,) q/t_k; docs/method.md, (7).
 
     q is the density of the torque's variance by the errors of the rate, pooled over all holds. tau^2 is the variance
     from hold to hold, such as by a current or trim, which no length averages out.
@@ -269,7 +274,41 @@ def with_pooled_errors(balance: TorqueBalance, points: Sequence[SteadyPoint]) ->
     slope = 2.0 * values[0] * np.abs(balance.design[:, 1]) + values[1]
     density = float(np.mean((slope * rate_error) ** 2 * duration))
     within = density / duration
-    return balance.with_error(np.sqrt(within + _variance_between(balance, within)))
+    return balance.with_error(np.sqrt(within + _variance_between(balance, within))), within
+
+
+def lasting_covariance(balance: TorqueBalance, points: Sequence[SteadyPoint], within: FloatArray) -> FloatArray:
+    """(p, p) covariance of `TorqueBalance.solve` under a disturbance that outlasts a hold; docs/method.md, (7a).
+
+    The holds of one log share a Gauss-Markov disturbance in addition to their own (k,) variances ``within``. Each of
+    its memories in question has the size that gives the observed scatter about the line. The memory that gives the
+    largest errors counts. The errors are widened such that three of them are exceeded as rarely as by `_BEYOND_THREE`,
+    by Student's t with the degrees of freedom of the scatter.
+    """
+    design, square = balance.design[:, balance.free], balance.error**2
+    weighted = design / balance.error[:, None]
+    scale = np.linalg.norm(weighted, axis=0)
+    solver = np.linalg.pinv(weighted / scale) / scale[:, None] / balance.error
+    remainder = np.eye(len(square)) - design @ solver
+    observed = float(np.sum((remainder @ balance.torque) ** 2 / square))
+    same_log = np.equal.outer(*[np.array([point.source for point in points])] * 2)
+    middle = np.array([0.5 * (point.start + point.stop) for point in points])
+    apart = np.abs(np.subtract.outer(middle, middle))
+    usual = float(np.mean([point.duration for point in points]))
+    widened = []
+    for memory in _MEMORIES:
+        shared = np.where(same_log, np.exp(-apart / (memory * usual)), 0.0)
+        own, each = (
+            float(np.sum(np.diag(remainder @ one @ remainder.T) / square)) for one in (np.diag(within), shared)
+        )
+        size = max(observed - own, 0.0) / max(each, 1e-300)
+        widened.append(solver @ (np.diag(within) + size * shared) @ solver.T)
+    first = np.diag(widened[0])
+    worst = max(widened, key=lambda one: float(np.sum(np.diag(one) / first)))
+    factor = max(t_quantile(1.0 - 0.5 * _BEYOND_THREE, balance.degrees_of_freedom) / 3.0, 1.0)
+    covariance = np.zeros((len(balance.free), len(balance.free)))
+    covariance[np.ix_(balance.free, balance.free)] = factor**2 * worst
+    return covariance
 
 
 def _variance_between(balance: TorqueBalance, within: FloatArray) -> float:

@@ -17,7 +17,7 @@ from rovid.estimate.steady_points import (
     TorqueBalance,
     long_run_variance,
     points_from_table,
-    with_pooled_errors,
+    pooled_errors,
 )
 from rovid.trial.axis import AXES, YAW
 from rovid.trial.tables import read_table
@@ -233,9 +233,9 @@ def test_variance_between_holds_does_not_depend_on_their_length() -> None:
     points = [point(rate, 0.0, error=1e-3) for rate in RATES]
     points[2] = replace(points[2], stop=points[2].start + 100.0 * points[2].duration)
     off = drag(RATES) + np.array([8.0, -8.0, 8.0, -8.0, 8.0, -8.0])
-    errors = with_pooled_errors(balance(off), points).error
+    errors = pooled_errors(balance(off), points)[0].error
     assert errors.min() > 0.5 * errors.max()
-    quiet = with_pooled_errors(balance(drag(RATES)), points).error
+    quiet = pooled_errors(balance(drag(RATES)), points)[0].error
     assert quiet.min() < 0.2 * quiet.max()
 
 
