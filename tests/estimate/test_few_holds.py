@@ -70,9 +70,7 @@ def answers(count: int, memory: float, *, one_way: bool) -> list[Estimate]:
 def test_three_standard_errors_hold_at_any_number_of_holds(count: int, memory: float, *, one_way: bool) -> None:
     found = answers(count, memory, one_way=one_way)
     assert len(found) >= (DRAWS // 10 if count < 8 else DRAWS // 2)
-    off = [
-        max(abs(one.value(name) - TRUTH[name]) / one.standard_error(name) for name in NAMES) > 3.0 for one in found
-    ]
+    off = [max(abs(one.value(name) - TRUTH[name]) / one.standard_error(name) for name in NAMES) > 3.0 for one in found]
     # One in a hundred is expected of each drag; more than four have a probability of 1 in 300.
     assert sum(off) <= 4
 
@@ -90,5 +88,7 @@ def test_many_holds_have_errors_of_the_disturbance() -> None:
 def test_too_few_holds_are_refused_by_name(count: int) -> None:
     points = drawn(4, 0.1, np.random.default_rng(3), one_way=False)
     steady = [point for point in points if point.steady][:count]
-    with pytest.raises(DataError, match=f"{count} steady turns are too few for 2 unknowns: a disturbance that outlasts"):
+    with pytest.raises(
+        DataError, match=f"{count} steady turns are too few for 2 unknowns: a disturbance that outlasts"
+    ):
         fit_drag(steady)
