@@ -39,7 +39,7 @@ _SATURATING_ERROR, _NOISE_SHARE = 0.2, 0.1
 _DRAWS = 60
 # Length of a run in time constants of the slower closed-loop mode, and at least in s.
 _TIME_CONSTANTS, _SHORTEST = 15.0, 60.0
-# Largest number of sampling periods of a run: 28 hours at 2 Hz, and some 100 MB. Longer runs follow from gains near zero.
+# Largest number of sampling periods of a run, some 100 MB. Longer runs follow from gains near zero.
 _MOST_STEPS = 200_000
 
 
@@ -275,7 +275,7 @@ def noisy_and_noise_free(
     duration = run_duration(law, plant.model)
     if not duration <= _MOST_STEPS * law.period:
         raise DataError(
-            f"the loop takes {duration:.2g} s to settle, more than {_MOST_STEPS} sampling periods of {law.period:.3g} s: "
+            f"the loop takes {duration:.2g} s to settle, more than {_MOST_STEPS} sampling periods: "
             f"with a yaw inertia of {plant.model.inertia:.3g} kg m^2 these gains are too small to simulate.",
             mend="Give a larger --bandwidth, or --kp and --kd; check the inertia in the parameter file.",
         )
