@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from rovid.core.errors import RovidError
+from rovid.estimate.inner_loop import InnerLoop, find_inner_loop, ordered_rate
 from rovid.faults.catalogue import examine_runs
 from rovid.preflight.advice import Advice, advise
 from rovid.preflight.clock_alignment import ClockOffsets
@@ -75,6 +76,9 @@ def check_logs(paths: Sequence[Path], config: Config) -> LogCheck:
     trials = [trial for trial in trials if id(trial) in usable]
     if stopping(faults):
         return LogCheck(rows=tuple(rows), problems=problems, remarks=tuple(remarks), advice=(), faults=faults)
+    if (loop := _inner_loop(trials, config)) is not None:
+        advice = Advice(kind="inner_loop", text=f"{loop.error}", weight="grave")
+        return LogCheck(rows=tuple(rows), problems=problems, remarks=tuple(remarks), advice=(advice,), faults=faults)
     trials, more = _examine_runs(trials, config)
     feedback = detect_feedback(trials, vehicle)
     clocks = estimate_clock_offsets(trials, config)
@@ -89,6 +93,17 @@ def check_logs(paths: Sequence[Path], config: Config) -> LogCheck:
         thrusters=tuple(thrusters),
         faults=(*faults, *more),
     )
+
+
+def _inner_loop(trials: Sequence[Trial], config: Config) -> InnerLoop | None:
+    """The controller that answers the only command; None if there is none, or the logs are too short to tell."""
+    if not trials or not ordered_rate(config):
+        return None
+    try:
+        runs = prepare(Campaign(trials=tuple(trials), sources=()), config.vehicle)
+    except RovidError:  # `advise` reports it.
+        return None
+    return find_inner_loop(runs.items, config)
 
 
 def _examine_runs(trials: Sequence[Trial], config: Config) -> tuple[Sequence[Trial], tuple[Fault, ...]]:

@@ -34,7 +34,7 @@ from rovid.trial.axis import YAW
 from rovid.trial.config import Config
 from rovid.trial.fault import Fault
 from rovid.trial.trial import Remark, Trial
-from rovid.trial.vehicle import Thruster
+from rovid.trial.vehicle import Steering, Thruster
 
 _TILTS = ("roll", "pitch")
 _Data = TypeVar("_Data", ClockData, SignalData, CommandData, TrialData)
@@ -116,7 +116,10 @@ class _Builder:
                     text = f"{self.raw.channels[key].source} ({key}) holds no number."
                     self.remark("missing", series[key].missing, text)
                 extras[key] = base.hold(series[key])
-        held = np.array([base.hold(command) for command in commands])
+        held = np.array([
+            base.hold(command) if thruster.steering is None else self.steered(thruster.steering, command, base, series)
+            for command, thruster in zip(commands, self.config.vehicle.thrusters, strict=True)
+        ])  # fmt: skip
         start = float(base.time[0])
         trial = Trial(
             name=self.name,
@@ -255,6 +258,16 @@ class _Builder:
             raise self.error(text, "Map the column or topic that holds the command, or leave this log out.")
         self.remark_missing(name, logged, "; the value before was held")
         return logged
+
+    def steered(
+        self, steering: Steering, angle: TimedSeries, base: TimeBase, series: Mapping[str, TimedSeries]
+    ) -> FloatArray:
+        """(n,) torque or ordered rate of a steering angle at the logged speed, interpolated over its gaps."""
+        speed = series[steering.speed]
+        if not speed.known.size:
+            text = f"{self.raw.channels[steering.speed].source} ({steering.speed}) holds no number."
+            raise self.error(text, "Map the column or topic that holds the speed, or leave this log out.")
+        return steering.command(base.hold(angle), np.interp(base.time, speed.known_time, speed.known))
 
     def span(self, measured: TimedSeries, commands: list[TimedSeries]) -> tuple[float, float]:
         """First instant measured when every command is known, and last instant measured."""

@@ -63,6 +63,10 @@ def output_at(target: Path, log: Path) -> OutputFile:
 
 def convert(log: Path, config: Config, target: Path) -> Converted:
     """``log`` as read by rovid, in order of time and without faulty values, in the format of ``target``."""
+    steered = [thruster.name for thruster in config.vehicle.thrusters if thruster.steering is not None]
+    if steered:
+        text = f"needs the angle of {steered[0]}, but a log is read as its torque; such a log cannot be converted."
+        raise ConfigError(text, where=log, mend="Give rovid the log as it is.")
     trial = read_log(log, config)
     columns = _columns(trial, config)
     kind = target.suffix.lower().removeprefix(".")

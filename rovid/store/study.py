@@ -22,6 +22,7 @@ from rovid.estimate.candidate_runs import RunLimits
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.experiment_design import ExperimentPlan, candidate_model, plan_experiment, require_thrusters
 from rovid.estimate.inertia import InertiaFit, fit_inertia, fit_inertia_table, rigid_body_warnings
+from rovid.estimate.inner_loop import find_inner_loop
 from rovid.estimate.instrumental_variables import Regression
 from rovid.estimate.maximum_likelihood import LikelihoodFit, fit_likelihood
 from rovid.estimate.steady_drag import DragFit, fit_drag
@@ -352,7 +353,7 @@ def open_study(
     Raises
     ------
     RovidError
-        The logs or rovid.toml cannot be read.
+        The logs or rovid.toml cannot be read, or a controller of the rate answers the only command.
     """
     steady, sine = find_table(paths, STEADY_COLUMNS), find_table(paths, SINE_COLUMNS)
     if steady is not None or sine is not None:
@@ -366,6 +367,8 @@ def open_study(
     if stopping(campaign.faults):
         vehicle = vehicle.clamped()  # Commands of another unit than the curve are outside it.
     runs = prepare(campaign, vehicle, cutoff=cutoff)
+    if (loop := find_inner_loop(runs.items, config)) is not None:
+        raise loop.error
     items, faults = examine_runs(runs.items, vehicle, config.faults)
     return Study(
         paths=tuple(paths),

@@ -15,6 +15,7 @@ from rovid.core.transaction import recover
 from rovid.trial.axis import AXES, YAW, Axis, other_axes
 from rovid.trial.config_fingerprint import ConfigFingerprint, config_fingerprint
 from rovid.trial.cutting import Exclusion
+from rovid.trial.drives import MOTOR_KEYS, REPLACED, RUDDER_KEYS, constant_of, logged_drive, motor_curve, steered
 from rovid.trial.fault import FAULT_IDS, FaultOverrides
 from rovid.trial.log_files import KINDS, Join
 from rovid.trial.signal_names import ANGLE_UNITS, DEFAULT_UNIT, SIGNAL_UNITS, STANDARD_SOURCES, TIME_UNITS, Signal
@@ -30,6 +31,8 @@ _GUESSED = "_guessed"
 # First bytes of a rovid.toml of rovid 0.2, which did not mark guesses.
 _UNMARKED_GUESSES = b"# Written by `rovid init`, which looked at "
 _THRUSTER_KEYS = ("name", *_ARMS, "curve", "command", "outside", *(key + _GUESSED for key in (*_ARMS, "curve")))
+_THRUSTER_KEYS += MOTOR_KEYS
+_TABLES = ("vehicle", "thrusters", "rudders", "signals", "leave_out", "join", "faults")
 _JOIN_KEYS = ("parts", "offset", "drift", "time")
 _EXCLUSION_KEYS = ("log", "from", "to", "reason")
 
@@ -59,6 +62,7 @@ class Config:
     def required_signals(self) -> tuple[str, ...]:
         """Names of the signals that each log must hold."""
         commands = [signal.name for signal in self.commands]
+        commands += [thruster.steering.speed for thruster in self.vehicle.thrusters if thruster.steering]
         if self.measured_signal in self.axis.fix_signals:
             return (*self.axis.fix_signals, *commands)
         return (*filter(None, [self.measured_signal]), *commands)
@@ -202,13 +206,13 @@ class _Parser:
     # --- tables ------------------------------------------------------------------------------------------
 
     def config(self, document: Mapping[str, Any]) -> Config:
-        self.require_known(document, ("vehicle", "thrusters", "signals", "leave_out", "join", "faults"), "top level")
+        self.require_known(document, _TABLES, "top level")
         signals = {}
         for name, value in self.table(document, "signals").items():
             signals[self.name(name, f"[signals] {name}")] = self.signal(name, value, f"[signals] {name}")
         time = signals.pop("time", Signal(name="time", sources={}, unit="auto"))
-        blocks = self.blocks(document, "thrusters")
-        thrusters, commands = self.actuators(blocks, signals)
+        blocks, rudders = self.blocks(document, "thrusters"), self.blocks(document, "rudders")
+        thrusters, commands = self.actuators(blocks, rudders, signals)
         kinds: set[str] = set().union(*(command.sources for command in commands))
         measured_signal = self.measured_signal(signals, kinds, blocks)
         self.require_actuators(blocks, thrusters)
@@ -231,7 +235,8 @@ class _Parser:
         name = self.name(table.get("name", "vehicle"), "[vehicle] name")
         return Vehicle(name=name, thrusters=thrusters, axis=self.axis, **numbers)
 
-    def signal(self, name: str, value: Any, place: str) -> Signal:
+    def signal(self, name: str, value: Any, place: str, *, like: str = "") -> Signal:
+        """The signal of this ``value``; in the units of the signal ``like`` if that is given."""
         entry = {"csv": value} if isinstance(value, str) else value
         if not isinstance(entry, dict) or not entry:
             raise self.error(place, f'is {value!r}; {{ csv = "<column>", mcap = "<topic.field>" }} was expected.')
@@ -240,7 +245,7 @@ class _Parser:
             if key != "sign" and not isinstance(text, str):
                 raise self.error(f"{place} {key}", f"is {text!r}; text was expected.")
         sources = {key: text for key, text in entry.items() if key not in {"unit", "sign"}}
-        units, default = SIGNAL_UNITS.get(name), DEFAULT_UNIT.get(name, "")
+        units, default = SIGNAL_UNITS.get(like or name), DEFAULT_UNIT.get(like or name, "")
         if name == "time":
             units, default = dict.fromkeys(TIME_UNITS, 1.0), "auto"
         unit = entry.get("unit", default)
@@ -259,8 +264,8 @@ class _Parser:
         measured = next((name for name in (*axis.position_signals, axis.rate_signal) if name in present), "")
         if not measured and axis.fix_signals and present.issuperset(axis.fix_signals):
             measured = axis.fix_signals[0]
-        # An angular rate alone leaves the angle unknown: the heading, or the tilt that rights the vehicle.
-        if measured and not (axis.angular and measured == axis.rate_signal):
+        # An angular rate alone leaves the tilt unknown that rights the vehicle.
+        if measured and not (axis.self_righting and measured == axis.rate_signal):
             return measured
         expected = axis.position_signal
         if not axis.angular:
@@ -272,16 +277,21 @@ class _Parser:
             raise self.error("[signals]", f"has no {expected}.", mend)
         raise self.error("[signals]", f"has no {expected}.", f"Add {line}.")
 
-    def actuators(self, blocks: Sequence[Any], signals: dict[str, Signal]) -> tuple[list[Thruster], list[Signal]]:
-        """Thrusters along the axis and their commands; a logged torque is removed from ``signals``."""
+    def actuators(
+        self, blocks: Sequence[Any], rudders: Sequence[Any], signals: dict[str, Signal]
+    ) -> tuple[list[Thruster], list[Signal]]:
+        """Actuators along the axis and their commands; a logged drive is removed from ``signals``."""
         pairs = list(filter(None, map(self.thruster, range(len(blocks)), blocks)))
-        force = self.axis.force_name
-        if force not in signals:
-            return [thruster for thruster, _ in pairs], [command for _, command in pairs]
-        if pairs:
-            text = f"is given in addition to [[thrusters]]; the {force} must come from one of them."
-            raise self.error(f"[signals] {force}", text, "Delete one.")
-        return [Thruster(name=force, arm=1.0, curve=None)], [signals.pop(force)]
+        for index, block in enumerate(rudders):
+            place = f"[[rudders]] number {index + 1}"
+            self.require_block(block, "rudders", place, RUDDER_KEYS)
+            name = self.name(block.get("name", f"rudder_{index + 1}"), f"{place} name")
+            thruster = steered(block, name, signals, self)
+            angle = self.signal(f"command.{name}", block["angle"], f"[[rudders]] {name!r} angle", like="heading")
+            pairs.append((thruster, angle))
+        if (drive := logged_drive(signals, self, alone=not pairs)) is not None:
+            pairs = [(drive, signals.pop(drive.name))]
+        return [thruster for thruster, _ in pairs], [command for _, command in pairs]
 
     def thruster(self, index: int, block: Mapping[str, Any]) -> tuple[Thruster, Signal] | None:
         """The thruster and its command; None for a thruster that does not act along the axis."""
@@ -292,7 +302,10 @@ class _Parser:
         arm_key = self.axis.arm_key
         if arm_key not in block and any(other in block for other in _ARMS):
             return None
+        constant = constant_of(block)
         examples = {arm_key: _example_arm(self.axis), "curve": '"thrust_curve.csv"', "command": '{ csv = "…" }'}
+        for key in REPLACED.get(constant, ()):
+            del examples[key if key == "curve" else arm_key]
         for key, example in examples.items():
             if key not in block:
                 raise self.error(place, f"has no {key}.", f"Add {key} = {example}.")
@@ -302,11 +315,11 @@ class _Parser:
         thruster = Thruster(
             name=name,
             clamp=outside == "clamp",
-            arm=self.number(block[arm_key], f"{place} {arm_key}"),
-            curve=read_curve(self.path.parent / str(block["curve"])),
+            arm=self.number(block.get(arm_key, 1.0), f"{place} {arm_key}"),
+            curve=motor_curve(block, place, self) if constant else read_curve(self.path.parent / str(block["curve"])),
             surge_share=self.number(block.get("surge", 0.0), f"{place} surge"),
-            arm_guessed=self.is_guessed(block, arm_key, place),
-            curve_guessed=self.is_guessed(block, "curve", place),
+            arm_guessed=self.is_guessed(block, constant or arm_key, place),
+            curve_guessed=not constant and self.is_guessed(block, "curve", place),
         )
         return thruster, self.signal(f"command.{name}", block["command"], f"{place} command")
 

@@ -58,8 +58,12 @@ def config_fingerprint(vehicle: Vehicle, signals: Mapping[str, str], further: Ma
     axis = vehicle.axis
     drive: dict[str, str] = {}
     for thruster in vehicle.thrusters:
+        if (steering := thruster.steering) is not None:
+            key = "wheelbase" if steering.wheels else "coefficient"
+            drive[f"{key} of {thruster.name}"] = f"{steering.size:.12g}, with {steering.speed}"
+            continue
         if thruster.curve is None:
-            drive[axis.force_name] = "logged"
+            drive[thruster.name if thruster.is_rate_order else axis.force_name] = "logged"
             continue
         points = zip(thruster.curve.command.tolist(), thruster.curve.thrust.tolist(), strict=True)
         text = "\n".join(f"{command!r},{thrust!r}" for command, thrust in points)

@@ -25,7 +25,8 @@ def _motion_units() -> dict[str, Mapping[str, float]]:
     for axis in AXES.values():
         position, rate = (ANGLE_UNITS, ANGULAR_RATE_UNITS) if axis.angular else (LENGTH_UNITS, SPEED_UNITS)
         positions |= dict.fromkeys(axis.position_signals, position)
-        rates[axis.rate_signal] = rate
+        # The rate, and the order to a controller that keeps it.
+        rates[axis.rate_signal] = rates[f"{axis.rate_signal}_order"] = rate
     return positions | rates
 
 
@@ -38,7 +39,7 @@ SIGNAL_UNITS: Mapping[str, Mapping[str, float]] = {
     "east": LENGTH_UNITS,
 }
 DEFAULT_UNIT = {name: next(iter(units)) for name, units in SIGNAL_UNITS.items()}
-DEFAULT_UNIT |= {axis.rate_signal: "rad/s" for axis in AXES.values() if axis.angular}
+DEFAULT_UNIT |= dict.fromkeys((name for name, units in SIGNAL_UNITS.items() if "rad/s" in units), "rad/s")
 
 # Format -> signal -> (source, unit) that every log of the format has, so that [signals] need not name them.
 STANDARD_SOURCES: Mapping[str, Mapping[str, tuple[str, str]]] = {

@@ -17,6 +17,9 @@ from rovid.trial.trial import Trial, read_only
 
 # Share of the curve's width by which rounding in the log may exceed the bench curve.
 _ROUNDING = 1e-3
+# Points of a quadratic curve on each side of zero. Between them the line departs from the parabola by 2.5e-5 of the
+# largest thrust at most.
+_POINTS = 101
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -29,6 +32,13 @@ class ThrustCurve:
     def __post_init__(self) -> None:
         object.__setattr__(self, "command", read_only(self.command))
         object.__setattr__(self, "thrust", read_only(self.thrust))
+
+    @classmethod
+    def proportional(cls, constant: float, most: float, power: int) -> Self:
+        """Thrust ``constant`` * |command|^``power`` with the sign of the command, up to ``most`` in both directions."""
+        half = np.linspace(0.0, most, _POINTS if power > 1 else 2)
+        command = np.concatenate((-half[:0:-1], half))
+        return cls(command=command, thrust=constant * np.sign(command) * np.abs(command) ** power)
 
     def __call__(self, command: ArrayLike) -> FloatArray:
         """Thrust in N at ``command``; the end values outside the curve."""
@@ -50,6 +60,25 @@ class ThrustCurve:
         return 0.0
 
 
+@dataclass(frozen=True, kw_only=True)
+class Steering:
+    """Conversion of a steering angle to the command of a drive without a curve.
+
+    Rudder (Fossen 2011, sect. 9.5, at small angles): torque = size * U|U| * angle, size in N m s^2/(m^2 rad). Steered
+    wheels (kinematic bicycle model): ordered yaw rate = U * tan(angle) / size, size in m, the wheelbase.
+    """
+
+    speed: str  #: Signal of the speed U, in m/s.
+    size: float
+    wheels: bool
+
+    def command(self, angle: FloatArray, speed: FloatArray) -> FloatArray:
+        """(n,) torque in N m, or yaw rate in rad/s, at (n,) angles in rad and speeds in m/s."""
+        if self.wheels:
+            return np.asarray(speed * np.tan(angle) / self.size)
+        return np.asarray(self.size * speed * np.abs(speed) * angle)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Thruster:
     """One actuator: ``torque = arm * curve(command)``; a positive torque increases the position."""
@@ -63,6 +92,8 @@ class Thruster:
     #: ``arm_guessed``, ``curve_guessed``: whether the value is an unconfirmed guess of `rovid init`.
     arm_guessed: bool = False
     curve_guessed: bool = False
+    steering: Steering | None = None  #: Of a rudder or of steered wheels: its command is computed from an angle.
+    is_rate_order: bool = False  #: Whether the command is the rate that a controller is ordered to keep, in SI.
 
     @property
     def full_thrust(self) -> float:
@@ -123,7 +154,8 @@ class Vehicle:
         """Guessed values of the thrusters."""
         items: list[str] = []
         for thruster in self.thrusters:
-            items += [f"{self.axis.arm_key} of {thruster.name}"] * thruster.arm_guessed
+            key = self.axis.arm_key if thruster.steering is None else "coefficient"
+            items += [f"{key} of {thruster.name}"] * thruster.arm_guessed
             items += [f"curve of {thruster.name}"] * thruster.curve_guessed
         return Assumptions(items=tuple(items), thrusters=len(self.thrusters))
 

@@ -115,7 +115,7 @@ def test_a_logged_torque_takes_the_place_of_thrusters(tmp_path: Path) -> None:
         ('command = "aft_V"', "command = 5", "command: is 5"),
         ('unit = "deg", sign = -1', 'unit = "turns"', "is 'turns'; one of deg, rad"),
         ("sign = -1", "sign = 2", "1 or -1"),
-        ("heading = {", "course = {", "has no heading"),
+        (GOOD[GOOD.index("heading = {") : GOOD.index('{ csv = "r"')], "course = ", "has no heading"),
         ("[signals]", '[signals]\ntorque = "T"', "is given in addition to [[thrusters]]"),
         ("[vehicle]", "[vehicles]", "'vehicles' is not known here. Nearest: 'vehicle'"),
         ("[vehicle]", "[vehicle", "is not valid TOML"),
