@@ -78,6 +78,7 @@ def control(
     from rovid.present.console import show_caution, show_warnings
     from rovid.present.documents.results import control_document
     from rovid.present.terminal.diagnosis import show_control
+    from rovid.trial.fault import fault_texts
 
     options = ControllerOptions(
         kp=kp,
@@ -105,7 +106,7 @@ def control(
         result = design_controller(stored, study.vehicle, conditions, options)
     if generators:
         outputs.write({output: source(result.law, assumptions) for output, source in generators.items()})
-    warnings = [*study.remarks(), *remarks]
+    warnings = [*fault_texts(study.faults), *study.remarks(), *remarks]
     if json:
         print_json(control_document(result, warnings, assumptions))
     else:

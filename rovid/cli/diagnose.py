@@ -66,10 +66,11 @@ def diagnose(
 
         print_json(diagnosis_document(diagnosis, study))
     else:
-        from rovid.present.console import print_text, show_caution, show_warnings
+        from rovid.present.console import print_text, show_caution, show_faults, show_warnings
         from rovid.present.terminal.diagnosis import show_diagnosis
 
         show_caution(console(), study.vehicle.assumptions)
+        show_faults(console(), study.faults)
         show_diagnosis(console(), diagnosis, study.vehicle)
         show_warnings(console(), [*study.remarks(), *diagnosis.warnings])
         if diagnosis.extended is not None:

@@ -69,8 +69,8 @@ def report(
 ) -> None:
     """Write all results on one page."""
     compile_in_background()
-    from rovid.present.console import show_caution, show_warnings
-    from rovid.present.documents.fits import all_warnings, axis_document, guess_document
+    from rovid.present.console import show_caution, show_faults, show_warnings
+    from rovid.present.documents.fits import all_warnings, axis_document, fault_documents, guess_document
     from rovid.present.page.build import build_report, pdf_output
     from rovid.present.page.summary import summarize
     from rovid.trial.axis import YAW
@@ -78,6 +78,8 @@ def report(
     stored = parameters_at(parameters, axis, force=force)
     notes = write_missing_config(logs, stored.axis) if logs else []
     study = open_logs(logs or stored_logs(stored), cutoff, stored.axis)
+    if not force:
+        study.require_sound()
     folder = output or Path("report" if stored.axis is YAW else f"report_{stored.axis.name}")
     with progress("Fitting drag and inertia …") as show_progress:
         page, data = build_report(
@@ -103,9 +105,11 @@ def report(
         results = {"verdict": None if found is None else found.verdict, "answer": answer}
         warnings = {**guess_document(assumptions), "warnings": all_warnings(assumptions, notes)}
         paths = {**files, "parameters": str(stored.path)}
-        print_json({"schema": "rovid-report/1", **axis_document(stored.axis), **results, **paths, **warnings})
+        faults = {"faults": fault_documents(study.faults)}
+        print_json({"schema": "rovid-report/1", **axis_document(stored.axis), **results, **paths, **faults, **warnings})
         return
     show_caution(console(), assumptions)
+    show_faults(console(), study.faults)
     show_warnings(console(), notes)
     console().print(answer, highlight=False)
     for path in files.values():

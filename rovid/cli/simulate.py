@@ -58,6 +58,7 @@ def simulate(
     from rovid.present.documents.results import simulation_document
     from rovid.present.mcap_output import recording_outputs, write_recordings
     from rovid.present.tables.trials import simulation_table
+    from rovid.trial.fault import fault_texts
 
     stored = existing_parameters(parameters, axis)
     model = stored.model()
@@ -72,7 +73,7 @@ def simulate(
         simulations = simulate_runs(study.runs.items, model, study.vehicle)
         if recordings:
             write_recordings(outputs, recordings, simulations, study.runs, model, study.vehicle)
-    warnings, assumptions = [*study.remarks(), *remarks], model_assumptions(stored, study)
+    warnings, assumptions = [*fault_texts(study.faults), *study.remarks(), *remarks], model_assumptions(stored, study)
     if json:
         document = simulation_document(stored, simulations, warnings, assumptions)
         print_json(document | {"recordings": [str(recording.path) for recording in recordings]})

@@ -19,6 +19,7 @@ from rovid.effects.thruster_imbalance import EFFECT as IMBALANCE
 from rovid.model.model import Model
 from rovid.model.simulation import HORIZONS, TrialSimulation, pooled_fit, simulate_runs
 from rovid.trial.config_fingerprint import ConfigFingerprint
+from rovid.trial.fault import fault_texts
 
 # Parameters of the whole vehicle: the verdict is "cannot tell" if a relevant change of them is not detectable.
 _REQUIRED = ("inertia", DRAG)
@@ -256,7 +257,8 @@ def _fit_warnings(estimates: Mapping[CampaignFit, SharedEstimate]) -> list[str]:
     """Remarks on the logs and on the fits, each once, with the names of its campaigns."""
     campaigns: dict[str, list[str]] = {}
     for campaign, estimate in estimates.items():
-        remarks = [] if campaign.study is None else campaign.study.remarks()
+        study = campaign.study
+        remarks = [] if study is None else [*fault_texts(study.faults), *study.remarks()]
         for text in dict.fromkeys((*remarks, *estimate.warnings)):
             campaigns.setdefault(text, []).append(campaign.name)
     return [f"{' and '.join(names)}: {text}" for text, names in campaigns.items()]

@@ -11,15 +11,19 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Generic, Literal, Self, TypeVar
 
+import numpy as np
+
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
 from rovid.signals.preprocessing import Run
-from rovid.trial.fault import Fault, FaultOverrides
+from rovid.trial.fault import Excerpt, Fault, FaultOverrides
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Thruster, Vehicle
 
 Stage = Literal["clock", "signal", "command", "trial", "campaign", "runs"]
 Intervals = tuple[tuple[float, float], ...]
 T = TypeVar("T")
+# Number of samples around a fault that a plot shows.
+_EXCERPT = 200
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -128,6 +132,7 @@ def examine(kinds: Iterable[FaultKind], data: T, overrides: FaultOverrides) -> t
     A fault that the user keeps is listed with the remedy "none" and stops nothing.
     """
     faults: list[Fault] = []
+    examined = data  # as logged
     for kind in kinds:
         for detection in tuple(kind.detect(data)):
             fault, done = detection.fault, detection.done
@@ -135,8 +140,42 @@ def examine(kinds: Iterable[FaultKind], data: T, overrides: FaultOverrides) -> t
                 fault, done = replace(fault, remedy="none", stops=False), "It was kept, as rovid.toml says."
             else:
                 data = detection.repair(data)
-            faults.append(replace(fault, text=f"{fault.text} {done}".strip()))
+            text = f"{fault.text} {done}".strip()
+            faults.append(replace(fault, text=text, excerpt=fault.excerpt or _excerpt(examined, fault)))
     return data, tuple(faults)
+
+
+def _excerpt(data: object, fault: Fault) -> Excerpt | None:
+    """The examined signal around the first instant of ``fault``; all of it where the whole log is meant."""
+    trials: Sequence[Trial] = ()
+    if isinstance(data, ClockData):
+        name = data.measured if data.measured in data.values else next(iter(data.values), "")
+        if not name:
+            return None
+        quantity, unit, time, values = name.removeprefix("command."), "", data.time, data.values[name]
+        known = time[np.isfinite(time)]
+        time = time - (known[0] if known.size else 0.0)
+    elif isinstance(data, SignalData | CommandData):
+        unit = data.unit if isinstance(data, SignalData) else ""
+        quantity, time, values = data.name, data.time - data.time[0], data.values
+    else:
+        if isinstance(data, TrialData):
+            trials = [data.trial]
+        elif isinstance(data, CampaignData):
+            trials = data.trials
+        elif isinstance(data, RunsData):
+            trials = [run.trial for run in data.runs]
+        trial = next((one for one in trials if one.name in fault.logs), None)
+        if trial is None:
+            return None
+        unit = trial.axis.unit("rad")
+        quantity, time, values = trial.axis.position_words, trial.time[trial.measured], trial.position[trial.measured]
+    rows = np.arange(len(time))
+    if fault.at:
+        near = int(np.nanargmin(np.abs(time - fault.at[0])))
+        rows = rows[max(near - _EXCERPT // 2, 0) : near + _EXCERPT // 2]
+    rows = rows[:: len(rows) // _EXCERPT + 1]
+    return Excerpt(quantity=quantity, unit=unit, time=time[rows], values=values[rows])
 
 
 def named(logs: Sequence[str], most: int = 5) -> str:

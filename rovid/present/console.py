@@ -12,6 +12,7 @@ from rich.text import Text
 from rovid.core.console import labelled_text
 from rovid.core.errors import LINE_LENGTH, display_text
 from rovid.trial.assumptions import Assumptions
+from rovid.trial.fault import Fault, fault_texts
 
 _NUMBER = r"[-+−(]*\d+(?:\.\d+)?(?:e[-+]\d+)?"
 # First words of units that have several, such as kg m².
@@ -83,6 +84,12 @@ def show_warnings(console: Console, warnings: Sequence[str]) -> None:
     """Print each warning as its own paragraph."""
     for text in warnings:
         print_labelled(console, "Note:", text, "yellow")
+
+
+def show_faults(console: Console, faults: Sequence[Fault]) -> None:
+    """Print each fault of the logs with its remedy, those that stop a fit first."""
+    for text in fault_texts(faults):
+        print_labelled(console, "Logs:", text, "bold red" if any(fault.stops for fault in faults) else "bold yellow")
 
 
 def show_caution(console: Console, guess: Assumptions) -> None:

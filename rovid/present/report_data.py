@@ -23,6 +23,7 @@ from rovid.signals.preprocessing import PreparedRuns
 from rovid.store.parameter_file import Parameters
 from rovid.store.study import Study
 from rovid.trial.axis import Axis
+from rovid.trial.fault import Fault
 from rovid.trial.trial import Campaign
 from rovid.trial.vehicle import Vehicle
 
@@ -61,6 +62,7 @@ class ReportData:
     control_refusal: str = ""
     exports: Mapping[str, VerifiedExport] | None = None
     export_refusal: str = ""
+    faults: tuple[Fault, ...] = ()  #: Faults of the logs, those that stop a fit first.
     notes: tuple[str, ...] = ()  #: Sentences on the state of the parameter file.
 
     @property

@@ -59,6 +59,8 @@ def verdict_sentence(diagnosis: Diagnosis, guess: Assumptions) -> str:
         return "Nothing was found: the model explains these data."
     if diagnosis.verdict == "unexplained":
         return f"{model} misses something that no effect of the catalogue explains."
+    if diagnosis.verdict == "bad_logs":
+        return "No go: no fit of these logs is valid before their fault is corrected."
     return "There is too little data for a diagnosis."
 
 

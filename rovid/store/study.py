@@ -88,11 +88,11 @@ class Study:
         return tuple(sources)
 
     def remarks(self) -> list[str]:
-        """Remarks on the logs, including everything that was dropped."""
+        """Remarks on the logs, including everything that was dropped, without the ``faults``."""
         if self.campaign is None or self.runs is None:
             return []
         remarks = [remark.text for remark in (*self.campaign.remarks, *self.runs.remarks)]
-        return [*fault_texts(self.faults), *merged_remarks(self.campaign.trials), *remarks]
+        return [*merged_remarks(self.campaign.trials), *remarks]
 
     def require_sound(self) -> None:
         """Refuse logs with a fault that no fit survives.

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from rovid.core.array_types import FloatArray
 from rovid.trial.log_files import is_called
 
 # Ids of all faults, in the order in which they are listed; the files of `rovid.faults` have these names.
@@ -36,6 +37,16 @@ FAULT_IDS = (
 Remedy = Literal["cut", "left_out", "unknown", "zero", "counted_once", "set_aside", "none"]
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Excerpt:
+    """The signal around the spot of a fault, for a plot."""
+
+    quantity: str  #: Name of the signal.
+    unit: str  #: Its unit; empty where unknown.
+    time: FloatArray  #: (n,) s from the beginning of the log.
+    values: FloatArray  #: (n,) in ``unit``, as logged.
+
+
 @dataclass(frozen=True, kw_only=True)
 class Fault:
     """A fault of one log or of several, and its remedy."""
@@ -51,6 +62,7 @@ class Fault:
     confidence: float = 0.99  #: Probability that the fault is real.
     remedy: Remedy = "none"  #: The applied remedy.
     stops: bool = False  #: Whether no fit is valid before the fault is corrected.
+    excerpt: Excerpt | None = field(default=None, compare=False, repr=False)  #: None where there is nothing to plot.
 
 
 @dataclass(frozen=True, kw_only=True)

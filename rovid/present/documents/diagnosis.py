@@ -35,6 +35,7 @@ from rovid.present.tables.diagnosis import inertia_ratios
 from rovid.store.study import Study
 from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import Axis
+from rovid.trial.fault import fault_texts
 
 
 def diagnosis_document(diagnosis: Diagnosis, study: Study) -> Document:
@@ -76,7 +77,9 @@ def diagnosis_document(diagnosis: Diagnosis, study: Study) -> Document:
     if diagnosis.from_tables is not None:
         document["tables"] = _table_diagnosis(diagnosis.from_tables)
     document["faults"] = fault_documents(study.faults)
-    document["warnings"] = all_warnings(study.vehicle.assumptions, [*study.remarks(), *diagnosis.warnings])
+    document["warnings"] = all_warnings(
+        study.vehicle.assumptions, [*fault_texts(study.faults), *study.remarks(), *diagnosis.warnings]
+    )
     return document
 
 

@@ -21,7 +21,7 @@ from rovid.signals.preprocessing import PreparedRuns
 from rovid.store.study import Study
 from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import YAW, Axis
-from rovid.trial.fault import Fault
+from rovid.trial.fault import Fault, fault_texts
 
 Document = dict[str, Any]
 
@@ -91,13 +91,18 @@ def _fit_document(estimate: Estimate, study: Study) -> Document:
         **guess_document(guess),
         "ratios": {ratio.name: value_document(ratio.value, ratio.unit, ratio.standard_error) for ratio in ratios},
         "faults": fault_documents(study.faults),
-        "warnings": all_warnings(guess, [*study.remarks(), *estimate.warnings]),
+        "warnings": all_warnings(guess, [*fault_texts(study.faults), *study.remarks(), *estimate.warnings]),
     }
 
 
 def fault_documents(faults: Sequence[Fault]) -> list[Document]:
     """One document for each fault of the logs, those that stop a fit first."""
-    return [asdict(fault) for fault in sorted(faults, key=lambda fault: not fault.stops)]
+    documents = []
+    for fault in sorted(faults, key=lambda fault: not fault.stops):
+        document = dict(vars(fault))
+        del document["excerpt"]
+        documents.append(document)
+    return documents
 
 
 def _filter_document(runs: PreparedRuns) -> Document:

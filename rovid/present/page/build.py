@@ -126,6 +126,7 @@ def _identified(stored: Parameters, study: Study, claim: OutputSet, report: _Rep
     if joint is not None or change(stored) is not stored or not stored.path.exists():
         stored = update_parameters(stored, claim, change, detection_limits=limits)
     return ReportData(
+        faults=tuple(sorted(study.faults, key=lambda fault: not fault.stops)),
         vehicle=study.vehicle,
         parameters=stored,
         campaign=study.campaign,

@@ -20,7 +20,7 @@ from rovid.core.spmd import forked_workers, parallel_map
 from rovid.diagnose.cross_validation import split_runs
 from rovid.model.simulation import TrialSimulation
 from rovid.present.number_format import format_number, steady_state_words, unit_symbol
-from rovid.present.plots import canvas, identification, residuals, results, trials
+from rovid.present.plots import canvas, faults, identification, residuals, results, trials
 from rovid.present.report_data import ReportData, worst_first
 from rovid.present.residuals import missing_without, rms_sizes, unexplained_torques
 from rovid.present.sentences import effect_title
@@ -28,13 +28,13 @@ from rovid.present.tables.diagnosis import ALTERNATIVES_SHOWN
 from rovid.present.tables.fits import method_title
 from rovid.signals.preprocessing import PreparedRuns
 from rovid.trial.assumptions import Assumptions
+from rovid.trial.fault import Fault
 
-_PEAK_MARKS = "The marks are the three moments that the peak method takes for one."
-# Most large trial plots: a page with more opens slowly on a tablet. The overview shows all trials.
-LARGE_PLOTS = 40
+# Most large trial plots and plots of faults: a page with more opens slowly on a tablet. The page lists all of them.
+LARGE_PLOTS, FAULT_PLOTS = 40, 8
 # File names of the plots of any report.
 _FILE_NAMES = re.compile(
-    r"(thrust_curves|steady_\w+|inertia|residuals|diagnosis_gain|diagnosis_residuals|closed_loop|rivals_\w+|missing_\w+"
+    r"(fault_\d\d|thrust_curves|steady_\w+|inertia|residuals|diagnosis_gain|diagnosis_residuals|closed_loop|rivals_\w+|missing_\w+"
     r"|(sine_runs|overview)(_\d\d+)?|trial_\d\d+_\w*)\.(png|svg)"
 )
 _T = TypeVar("_T")
@@ -84,6 +84,7 @@ class ReportFigures:
     """
 
     worst: WorstTrialFigure | None = None
+    faults: tuple[ReportFigure, ...] = ()
     thrust: tuple[ReportFigure, ...] = ()
     steady: tuple[ReportFigure, ...] = ()
     inertia: tuple[ReportFigure, ...] = ()
@@ -110,10 +111,8 @@ class ReportFigures:
 
 def existing_plots(folder: Path) -> list[OutputFile]:
     """Files in ``folder`` with names of a report's plots, whatever program wrote them."""
-    if not folder.is_dir():
-        return []
     signatures = {".png": png_signature("report"), ".svg": svg_signature("report")}
-    plots = [path for path in sorted(folder.iterdir()) if _FILE_NAMES.fullmatch(path.name)]
+    plots = [path for path in sorted(folder.glob("*")) if _FILE_NAMES.fullmatch(path.name)]
     return [OutputFile(path, signatures[path.suffix]) for path in plots]
 
 
@@ -125,6 +124,7 @@ def draw_figures(report: ReportData) -> ReportFigures:
 
 def _draw(report: ReportData) -> ReportFigures:
     sections = {
+        "faults": list(_faults(report.faults)),
         "thrust": list(_thrust(report)),
         "steady": list(_steady(report)),
         "inertia": list(_inertia(report)),
@@ -138,9 +138,8 @@ def _draw(report: ReportData) -> ReportFigures:
     }
     rivals, drivers = dict(_rivals(report)), dict(_drivers(report))
     drafts = [*itertools.chain(*sections.values()), *rivals.values(), *drivers.values()]
-    guess = report.vehicle.assumptions
     # Matplotlib's style belongs to the process: threads cannot draw.
-    figures = parallel_map(lambda draft: _render(draft, guess), drafts, use_threads=False)
+    figures = parallel_map(lambda draft: _render(draft, report.vehicle.assumptions), drafts, use_threads=False)
     rendered = dict(zip(drafts, figures, strict=True))
     return ReportFigures(
         worst=_worst(report),
@@ -148,6 +147,13 @@ def _draw(report: ReportData) -> ReportFigures:
         drivers={key: rendered[draft] for key, draft in drivers.items()},
         **{name: tuple(rendered[draft] for draft in section) for name, section in sections.items()},
     )
+
+
+def _faults(found: Sequence[Fault]) -> Iterator[FigureDraft]:
+    """The spots of the first faults that have one."""
+    for number, fault in enumerate([fault for fault in found if fault.excerpt][:FAULT_PLOTS], 1):
+        alt = f"The signal at the fault: {fault.text}"
+        yield FigureDraft(f"fault_{number:02d}", faults.plot_fault(fault), caption=fault.text, alt=alt)
 
 
 def _render(draft: FigureDraft, guess: Assumptions) -> ReportFigure:
@@ -165,13 +171,12 @@ def _worst(report: ReportData) -> WorstTrialFigure | None:
     for name, width, rows in (("wide", 5.6, (1.9, 1.0)), ("narrow", 3.9, (0.75, 0.45))):
         figure = trials.plot_before_after(before, after, width=width, rows=rows)
         drawn.append(canvas.render_inline_svg(canvas.mark_guessed(figure, report.vehicle.assumptions), name))
-    wide, narrow = drawn
     caption = f"The worst trial, {before.run.trial.name}, simulated freely."
-    return WorstTrialFigure(caption=caption, alt=_error_words(before, after), wide=wide, narrow=narrow)
+    return WorstTrialFigure(caption=caption, alt=_error_words(before, after), wide=drawn[0], narrow=drawn[1])
 
 
 def _worst_pair(report: ReportData) -> tuple[TrialSimulation, TrialSimulation]:
-    worst, *_ = worst_first(report.simulations_without)
+    worst = worst_first(report.simulations_without)[0]
     return report.simulations_without[worst], report.simulations_with[worst]
 
 
@@ -237,7 +242,9 @@ def _sines(report: ReportData) -> Iterator[FigureDraft]:
     for number, (runs, suffix) in enumerate(sheets, start=1):
         caption = f"Mean period of each sine run, sheet {number} of {len(sheets)}."
         if number == 1:
-            caption = f"Mean period of each sine run; right, {force} over rate. {_PEAK_MARKS}"
+            caption = (
+                f"Mean period of each sine run; right, {force} over rate. The marks are the three moments of a peak."
+            )
         periods = ", ".join(f"{trial.period:.3g}" for trial in runs)
         yield FigureDraft(
             f"sine_runs{suffix}",

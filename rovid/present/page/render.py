@@ -27,6 +27,7 @@ from rovid.present.report_data import ReportData
 from rovid.present.residuals import rms_sizes, unexplained_torques
 from rovid.present.sentences import confidence_words, effect_title
 from rovid.present.tables import control, diagnosis, fits, trials
+from rovid.trial.fault import fault_texts
 from rovid.trial.vehicle import Vehicle, box_inertia
 
 # Axis -> the side of a box that lies along it.
@@ -99,6 +100,7 @@ def _context(report: ReportData, figures: ReportFigures, today: date) -> dict[st
         residual_sizes = rms_sizes(unexplained_torques(report.runs, report.parameters.model(), report.vehicle))
     return {
         "report": report,
+        "fault_texts": fault_texts(report.faults),
         "axis": axis,
         "steady": steady_state_words(axis),
         "arm": arm_words(axis)[0],

@@ -21,7 +21,7 @@ from rovid.estimate.thrust_curve import ThrustCurveFit
 from rovid.export.run_export import VerifiedExport
 from rovid.preflight.config_writer import assumptions_in, log_count_text
 from rovid.preflight.log_survey import LogSurvey
-from rovid.present.console import print_labelled, print_path, print_text, show_caution, show_warnings
+from rovid.present.console import print_labelled, print_path, print_text, show_caution, show_faults, show_warnings
 from rovid.present.number_format import format_number, unit_symbol
 from rovid.present.tables.fits import directions_table, estimate_table, methods_table, sine_table, steady_table
 from rovid.present.tables.table import ResultTable, mixed_number_column, text_column
@@ -41,6 +41,7 @@ def show_fit(
 ) -> None:
     """Print a fit, the low-pass filter, the warnings, and the path of the parameter file."""
     show_caution(console, study.vehicle.assumptions)
+    show_faults(console, study.faults)
     show(console, fit)
     if study.runs is not None and isinstance(fit, LikelihoodFit) and fit.estimate.per_inertia:
         _show_decay(console, analyse_free_decay(fit.model, fit.estimate, study.runs.items, study.vehicle))
