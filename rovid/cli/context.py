@@ -14,6 +14,7 @@ import typer
 
 from rovid.cli import completion
 from rovid.core.errors import ConfigError
+from rovid.trial.fault import FAULT_IDS, FaultOverrides
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -197,7 +198,9 @@ def open_session(
     files = [stored.output, history_output(stored.path)] if with_history else [stored.output]
     outputs = reserve_outputs(files, paths, force=force)
     study = open_logs(paths, cutoff, stored.axis, prefetch)
-    if require_sound and not force:
+    if force:
+        study = replace(study, overrides=FaultOverrides(kept=dict.fromkeys(FAULT_IDS, ("*",))))
+    elif require_sound:
         study.require_sound()
     stored, notes = without_stale_values(stored, study)
     return FitSession(stored=stored, study=study, outputs=outputs, notes=notes)

@@ -28,6 +28,7 @@ from rovid.estimate.maximum_likelihood import LikelihoodFit, fit_likelihood
 from rovid.estimate.steady_drag import DragFit, fit_drag
 from rovid.estimate.steady_points import points_from_table, steady_points
 from rovid.faults.catalogue import examine_runs
+from rovid.faults.thrust_unit import inertia_fault
 from rovid.readers import read_campaign
 from rovid.readers.campaign import TrialReader
 from rovid.readers.discover import candidate_files
@@ -36,7 +37,7 @@ from rovid.store.parameter_file import Provenance, Source, absolute_paths, read_
 from rovid.trial.axis import YAW, Axis
 from rovid.trial.config import find_config, load_config, vehicle_without_thrusters
 from rovid.trial.config_fingerprint import ConfigFingerprint
-from rovid.trial.fault import Fault, fault_texts, stopping
+from rovid.trial.fault import Fault, FaultOverrides, fault_texts, stopping
 from rovid.trial.tables import SINE_COLUMNS, STEADY_COLUMNS, find_table, read_table
 from rovid.trial.trial import Campaign, merged_remarks
 from rovid.trial.vehicle import Vehicle
@@ -59,6 +60,7 @@ class Study:
     steady: Path | None = None
     sine: Path | None = None
     faults: tuple[Fault, ...] = ()  #: Faults of the logs, with their remedies.
+    overrides: FaultOverrides = field(default_factory=FaultOverrides)  #: Faults whose remedy the user rejects.
     #: Fingerprint of the rovid.toml that the logs were read with.
     settings: ConfigFingerprint = field(default_factory=ConfigFingerprint)
 
@@ -103,8 +105,7 @@ class Study:
             There is such a fault.
         """
         for fault in stopping(self.faults):
-            mend = f'Correct it, or set {fault.fault} = "keep" in [faults] of rovid.toml.'
-            raise LogError(fault.text, where="", mend=mend)
+            raise _refused(fault)
 
     def drag(self) -> DragFit:
         """Drag from steady turns.
@@ -142,6 +143,7 @@ class Study:
                 raise DataError(f"there is no table of sine trials (columns {', '.join(SINE_COLUMNS)}).")
             return fit_inertia_table(read_table(self.sine), drag=drag, rigid_body=rigid_body)
         fit = self._marked(fit_inertia(self.runs.items, drag=drag, rigid_body=rigid_body))
+        self._require_possible(fit.estimate)
         return replace(fit, regression=fit.regression and self._marked(fit.regression))
 
     def require_effects(self, effects: Sequence[Effect]) -> None:
@@ -174,6 +176,8 @@ class Study:
             There are no logs, or the excitation does not suffice.
         ConfigError
             An effect refers to a missing thruster or signal.
+        LogError
+            The inertia is one that no vehicle has: a unit is wrong.
         """
         if self.runs is None:
             raise DataError("a table holds no time series to fit.", where=self.paths[0], mend="Give logs.")
@@ -185,9 +189,18 @@ class Study:
                 mend = f"Map {missing} in [signals] of rovid.toml, or leave the effect out."
                 raise ConfigError(f"needs {missing}, which not all of these logs hold.", where=effect.key, mend=mend)
         fit = fit_likelihood(self.runs.items, self.vehicle, effects, gyro=gyro)
+        self._require_possible(fit.estimate)
         warnings = rigid_body_warnings(fit.estimate, self.vehicle.reference_inertia)
         estimate = replace(fit.estimate, warnings=(*fit.estimate.warnings, *warnings))
         return self._marked(replace(fit, estimate=estimate))
+
+    def _require_possible(self, estimate: Estimate) -> None:
+        """Refuse an inertia that no vehicle has, unless the user keeps that fault."""
+        if "inertia" in estimate.refused:
+            return
+        fault = inertia_fault(estimate.value("inertia"), estimate.standard_error("inertia"), self.vehicle)
+        if fault is not None and not self.overrides.keep(fault):
+            raise _refused(fault)
 
     def _with_assumptions(self, estimate: Estimate) -> Estimate:
         """``estimate`` with the vehicle's guesses, which its warnings then mention."""
@@ -297,6 +310,11 @@ class Study:
         )
 
 
+def _refused(fault: Fault) -> LogError:
+    mend = f'Correct it, or set {fault.fault} = "keep" in [faults] of rovid.toml.'
+    return LogError(fault.text, where="", mend=mend)
+
+
 def _clock_warnings(runs: Sequence[Run], causes: Sequence[Finding]) -> Iterator[str]:
     """Warning about delays if commands and motion come from clocks that were not compared."""
     titles = {effect.id: effect.title for cause in causes for effect in (cause.effect, *cause.indistinguishable)}
@@ -376,5 +394,6 @@ def open_study(
         campaign=campaign,
         runs=replace(runs, items=items),
         faults=(*campaign.faults, *faults),
+        overrides=config.faults,
         settings=config.fingerprint,
     )

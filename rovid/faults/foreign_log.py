@@ -1,0 +1,204 @@
+"""A log of another vehicle or payload: the model of the other logs does not predict it; or logs in two groups.
+
+Each log deviates from the model of all by a share of its inertia and of its drag (`quick_model`). The deviation is
+compared with its own error, with the scatter of the other logs, which ordinary logs in hard water have, and with what
+hidden causes do to logs of another amplitude, pace or thruster. Two payloads are found where two levels explain the
+deviations far better than one level with scatter, and than a trend with amplitude, rate, pace, shape or time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from rovid.core.array_types import FloatArray
+from rovid.core.stats import f_sf
+from rovid.faults.base import Detection, FaultKind, RunsData, named
+from rovid.faults.quick_model import LogMoments, QuickModel, fit_quick_model, log_name
+from rovid.trial.fault import Fault
+
+# Logs that are compared: fewer have no majority.
+_MIN_LOGS = 4
+# False-alarm rate of a campaign whose logs scatter normally.
+_LEVEL = 1e-3
+# Smallest relative deviation of a foreign log, beyond two standard errors, and of two groups.
+_MIN_DEVIATION, _MIN_STEP = 0.2, 0.06
+# Largest relative standard error of a log that takes part in groups.
+_MAX_ERROR = 0.05
+# Likelihood ratio of two levels against one with scatter: 99.5 % quantile of the best split of n normal deviates, by
+# 20 000 draws for each n from 4 to 30: 23 up to seven logs, and 1.1 more with each log.
+_MIN_RATIO, _RATIO_AT_ZERO, _RATIO_PER_LOG = 23.0, 15.0, 1.1
+# Variance of the relative scatter within one level.
+_SCATTERS = np.append(0.01**2, np.geomspace(0.012**2, 4.0, 30))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Groups:
+    """Two groups of logs: the likelihood ratio, the relative step with its error, and the logs of each level."""
+
+    ratio: float
+    step: float
+    error: float
+    high: tuple[str, ...]
+    low: tuple[str, ...]
+    quantity: str
+
+
+def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
+    count = len({log_name(run) for run in data.runs})
+    if count < _MIN_LOGS:
+        return
+    model, found = fit_quick_model(data.runs, data.vehicle), list[Detection[RunsData]]()
+    # Without the foreign logs the scatter of the others is smaller, which may show further ones.
+    rest = data
+    while model is not None and len(model.logs) >= _MIN_LOGS:
+        foreign = [log for log in model.logs if _is_foreign(log, len(model.logs))]
+        if not foreign or 2 * (len(found) + len(foreign)) >= count:
+            break
+        found += [_foreign(log, len(model.logs)) for log in foreign]
+        for log in foreign:
+            rest = without(rest, log.name)
+        model = fit_quick_model(rest.runs, data.vehicle)
+    yield from found
+    groups = None if model is None else _best_groups(model)
+    if groups is not None:
+        yield _two_payloads(groups)
+
+
+def _is_foreign(log: LogMoments, count: int) -> bool:
+    sizes = np.abs(log.deviation) - 2.0 * log.standard_errors
+    probability = count * f_sf(2.0, count + 1.0, 0.5 * log.distance)
+    return probability < _LEVEL and bool(sizes.max() > _MIN_DEVIATION)
+
+
+def _foreign(log: LogMoments, count: int) -> Detection[RunsData]:
+    at = int(np.argmax(np.abs(log.deviation) / log.standard_errors))
+    factor, error = 1.0 + float(log.deviation[at]), float(log.standard_errors[at])
+    text = (
+        f"{log.name} does not belong to the other logs: their model leaves {log.misfit:.0%} of its torque "
+        f"unexplained, and its {('inertia', 'drag')[at]} is {factor:.2f} +- {error:.2f} times theirs."
+    )
+    fault = Fault(
+        fault="foreign_log",
+        logs=(log.name,),
+        text=text,
+        size=factor,
+        standard_error=error,
+        confidence=1.0 - min(0.05, count * f_sf(2.0, count + 1.0, 0.5 * log.distance)),
+        remedy="set_aside",
+    )
+    return Detection(fault=fault, done="It was set aside.", repair=partial(without, log=log.name))
+
+
+def without(data: RunsData, log: str) -> RunsData:
+    """``data`` without the runs of a log."""
+    return replace(data, runs=[run for run in data.runs if log_name(run) != log])
+
+
+def _two_payloads(groups: _Groups) -> Detection[RunsData]:
+    text = (
+        f"The logs are of two kinds, as with two payloads or two vehicles: the {groups.quantity} of "
+        f"{named(groups.high)} is {1.0 + groups.step:.2f} +- {groups.error:.2f} times that of {named(groups.low)}."
+    )
+    fault = Fault(
+        fault="foreign_log",
+        logs=groups.high if len(groups.high) <= len(groups.low) else groups.low,
+        text=text,
+        size=1.0 + groups.step,
+        standard_error=groups.error,
+        confidence=0.97,
+    )
+    return Detection(fault=fault, done="No log was set aside: fit each kind by itself.")
+
+
+def _best_groups(model: QuickModel) -> _Groups | None:
+    """The best split in two groups if it is significant."""
+    logs = model.logs
+    own, weights = _own_estimates(logs)
+    products = sum(weight @ each for weight, each in zip(weights, own, strict=True))
+    mean = np.linalg.pinv(np.sum(weights, axis=0), rcond=1e-10, hermitian=True) @ products
+    inertia, quadratic, linear = model.values + mean
+    directions = {
+        "inertia": np.array([inertia, 0.0, 0.0]),
+        "quadratic drag": np.array([0.0, quadratic, 0.0]),
+        "drag": np.array([0.0, quadratic, linear]),
+        "inertia and drag": np.array([inertia, quadratic, linear]),
+    }
+    pulls = [weight @ (each - mean) for weight, each in zip(weights, own, strict=True)]
+    found = [_groups(logs, pulls, weights, direction, quantity) for quantity, direction in directions.items()]
+    return max((each for each in found if each), key=lambda each: each.ratio, default=None)
+
+
+def _own_estimates(logs: Sequence[LogMoments]) -> tuple[list[FloatArray], list[FloatArray]]:
+    """(3,) difference of each log's own parameters from the common model, and its (3, 3) information."""
+    slopes = [np.linalg.pinv(log.slope, rcond=1e-10) for log in logs]
+    pairs = list(zip(slopes, logs, strict=True))
+    weights = [np.linalg.pinv(slope @ log.noise @ slope.T, rcond=1e-10, hermitian=True) for slope, log in pairs]
+    return [slope @ log.score for slope, log in pairs], weights
+
+
+def _groups(
+    logs: Sequence[LogMoments],
+    pulls: Sequence[FloatArray],
+    weights: Sequence[FloatArray],
+    direction: FloatArray,
+    quantity: str,
+) -> _Groups | None:
+    """The best split if only the parameters in this ``direction`` differ between the logs."""
+    variances = 1.0 / np.array([direction @ weight @ direction for weight in weights]).clip(1e-300)
+    deviations = variances * np.array([direction @ pull for pull in pulls])
+    used = np.flatnonzero(variances < _MAX_ERROR**2)
+    if len(used) < _MIN_LOGS:
+        return None
+    used = used[np.argsort(deviations[used])]
+    d, v = deviations[used], variances[used]
+    features = np.array([logs[at].features for at in used.tolist()]).T
+    one = max(_likelihood(d, v, feature).max() for feature in (np.zeros(len(d)), *features))
+    cuts = range(2, len(d) - 1)
+    two = [(_likelihood(d[:cut], v[:cut]) + _likelihood(d[cut:], v[cut:])).max() for cut in cuts]
+    cut, ratio = cuts[int(np.argmax(two))], 2.0 * (max(two) - one)
+    (low, low_error), (high, high_error) = _mean(d[:cut], v[:cut]), _mean(d[cut:], v[cut:])
+    step = (high - low) / (1.0 + low) if low > -1.0 else 0.0
+    needed = max(_MIN_RATIO, _RATIO_AT_ZERO + _RATIO_PER_LOG * len(d))
+    if ratio < needed or step < _MIN_STEP:
+        return None
+    names = [logs[at].name for at in used.tolist()]
+    return _Groups(
+        ratio=ratio,
+        step=float(step),
+        error=float(np.hypot(low_error, high_error) / (1.0 + low)),
+        high=tuple(sorted(names[cut:])),
+        low=tuple(sorted(names[:cut])),
+        quantity=quantity,
+    )
+
+
+def _likelihood(d: FloatArray, variances: FloatArray, feature: FloatArray | None = None) -> FloatArray:
+    """Log-likelihood of (n,) deviations about a level, or a line along a ``feature``, for each scatter."""
+    w = 1.0 / (variances + _SCATTERS[:, None])
+    total = w.sum(axis=1)
+    mean = (w * d).sum(axis=1) / total
+    squares = (w * (d - mean[:, None]) ** 2).sum(axis=1)
+    if feature is not None:
+        x = feature - (w * feature).sum(axis=1, keepdims=True) / total[:, None]
+        size = (w * x**2).sum(axis=1)
+        squares -= (w * x * d).sum(axis=1) ** 2 / size.clip(1e-300)
+    return np.asarray(0.5 * np.log(w).sum(axis=1) - 0.5 * squares)
+
+
+def _mean(d: FloatArray, variances: FloatArray) -> tuple[float, float]:
+    """Mean with its error, by the scatter of the deviations."""
+    w = 1.0 / (variances + _SCATTERS[int(np.argmax(_likelihood(d, variances)))])
+    return float((w * d).sum() / w.sum()), float(w.sum() ** -0.5)
+
+
+FAULT = FaultKind(
+    id="foreign_log",
+    title="A log of another vehicle or payload",
+    stage="runs",
+    detect=_detect,
+    false_alarms="1 in 1000 campaigns whose logs scatter normally; 1 in 200 for groups, where the scatter is large.",
+)

@@ -1,0 +1,249 @@
+"""A model of all logs within milliseconds, and what each log says against it: one regression by instrumental variables.
+
+I rdot + DQ |r| r + DL r + trim = T, all signals through one filter. Sensor noise is in the regressors; the instruments
+are the same regressors of a motion that follows the torque with one time constant. A log that deviates from the others
+counts less (Huber's weights), so that a minority of foreign logs does not move the model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rovid.core.array_types import FloatArray
+from rovid.signals.preprocessing import Run
+from rovid.signals.rates import fast_fft_length
+from rovid.trial.vehicle import Vehicle
+
+# Valid samples that a log needs.
+_MIN_SAMPLES = 50
+# Number of passes: in the first ones the time constant settles, in the others the weights.
+_SETTLING, _PASSES = 3, 6
+# Share of the torque's RMS over which the sign of the motion changes.
+_SIGN_WIDTH = 0.05
+# Bins of the residuals' spectrum (of twice the length) that the fit of a log takes out.
+_FITTED_BINS = 4
+# Standard deviation of the gain of one thruster: a log in which it pushes more or less than usual may deviate by that.
+_GAIN = 0.2
+# Squared distance from which a log counts less, and not at all: 99.9 % of a chi-square of two, and far beyond.
+_FAR, _FOREIGN = 13.8, 50.0
+# Scatter of the deviations of one vehicle's logs: least, usual with its weight in logs, and the range, relative.
+_LEAST_SCATTER, _USUAL_SCATTER, _USUAL_LOGS = 0.03, 0.06, 3
+_SCATTERS = np.geomspace(_LEAST_SCATTER, 2.0, 40)
+# Median of a chi-square of two degrees of freedom.
+_MEDIAN = 1.386
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LogMoments:
+    """What one log says on the common model; p = 3 parameters: inertia, quadratic drag, linear drag."""
+
+    name: str
+    slope: FloatArray  #: (p, p) instruments times regressors.
+    score: FloatArray  #: (p,) instruments times residuals of the common model.
+    noise: FloatArray  #: (p, p) covariance of the score by the autocorrelated residuals and by the thrusters' gains.
+    #: (p, p) covariance of the score per squared relative scatter of inertia, drag, and torques of other shapes.
+    spread: FloatArray
+    features: FloatArray  #: (5,) logarithms of torque, rate, speed and peakedness of the torque; campaign time in s.
+    misfit: float  #: RMS residual of the common model over the RMS torque.
+    #: ``deviation``, ``standard_errors``: (2,) relative, of inertia and drag, with the least scatter.
+    deviation: FloatArray
+    standard_errors: FloatArray
+    distance: float = 0.0  #: Squared distance from the other logs with their scatter; F with 2 and n + 1 degrees.
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class QuickModel:
+    """The common model: kg m^2, N m s^2, N m s (or kg, N s^2/m^2, N s/m)."""
+
+    values: FloatArray  #: (3,) inertia, quadratic drag, linear drag.
+    time_constant: float  #: s
+    logs: tuple[LogMoments, ...]
+
+    @property
+    def inertia(self) -> float:
+        """Inertia with the added one."""
+        return float(self.values[0])
+
+
+class _Log:
+    """Regressors and instruments of a log, which may be in parts, without their means."""
+
+    def __init__(self, name: str, runs: Sequence[Run], vehicle: Vehicle, tau: float, scale: float) -> None:
+        self.name, self.start = name, runs[0].trial.campaign_time
+        parts = [_regressors(run, vehicle, tau, scale) for run in runs]
+        #: (n, 3), (n, 3), (n, 3) torques of other shapes, (n,), (n, k) torque of each thruster.
+        self.x, self.z, self.shapes, self.torque, self.single = map(np.concatenate, zip(*parts, strict=True))
+
+
+def log_name(run: Run) -> str:
+    """Name of the log that a run is, or is a part of."""
+    return run.trial.parent or run.trial.name
+
+
+def first_order(values: FloatArray, tau: float, period: float) -> FloatArray:
+    """(n,) first-order low pass of ``values`` with the time constant ``tau`` in s, from rest."""
+    size = fast_fft_length(2 * len(values))
+    decay = np.exp(-period * np.arange(len(values)) / tau)
+    response = np.fft.rfft(decay * -np.expm1(-period / tau), size)
+    return np.asarray(np.fft.irfft(np.fft.rfft(values, size) * response, size)[: len(values)])
+
+
+def held_torque(run: Run) -> FloatArray:
+    """(m,) torque on the grid of the rates, filtered where that is known."""
+    held = np.interp(run.rates.time, run.trial.time, run.torque)
+    return np.where(np.isfinite(run.filtered_torque), run.filtered_torque, held)
+
+
+def fit_quick_model(runs: Sequence[Run], vehicle: Vehicle) -> QuickModel | None:
+    """The common model and the logs' moments; None where the logs do not determine a model."""
+    parts: dict[str, list[Run]] = {}
+    for run in runs:
+        if int(run.valid.sum()) >= _MIN_SAMPLES:
+            parts.setdefault(log_name(run), []).append(run)
+    used = [run for own in parts.values() for run in own]
+    scale = float(np.sqrt(np.mean([np.mean(run.torque**2) for run in used]))) if used else 0.0
+    if vehicle.axis.self_righting or not scale > 0.0:
+        return None
+    tau, weights, moments = 1.0, np.ones(len(parts)), list[LogMoments]()
+    for count in range(_PASSES):
+        if count < _SETTLING:
+            logs = [_Log(name, own, vehicle, tau, scale) for name, own in parts.items()]
+        pairs = [(log.z if count else log.x, log) for log in logs]
+        slope = sum(weight * z.T @ log.x for weight, (z, log) in zip(weights, pairs, strict=True))
+        score = sum(weight * z.T @ log.torque for weight, (z, log) in zip(weights, pairs, strict=True))
+        values = _solved(np.asarray(slope), np.asarray(score))
+        rate = float(np.sqrt(np.mean(np.concatenate([log.x[:, 2] for log in logs]) ** 2)))
+        drag = 1.5 * values[1] * rate + values[2]
+        if not (values[0] > 0.0 and drag > 0.0):
+            return None
+        if count < _SETTLING:
+            longest = max(run.trial.duration for run in used)
+            tau = float(np.clip(values[0] / drag, used[0].rates.kernel.period, longest))
+        if count >= _SETTLING - 1:
+            moments = _with_distances(_moments(logs, values), values)
+            far = np.array([log.distance for log in moments]).clip(_FAR)
+            weights = np.where(far < _FOREIGN, _FAR / far, 0.0)
+            if not weights.any():
+                return None
+    return QuickModel(values=values, time_constant=tau, logs=tuple(moments))
+
+
+def _regressors(run: Run, vehicle: Vehicle, tau: float, scale: float) -> tuple[FloatArray, ...]:
+    valid, rates = run.valid, run.rates
+    rate, torque = rates.rate[valid], held_torque(run)
+    follows = first_order(torque, tau, rates.kernel.period)
+    own, lagged = follows[valid], ((torque - follows) / tau)[valid]
+    x = np.column_stack((rates.acceleration[valid], np.abs(rate) * rate, rate))
+    z = np.column_stack((lagged, np.abs(own) * own, own))
+    # A delay or lag, a gain of one direction, and friction or a dead zone.
+    sign = scale * np.tanh(follows / (_SIGN_WIDTH * scale))
+    shapes = np.column_stack((np.gradient(torque, rates.kernel.period) * tau, np.abs(torque), sign))[valid]
+    pairs = zip(vehicle.thrusters, run.trial.commands.T, strict=True)
+    single = np.column_stack([rates.filter_held(run.trial, thruster.torque(command)) for thruster, command in pairs])
+    every = (x, z, shapes, torque[valid], single[valid])
+    return tuple(each - each.mean(axis=0) for each in every)
+
+
+def _moments(logs: Sequence[_Log], values: FloatArray) -> list[LogMoments]:
+    total = np.concatenate([log.torque for log in logs])
+    shares = total @ np.concatenate([log.single for log in logs]) / (total @ total)
+    return [_moments_of(log, values, shares) for log in logs]
+
+
+def _moments_of(log: _Log, values: FloatArray, shares: FloatArray) -> LogMoments:
+    residual = log.torque - log.x @ values
+    slope, score = log.z.T @ log.x, log.z.T @ residual
+    contrast = log.z.T @ (log.single - log.torque[:, None] * shares)
+    noise = _covariance(log.z, residual - log.x @ _solved(slope, score)) + _GAIN**2 * contrast @ contrast.T
+    shapes = np.column_stack((slope @ _directions(values), log.z.T @ log.shapes))
+    spread = shapes @ shapes.T
+    deviations, information = _deviation(slope, score, (noise + _LEAST_SCATTER**2 * spread)[None], values)
+    size = np.sqrt(np.mean(log.torque**2)).clip(1e-300)
+    speed = np.std(np.diff(log.torque)).clip(1e-300) / size
+    peak = np.mean(log.torque**4) / size**4
+    rate = np.sqrt(np.mean(log.x[:, 2] ** 2)).clip(1e-300)
+    return LogMoments(
+        name=log.name,
+        slope=slope,
+        score=score,
+        noise=noise,
+        spread=spread,
+        features=np.append(np.log((size, rate, speed, max(peak, 1e-300))), log.start),
+        misfit=float(np.sqrt(np.mean(residual**2)) / size),
+        deviation=deviations[0],
+        standard_errors=np.sqrt(np.diag(np.linalg.pinv(information[0], hermitian=True))),
+    )
+
+
+def _with_distances(logs: Sequence[LogMoments], values: FloatArray) -> list[LogMoments]:
+    """The logs with their distances from the median deviation, with the scatter of the other logs."""
+    centre = np.array([_weighted_median([(log.deviation[k], log.standard_errors[k]) for log in logs]) for k in (0, 1)])
+    distances = np.array([_distances(log, _SCATTERS, centre, values) for log in logs])
+    found = []
+    for at, log in enumerate(logs):
+        others = np.delete(distances, at, axis=0)
+        fits = np.flatnonzero(np.median(others, axis=0) <= _MEDIAN) if len(others) else np.array([0])
+        own = float(_SCATTERS[fits[0]]) if fits.size else float(_SCATTERS[-1])
+        count = max(len(logs) - 2, 0)
+        scatter = np.sqrt((_USUAL_LOGS * _USUAL_SCATTER**2 + count * own**2) / (_USUAL_LOGS + count))
+        used = np.array([max(float(scatter), own)])
+        found.append(replace(log, distance=float(_distances(log, used, centre, values)[0])))
+    return found
+
+
+def _distances(log: LogMoments, scatters: FloatArray, centre: FloatArray, values: FloatArray) -> FloatArray:
+    """Squared distances of a log from the ``centre`` for each of the (m,) ``scatters``."""
+    score = log.score - log.slope @ _directions(values) @ centre
+    noise = log.noise + scatters[:, None, None] ** 2 * log.spread
+    deviation, information = _deviation(log.slope, score, noise, values)
+    return np.asarray(np.einsum("mi,mij,mj->m", deviation, information, deviation))
+
+
+def _deviation(
+    slope: FloatArray, score: FloatArray, noise: FloatArray, values: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """(m, 2) relative deviations of inertia and drag by generalised least squares, and (m, 2, 2) information.
+
+    ``noise``: (m, 3, 3) covariances of the (3,) ``score``.
+    """
+    size = np.sqrt(np.diagonal(noise, axis1=1, axis2=2)).clip(1e-300)
+    x = (slope @ _directions(values)) / size[:, :, None]
+    inverse = np.linalg.inv(noise / size[:, :, None] / size[:, None, :] + 1e-9 * np.eye(len(score)))
+    information = x.transpose(0, 2, 1) @ inverse @ x
+    pulls = x.transpose(0, 2, 1) @ inverse @ (score / size)[:, :, None]
+    return (np.linalg.pinv(information, hermitian=True) @ pulls)[:, :, 0], information
+
+
+def _directions(values: FloatArray) -> FloatArray:
+    """(3, 2) parameters per relative deviation of the inertia and of the whole drag."""
+    return np.array([[values[0], 0.0], [0.0, values[1]], [0.0, values[2]]])
+
+
+def _solved(slope: FloatArray, score: FloatArray) -> FloatArray:
+    size = np.sqrt(np.abs(np.diag(slope))).clip(1e-300)
+    return np.asarray(np.linalg.lstsq(slope / size[:, None] / size, score / size, rcond=1e-9)[0] / size)
+
+
+def _covariance(z: FloatArray, rest: FloatArray) -> FloatArray:
+    """(p, p) covariance of z' e for autocorrelated residuals e, by their smoothed periodogram."""
+    size = fast_fft_length(2 * len(rest))
+    power = np.abs(np.fft.rfft(rest, size)) ** 2 / len(rest)
+    # Averages over half an octave and some more bins, without the bins that the fit has taken out.
+    bins = np.arange(len(power))
+    high = np.minimum((1.2 * bins).astype(np.intp) + 3 * _FITTED_BINS, len(power) - 1)
+    low = np.minimum(np.maximum((bins / 1.2).astype(np.intp), _FITTED_BINS), high)
+    sums = np.concatenate(([0.0], np.cumsum(power)))
+    smooth = 2.0 * (sums[high + 1] - sums[low]) / (high + 1 - low)
+    smooth[0] *= 0.5
+    waves = np.fft.rfft(z, size, axis=0)
+    return np.asarray(np.real((waves.conj() * smooth[:, None]).T @ waves) / size)
+
+
+def _weighted_median(pairs: Sequence[tuple[float, float]]) -> float:
+    """Median of values with standard errors."""
+    values, errors = np.array(sorted(pairs)).T
+    weights = np.cumsum(1.0 / errors.clip(_LEAST_SCATTER) ** 2)
+    return float(values[np.searchsorted(weights, 0.5 * weights[-1])])

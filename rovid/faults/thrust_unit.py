@@ -1,0 +1,78 @@
+"""An inertia below the rigid body's: thrust in another unit (kgf, lbf), or a factor in arms, mass or size.
+
+The water adds to the rigid body's inertia, so the total is never below it. The factor that is missing names the unit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from rovid.faults.base import Detection, FaultKind, RunsData
+from rovid.faults.quick_model import fit_quick_model
+from rovid.trial.fault import Fault
+from rovid.trial.vehicle import Vehicle
+
+# Factors by which the inertia is too small, and what has them. A mean of two thrusters, or half an arm, is the last.
+_UNITS = {
+    9.80665: "kgf instead of N",
+    4.44822: "lbf instead of N",
+    57.2958: "a heading in degrees that is taken for radians",
+    1000.0: "kN instead of N, or an arm in km",
+    100.0: "an arm in cm or a command in percent",
+    2.0: "a factor of two: one of two thrusters, or half the arm",
+}
+# Total over rigid-body inertia of vehicles: published ones have 1.1 to 2.5, a closed hull full of water up to 4.
+_LEAST_RATIO, _LARGEST_RATIO = 1.0, 4.0
+# Ratio below which the logs stop: hidden effects bias the quick model by at most 40 %, a fit by 20 %.
+_QUICK_LIMIT, _FIT_LIMIT = 0.6, 0.8
+# Standard errors by which a fit must be below its limit.
+_SIGNIFICANT = 4.0
+# RMS residual over RMS torque, above which the quick model says nothing.
+_MAX_MISFIT = 0.7
+
+
+def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
+    reference = data.vehicle.reference_inertia
+    model = None if reference is None else fit_quick_model(data.runs, data.vehicle)
+    if model is None or min(log.misfit for log in model.logs) > _MAX_MISFIT:
+        return
+    if fault := _fault(model.inertia, None, data.vehicle, _QUICK_LIMIT):
+        yield Detection(fault=fault)
+
+
+def inertia_fault(inertia: float, error: float, vehicle: Vehicle) -> Fault | None:
+    """The fault of a fitted ``inertia`` with its standard error in kg m^2 or kg; None where it is possible."""
+    return _fault(inertia, error, vehicle, _FIT_LIMIT)
+
+
+def _fault(inertia: float, error: float | None, vehicle: Vehicle, limit: float) -> Fault | None:
+    reference = vehicle.reference_inertia
+    if reference is None or not 0.0 < inertia + _SIGNIFICANT * (error or 0.0) < limit * reference:
+        return None
+    ratio = inertia / reference
+    units = [text for factor, text in _UNITS.items() if _LEAST_RATIO < ratio * factor < _LARGEST_RATIO]
+    axis = vehicle.axis
+    unit = "kg m^2" if axis.angular else "kg"
+    text = (
+        f"The inertia of these logs is {inertia:.3g} {unit}, {ratio:.2g} times the rigid body's {reference:.4g} "
+        f"{unit}, which is impossible: water only adds to it. A unit is wrong: "
+        f"{'; or '.join(units) or 'check the thrust'}. "
+        f"Check the curve's newtons, {axis.arm_key}, mass and size."
+    )
+    return Fault(
+        fault="thrust_unit",
+        logs=(),
+        text=text,
+        size=ratio,
+        standard_error=None if error is None else error / reference,
+        stops=True,
+    )
+
+
+FAULT = FaultKind(
+    id="thrust_unit",
+    title="An inertia that no vehicle has",
+    stage="runs",
+    detect=_detect,
+    false_alarms="none without a wrong mass or size: no log in 60 campaigns with hidden causes is below 1.2.",
+)

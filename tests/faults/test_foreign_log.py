@@ -1,0 +1,100 @@
+"""Logs of another vehicle, logs of two payloads, and days of one vehicle, which give nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rovid.faults.base import RunsData, examine
+from rovid.faults.foreign_log import FAULT
+from rovid.model.model import Model
+from rovid.signals.preprocessing import Run
+from rovid.trial.fault import Fault, FaultOverrides
+from tests.faults.days import VEHICLES, day, scaled
+from tests.synthetic import LOGGED
+
+
+def found(runs: Sequence[Run]) -> tuple[list[str], tuple[Fault, ...]]:
+    """Names of the runs that stay, and the faults."""
+    data, faults = examine([FAULT], RunsData(runs=runs, vehicle=LOGGED), FaultOverrides())
+    return [run.trial.name for run in data.runs], faults
+
+
+def model(vehicle: str) -> Model:
+    return VEHICLES[vehicle][0]
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("vehicle", VEHICLES)
+@pytest.mark.parametrize("factors", [(2.9, 2.6), (0.4, 0.5), (1.0, 1.8), (1.8, 1.8)])
+def test_foreign_logs_are_named_and_set_aside(vehicle: str, factors: tuple[float, float], seed: int) -> None:
+    other = scaled(model(vehicle), *factors)
+    names = ["hold_2.csv", "steps.csv"] if seed else ["steps.csv"]
+    kept, faults = found(day(vehicle, seed, dict.fromkeys(names, other)))
+    assert sorted(log for fault in faults for log in fault.logs) == names
+    assert not set(names) & set(kept)
+    assert len(kept) == 10 - len(names)
+    for fault in faults:
+        assert (fault.remedy, fault.stops) == ("set_aside", False)
+        assert fault.confidence > 0.95
+        assert fault.size is not None
+        assert fault.standard_error is not None
+        # The error includes the least scatter between logs.
+        assert min(abs(fault.size - factor) for factor in factors) < 4.0 * fault.standard_error
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("vehicle", VEHICLES)
+@pytest.mark.parametrize("factors", [(1.0, 1.3), (1.3, 1.3), (1.3, 1.0)])
+def test_two_payloads_are_named_and_nothing_is_set_aside(vehicle: str, factors: tuple[float, float], seed: int) -> None:
+    names = [run.trial.name for run in day(vehicle, seed)][::2]
+    kept, faults = found(day(vehicle, seed, dict.fromkeys(names, scaled(model(vehicle), *factors)), disturbance=0.005))
+    assert len(kept) == 10
+    (fault,) = faults
+    assert (fault.remedy, fault.stops) == ("none", False)
+    others = [name for name in kept if name not in names]
+    # A log that hardly shows its drag may be missing, but no log is in the wrong group.
+    assert set(fault.logs) <= set(names) or set(fault.logs) <= set(others)
+    assert len(fault.logs) >= 4
+    assert fault.size == pytest.approx(1.3, abs=0.06)  # Quick, for a message.
+
+
+@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("disturbance", [0.002, 0.02, 0.1])
+@pytest.mark.parametrize("vehicle", VEHICLES)
+def test_one_vehicle_gives_nothing(vehicle: str, disturbance: float, seed: int) -> None:
+    kept, faults = found(day(vehicle, 100 + seed, disturbance=disturbance))
+    assert len(kept) == 10
+    assert not faults
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_drift_over_the_day_is_no_foreign_log(seed: int) -> None:
+    """The thrust fades by 30 % from the first log to the last."""
+    names = [run.trial.name for run in day("large", seed)]
+    gains = dict(zip(names, np.linspace(1.0, 1.0 / 0.7, len(names)), strict=True))
+    kept, faults = found(day("large", seed, {name: scaled(model("large"), gain, gain) for name, gain in gains.items()}))
+    assert len(kept) == 10
+    assert not faults
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("vehicle", VEHICLES)
+def test_a_cause_that_all_logs_share_is_no_foreign_log(vehicle: str, seed: int) -> None:
+    """Thrust of a quarter less in reverse, or a delay of a fifth of the time constant."""
+    runs = day(vehicle, seed)
+    weak = [replace(run, torque=np.where(run.torque < 0.0, run.torque / 0.75, run.torque)) for run in runs]
+    later = [replace(run, torque=np.roll(run.torque, -4)) for run in runs]
+    for changed in (weak, later):
+        every = [replace(run, filtered_torque=run.rates.filter_held(run.trial, run.torque)) for run in changed]
+        kept, faults = found(every)
+        assert len(kept) == 10
+        assert not faults
+
+
+def test_three_logs_have_no_majority() -> None:
+    runs = day("large", 0, {"hold_0.csv": scaled(model("large"), 3.0, 3.0)})[:3]
+    assert not found(runs)[1]

@@ -1,0 +1,60 @@
+"""An inertia below the rigid body's."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from rovid.faults.base import RunsData, examine
+from rovid.faults.thrust_unit import FAULT, inertia_fault
+from rovid.trial.fault import Fault, FaultOverrides
+from rovid.trial.vehicle import Thruster, Vehicle
+from tests.faults.days import VEHICLES, day
+from tests.synthetic import LOGGED
+
+
+def faults(vehicle: str, factor: float, ratio: float, seed: int) -> tuple[Fault, ...]:
+    """Faults of a day whose torque is logged too small by ``factor``; total over rigid-body inertia is ``ratio``."""
+    runs = []
+    for run in day(vehicle, seed):
+        torque = run.torque / factor
+        filtered = run.rates.filter_held(run.trial, torque)
+        runs.append(replace(run, torque=torque, filtered_torque=filtered))
+    body = VEHICLES[vehicle][0].inertia / ratio
+    known = replace(LOGGED, rigid_body_inertia=body)
+    return examine([FAULT], RunsData(runs=runs, vehicle=known), FaultOverrides())[1]
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("vehicle", VEHICLES)
+@pytest.mark.parametrize(("factor", "unit"), [(9.80665, "kgf"), (4.44822, "lbf"), (1000.0, "kN")])
+def test_the_unit_is_named_and_stops(vehicle: str, factor: float, unit: str, seed: int) -> None:
+    (fault,) = faults(vehicle, factor, 1.5, seed)
+    assert fault.stops
+    assert fault.remedy == "none"
+    assert unit in fault.text
+    assert fault.size == pytest.approx(1.5 / factor, rel=0.2)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("ratio", [1.05, 1.5, 4.0])
+@pytest.mark.parametrize("vehicle", VEHICLES)
+def test_a_possible_inertia_gives_nothing(vehicle: str, ratio: float, seed: int) -> None:
+    assert not faults(vehicle, 1.0, ratio, seed)
+
+
+def test_a_fit_is_refused_only_where_its_error_leaves_no_doubt() -> None:
+    vehicle = replace(LOGGED, rigid_body_inertia=100.0)
+    fault = inertia_fault(60.0, 1.0, vehicle)
+    assert fault is not None
+    assert fault.stops
+    assert (fault.size, fault.standard_error) == (0.6, 0.01)
+    assert inertia_fault(60.0, 6.0, vehicle) is None
+    assert inertia_fault(90.0, 0.1, vehicle) is None
+    guessed = Vehicle(
+        name="",
+        thrusters=(Thruster(name="a", arm=1.0, curve=None, arm_guessed=True),),
+        rigid_body_inertia=100.0,
+    )
+    assert inertia_fault(10.0, 0.1, guessed) is None
