@@ -198,6 +198,11 @@ class Thresholds:
     min_held_out_gain: float = 0.0
     """Nats. An effect must gain more on trials that were not fitted. Set: theory (cross-validation). Cannot be halved
     or doubled."""
+    held_out_growth: float = 0.02
+    """Ratio less one. An effect is dropped that makes position errors on held-out trials larger by more at every
+    horizon. Set: 200 predictions count at most (`docs/method.md`), and an RMS of 200 has an error of 5 %, of which two
+    models on the same predictions share more than nine tenths. Halved: true effects whose gain is in the noise are
+    dropped; doubled: stand-ins that predict worse stay."""
     min_standard_errors: float = 3.5
     """Standard errors. Smaller effects are dropped (one-step objective). Set: not recorded. Halved: more false effects;
     doubled: weak effects are dropped."""

@@ -11,8 +11,16 @@ from dataclasses import dataclass, replace
 from functools import cache
 from typing import Self
 
+import numpy as np
+
 from rovid.diagnose.candidate_fits import Alternative, Cause, bic_score, fit_in_parallel, is_at_bound
-from rovid.diagnose.cross_validation import CvPiece, Fold, cross_validate, held_out_log_likelihood
+from rovid.diagnose.cross_validation import (
+    CvPiece,
+    Fold,
+    cross_validate,
+    held_out_log_likelihood,
+    horizon_errors,
+)
 from rovid.diagnose.posterior import (
     has_consistent_size,
     outlier_probability,
@@ -77,6 +85,13 @@ class Selection:
         """Log-likelihood gain of ``effect`` on trials that were not fitted, in nats."""
         without = self.search.without(self.model, effect)
         return held_out_log_likelihood(self.folds(self.model)) - held_out_log_likelihood(self.folds(without))
+
+    def held_out_growth(self, effect: Effect) -> float:
+        """Relative growth by ``effect`` of the RMS position error on held-out trials; the least of all horizons."""
+        models = [self.model, self.search.without(self.model, effect)]
+        own, without = [horizon_errors(one, self.folds(one), self.pieces) for one in models]
+        known = np.isfinite(own) & np.isfinite(without) & (without > 0.0)
+        return float(np.min(own[known] / without[known])) - 1.0 if known.any() else 0.0
 
     def fit_full_data(self, models: Sequence[FitResult]) -> None:
         """Fit ``models`` to all data in parallel, unless the cache has them."""
@@ -190,7 +205,7 @@ def first_rejection(selection: Selection, passed: Collection[str] = ()) -> Rejec
 
 
 def _test(selection: Selection, effect: Effect) -> Rejection | None:
-    """Four tests: held-out gain, bound, significance, and posterior probability."""
+    """Tests of held-out gain, bound, significance, posterior probability, and of the fit to all data."""
     gain, size = selection.held_out_gain(effect), significance(selection.model, effect)
     least = THRESHOLDS.min_standard_errors
     if selection.multi_step:
@@ -203,11 +218,29 @@ def _test(selection: Selection, effect: Effect) -> Rejection | None:
     if size < least:
         return Rejection(effect=effect, reason=f"differs from zero by only {size:.1f} standard errors")
     probability = selection.probability(selection.cause(effect), gain)
-    if probability >= THRESHOLDS.established:
-        return None
-    if probability >= THRESHOLDS.likely:
-        return Rejection(effect=effect, reason="is likely, but not established", is_likely=True)
-    return Rejection(effect=effect, reason="is possible, but not established")
+    if probability < THRESHOLDS.likely:
+        return Rejection(effect=effect, reason="is possible, but not established")
+    if reason := _fault_on_full_data(selection, effect, least):
+        return Rejection(effect=effect, reason=reason)
+    likely = Rejection(effect=effect, reason="is likely, but not established", is_likely=True)
+    return likely if probability < THRESHOLDS.established else None
+
+
+def _fault_on_full_data(selection: Selection, effect: Effect, least: float) -> str:
+    """Why ``effect`` is nothing by the fit to all data, or makes held-out errors grow; empty where neither holds.
+
+    The search uses thinned data, and a gain there may vanish on all data.
+    """
+    full = selection.full_data(selection.model)
+    size = significance(full, effect)
+    if size < least:
+        return f"differs from zero by only {size:.1f} standard errors on all data"
+    if is_at_bound(full, effect):
+        return "would be larger on all data than is physically plausible"
+    growth = selection.held_out_growth(effect)
+    if growth > THRESHOLDS.held_out_growth:
+        return f"makes the position errors on held-out trials {100.0 * growth:.0f} % larger"
+    return ""
 
 
 def drop_likely(selection: Selection, likely: Collection[str]) -> Selection:

@@ -224,3 +224,28 @@ def test_a_further_effect_with_a_notable_gain_is_reported(selection: Selection) 
     assert message.startswith("constant torque would gain a log-likelihood of")
     shown = replace(without, inconsistent=(BIAS,))
     assert report_remainder(shown).messages == ()
+
+
+def test_an_effect_that_is_nothing_on_all_data_is_rejected(
+    selection: Selection, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The search uses thinned data; the size on all data counts too."""
+    passing(monkeypatch)
+    full = replace(selection.model)
+    monkeypatch.setattr(Selection, "full_data", lambda *_: full)
+    sizes = {id(selection.model): 10.0, id(full): 0.4}
+    monkeypatch.setattr(validation, "significance", lambda fitted, _: sizes[id(fitted)])
+    assert reason_of(selection) == "differs from zero by only 0.4 standard errors on all data"
+
+
+@pytest.mark.parametrize(("growth", "rejected"), [(0.06, True), (0.019, False), (-0.3, False)])
+def test_an_effect_must_not_make_held_out_errors_grow(
+    selection: Selection, monkeypatch: pytest.MonkeyPatch, growth: float, *, rejected: bool
+) -> None:
+    passing(monkeypatch)
+    monkeypatch.setattr(Selection, "held_out_growth", lambda *_: growth)
+    assert ("makes the position errors on held-out trials 6 % larger" in reason_of(selection)) is rejected
+
+
+def test_a_cause_that_acts_makes_held_out_errors_smaller(selection: Selection) -> None:
+    assert selection.held_out_growth(BIAS) < -0.1

@@ -9,9 +9,17 @@ import numpy as np
 import pytest
 
 from rovid.core.errors import DataError
-from rovid.estimate.candidate_runs import CandidateRun, RunLimits
-from rovid.estimate.experiment_design import CandidateModel, ExpectedInformation, ExperimentPlan, command_csv, rank_runs
+from rovid.estimate.candidate_runs import CandidateRun, RunLimits, RunScales, candidate_runs
+from rovid.estimate.experiment_design import (
+    CandidateModel,
+    ExpectedInformation,
+    ExperimentPlan,
+    command_csv,
+    plan_experiment,
+    rank_runs,
+)
 from rovid.model.model import Model
+from tests import synthetic
 from tests.synthetic import ROSUB, VEHICLE, clock
 
 TIME = clock(200.0, rate=5.0)
@@ -67,3 +75,28 @@ def test_a_command_file_contains_no_formula() -> None:
     worth = ExpectedInformation(run=run, gain=1.0, rates=np.zeros((1, 2)))
     found = ExperimentPlan(models=(), parameter="", runs=(worth,), thrusters=("=1+1", "fore"), disturbance_rate=0.0)
     assert command_csv(found).splitlines()[0] == '"time_s",\'=1+1,fore'
+
+
+def test_a_fit_that_ran_off_is_refused_by_its_time_constant() -> None:
+    """No array grows with the time constant: this one would take 1e12 samples."""
+    runaway = CandidateModel(
+        name="runaway",
+        model=Model(inertia=1e12, quadratic_drag=0.0, linear_drag=1e3),
+        covariance=np.eye(3),
+        disturbance=1.0,
+        memory=1.0,
+        noise=1e-4,
+        integrated=False,
+    )
+    time = synthetic.clock(60.0)
+    log = synthetic.trial(time, np.where(time < 30.0, 5.0, -5.0))
+    with pytest.raises(DataError, match=r"time constant of 1e\+09 s is longer than all logs together \(60 s\)"):
+        plan_experiment([runaway], synthetic.VEHICLE, [log], RunLimits())
+
+
+def test_runs_beyond_the_limit_are_not_sampled() -> None:
+    time = synthetic.clock(60.0)
+    log = synthetic.trial(time, np.where(time < 30.0, 5.0, -5.0))
+    slow = Model(inertia=1e9, quadratic_drag=0.0, linear_drag=1.0)
+    scales = RunScales.from_trials(slow, synthetic.VEHICLE, [log], 1.0)
+    assert max(run.seconds for run in candidate_runs(scales, ("a", "b"), 600.0)) <= 600.0
