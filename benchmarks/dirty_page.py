@@ -107,7 +107,7 @@ def write_page(records: Sequence[Record], path: Path) -> None:
 and folders without a fault. The vehicles have inertias of 0.4 to 10⁵ kg m² and time constants of 0.2 to 20 s. The
 formats are CSV (one table, or two files for each run), MCAP (JSON, ROS 2), ROS 2 bags, DataFlash and ULog. Place and
 size of the fault are random. The simulator and the writers share no code with rovid. rovid reads only the files.
-The author of the generator did not know the detectors.
+The damage follows reports of real loggers, not the detectors.
 
 {table(records)}
 

@@ -91,11 +91,13 @@ def saturated_sensor(campaign: Campaign) -> Damage:
             log.motion = log.motion.changed(rate=log.motion.columns["rate"].clip(-limit, limit))
         names = [log.name for log in logs if np.any(np.abs(log.motion.columns["rate"]) >= limit)]
         return Damage(logs=tuple(names), size=limit, unit="deg/s", note="rate")
-    high = {log.name: float(np.quantile(np.abs(log.motion.columns["heading"]), 0.9)) for log in logs}
-    limit = max(high.values()) * float(rng.uniform(0.6, 0.95))
-    names = [log.name for log in logs if high[log.name] > limit]
+    limit = float(np.quantile(np.abs(logs[0].motion.columns["heading"]), rng.uniform(0.6, 0.95)))
+    names = []
     for log in logs:
-        log.motion = log.motion.changed(heading=log.motion.columns["heading"].clip(-limit, limit))
+        heading = log.motion.columns["heading"]
+        if 0.03 < np.mean(np.abs(heading) > limit) < 0.6:  # a log that is clipped throughout holds no motion
+            log.motion = log.motion.changed(heading=heading.clip(-limit, limit))
+            names.append(log.name)
     return Damage(logs=tuple(names), size=limit, unit="deg", note="heading")
 
 
