@@ -8,7 +8,8 @@ from benchmarks.gallery.bluerov2 import DIVE, STRAIGHT
 from benchmarks.gallery.esso_osaka import ESSO
 from benchmarks.gallery.kaxan import BENCH
 from benchmarks.gallery.kvlcc2 import DECAY
+from benchmarks.gallery.motors import CAR, LOOP, MOTOR
 
-SETS: tuple[RealSet, ...] = (DIVE, STRAIGHT, DECAY, ESSO, TLOG, FLASH, BENCH)
+SETS: tuple[RealSet, ...] = (DIVE, STRAIGHT, DECAY, ESSO, TLOG, FLASH, BENCH, CAR, LOOP, MOTOR)
 
 __all__ = ["SETS", "RealSet"]

@@ -7,6 +7,7 @@ import csv
 import re
 from collections.abc import Collection
 from dataclasses import dataclass
+from itertools import takewhile, zip_longest
 from pathlib import Path
 from typing import IO
 
@@ -29,6 +30,13 @@ _CONTROL_CHARACTER = re.compile("[\x00-\x08\x0e-\x1f]")
 _DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*")
 _SPACED_QUOTE = re.compile(r"[,;\t] +\"")
 _SAMPLE_ROWS = 200
+# Rows below the names: units, and short names. A unit in brackets or none, with any prefix and power.
+_MORE_HEADERS = 3
+_DIGIT_FIRST = re.compile(r"[+-]?[.,]?\d")
+_UNIT = re.compile(
+    r"\W*(?:-|1|%|°|°/s|°C|(?:(?:[kmcuµn]?(?:s|sec|m|g|N|A|V|W|Hz|Pa|bar|rad|Nm|Ah|Wh)|min|h|deg|dps|rpm|kn|K|C|"
+    r"ticks?|counts?|us)[\^0-9]*[ */·_]?)+)\W*"
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,13 +46,21 @@ class Layout:
     path: Path
     encoding: str  # utf-8 (also for ASCII), utf-8-sig, utf-16, utf-16-le, utf-16-be, utf-32 or cp1252.
     delimiter: str
-    names: tuple[str, ...]  # Of the columns, without surrounding spaces.
+    names: tuple[
+        str, ...
+    ]  # Of the columns, without surrounding spaces; with the unit, "speed [m/s]", of a row of units.
+    titles: tuple[str, ...]  # The same without that unit.
     lines: int  # Number of lines up to the end of the header.
     before: int  # Number of lines before the header that are not empty.
     plain: bool  # pandas counts the lines before the header in the same way.
     spaced: bool  # Quotes follow a space.
     offset: int  # Characters up to the end of the header (bytes, except in UTF-16 and UTF-32).
     rows: tuple[tuple[str, ...], ...]  # Cells of the first rows.
+
+    @property
+    def written_names(self) -> set[str]:
+        """Names by which rovid.toml may refer to the columns."""
+        return {*self.names, *self.titles}
 
     @property
     def wide(self) -> bool:
@@ -71,7 +87,8 @@ class Layout:
 
     def column(self, name: str, signal: str) -> int:
         """Index of the one column ``name``; `LogError` if there is none, or more than one."""
-        places = [index for index, present in enumerate(self.names) if present == name]
+        every = enumerate(zip(self.names, self.titles, strict=True))
+        places = [index for index, written in every if name in written]
         if len(places) == 1:
             return places[0]
         if places:
@@ -96,8 +113,13 @@ def read_layout(path: Path, wanted: Collection[str]) -> Layout:
     text = codecs.getincrementaldecoder(encoding)(errors="replace").decode(head)
     lines = _first_lines(text)
     at = _header_line([line for line, _ in lines], wanted, path)
-    line, end = lines[at]
+    line = lines[at][0]
     delimiter = max(_DELIMITERS, key=lambda sign: (_count_known(line, sign, wanted), len(_split(line, sign))))
+    titles = _split(line.lstrip("#") if _is_comment(line) else line, delimiter)
+    units, more = _unit_row([_split(row, delimiter) for row, _ in lines[at + 1 : at + 2 + _MORE_HEADERS]])
+    names = [f"{title} [{unit}]" if unit else title for title, unit in zip_longest(titles, units[: len(titles)])]
+    at += more
+    end = lines[at][1]
     before = [line for line, _ in lines[:at] if line]
     # The last line is cut unless the whole file was read.
     whole = lines if len(head) < _HEAD or lines[-1][1] < len(text) else lines[:-1]
@@ -108,7 +130,8 @@ def read_layout(path: Path, wanted: Collection[str]) -> Layout:
         path=path,
         encoding=encoding,
         delimiter=delimiter,
-        names=tuple(_split(line.lstrip("#") if _is_comment(line) else line, delimiter)),
+        names=tuple(names),
+        titles=tuple(titles),
         lines=at + 1,
         before=len(before),
         plain=all(text.strip() and text.count('"') % 2 == 0 for text in before),
@@ -172,6 +195,16 @@ def _header_line(lines: list[str], wanted: Collection[str], path: Path) -> int:
     if match := _CONTROL_CHARACTER.search(lines[number]):
         raise _no_text(path, f"the control character {match[0]!r}")
     return number
+
+
+def _unit_row(rows: list[list[str]]) -> tuple[list[str], int]:
+    """Units of the columns without brackets, and the number of header ``rows`` below the names; none without units."""
+    texts = list(takewhile(lambda row: any(row) and not any(_DIGIT_FIRST.match(cell) for cell in row), rows))
+    for row in texts[:_MORE_HEADERS]:
+        known = [cell for cell in row if cell]
+        if len(known) > 1 and all(map(_UNIT.fullmatch, known)):
+            return [cell.strip("[]() ") if cell.strip("[]() -") else "" for cell in row], len(texts)
+    return [], 0
 
 
 def _has_content(line: str) -> bool:

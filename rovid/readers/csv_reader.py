@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
-from itertools import islice
+from itertools import islice, product
 from pathlib import Path
 from typing import IO
 
@@ -34,13 +34,21 @@ _MISSING = ("", "nan", "NaN", "NAN", "-nan")
 _LONG_INTEGER = 16
 # Number of optional columns with text that are left out; each costs another pass over the file.
 _MAX_LEFT_OUT = 8
+# Between the columns of seconds and of nanoseconds of one clock: "s + ns"; endings of their names; name of the second.
+_SPLIT, _FRACTION = " + ", "time of nanoseconds"
+_SECONDS, _NANOSECONDS = ("s", "sec", "secs", "seconds"), ("ns", "nsec", "nsecs", "nanosec", "nanosecs", "nanoseconds")
 
 
 def read(path: Path, config: Config) -> RawLog:
     """Mapped columns of ``path``."""
     signals = {"time": required_time(config, KIND), **required_signals(config, KIND, path)}
+    clock, unit = signals["time"].sources[KIND], signals["time"].unit
     layout = read_layout(path, {signal.sources[KIND] for signal in signals.values()})
     layout.refuse_long_rows()
+    whole, split, fraction = clock.partition(_SPLIT)
+    if split and clock not in layout.titles:
+        signals["time"] = replace(signals["time"], sources={KIND: whole})
+        signals[_FRACTION] = replace(signals["time"], sources={KIND: fraction}, optional=False)
     columns = {name: layout.column(signal.sources[KIND], name) for name, signal in signals.items()}
     with path.open("rb") as file:
         size = file.seek(0, io.SEEK_END)
@@ -49,13 +57,16 @@ def read(path: Path, config: Config) -> RawLog:
     frame, skipped = _read_columns(table)
     if not len(frame):
         raise LogError("has a header but no rows.", where=path, mend="Leave it out.")
-    clock, unit = signals["time"].sources[KIND], signals["time"].unit
     column = frame[columns["time"]]
+    if _FRACTION in columns:
+        # Nanoseconds since 1970 do not fit a float.
+        whole_seconds, nanoseconds = (frame[columns[name]].astype("Int64") for name in ("time", _FRACTION))
+        column, unit = whole_seconds * 10**9 + nanoseconds, "ns"
     time = column_to_seconds(column, clock, unit, lambda row: f"{path}:{table.line(row)}")
     channels = {}
     for name, signal in signals.items():
         at = columns[name]
-        if name == "time" or at not in frame:
+        if name in {"time", _FRACTION} or at not in frame:
             continue
         values = time if at == columns["time"] else frame[at].to_numpy(dtype=np.float64)
         channels[name] = Channel(source=signal.sources[KIND], clock=clock, time=time, values=values)
@@ -244,15 +255,27 @@ def sources(path: Path) -> LogContents:
         # A column of text may hold dates.
         if values is None or _is_increasing(values):
             increasing.append(name)
-    clock = _guess_clock(increasing, numbers, layout)
+    clock = _split_clock(numbers) or _guess_clock(increasing, numbers, layout)
     if numbers and not clock:
         text = "holds no column that could be the time: none only grows."
         raise LogError(text, where=path, mend="Export the log with a column of times, or leave it out.")
     return LogContents(
         clock=clock,
-        sources=tuple(name for name in numbers if name != clock),
+        sources=tuple(name for name in numbers if name not in {clock, *clock.split(_SPLIT)}),
         unreadable=tuple(f"{path}: several columns are named {name!r}; none was used." for name in sorted(repeated)),
     )
+
+
+def _split_clock(numbers: Mapping[str, FloatArray]) -> str:
+    """Columns of whole seconds and of nanoseconds that form one clock, as "s + ns"; empty if there are none."""
+    for name, seconds in numbers.items():
+        for ending, nano in product(_SECONDS, _NANOSECONDS):
+            other = name.removesuffix(ending) + nano
+            if name.endswith(ending) and other in numbers and np.all(seconds == np.round(seconds)):
+                nanoseconds = numbers[other]
+                if nanoseconds.min() >= 0.0 and 1e6 < nanoseconds.max() < 1e9 and np.all(np.diff(seconds) >= 0.0):
+                    return f"{name}{_SPLIT}{other}"
+    return ""
 
 
 def _guess_clock(increasing: Sequence[str], numbers: Mapping[str, FloatArray], layout: Layout) -> str:

@@ -152,7 +152,7 @@ def _is_csv_log(one: _File, config: Config, remarks: list[Remark]) -> bool:
     time = config.time.sources.get("csv", "")
     mapped = {time, *(signal.sources["csv"] for signal in config.mapped_signals("csv").values())}
     try:
-        names = set(read_layout(one.path, mapped).names)
+        names = read_layout(one.path, mapped).written_names
     except (OSError, LogError):
         return True  # Reading reports the error.
     if time not in names and any(columns <= names for columns in _TABLES):

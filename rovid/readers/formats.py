@@ -163,7 +163,7 @@ def _own_config(file: Path, config: Config, join: Join) -> Config:
     if kind == "csv":  # Readers of messages skip missing sources themselves.
         from rovid.readers.csv_dialect import read_layout
 
-        present = set(read_layout(file, ()).names)
+        present = read_layout(file, ()).written_names
         signals = {name: signal for name, signal in signals.items() if signal.sources[kind] in present}
     return replace(config, signals=signals, time=time, commands=(), measured_signal="")
 

@@ -62,7 +62,8 @@ class Config:
     def required_signals(self) -> tuple[str, ...]:
         """Names of the signals that each log must hold."""
         commands = [signal.name for signal in self.commands]
-        commands += [thruster.steering.speed for thruster in self.vehicle.thrusters if thruster.steering]
+        driven = zip(self.commands, self.vehicle.thrusters, strict=False)  # A part of a joined log has no commands.
+        commands += [thruster.steering.speed for _, thruster in driven if thruster.steering]
         if self.measured_signal in self.axis.fix_signals:
             return (*self.axis.fix_signals, *commands)
         return (*filter(None, [self.measured_signal]), *commands)
@@ -317,6 +318,7 @@ class _Parser:
             clamp=outside == "clamp",
             arm=self.number(block.get(arm_key, 1.0), f"{place} {arm_key}"),
             curve=motor_curve(block, place, self) if constant else read_curve(self.path.parent / str(block["curve"])),
+            scale_key=constant if constant == "torque_constant" else "",
             surge_share=self.number(block.get("surge", 0.0), f"{place} surge"),
             arm_guessed=self.is_guessed(block, constant or arm_key, place),
             curve_guessed=not constant and self.is_guessed(block, "curve", place),

@@ -88,6 +88,7 @@ def steered(block: Mapping[str, Any], name: str, signals: Collection[str], parse
         name=name,
         arm=1.0,
         curve=None,
+        scale_key=key,
         steering=Steering(speed=speed, size=size, wheels=wheels),
         is_rate_order=wheels,
         arm_guessed=key not in block,

@@ -92,6 +92,7 @@ class Thruster:
     #: ``arm_guessed``, ``curve_guessed``: whether the value is an unconfirmed guess of `rovid init`.
     arm_guessed: bool = False
     curve_guessed: bool = False
+    scale_key: str = ""  #: Key of rovid.toml that scales the torque in place of the arm.
     steering: Steering | None = None  #: Of a rudder or of steered wheels: its command is computed from an angle.
     is_rate_order: bool = False  #: Whether the command is the rate that a controller is ordered to keep, in SI.
 
@@ -154,7 +155,7 @@ class Vehicle:
         """Guessed values of the thrusters."""
         items: list[str] = []
         for thruster in self.thrusters:
-            key = self.axis.arm_key if thruster.steering is None else "coefficient"
+            key = thruster.scale_key or self.axis.arm_key
             items += [f"{key} of {thruster.name}"] * thruster.arm_guessed
             items += [f"curve of {thruster.name}"] * thruster.curve_guessed
         return Assumptions(items=tuple(items), thrusters=len(self.thrusters))

@@ -33,6 +33,7 @@ from benchmarks.gallery.judge import (
     size_of,
 )
 from benchmarks.gallery.kaxan import BENCH
+from benchmarks.gallery.motors import CAR, LOOP, MOTOR
 from benchmarks.gallery.page import Record, judged, named, page_of
 from tests.conftest import ROOT, SAMPLES, Rovid
 
@@ -280,3 +281,24 @@ def test_the_page_says_of_the_ardusub_samples_what_rovid_does(one: RealSet, rovi
             row = f"| {claim.known} | `{words[0]}` | {judgement.said} | "
             assert row in page, f"run python -m benchmarks.real again: {row}"
             assert page.partition(row)[2].partition(" |")[0].strip("*") == judgement.word
+
+
+@pytest.mark.parametrize("one", [CAR, LOOP, MOTOR], ids=lambda one: one.key)
+def test_logs_of_other_fields_are_read_as_they_are_and_give_no_false_cause(one: RealSet, rovid: Rovid) -> None:
+    """Every claim is right, and no cause is named that is known not to act."""
+    Path(one.key).mkdir()
+    for log in SAMPLES.glob(one.logs):
+        shutil.copy(log, one.key)
+    Path(one.key, "rovid.toml").write_text(one.texts["rovid.toml"], encoding="utf-8")
+    for step in one.steps[:3]:
+        done = rovid(*step.words.split(), "--json")
+        said = answer(done.document if done.code == 0 else None, done.code, done.err.strip())
+        for claim in (claim for claim in one.claims if claim.step == step.name):
+            judgement = claim.judged(said)
+            assert (judgement.word, judgement.said) == (RIGHT, judgement.said)
+        if step.name == "diagnose" and said.document is not None:
+            for found, established in (("findings", True), ("suspects", False)):
+                for named_cause in said.document[found]:
+                    word = judge_cause(named_cause, established=established, causes=one.causes).word
+                    assert word != WRONG, named_cause["effect"]
+            assert not said.document["faults"]

@@ -10,6 +10,9 @@ import pytest
 
 from rovid.core.errors import ConfigError, LogError
 from rovid.readers import csv_reader, read_log
+from rovid.trial.config import Config
+from rovid.trial.signal_names import Signal
+from rovid.trial.vehicle import Vehicle
 from tests.readers.logs import campaign, csv_text, kinds, read_csv, standard, toml, turning
 
 TIME, HEADING = turning()
@@ -119,7 +122,10 @@ BAD: dict[str, tuple[str | bytes, tuple[str, ...]]] = {
         ("hold_3.csv:22: heading_deg is 'x'",),
     ),
     "underscore": (row(9, "1_0"), (":9:", "'1_0'")),
-    "units row": ("time_s,heading_deg,fore_V\ns,deg,V\n" + csv_text(standard()).split("\n", 1)[1], (":2:", "'deg'")),
+    "text row that names no units": (
+        "time_s,heading_deg,fore_V\nnone,east,off\n" + csv_text(standard()).split("\n", 1)[1],
+        (":2:", "'east'"),
+    ),
     "NUL bytes": (row(9, "1\x00").encode(), ("hold_3.csv",)),
     "binary": (bytes(range(256)) * 40, ("hold_3.csv", "no text")),
     "zip": (b"PK\x03\x04" + bytes(range(1, 200)) * 10, ("no text",)),
@@ -152,6 +158,43 @@ BAD: dict[str, tuple[str | bytes, tuple[str, ...]]] = {
     ),
     "time of day": (csv_text(standard(time_s=[f"12:00:{t:.2f}" for t in TIME])), (":2:", "time_s", "ISO 8601")),
 }
+
+
+@pytest.mark.parametrize("more", ["s,deg,V\n", "s,deg,V\nt,psi,u\n", "[s],[deg],[V]\n", "long,names,here\ns,deg,V\n"])
+def test_rows_of_units_and_short_names_below_the_header_are_no_data(more: str, tmp_path: Path) -> None:
+    head, rows = csv_text(standard()).split("\n", 1)
+    plain, found = read_csv(tmp_path, f"{head}\n{rows}"), read_csv(tmp_path, f"{head}\n{more}{rows}")
+    for name, values in plain.arrays().items():
+        np.testing.assert_array_equal(found.arrays()[name], values)
+    bad = row(17, "N/A").split("\n", 1)
+    with pytest.raises(LogError, match=f":{17 + more.count(chr(10))}:"):
+        read_csv(tmp_path, f"{bad[0]}\n{more}{bad[1]}")
+
+
+def test_units_of_a_row_below_the_names_belong_to_the_names(tmp_path: Path) -> None:
+    path = tmp_path / "motor.csv"
+    path.write_text("Time;speed;current;\nms;rad/s;A;\nt;v;i;\n" + "".join(f"{30.5 * k};{k};2;\n" for k in range(9)))
+    assert csv_reader.sources(path).clock == "Time [ms]"
+    assert csv_reader.sources(path).sources == ("speed [rad/s]", "current [A]")
+
+
+def test_a_clock_in_seconds_and_nanoseconds(tmp_path: Path) -> None:
+    path = tmp_path / "car.csv"
+    stamps = 1651541648_900000000 + 37_000_000 * np.arange(50)
+    path.write_text("s,ns,x\n" + "".join(f"{at // 10**9},{at % 10**9},{at % 7}\n" for at in stamps.tolist()))
+    assert csv_reader.sources(path).clock == "s + ns"
+    assert csv_reader.sources(path).sources == ("x",)
+    config = Config(
+        path=path,
+        vehicle=Vehicle(name="", thrusters=()),
+        time=Signal(name="time", sources={"csv": "s + ns"}, unit="auto"),
+        signals={"x": Signal(name="x", sources={"csv": "x"})},
+        commands=(),
+        measured_signal="x",
+    )
+    raw = csv_reader.read(path, config)
+    np.testing.assert_allclose(raw.channels["x"].time, 0.037 * np.arange(50), atol=1e-12)
+    assert raw.epoch == pytest.approx(1651541648.9)
 
 
 @pytest.mark.parametrize("name", BAD)
