@@ -14,7 +14,6 @@ import typer
 
 from rovid.cli import completion
 from rovid.core.errors import ConfigError
-from rovid.trial.fault import FAULT_IDS, FaultOverrides
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -192,6 +191,7 @@ def open_session(
     Logs with a fault that no fit survives raise a `LogError` if ``require_sound``, unless ``force`` is given.
     """
     from rovid.store.history import history_output
+    from rovid.trial.fault import FAULT_IDS, FaultOverrides
 
     stored = parameters_at(parameters, axis, force=force)
     paths = logs or stored_logs(stored)

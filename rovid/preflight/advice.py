@@ -15,10 +15,9 @@ from rovid.effects.actuator_inputs import neutral_commands
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.instrumental_variables import fit_regression
 from rovid.preflight.clock_alignment import ClockOffsets
-from rovid.preflight.clock_offsets import response_lead
 from rovid.preflight.command_effects import ThrusterCheck
 from rovid.preflight.feedback_detection import SIGNIFICANCE_LEVEL, Feedback
-from rovid.signals.preprocessing import PreparedRuns, Run, prepare
+from rovid.signals.preprocessing import Run, prepare
 from rovid.signals.segments import Hold, SineRun, find_holds, find_sines
 from rovid.trial.axis import Axis
 from rovid.trial.trial import Campaign, Trial
@@ -32,8 +31,6 @@ _LEVELS, _SINES, _CYCLES, _ALONE_SECONDS, _COAST_SECONDS = 4, 2, 5, 20.0, 20.0
 _SAME_LEVEL = 0.1
 # Distance from the end of the bench curve as a share of its range; share of a trial there that is reported.
 _AT_END, _SATURATED = 1e-3, 0.02
-# s, largest lead of the response that is searched for, and smallest that is reported.
-_LONGEST_LEAD, _LEAD = 3.0, 0.15
 # Ratio of the estimated inertia to that of the rigid body that only wrong units or curves explain.
 _IMPLAUSIBLE = 20.0
 # Relative standard error of a parameter that is not determined; of a drag or buoyancy relative to the total.
@@ -76,7 +73,7 @@ def advise(
     if vehicle.assumptions:
         text = f"Measure {vehicle.assumptions.listing}, and put it into rovid.toml, where rovid init wrote a guess."
         found.append(Advice(kind="guessed", text=text))
-    found += _joined_clocks(clocks) if clocks and clocks.offsets else _response_before_command(runs)
+    found += _joined_clocks(clocks) if clocks else ()
     for check in thrusters:
         if text := check.text(vehicle.axis):
             found.append(Advice(kind="thruster", text=text, weight="grave" if check.is_reversed else "care"))
@@ -110,17 +107,6 @@ def _joined_clocks(clocks: ClockOffsets) -> Iterator[Advice]:
                 settings.setdefault(key, []).append(setting)
         tables = " and ".join(f"{key} = {{ {', '.join(entries)} }}" for key, entries in settings.items())
         yield Advice(kind="clock_offset", text=f"Put {tables} into [join] of rovid.toml. {text}", weight="grave")
-
-
-def _response_before_command(runs: PreparedRuns) -> Iterator[Advice]:
-    lead = response_lead(runs, _LONGEST_LEAD)
-    # A response after the command is a lag of the vehicle.
-    if lead is not None and lead > max(_LEAD, 2.0 * runs.items[0].rates.kernel.period):
-        text = (
-            f"Put commands and {runs.axis.position_words} on one clock, or shift one of them: the vehicle moves "
-            f"{lead:.2g} s before its commands change."
-        )
-        yield Advice(kind="clock_offset", text=text, weight="grave")
 
 
 def _saturation(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[Advice]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -91,8 +91,25 @@ def check_logs(paths: Sequence[Path], config: Config) -> LogCheck:
         feedback=tuple(feedback),
         clocks=clocks,
         thrusters=tuple(thrusters),
-        faults=(*faults, *more),
+        faults=(*faults, *more, *_clock_faults(clocks, more, config)),
     )
+
+
+def _clock_faults(clocks: ClockOffsets, found: Sequence[Fault], config: Config) -> Iterator[Fault]:
+    """Certain offsets of joined files, unless the response of the vehicle has shown them already."""
+    for clock in clocks.offsets:
+        fault = Fault(
+            fault="clocks_apart",
+            logs=(clock.name,),
+            text=clock.text,
+            size=clock.offset,
+            standard_error=clock.error,
+            unit="s",
+            stops=True,
+        )
+        is_found = any(each.fault == fault.fault and each.stops for each in found)
+        if clock.certain and not is_found and not config.faults.keep(fault):
+            yield fault
 
 
 def _inner_loop(trials: Sequence[Trial], config: Config) -> InnerLoop | None:

@@ -311,16 +311,6 @@ def coarse_shifts(runs: PreparedRuns) -> dict[str, float]:
     return found
 
 
-def response_lead(runs: PreparedRuns, longest: float) -> float | None:
-    """Time in s by which the response precedes the commands, negative for a delay; None if not determined."""
-    shifts, period = _shift_grid(runs, longest)
-    residuals = np.array([_mean_square_residual(runs.items, runs, shift) for shift in shifts.tolist()])
-    best = int(np.argmin(residuals))
-    if not np.isfinite(residuals).all() or not 0 < best < len(shifts) - 1:
-        return None
-    return -float(shifts[best] * period)
-
-
 def _shift_grid(runs: PreparedRuns, longest: float) -> tuple[IntArray, float]:
     """Shifts to try, in samples, and the sampling period in s."""
     period = runs.items[0].rates.kernel.period

@@ -75,9 +75,11 @@ def test_a_clock_offset_is_distinguished_from_a_lag(csv_day: Path, tmp_path: Pat
 
         return change
 
-    late = kinds(rovid, spoilt(csv_day, tmp_path / "late", shifted(0.6)))
-    assert "the vehicle moves 0." in late["clock_offset"]
-    assert "clock_offset" not in kinds(rovid, spoilt(csv_day, tmp_path / "early", shifted(-0.6)))
+    late = rovid("check", spoilt(csv_day, tmp_path / "late", shifted(0.6)), "--json").document
+    (fault,) = late["faults"]
+    assert (fault["fault"], fault["stops"], late["verdict"]) == ("clocks_apart", True, "no_go")
+    assert fault["size"] == pytest.approx(-0.6, abs=4.0 * fault["standard_error"] + 0.02)  # The step of the shifts.
+    assert not rovid("check", spoilt(csv_day, tmp_path / "early", shifted(-0.6)), "--json").document["faults"]
 
 
 @pytest.mark.parametrize("axis", ["surge", "pitch"])
@@ -99,10 +101,11 @@ def test_a_release_is_requested_for_pitch(tmp_path: Path, rovid: Rovid) -> None:
         shutil.copy(SAMPLES / "pitch_tank" / name, day)
     for name in ("sine_10s.csv", "sine_4.5s.csv"):
         early(pd.read_csv(SAMPLES / "pitch_tank" / name)).to_csv(day / name, index=False)
-    found = {a["kind"]: a["text"] for a in rovid("check", day, "--axis", "pitch", "--json").document["advice"]}
+    document = rovid("check", day, "--axis", "pitch", "--json").document
+    found = {a["kind"]: a["text"] for a in document["advice"]}
     assert "let go of it" in found["coast"]
     assert "Stiffness" in found["holds"]
-    assert "the vehicle moves 0." in found["clock_offset"]
+    assert [fault["fault"] for fault in document["faults"]] == ["clocks_apart"]
 
 
 def test_unreadable_logs_are_not_called_ready(tmp_path: Path, rovid: Rovid) -> None:

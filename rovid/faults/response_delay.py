@@ -1,0 +1,124 @@
+"""Delay of the motion after the commands, of either sign, from one regression for each shift of the torque.
+
+The torque, shifted in time, is fitted by acceleration, drag and trim. The shift with the smallest residual is the
+delay. Its standard error is a jackknife over blocks, because the residuals are autocorrelated.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rovid.core.array_types import FloatArray
+from rovid.signals.preprocessing import Run
+
+# s, step and range of the shifts; maximum number of samples in the regressions.
+_STEP, _LONGEST, _MAX_SAMPLES = 0.02, 3.0, 20_000
+# s, length of a jackknife block; the least number of blocks in which the torque varies, and its least share of the mean
+# square. The steps of one block alone have no error.
+_BLOCK, _MIN_BLOCKS, _VARIES = 20.0, 5, 1e-3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ResponseDelay:
+    """Delay of the motion after the commands in s, negative where the motion comes first, with its standard error."""
+
+    delay: float
+    error: float
+    improvement: float  #: Share of the mean square residual that the shift removes.
+    values: FloatArray  #: (p,) parameters of the regression without a shift; the trim is the last one.
+
+
+def response_delay(runs: Sequence[Run], values: FloatArray | None = None) -> ResponseDelay | None:
+    """The delay; None where the logs do not determine one within the range of the shifts.
+
+    ``values``: (p,) parameters of the regression if they are known; only the last one, the trim, is fitted then. One
+    sine alone determines no delay without them.
+    """
+    period = runs[0].rates.kernel.period
+    step = max(round(_STEP / period), 1)
+    reach = step * round(_LONGEST / (step * period))
+    stride = sum(len(run.filtered_torque) for run in runs) // _MAX_SAMPLES + 1
+    blocks = [block for run in runs for block in _blocks(run, reach, step, stride, period)]
+    if len(blocks) < _MIN_BLOCKS:
+        return None
+    xx, xt, tt, variation = (np.array(each) for each in zip(*blocks, strict=True))
+    if np.count_nonzero(variation > _VARIES * tt[:, tt.shape[1] // 2].mean()) < _MIN_BLOCKS:
+        return None
+    total, fitted = _residuals(xx.sum(axis=0), xt.sum(axis=0), tt.sum(axis=0), values)
+    best, every = _minimum(total), []
+    if best is None:
+        return None
+    for at in range(len(blocks)):
+        rest_xx, rest_xt, rest_tt = (each.sum(axis=0) - each[at] for each in (xx, xt, tt))
+        others, _ = _residuals(rest_xx, rest_xt, rest_tt, values)
+        every.append(_minimum(others))
+    found = np.array([each for each in every if each is not None])
+    if len(found) < len(blocks):
+        return None
+    count, unit, middle = len(found), step * period, len(total) // 2
+    error = math.sqrt((count - 1.0) / count * float(np.sum((found - found.mean()) ** 2)))
+    at_zero, smallest = float(total[middle]), float(total.min())
+    return ResponseDelay(
+        delay=float(middle - best) * unit,
+        error=error * unit,
+        improvement=1.0 - smallest / max(at_zero, 1e-300),
+        values=fitted,
+    )
+
+
+def _blocks(
+    run: Run, reach: int, step: int, stride: int, period: float
+) -> Iterator[tuple[FloatArray, FloatArray, FloatArray, float]]:
+    """(p, p), (p, m) and (m,) moments of regressors and of the torque at each of m shifts; its variation."""
+    torque, rates = run.filtered_torque, run.rates
+    count = len(torque)
+    if count <= 2 * reach:
+        return
+    windows = np.lib.stride_tricks.sliding_window_view(torque, 2 * reach + 1)[::stride, ::step]
+    inside = np.arange(reach, count - reach)[::stride]
+    known = rates.valid[inside] & np.isfinite(windows).all(axis=1)
+    rate, position = rates.rate[inside], rates.position[inside]
+    columns = [rates.acceleration[inside], np.abs(rate) * rate, rate]
+    if run.trial.axis.self_righting:
+        columns += [np.sin(position), np.cos(position)]
+    x = np.column_stack((*columns, np.ones(len(inside))))
+    length = max(int(_BLOCK / (period * stride)), 10)
+    for first in range(0, len(inside), length):
+        rows = np.flatnonzero(known[first : first + length]) + first
+        if len(rows):
+            block, shifted = x[rows], windows[rows]
+            yield (
+                block.T @ block,
+                block.T @ shifted,
+                np.sum(shifted**2, axis=0),
+                float(np.var(shifted[:, shifted.shape[1] // 2]) * len(rows)),
+            )
+
+
+def _residuals(
+    xx: FloatArray, xt: FloatArray, tt: FloatArray, values: FloatArray | None
+) -> tuple[FloatArray, FloatArray]:
+    """(m,) sums of squares, and (p,) parameters without a shift."""
+    if values is not None:
+        # Torque that the known parameters leave, and its trim.
+        known = values[:-1]
+        rest = tt - 2.0 * known @ xt[:-1] + known @ xx[:-1, :-1] @ known
+        return np.asarray(rest - (xt[-1] - known @ xx[:-1, -1]) ** 2 / xx[-1, -1]), values
+    size = np.sqrt(np.diag(xx)).clip(1e-300)
+    scaled = xt / size[:, None]
+    fitted = np.linalg.lstsq(xx / size[:, None] / size, scaled, rcond=1e-12)[0]
+    return np.asarray(tt - np.sum(scaled * fitted, axis=0)), fitted[:, fitted.shape[1] // 2] / size
+
+
+def _minimum(residuals: FloatArray) -> float | None:
+    """Place of the smallest residual by a parabola; None at an end."""
+    at = int(np.argmin(residuals))
+    if not 0 < at < len(residuals) - 1:
+        return None
+    before, here, after = residuals[at - 1 : at + 2]
+    bend = before - 2.0 * here + after
+    return at + (0.5 * (before - after) / bend if bend > 0.0 else 0.0)

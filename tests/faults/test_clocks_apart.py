@@ -1,0 +1,73 @@
+"""Commands and motion on clocks with an offset."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rovid.faults.base import RunsData, examine
+from rovid.faults.clocks_apart import FAULT
+from rovid.signals.preprocessing import Run
+from rovid.trial.fault import Fault, FaultOverrides
+from tests.faults.days import VEHICLES, day
+from tests.synthetic import LOGGED
+
+
+def faults(runs: Sequence[Run]) -> tuple[Fault, ...]:
+    return examine([FAULT], RunsData(runs=runs, vehicle=LOGGED), FaultOverrides())[1]
+
+
+def shifted(run: Run, samples: int) -> Run:
+    """``run`` with its commands ``samples`` later."""
+    torque = np.roll(run.torque, samples)
+    return replace(run, torque=torque, filtered_torque=run.rates.filter_held(run.trial, torque))
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("samples", [3, 10])
+@pytest.mark.parametrize("vehicle", VEHICLES)
+def test_motion_before_the_commands_stops(vehicle: str, samples: int, seed: int) -> None:
+    runs = [shifted(run, samples) for run in day(vehicle, seed)]
+    (fault,) = faults(runs)
+    assert fault.stops
+    assert len(fault.logs) == 10
+    assert fault.size is not None
+    assert fault.standard_error is not None
+    interval = runs[0].trial.sampling_interval
+    # A fifth of an interval: the parabola through three shifts.
+    assert abs(fault.size + samples * interval) < 4.0 * fault.standard_error + 0.2 * interval
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_log_with_the_offset_is_named(seed: int) -> None:
+    runs = [shifted(run, 10) if run.trial.name == "random.csv" else run for run in day("large", seed)]
+    (fault,) = faults(runs)
+    assert (fault.logs, fault.stops) == (("random.csv",), True)
+
+
+@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("disturbance", [0.002, 0.1])
+@pytest.mark.parametrize("vehicle", VEHICLES)
+def test_one_clock_gives_nothing(vehicle: str, disturbance: float, seed: int) -> None:
+    runs = day(vehicle, 50 + seed, disturbance=disturbance)
+    assert not faults(runs)
+    # A delay of the thrusters is no fault of one log.
+    assert not faults([shifted(run, -5) for run in runs])
+
+
+def test_a_delay_of_joined_files_is_a_rival() -> None:
+    def joined(run: Run) -> Run:
+        return replace(run, trial=replace(run.trial, companion_files=(Path("thrusters.csv"),)))
+
+    runs = [joined(run) for run in day("large", 0)]
+    assert not faults(runs)
+    moving = [replace(run, trial=replace(run.trial, commands=run.torque[:, None])) for run in runs]
+    (fault,) = faults([shifted(run, -8) for run in moving])
+    assert (fault.remedy, fault.stops) == ("none", False)
+    assert fault.confidence < 0.95
+    assert fault.size is not None
+    assert fault.size > 0.0
