@@ -23,6 +23,7 @@ from rovid.diagnose.stepwise import Gains, ProgressCallback, StepwiseSearch, Sto
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.diagnose.wave_test import WaveTest, run_wave_test
 from rovid.effects import Effect, forms_for
+from rovid.effects.clock_offset import CLOCKS_APART
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.maximum_likelihood import DISTURBANCE_LIMITS, INNOVATIONS_R2, fit_innovations, loosen_limit
@@ -256,7 +257,8 @@ def pose(
     trials = [run.trial.name for run in prepared.items]
     repeated = [name for number, name in enumerate(trials) if counts[number] > 1]
     forms = forms_for(vehicle, shared_channels(runs), trials, repeated)
-    candidates = (*forms, *signal_regressors((*prepared.items, *runs, *(piece.run for piece in pieces))))
+    rivals = [CLOCKS_APART] * any(run.trial.companion_files for run in runs)
+    candidates = (*forms, *rivals, *signal_regressors((*prepared.items, *runs, *(piece.run for piece in pieces))))
     data = InnovationData(prepared.items, vehicle, start)
     wave_data = thin_for_waves(data)
     wave = next((form for form in forms if form.is_wave), None)

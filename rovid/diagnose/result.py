@@ -15,6 +15,7 @@ from rovid.effects import Effect, effect_named
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.experiment_design import ExperimentPlan, commands_by_name
 from rovid.model.model import Model
+from rovid.trial.fault import Fault
 from rovid.trial.vehicle import Vehicle
 
 # Parameters that no data along one axis identify: other inertia and drag give the same motion.
@@ -86,7 +87,7 @@ class HorizonErrors:
 class Diagnosis:
     """Result of `rovid diagnose`."""
 
-    verdict: str  #: found, suspected, nothing_found, unexplained or too_little_data.
+    verdict: str  #: found, suspected, nothing_found, unexplained, too_little_data or bad_logs.
     #: ``base``, ``extended``: model without, and with the established causes; None with too little data.
     base: ModelAssessment | None = None
     extended: ModelAssessment | None = None
@@ -107,6 +108,7 @@ class Diagnosis:
     #: Each effect that was not found, with the smallest detectable size of its first parameter; may be infinite.
     detectable: tuple[tuple[Effect, float], ...] = ()
     warnings: tuple[str, ...] = ()
+    faults: tuple[Fault, ...] = ()  #: Faults of the logs that the diagnosis found.
     missing: str = ""  #: Message on the data that are missing.
     from_tables: TableDiagnosis | None = None  #: Diagnosis of tables, where there are no logs.
 

@@ -9,6 +9,7 @@ from rovid.core.errors import ConfigError, suggestion
 from rovid.effects import bias_torque, restoring, supply_sag, thruster_imbalance
 from rovid.effects.actuator_inputs import SPEEDS
 from rovid.effects.base import Effect, Term
+from rovid.effects.clock_offset import CLOCKS_APART
 from rovid.effects.per_trial import trials_in_form
 from rovid.trial.axis import Axis
 from rovid.trial.vehicle import Vehicle
@@ -160,7 +161,7 @@ def effect_named(name: str) -> Effect:
     ConfigError
         There is none. The message offers the nearest ids.
     """
-    for effect in FORMS:
+    for effect in (*FORMS, CLOCKS_APART):
         if effect.key == name and not effect.per_thruster:
             return effect
     key, _, form = name.partition(":")

@@ -12,6 +12,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from rovid.core.errors import RovidError
 from rovid.core.stats import chi2_sf
 from rovid.effects import Effect, effect_named, restoring_effect
 from rovid.effects.base import ActuatorInputs, EffectParameter, OnTorque, Values
+from rovid.effects.clock_offset import mean_shifted
 from rovid.effects.per_trial import form_name, one_size_per_trial
 from rovid.effects.restoring import regressors
 from rovid.estimate.maximum_likelihood import LikelihoodFit, fit_likelihood
@@ -27,6 +29,7 @@ from rovid.preflight.clock_alignment import SIGNIFICANT, ClockAlignment, ClockOf
 from rovid.preflight.raw_columns import RawColumn
 from rovid.readers.formats import all_channels, relative_name
 from rovid.signals.preprocessing import PreparedRuns, Run, prepare
+from rovid.signals.shift import shift_commands
 from rovid.trial.config import Config
 from rovid.trial.trial import Campaign, Trial
 from rovid.trial.vehicle import Vehicle
@@ -43,8 +46,8 @@ _LEVEL = 0.01
 # s, standard error from which equal offsets of independent clocks are no coincidence.
 _PRECISE = 0.03
 _LAG = "thruster_lag"
-# Resolution of the time stamps of a shifted trial, per sampling interval.
-_RESOLUTION = 50.0
+# Fields of a trial that the response needs not.
+_NO_TILT: dict[str, Any] = {"roll": None, "pitch": None, "extras": {}}
 
 Columns = Mapping[str, RawColumn]
 
@@ -196,7 +199,8 @@ def _response_delays(trials: Sequence[Trial], vehicle: Vehicle) -> tuple[dict[st
         return {}, 0.0
     try:
         shifts = coarse_shifts(prepare(Campaign(trials=tuple(trials), sources=()), vehicle))
-        shifted = [_shift_commands(trial, shifts[_parent(trial)]) for trial in trials if _parent(trial) in shifts]
+        bare = [replace(trial, rate=trial.rate if trial.rate_only else None, **_NO_TILT) for trial in trials]
+        shifted = [shift_commands(trial, shifts[_parent(trial)]) for trial in bare if _parent(trial) in shifts]
         runs = prepare(Campaign(trials=tuple(shifted), sources=()), vehicle.with_logged_torque(shifted)).items
         names = list(dict.fromkeys(_parent(run.trial) for run in runs))
         effects = (_clock_effect(names),)
@@ -235,7 +239,7 @@ def _clock_effect(names: Sequence[str]) -> Effect:
         own = {name: values[one.name] for name, one in zip(names, sizes, strict=True)}
         out = torque.copy()
         for trial in where.trials:
-            out[trial.rows] = _delayed(where.time[trial.rows], torque[trial.rows], own[trial.parent])
+            out[trial.rows] = mean_shifted(where.time[trial.rows], torque[trial.rows], own[trial.parent])
         return out
 
     return replace(
@@ -245,46 +249,6 @@ def _clock_effect(names: Sequence[str]) -> Effect:
         parameters=sizes,
         size_count=len(sizes),
         acts=OnTorque(delayed, settling_time=lambda *_: math.inf),
-    )
-
-
-def _delayed(time: FloatArray, values: FloatArray, delay: float) -> FloatArray:
-    """Means between (n,) times of the held ``values`` after a ``delay`` of either sign in s."""
-    ends = np.append(time, time[-1] + 1.0)
-    integral = np.concatenate(([0.0], np.cumsum(values * np.diff(ends))))
-    at = ends - delay
-    # The first and the last value are held outside.
-    before, after = np.minimum(at - ends[0], 0.0), np.maximum(at - ends[-1], 0.0)
-    moved = np.interp(at, ends, integral) + before * values[0] + after * values[-1]
-    width = np.diff(ends)
-    return np.where(width > 0.0, np.diff(moved) / np.where(width > 0.0, width, 1.0), values)
-
-
-def _shift_commands(trial: Trial, delay: float) -> Trial:
-    """``trial`` with its motion, and its commands ``delay`` s later, without further channels."""
-    # Time stamps on a common grid do not nearly coincide.
-    grid = trial.sampling_interval / _RESOLUTION
-    measured = grid * np.round(trial.time[trial.measured] / grid)
-    commanded = grid * np.round((trial.time + delay) / grid)
-    base = grid * np.unique(np.round(np.concatenate((measured, commanded)) / grid))
-    first, last = max(measured[0], commanded[0]), min(measured[-1], commanded[-1])
-    base = base[(base >= first - 0.5 * grid) & (base <= last + 0.5 * grid)]
-    inside = (measured >= base[0] - 0.5 * grid) & (measured <= base[-1] + 0.5 * grid)
-    position = np.full(len(base), np.nan)
-    position[np.searchsorted(base, measured[inside] - 0.5 * grid)] = trial.position[trial.measured][inside]
-    rows = np.maximum(np.searchsorted(commanded, base + 0.5 * grid, side="right") - 1, 0)
-    rate = None
-    if trial.rate_only and trial.rate is not None:
-        rate = np.interp(base, measured, trial.rate[trial.measured])
-    return replace(
-        trial,
-        time=base - base[0],
-        position=position,
-        commands=trial.commands[rows],
-        rate=rate,
-        roll=None,
-        pitch=None,
-        extras={},
     )
 
 

@@ -293,9 +293,9 @@ class Study:
             return Diagnosis(verdict="too_little_data", missing=from_tables.missing, from_tables=from_tables)
         if stopping(self.faults) and not force:
             return Diagnosis(verdict="bad_logs", missing=" ".join(fault_texts(stopping(self.faults))))
-        from rovid.diagnose.algorithm import diagnose
+        from rovid.diagnose.clock_rival import diagnose_logs
 
-        diagnosis = diagnose(self.runs, self.vehicle, report)
+        diagnosis = diagnose_logs(self.runs, self.vehicle, report)
         causes = (*diagnosis.findings, *diagnosis.suspects)
         warnings = [*diagnosis.warnings]
         if final := diagnosis.extended or diagnosis.base:

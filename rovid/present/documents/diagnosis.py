@@ -35,7 +35,7 @@ from rovid.present.tables.diagnosis import inertia_ratios
 from rovid.store.study import Study
 from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import Axis
-from rovid.trial.fault import fault_texts
+from rovid.trial.fault import Fault, fault_texts
 
 
 def diagnosis_document(diagnosis: Diagnosis, study: Study) -> Document:
@@ -76,11 +76,18 @@ def diagnosis_document(diagnosis: Diagnosis, study: Study) -> Document:
     }
     if diagnosis.from_tables is not None:
         document["tables"] = _table_diagnosis(diagnosis.from_tables)
-    document["faults"] = fault_documents(study.faults)
+    faults = all_faults(diagnosis, study)
+    document["faults"] = fault_documents(faults)
     document["warnings"] = all_warnings(
-        study.vehicle.assumptions, [*fault_texts(study.faults), *study.remarks(), *diagnosis.warnings]
+        study.vehicle.assumptions, [*fault_texts(faults), *study.remarks(), *diagnosis.warnings]
     )
     return document
+
+
+def all_faults(diagnosis: Diagnosis, study: Study) -> list[Fault]:
+    """Faults that the logs alone show, and those that the diagnosis found, which comes second and knows more."""
+    later = {fault.fault for fault in diagnosis.faults}
+    return [*(fault for fault in study.faults if fault.fault not in later), *diagnosis.faults]
 
 
 def _detectable(diagnosis: Diagnosis, axis: Axis) -> Document:

@@ -1,0 +1,105 @@
+"""The clock as a rival of the causes, wherever commands and motion come from different files.
+
+`rovid.diagnose.objectives.pose` adds the clock offset to the candidates. Where the offset is established, the commands
+are moved by it and the diagnosis is repeated. Where it is possible, it is a fault that may act, and no cause.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from rovid.core.formatting import plus_minus
+from rovid.diagnose.algorithm import diagnose
+from rovid.diagnose.result import Diagnosis, Finding
+from rovid.diagnose.stepwise import ProgressCallback
+from rovid.effects.clock_offset import CLOCKS_APART
+from rovid.signals.preprocessing import PreparedRuns, Run, prepare
+from rovid.signals.shift import shift_commands
+from rovid.trial.fault import Fault
+from rovid.trial.trial import Campaign
+from rovid.trial.vehicle import Vehicle
+
+_LEAD = f"{CLOCKS_APART.id}.lead"
+# Share of the probability of a delay that is its own: the logs do not prefer a delay to a clock offset. Convention.
+_EVEN = 0.5
+
+
+def diagnose_logs(prepared: PreparedRuns, vehicle: Vehicle, report: ProgressCallback) -> Diagnosis:
+    """The diagnosis, in which a clock offset is a fault of the logs and no cause."""
+    diagnosis = diagnose(prepared, vehicle, report)
+    offset = _clock_offset(diagnosis.findings)
+    if offset is None:
+        return _without_offset(diagnosis, prepared.items)
+    fault = _fault(offset, prepared.items, "The commands were moved by it.")
+    lead = offset.estimate.value(_LEAD)
+    trials = tuple(shift_commands(run.trial, -lead) for run in prepared.items)
+    corrected = prepare(Campaign(trials=trials, sources=()), vehicle, cutoff=prepared.cutoff)
+    report("Repeating the diagnosis with the clocks corrected …")
+    diagnosis = _without_offset(diagnose(corrected, vehicle, report), corrected.items)
+    return replace(diagnosis, faults=(fault, *diagnosis.faults))
+
+
+def _clock_offset(findings: Sequence[Finding]) -> Finding | None:
+    return next((finding for finding in findings if finding.effect is CLOCKS_APART), None)
+
+
+def _without_offset(diagnosis: Diagnosis, runs: Sequence[Run]) -> Diagnosis:
+    """``diagnosis`` with clock offsets as faults; a command delay of joined logs is no more than a suspect."""
+    every = [finding for finding in (*diagnosis.findings, *diagnosis.suspects) if finding.effect is not CLOCKS_APART]
+    offset, faults = _clock_offset((*diagnosis.findings, *diagnosis.suspects)), list[Fault]()
+    if offset is not None:
+        faults.append(_fault(offset, runs, "It may act; give a known offset in [join]."))
+    findings = [finding for finding in diagnosis.findings if finding in every]
+    suspects = [finding for finding in diagnosis.suspects if finding in every]
+    for delay in [finding for finding in findings if finding.effect.id == "command_delay"] if _joined(runs) else []:
+        findings.remove(delay)
+        rivals = (*delay.indistinguishable, CLOCKS_APART)
+        suspects.insert(0, replace(delay, indistinguishable=rivals, probability=_EVEN * delay.probability))
+        faults.append(_delay_fault(delay, runs))
+    verdict = diagnosis.verdict
+    if verdict in {"found", "suspected"} and not findings:
+        verdict = "suspected" if suspects else "nothing_found"
+    return replace(diagnosis, verdict=verdict, findings=tuple(findings), suspects=tuple(suspects), faults=tuple(faults))
+
+
+def _joined(runs: Sequence[Run]) -> tuple[str, ...]:
+    """Names of the logs that were joined from several files."""
+    return tuple(dict.fromkeys(run.trial.parent or run.trial.name for run in runs if run.trial.companion_files))
+
+
+def _delay_fault(delay: Finding, runs: Sequence[Run]) -> Fault:
+    """The clock offset that looks like a command delay."""
+    name = f"{delay.effect.key}.delay"
+    size, error = delay.estimate.value(name), delay.estimate.standard_error(name)
+    text = (
+        f"The vehicle responds {plus_minus(size, error)} s after its commands: a command delay, or a clock of the "
+        "commands that is behind the clock of the motion. The logs do not show which. Log a copy of a command or of "
+        "the heading in both files, or give a known offset in [join]."
+    )
+    return Fault(
+        fault=CLOCKS_APART.id,
+        logs=_joined(runs),
+        size=size,
+        standard_error=error,
+        unit="s",
+        confidence=_EVEN * delay.probability,
+        text=text,
+    )
+
+
+def _fault(offset: Finding, runs: Sequence[Run], done: str) -> Fault:
+    lead, error = offset.estimate.value(_LEAD), offset.estimate.standard_error(_LEAD)
+    text = (
+        f"The vehicle responds {plus_minus(lead, error)} s before its commands, which is impossible: the clock of the "
+        f"commands is ahead of the clock of the motion. {done}"
+    )
+    return Fault(
+        fault=CLOCKS_APART.id,
+        logs=_joined(runs),
+        size=-lead,
+        standard_error=error,
+        unit="s",
+        confidence=offset.probability,
+        text=text,
+    )

@@ -1,0 +1,45 @@
+"""Commands whose clock is late: no cause, but a fault of joined logs that a cause may imitate.
+
+The effect is a rival of the causes of a diagnosis where commands and motion come from different files. A clock that is
+ahead looks the same as a command delay, which covers that sign.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from rovid.core.array_types import FloatArray
+from rovid.effects.base import ActuatorInputs, Effect, EffectParameter, OnTorque, Values
+
+
+def mean_shifted(time: FloatArray, values: FloatArray, delay: float) -> FloatArray:
+    """Means between (n,) times of the held ``values`` after a ``delay`` of either sign in s."""
+    ends = np.append(time, time[-1] + 1.0)
+    integral = np.concatenate(([0.0], np.cumsum(values * np.diff(ends))))
+    at = ends - delay
+    # The first and the last value are held outside.
+    before, after = np.minimum(at - ends[0], 0.0), np.maximum(at - ends[-1], 0.0)
+    moved = np.interp(at, ends, integral) + before * values[0] + after * values[-1]
+    width = np.diff(ends)
+    return np.where(width > 0.0, np.diff(moved) / np.where(width > 0.0, width, 1.0), values)
+
+
+def _advanced(inputs: ActuatorInputs, torque: FloatArray, values: Values) -> FloatArray:
+    out = torque.copy()
+    for trial in inputs.trials:
+        out[trial.rows] = mean_shifted(inputs.time[trial.rows], torque[trial.rows], -values["lead"])
+    return out
+
+
+CLOCKS_APART: Effect = Effect(
+    id="clocks_apart",
+    title="clock offset between the joined files",
+    parameters=(EffectParameter(name="lead", unit="s", neutral=0.0, low=0.0, high=10.0, initial_values=(0.02, 0.3)),),
+    equation="T'(t) = T(t + δ)",
+    fingerprint="the vehicle responds before its commands",
+    experiment="the same run with a copy of a command or of the heading in both files, which compares their clocks",
+    rivals=("command_delay", "thruster_lag", "added_mass_memory"),
+    acts=OnTorque(_advanced, settling_time=lambda *_: math.inf),
+)
