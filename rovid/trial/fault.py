@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-from rovid.core.array_types import FloatArray
 from rovid.trial.log_files import is_called
+
+if TYPE_CHECKING:  # numpy takes long to import.
+    from rovid.core.array_types import FloatArray
 
 # Ids of all faults, in the order in which they are listed; the files of `rovid.faults` have these names.
 FAULT_IDS = (

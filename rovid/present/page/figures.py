@@ -101,8 +101,7 @@ class ReportFigures:
     def files(self, folder: Path) -> dict[OutputFile, bytes]:
         """Every plot as PNG and as SVG in ``folder``."""
         files = {}
-        # The first field is the worst trial, which is part of the page.
-        for section in list(vars(self).values())[1:]:
+        for section in list(vars(self).values())[1:]:  # The first, the worst trial, is part of the page.
             for figure in section.values() if isinstance(section, Mapping) else section:
                 files[OutputFile(folder / f"{figure.name}.png", png_signature("report"))] = figure.png
                 files[OutputFile(folder / f"{figure.name}.svg", svg_signature("report"))] = figure.svg
@@ -112,7 +111,7 @@ class ReportFigures:
 def existing_plots(folder: Path) -> list[OutputFile]:
     """Files in ``folder`` with names of a report's plots, whatever program wrote them."""
     signatures = {".png": png_signature("report"), ".svg": svg_signature("report")}
-    plots = [path for path in sorted(folder.glob("*")) if _FILE_NAMES.fullmatch(path.name)]
+    plots = filter(lambda path: _FILE_NAMES.fullmatch(path.name), sorted(folder.glob("*")))
     return [OutputFile(path, signatures[path.suffix]) for path in plots]
 
 
@@ -150,10 +149,9 @@ def _draw(report: ReportData) -> ReportFigures:
 
 
 def _faults(found: Sequence[Fault]) -> Iterator[FigureDraft]:
-    """The spots of the first faults that have one."""
     for number, fault in enumerate([fault for fault in found if fault.excerpt][:FAULT_PLOTS], 1):
-        alt = f"The signal at the fault: {fault.text}"
-        yield FigureDraft(f"fault_{number:02d}", faults.plot_fault(fault), caption=fault.text, alt=alt)
+        name = f"fault_{number:02d}"
+        yield FigureDraft(name, faults.plot_fault(fault), caption=fault.text, alt="The signal at the fault.")
 
 
 def _render(draft: FigureDraft, guess: Assumptions) -> ReportFigure:
@@ -167,10 +165,10 @@ def _worst(report: ReportData) -> WorstTrialFigure | None:
     if not report.simulations_without:
         return None
     before, after = _worst_pair(report)
-    drawn = []
+    drawn, guess = [], report.vehicle.assumptions
     for name, width, rows in (("wide", 5.6, (1.9, 1.0)), ("narrow", 3.9, (0.75, 0.45))):
-        figure = trials.plot_before_after(before, after, width=width, rows=rows)
-        drawn.append(canvas.render_inline_svg(canvas.mark_guessed(figure, report.vehicle.assumptions), name))
+        figure = canvas.mark_guessed(trials.plot_before_after(before, after, width=width, rows=rows), guess)
+        drawn.append(canvas.render_inline_svg(figure, name))
     caption = f"The worst trial, {before.run.trial.name}, simulated freely."
     return WorstTrialFigure(caption=caption, alt=_error_words(before, after), wide=drawn[0], narrow=drawn[1])
 
