@@ -237,13 +237,26 @@ def diagnose_study(
     stored: Parameters, study: Study, report: Callable[[str], None], *, force: bool = False
 ) -> Diagnosis:
     """Diagnose the logs and warn where ``stored`` disagrees; with ``force`` also logs with a fault that stops."""
+    from rovid.diagnose.result import Diagnosis
     from rovid.store.checks import method_disagreement
 
+    if not force and (reversed_arms := _reversed_thrusters(study)):
+        return Diagnosis(verdict="bad_logs", missing=" ".join(reversed_arms))
     stored, notes = without_stale_values(stored, study)
     diagnosis = study.diagnosis(report, drag=stored.independent_drag(), force=force)
     if diagnosis.extended is not None:
         notes = [*notes, *method_disagreement(stored.entries_for(study.paths), diagnosis.extended.estimate)]
     return replace(diagnosis, warnings=(*diagnosis.warnings, *notes))
+
+
+def _reversed_thrusters(study: Study) -> list[str]:
+    """Sentences on thrusters that turn the vehicle the other way, for which `rovid check` says no go."""
+    from rovid.preflight.command_effects import check_thrusters
+
+    if study.runs is None or not study.runs.items[0].trial.has_actuators:
+        return []
+    checks = check_thrusters([run.trial for run in study.runs.items], study.vehicle)
+    return [check.text(study.vehicle.axis) for check in checks if check.is_reversed]
 
 
 def store_estimate(
