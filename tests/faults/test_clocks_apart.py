@@ -11,8 +11,10 @@ import pytest
 
 from rovid.faults.base import RunsData, examine
 from rovid.faults.clocks_apart import FAULT
+from rovid.faults.response_delay import response_delay
 from rovid.signals.preprocessing import Run
 from rovid.trial.fault import Fault, FaultOverrides
+from tests import synthetic
 from tests.faults.days import VEHICLES, day
 from tests.synthetic import LOGGED
 
@@ -71,3 +73,10 @@ def test_a_delay_of_joined_files_is_a_rival() -> None:
     assert fault.confidence < 0.95
     assert fault.size is not None
     assert fault.size > 0.0
+
+
+@pytest.mark.parametrize("seconds", [1.5, 2.0, 6.0])
+def test_a_log_shorter_than_the_shifts_has_no_delay(seconds: float) -> None:
+    time = synthetic.clock(seconds)
+    run = synthetic.run(time, np.full(len(time), 100.0), cutoff=4.0)
+    assert response_delay([run]) is None

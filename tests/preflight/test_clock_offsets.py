@@ -10,9 +10,6 @@ import pandas as pd
 import pytest
 
 from benchmarks.clocks import told
-from rovid.preflight.clock_offsets import response_lead
-from rovid.signals.preprocessing import PreparedRuns
-from tests import synthetic
 from tests.conftest import Rovid, slow
 from tests.readers.test_formats import day
 from tools.folders import Clocks, write_folder
@@ -100,10 +97,3 @@ def test_a_diagnosed_delay_may_be_a_clock_offset(tmp_path: Path, rovid: Rovid) -
     document = rovid("diagnose", "day", "--json").document
     assert {finding["effect"] for finding in document["findings"]} & {"thruster_lag", "command_delay"}
     assert any("may be a clock offset of the joined files" in text for text in document["warnings"])
-
-
-@pytest.mark.parametrize("seconds", [1.5, 2.0, 6.0])
-def test_a_log_shorter_than_the_shifts_has_no_lead(seconds: float) -> None:
-    time = synthetic.clock(seconds)
-    run = synthetic.run(time, np.full(len(time), 100.0), cutoff=4.0)
-    assert response_lead(PreparedRuns(items=(run,), cutoff=4.0, chosen=False, remarks=()), 5.0) is None
