@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 import shutil
 import tempfile
@@ -27,6 +28,7 @@ from rovid.present.documents.results import check_document, survey_document
 from rovid.present.terminal.check import VERDICTS, check_notes, check_tasks
 from rovid.readers.formats import READERS
 from rovid.trial.config import FILE_NAME, load_config
+from rovid.trial.fault import Excerpt, Fault
 from rovid.trial.signal_names import SIGNAL_UNITS
 from rovid.trial.vehicle_presets import load_preset, preset_names
 
@@ -34,6 +36,8 @@ Document = dict[str, Any]
 _FileKey = tuple[Any, ...]
 # Bytes of columns that stay in memory.
 _CACHE_SIZE = 400 << 20
+# Most plots of faults.
+_SPOTS = 8
 
 
 @dataclass(kw_only=True)
@@ -251,6 +255,18 @@ def _check(paths: Sequence[Path], config: Path, place: Path) -> Document:
         "notes": check_notes(checked),
         "caution": loaded.vehicle.assumptions.caution,
         "document": check_document(checked, loaded.vehicle),
+        "spots": [_spot(fault, fault.excerpt) for fault in checked.faults if fault.excerpt][:_SPOTS],
+    }
+
+
+def _spot(fault: Fault, excerpt: Excerpt) -> Document:
+    """The signal around a fault, for a plot."""
+    return {
+        "title": f"{fault.logs[0]}: {fault.fault.replace('_', ' ')}",
+        "label": excerpt.label,
+        "time": excerpt.time.tolist(),
+        "values": [value if math.isfinite(value) else None for value in excerpt.displayed.tolist()],
+        "at": fault.at,
     }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
@@ -47,6 +48,17 @@ class Excerpt:
     unit: str  #: Its unit; empty where unknown.
     time: FloatArray  #: (n,) s from the beginning of the log.
     values: FloatArray  #: (n,) in ``unit``, as logged.
+
+    @property
+    def label(self) -> str:
+        """Quantity and unit of ``displayed``."""
+        unit = self.unit.replace("rad", "deg")
+        return f"{self.quantity}, {unit}" if unit else self.quantity
+
+    @property
+    def displayed(self) -> FloatArray:
+        """(n,) values in the unit that people read: degrees instead of radians."""
+        return self.values * (180.0 / math.pi) if self.unit.startswith("rad") else self.values
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,6 +1,6 @@
 // The page of `rovid open`. It holds the user's choices, sends them to the server after each change and shows the answer:
 // rovid.toml, open questions and the result of `rovid check`. All computations are done by the server.
-import { Plots } from "./plots.js";
+import { drawSpot, Plots } from "./plots.js";
 import { armOf, Sketch, standing } from "./sketch.js";
 import { ask, byId, copy, element, hear, isOf, literally, soon, tidy, typed } from "./tools.js";
 
@@ -437,6 +437,7 @@ function showCheck() {
   const list = element("ol", "", said);
   for (const task of tasks) element("li", task, list);
   more.replaceChildren();
+  for (const spot of checked.spots ?? []) drawSpot(spot, more);
   if (caution) element("p", caution, more, { class: "guessed" });
   if (document?.logs.length) logTable(document.logs, more);
   if (notes.length) {

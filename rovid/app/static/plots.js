@@ -1,6 +1,6 @@
 // Plots of the columns of a log, one below another, with a common zoom. The server sends the minimum and the maximum of
 // each time bin in view, so the amount of data does not grow with the length of the log.
-import { ask, byId, tidy } from "./tools.js";
+import { ask, byId, element, tidy } from "./tools.js";
 
 const HEIGHT = 104;
 
@@ -157,4 +157,29 @@ export class Plots {
     if (document.querySelector("input[name=drag]:checked").value === "leave") this.picked(from, to);
     else this.show(from, to);
   }
+}
+
+// The signal around a fault of a log, with the instants of the fault.
+export function drawSpot({ title, label, time, values, at }, parent) {
+  const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+  const box = element("figure", "", parent);
+  element("figcaption", title, box);
+  const axis = { stroke: colour("soft"), font: "12px system-ui, sans-serif", grid: { stroke: colour("line"), width: 1 } };
+  const mark = ({ ctx, bbox, valToPos }) => {
+    ctx.strokeStyle = colour("alarm");
+    for (const instant of at) {
+      const x = valToPos(instant, "x", true);
+      if (x >= bbox.left && x <= bbox.left + bbox.width) ctx.strokeRect(x, bbox.top, 0, bbox.height);
+    }
+  };
+  return new uPlot({
+    width: box.clientWidth || 600,
+    height: HEIGHT + 60,
+    legend: { show: false },
+    cursor: { drag: { setScale: false } },
+    scales: { x: { time: false } },
+    axes: [{ ...axis, values: (_, splits) => splits.map((value) => `${tidy(value, 7)} s`) }, { ...axis, size: 60, label, labelFont: axis.font }],
+    series: [{}, { stroke: colour("applied"), width: 1.2, points: { show: true, size: 4 } }],
+    hooks: { draw: [(chart) => mark({ ctx: chart.ctx, bbox: chart.bbox, valToPos: chart.valToPos.bind(chart) })] },
+  }, [time, values], box);
 }

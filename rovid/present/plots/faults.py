@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
 from matplotlib.figure import Figure
 
 from rovid.present.plots.canvas import BLACK, ORANGE, panel_grid, report_style
 from rovid.trial.fault import Fault
-
-_UNITS = {"rad": ("deg", 180.0 / np.pi), "rad/s": ("deg/s", 180.0 / np.pi)}
 
 
 @report_style
@@ -18,13 +15,12 @@ def plot_fault(fault: Fault) -> Figure:
     if excerpt is None:
         msg = f"{fault.fault} has no excerpt"
         raise ValueError(msg)
-    figure, ((axes,),) = panel_grid([(1.7, 1)], left=0.7, right=0.18, top=0.3, bottom=0.45, width=5.6)
-    unit, factor = _UNITS.get(excerpt.unit, (excerpt.unit, 1.0))
-    axes.plot(excerpt.time, factor * excerpt.values, ".-", color=BLACK, markersize=3.0, linewidth=0.7)
+    figure, ((axes,),) = panel_grid([(1.4, 1)], left=0.7, right=0.18, top=0.3, bottom=0.45, width=7.2)
+    axes.plot(excerpt.time, excerpt.displayed, ".-", color=BLACK, markersize=3.0, linewidth=0.7)
     for instant in fault.at:
         if excerpt.time.min() <= instant <= excerpt.time.max():
             axes.axvline(instant, color=ORANGE, linewidth=1.0)
     axes.set_title(fault.logs[0], loc="left")
-    axes.set_xlabel("time (s)")
-    axes.set_ylabel(f"{excerpt.quantity} ({unit})" if unit else excerpt.quantity)
+    axes.set_xlabel("time, s")
+    axes.set_ylabel(excerpt.label)
     return figure
