@@ -23,8 +23,7 @@ def examine_runs(
 
 @cache
 def fault_kinds(stage: Stage) -> tuple[FaultKind, ...]:
-    """Kinds of faults that are looked for at ``stage``."""
-    kinds: tuple[FaultKind, ...] = tuple(
-        import_module(f"rovid.faults.{name}").FAULT for name in FAULT_IDS if find_spec(f"rovid.faults.{name}")
-    )
+    """Kinds of faults that are looked for at ``stage``; a fault that shows at two stages has ``FURTHER`` kinds."""
+    modules = [import_module(f"rovid.faults.{name}") for name in FAULT_IDS if find_spec(f"rovid.faults.{name}")]
+    kinds: list[FaultKind] = [kind for module in modules for kind in (module.FAULT, *getattr(module, "FURTHER", ()))]
     return tuple(kind for kind in kinds if kind.stage == stage)

@@ -3,6 +3,10 @@
 Counted twice, a run would pass for two independent runs and halve every variance. Two runs of one experiment can agree
 to a fraction of a degree, but each has its own noise; two copies of one recording have the same noise. Criteria: equal
 commands, positions within half a degree throughout, and a difference below the noise.
+
+A second sensor has its own noise and another zero. Both sensors then follow the same disturbances: the difference of
+the positions is noise about a constant, and the torques that the model of all logs leaves unexplained are correlated.
+In two runs the disturbances differ, and the positions drift apart.
 """
 
 from __future__ import annotations
@@ -14,8 +18,10 @@ from functools import cached_property, partial
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.faults.base import CampaignData, Detection, FaultKind
+from rovid.faults.base import CampaignData, Detection, FaultKind, RunsData
+from rovid.faults.quick_model import QuickModel, fit_quick_model
 from rovid.signals.intervals import gap_limit
+from rovid.signals.preprocessing import Run
 from rovid.trial.fault import Fault
 from rovid.trial.trial import Trial
 
@@ -30,6 +36,9 @@ _MAX_SHIFT = 5.0
 _MAX_POINTS, _MIN_POINTS = 5000, 50
 # Commands must agree to this share of their size for this share of the time, which excludes the steps.
 _COMMAND_TOLERANCE, _COMMAND_SHARE = 0.03, 0.9
+# RMS difference of two sensors over their noises, with a margin for noise that is not white; least correlation of the
+# unexplained torques, and the least number of samples: chance reaches 0.1 at 1000 samples of a few seconds' memory.
+_SENSOR_RATIO, _CORRELATED, _MIN_COMMON = 1.5, 0.3, 500
 
 
 class _Recording:
@@ -171,10 +180,92 @@ def _commands_agree(fine: Trial, coarse: Trial, shift: float) -> bool:
     return bool(np.all(np.mean(difference <= _COMMAND_TOLERANCE * scale, axis=0) >= _COMMAND_SHARE))
 
 
+def _detect_sensor(data: RunsData) -> Iterator[Detection[RunsData]]:
+    """Runs that a second sensor of the same vehicle recorded; the first log stays."""
+    model = None
+    kept: list[Run] = []
+    for run in data.runs:
+        alike = [other for other in kept if _are_alike(other, run)]
+        if alike and model is None:
+            model = fit_quick_model(data.runs, data.vehicle)
+        first = next((other for other in alike if model and _share_disturbance(other, run, model)), None)
+        if first is None:
+            kept.append(run)
+            continue
+        offset = np.rad2deg(np.median(_position_difference(first, run)))
+        fault = Fault(
+            fault="same_run_twice",
+            logs=(run.trial.name,),
+            text=(
+                f"{run.trial.name} is the same run as {first.trial.name} by another sensor: the positions differ by "
+                f"{offset % 360.0:.4g} deg and noise, and both follow the same disturbances."
+            ),
+            remedy="counted_once",
+        )
+        yield Detection(fault=fault, done="It was left out.", repair=partial(_without_run, copy=run))
+
+
+def _without_run(data: RunsData, copy: Run) -> RunsData:
+    return replace(data, runs=[run for run in data.runs if run is not copy])
+
+
+def _position_difference(one: Run, other: Run) -> FloatArray:
+    """(n,) rad, without NaN, on the common grid."""
+    count = min(len(one.rates.position), len(other.rates.position))
+    difference = other.rates.position[:count] - one.rates.position[:count]
+    return difference[np.isfinite(difference)]
+
+
+def _are_alike(one: Run, other: Run) -> bool:
+    """Whether two runs have the same clock and torque, and positions that differ by noise about a constant."""
+    period = one.rates.kernel.period
+    count = min(len(one.filtered_torque), len(other.filtered_torque))
+    long = max(len(one.filtered_torque), len(other.filtered_torque))
+    if abs(period - other.rates.kernel.period) > 1e-3 * period or (long - count) * period > _MAX_SHIFT:
+        return False
+    if not one.trial.axis.angular or one.trial.rate_only or count < _MIN_COMMON:
+        return False
+    torques = np.column_stack((one.filtered_torque[:count], other.filtered_torque[:count]))
+    torques = torques[np.isfinite(torques).all(axis=1)]
+    if not np.abs(torques).any():
+        return False
+    tolerance = _COMMAND_TOLERANCE * float(np.abs(torques).max())
+    same = float(np.mean(np.abs(torques[:, 0] - torques[:, 1]) <= tolerance))
+    difference = _position_difference(one, other)
+    if same < _COMMAND_SHARE or len(difference) < _MIN_COMMON:
+        return False
+    gain = float(np.linalg.norm(one.rates.kernel.value))
+    noise = gain * float(np.hypot(one.rates.position_noise, other.rates.position_noise))
+    return float(np.std(difference)) < _SENSOR_RATIO * noise
+
+
+def _share_disturbance(one: Run, other: Run, model: QuickModel) -> bool:
+    """Whether the torques that the ``model`` leaves unexplained are correlated."""
+    count = min(len(one.filtered_torque), len(other.filtered_torque))
+    rests = np.column_stack([_unexplained(run, model)[:count] for run in (one, other)])
+    rests = rests[np.isfinite(rests).all(axis=1)]
+    return len(rests) >= _MIN_COMMON and float(np.corrcoef(rests.T)[0, 1]) > _CORRELATED
+
+
+def _unexplained(run: Run, model: QuickModel) -> FloatArray:
+    rate = run.rates.rate
+    known = np.column_stack((run.rates.acceleration, np.abs(rate) * rate, rate)) @ model.values
+    return np.asarray(run.filtered_torque - known)
+
+
 FAULT = FaultKind(
     id="same_run_twice",
     title="One run in two logs",
     stage="campaign",
     detect=_detect,
     false_alarms="none: independent noise makes the difference of two runs 1.41 times as large as that of two copies.",
+)
+FURTHER = (
+    FaultKind(
+        id="same_run_twice",
+        title="One run by two sensors",
+        stage="runs",
+        detect=_detect_sensor,
+        false_alarms="none: the disturbances of two runs let their positions drift apart by many times the noise.",
+    ),
 )

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from rovid.core.array_types import FloatArray
+from rovid.faults.base import RunsData, examine
+from rovid.faults.same_run_twice import FURTHER
 from rovid.readers import read_campaign
+from rovid.signals.preprocessing import Run
+from rovid.signals.rates import compute_rates
 from rovid.trial.config import Config
+from rovid.trial.fault import FaultOverrides
+from tests.faults.days import VEHICLES, day
 from tests.readers.logs import (
     csv_text,
     mcap_bytes,
@@ -18,6 +25,7 @@ from tests.readers.logs import (
     turning,
 )
 from tests.readers.test_discover import log, names, said
+from tests.synthetic import LOGGED
 
 
 def test_copies_are_left_out(tmp_path: Path, config: Config) -> None:
@@ -103,3 +111,33 @@ def test_the_same_heading_under_other_commands_is_not_the_same(tmp_path: Path, c
     (tmp_path / "a.csv").write_text(as_csv(1))
     (tmp_path / "b.csv").write_text(as_csv(1).replace(",1.500000", ",2.500000"))
     assert len(read_campaign([tmp_path], config).trials) == 2
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("vehicle", VEHICLES)
+def test_a_second_sensor_counts_once(vehicle: str, seed: int) -> None:
+    """Each run again, by a sensor with its own noise and another zero."""
+    runs = day(vehicle, seed)
+    names = [run.trial.name for run in runs]
+    every = [*runs, *(by_another_sensor(run, 200 + k) for k, run in enumerate(runs))]
+    data, faults = examine(FURTHER, RunsData(runs=every, vehicle=LOGGED), FaultOverrides())
+    assert [run.trial.name for run in data.runs] == names
+    assert len(faults) == len(names)
+    assert all("differ by 7.3" in fault.text and fault.remedy == "counted_once" for fault in faults)
+
+
+@pytest.mark.parametrize("disturbance", [0.002, 0.05])
+@pytest.mark.parametrize("vehicle", VEHICLES)
+def test_a_programme_run_twice_is_not_one_run(vehicle: str, disturbance: float) -> None:
+    """Same commands on two days, with their own disturbances."""
+    first, second = (day(vehicle, seed, disturbance=disturbance) for seed in (1, 2))
+    pairs = zip(first, second, strict=True)
+    every = [*first, *(run for one, run in pairs if np.array_equal(one.torque, run.torque))]
+    assert len(every) == 18
+    assert not examine(FURTHER, RunsData(runs=every, vehicle=LOGGED), FaultOverrides())[1]
+
+
+def by_another_sensor(run: Run, seed: int) -> Run:
+    noise = np.random.default_rng(seed).normal(0.0, np.deg2rad(0.05), len(run.trial.time))
+    trial = replace(run.trial, name=f"second_{run.trial.name}", position=run.trial.position + np.deg2rad(7.3) + noise)
+    return replace(run, trial=trial, rates=compute_rates(trial, cutoff=run.rates.kernel.cutoff))

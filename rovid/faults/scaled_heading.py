@@ -1,0 +1,119 @@
+"""A heading or a rate of another size: it wraps at another period than a turn, or a gyro contradicts the heading.
+
+Radians for degrees and the reverse are refused by `rovid.readers.unit_checks`, which names the unit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from rovid.core.formatting import plus_minus
+from rovid.faults.base import Detection, FaultKind, RunsData, SignalData, named
+from rovid.faults.quick_model import log_name
+from rovid.trial.fault import Fault
+
+# A wrap is a step of at least this share of the range, between ends of the range, with the heading for some samples on
+# either side: a spike returns at once.
+_SHARE, _END_SHARE, _STAYS = 0.9, 0.05, 4
+# Least number of wraps, and for periods that no known scale has. Largest share of the samples with a large step.
+_MIN_WRAPS, _MIN_UNUSUAL, _MOST = 2, 4, 0.05
+# Share of the samples at an end of the range, above which the sensor is clipped there.
+_CLIPPED = 0.01
+# Relative difference of a period from a turn that a vehicle's motion within one sample may cause.
+_NEAR = 0.04
+# Periods of known scales over a whole turn: half, gon, turns, per cent, twice.
+_SCALES = {
+    0.5: "half its size",
+    400 / 360: "gon",
+    1 / 360: "turns",
+    100 / 360: "per cent of a turn",
+    2.0: "twice its size",
+}
+# Ratio of a logged rate to the heading's derivative, beyond which one of them has another scale; an ordinary gyro is
+# right within 5 %. Largest relative difference between the logs.
+_GAIN, _SAME = 1.2, 0.1
+_DEG = 180.0 / np.pi
+
+
+def _detect(data: SignalData) -> Iterator[Detection[SignalData]]:
+    values = data.values
+    if not np.isfinite(data.period) or len(values) < 10 * _STAYS:
+        return
+    low, high = float(values.min()), float(values.max())
+    span = high - low
+    steps = np.diff(values)
+    large = np.flatnonzero(np.abs(steps) > _SHARE * span)
+    at_end = np.mean((values >= high - 1e-9) | (values <= low + 1e-9))
+    if not span > 0.0 or not 0 < len(large) <= _MOST * len(steps) or at_end > _CLIPPED:
+        return
+    if np.any((np.abs(steps) > 0.5 * span) & (np.abs(steps) <= _SHARE * span)):
+        return
+    apart = np.diff(np.concatenate(([-_STAYS], large, [len(steps) + _STAYS])))
+    wraps = large[(apart[:-1] >= _STAYS) & (apart[1:] >= _STAYS)]
+    edge = _END_SHARE * span
+    ends = np.minimum(values - low, high - values) < edge
+    wraps = wraps[ends[wraps] & ends[wraps + 1]]
+    if not len(wraps):
+        return
+    # The motion goes on across a wrap: its rate is that of the samples around.
+    around = 0.5 * (steps[np.maximum(wraps - 1, 0)] + steps[np.minimum(wraps + 1, len(steps) - 1)])
+    periods = np.abs(steps[wraps] - around)
+    period, error = float(np.median(periods)), float(np.std(periods) / len(periods) ** 0.5)
+    ratio = period / data.period
+    usual = next((text for scale, text in _SCALES.items() if abs(ratio / scale - 1.0) < _NEAR), "")
+    is_turn = abs(ratio - 1.0) < _NEAR or abs(ratio * _DEG - 1.0) < _NEAR or abs(ratio / _DEG - 1.0) < _NEAR
+    if is_turn or len(wraps) < (_MIN_WRAPS if usual else _MIN_UNUSUAL) or np.ptp(periods) > _NEAR * period:
+        return
+    text = (
+        f"{data.log}: the {data.name} jumps by {period * _DEG:.4g} deg where it wraps, instead of 360 deg. It is "
+        f"logged at {ratio:.3g} of its size{f' ({usual})' if usual else ''}: multiply it by {1.0 / ratio:.4g}."
+    )
+    fault = Fault(
+        fault="scaled_heading",
+        logs=(data.log,),
+        text=text,
+        at=tuple(float(data.time[at] - data.time[0]) for at in wraps[:5].tolist()),
+        size=ratio,
+        standard_error=error / data.period,
+        stops=True,
+    )
+    yield Detection(fault=fault)
+
+
+def _detect_rate(data: RunsData) -> Iterator[Detection[RunsData]]:
+    gains = {log_name(run): run.rates.gyro_gain for run in data.runs if np.isfinite(run.rates.gyro_gain)}
+    every = np.array(list(gains.values()))
+    if len(every) == 0:
+        return
+    middle = float(np.median(every))
+    error = float(np.std(every) / len(every) ** 0.5)
+    if 1.0 / _GAIN <= abs(middle) <= _GAIN or np.ptp(every) > _SAME * abs(middle):
+        return
+    axis = data.runs[0].trial.axis
+    text = (
+        f"{named(tuple(gains))}: the logged {axis.rate_words} is {plus_minus(middle, error)} times the derivative of "
+        f"the {axis.position_words}. One of them has another scale or sign. Correct it, or leave {axis.rate_signal} "
+        "out of [signals]."
+    )
+    fault = Fault(fault="scaled_heading", logs=tuple(gains), text=text, size=middle, standard_error=error, stops=True)
+    yield Detection(fault=fault)
+
+
+FAULT = FaultKind(
+    id="scaled_heading",
+    title="A heading or rate of another scale",
+    stage="signal",
+    detect=_detect,
+    false_alarms="none: an undamaged heading has no repeated steps of one size other than a turn.",
+)
+FURTHER = (
+    FaultKind(
+        id="scaled_heading",
+        title="A heading or rate of another scale",
+        stage="runs",
+        detect=_detect_rate,
+        false_alarms="none: gyros are right within 5 % of their scale.",
+    ),
+)
