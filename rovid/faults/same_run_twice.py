@@ -37,8 +37,8 @@ _MAX_POINTS, _MIN_POINTS = 5000, 50
 # Commands must agree to this share of their size for this share of the time, which excludes the steps.
 _COMMAND_TOLERANCE, _COMMAND_SHARE = 0.03, 0.9
 # RMS difference of two sensors over their noises, with a margin for noise that is not white; least correlation of the
-# unexplained torques, and the least number of samples: chance reaches 0.1 at 1000 samples of a few seconds' memory.
-_SENSOR_RATIO, _CORRELATED, _MIN_COMMON = 1.5, 0.3, 500
+# unexplained torques, and the least number of samples: chance reaches 0.2 at 200 samples with a memory of ten.
+_SENSOR_RATIO, _CORRELATED, _MIN_COMMON = 1.5, 0.3, 200
 
 
 class _Recording:
@@ -192,14 +192,16 @@ def _detect_sensor(data: RunsData) -> Iterator[Detection[RunsData]]:
         if first is None:
             kept.append(run)
             continue
-        offset = np.rad2deg(np.median(_position_difference(first, run)))
+        offset = float(np.rad2deg(np.median(_position_difference(first, run))) + 180.0) % 360.0 - 180.0
         fault = Fault(
             fault="same_run_twice",
             logs=(run.trial.name,),
             text=(
                 f"{run.trial.name} is the same run as {first.trial.name} by another sensor: the positions differ by "
-                f"{offset % 360.0:.4g} deg and noise, and both follow the same disturbances."
+                f"{offset:.3g} deg and noise, and both follow the same disturbances."
             ),
+            size=offset,
+            unit="deg",
             remedy="counted_once",
         )
         yield Detection(fault=fault, done="It was left out.", repair=partial(_without_run, copy=run))
@@ -244,7 +246,7 @@ def _share_disturbance(one: Run, other: Run, model: QuickModel) -> bool:
     count = min(len(one.filtered_torque), len(other.filtered_torque))
     rests = np.column_stack([_unexplained(run, model)[:count] for run in (one, other)])
     rests = rests[np.isfinite(rests).all(axis=1)]
-    return len(rests) >= _MIN_COMMON and float(np.corrcoef(rests.T)[0, 1]) > _CORRELATED
+    return len(rests) >= _MIN_COMMON and float(np.asarray(np.corrcoef(rests.T))[0, 1]) > _CORRELATED
 
 
 def _unexplained(run: Run, model: QuickModel) -> FloatArray:
