@@ -63,6 +63,7 @@ class SignalData:
     values: FloatArray  #: (n,) in SI, angles wrapped as logged; finite.
     period: float  #: 2 pi for an angle; infinite otherwise.
     unit: str  #: SI unit, for messages.
+    measured: bool = True  #: Whether this signal measures the motion that the model explains.
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -74,8 +75,8 @@ class CommandData:
     time: FloatArray  #: (n,) s, strictly increasing; instants of the command's messages or rows.
     values: FloatArray  #: (n,) in the unit of the thrust curve; NaN where missing.
     thruster: Thruster | None  #: None for a logged torque.
-    begin: float  #: ``begin``, ``end``: s, first and last instant of the measured motion.
-    end: float
+    measured: FloatArray  #: (m,) s, instants at which the motion was measured.
+    source: str = ""  #: Column, or topic and field.
     #: Whether the format stores messages whose fields may be absent, as JSON and protobuf.
     sparse: bool = False
     unknown: Intervals = ()  #: s, between which the command is unknown.
@@ -87,6 +88,8 @@ class TrialData:
 
     trial: Trial
     vehicle: Vehicle
+    #: (s, rad) of each reset of the heading that the log itself states.
+    resets: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -12,7 +12,7 @@ together with the heading.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -43,9 +43,6 @@ _MIN_READINGS = 10
 _MAX_INTERVAL, _MIN_INTERVAL = 10.0, 2e-4
 # s; a later start of the trial is remarked upon.
 _LATE_START = 1.0
-# A command logged regularly (90th percentile of its intervals within _REGULAR medians) that then stays silent for this
-# many s and medians is remarked upon.
-_STALE_SECONDS, _STALE_INTERVALS, _REGULAR = 5.0, 10.0, 3.0
 
 
 def build(raw: RawLog, config: Config, path: Path, name: str) -> Trial:
@@ -131,7 +128,7 @@ class _Builder:
             extras=extras,
             remarks=tuple(self.remarks),
             cuts=tuple(sorted(cut - start for cut in self.cuts)),
-            unknown=tuple(sorted((begin - start, end - start) for begin, end in self.unknown)),
+            unknown=_merged([(begin - start, end - start) for begin, end in self.unknown]),
             rate=rate,
             roll=continuous.get("roll"),
             pitch=continuous.get("pitch"),
@@ -140,7 +137,8 @@ class _Builder:
             start_epoch=None if self.raw.epoch is None else self.raw.epoch + float(base.time[0]),
             companion_files=self.raw.companion_files,
         )
-        trial = self.examined("trial", TrialData(trial=trial, vehicle=self.config.vehicle)).trial
+        resets = tuple((at - start, size) for at, size in self.raw.resets)
+        trial = self.examined("trial", TrialData(trial=trial, vehicle=self.config.vehicle, resets=resets)).trial
         trial = replace(trial, faults=tuple(self.faults))
         if not fixes:
             return trial
@@ -245,8 +243,8 @@ class _Builder:
             time=logged.time,
             values=logged.values,
             thruster=None if thruster.curve is None else thruster,
-            begin=float(measured.known_time[0]),
-            end=float(measured.known_time[-1]),
+            measured=measured.known_time,
+            source=self.raw.channels[name].source,
             sparse=self.raw.sparse,
         )
         data = self.examined("command", data)
@@ -284,26 +282,26 @@ class _Builder:
         late = time[first] - time[0]
         if late > _LATE_START:
             self.remark("start", first, f"The first {late:.1f} s were left out: a command was not known yet.")
-        for signal, command in zip(self.config.commands, commands, strict=True):
-            self.remark_stale(signal.name, command.known_time, float(time[-1]))
         return float(time[first]), float(time[-1])
-
-    def remark_stale(self, name: str, time: FloatArray, end: float) -> None:
-        silent = end - time[-1]
-        if silent <= _STALE_SECONDS or len(time) < _MIN_READINGS:
-            return
-        median, upper = np.percentile(np.diff(time), (50, 90))
-        if silent > _STALE_INTERVALS * median and upper <= _REGULAR * median:
-            source = self.raw.channels[name].source
-            text = f"{source} ({name}) stops {silent:.1f} s before the {self.measured_words}; its last value was held."
-            self.remark("stale", 1, text)
 
     def continuous(self, name: str, logged: TimedSeries, base: TimeBase) -> FloatArray | None:
         """(n,) interpolated on the time base; None if no value is known."""
         self.remark_missing(name, logged)
         if not logged.known.size:
             return None
-        return base.interpolate(logged, angle=name in ANGLES)
+        is_angle = name in ANGLES
+        signal = SignalData(
+            log=self.name,
+            name=name.replace("_", " "),
+            time=logged.known_time,
+            values=logged.known,
+            period=TURN if is_angle else np.inf,
+            unit="rad" if is_angle else "rad/s",
+            measured=False,
+        )
+        if len((repaired := self.examined("signal", signal)).time) < len(signal.time):
+            logged = TimedSeries(time=repaired.time, values=repaired.values)
+        return base.interpolate(logged, angle=is_angle)
 
     def is_frozen(self, time: FloatArray, rate: FloatArray, position: FloatArray) -> bool:
         """Whether a rate is constant while the position departs from its integral."""
@@ -354,3 +352,14 @@ def _cumulative(steps: FloatArray, known: IntArray, count: int) -> FloatArray:
     position = np.full(count, np.nan)
     position[known] = np.concatenate(([0.0], np.cumsum(steps)))
     return position
+
+
+def _merged(intervals: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
+    """The union of ``intervals``, in order."""
+    union: list[tuple[float, float]] = []
+    for begin, end in sorted(intervals):
+        if union and begin <= union[-1][1]:
+            union[-1] = union[-1][0], max(end, union[-1][1])
+        else:
+            union.append((begin, end))
+    return tuple(union)

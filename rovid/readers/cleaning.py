@@ -110,7 +110,7 @@ class _Samples:
 def clean(
     time: FloatArray, angle: FloatArray, kind: Kind = ANGLE, name: str = "heading"
 ) -> tuple[FloatArray, list[Remark]]:
-    """(n,) unwrapped, NaN where not measured; and remarks on the removed values and the gaps.
+    """(n,) unwrapped, NaN where not measured; and remarks on the removed values and on uncertain turns in gaps.
 
     ``time``: (n,) s, strictly increasing. ``angle``: (n,) in SI, finite, wrapped in any way or not at all. ``name`` is
     that of the signal in remarks.
@@ -285,7 +285,7 @@ _TESTS = (
 
 
 def _unwrap(samples: _Samples, remarks: list[Remark]) -> FloatArray:
-    """(n,) rad without jumps of whole turns; gaps are added to ``remarks``."""
+    """(n,) rad without jumps of whole turns; uncertain gaps are added to ``remarks``."""
     if len(samples.angle) < 2:
         return samples.angle
     intervals = np.diff(samples.time)
@@ -297,12 +297,9 @@ def _unwrap(samples: _Samples, remarks: list[Remark]) -> FloatArray:
         if gaps.size:
             turns, uncertain = _turns_in_gaps(samples.time, angle, gaps)
             angle = _add_turns(angle, gaps, turns)
-    if gaps.size:
-        seconds = float(intervals[gaps].sum())
-        text = f"The {samples.name} has gaps ({len(gaps)}, of {seconds:.1f} s in all); they were not filled."
-        if uncertain:
-            text += f" The number of whole turns in {uncertain} of them is not certain."
-        remarks.append(Remark(kind="gap", count=len(gaps), text=text))
+    if uncertain:
+        text = f"The number of whole turns in {uncertain} gaps of the {samples.name} is not certain."
+        remarks.append(Remark(kind="gap", count=uncertain, text=text))
     return angle
 
 

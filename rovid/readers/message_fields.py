@@ -154,6 +154,7 @@ class FieldCollector:
         self.signal, self.source, self.where = signal, source, where
         self.fields, self.mapping = fields, mapping
         self.seen = False  # Whether the field was present in any message.
+        self.absent = self.empty = 0  # Messages without the field, and with an empty one (null).
         self.quaternion = False  # Whether the field is a quaternion.
         self._values = array("d")
         self._get = getter(fields, mapping=mapping)
@@ -164,6 +165,8 @@ class FieldCollector:
             value = self._get(message)
         except ABSENT:
             value = None
+            self.absent += 1
+            self.empty -= 1
         if type(value) is float:
             self.seen = True
             self._values.append(value)
@@ -175,6 +178,7 @@ class FieldCollector:
             self.take = self._take_quaternion
             self._take_quaternion(message)
         elif value is None or self.signal.optional:
+            self.empty += 1
             self._values.append(float("nan"))
         else:
             raise self._no_number(value, message)
@@ -208,6 +212,11 @@ class FieldCollector:
         text = f"{self.source} ({self.signal.name}) is {found[:60]}; {wanted} was expected."
         text += f" The message's fields: {listed_fields(message)}."
         return LogError(text, where=self.where, mend=f"Name one field for {self.signal.name} in rovid.toml.")
+
+    @property
+    def comes_and_goes(self) -> bool:
+        """Whether this is a command that is left out of some messages, and never empty."""
+        return self.mapping and self.absent > 0 and not self.empty and self.signal.name.startswith("command.")
 
     def column(self) -> FloatArray:
         """(n,) values as logged, in rad from a quaternion; NaN where missing."""

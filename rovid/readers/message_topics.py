@@ -180,6 +180,7 @@ class TopicExtractor:
             channels=channels,
             place=lambda signal, index: f"message {index + 1} of {chosen[signal][0].name}",
             remarks=(*remarks(last), *skipped),
+            sparse=any(collector.comes_and_goes for _, collector in chosen.values()),
             sortable=True,
             epoch=epoch if self.clock in _CLOCKS and epoch > EPOCH_FROM else None,
         )
@@ -196,7 +197,8 @@ class TopicExtractor:
         if not len(topic.times):
             raise self._missing(f"holds no message on topic {topic.name!r} ({signal}).", "Leave this log out.")
         collector = next(one for one in topic.collectors if one.signal.name == signal)
-        if not collector.seen:
+        siblings = any(other.seen and other.comes_and_goes for other in topic.collectors)
+        if not collector.seen and not (siblings and collector.comes_and_goes):
             field = ".".join(collector.fields) or "of a quaternion"
             text = f"topic {topic.name!r} never holds the field {field!r} ({signal})."
             text += f" Its fields: {listed_fields(topic.last)}."

@@ -47,8 +47,10 @@ class RawLog:
     channels: Mapping[str, Channel]  #: Signal name -> channel.
     place: Callable[[str, int], str]  #: (signal, index of a sample) -> "line 17" or "message 16", for messages.
     remarks: tuple[Remark, ...] = ()  #: Remarks on the file itself.
-    faults: tuple[Fault, ...] = ()  #: Faults that the file itself states, as a reset of the heading.
-    sparse: bool = False  #: Fields of a message may be absent, as in JSON and protobuf.
+    faults: tuple[Fault, ...] = ()  #: Faults that the file itself states.
+    #: (s on the channels' clock, rad) of each reset of the heading that the file itself states.
+    resets: tuple[tuple[float, float], ...] = ()
+    sparse: bool = False  #: Fields of a command are absent from some messages, as JSON writers leave out zeros.
     sortable: bool = False  #: The format may store messages slightly out of order: they are sorted.
     epoch: float | None = None  #: s since 1970 at the channels' time zero; None where unknown.
     companion_files: tuple[Path, ...] = ()  #: Further files that channels come from.

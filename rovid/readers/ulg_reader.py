@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import contextlib
 import io
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
+from rovid.core.array_types import FloatArray
 from rovid.core.errors import LogError
 from rovid.readers.raw_log import (
     Columns,
     LogContents,
     RawLog,
+    euler,
     missing_topic,
     numeric_sources,
     raw_log_of_topics,
@@ -36,13 +41,30 @@ def read(path: Path, config: Config) -> RawLog:
     names = {signal.sources[KIND].partition(".")[0].partition("#")[0] for signal in signals.values()}
     log = _ULog(path, names)
     clock = config.time.sources.get(KIND, "timestamp")
-    return raw_log_of_topics(path, KIND, signals, log.columns, clock, log.remarks)
+    raw = raw_log_of_topics(path, KIND, signals, log.columns, clock, log.remarks)
+    if "heading" not in signals:
+        return raw
+    topic, heading = signals["heading"].sources[KIND].partition(".")[0], raw.channels["heading"]
+    return replace(raw, resets=_resets(log.columns(topic), heading.time, float(np.sign(signals["heading"].factor))))
 
 
 def sources(path: Path) -> LogContents:
     """Sources on motion, thrusters and supply."""
     log = _ULog(path, _INTERESTING)
     return LogContents(sources=tuple(numeric_sources(log.topics)), parameters=log.parameters)
+
+
+def _resets(columns: Columns, time: FloatArray, sense: float) -> tuple[tuple[float, float], ...]:
+    """(s, rad) of each reset of the heading that vehicle_attitude states; ``sense``: -1 for a reversed heading.
+
+    delta_q_reset (w, x, y, z) is the rotation of the last reset.
+    """
+    counter, parts = columns.get("quat_reset_counter"), [f"delta_q_reset[{at}]" for at in (1, 2, 3, 0)]
+    if counter is None or not columns.keys() >= set(parts):
+        return ()
+    at = np.flatnonzero(np.diff(counter.astype(np.int64))) + 1
+    turns = sense * euler(np.column_stack([columns[part][at].astype(np.float64) for part in parts]), "heading")
+    return tuple(zip(time[at].tolist(), turns.tolist(), strict=True))
 
 
 class _ULog:

@@ -94,7 +94,7 @@ def _without_unknown(trial: Trial) -> tuple[Trial, BoolArray]:
         is_long = end - begin > max(_LONG_SECONDS, _LONG_INTERVALS * interval)
         if before < 0 or after >= len(time) or is_long:
             excluded[max(before + 1, 0) : after] = True
-            cuts += [time[after]] * (after < len(time))
+            cuts += time[after : after + 1].tolist()
             continue
         change = np.abs(commands[after] - commands[before])
         if np.all(change <= same):

@@ -15,6 +15,9 @@ from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import YAW, Axis
 from rovid.trial.trial import Trial, read_only
 
+# Half widths of a curve from its middle; farther commands are not of the curve's unit. A tested range is exceeded by
+# overdrive of some tens of percent, but units differ by factors of 5 and more.
+FAR_OUTSIDE = 1.5
 # Share of the curve's width by which rounding in the log may exceed the bench curve.
 _ROUNDING = 1e-3
 # Points of a quadratic curve on each side of zero. Between them the line departs from the parabola by 2.5e-5 of the
@@ -48,6 +51,24 @@ class ThrustCurve:
     def span(self) -> float:
         """Width of the tested commands."""
         return float(self.command[-1] - self.command[0])
+
+    @property
+    def neutral(self) -> float:
+        """Command without thrust: the middle of the commands at which the curve has the least thrust."""
+        size = np.abs(self.thrust)
+        least = np.flatnonzero(size <= size.min() + _ROUNDING * size.max())
+        if size.min() > _ROUNDING * size.max():  # The line crosses zero between two points.
+            signs = np.flatnonzero(self.thrust[1:] * self.thrust[:-1] < 0.0)
+            if signs.size:
+                at = int(signs[0])
+                share = self.thrust[at] / (self.thrust[at] - self.thrust[at + 1])
+                return float(self.command[at] + share * (self.command[at + 1] - self.command[at]))
+        return float(0.5 * (self.command[least[0]] + self.command[least[-1]]))
+
+    def reach(self, command: FloatArray) -> FloatArray:
+        """Distance of ``command`` from the middle of the curve, in half widths of the curve: at most 1 inside."""
+        middle = 0.5 * (self.command[0] + self.command[-1])
+        return np.asarray(np.abs(command - middle) / (0.5 * self.span))
 
     def excess(self, command: FloatArray) -> float:
         """Largest distance of ``command`` outside the curve; 0 when all are inside or missing."""
@@ -216,11 +237,18 @@ def _outside(trial: Trial, thruster: Thruster, curve: ThrustCurve, command: Floa
     excess = np.maximum(low - command, command - high)
     at = int(np.nanargmax(excess))
     count = int(np.nansum(excess > _ROUNDING * curve.span))
+    mend = (
+        f'Extend the curve, or set outside = "clamp" in [[thrusters]] {thruster.name!r} to hold the curve\'s end value.'
+    )
+    if curve.reach(command[at]) > FAR_OUTSIDE:  # The curve's end value would be full thrust.
+        mend = (
+            "That is far outside: the command and the curve are of different units, or the value means no command. "
+            "Give the curve in the unit of the command, or leave these samples out."
+        )
     return ConfigError(
         f"thruster {thruster.name!r} is commanded {command[at]:g} at {trial.time[at]:.2f} s "
         f"({count} samples in all), outside its bench curve, which ends at {low:g} and {high:g}; "
         "the thrust there is not known.",
         where=trial.name,
-        mend=f'Extend the curve, or set outside = "clamp" in [[thrusters]] {thruster.name!r} '
-        "to hold the curve's end value.",
+        mend=mend,
     )

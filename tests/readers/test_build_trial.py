@@ -55,12 +55,6 @@ def test_a_number_that_signals_is_missing(tmp_path: Path) -> None:
     assert kinds(trial)["missing"] >= 1
 
 
-@pytest.mark.parametrize(("times", "stale"), [(TIME[:200], True), (TIME[:395], False), ([0.0, 1.3, 1.4, 7.0], False)])
-def test_a_command_that_stops(times: FloatArray, stale: bool, tmp_path: Path) -> None:
-    trial = trial_of(tmp_path, heading=HEADINGS, fore=(times, 1.0 + 0.1 * (np.arange(len(times)) % 2)))
-    assert ("stale" in kinds(trial)) == stale
-
-
 @pytest.mark.parametrize(("scale", "words"), [(1e3, "50 s apart"), (1e-3, "5e-05 s apart")])
 def test_time_in_a_wrong_unit_is_refused(scale: float, words: str, tmp_path: Path) -> None:
     with pytest.raises(LogError, match=f"{words}.*unit = .s.*time"):

@@ -1,0 +1,65 @@
+"""A field that is left out of the message where it is zero, as JSON writers of protobuf do.
+
+Such a field comes and goes, and is never zero where it is present. If the value before were held, the thrusters would
+never stop.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from rovid.core.array_types import BoolArray
+from rovid.faults.base import CommandData, Detection, FaultKind
+from rovid.trial.fault import Fault
+
+# Smallest median length of the runs of messages with the field; fields at a lower rate than the topic are alone.
+_MIN_RUN = 2.0
+# Runs without the field that are this short, between equal values, are losses: in at most this share of the runs.
+_SHORT, _MAX_LOSSES = 2, 0.5
+
+
+def _detect(data: CommandData) -> Iterator[Detection[CommandData]]:
+    absent = np.isnan(data.values)
+    if not data.sparse or not absent.any() or not _is_zero(data, absent):
+        return
+    at = max(0.0, float(data.time[int(np.argmax(absent))] - data.measured[0]))
+    count = int(np.count_nonzero(absent))
+    text = (
+        f"{data.log}: the command of {data.name} is absent from {count} of {len(absent)} messages, first at {at:.2f} "
+        "s, and never zero in the others: zeros were left out."
+    )
+    fault = Fault(
+        fault="absent_zero", logs=(data.log,), at=(at,), size=float(count), unit="messages", text=text, remedy="zero"
+    )
+    values = np.where(absent, 0.0, data.values)
+    yield Detection(fault=fault, done="It was taken as zero there.", repair=lambda data: replace(data, values=values))
+
+
+def _is_zero(data: CommandData, absent: BoolArray) -> bool:
+    """Whether the field is absent where it is zero, rather than lost, or published at a lower rate or on change."""
+    if absent.all():
+        return True
+    if np.any(data.values == 0.0):
+        return False
+    edges = np.flatnonzero(np.diff(absent, prepend=~absent[0], append=~absent[-1]))
+    lengths, is_absent = np.diff(edges), absent[edges[:-1]]
+    if np.median(lengths[~is_absent]) < _MIN_RUN:
+        return False
+    inner = np.flatnonzero(is_absent[1:-1]) + 1  # Runs without the field between two with it.
+    if not inner.size:
+        return True
+    before, after = data.values[edges[inner] - 1], data.values[edges[inner + 1]]
+    losses = (lengths[inner] <= _SHORT) & (before == after)
+    return bool(np.mean(losses) <= _MAX_LOSSES)
+
+
+FAULT = FaultKind(
+    id="absent_zero",
+    title="A field left out where it is zero",
+    stage="command",
+    detect=_detect,
+    false_alarms="none where the field is always present; a field lost at random is absent between equal values.",
+)

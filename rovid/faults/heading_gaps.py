@@ -1,0 +1,40 @@
+"""Gaps of the measured signal: intervals between readings that are much longer than usual. Nothing is interpolated."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from rovid.faults.base import Detection, FaultKind, SignalData
+from rovid.signals.intervals import gap_limit
+from rovid.trial.fault import Fault
+
+
+def _detect(data: SignalData) -> Iterator[Detection[SignalData]]:
+    if not data.measured or len(data.time) < 2:
+        return
+    intervals = np.diff(data.time)
+    gaps = np.flatnonzero(intervals > gap_limit(intervals))
+    if not gaps.size:
+        return
+    total, longest = float(intervals[gaps].sum()), int(gaps[np.argmax(intervals[gaps])])
+    at = data.time[gaps] - data.time[0]
+    several = f"in {len(gaps)} gaps, {total:.1f} s in all, the longest" if len(gaps) > 1 else "in a gap"
+    text = (
+        f"{data.log}: the {data.name} is absent {several} of {intervals[longest]:.1f} s "
+        f"from {data.time[longest] - data.time[0]:.1f} s on."
+    )
+    fault = Fault(
+        fault="heading_gaps", logs=(data.log,), at=tuple(at.tolist()), size=total, unit="s", text=text, remedy="unknown"
+    )
+    yield Detection(fault=fault, done="Gaps were not filled.")
+
+
+FAULT = FaultKind(
+    id="heading_gaps",
+    title="A heading that is absent in bursts",
+    stage="signal",
+    detect=_detect,
+    false_alarms="none: an interval of five medians and half a second is a gap by definition.",
+)

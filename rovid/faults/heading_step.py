@@ -1,0 +1,163 @@
+"""A heading that jumps between two readings and stays there: a reset of the filter, a disturbance, a new origin.
+
+The step from one reading to the next is compared with the steps before and after it. A vehicle that starts to turn
+between two readings steps by no more than it does afterwards. A fast vehicle that turns and stops between two readings
+does so at other places of the log, too: a jump is several times larger than all other steps of this kind.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from rovid.core.array_types import BoolArray, FloatArray, IntArray
+from rovid.faults.base import Detection, FaultKind, TrialData
+from rovid.signals.intervals import subsampled_median
+from rovid.trial.fault import Fault
+from rovid.trial.trial import Trial
+
+# Steps on each side that a step is compared with; a jump hides other jumps as near.
+_REACH = 4
+# rad; smaller steps cannot be told from motion, and a cut costs the state of the vehicle.
+_MIN_STEP, _MIN_STATED = np.deg2rad(2.0), np.deg2rad(0.5)
+# Ratio to the largest other departure, and robust standard deviations. Among 1000 Gaussian departures the largest two
+# have a ratio above 3 in fewer than one of 10^9 logs.
+_RATIO, _SIGMAS = 3.0, 8.0
+# Jumps in one log at most: more are noise, or motion.
+_MAX_JUMPS = 20
+# Steps across longer intervals, in medians, are gaps: the vehicle moved in them, and perhaps by half a turn.
+_MAX_INTERVAL = 1.5
+# A jump up to this many s after a change of the commands may be motion, unless the commands change at least this often
+# elsewhere, without a jump, and it is this many times larger than the steps of the motion elsewhere.
+_COMMAND_SECONDS, _MIN_CHANGES, _FASTER = 1.0, 5, 1.3
+# Share of the commanded range that is a change of the commands.
+_CHANGE = 0.05
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Steps:
+    """The measured readings of a trial and the step after each of them."""
+
+    time: FloatArray  #: (n,) s.
+    angle: FloatArray  #: (n,) rad.
+    commands: FloatArray  #: (n, k) at the readings.
+
+    @classmethod
+    def of(cls, trial: Trial) -> _Steps:
+        rows = np.flatnonzero(trial.measured)
+        return cls(time=trial.time[rows], angle=trial.position[rows], commands=trial.commands[rows])
+
+    @cached_property
+    def departures(self) -> FloatArray:
+        """(n-1,) rad by which each step leaves the range of the steps around it; 0 in gaps and at the ends."""
+        intervals = np.diff(self.time)
+        rates = np.diff(self.angle) / intervals
+        near = np.lib.stride_tricks.sliding_window_view(rates, _REACH)
+        before, after = near[: -_REACH - 1], near[_REACH + 1 :]
+        low = np.minimum(before.min(axis=1), after.min(axis=1))
+        high = np.maximum(before.max(axis=1), after.max(axis=1))
+        inner = slice(_REACH, len(rates) - _REACH)
+        found = np.zeros(len(rates))
+        found[inner] = (rates[inner] - np.clip(rates[inner], low, high)) * intervals[inner]
+        found[intervals > _MAX_INTERVAL * subsampled_median(intervals)] = 0.0
+        return found
+
+    @cached_property
+    def changes(self) -> BoolArray:
+        """(n-1,) whether a command changed in each step."""
+        change = np.abs(np.diff(self.commands, axis=0))
+        changed: BoolArray = np.any(change > _CHANGE * np.ptp(self.commands, axis=0), axis=1)
+        return changed
+
+
+def _detect(data: TrialData) -> Iterator[Detection[TrialData]]:
+    trial = data.trial
+    if trial.rate_only or not trial.axis.angular or trial.measured.sum() < 4 * _REACH:
+        return
+    steps = _Steps.of(trial)
+    stated = [(at, size) for at, size in data.resets if abs(size) > _MIN_STATED and 0.0 < at < trial.time[-1]]
+    found = {int(at) for at in _jumps(steps)}
+    near = 2.0 * _REACH * trial.sampling_interval
+    repaired = [*trial.cuts, *(at for at, _ in stated)]
+    found = {at for at in found if np.min(np.abs(steps.time[at + 1] - repaired), initial=np.inf) > near}
+    noise = 1.4826 * float(np.median(np.abs(steps.departures)))
+    for at, size in stated:
+        yield _detection(trial.name, at, size, None, "the log states a reset of the heading")
+    for index in sorted(found):
+        size, error = _size(steps, index, noise)
+        yield _detection(trial.name, float(steps.time[index + 1]), size, error, "the heading jumps and stays")
+
+
+def _detection(log: str, at: float, size: float, error: float | None, what: str) -> Detection[TrialData]:
+    degrees = np.rad2deg(size)
+    fault = Fault(
+        fault="heading_step",
+        logs=(log,),
+        at=(at,),
+        size=size,
+        standard_error=error,
+        unit="rad",
+        text=f"{log}: {what} at {at:.2f} s, by {degrees:+.1f} deg.",
+        remedy="cut",
+    )
+    return Detection(
+        fault=fault,
+        done="The log was cut there.",
+        repair=lambda data: replace(data, trial=replace(data.trial, cuts=tuple(sorted({*data.trial.cuts, at})))),
+    )
+
+
+def _jumps(steps: _Steps) -> IntArray:
+    """Numbers of the steps that are jumps."""
+    size = np.abs(steps.departures)
+    order = np.argsort(size)[::-1]
+    sigma = 1.4826 * float(np.median(size))
+    left = size.copy()
+    found: list[int] = []
+    for _ in range(_MAX_JUMPS):
+        at = int(np.argmax(left))
+        found.append(at)
+        left[max(at - _REACH, 0) : at + _REACH + 1] = 0.0
+        # All that were taken so far are jumps if the smallest of them stands out from the rest.
+        limit = max(_RATIO * float(left.max()), _SIGMAS * sigma, _MIN_STEP)
+        if size[found].min() > limit:
+            return np.array(found)[~_are_commanded(steps, np.array(found))]
+        if size[order[0]] < _MIN_STEP:
+            break
+    return np.array([], dtype=int)
+
+
+def _are_commanded(steps: _Steps, jumps: IntArray) -> BoolArray:
+    """(m,) whether a change of the commands may explain each of the (m,) ``jumps``."""
+    changes = np.flatnonzero(steps.changes)
+    reach = max(_REACH, round(_COMMAND_SECONDS / subsampled_median(np.diff(steps.time))))
+    after = jumps[:, None] - changes
+    near = (after >= -1) & (after <= reach)
+    others = np.count_nonzero(~near.any(axis=0))
+    sizes = np.abs(np.diff(steps.angle))
+    usual = float(np.max(np.delete(sizes, jumps), initial=0.0))
+    return near.any(axis=1) & ((others < _MIN_CHANGES) | (sizes[jumps] < _FASTER * usual))
+
+
+def _size(steps: _Steps, at: int, noise: float) -> tuple[float, float]:
+    """Size of the jump in rad between the lines through the readings on both sides, and its standard error."""
+    middle = 0.5 * (steps.time[at] + steps.time[at + 1])
+    lines = [
+        np.polyval(np.polyfit(steps.time[rows] - middle, steps.angle[rows], 1), 0.0)
+        for rows in (slice(at - _REACH, at + 1), slice(at + 1, at + 2 + _REACH))
+    ]
+    # The value of a line through m readings, half an interval beyond its end, has about 4/m of a reading's variance.
+    size = float(lines[1] - lines[0])
+    return size - 2.0 * np.pi * round(size / (2.0 * np.pi)), noise * float(np.sqrt(8.0 / (_REACH + 1)))
+
+
+FAULT = FaultKind(
+    id="heading_step",
+    title="A heading that jumps and stays",
+    stage="trial",
+    detect=_detect,
+    false_alarms="below one in 10^6 logs for noise; a vehicle must turn and stop between two readings once only.",
+)

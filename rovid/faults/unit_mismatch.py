@@ -1,0 +1,109 @@
+"""Commands and thrust curve in different units: percent, volts, microseconds, -1 to 1.
+
+Rule: a curve is measured over the commands that the drive accepts. A vehicle is at times given more than was tested,
+by some tens of percent, but not 1.5 half widths of the curve for a tenth of its commands. Nor is it driven through a
+whole campaign with less than a fiftieth of the curve: the thrust, about the square of it, would be nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import groupby
+
+import numpy as np
+
+from rovid.core.array_types import FloatArray
+from rovid.faults.base import CampaignData, Detection, FaultKind, named
+from rovid.trial.fault import Fault
+from rovid.trial.vehicle import FAR_OUTSIDE, ThrustCurve, Thruster
+
+# Share of a log's commands, without zeros, that are far outside the curve.
+_MIN_SHARE = 0.1
+# Largest reach in half widths of the curve, over all logs, that shows commands of a much larger unit.
+_TINY = 0.02
+# Reach over the limit of a thruster whose commands are clamped on purpose.
+_CLAMPED = 2.0
+# Unit -> smallest and largest command at full thrust, and the usual full command; the middle of a pulse width is 1500.
+_UNITS = {
+    "a share of full thrust (-1 to 1)": (0.0, 1.05, 1.0),
+    "volts": (1.05, 55.0, 0.0),
+    "percent": (55.0, 105.0, 100.0),
+}
+_PULSE = "microseconds of pulse width"
+_PULSE_RANGE, _PULSE_MIDDLE, _PULSE_HALF = (700.0, 2300.0), 1500.0, 400.0
+
+
+def _detect(data: CampaignData) -> Iterator[Detection[CampaignData]]:
+    found = []
+    for at, thruster in enumerate(data.vehicle.thrusters):
+        if thruster.curve is None:
+            continue
+        logged = {trial.name: trial.commands[:, at] for trial in data.trials}
+        for log, values in _mismatched(thruster, thruster.curve, logged):
+            found.append((_text(thruster.curve, values), log, thruster.name))
+    for text, group in groupby(sorted(found), key=lambda item: item[0]):
+        items = list(group)
+        logs = tuple(dict.fromkeys(log for _, log, _ in items))
+        drives = " and ".join(dict.fromkeys(drive for _, _, drive in items))
+        fault = Fault(fault="unit_mismatch", logs=logs, text=f"{named(logs)}: commands of {drives} {text}", stops=True)
+        yield Detection(fault=fault)
+
+
+def _mismatched(
+    thruster: Thruster, curve: ThrustCurve, logged: dict[str, FloatArray]
+) -> Iterator[tuple[str, FloatArray]]:
+    """Logs whose commands are not of the curve's unit, each with the commands that show it."""
+    limit = FAR_OUTSIDE * (_CLAMPED if thruster.clamp else 1.0)
+    used = {log: values[np.isfinite(values) & (values != 0.0)] for log, values in logged.items()}
+    used = {log: values for log, values in used.items() if values.size}
+    if not used:
+        return
+    every = np.concatenate(list(used.values()))
+    if np.max(np.abs(every)) < _TINY * np.max(np.abs(curve.command)) and _unit(every) != _unit(curve.command):
+        yield from ((log, every) for log in used)
+        return
+    far = {log: every for log, values in used.items() if np.mean(curve.reach(values) > limit) > _MIN_SHARE}
+    yield from far.items()
+
+
+def _unit(values: FloatArray) -> str:
+    """Unit by the range of ``values``; empty if no usual unit fits."""
+    low, high = float(values.min()), float(values.max())
+    if _PULSE_RANGE[0] <= low and high <= _PULSE_RANGE[1]:
+        return _PULSE
+    size = max(abs(low), abs(high))
+    return next((unit for unit, (least, most, _) in _UNITS.items() if least < size <= most), "")
+
+
+def _text(curve: ThrustCurve, values: FloatArray) -> str:
+    low, high = float(values.min()), float(values.max())
+    ends = curve.command[[0, -1]]
+    ours, theirs = _unit(values), _unit(ends)
+    text = f"reach {low:.4g} to {high:.4g}, but the curve ends at {ends[0]:g} and {ends[1]:g}"
+    if not ours or ours == theirs:
+        return f"{text}: they are not of one unit. Give the curve in the unit of the commands."
+    text += f": the commands look like {ours}" + (f", the curve like {theirs}." if theirs else ".")
+    if _PULSE in (ours, theirs):
+        other, full = (ends, 1.0) if ours == _PULSE else (values, _full(ours))
+        half = float(np.abs(other).max()) if ours == _PULSE else full
+        factor = _PULSE_HALF / half
+        rule = f"{_PULSE_MIDDLE:g} + {factor:.4g} * {'curve command' if ours == _PULSE else 'command'}"
+        what = "Give the curve in microseconds" if ours == _PULSE else "Give the curve in the unit of the commands"
+        return f"{text} {what}: a pulse width is about {rule}."
+    full = _full(ours) or max(abs(low), abs(high))
+    factor = full / float(np.abs(ends).max())
+    return f"{text} Multiply the commands of the curve by {factor:.4g}, if its end is full thrust."
+
+
+def _full(unit: str) -> float:
+    """Command at full thrust in ``unit``; 0 where it varies."""
+    return _UNITS[unit][2]
+
+
+FAULT = FaultKind(
+    id="unit_mismatch",
+    title="Commands and curve of different units",
+    stage="campaign",
+    detect=_detect,
+    false_alarms="none for commands within 1.5 half widths of the curve that use more than a fiftieth of it.",
+)

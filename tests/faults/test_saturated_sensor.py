@@ -1,0 +1,47 @@
+"""Readings clipped at a bound."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rovid.core.array_types import FloatArray
+from rovid.faults.base import SignalData
+from rovid.faults.saturated_sensor import FAULT
+from tests.faults.drives import drives, found, undamaged
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_clipped_heading_is_left_out(seed: int, tmp_path: Path) -> None:
+    drive = dict(drives(seed, noise=0.05))["sine 0.5"]
+    heading = drive.heading % 360.0
+    bound = float(np.percentile(heading, 70.0))
+    trial = drive.trial(tmp_path, heading=np.minimum(heading, bound))
+    (fault,) = found(trial, "saturated_sensor")
+    assert fault.size == pytest.approx(np.deg2rad(bound), abs=1e-5)
+    assert trial.measured.sum() == np.count_nonzero(heading < np.round(bound, 4))
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_clipped_rate_is_left_out(side: float) -> None:
+    time: FloatArray = np.linspace(0.0, 99.95, 2000)
+    rate = 2.0 * np.sin(time / 3.0) + np.random.default_rng(4).normal(0.0, 0.01, 2000)
+    clipped = side * np.minimum(side * rate, 1.5)
+    data = SignalData(log="a", name="yaw rate", time=time, values=clipped, period=np.inf, unit="rad/s")
+    (detection,) = FAULT.detect(data)
+    assert len(detection.repair(data).time) == np.count_nonzero(side * rate < 1.5)
+    assert "85.9437 deg/s" in detection.fault.text
+
+
+@pytest.mark.parametrize("seed", range(5, 8))
+def test_undamaged_logs_are_not_clipped(seed: int, tmp_path: Path) -> None:
+    assert not [name for name, trial in undamaged(seed, tmp_path) if found(trial, "saturated_sensor")]
+
+
+def test_a_frozen_sensor_is_not_clipped(tmp_path: Path) -> None:
+    drive = dict(drives(9))["sine 5.0"]
+    heading = drive.heading - drive.heading.min() + 10.0
+    heading[300:340] = heading[300]
+    assert not found(drive.trial(tmp_path, heading=heading), "saturated_sensor")
