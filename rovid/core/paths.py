@@ -30,6 +30,14 @@ class FolderContents:
     special_files: Mapping[Path, str]  #: Path -> kind of everything that is neither a regular file nor a folder.
 
 
+def file_parts(path: Path) -> list[Path]:
+    """The file and its write-ahead log, if there is one: an SQLite file keeps part of its contents in NAME-wal."""
+    if path.suffix.lower() != ".db3":
+        return [path]
+    journal = Path(os.path.realpath(path) + "-wal")
+    return [path, journal] if journal.is_file() and journal.stat().st_size else [path]
+
+
 def special_kind(path: Path) -> str:
     """Kind of a special file, such as "a pipe"; empty for a regular file, a folder or nothing."""
     try:

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import json
+import os
 import sqlite3
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import AbstractContextManager, closing, contextmanager
 from functools import partial
 from itertools import islice
 from pathlib import Path
+from shutil import copyfile
+from tempfile import TemporaryDirectory
 from typing import NamedTuple
 from urllib.parse import quote
 
 from rovid.core.errors import LogError, suggestion
+from rovid.core.paths import file_parts
 from rovid.readers.message_topics import Decoder, TopicExtractor, TopicListing
 from rovid.readers.raw_log import LogContents, RawLog, require_library, require_mark, required_signals
 from rovid.trial.config import Config
@@ -21,8 +25,6 @@ from rovid.trial.trial import Remark
 KIND = "bag"
 _EXTRA = "ros"
 _ROS1_MARK, _ROS2_MARK = b"#ROSBAG V", b"SQLite format 3\0"
-# Bytes of SQLite's header, up to the read version, which is 2 for write-ahead logging.
-_READ_VERSION, _HEADER = 19, 20
 # Values of damaged tables are cast, so that decoding reports the damage. TYPEOF finds NULL in columns that are declared
 # NOT NULL, for which SQLite does not evaluate IS NOT NULL.
 _TOPICS = """SELECT CAST(id AS INTEGER), CAST(name AS TEXT), CAST(type AS TEXT), CAST(serialization_format AS TEXT)
@@ -120,23 +122,18 @@ def _ros1(path: Path) -> Iterator[_Bag]:
 
 @contextmanager
 def _connected(path: Path) -> Iterator[sqlite3.Connection]:
-    """The database; no new file is left next to it.
+    """The database with its write-ahead log, if it was not merged; nothing is written next to either.
 
-    SQLite creates a journal and an index next to a database with write-ahead logging, and leaves them. Without a
-    journal all data are in the database, which is then opened as immutable.
+    SQLite creates an index next to a database with such a log, and may merge both. It therefore reads copies. Without a
+    log all data are in the database, which is then opened as immutable.
     """
-    absolute = path.resolve()
-    journal, index = (absolute.with_name(absolute.name + end) for end in ("-wal", "-shm"))
-    with absolute.open("rb") as file:
-        is_write_ahead = file.read(_HEADER)[_READ_VERSION:] == b"\2"
-    mode = "mode=ro&immutable=1" if is_write_ahead and not journal.exists() else "mode=ro"
-    creates_index = is_write_ahead and not index.exists()
-    try:
-        with closing(sqlite3.connect(f"file:{quote(str(absolute))}?{mode}", uri=True)) as bag:
+    parts = [Path(os.path.realpath(part)) for part in file_parts(path)]
+    with TemporaryDirectory(prefix="rovid_") as folder:
+        if len(parts) > 1:
+            parts = [Path(copyfile(part, Path(folder) / part.name)) for part in parts]
+        mode = "mode=ro" if len(parts) > 1 else "mode=ro&immutable=1"
+        with closing(sqlite3.connect(f"file:{quote(str(parts[0]))}?{mode}", uri=True)) as bag:
             yield bag
-    finally:
-        if creates_index:
-            index.unlink(missing_ok=True)
 
 
 @contextmanager
@@ -155,7 +152,8 @@ def _ros2(path: Path) -> Iterator[_Bag]:
             ((pages,),), ((page_size,),) = bag.execute("PRAGMA page_count"), bag.execute("PRAGMA page_size")
         except (sqlite3.Error, UnicodeDecodeError) as error:  # SQLite quotes damaged text in its messages.
             raise _unreadable(path, error, "Record the log again, or leave it out.") from error
-        lost = int(pages * page_size) - path.stat().st_size
+        # A write-ahead log holds pages that are not in the file yet.
+        lost = int(pages * page_size) - sum(part.stat().st_size for part in file_parts(path))
         damage = [f"The bag is cut: its last {lost} bytes are missing."] if lost > 0 else []
         yield connections, lambda wanted: bag.execute(_MESSAGES, (json.dumps(sorted(wanted)),)), damage
 

@@ -6,10 +6,11 @@ import filecmp
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 from pathlib import Path
 
 from rovid.core.errors import LogError, suggestion
-from rovid.core.paths import list_files, require_exists
+from rovid.core.paths import file_parts, list_files, require_exists
 from rovid.core.signatures import PLAN
 from rovid.readers.formats import READERS, trial_files
 from rovid.trial.config import Config
@@ -71,7 +72,7 @@ def left_out(name: str, reason: str, kind: str = "skipped") -> Remark:
 def file_size(path: Path) -> int:
     """Size in bytes; 0 for a broken link, which reading reports."""
     try:
-        return path.stat().st_size
+        return sum(part.stat().st_size for part in file_parts(path))
     except OSError:
         return 0
 
@@ -218,6 +219,7 @@ def _without_copies(logs: Sequence[_File], remarks: list[Remark]) -> list[_File]
 
 def _has_same_bytes(one: Path, other: Path) -> bool:
     try:
-        return filecmp.cmp(one, other, shallow=False)
+        pairs = zip_longest(file_parts(one), file_parts(other), fillvalue=Path())
+        return all(a.is_file() and b.is_file() and filecmp.cmp(a, b, shallow=False) for a, b in pairs)
     except OSError:  # Reading reports the error.
         return False

@@ -1,12 +1,14 @@
-"""NMEA text of an INS: $xxHDT, $xxROT and $PIXSE,ATITUD, with a log of the same name that holds the commands.
+"""NMEA text of an INS, with a log of the same name that holds the commands.
 
-The time is in front of each sentence (ISO 8601 or epoch), or comes from ZDA or GGA sentences: the sentences after one
-of these were measured at its time, and several of one kind are spread evenly up to the next one.
+Headings are in $xxHDT, THS, HDG or HDM, rates in $xxROT, tilts in $PIXSE,ATITUD. The time is in front of each sentence
+(ISO 8601, epoch, time of day, or a tag block), or comes from ZDA or GGA sentences: the sentences after one of these
+were measured at its time, and several of one kind are spread evenly up to the next one.
 """
 
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -32,16 +34,23 @@ _SENTENCE = re.compile(rb"[A-Z]{4,6},")
 _CHECKSUM = re.compile(b"[0-9A-Fa-f]{2}")
 # Bytes of the longest line.
 _MAX_LINE = 1 << 16
-# Name in rovid.toml -> sentence, index of the cell, factor to deg or deg/s: ROT is in deg/min.
+# Name in rovid.toml -> sentences, the preferred one first, index of the cell, factor to deg or deg/s (ROT: deg/min).
+# THS is a true heading with a status; HDG and HDM are magnetic, and stay so: a constant does not turn the vehicle.
 _CHANNELS = {
-    "heading": ("HDT", 1, 1.0),
-    "yaw_rate": ("ROT", 1, 1.0 / 60.0),
-    "roll": ("ATITUD", 2, 1.0),
-    "pitch": ("ATITUD", 3, 1.0),
+    "heading": (("HDT", "THS", "HDG", "HDM"), 1, 1.0),
+    "yaw_rate": (("ROT",), 1, 1.0 / 60.0),
+    "roll": (("ATITUD",), 2, 1.0),
+    "pitch": (("ATITUD",), 3, 1.0),
 }
-_MEASURING = {kind for kind, _, _ in _CHANNELS.values()}
+_MEASURING = {kind for kinds, _, _ in _CHANNELS.values() for kind in kinds}
+_TIMING = ("ZDA", "GGA")
+# Sentences whose second cell is V for an invalid value.
+_WITH_STATUS = {"THS", "ROT"}
 # Number of cells of each sentence that are kept; missing cells are empty.
 _CELLS = 5
+# Time in a tag block of NMEA 4: s or ms since 1970.
+_TAG_TIME = re.compile(rb"\\(?:[^\\]*,)?c:(\d+)")
+_CLOCK_TIME = re.compile(r"(\d\d):(\d\d):(\d\d(?:[.,]\d+)?)$")
 
 
 def read(path: Path, config: Config) -> RawLog:
@@ -118,35 +127,56 @@ class _Text:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.remarks: list[Remark] = []
-        # Sentence -> its cells, its prefixes, and the numbers of ZDA and of GGA before it.
+        # Address (between $ and the first comma) -> cells, prefixes, and numbers of ZDA and GGA before each sentence.
         self.cells: dict[str, list[list[bytes]]] = {}
         self._prefixes: dict[str, list[bytes]] = {}
         self._counts: dict[str, list[tuple[int, int]]] = {}
+        self._seen: Counter[str] = Counter()
         self._scan()
         self.is_dated = True
-        kinds = sorted(_MEASURING & set(self.cells))
+        measuring = [address for address in self.cells if _kind(address) in _MEASURING]
+        if not measuring:
+            raise LogError(
+                f"holds no sentence {', '.join(sorted(_MEASURING))}, but {self._contents}.",
+                where=path,
+                mend="Let the INS send HDT, or leave this log out.",
+            )
         stamped = any(map(any, self._prefixes.values()))
-        times = self._prefix_times(kinds) if stamped else self._spread_times(kinds)
+        times = self._prefix_times(measuring) if stamped else self._spread_times(measuring)
         known = [time for time in times.values() if np.isfinite(time).any()]
         # s since 1970 at time zero; since a midnight unless dated.
         self.origin = min((float(np.nanmin(time)) for time in known), default=0.0)
-        self.clocks = {kind: time - self.origin for kind, time in times.items()}
+        self.clocks = {address: time - self.origin for address, time in times.items()}
 
     def channel(self, name: str, source: str) -> Channel:
-        """One of `_CHANNELS`."""
+        """One of `_CHANNELS`, from the preferred sentence, and of several talkers the one that sends most."""
         if source not in _CHANNELS:
             text = f"has no {source!r} ({name}). {suggestion(source, _CHANNELS)}"
             raise LogError(text, where=self.path, mend=f"Correct {name} in rovid.toml.")
-        kind, at, factor = _CHANNELS[source]
-        if kind not in self.clocks:
-            text = f"holds no sentence {kind} ({name}). {suggestion(kind, self.cells)}"
+        kinds, at, factor = _CHANNELS[source]
+        found = [address for address in self.clocks if _kind(address) in kinds]
+        if not found:
+            text = f"holds no sentence {' or '.join(kinds)} ({name}), but {self._contents}."
             raise LogError(text, where=self.path, mend=f"Delete nmea from {name} in rovid.toml, or leave this log out.")
-        values = np.array([_number(cells[at]) for cells in self.cells[kind]])
-        return Channel(source=source, clock=kind, time=self.clocks[kind], values=values * factor)
+        found.sort(key=lambda address: (kinds.index(_kind(address)), -len(self.cells[address])))
+        chosen, *others = found
+        if others:
+            also = ", ".join(f"{address} ({len(self.cells[address])})" for address in others)
+            text = f"{name} was taken from {chosen} ({len(self.cells[chosen])} sentences); {also} was not used."
+            self.remarks.append(Remark(kind="chosen", count=sum(len(self.cells[one]) for one in others), text=text))
+        values = np.array([_value(cells, _kind(chosen), at) for cells in self.cells[chosen]])
+        return Channel(source=source, clock=chosen, time=self.clocks[chosen], values=values * factor)
+
+    @property
+    def _contents(self) -> str:
+        """Numbers of sentences by address."""
+        return ", ".join(f"{count} {address}" for address, count in self._seen.most_common(5))
 
     def _scan(self) -> None:
-        bad = zda = gga = 0
+        bad = 0
         is_cut = False
+        clocks: dict[str, str] = {}  # Of several talkers, the first one sets the clock.
+        counts = dict.fromkeys(_TIMING, 0)
         for line, has_end in _lines(self.path):
             is_cut = bool(line.strip()) and not has_end
             at = line.find(b"$")
@@ -160,17 +190,23 @@ class _Text:
                 continue
             is_cut = False
             cells = body.split(b",")
-            kind = _sentence_kind(cells)
-            zda += kind == "ZDA"
-            gga += kind == "GGA"
-            kept = self.cells.setdefault(kind, [])
-            if kind in _MEASURING or kind in {"ZDA", "GGA"}:
-                kept.append([*cells, *[b""] * _CELLS][:_CELLS])
-                self._prefixes.setdefault(kind, []).append(line[:at].strip(b" \t,;[]"))
-                self._counts.setdefault(kind, []).append((zda, gga))
-        if not self.cells and not bad:
+            address = _address(cells)
+            kind = _kind(address)
+            self._seen[address] += 1
+            if kind in _TIMING:
+                if clocks.setdefault(kind, address) != address:
+                    continue
+                counts[kind] += 1
+                address = kind
+            elif kind not in _MEASURING:
+                continue
+            self.cells.setdefault(address, []).append([*cells, *[b""] * _CELLS][:_CELLS])
+            tag = _TAG_TIME.search(line[:at])
+            self._prefixes.setdefault(address, []).append(tag[1] if tag else line[:at].strip(b" \t,;[]>"))
+            self._counts.setdefault(address, []).append((counts["ZDA"], counts["GGA"]))
+        if not self._seen and not bad:
             raise wrong_format(self.path, "NMEA text")
-        if not self.cells:
+        if not self._seen:
             text = f"holds {bad} sentences, none of them with a right checksum."
             raise LogError(text, where=self.path, mend="Log them as the INS sends them, with the *hh at the end.")
         bad += is_cut
@@ -178,19 +214,25 @@ class _Text:
             text = f"{bad} sentences are cut or have a wrong checksum, and were left out."
             self.remarks.append(Remark(kind="truncated", count=bad, text=text))
 
-    def _prefix_times(self, kinds: list[str]) -> dict[str, FloatArray]:
-        """(n,) s since 1970 of each sentence, from its prefix."""
-        prefixes = {kind: [prefix.decode("ascii", "replace") for prefix in self._prefixes[kind]] for kind in kinds}
-        if any("-" in prefix[1:] for texts in prefixes.values() for prefix in texts[:10]):
-            times = {kind: np.array(list(map(_iso_time, texts))) for kind, texts in prefixes.items()}
+    def _prefix_times(self, addresses: list[str]) -> dict[str, FloatArray]:
+        """(n,) s since 1970 of each sentence from its prefix; since a midnight where the prefixes hold no date."""
+        prefixes = {one: [prefix.decode("ascii", "replace") for prefix in self._prefixes[one]] for one in addresses}
+        first = [text for texts in prefixes.values() for text in texts[:10]]
+        if any(re.search(r".[-/]", text) for text in first):
+            times = {one: np.array(list(map(_iso_time, texts))) for one, texts in prefixes.items()}
+        elif any(map(_CLOCK_TIME.match, first)):
+            self.is_dated = False
+            times = {one: _continuous(np.array(list(map(_clock_time, texts)))) for one, texts in prefixes.items()}
+            if any(np.isfinite(time).any() for time in times.values()):
+                return times
         else:
-            numbers = {kind: np.array(list(map(_number, texts))) for kind, texts in prefixes.items()}
-            times = {kind: to_seconds(time, "", "auto") for kind, time in numbers.items()}
+            numbers = {one: np.array(list(map(_number, texts))) for one, texts in prefixes.items()}
+            times = {one: to_seconds(time, "", "auto") for one, time in numbers.items()}
         if not any((time > EPOCH_FROM).any() for time in times.values()):
             raise self._no_time()
         return times
 
-    def _spread_times(self, kinds: list[str]) -> dict[str, FloatArray]:
+    def _spread_times(self, addresses: list[str]) -> dict[str, FloatArray]:
         """(n,) s of each sentence, evenly between two sentences with a time; NaN before the first."""
         self.is_dated = "ZDA" in self.cells
         clock, parse = ("ZDA", _zda_time) if self.is_dated else ("GGA", _time_of_day)
@@ -198,21 +240,20 @@ class _Text:
         if not np.isfinite(times).any():
             raise self._no_time()
         if not self.is_dated:
-            known = np.isfinite(times)
-            times[known] = np.unwrap(times[known], period=_DAY)
+            times = _continuous(times)
         # The interval after the last time equals the one before.
         last = times[-1] - times[-2] if len(times) > 1 else 0.0
         steps = np.diff(times, append=times[-1] + last)
         column = 0 if self.is_dated else 1
         spread = {}
-        for kind in kinds:
-            marks = np.array(self._counts[kind])[:, column] - 1  # Index of the last time; -1 before the first.
+        for address in addresses:
+            marks = np.array(self._counts[address])[:, column] - 1  # Index of the last time; -1 before the first.
             early = marks < 0
             count = np.bincount(marks[~early], minlength=len(times))
             before = np.cumsum(count) - count
             rank = np.arange(len(marks)) - before[marks] - np.count_nonzero(early)
             share = rank / np.maximum(count[marks], 1)
-            spread[kind] = np.where(early, np.nan, times[marks] + steps[marks] * share)
+            spread[address] = np.where(early, np.nan, times[marks] + steps[marks] * share)
         return spread
 
     def _no_time(self) -> LogError:
@@ -229,11 +270,27 @@ def _lines(path: Path) -> Iterator[tuple[bytes, bool]]:
                 yield line.rstrip(b"\r\n"), line.endswith((b"\r", b"\n"))
 
 
-def _sentence_kind(cells: list[bytes]) -> str:
-    """Address without the talker, or the word that follows the address of iXblue's own sentences."""
-    if cells[0] == b"PIXSE" and len(cells) > 1:
-        return cells[1].decode("ascii", "replace")
-    return cells[0][2:].decode("ascii", "replace")
+def _address(cells: list[bytes]) -> str:
+    """Address of a sentence, or the word that follows the address of iXblue's own sentences."""
+    own = cells[0] == b"PIXSE" and len(cells) > 1
+    return cells[own].decode("ascii", "replace")
+
+
+def _kind(address: str) -> str:
+    """Address without the talker."""
+    return address if address in _MEASURING or address in _TIMING else address[2:]
+
+
+def _value(cells: list[bytes], kind: str, at: int) -> float:
+    """Number of a sentence, NaN where it is marked as invalid."""
+    return np.nan if kind in _WITH_STATUS and cells[at + 1] == b"V" else _number(cells[at])
+
+
+def _continuous(times: FloatArray) -> FloatArray:
+    """(n,) s of times of day, which go on over midnight."""
+    known = np.isfinite(times)
+    times[known] = np.unwrap(times[known], period=_DAY)
+    return times
 
 
 def _number(text: bytes | str) -> float:
@@ -245,12 +302,19 @@ def _number(text: bytes | str) -> float:
 
 def _iso_time(text: str) -> float:
     try:
-        moment = datetime.fromisoformat(text.replace(",", "."))
+        moment = datetime.fromisoformat(text.replace(",", ".").replace("/", "-"))
         if moment.tzinfo is None:
             moment = moment.replace(tzinfo=UTC)
         return moment.timestamp()
     except (ValueError, OverflowError):
         return np.nan
+
+
+def _clock_time(text: str) -> float:
+    """Seconds since midnight of hh:mm:ss.ss."""
+    if (found := _CLOCK_TIME.match(text)) is None:
+        return np.nan
+    return 3600.0 * float(found[1]) + 60.0 * float(found[2]) + float(found[3].replace(",", "."))
 
 
 def _time_of_day(cells: list[bytes]) -> float:

@@ -18,6 +18,7 @@ from rovid import __version__
 from rovid.core.atomic_write import OutputFile, OutputSet
 from rovid.core.errors import ConfigError
 from rovid.core.escaping import encodable
+from rovid.core.paths import file_parts
 from rovid.core.signatures import PARAMETERS
 from rovid.effects import effect_named
 from rovid.estimate.estimate import PER_INERTIA, Estimate
@@ -295,15 +296,18 @@ def absolute_paths(paths: Sequence[Path]) -> tuple[Path, ...]:
 
 
 def sha256(path: Path) -> str:
-    """Hexadecimal SHA-256 of a file; cached by path, size and modification time."""
-    found = path.stat()
-    return _sha256(path, found.st_size, found.st_mtime_ns)
+    """Hexadecimal SHA-256 of a file with its write-ahead log; cached by path, size and modification time."""
+    parts = tuple(file_parts(path))
+    return _sha256(parts, tuple((part.stat().st_size, part.stat().st_mtime_ns) for part in parts))
 
 
 @lru_cache(maxsize=4096)
-def _sha256(path: Path, _size: int, _written: int) -> str:
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
+def _sha256(parts: tuple[Path, ...], _versions: tuple[tuple[int, int], ...]) -> str:
+    digest = hashlib.sha256()
+    for part in parts:
+        with part.open("rb") as stream:
+            hashlib.file_digest(stream, lambda: digest)
+    return digest.hexdigest()
 
 
 def read_source(name: str, path: Path, samples: int) -> Source:

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from rovid.core.errors import LogError
-from rovid.readers import read_campaign, read_log
+from rovid.readers import find_logs, read_campaign, read_log
+from rovid.store.parameter_file import sha256
 from rovid.trial.trial import Trial
 from tests.readers.logs import campaign, kinds, toml
 from tests.readers.recordings import HEADING, TIME, bag, said
@@ -120,6 +121,41 @@ def test_nothing_is_left_beside_a_bag_that_writes_ahead(closed: bool, tmp_path: 
     with pytest.raises(LogError, match="no message on topic '/attitude'"):
         read(tmp_path, ".db3", '{ bag = "/attitude" }')
     assert {item.name for item in tmp_path.iterdir()} <= there
+
+
+def test_bags_that_differ_only_in_their_journals_are_different_trials(tmp_path: Path) -> None:
+    """Recorders that were killed leave the messages in the journal, next to databases of equal bytes."""
+    empty = tmp_path / "empty.db3"
+    empty.write_bytes(BAGS[".db3"])
+    with sqlite3.connect(empty) as database:
+        database.execute("CREATE TEMP TABLE kept AS SELECT * FROM messages")
+        database.execute("DELETE FROM messages")
+        database.commit()
+        database.execute("VACUUM")
+        database.execute("PRAGMA journal_mode = WAL")
+        database.execute("PRAGMA wal_autocheckpoint = 0")
+        whole = len(said())
+        for name, limit in {"a": whole, "b": whole - 2, "c": whole - 4}.items():
+            database.execute("DELETE FROM messages")
+            database.execute("INSERT INTO messages SELECT * FROM kept ORDER BY id LIMIT ?", [limit])
+            database.commit()
+            shutil.copy(empty, tmp_path / f"{name}.db3")
+            shutil.copy(f"{empty}-wal", tmp_path / f"{name}.db3-wal")
+    database.close()
+    for item in tmp_path.glob("empty*"):
+        item.unlink()
+    before = {item.name: item.read_bytes() for item in tmp_path.iterdir()}
+    assert before["a.db3"] == before["b.db3"] == before["c.db3"]
+    config = campaign(tmp_path, toml(heading='heading = { bag = "/phins/heading.data" }', command=COMMAND))
+    logs, remarks = find_logs([tmp_path], config)
+    assert [name for name, _ in logs] == ["a.db3", "b.db3", "c.db3"]
+    assert not remarks
+    trials = [read_log(path, config) for _, path in logs]
+    assert [int(trial.measured.sum()) for trial in trials] == [len(TIME), len(TIME) - 1, len(TIME) - 2]
+    assert not any(trial.remarks for trial in trials)
+    assert len({sha256(path) for _, path in logs}) == 3
+    assert {name: (tmp_path / name).read_bytes() for name in before} == before
+    assert {item.name for item in tmp_path.iterdir()} == {*before, "rovid.toml", "curve.csv"}
 
 
 def test_what_a_damaged_table_lacks_though_it_says_it_cannot_is_left_out(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -125,7 +126,11 @@ def test_bad_sentences_are_counted(tmp_path: Path) -> None:
         (headings(""), HEADING_MAP, "has no time"),
         (headings("17.5 "), HEADING_MAP, "has no time"),
         (headings(), 'heading = { nmea = "headings" }', "no 'headings' .* Nearest: 'heading'"),
-        (sentence("HEROT,1.0,A", f"{iso(0.0)} "), HEADING_MAP, r"no sentence HDT \(heading\)"),
+        (
+            sentence("HEROT,1.0,A", f"{iso(0.0)} "),
+            HEADING_MAP,
+            r"no sentence HDT or THS or HDG or HDM \(heading\), but 1 HEROT",
+        ),
     ],
 )
 def test_what_it_cannot_give(text: str, signal: str, words: str, tmp_path: Path) -> None:
@@ -182,3 +187,64 @@ def test_what_is_measured_may_stand_beside_it(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.rad2deg(trial.roll), 1.0)
     with pytest.raises(ConfigError, match=r"heading names neither an nmea source nor one of a\.csv"):
         read(tmp_path, text, 'roll = { nmea = "roll" }', heading='heading = { mcap = "/h" }')
+
+
+@pytest.mark.parametrize("body", ["GNTHS,{:.6f},A", "HCHDG,{:.6f},,,2.0,E", "HCHDM,{:.6f},M"])
+def test_headings_of_other_sentences(body: str, tmp_path: Path) -> None:
+    assert_headings(read(tmp_path, "".join(sentence(body.format(h), f"{iso(t)} ") for t, h in PAIRS)))
+
+
+def test_an_invalid_heading_is_missing(tmp_path: Path) -> None:
+    lines = [
+        sentence(f"GNTHS,{h:.6f},{'V' if 100 <= at < 103 else 'A'}", f"{iso(t)} ") for at, (t, h) in enumerate(PAIRS)
+    ]
+    trial = read(tmp_path, "".join(lines))
+    assert trial.measured.sum() == len(PAIRS) - 3
+
+
+@pytest.mark.parametrize("unit", ["s", "ms"])
+def test_times_in_tag_blocks(unit: str, tmp_path: Path) -> None:
+    every = 20 if unit == "s" else 1
+    stamps = [EPOCH // 10**9 + at if unit == "s" else EPOCH // 10**6 + round(1e3 * t) for at, t in enumerate(TIME)]
+    lines = [
+        sentence(f"HEHDT,{h:.6f},T", f"\\s:IN0001,c:{stamp}*5A\\")
+        for stamp, h in list(zip(stamps, (HEADING % 360.0).tolist(), strict=True))
+    ]
+    beside = COMMANDS_BESIDE if unit == "ms" else COMMANDS_BESIDE.replace(iso(20.0), iso(400.0))
+    trial = read(tmp_path, "".join(lines), beside=beside)
+    assert_headings(trial, TIME * every)
+
+
+@pytest.mark.parametrize("front", ["%H:%M:%S.%f ", "[%H:%M:%S,%f] ", "%Y/%m/%d %H:%M:%S.%f > "])
+def test_other_times_in_front(front: str, tmp_path: Path) -> None:
+    stamps = [datetime.fromisoformat(iso(t)).strftime(front) for t in TIME.tolist()]
+    text = "".join(sentence(f"HEHDT,{h:.6f},T", stamp) for stamp, (_, h) in zip(stamps, PAIRS, strict=True))
+    assert_headings(read(tmp_path, text))
+
+
+def test_of_two_talkers_the_one_that_sends_most_is_taken(tmp_path: Path) -> None:
+    lines = [
+        sentence(f"HEHDT,{h:.6f},T", f"{iso(t)} ") + (sentence("GPHDT,7.0,T", f"{iso(t)} ") if at % 5 == 0 else "")
+        for at, (t, h) in enumerate(PAIRS)
+    ]
+    trial = read(tmp_path, "".join(lines))
+    assert_headings(trial)
+    (remark,) = trial.remarks
+    assert (remark.kind, remark.count) == ("chosen", 60)
+    assert "heading was taken from HEHDT (300 sentences); GPHDT (60) was not used" in remark.text
+
+
+def test_two_talkers_of_the_time_do_not_interleave(tmp_path: Path) -> None:
+    lines = []
+    for at, (t, h) in enumerate(PAIRS):
+        if at % 10 == 0:
+            lines.append(
+                sentence(f"GPZDA,{clock(t)},07,01,2026,00,00") + sentence(f"INZDA,{clock(t + 0.3)},07,01,2026,00,00")
+            )
+        lines.append(sentence(f"HEHDT,{h:.6f},T"))
+    assert_headings(read(tmp_path, "".join(lines)))
+
+
+def test_a_text_without_measurements_names_what_it_holds(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match="holds no sentence ATITUD, HDG, HDM, HDT, ROT, THS, but 300 GPRMC"):
+        read(tmp_path, "".join(sentence("GPRMC,1,A", f"{iso(t)} ") for t, _ in PAIRS))
