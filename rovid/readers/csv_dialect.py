@@ -5,9 +5,9 @@ from __future__ import annotations
 import codecs
 import csv
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from itertools import takewhile, zip_longest
+from itertools import zip_longest
 from pathlib import Path
 from typing import IO
 
@@ -30,9 +30,11 @@ _CONTROL_CHARACTER = re.compile("[\x00-\x08\x0e-\x1f]")
 _DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*")
 _SPACED_QUOTE = re.compile(r"[,;\t] +\"")
 _SAMPLE_ROWS = 200
-# Rows below the names: units, and short names. A unit in brackets or none, with any prefix and power.
-_MORE_HEADERS = 3
-_DIGIT_FIRST = re.compile(r"[+-]?[.,]?\d")
+# A number or a time: a row without one is a header (names, units, short names), or stands before it.
+_DATUM = re.compile(r"(?i)[+-]?(?:\d[\d.,'’ ]*|[.,]\d+)(?:e[+-]?\d+)?|[+-]?(?:nan|inf)|\d{4}-\d\d-\d\d.*|\d\d?:\d\d.*")
+# Number of rows of data in succession that end the header.
+_DATA_ROWS = 3
+# A unit, in brackets or not, with any prefix and power.
 _UNIT = re.compile(
     r"\W*(?:-|1|%|°|°/s|°C|(?:(?:[kmcuµn]?(?:s|sec|m|g|N|A|V|W|Hz|Pa|bar|rad|Nm|Ah|Wh)|min|h|deg|dps|rpm|kn|K|C|"
     r"ticks?|counts?|us)[\^0-9]*[ */·_]?)+)\W*"
@@ -46,9 +48,7 @@ class Layout:
     path: Path
     encoding: str  # utf-8 (also for ASCII), utf-8-sig, utf-16, utf-16-le, utf-16-be, utf-32 or cp1252.
     delimiter: str
-    names: tuple[
-        str, ...
-    ]  # Of the columns, without surrounding spaces; with the unit, "speed [m/s]", of a row of units.
+    names: tuple[str, ...]  # Of the columns; with the unit from a row of units: "speed [m/s]".
     titles: tuple[str, ...]  # The same without that unit.
     lines: int  # Number of lines up to the end of the header.
     before: int  # Number of lines before the header that are not empty.
@@ -112,18 +112,18 @@ def read_layout(path: Path, wanted: Collection[str]) -> Layout:
     encoding = _encoding(path, head)
     text = codecs.getincrementaldecoder(encoding)(errors="replace").decode(head)
     lines = _first_lines(text)
-    at = _header_line([line for line, _ in lines], wanted, path)
-    line = lines[at][0]
+    texts = [line for line, _ in lines]
+    at, start, units_at = _header_lines(texts, wanted, path)
+    line = texts[at]
     delimiter = max(_DELIMITERS, key=lambda sign: (_count_known(line, sign, wanted), len(_split(line, sign))))
     titles = _split(line.lstrip("#") if _is_comment(line) else line, delimiter)
-    units, more = _unit_row([_split(row, delimiter) for row, _ in lines[at + 1 : at + 2 + _MORE_HEADERS]])
+    units = [cell.strip("[]() -") for cell in _split(texts[units_at], delimiter)] if units_at is not None else []
     names = [f"{title} [{unit}]" if unit else title for title, unit in zip_longest(titles, units[: len(titles)])]
-    at += more
-    end = lines[at][1]
-    before = [line for line, _ in lines[:at] if line]
+    before = [line for line in texts[:at] if line]
     # The last line is cut unless the whole file was read.
     whole = lines if len(head) < _HEAD or lines[-1][1] < len(text) else lines[:-1]
-    sample = [line for line, _ in whole[at + 1 :]][:_SAMPLE_ROWS]
+    sample = [line for line, _ in whole[start:]][:_SAMPLE_ROWS]
+    end = lines[start - 1][1]
     # cp1252 decodes unknown bytes to one character each.
     is_wide = encoding.startswith(("utf-16", "utf-32"))
     return Layout(
@@ -132,9 +132,9 @@ def read_layout(path: Path, wanted: Collection[str]) -> Layout:
         delimiter=delimiter,
         names=tuple(names),
         titles=tuple(titles),
-        lines=at + 1,
+        lines=start,
         before=len(before),
-        plain=all(text.strip() and text.count('"') % 2 == 0 for text in before),
+        plain=start == at + 1 and all(text.strip() and text.count('"') % 2 == 0 for text in before),
         spaced=any(map(_SPACED_QUOTE.search, sample)),
         offset=end if is_wide else len(text[:end].encode(encoding, errors="replace")),
         rows=tuple(tuple(_cells(line, delimiter)) for line in sample if line.strip()),
@@ -179,13 +179,19 @@ def _first_lines(text: str) -> list[tuple[str, int]]:
     return found
 
 
-def _header_line(lines: list[str], wanted: Collection[str], path: Path) -> int:
-    """Index of the first line that is no comment, or of a comment just before it with more names in ``wanted``."""
+def _header_lines(lines: list[str], wanted: Collection[str], path: Path) -> tuple[int, int, int | None]:
+    """Indices of the line of names, of the first row, and of the line of units, if there is one.
+
+    The names are in the line with most names in ``wanted``, else with most cells, else in the first line that is no
+    comment; or in a comment just before it with more names in ``wanted``. Lines of text below it belong to the header
+    if one of them holds units.
+    """
 
     def known(line: str) -> int:
         return max(_count_known(line, sign, wanted) for sign in _DELIMITERS)
 
-    number = next((at for at, line in enumerate(lines) if _has_content(line)), None)
+    filled = [at for at, line in enumerate(lines) if _has_content(line)]
+    number = filled[0] if filled else None
     least = 0 if number is None else known(lines[number])
     before = [at for at, line in enumerate(lines[:number]) if line]
     if before and _is_comment(lines[before[-1]]) and known(lines[before[-1]].lstrip().lstrip("#")) > least:
@@ -194,17 +200,33 @@ def _header_line(lines: list[str], wanted: Collection[str], path: Path) -> int:
         raise LogError("has no header row, only comments.", where=path)
     if match := _CONTROL_CHARACTER.search(lines[number]):
         raise _no_text(path, f"the control character {match[0]!r}")
-    return number
+    cells = {at: _best_split(lines[at]) for at in filled}
+    have_data = [_has_data(cells[at]) for at in filled]
+    first = next((row for row in range(len(filled)) if all(have_data[row : row + _DATA_ROWS])), 0)
+    above = next((row for row in range(first, 0, -1) if have_data[row - 1]), 0)
+    headers = filled[above:first]
+    units = next((at for at in headers if _are_units(cells[at])), None)
+    texts = [at for at in headers if at != units]
+    if number in filled and texts:
+        number = max(texts, key=lambda at: (known(lines[at]), sum(map(bool, cells[at])), -at))
+    start = number + 1 if units is None else filled[first]
+    return number, start, units
 
 
-def _unit_row(rows: list[list[str]]) -> tuple[list[str], int]:
-    """Units of the columns without brackets, and the number of header ``rows`` below the names; none without units."""
-    texts = list(takewhile(lambda row: any(row) and not any(_DIGIT_FIRST.match(cell) for cell in row), rows))
-    for row in texts[:_MORE_HEADERS]:
-        known = [cell for cell in row if cell]
-        if len(known) > 1 and all(map(_UNIT.fullmatch, known)):
-            return [cell.strip("[]() ") if cell.strip("[]() -") else "" for cell in row], len(texts)
-    return [], 0
+def _are_units(cells: Sequence[str]) -> bool:
+    known = list(filter(None, cells))
+    return len(known) > 1 and all(map(_UNIT.fullmatch, known))
+
+
+def _has_data(cells: Sequence[str]) -> bool:
+    """Whether a row holds a number or a time; next to text, 1 is the unit of a number without one."""
+    known = set(filter(None, cells))
+    return any(map(_DATUM.fullmatch, known - {"1"})) or known <= {"1"}
+
+
+def _best_split(line: str) -> list[str]:
+    """Cells of a line by the delimiter that gives most."""
+    return max((_split(line, sign) for sign in _DELIMITERS), key=len)
 
 
 def _has_content(line: str) -> bool:

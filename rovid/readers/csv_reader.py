@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
-from itertools import islice, product
+from itertools import islice
 from pathlib import Path
 from typing import IO
 
@@ -20,13 +20,17 @@ import pandas as pd
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import LogError
 from rovid.readers.csv_dialect import Layout, last_whole_line, read_layout
+from rovid.readers.csv_numbers import NOTATIONS, has_thousands, read_grouped
 from rovid.readers.raw_log import Channel, FilePart, LogContents, RawLog, required_signals, required_time
+from rovid.readers.table_clock import SPLIT, clock_parts, guess_clock
 from rovid.readers.timestamps import column_to_seconds, start_epoch
 from rovid.trial.config import Config
-from rovid.trial.signal_names import CLOCK_WORDS, NOT_CLOCK, Signal, name_words
+from rovid.trial.signal_names import Signal
 from rovid.trial.trial import Remark
 
 KIND = "csv"
+# Signal of the column that holds the rest of the seconds.
+_REST = "time.rest"
 # Beginning of a date, or of a date and a time of day.
 _ISO = re.compile(r"\d{4}-\d{2}-\d{2}([T ]\d{2}:\d{2}|$)")
 _MISSING = ("", "nan", "NaN", "NAN", "-nan")
@@ -34,21 +38,18 @@ _MISSING = ("", "nan", "NaN", "NAN", "-nan")
 _LONG_INTEGER = 16
 # Number of optional columns with text that are left out; each costs another pass over the file.
 _MAX_LEFT_OUT = 8
-# Between the columns of seconds and of nanoseconds of one clock: "s + ns"; endings of their names; name of the second.
-_SPLIT, _FRACTION = " + ", "time of nanoseconds"
-_SECONDS, _NANOSECONDS = ("s", "sec", "secs", "seconds"), ("ns", "nsec", "nsecs", "nanosec", "nanosecs", "nanoseconds")
 
 
 def read(path: Path, config: Config) -> RawLog:
     """Mapped columns of ``path``."""
     signals = {"time": required_time(config, KIND), **required_signals(config, KIND, path)}
-    clock, unit = signals["time"].sources[KIND], signals["time"].unit
     layout = read_layout(path, {signal.sources[KIND] for signal in signals.values()})
     layout.refuse_long_rows()
-    whole, split, fraction = clock.partition(_SPLIT)
-    if split and clock not in layout.titles:
-        signals["time"] = replace(signals["time"], sources={KIND: whole})
-        signals[_FRACTION] = replace(signals["time"], sources={KIND: fraction}, optional=False)
+    clock, unit = signals["time"].sources[KIND], signals["time"].unit
+    parts = clock_parts(clock, layout.written_names)
+    if parts is not None:
+        signals["time"] = replace(signals["time"], sources={KIND: parts.seconds})
+        signals[_REST] = replace(signals["time"], sources={KIND: parts.rest}, optional=not parts.is_named)
     columns = {name: layout.column(signal.sources[KIND], name) for name, signal in signals.items()}
     with path.open("rb") as file:
         size = file.seek(0, io.SEEK_END)
@@ -58,15 +59,15 @@ def read(path: Path, config: Config) -> RawLog:
     if not len(frame):
         raise LogError("has a header but no rows.", where=path, mend="Leave it out.")
     column = frame[columns["time"]]
-    if _FRACTION in columns:
-        # Nanoseconds since 1970 do not fit a float.
-        whole_seconds, nanoseconds = (frame[columns[name]].astype("Int64") for name in ("time", _FRACTION))
-        column, unit = whole_seconds * 10**9 + nanoseconds, "ns"
-    time = column_to_seconds(column, clock, unit, lambda row: f"{path}:{table.line(row)}")
+    named, unit = layout.names[columns["time"]], unit if parts is None else "s"
+    time = column_to_seconds(column, named, unit, lambda row: f"{path}:{table.line(row)}")
+    epoch = start_epoch(column, time, named, unit)
+    if parts is not None and columns[_REST] in frame:
+        time, epoch = parts.joined(time, frame[columns[_REST]].to_numpy(dtype=np.float64), epoch, path)
     channels = {}
     for name, signal in signals.items():
         at = columns[name]
-        if name in {"time", _FRACTION} or at not in frame:
+        if name in {"time", _REST} or at not in frame:
             continue
         values = time if at == columns["time"] else frame[at].to_numpy(dtype=np.float64)
         channels[name] = Channel(source=signal.sources[KIND], clock=clock, time=time, values=values)
@@ -74,7 +75,7 @@ def read(path: Path, config: Config) -> RawLog:
         channels=channels,
         place=lambda _, row: f"line {table.line(row)}",
         remarks=(*_cut_remarks(size - nul - end, nul), *skipped),
-        epoch=start_epoch(column, time, clock, unit),
+        epoch=epoch,
     )
 
 
@@ -122,6 +123,8 @@ class _Table:
                 return self._parse(types, decimal, skip_spaces=skip_spaces)
             except (ValueError, TypeError, OverflowError) as error:  # pandas' errors are subclasses.
                 reason = error
+        if (frame := self._grouped()) is not None:
+            return frame
         raise self._error(str(reason)) from reason
 
     def _attempts(self) -> Iterator[tuple[str, str, bool]]:
@@ -147,7 +150,8 @@ class _Table:
         at = self.columns["time"]
         cells = [row[at].strip() for row in self.layout.rows if at < len(row)]
         cell = next((cell for cell in cells if cell not in _MISSING), "0")
-        if self.signals["time"].unit == "iso8601" or not _is_number(cell, self.decimal):
+        is_numeric = any(_is_number(cell, sign) for sign in ".,") or has_thousands(cell)
+        if self.signals["time"].unit == "iso8601" or not is_numeric:
             return "str"
         if cell.isdigit() and len(cell) >= _LONG_INTEGER:
             return "int64"
@@ -189,6 +193,23 @@ class _Table:
             rows = FilePart(file, self.layout.offset, self.end - self.layout.offset)
             yield io.TextIOWrapper(io.BufferedReader(rows, 1 << 18), encoding="utf-8", errors="replace", newline="")
 
+    def _grouped(self) -> pd.DataFrame | None:
+        """The columns, from numbers with thousands separators; None if there are none, or their notation is open."""
+        places = sorted(set(self.columns.values()))
+        cells: dict[int, list[str]] = {at: [] for at in places}
+        for _, row in self._rows():
+            for at, column in cells.items():
+                cell = row[at].strip() if at < len(row) else ""
+                column.append("" if cell in _MISSING else cell)
+        clock = self.columns["time"]
+        numeric = [at for at in places if at != clock or self._time_type() != "str"]
+        if not any(has_thousands(cell) for at in numeric for cell in cells[at]):
+            return None
+        numbers = read_grouped([cells[at] for at in numeric], numeric.index(clock) if clock in numeric else None)
+        if numbers is None:
+            return None
+        return pd.DataFrame({**cells, **dict(zip(numeric, numbers, strict=True))})
+
     def line(self, row: int) -> int:
         """Line number, from 1, of a data row; slow, for messages."""
         number, _ = next(islice(self._rows(), row, None), (0, []))
@@ -223,10 +244,18 @@ class _Table:
                 cell = cells[at].strip() if at < len(cells) else ""
                 if cell not in _MISSING and not _is_number(cell, decimal):
                     shown = cell[:40] + "…" if len(cell) > 40 else cell
+                    expected, mend = "a number", "Delete the row or leave the cell empty."
+                    if _is_number(cell, "."):
+                        expected = f"a number with the decimal sign {decimal!r} of other cells"
+                    elif cell == self.layout.titles[at]:
+                        expected, mend = "a number, no second header", "Split the file there: each part is a log."
+                    elif has_thousands(cell):
+                        expected = "a number without thousands separators"
+                        mend = "Which sign is the decimal one does not follow from the table: export it without them."
                     error = _NoNumberError(
-                        f"{self.signals[name].sources[KIND]} is {shown!r}, a number was expected.",
+                        f"{self.signals[name].sources[KIND]} is {shown!r}, {expected} was expected.",
                         where=f"{self.layout.path}:{number}",
-                        mend="Delete the row or leave the cell empty.",
+                        mend=mend,
                     )
                     error.signal = name
                     return error
@@ -235,7 +264,11 @@ class _Table:
 
 def _is_number(cell: str, decimal: str) -> bool:
     try:
-        return "_" not in cell and not math.isnan(float(cell.replace(decimal, ".")))
+        return (
+            "_" not in cell
+            and (decimal == "." or "." not in cell)
+            and not math.isnan(float(cell.replace(decimal, ".")))
+        )
     except ValueError:
         return False
 
@@ -245,66 +278,39 @@ def sources(path: Path) -> LogContents:
     layout = read_layout(path, ())
     repeated = {name for name, count in Counter(layout.names).items() if count > 1}
     numbers: dict[str, FloatArray] = {}
-    increasing = []
+    texts: list[str] = []
+    dated: list[str] = []
     for at, name in enumerate(layout.names):
         if not name or name in repeated:
             continue
-        values = _numbers([row[at] for row in layout.rows if at < len(row)], layout)
+        cells = [row[at].strip() for row in layout.rows if at < len(row)]
+        values = _numbers(cells, layout)
         if values is not None:
             numbers[name] = values
-        # A column of text may hold dates.
-        if values is None or _is_increasing(values):
-            increasing.append(name)
-    clock = _split_clock(numbers) or _guess_clock(increasing, numbers, layout)
+        elif any(cells) and all(_ISO.match(cell) for cell in cells if cell):
+            dated.append(name)
+        else:
+            texts.append(name)  # Perhaps a time of day.
+    clock = guess_clock(numbers, dated, texts)
     if numbers and not clock:
         text = "holds no column that could be the time: none only grows."
         raise LogError(text, where=path, mend="Export the log with a column of times, or leave it out.")
     return LogContents(
         clock=clock,
-        sources=tuple(name for name in numbers if name not in {clock, *clock.split(_SPLIT)}),
+        sources=tuple(name for name in numbers if name not in {clock, *clock.split(SPLIT)}),
         unreadable=tuple(f"{path}: several columns are named {name!r}; none was used." for name in sorted(repeated)),
     )
 
 
-def _split_clock(numbers: Mapping[str, FloatArray]) -> str:
-    """Columns of whole seconds and of nanoseconds that form one clock, as "s + ns"; empty if there are none."""
-    for name, seconds in numbers.items():
-        for ending, nano in product(_SECONDS, _NANOSECONDS):
-            other = name.removesuffix(ending) + nano
-            if name.endswith(ending) and other in numbers and np.all(seconds == np.round(seconds)):
-                nanoseconds = numbers[other]
-                if nanoseconds.min() >= 0.0 and 1e6 < nanoseconds.max() < 1e9 and np.all(np.diff(seconds) >= 0.0):
-                    return f"{name}{_SPLIT}{other}"
-    return ""
-
-
-def _guess_clock(increasing: Sequence[str], numbers: Mapping[str, FloatArray], layout: Layout) -> str:
-    """The most likely time among ``increasing`` columns, empty if there is none.
-
-    The order of preference: by its name; dates and times of day; the first column of numbers that does not count rows.
-    """
-    named = [name for name in increasing if name_words(name) & CLOCK_WORDS]
-    likely = [name for name in named if not name_words(name) & NOT_CLOCK]
-    dated = [name for name in increasing if name not in numbers and _holds_dates(layout, name)]
-    numeric = [name for name in increasing if name in numbers]
-    uneven = [name for name in numeric if not _counts_rows(numbers[name])]
-    plain = [name for name in likely or named if name in numbers or name in dated]
-    return next(iter(plain or dated or likely or named or uneven or numeric), "")
-
-
-def _holds_dates(layout: Layout, name: str) -> bool:
-    at = layout.names.index(name)
-    cells = [row[at].strip() for row in layout.rows if at < len(row) and row[at].strip()]
-    return bool(cells) and all(map(_ISO.match, cells))
-
-
 def _numbers(cells: Sequence[str], layout: Layout) -> FloatArray | None:
     """(n,) numbers, NaN where empty; None if a cell holds text, or all are empty."""
+    if any(map(has_thousands, cells)):
+        known = ["" if cell in _MISSING else cell for cell in cells]
+        fitting = [one for one in (notation.numbers(known) for notation in NOTATIONS) if one is not None]
+        return fitting[0] if fitting else None
     values = np.full(len(cells), np.nan)
     for row, cell in enumerate(cells):
-        text = cell.strip()
-        if layout.delimiter != ",":
-            text = text.replace(",", ".")
+        text = cell.replace(",", ".") if layout.delimiter != "," else cell
         if text in _MISSING:
             continue
         try:
@@ -314,13 +320,3 @@ def _numbers(cells: Sequence[str], layout: Layout) -> FloatArray | None:
     if not np.isfinite(values).any():
         return None
     return values
-
-
-def _counts_rows(values: FloatArray) -> bool:
-    known = values[np.isfinite(values)]
-    return bool(np.all(np.diff(known) == 1.0) and np.all(known == np.round(known)))
-
-
-def _is_increasing(values: FloatArray) -> bool:
-    known = values[np.isfinite(values)]
-    return len(known) > 1 and bool(np.all(known[1:] > known[:-1]))

@@ -13,6 +13,14 @@ from rovid.readers.csv_dialect import Layout
 from tests.readers.logs import campaign, csv_text, read_csv, standard
 from tests.readers.test_csv_reader import DATES, TIME, assert_standard, decimal_comma, row
 
+LATE = standard(time_s=995.0 + TIME)
+
+
+def swapped(number: str) -> str:
+    """A number with points between the thousands and a decimal comma."""
+    return number.replace(",", "_").replace(".", ",").replace("_", ".")
+
+
 SPELLINGS: dict[str, bytes] = {
     "semicolon": csv_text(standard(), ";").encode(),
     "tab": csv_text(standard(), "\t").encode(),
@@ -52,6 +60,23 @@ SPELLINGS: dict[str, bytes] = {
     "epoch ms": csv_text(standard(time_s=1767787200000 + np.round(TIME * 1e3).astype(int))).encode(),
     "epoch us": csv_text(standard(time_s=1767787200000000 + np.round(TIME * 1e6).astype(int))).encode(),
     "epoch ns": csv_text(standard(time_s=1767787200000000001 + np.round(TIME * 1e9).astype(int))).encode(),
+    "row of units": csv_text(standard()).replace("_V\n", "_V\n[s],[deg],[V]\n").encode(),
+    "row of units, one of them 1": csv_text(standard()).replace("_V\n", "_V\n\ns,deg,1\n").encode(),
+    "names, units, short names": (
+        "A title; of two parts\n\nTime;Heading;1st command;\ns;deg;V;\n"
+        + csv_text(standard(), ";").replace("\n", ";\n")
+    ).encode(),
+    "a title, settings": ("Logger 7\nrate,20\n\n" + csv_text(standard())).encode(),
+    "units in ms": csv_text(standard(time_s=np.round(1e3 * TIME).astype(int)))
+    .replace("_V\n", "_V\nms,deg,V\n")
+    .encode(),
+    "quoted thousands": csv_text({k: [f'"{v:,.4f}"' for v in np.asarray(c)] for k, c in LATE.items()}).encode(),
+    "thousands with points": csv_text(
+        {k: [swapped(f"{v:,.4f}") for v in np.asarray(c)] for k, c in LATE.items()}, ";"
+    ).encode(),
+    "thousands with apostrophes": csv_text(
+        {k: [f"{v:,.4f}".replace(",", "'") for v in np.asarray(c)] for k, c in LATE.items()}
+    ).encode(),
     "exponents": csv_text(standard(), form=".9e").encode(),
 }
 

@@ -10,6 +10,7 @@ import pytest
 
 from rovid.core.errors import ConfigError, LogError
 from rovid.readers import csv_reader, read_log
+from rovid.readers.csv_reader import sources
 from rovid.trial.config import Config
 from rovid.trial.signal_names import Signal
 from rovid.trial.vehicle import Vehicle
@@ -263,3 +264,37 @@ def test_the_clock_is_told_by_what_stands_there(header: str, rows: str, clock: s
     text = "\n".join([header, *(rows.format(k=k) for k in range(12))])
     (tmp_path / "log.csv").write_text(text + "\n")
     assert csv_reader.sources(tmp_path / "log.csv").clock == clock
+
+
+@pytest.mark.parametrize(("names", "unit"), [(("stamp.secs", "stamp.nsecs"), 1e-9), (("t_s", "t_us"), 1e-6)])
+@pytest.mark.parametrize("begin", [0, 1767787200])
+def test_time_in_two_columns(names: tuple[str, str], unit: float, begin: int, tmp_path: Path) -> None:
+    ticks = np.round((TIME + 0.25) / unit).astype(int)
+    per_second = round(1.0 / unit)
+    columns = {names[0]: begin + ticks // per_second, names[1]: ticks % per_second, **standard()}
+    del columns["time_s"]
+    text = csv_text(columns)
+    trial = read_csv(tmp_path, text, campaign(tmp_path, toml(time=f'time = {{ csv = "{names[0]}" }}')))
+    assert_standard(trial.position, trial.time)
+    assert trial.start_epoch == (pytest.approx(begin + 0.25, abs=1e-6) if begin else None)
+    contents = sources(tmp_path / "hold_3.csv")
+    assert contents.clock == " + ".join(names)
+    assert not {*names} & set(contents.sources)
+
+
+def test_units_of_a_row_apply_to_the_time(tmp_path: Path) -> None:
+    text = csv_text(standard(time_s=np.round(1e3 * TIME).astype(int))).replace("time_s", "t", 1)
+    text = text.replace("_V\n", "_V\nms,deg,V\n")
+    trial = read_csv(tmp_path, text, campaign(tmp_path, toml(time='time = { csv = "t" }')))
+    assert_standard(trial.position, trial.time)
+    assert sources(tmp_path / "hold_3.csv").clock == "t [ms]"
+
+
+def test_short_names_below_the_names_may_be_mapped(tmp_path: Path) -> None:
+    text = "Time;Heading;Bow;\nms;deg;V;\n" + csv_text(standard(time_s=np.round(1e3 * TIME).astype(int)), ";")
+    text = text.replace("time_s", "t", 1)
+    trial = read_csv(tmp_path, text, campaign(tmp_path, toml(time='time = { csv = "t" }')))
+    assert_standard(trial.position, trial.time)
+    bad = text.replace(text.split("\n")[8].split(";")[1], "x")
+    with pytest.raises(LogError, match=r"hold_3.csv:9: heading_deg is 'x'"):
+        read_csv(tmp_path, bad, campaign(tmp_path, toml(time='time = { csv = "t" }')))
