@@ -9,11 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, Generic, Literal, Self, TypeVar
 
 import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
+from rovid.signals.intervals import subsampled_median
 from rovid.signals.preprocessing import Run
 from rovid.trial.fault import Excerpt, Fault, FaultOverrides
 from rovid.trial.trial import Trial
@@ -26,13 +28,25 @@ T = TypeVar("T")
 _EXCERPT = 200
 
 
+@dataclass(frozen=True, kw_only=True)
+class ClockStep:
+    """A clock that was set while it recorded."""
+
+    before: float  #: ``before``, ``after``: s, last stamp before and first stamp after the step, as logged.
+    after: float
+    size: float  #: s by which the clock was set ahead; negative: set back.
+    error: float  #: Standard error of ``size`` in s.
+    at: float  #: s from the beginning of the log to the step, on the repaired clock.
+    confidence: float = 0.99
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ClockData:
     """The readings of one clock in the order logged, before they are sorted."""
 
     log: str  #: Name of the log.
     clock: str  #: Time column or topic, for messages.
-    time: FloatArray  #: (n,) s; NaN where missing.
+    time: FloatArray  #: (n,) s; finite.
     rows: IntArray  #: (n,) number of each reading in the file; a remedy that removes readings removes their rows.
     values: Mapping[str, FloatArray]  #: Signal name -> (n,) as logged; NaN where missing.
     #: Signal name -> period of an angle in the unit of ``values``; absent for other signals.
@@ -41,11 +55,21 @@ class ClockData:
     sortable: bool = False  #: Whether the format stores messages slightly out of order.
     cuts: tuple[float, ...] = ()  #: s on the repaired clock, at which the log is to be cut.
     unknown: Intervals = ()  #: s on the repaired clock, between which the commands are unknown.
+    steps: tuple[ClockStep, ...] = ()  #: Steps of the measured signal's clock; the log's other clocks may share them.
+    #: Number of a reading -> its place in the file, for messages.
+    place: Callable[[int], str] = "reading {}".format
 
     @property
     def commands(self) -> tuple[str, ...]:
         """Names of the commands on this clock."""
         return tuple(name for name in self.values if name.startswith("command."))
+
+    @cached_property
+    def interval(self) -> float:
+        """Median of the positive intervals in s; NaN without any."""
+        with np.errstate(over="ignore"):
+            steps = np.diff(self.time)
+        return subsampled_median(steps[steps > 0.0])
 
     def select(self, kept: BoolArray) -> Self:
         """The readings where the (n,) ``kept`` is true."""

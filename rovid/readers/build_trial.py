@@ -22,12 +22,12 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
 from rovid.core.errors import LogError
-from rovid.faults.base import ClockData, CommandData, SignalData, Stage, TrialData, examine
+from rovid.faults.base import ClockData, ClockStep, CommandData, SignalData, Stage, TrialData, examine
 from rovid.faults.catalogue import fault_kinds
 from rovid.readers.cleaning import ANGLE, DISTANCE, SPEED_KIND, TURN, TURNING, Kind, clean
 from rovid.readers.raw_log import ANGLES, Channel, RawLog
 from rovid.readers.time_base import TimeBase, TimedSeries
-from rovid.readers.timestamps import make_monotonic
+from rovid.readers.timestamps import make_monotonic, timed_rows
 from rovid.readers.unit_checks import gyro_confirms_unit, refuse_wrong_heading
 from rovid.signals.intervals import subsampled_median
 from rovid.trial.axis import YAW
@@ -65,6 +65,7 @@ class _Builder:
         self.faults: list[Fault] = list(raw.faults)
         self.cuts: list[float] = []  # s on the clocks of the log.
         self.unknown: list[tuple[float, float]] = []
+        self.clock_steps: tuple[ClockStep, ...] = ()
         kinds = {(True, True): TURNING, (True, False): SPEED_KIND, (False, True): ANGLE, (False, False): DISTANCE}
         self.kind: Kind = kinds[self.rate_only, self.axis.angular]
 
@@ -74,7 +75,8 @@ class _Builder:
     def examined(self, stage: Stage, data: _Data) -> _Data:
         """``data`` of this ``stage`` with the remedies of its faults."""
         data, faults = examine(fault_kinds(stage), data, self.config.faults)
-        self.faults += faults
+        # A step that several clocks of one host share is one fault.
+        self.faults += [fault for fault in faults if fault not in self.faults]
         return data
 
     def error(self, text: str, mend: str) -> LogError:
@@ -150,7 +152,9 @@ class _Builder:
         clocks: dict[int, dict[str, Channel]] = {}
         for name, channel in self.raw.channels.items():
             clocks.setdefault(id(channel.time), {})[name] = channel
-        return dict(chain.from_iterable(map(self.one_clock, clocks.values())))
+        # The clock of the measured signal comes first: the others may share its steps.
+        ordered = sorted(clocks.values(), key=lambda channels: self.measured_signal not in channels)
+        return dict(chain.from_iterable(map(self.one_clock, ordered)))
 
     def one_clock(self, channels: Mapping[str, Channel]) -> Iterator[tuple[str, TimedSeries]]:
         first = next(iter(channels))
@@ -159,23 +163,28 @@ class _Builder:
         for name, channel in channels.items():
             if name in ANGLES:
                 periods[name] = TURN if channel.radians else TURN / abs(signals[name].factor)
+        logged, clock = channels[first].time, channels[first].clock
+        rows = timed_rows(logged, clock, self.name, self.remarks)
         data = ClockData(
             log=self.name,
-            clock=channels[first].clock,
-            time=channels[first].time,
-            rows=np.arange(len(channels[first].time)),
-            values={name: channel.values for name, channel in channels.items()},
+            clock=clock,
+            time=logged[rows],
+            rows=rows,
+            values={name: channel.values[rows] for name, channel in channels.items()},
             periods=periods,
             measured=self.measured_signal,
             sortable=self.raw.sortable,
+            steps=self.clock_steps,
+            place=lambda row: self.raw.place(first, row),
         )
         data = self.examined("clock", data)
+        self.clock_steps = data.steps
         self.cuts += data.cuts
         self.unknown += data.unknown
         time, ordered, remarks = make_monotonic(
             data.time,
             data.values,
-            clock=data.clock,
+            clock=clock,
             place=lambda index: self.raw.place(first, int(data.rows[index])),
             sortable=self.raw.sortable,
             where=self.name,

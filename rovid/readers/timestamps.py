@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
 from rovid.core.errors import LogError
+from rovid.signals.intervals import find_leap
 from rovid.trial.trial import Remark
 
 if TYPE_CHECKING:  # pandas takes long to import.
@@ -23,12 +24,10 @@ _UNIT_AT_END = re.compile(r"[\s_.\[(](ms|us|µs|μs|ns)[\])]?$", re.IGNORECASE)
 _IMPLAUSIBLE = 1e15
 # s; a time from here on (1973) counts from 1970.
 EPOCH_FROM = 1e8
-# s; recorders store messages out of order by less than this, a clock that was set back is off by more.
+# s; recorders store messages out of order by less than this.
 _MAX_DISORDER = 1.0
-# Share of samples, above which a log is refused.
-_MAX_BACKWARD, _MAX_DUPLICATE = 0.05, 0.5
-# A clock set while recording (GPS fix, NTP) leaps by more than this (s), and than this multiple of the log's duration.
-_LEAP, _LEAP_RATIO = 3600.0, 10.0
+# Share of samples with the stamp of the sample before, above which a log is refused.
+_MAX_DUPLICATE = 0.5
 # s; closer time stamps are equal; a longer run (35 days) is refused, because floats lose ticks beyond.
 _TICK, _MAX_DURATION = 1e-9, 3e6
 
@@ -137,32 +136,8 @@ def start_epoch(column: pd.Series[Any], time: FloatArray, name: str, declared: s
 Samples = Mapping[str, FloatArray]
 
 
-def make_monotonic(
-    time: FloatArray, values: Samples, *, clock: str, place: Callable[[int], str], sortable: bool, where: str
-) -> tuple[FloatArray, Samples, list[Remark]]:
-    """Time and values of one clock in strictly increasing time, with remarks on order, duplicates and missing times.
-
-    Samples with one time stamp are merged: each signal keeps its first value that is not missing. A sample earlier than
-    the latest before it is removed, unless the format is ``sortable`` and the clock was not set back. Raises `LogError`
-    if more than 5 % of the samples run backwards, most time stamps repeat, or the clock leaps.
-    """
-    with np.errstate(over="ignore", invalid="ignore"):  # Damaged times.
-        steps = np.diff(time)
-    remarks: list[Remark] = []
-    # A missing time makes the comparison false; increasing times are plausible between plausible ends.
-    increases = bool(steps.min(initial=np.inf) > _TICK)
-    if not (increases and is_plausible(time[:1]).all() and is_plausible(time[-1:]).all()):
-        rows = _timed_rows(time, clock, where, remarks)
-        if sortable:
-            rows = _sort_messages(rows, time, clock, remarks)
-        rows = _drop_backward(rows, time, clock, place, where, remarks)
-        time, values = _merge_duplicates(rows, time, values, clock, where, remarks)
-        steps = np.diff(time)
-    _refuse_leap(time, steps, clock, where)
-    return time, values, remarks
-
-
-def _timed_rows(time: FloatArray, clock: str, where: str, remarks: list[Remark]) -> IntArray:
+def timed_rows(time: FloatArray, clock: str, where: str, remarks: list[Remark]) -> IntArray:
+    """Numbers of the readings with a time; `LogError` where none has one."""
     rows = np.flatnonzero(is_plausible(time))
     if len(time) and not len(rows):
         text = f"{clock} holds no time in any of its {len(time)} samples."
@@ -173,34 +148,40 @@ def _timed_rows(time: FloatArray, clock: str, where: str, remarks: list[Remark])
     return rows
 
 
-def _sort_messages(rows: IntArray, time: FloatArray, clock: str, remarks: list[Remark]) -> IntArray:
-    steps = np.diff(time[rows])
-    if not steps.size or steps.min() >= 0 or steps.min() < -_MAX_DISORDER:
-        return rows
-    count = int(np.count_nonzero(steps < 0))
-    text = f"{clock}: {count} messages are stored out of order; they were sorted."
-    remarks.append(Remark(kind="backward", count=count, text=text))
-    return rows[np.argsort(time[rows], kind="stable")]
+def make_monotonic(
+    time: FloatArray, values: Samples, *, clock: str, place: Callable[[int], str], sortable: bool, where: str
+) -> tuple[FloatArray, Samples, list[Remark]]:
+    """Time and values of one clock in strictly increasing time, with remarks on order and duplicates.
+
+    The faults of the clock have been remedied before. Samples with one time stamp are merged: each signal keeps its
+    first value that is not missing. Messages are sorted where the format is ``sortable``. Raises `LogError` if time
+    still runs backwards or leaps, or most time stamps repeat.
+    """
+    steps = np.diff(time)
+    remarks: list[Remark] = []
+    if steps.size and not steps.min() > _TICK:
+        rows = np.arange(len(time))
+        if sortable and -_MAX_DISORDER <= steps.min() < 0.0:
+            count = int(np.count_nonzero(steps < 0))
+            text = f"{clock}: {count} messages are stored out of order; they were sorted."
+            remarks.append(Remark(kind="backward", count=count, text=text))
+            rows = np.argsort(time, kind="stable")
+        _refuse_backward(time[rows], clock, place, where)
+        time, values = _merge_duplicates(rows, time, values, clock, where, remarks)
+        steps = np.diff(time)
+    _refuse_leap(time, steps, clock, where)
+    return time, values, remarks
 
 
-def _drop_backward(
-    rows: IntArray, time: FloatArray, clock: str, place: Callable[[int], str], where: str, remarks: list[Remark]
-) -> IntArray:
-    stamps = time[rows]
+def _refuse_backward(stamps: FloatArray, clock: str, place: Callable[[int], str], where: str) -> None:
     backward = stamps < np.maximum.accumulate(stamps)
-    count = int(np.count_nonzero(backward))
-    if not count:
-        return rows
-    at = int(np.argmax(backward))
-    if count > _MAX_BACKWARD * len(rows):
+    if count := int(np.count_nonzero(backward)):
+        at = int(np.argmax(backward))
         text = (
-            f"{clock} runs backwards at {place(int(rows[at]))}, from {stamps[at - 1]:.10g} s to "
-            f"{stamps[at]:.10g} s; {count} of {len(rows)} samples are not later than those before them."
+            f"{clock} runs backwards at {place(at)}, from {stamps[at - 1]:.10g} s to {stamps[at]:.10g} s; {count} of "
+            f"{len(stamps)} samples are not later than those before them."
         )
         raise LogError(text, where=where, mend="Split the log where its clock was set back, or map another time.")
-    text = f"{clock} runs backwards, first at {place(int(rows[at]))}; {count} samples were left out."
-    remarks.append(Remark(kind="backward", count=count, text=text))
-    return rows[~backward]
 
 
 def _merge_duplicates(
@@ -224,16 +205,10 @@ def _merge_duplicates(
 
 
 def _refuse_leap(time: FloatArray, steps: FloatArray, clock: str, where: str) -> None:
-    duration = float(time[-1] - time[0]) if time.size else 0.0
-    if duration <= _LEAP:
-        return
-    at = int(np.argmax(steps))
-    rest = float(steps[steps <= _LEAP].sum())
-    if steps[at] > max(_LEAP, _LEAP_RATIO * rest):
-        text = (
-            f"{clock} leaps by {steps[at]:.6g} s after sample {at + 1}; without such leaps the log lasts {rest:.6g} s."
-        )
+    if (at := find_leap(time)) is not None:
+        text = f"{clock} leaps by {steps[at]:.6g} s after sample {at + 1}."
         raise LogError(text, where=where, mend="Cut the log where its clock was set.")
+    duration = float(time[-1] - time[0]) if time.size else 0.0
     if duration > _MAX_DURATION:
         days, limit = duration / 86400.0, _MAX_DURATION / 86400.0
         text = f"{clock} runs over {days:.4g} days; a run of at most {limit:.0f} was expected."

@@ -8,6 +8,8 @@ from rovid.core.array_types import FloatArray
 
 # A gap is longer than this many median intervals, and than this many s.
 _GAP_INTERVALS, _GAP_SECONDS = 5.0, 0.5
+# s and multiples of the rest of the log; a clock set while recording (GPS fix, NTP) leaps by more than both.
+_LEAP, _LEAP_RATIO = 3600.0, 10.0
 
 
 def subsampled_median(values: FloatArray) -> float:
@@ -20,3 +22,16 @@ def subsampled_median(values: FloatArray) -> float:
 def gap_limit(intervals: FloatArray) -> float:
     """Longest interval in s that is no gap, for samples ``intervals`` apart."""
     return max(_GAP_INTERVALS * subsampled_median(intervals), _GAP_SECONDS)
+
+
+def find_leap(time: FloatArray) -> int | None:
+    """Number of the reading after which the (n,) ``time`` in s leaps: over an hour and ten times the rest of the log.
+
+    None where it leaps nowhere.
+    """
+    if len(time) < 2 or time[-1] - time[0] <= _LEAP:
+        return None
+    steps = np.diff(time)
+    at = int(np.argmax(steps))
+    rest = float(steps[(steps <= _LEAP) & (steps > 0.0)].sum())
+    return at if steps[at] > max(_LEAP, _LEAP_RATIO * rest) else None

@@ -81,7 +81,8 @@ def _without_unknown(trial: Trial) -> tuple[Trial, BoolArray]:
     """``trial`` with commands that run on smoothly through holes, cut at other holes; and (n,) rows to leave out.
 
     The log is cut where a command stepped in a hole, because the instant of the step is unknown. A command that changes
-    all the time changes in the middle of the hole.
+    all the time changes half an interval after the middle of the hole: held between the lost rows, which lie an
+    interval apart up to the end of the hole, it would have had the same mean.
     """
     time, commands = trial.time, trial.commands
     excluded = np.zeros(len(time), dtype=bool)
@@ -100,7 +101,7 @@ def _without_unknown(trial: Trial) -> tuple[Trial, BoolArray]:
         if np.all(change <= same):
             continue
         if np.all(change <= np.maximum(same, _SMOOTH * usual * max(1.0, (end - begin) / interval))):
-            middles.append(0.5 * (begin + end))
+            middles.append(min(0.5 * (begin + end + interval), end - 1e-3 * interval))
         else:
             excluded[before + 1 : after] = True
             cuts.append(time[after])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rovid.core.errors import LogError
-from tests.readers.channels import HEADING, TIME, trial_of
+from tests.readers.channels import HEADING, TIME
 from tests.readers.logs import campaign, csv_text, kinds, read_csv, standard, toml
 from tests.readers.test_csv_reader import assert_standard
 
@@ -43,30 +43,31 @@ def test_duplicates_keep_the_first(tmp_path: Path) -> None:
     np.testing.assert_allclose(trial.position, np.deg2rad(HEADING), atol=2e-6)
 
 
-def test_backward_steps_are_left_out(tmp_path: Path) -> None:
+def test_a_clock_without_order_is_refused(tmp_path: Path) -> None:
     time = TIME.copy()
-    time[[50, 51, 300]] -= 0.2
-    trial = read_csv(tmp_path, csv_text(standard(time_s=time)))
-    assert kinds(trial) == {"backward": 3}
-    assert np.all(np.diff(trial.time) > 0)
-    assert len(trial.time) == 397
-    assert "line 52" in trial.remarks[0].text
+    np.random.default_rng(1).shuffle(time)
+    with pytest.raises(LogError, match=r"time_s runs backwards at line \d+, from"):
+        read_csv(tmp_path, csv_text(standard(time_s=time)))
 
 
-def test_coarse_stamps_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(LogError, match=r"repeats the stamp before it in 380 of 400.*more decimals"):
-        read_csv(tmp_path, csv_text(standard(time_s=np.floor(TIME))))
+def test_coarse_stamps_that_hide_gaps_are_refused(tmp_path: Path) -> None:
+    time = np.floor(TIME / 5.0) ** 3
+    with pytest.raises(LogError, match=r"repeats the stamp before it in 396 of 400.*more decimals"):
+        read_csv(tmp_path, csv_text(standard(time_s=time)))
 
 
-def test_a_clock_that_is_set_back_is_not_sorted(tmp_path: Path) -> None:
+def test_a_kept_step_is_refused(tmp_path: Path) -> None:
     time = TIME.copy()
     time[200:] -= 5.0
-    with pytest.raises(LogError, match=r"log time of /heading runs backwards at message 201, from 9\.95 s to 5 s"):
-        trial_of(tmp_path, heading=(time, HEADING % 360), fore=([0.0], [1.0]))
+    config = campaign(tmp_path, toml() + '[faults]\nclock_step = "keep"\n')
+    text = csv_text(standard(time_s=time))
+    with pytest.raises(LogError, match=r"time_s runs backwards at line 202, from 9\.95 s to 5 s"):
+        read_csv(tmp_path, text, config)
 
 
-def test_a_clock_that_leaps_is_refused(tmp_path: Path) -> None:
+def test_a_kept_leap_is_refused(tmp_path: Path) -> None:
     time = TIME.copy()
     time[20:] += 1.7e9
+    config = campaign(tmp_path, toml() + '[faults]\nclock_step = "keep"\n')
     with pytest.raises(LogError, match=r"leaps by 1\.7e\+09 s after sample 20"):
-        read_csv(tmp_path, csv_text(standard(time_s=time)))
+        read_csv(tmp_path, csv_text(standard(time_s=time)), config)

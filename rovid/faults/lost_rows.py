@@ -1,0 +1,101 @@
+"""Rows lost at random from an otherwise regular log.
+
+The intervals are whole multiples of the usual one, and the readings stay on its grid. What a command did within such a
+hole is not known. Irregular clocks leave the grid; clocks that skip every second or third tick do so evenly, not at
+random; topics published on change never repeat a value.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from rovid.core.array_types import BoolArray, FloatArray
+from rovid.faults.base import ClockData, Detection, FaultKind, Intervals
+from rovid.trial.fault import Fault
+
+# Holes, and share of lost rows, up to which a loss is usual: sensors and recorders lose as much, and no more than one
+# change of a command in thirty is off by an interval. A log is named where it loses more by this many deviations.
+_LEAST_HOLES, _USUAL_SHARE, _DEVIATIONS = 5, 0.03, 3.0
+# Distance from a whole multiple of the usual interval, in usual intervals, and share of the intervals within it.
+_OFF_GRID, _ON_GRID = 0.15, 0.95
+# Standard deviation of the rows between holes over that of chance, above which they are at random.
+_AT_RANDOM = 0.5
+# Share of readings that repeat all values of the one before: below it a command may be published on change.
+_REPEATED = 0.1
+# Share of the changes of a signal that are one step of its resolution: above it the signal is logged on change.
+_ONE_STEP = 0.5
+
+
+def _detect(data: ClockData) -> Iterator[Detection[ClockData]]:
+    if len(data.time) < 2 * _LEAST_HOLES or not data.interval > 0.0:
+        return
+    time = np.sort(data.time) if data.sortable else data.time
+    advance = np.diff(time)
+    if advance.min() < 0.0:
+        return
+    # The usual interval to the precision of the log: the mean of those near the median.
+    usual = float(advance[np.abs(advance - data.interval) < 0.3 * data.interval].mean())
+    ticks = np.rint(advance / usual)
+    holes = ticks > 1.0
+    lost = int((ticks[holes] - 1.0).sum())
+    total = lost + len(data.time)
+    expected = _USUAL_SHARE * total
+    if holes.sum() < _LEAST_HOLES or lost < expected + _DEVIATIONS * np.sqrt(expected):
+        return
+    on_grid = np.abs(advance - ticks * usual) < _OFF_GRID * usual
+    if min(np.mean(on_grid), np.mean(on_grid[holes])) < _ON_GRID or not _at_random(holes) or _on_change(data):
+        return
+    share = lost / total
+    fault = Fault(
+        fault="lost_rows",
+        logs=(data.log,),
+        text=f"{data.log}: {share:.1%} of the rows of {data.clock} are missing, {lost} in {holes.sum()} holes.",
+        size=share,
+        standard_error=float(np.sqrt(share * (1.0 - share) / total)),
+        remedy="unknown" if data.commands else "none",
+    )
+    rows = np.flatnonzero(holes)
+    unknown = tuple(zip(time[rows].tolist(), time[rows + 1].tolist(), strict=True)) if data.commands else ()
+    done = "The commands within the holes are taken as unknown." if data.commands else "Nothing needs to be done."
+    yield Detection(fault=fault, done=done, repair=partial(_unknown, intervals=unknown))
+
+
+def _at_random(holes: BoolArray) -> bool:
+    """Whether the intervals between ``holes`` vary as by chance."""
+    runs = np.diff(np.flatnonzero(holes))
+    share = float(np.mean(holes))
+    by_chance = np.sqrt(1.0 - share) / share  # Standard deviation of a geometric distribution.
+    return bool(np.std(runs) > _AT_RANDOM * by_chance)
+
+
+def _on_change(data: ClockData) -> bool:
+    """Whether readings are only logged when a value changes: no row is lost then."""
+    columns = np.array(list(data.values.values()))
+    changed = np.diff(columns, axis=1) != 0.0
+    if np.mean(~np.any(changed, axis=0)) >= _REPEATED:
+        return False
+    measured = data.values.get(data.measured)
+    return measured is None or _in_single_steps(measured)
+
+
+def _in_single_steps(values: FloatArray) -> bool:
+    steps = np.abs(np.diff(values[np.isfinite(values)]))
+    steps = steps[steps > 0.0]
+    return not steps.size or float(np.mean(steps < 1.5 * steps.min())) > _ONE_STEP
+
+
+def _unknown(data: ClockData, intervals: Intervals) -> ClockData:
+    return replace(data, unknown=(*data.unknown, *intervals))
+
+
+FAULT = FaultKind(
+    id="lost_rows",
+    title="Lost rows",
+    stage="clock",
+    detect=_detect,
+    false_alarms="1 in 1000 of the logs that lose 3 % of their rows; none of regular or irregular clocks.",
+)
