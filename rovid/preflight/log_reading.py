@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import re
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from rovid.preflight.signal_guess import ColumnMapping, map_columns
 from rovid.preflight.thruster_guess import GuessHints
 from rovid.readers.csv_dialect import read_layout
 from rovid.readers.formats import READERS
+from rovid.readers.message_fields import split_fields
 from rovid.readers.raw_log import LogContents
 from rovid.readers.timestamps import is_plausible
 from rovid.trial.axis import YAW, Axis
@@ -51,8 +53,13 @@ class LogsRead:
     join: Join | None = None  #: How files form trials, if no file holds both the motion and the commands.
 
 
-def read_logs(paths: Sequence[Path], axis: Axis = YAW) -> LogsRead:
-    """Read the first dozen logs of each format in ``paths``, and join their files for motion along ``axis``."""
+def read_logs(
+    paths: Sequence[Path], axis: Axis = YAW, headings: Sequence[str] = (), commands: Sequence[str] = ()
+) -> LogsRead:
+    """Read the first dozen logs of each format in ``paths``, and join their files for motion along ``axis``.
+
+    ``headings`` and ``commands`` are sources that the user named.
+    """
     read = LogsRead(folder=folder_of(paths))
     for path in log_files(paths, read.problems):
         kind = READERS[path.suffix.lower()].kind
@@ -71,7 +78,22 @@ def read_logs(paths: Sequence[Path], axis: Axis = YAW) -> LogsRead:
         read.names.setdefault(kind, []).append(name)
         read.file_clocks[name] = contents.clock
         logs.append(columns)
-    return _join_files(read, axis)
+    return _join_files(read, axis, headings, commands)
+
+
+def resolve_source(name: str, present: Collection[str]) -> str:
+    """Source that the user means by ``name``: as written, or the only one of ``present`` that differs in notation.
+
+    Notations: data.0 for data[0], a column without its unit in brackets, and another case.
+    """
+    if name in present:
+        return name
+
+    def tidy(source: str) -> tuple[str, ...]:
+        return split_fields(re.sub(r" \[[^\]]*\]$", "", source).lower())
+
+    found = [source for source in present if tidy(source) == tidy(name)]
+    return found[0] if len(found) == 1 else name
 
 
 def folder_of(paths: Sequence[Path]) -> Path:
@@ -153,10 +175,17 @@ def _complete_config(path: Path, kind: str, contents: LogContents) -> Config:
 # ---- files that form one trial
 
 
-def _join_files(read: LogsRead, axis: Axis) -> LogsRead:
+def _join_files(read: LogsRead, axis: Axis, headings: Sequence[str], commands: Sequence[str]) -> LogsRead:
     """Join the files of each trial, if no file holds both the motion and the commands."""
     for kind, logs in read.logs.items():
-        mapping = map_columns(logs, GuessHints(axis=axis))
+        present = set().union(*logs)
+        named = [resolve_source(heading, present) for heading in headings]
+        hints = GuessHints(
+            axis=axis,
+            heading=next((heading for heading in named if heading in present), ""),
+            commands=tuple(resolve_source(command, present) for command in commands),
+        )
+        mapping = map_columns(logs, hints)
         if mapping.missing or not mapping.actuation or any(_is_complete(log, mapping) for log in logs):
             continue
         names = read.names[kind]

@@ -16,7 +16,7 @@ from rovid.core.signatures import CONFIG
 from rovid.core.signatures import GUESSED_CURVE as GUESSED
 from rovid.preflight.autopilot import thruster_outputs, vehicle_type
 from rovid.preflight.clock_alignment import ClockOffsets
-from rovid.preflight.log_reading import LogsRead, folder_of, is_thrust_curve, read_logs
+from rovid.preflight.log_reading import LogsRead, folder_of, is_thrust_curve, read_logs, resolve_source
 from rovid.preflight.raw_columns import SignalGuess
 from rovid.preflight.signal_guess import UNNAMED, ColumnMapping, map_columns
 from rovid.preflight.thruster_guess import GuessHints, ThrusterCommand
@@ -69,7 +69,7 @@ class UserOverrides:
             free = [command for command in free if command.source in self.commands]
         commands = tuple(map(self._overridden, free))
         missing = []
-        if "heading" not in signals:
+        if not {"heading", "yaw_rate"} & {*signals}:
             missing.append("heading")
         if not commands and "torque" not in signals:
             missing.append("command")
@@ -150,7 +150,7 @@ def survey(paths: Sequence[Path], options: SurveyOptions | None = None) -> LogSu
         There are no logs, none can be read, none holds a heading or a command, or a named column is missing.
     """
     options = options or SurveyOptions()
-    return survey_read_logs(read_logs(paths, options.axis), options)
+    return survey_read_logs(read_logs(paths, options.axis, options.headings, options.commands), options)
 
 
 def survey_read_logs(
@@ -162,11 +162,14 @@ def survey_read_logs(
     read = replace(read, problems=list(read.problems))
     profile = load_preset(options.vehicle) if options.vehicle else None
     present = sorted(set().union(*itertools.chain(*read.logs.values())))
+    resolved = {}
     for option, sources in (("--heading", options.headings), ("--command", options.commands)):
-        for source in sources:
+        resolved[option] = tuple(resolve_source(source, present) for source in sources)
+        for source in resolved[option]:
             if source not in present:
                 message = f"{option}: no log has a column {source!r}. {suggestion(source, present)}"
                 raise DataError(message, where=read.folder)
+    options = replace(options, headings=resolved["--heading"], commands=resolved["--command"])
     if profile is None:
         types = filter(None, map(vehicle_type, read.parameters.values()))
         profile = next(map(load_preset, types), None)

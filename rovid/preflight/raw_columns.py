@@ -56,6 +56,10 @@ _OTHER_UNIT = re.compile(
 )
 
 
+# An error (e_psi, psi_e), an order (psi_d, psi_c, psi_r) or a difference (d_psi), by one letter.
+_LETTER = re.compile(r"(?i)(?:^|[/.\s])[ed]_(?=[a-z])|(?<=[a-z])_[edcr]\W*$")
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RawColumn:
     """Samples of one column or field of one log: (n,) times in s and (n,) values.
@@ -155,10 +159,15 @@ def is_torque(source: str, values: FloatArray) -> bool:
     return bool(name_words(source) & _TORQUE or _ENDS_IN_NEWTON_METRES.search(source) or symbol)
 
 
+def is_error_or_order(source: str) -> bool:
+    """Whether a letter in a name marks the error or the order of a controller."""
+    return bool(_LETTER.search(source))
+
+
 def is_yaw_rate(source: str) -> bool:
     """Whether a column is a yaw rate by its name."""
     words = name_words(source)
-    if words & NOT_HEADING:
+    if words & NOT_HEADING or is_error_or_order(source):
         return False
     if words & YAW_RATE_WORDS or {"rate", "turn"} <= words or (words & HEADING_WORDS and is_per_second(source)):
         return True

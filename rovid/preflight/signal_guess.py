@@ -23,6 +23,7 @@ from rovid.preflight.raw_columns import (
     RawColumn,
     SignalGuess,
     finite_values,
+    is_error_or_order,
     is_torque,
     is_yaw_rate,
     may_be_heading,
@@ -40,6 +41,8 @@ UNNAMED = "no column is named a heading"
 # V or mV, range of the median of a supply.
 _SUPPLY_RANGE = (3.0, 1e5)
 _NOT_VOLTAGE = word_list("supply", "not_voltage") | COMMAND
+# rad/s, limit of a yaw rate without a unit: two turns a second; decision.
+_FASTEST = 4.0 * np.pi
 # Minimum correlation of a gyro with the rate of the heading.
 _CORRELATED = 0.7
 _TILTS = {"roll": word_list("yaw", "roll"), "pitch": word_list("yaw", "pitch")}
@@ -115,7 +118,7 @@ def map_columns(logs: Sequence[Mapping[str, RawColumn]], hints: GuessHints | Non
     shared = {source: logged for source, logged in columns.items() if len(logged) == len(logs)}
     if hints.axis is YAW:
         signals = _yaw_signals(columns, shared, logs, hints.heading)
-        position = signals.get("heading")
+        position = signals.get("heading") or signals.get("yaw_rate")
     else:
         signals = _axis_signals(hints.axis, columns, shared, hints.heading)
         position = next(iter(signals.values()), None)
@@ -188,12 +191,13 @@ def _yaw_signals(
     heading = None
     if not chosen:
         heading = _heading(columns)
-    elif chosen in columns:
+    elif chosen in columns and not is_yaw_rate(chosen):
         unit, reason = _angle_unit(chosen, columns[chosen])
+        if _is_planar(chosen, columns):
+            unit, reason = "rad", "the angle of a planar pose"
         heading = SignalGuess(source=chosen, unit=unit, reason=f"given; {reason}") if unit else None
     guesses = {"heading": heading}
-    if heading is not None:
-        guesses["yaw_rate"] = _yaw_rate(shared, logs, heading)
+    guesses["yaw_rate"] = _lone_yaw_rate(columns, chosen) if heading is None else _yaw_rate(shared, logs, heading)
     for name, words in _TILTS.items():
         guesses[name] = _tilt(shared, words, heading)
     return {name: guess for name, guess in guesses.items() if guess is not None}
@@ -201,8 +205,8 @@ def _yaw_signals(
 
 def _heading(columns: Columns) -> SignalGuess | None:
     """Heading by its name, by an orientation, or by jumps of a whole turn."""
-    measured = [source for source in columns if may_be_heading(name_words(source)) and not is_per_second(source)]
-    named = [source for source in measured if name_words(source) & HEADING_WORDS]
+    measured = [source for source in columns if _may_be_heading(source)]
+    named = [source for source in measured if name_words(source) & HEADING_WORDS or _is_planar(source, columns)]
     oriented = [source for source, logged in columns.items() if logged[0].radians]
     if oriented and not named:
         return SignalGuess(source=oriented[0], unit="rad", reason="an orientation, from which the heading is computed")
@@ -211,6 +215,8 @@ def _heading(columns: Columns) -> SignalGuess | None:
         if not named and name_words(source) & VOLTAGE:
             continue
         unit, reason = _angle_unit(source, columns[source])
+        if unit and _is_planar(source, columns):
+            unit, reason = "rad", f"the angle of a planar pose; {_range(finite_values(columns[source]))}"
         jumps = "jumps" in reason
         if not unit or not (named or jumps):
             continue
@@ -222,6 +228,16 @@ def _heading(columns: Columns) -> SignalGuess | None:
     return best
 
 
+def _may_be_heading(source: str) -> bool:
+    return may_be_heading(name_words(source)) and not is_per_second(source) and not is_error_or_order(source)
+
+
+def _is_planar(source: str, columns: Columns) -> bool:
+    """Whether a column is the angle of a planar pose x, y, theta, as of a Pose2D."""
+    stem = source.removesuffix("theta")
+    return stem != source and {stem + "x", stem + "y"} <= {*columns} and stem + "z" not in columns
+
+
 def turn_of_heading(column: RawColumn) -> float | None:
     """Size of a whole turn in a column that is a heading by name and values; None for other columns."""
     if column.radians:
@@ -229,6 +245,8 @@ def turn_of_heading(column: RawColumn) -> float | None:
     # A logger of thrusters may put its own name in front of every column.
     words = name_words(column.source) - COMMAND
     if not words & HEADING_WORDS or not may_be_heading(words) or is_per_second(column.source):
+        return None
+    if is_error_or_order(column.source):
         return None
     unit, _ = _angle_unit(column.source, [column])
     return FULL_TURN.get(unit)
@@ -263,7 +281,7 @@ def _tilt(columns: Columns, known: frozenset[str], heading: SignalGuess | None) 
     """Roll or pitch by its name."""
     for source, logged in columns.items():
         words = name_words(source)
-        if not words & known or words & _NOT_TILT:
+        if not words & known or words & _NOT_TILT or is_error_or_order(source) or _is_planar(source, columns):
             continue
         values = finite_values(logged)
         if len(values) < MIN_SAMPLES:
@@ -299,6 +317,23 @@ def _yaw_rate(columns: Columns, logs: Sequence[Mapping[str, RawColumn]], heading
             return SignalGuess(source=source, unit=unit, reason="named so; it follows the rate of the heading")
         reason = "named so; it follows the negative rate of the heading: sign changed here"
         return SignalGuess(source=source, unit=unit, sign=-1, reason=reason)
+    return None
+
+
+def _lone_yaw_rate(columns: Columns, chosen: str) -> SignalGuess | None:
+    """A yaw rate by its name, or ``chosen`` by the user, where no heading is logged; its unit by name or values."""
+    for source in [chosen] if chosen in columns else filter(is_yaw_rate, columns):
+        values = finite_values(columns[source])
+        if len(values) < MIN_SAMPLES or not np.ptp(values) > 0.0:
+            continue
+        unit = next((unit for unit in ("deg/s", "rad/s") if _UNIT_ENDINGS[unit].search(source)), "")
+        reason = "given" if chosen else "named so"
+        reason = f"{reason}; {_range(values)}; no heading is logged"
+        if not unit:
+            # rad/s, faster than vehicles turn.
+            unit = "deg/s" if float(np.max(np.abs(values))) > _FASTEST else "rad/s"
+            reason += f"; assumed to be in {unit}"
+        return SignalGuess(source=source, unit=unit, reason=reason, is_rate=True)
     return None
 
 

@@ -181,6 +181,13 @@ def _select_commands(columns: Columns, hints: GuessHints) -> dict[str, FloatArra
         name_tests += [_is_motion_command, lambda source: bool(name_words(source) & _PILOT)]
     for name_test in name_tests:
         found = {source: values for source, values in varying.items() if name_test(source)}
+        # An array beside a command of its own holds something else.
+        plain = {source.rpartition(".")[0] for source in found if not source.endswith("]")}
+        found = {
+            source: values
+            for source, values in found.items()
+            if not (source.endswith("]") and source.rpartition(".")[0] in plain)
+        }
         if torque_logged:
             # The vehicle may have no thrusters then: a voltage has to be named that of one.
             found = {source: values for source, values in found.items() if name_words(source) & (COMMAND | SIDE)}

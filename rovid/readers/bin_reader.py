@@ -6,6 +6,7 @@ positions of the mapped messages; numpy then decodes them all at once.
 
 from __future__ import annotations
 
+import re
 import struct
 from array import array
 from collections.abc import Callable, Iterator
@@ -48,6 +49,7 @@ _INTEGERS = {"i1": "b", "u1": "BM", "<i2": "hc", "<u2": "HC", "<i4": "ieL", "<u4
 _OTHERS = {"<f2": "g", "<f4": "f", "<f8": "d", "V64": "a", "S4": "n", "S16": "N", "S64": "Z"}
 _TYPES = {letter: kind for kind, letters in (_INTEGERS | _OTHERS).items() for letter in letters}
 _FACTORS = {**dict.fromkeys("cCeE", 0.01), "L": 1e-7}
+_OLD_CHANNEL = re.compile(r"Ch\d+$")
 # Usual (name, letter) of the field that holds the sensor's number; FMTU marks it in newer logs.
 _INSTANCES = (("I", "B"), ("Inst", "B"), ("Instance", "B"), ("C", "B"))
 
@@ -68,7 +70,7 @@ def sources(path: Path) -> LogContents:
         parameters = {}
         if log.holds(_PARAMETERS):
             parameters = autopilot_parameters(log.columns(_PARAMETERS), "Name", "Value")
-    found = [source for source in numeric_sources(topics) if ".Des" not in source]
+    found = [source for source in numeric_sources(topics) if ".Des" not in source and ".Ch" not in source]
     return LogContents(sources=tuple(found), parameters=parameters)
 
 
@@ -192,4 +194,10 @@ class DataFlashLog:
         if kind is None or not kind.offsets:
             raise missing_topic(self.path, KIND, topic, self.types)
         columns = kind.columns(self.data)
+        # Names before 2015: a time in ms, and Ch1 for C1.
+        if "TimeMS" in columns:
+            columns.setdefault("TimeUS", columns["TimeMS"].astype(np.int64) * 1000)
+        for label in kind.labels:
+            if _OLD_CHANNEL.match(label):
+                columns.setdefault(label.replace("Ch", "C"), columns[label])
         return select_instance(self.path, KIND, topic, columns, kind.instance_field, self.remarks)

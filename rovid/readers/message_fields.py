@@ -40,6 +40,8 @@ _STAMP_PARTS = (("sec", "nanosec"), ("seconds", "nanos"), ("sec", "nsec"), ("sec
 _STAMP_NAMES = {"header", "stamp", "timestamp"}
 _ORIENTATION_NAMES = {"orientation", "quaternion", "rotation"}
 _MAX_LISTED = 20
+# Number of elements of an array that may be signals; longer ones are images, scans or covariances.
+_MAX_ELEMENTS = 32
 
 
 def split_path(path: str, topic: str) -> tuple[str, ...] | None:
@@ -80,9 +82,14 @@ def _descend(value: Any, fields: tuple[str, ...]) -> Any:
     return value
 
 
-def stamp_getter(message: Any, *, mapping: bool) -> Getter | None:
-    """Function that returns the ns of a message's own time stamp; None if it has none."""
-    for fields in _STAMPS:
+def stamp_getter(message: Any, *, mapping: bool, clock: tuple[str, ...] = ()) -> Getter | None:
+    """Function that returns the ns of a message's own time stamp, or of the fields ``clock``; None if it has none.
+
+    ``clock`` may lead to a stamp, or to its seconds.
+    """
+    for fields in (clock, clock[:-1]) if clock else _STAMPS:
+        if clock and fields != clock and clock[-1] not in {part for part, _ in _STAMP_PARTS}:
+            continue
         for parts in _STAMP_PARTS:
             try:
                 for part in parts:
@@ -107,8 +114,19 @@ def numeric_fields(message: Any, topic: str) -> Iterator[str]:
             continue
         if last in "xyzw" and parents and parents[-1] in _ORIENTATION_NAMES:
             yield f"{topic}.{'.'.join(parents)}"
-        elif isinstance(value, int | float | np.number) and not isinstance(value, bool):
+        elif _is_number(value):
             yield f"{topic}.{name}"
+        elif "covariance" not in last and _is_short_array(value):
+            yield from (f"{topic}.{name}[{at}]" for at in range(len(value)))
+
+
+def _is_short_array(value: Any) -> bool:
+    is_array = isinstance(value, list | tuple | array | np.ndarray)
+    return is_array and 0 < len(value) <= _MAX_ELEMENTS and all(map(_is_number, value))
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float | np.number) and not isinstance(value, bool)
 
 
 def _first_fields(message: Any) -> Iterator[tuple[str, Any]]:

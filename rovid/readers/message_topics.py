@@ -48,6 +48,7 @@ class TopicCollector:
         self.last: Any = None  # The latest message; error messages list its fields.
         self.error: LogError | None = None  # Why reading an optional topic ended early.
         self._get_stamp: Getter | None = None
+        self.in_ns = clock in _CLOCKS
 
     def handler(self, make_decoder: Callable[[], Decoder], *, mapping: bool) -> Handler | None:
         """Function that takes the messages of one channel; None for an optional topic that cannot be decoded."""
@@ -97,7 +98,10 @@ class TopicCollector:
             if self.clock == "header":
                 self._get_stamp = stamp_getter(message, mapping=mapping)
             else:
-                self._get_stamp = getter(split_fields(self.clock), mapping=mapping)
+                fields = split_fields(self.clock)
+                self._get_stamp = stamp_getter(message, mapping=mapping, clock=fields)
+                self.in_ns = self._get_stamp is not None
+                self._get_stamp = self._get_stamp or getter(fields, mapping=mapping)
         if self._get_stamp is None:
             raise self._no_stamp(message)
         try:
@@ -187,7 +191,7 @@ class TopicExtractor:
             remarks=(*remarks(last), *skipped),
             sparse=any(collector.comes_and_goes for _, collector in chosen.values()),
             sortable=True,
-            epoch=epoch if self.clock in _CLOCKS and epoch > EPOCH_FROM else None,
+            epoch=epoch if all(topic.in_ns for topic, _ in chosen.values()) and epoch > EPOCH_FROM else None,
         )
 
     def _choose(self, signal: str, source: str) -> tuple[TopicCollector, FieldCollector]:
@@ -222,8 +226,8 @@ class TopicExtractor:
         else:
             # Integers: floats would lose digits of the ns since 1970.
             origin = min(int(times[0]) for times in logged.values())
-        unit = "ns" if self.clock in _CLOCKS else self.time.unit
-        return {name: to_seconds(times, self.clock, unit, origin) for name, times in logged.items()}, origin
+        units = {name: "ns" if topic.in_ns else self.time.unit for name, topic in topics.items()}
+        return {name: to_seconds(times, self.clock, units[name], origin) for name, times in logged.items()}, origin
 
 
 def _time_array(times: array[int] | list[Any]) -> NDArray[Any]:

@@ -80,8 +80,8 @@ def guess_clock(numbers: Mapping[str, FloatArray], dated: Sequence[str], texts: 
     """
     splits = [parts for name in numbers if (parts := clock_parts(name, numbers)) is not None]
     joined = [str(parts) for parts in splits if _is_split(parts, numbers)]
-    parts = {parts.rest for parts in splits}
-    numeric = [name for name, values in numbers.items() if name not in parts and _is_increasing(values)]
+    rests = {parts.rest for parts in splits}
+    numeric = [name for name, values in numbers.items() if name not in rests and _is_increasing(values)]
     increasing = [*numeric, *dated, *texts]
     named = [name for name in increasing if name_words(name) & CLOCK_WORDS]
     likely = [name for name in named if not name_words(name) & NOT_CLOCK]

@@ -161,3 +161,83 @@ def test_a_tilt_beyond_upright_is_in_degrees() -> None:
 
 def test_thruster_commands_are_no_motion() -> None:
     assert not found("heave", "vertical_pct", "motor_vertikal_babord", "heave_cmd")
+
+
+ERRORS = (
+    "e_heading",
+    "heading_e",
+    "heading_error",
+    "headingErr",
+    "err_yaw",
+    "yaw_err",
+    "psi_e",
+    "yawError",
+    "heading error",
+    "delta_heading",
+    "heading_diff",
+    "Kursabweichung",
+    "erreur_cap",
+)
+ORDERS = (
+    "heading_ref",
+    "psi_d",
+    "heading_des",
+    "yaw_sp",
+    "heading_setpoint",
+    "ordered_heading",
+    "heading_goal",
+    "yaw_c",
+)
+
+
+@pytest.mark.parametrize("name", [*ERRORS, *ORDERS])
+def test_an_error_or_an_order_is_no_heading(name: str) -> None:
+    """Neither beside the heading nor alone, though it jumps by a whole turn."""
+    found = map_columns([log(**{name: turned(COMMAND)[::-1].copy(), "heading": turned(COMMAND), "fore_cmd": COMMAND})])
+    assert found.signals["heading"].source == "heading"
+    alone = map_columns([log(**{name: turned(COMMAND), "fore_cmd": COMMAND})])
+    assert "heading" not in alone.signals
+    assert alone.missing == ("heading",)
+
+
+@pytest.mark.parametrize("name", ["heading", "heading_deg", "true_heading", "yaw", "imu_yaw", "hdg", "psi", "ATT.Yaw"])
+def test_measured_headings_are_headings(name: str) -> None:
+    assert map_columns([log(**{name: turned(COMMAND), "fore_cmd": COMMAND})]).signals["heading"].source == name
+
+
+@pytest.mark.parametrize("names", [("/pose.x", "/pose.y", "/pose.theta"), ("x", "y", "theta")])
+def test_the_angle_of_a_planar_pose_is_the_heading(names: tuple[str, str, str]) -> None:
+    angle = np.radians(turned(COMMAND))
+    found = map_columns([log(**dict(zip(names, (np.sin(TIME), np.cos(TIME), angle), strict=True)), fore_cmd=COMMAND)])
+    assert found.signals["heading"].source == names[2]
+    assert found.signals["heading"].unit == "rad"
+    assert "pitch" not in found.signals
+
+
+def test_theta_beside_a_heading_is_a_pitch() -> None:
+    found = map_columns([log(heading=turned(COMMAND), theta=np.sin(TIME), fore_cmd=COMMAND)])
+    assert found.signals["heading"].source == "heading"
+    assert found.signals["pitch"].source == "theta"
+
+
+@pytest.mark.parametrize(
+    ("name", "factor", "unit"),
+    [("yaw_rate", 1.0, "rad/s"), ("yaw_rate", 57.3, "deg/s"), ("r_dps", 1.0, "deg/s"), ("gyro_z_rad_s", 9.0, "rad/s")],
+)
+def test_a_yaw_rate_alone_is_measured(name: str, factor: float, unit: str) -> None:
+    rate = 0.5 * np.gradient(np.unwrap(np.radians(turned(COMMAND))), TIME)
+    rate *= factor / np.abs(rate).max()
+    found = map_columns([log(**{name: rate, "fore_cmd": COMMAND})])
+    assert found.measured.source == name
+    assert (found.measured.unit, found.measured.is_rate) == (unit, True)
+    assert not found.missing
+    assert found.commands[0].direction == 1
+
+
+@pytest.mark.parametrize(("axis", "name"), [("surge", "u_m_s"), ("sway", "sway_speed"), ("surge", "surge_vel [m/s]")])
+def test_a_speed_without_a_position_is_measured(axis: str, name: str) -> None:
+    speed = np.gradient(np.unwrap(np.radians(turned(COMMAND))), TIME)
+    found = map_columns([log(**{name: speed, "fore_cmd": COMMAND})], GuessHints(axis=AXES[axis]))
+    assert found.measured.source == name
+    assert found.measured.is_rate
+    assert not found.missing
