@@ -262,7 +262,7 @@ def _check(paths: Sequence[Path], config: Path, place: Path) -> Document:
 def _spot(fault: Fault, excerpt: Excerpt) -> Document:
     """The signal around a fault, for a plot."""
     return {
-        "title": f"{fault.logs[0]}: {fault.fault.replace('_', ' ')}",
+        "title": fault.title,
         "label": excerpt.label,
         "time": excerpt.time.tolist(),
         "values": [value if math.isfinite(value) else None for value in excerpt.displayed.tolist()],

@@ -15,6 +15,7 @@ from functools import partial
 import numpy as np
 
 from rovid.core.array_types import FloatArray
+from rovid.core.formatting import plus_minus
 from rovid.core.stats import f_sf
 from rovid.faults.base import Detection, FaultKind, RunsData, named
 from rovid.faults.quick_model import LogMoments, QuickModel, fit_quick_model, log_name
@@ -78,8 +79,8 @@ def _foreign(log: LogMoments, count: int) -> Detection[RunsData]:
     at = int(np.argmax(np.abs(log.deviation) / log.standard_errors))
     factor, error = 1.0 + float(log.deviation[at]), float(log.standard_errors[at])
     text = (
-        f"{log.name} does not belong to the other logs: their model leaves {log.misfit:.0%} of its torque "
-        f"unexplained, and its {('inertia', 'drag')[at]} is {factor:.2f} +- {error:.2f} times theirs."
+        f"{log.name} does not belong to the other logs: their model leaves {100.0 * log.misfit:.0f} % of its torque "
+        f"unexplained, and its {('inertia', 'drag')[at]} is {plus_minus(factor, error)} times theirs."
     )
     fault = Fault(
         fault="foreign_log",
@@ -101,7 +102,7 @@ def without(data: RunsData, log: str) -> RunsData:
 def _two_payloads(groups: _Groups) -> Detection[RunsData]:
     text = (
         f"The logs are of two kinds, as with two payloads or two vehicles: the {groups.quantity} of "
-        f"{named(groups.high)} is {1.0 + groups.step:.2f} +- {groups.error:.2f} times that of {named(groups.low)}."
+        f"{named(groups.high)} is {plus_minus(1.0 + groups.step, groups.error)} times that of {named(groups.low)}."
     )
     fault = Fault(
         fault="foreign_log",

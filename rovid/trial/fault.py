@@ -78,6 +78,11 @@ class Fault:
     stops: bool = False  #: Whether no fit is valid before the fault is corrected.
     excerpt: Excerpt | None = field(default=None, compare=False, repr=False)  #: None where there is nothing to plot.
 
+    @property
+    def title(self) -> str:
+        """First log, and the fault in words."""
+        return ": ".join((*self.logs[:1], self.fault.replace("_", " ")))
+
 
 @dataclass(frozen=True, kw_only=True)
 class FaultOverrides:

@@ -150,13 +150,8 @@ def _draw(report: ReportData) -> ReportFigures:
 
 def _faults(found: Sequence[Fault]) -> Iterator[FigureDraft]:
     for number, fault in enumerate([fault for fault in found if fault.excerpt][:FAULT_PLOTS], 1):
-        name = f"fault_{number:02d}"
-        yield FigureDraft(
-            name,
-            faults.plot_fault(fault),
-            caption=f"{fault.logs[0]}: {fault.fault.replace('_', ' ')}.",
-            alt="The signal at the fault.",
-        )
+        plot = faults.plot_fault(fault)
+        yield FigureDraft(f"fault_{number:02d}", plot, caption=f"{fault.title}.", alt="The signal at the fault.")
 
 
 def _render(draft: FigureDraft, guess: Assumptions) -> ReportFigure:

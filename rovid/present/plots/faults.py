@@ -20,7 +20,7 @@ def plot_fault(fault: Fault) -> Figure:
     for instant in fault.at:
         if excerpt.time.min() <= instant <= excerpt.time.max():
             axes.axvline(instant, color=ORANGE, linewidth=1.0)
-    axes.set_title(fault.logs[0], loc="left")
+    axes.set_title(fault.title, loc="left")
     axes.set_xlabel("time, s")
     axes.set_ylabel(excerpt.label)
     return figure
