@@ -39,7 +39,8 @@ _STAMP_PARTS = (("sec", "nanosec"), ("seconds", "nanos"), ("sec", "nsec"), ("sec
 # Names of fields that are no sources of signals, or that hold an orientation.
 _STAMP_NAMES = {"header", "stamp", "timestamp"}
 _ORIENTATION_NAMES = {"orientation", "quaternion", "rotation"}
-_MAX_LISTED = 20
+# Number of fields in an error message, and of those that may be signals.
+_MAX_LISTED, _MAX_FIELDS = 20, 400
 # Number of elements of an array that may be signals; longer ones are images, scans or covariances.
 _MAX_ELEMENTS = 32
 
@@ -103,21 +104,22 @@ def stamp_getter(message: Any, *, mapping: bool, clock: tuple[str, ...] = ()) ->
 
 def listed_fields(message: Any) -> str:
     """Paths of the first fields of ``message``, for error messages."""
-    return ", ".join(name for name, _ in _first_fields(message)) or "none"
+    return ", ".join(name for name, _ in _first_fields(message, _MAX_LISTED)) or "none"
 
 
-def numeric_fields(message: Any, topic: str) -> Iterator[str]:
-    """Sources of every number and orientation in ``message``, without time stamps."""
-    for name, value in _first_fields(message):
+def numeric_fields(message: Any, topic: str, *, stamps: bool = False) -> Iterator[str]:
+    """Sources of every number and orientation in ``message``, without time stamps unless ``stamps``."""
+    topic = topic and f"{topic}."
+    for name, value in _first_fields(message, _MAX_FIELDS):
         *parents, last = name.split(".")
-        if _STAMP_NAMES & {*parents, last}:
+        if _STAMP_NAMES & {*parents, last} and not stamps:
             continue
         if last in "xyzw" and parents and parents[-1] in _ORIENTATION_NAMES:
-            yield f"{topic}.{'.'.join(parents)}"
+            yield f"{topic}{'.'.join(parents)}"
         elif _is_number(value):
-            yield f"{topic}.{name}"
+            yield f"{topic}{name}"
         elif "covariance" not in last and _is_short_array(value):
-            yield from (f"{topic}.{name}[{at}]" for at in range(len(value)))
+            yield from (f"{topic}{name}[{at}]" for at in range(len(value)))
 
 
 def _is_short_array(value: Any) -> bool:
@@ -129,9 +131,9 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, int | float | np.number) and not isinstance(value, bool)
 
 
-def _first_fields(message: Any) -> Iterator[tuple[str, Any]]:
-    """(path, value) of the first fields of ``message``."""
-    return islice(_fields(message, "", depth=3), _MAX_LISTED)
+def _first_fields(message: Any, count: int) -> Iterator[tuple[str, Any]]:
+    """(path, value) of the first ``count`` fields of ``message``."""
+    return islice(_fields(message, "", depth=3), count)
 
 
 def _fields(value: Any, prefix: str, depth: int) -> Iterator[tuple[str, Any]]:

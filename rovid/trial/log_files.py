@@ -20,6 +20,9 @@ FORMATS: Mapping[str, str] = {
     ".tlog": "tlog",
     ".nmea": "nmea",
     ".ulg": "ulg",
+    ".jsonl": "jsonl",
+    ".ndjson": "jsonl",
+    ".mat": "mat",
 }
 KINDS = tuple(dict.fromkeys(FORMATS.values()))
 _TOKEN = re.compile(r"[^\W\d_]+|\d+")  # letters, or one number

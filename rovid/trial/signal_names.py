@@ -52,7 +52,7 @@ STANDARD_SOURCES: Mapping[str, Mapping[str, tuple[str, str]]] = {
     "ulg": dict.fromkeys(("heading", "roll", "pitch"), ("vehicle_attitude.q", "rad")),
 }
 # Format -> the format whose sources it takes where it has none of its own.
-SHARED_SOURCES: Mapping[str, str] = {"parquet": "csv", "bag": "mcap"}
+SHARED_SOURCES: Mapping[str, str] = {"parquet": "csv", "jsonl": "csv", "mat": "csv", "bag": "mcap"}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import io
+import json
 import struct
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -18,7 +19,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from rosbags.rosbag1 import Writer as Rosbag1
 from rosbags.rosbag2 import Writer as Rosbag2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from scipy.io import savemat
 
+from rovid.core.array_types import FloatArray
 from tests.readers.logs import EPOCH, turning
 
 TIME, HEADING = turning(300)
@@ -73,9 +76,30 @@ def parquet(columns: Mapping[str, Any]) -> bytes:
     return out.getvalue()
 
 
-def _parquet() -> bytes:
+def table() -> dict[str, FloatArray]:
+    """The run as columns."""
     command = np.select([at <= TIME for at, _ in CHANGES[::-1]], [value for _, value in CHANGES[::-1]])
-    return parquet({"time_s": TIME, "heading_deg": HEADING % 360.0, "fore_V": command})
+    return {"time_s": TIME, "heading_deg": HEADING % 360.0, "fore_V": command}
+
+
+# --- JSON lines and MATLAB ----------------------------------------------------------------------------------------
+
+
+def json_lines(rows: Iterable[Mapping[str, Any]]) -> bytes:
+    """One object a line."""
+    return "".join(json.dumps(row) + "\n" for row in rows).encode()
+
+
+def _jsonl() -> bytes:
+    columns = {name: values.tolist() for name, values in table().items()}
+    return json_lines(dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True))
+
+
+def mat(variables: Mapping[str, Any]) -> bytes:
+    """A MATLAB file of version 7."""
+    with tempfile.TemporaryDirectory() as folder:
+        savemat(f"{folder}/a.mat", dict(variables), do_compression=True)
+        return Path(folder, "a.mat").read_bytes()
 
 
 # --- PX4 ULog -----------------------------------------------------------------------------------------------------
@@ -230,7 +254,15 @@ def _recorded(ros: int) -> Recording:
 
 
 RECORDINGS: Mapping[str, Recording] = {
-    ".parquet": Recording(write=_parquet, heading='heading = { csv = "heading_deg" }', command='{ csv = "fore_V" }'),
+    **{
+        suffix: Recording(write=write, heading='heading = { csv = "heading_deg" }', command='{ csv = "fore_V" }')
+        for suffix, write in {
+            ".parquet": lambda: parquet(table()),
+            ".jsonl": _jsonl,
+            ".ndjson": _jsonl,
+            ".mat": lambda: mat(table()),
+        }.items()
+    },
     ".bag": _recorded(1),
     ".db3": _recorded(2),
     ".BIN": Recording(write=_bin, heading="", command='{ bin = "RCOU.C1" }', tolerance=1e-5),

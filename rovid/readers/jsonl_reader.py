@@ -1,0 +1,147 @@
+"""JSON lines: one object a line. Sources are keys, nested ones by dots; sources for CSV apply by default."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from rovid.core.errors import LogError, suggestion
+from rovid.readers.message_fields import (
+    ABSENT,
+    FieldCollector,
+    Getter,
+    getter,
+    listed_fields,
+    numeric_fields,
+    split_fields,
+    stamp_getter,
+)
+from rovid.readers.raw_log import Channel, LogContents, RawLog, required_signals, required_time, wrong_format
+from rovid.readers.table_clock import SPLIT, clock_parts, guess_clock
+from rovid.readers.timestamps import column_to_seconds, start_epoch
+from rovid.trial.config import Config
+from rovid.trial.trial import Remark
+
+KIND = "jsonl"
+# Number of objects from which the contents are listed.
+_SAMPLE = 200
+_MAX_INTEGER = 2**63 - 1
+
+
+def read(path: Path, config: Config) -> RawLog:
+    """Mapped keys of ``path``."""
+    time = required_time(config, KIND)
+    signals = required_signals(config, KIND, path)
+    lost: list[int] = []
+    objects = _objects(path, lost)
+    first = next(objects, None)
+    if first is None:
+        raise wrong_format(path, "JSON, one object a line")
+    clock = time.sources[KIND]
+    get_time, in_ns = _clock(first[1], clock)
+    collectors = {
+        name: FieldCollector(
+            signal, signal.sources[KIND], _steps(first[1], signal.sources[KIND]), mapping=True, where=str(path)
+        )
+        for name, signal in signals.items()
+    }
+    stamps: list[Any] = []
+    lines: list[int] = []
+    topics: set[str] = set()
+    for number, one in (first, *objects):
+        lines.append(number)
+        stamps.append(_value(get_time, one))
+        topics.add(str(one.get("topic", "")))
+        for collector in collectors.values():
+            collector.take(one)
+    for name, collector in collectors.items():
+        if not (collector.seen or collector.signal.optional):
+            near = suggestion(collector.source, [*numeric_fields(first[1], "")])
+            text = f"never holds {collector.source!r} ({name}). {near} Its first keys: {listed_fields(first[1])}."
+            raise LogError(text, where=path, mend=f"Correct {name} in rovid.toml, or leave this log out.")
+    # Integers, as ns since 1970, lose digits in floats.
+    whole = all(stamp is None or (isinstance(stamp, int) and abs(stamp) < _MAX_INTEGER) for stamp in stamps)
+    column = pd.Series(stamps, dtype="Int64") if whole else pd.Series(stamps)
+    unit = "ns" if in_ns else time.unit
+    seconds = column_to_seconds(column, clock, unit, lambda row: f"{path}:{lines[row]}")
+    channels = {
+        name: Channel(source=one.source, clock=clock, time=seconds, values=one.column(), radians=one.quaternion)
+        for name, one in collectors.items()
+        if one.seen
+    }
+    text = f"{len(lost)} lines are no JSON objects, first line {lost[0] if lost else 0}; they were left out."
+    return RawLog(
+        channels=channels,
+        place=lambda _, row: f"line {lines[row]}",
+        remarks=(Remark(kind="truncated", count=len(lost), text=text),) * bool(lost),
+        sparse=len(topics) == 1,
+        epoch=start_epoch(column, seconds, clock, unit),
+    )
+
+
+def sources(path: Path) -> LogContents:
+    """The time, and every other key of numbers or orientations in the first objects."""
+    sample = [one for _, one in islice(_objects(path, []), _SAMPLE)]
+    if not sample:
+        raise wrong_format(path, "JSON, one object a line")
+    names = dict.fromkeys(name for one in sample for name in (*numeric_fields(one, "", stamps=True), *one))
+    numbers = {}
+    for name in names:
+        get = getter(_steps(sample[0], name), mapping=True)
+        values = [_value(get, one) for one in sample]
+        if any(isinstance(value, int | float) for value in values) and not any(isinstance(v, str) for v in values):
+            numbers[name] = np.array([np.nan if value is None else float(value) for value in values])
+    dated = [name for name, value in sample[0].items() if isinstance(value, str) and value[:4].isdigit()]
+    clock = guess_clock(numbers, dated)
+    # Orientations have no single number.
+    listed = [name for name in names if name in numbers or name not in sample[0]]
+    own = {clock, *clock.split(SPLIT)}
+    return LogContents(clock=clock, sources=tuple(name for name in listed if name not in own))
+
+
+def _objects(path: Path, lost: list[int]) -> Iterator[tuple[int, dict[str, Any]]]:
+    """(line number, object) of each line; the numbers of lines that hold none are added to ``lost``."""
+    with path.open("rb") as file:
+        for number, line in enumerate(file, start=1):
+            if not line.strip():
+                continue
+            try:
+                one = json.loads(line)
+            except (ValueError, RecursionError):
+                one = None
+            if isinstance(one, dict):
+                yield number, one
+            else:
+                lost.append(number)
+
+
+def _steps(sample: dict[str, Any], source: str) -> tuple[str, ...]:
+    """Steps to ``source``, which may be one key with dots."""
+    return (source,) if source in sample else split_fields(source)
+
+
+def _clock(sample: dict[str, Any], clock: str) -> tuple[Getter, bool]:
+    """Function that returns the time of an object, and whether it is in ns, from seconds and the rest of them."""
+    parts = clock_parts(clock, [*numeric_fields(sample, "", stamps=True)])
+    if parts is None:
+        steps = _steps(sample, clock)
+        split = stamp_getter(sample, mapping=True, clock=steps)
+        return (getter(steps, mapping=True), False) if split is None else (split, True)
+    seconds, rest = (getter(_steps(sample, name), mapping=True) for name in (parts.seconds, parts.rest))
+    scale = round(1e9 * parts.unit)
+    return lambda one: int(seconds(one)) * 1_000_000_000 + int(rest(one)) * scale, True
+
+
+def _value(get: Getter, one: dict[str, Any]) -> Any:
+    """A number or text; None where missing."""
+    try:
+        value = get(one)
+    except (*ABSENT, ValueError, OverflowError):
+        return None
+    return value if isinstance(value, int | float | str) and not isinstance(value, bool) else None
