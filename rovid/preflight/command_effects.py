@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rovid.core.array_types import FloatArray
+from rovid.core.array_types import FloatArray, IntArray
 from rovid.preflight.raw_columns import MIN_SAMPLES, RawColumn, SignalGuess, held_mean, mean_rates, position_at
 from rovid.trial.axis import Axis
 from rovid.trial.trial import Trial
@@ -24,11 +24,15 @@ _MAX_CLOCK_OFFSET = 3.0
 _RESPONSE_WINDOW, _CONTRADICTION = 4.0, 2.2
 # Minimum t statistic of a direction.
 _SIGNIFICANT = 4.0
-# Minimum share of the rate's variance: a smaller effect may belong to a correlated command, unless its t statistic is
-# twice the minimum.
+# Minimum share of a direction in what all commands explain: a smaller effect may belong to a correlated command.
 _MIN_SHARE = 0.005
-# Relative cut-off of singular values; commands that are collinear to this degree share their effect.
+# Relative cut-off of eigenvalues; commands that are collinear to this degree share their effect.
 _COLLINEAR = 0.01
+# Blocks of consecutive windows for the standard errors: enough for a variance within 25 %, each far longer than the
+# memory of a disturbance in a campaign of usual length.
+_BLOCKS = 32
+# Norm of a command beyond the other regressors, relative to its own norm, below which it is nothing but rounding.
+_ROUNDING = 1e-9
 # ArduPilot's demand of yaw torque, which its mixer distributes to the outputs.
 YAW_DEMAND = "RATE.YOut"
 # Minimum R^2 of the demand given the outputs, and minimum coefficient relative to the largest.
@@ -43,8 +47,8 @@ Log = Mapping[str, RawColumn]
 class CommandEffect:
     """Effect of one command on the rate, as the logs show it."""
 
-    t_statistic: float = 0.0  #: Of the gain, with a correction for autocorrelated residuals.
-    #: Share of the variance of the rate, beyond its autoregression; 0 to 1 over all commands together.
+    t_statistic: float = 0.0  #: Of the gain, with errors that allow for autocorrelated residuals.
+    #: Share of the variance of the rate that all commands together explain; the shares add up to 1.
     explained_share: float = 0.0
     gain: float = 0.0  #: Change of the rate over a window per unit of the command.
     #: Whether the rate changes against changes of the commands: they then respond to the motion.
@@ -53,10 +57,7 @@ class CommandEffect:
     @property
     def direction(self) -> int:
         """1 or -1, the sign of the gain; 0 where it is not significant."""
-        size = abs(self.t_statistic)
-        if self.is_contradicted or size <= _SIGNIFICANT:
-            return 0
-        if self.explained_share < _MIN_SHARE and size <= 2.0 * _SIGNIFICANT:
+        if self.is_contradicted or abs(self.t_statistic) <= _SIGNIFICANT or self.explained_share < _MIN_SHARE:
             return 0
         return int(np.sign(self.t_statistic))
 
@@ -64,7 +65,7 @@ class CommandEffect:
     def text(self) -> str:
         """Evidence for the direction."""
         share = 100.0 * max(self.explained_share, 0.0)
-        return f"{abs(self.t_statistic):.0f} standard errors, {share:.0f} % of the variance of the rate"
+        return f"{abs(self.t_statistic):.0f} standard errors, {share:.0f} % of what the commands explain"
 
 
 def command_effects(
@@ -72,20 +73,17 @@ def command_effects(
 ) -> dict[str, CommandEffect]:
     """Effects of commands, given by source with their ``neutral`` values, on the motion that ``position`` measures.
 
-    The mean rate in each window is regressed on the mean rate in the window before and on the mean commands in both,
-    which fits slow and fast vehicles. Feedback within a window can reverse the sign: as a check, changes of the rate
-    are regressed on the changes of the commands that precede them.
+    The mean rate in each window is regressed on the mean rate in the window before, by itself and squared with its
+    sign (drag), and on the mean commands in both, which fits slow and fast vehicles. Feedback within a window can
+    reverse the sign: as a check, changes of the rate are regressed on the changes of the commands that precede them.
     """
-    count, effects = len(neutral), dict.fromkeys(neutral, CommandEffect())
+    effects = dict.fromkeys(neutral, CommandEffect())
     for window in _WINDOWS:
-        fit = _regress(_windowed(neutral, logs, position, window, self_righting=self_righting))
+        blocks = _windowed(neutral, logs, position, window, self_righting=self_righting)
+        fit = _regress(blocks, len(neutral)) if neutral else None
         if fit is None:
             break
-        gains = fit.coefficients[-count:]
-        driven = fit.target - fit.rows[:, :-count] @ fit.coefficients[:-count]
-        driven = driven - driven.mean()
-        shares = driven @ (fit.rows[:, -count:] * gains) / max(float(driven @ driven), 1e-300)
-        columns = (fit.t_statistics[-count:], shares, gains)
+        columns = (fit.t_statistics, fit.shares, fit.gains)
         for source, t_statistic, share, gain in zip(neutral, *map(np.ndarray.tolist, columns), strict=True):
             effects[source] = CommandEffect(t_statistic=t_statistic, explained_share=share, gain=gain)
         if fit.autocorrelation > _MIN_AUTOCORRELATION:
@@ -106,9 +104,9 @@ def _t_of_changes(effects: Mapping[str, CommandEffect], logs: Sequence[Log], pos
                 drives = [effect.gain * _mean_command(log[source], time) for source, effect in effects.items()]
                 before = np.diff(sum(drives, start=np.zeros(len(rate))))[1:-1]
                 blocks.append((np.column_stack((np.ones(len(before)), change[1:-1], change[:-2], before)), change[2:]))
-        fit = _regress(blocks)
+        fit = _regress(blocks, 1)
         if fit is not None:
-            return float(fit.t_statistics[3])
+            return float(fit.t_statistics[0])
     return 0.0
 
 
@@ -119,7 +117,7 @@ def response_delay(neutral: Mapping[str, float], log: Log, position: SignalGuess
     r2 = {0.0: 0.0}
     for delay in np.arange(-_MAX_CLOCK_OFFSET, _MAX_CLOCK_OFFSET + _WINDOWS[0], _WINDOWS[0]).tolist():
         moved = {source: replace(log[source], time=log[source].time + delay) for source in neutral if source in log}
-        fit = _regress(_windowed(neutral, [{**log, **moved}], position, _WINDOWS[1], self_righting=False))
+        fit = _regress(_windowed(neutral, [{**log, **moved}], position, _WINDOWS[1], self_righting=False), len(neutral))
         if fit is not None:
             r2[delay] = fit.r2
     return max(r2, key=lambda delay: r2[delay])
@@ -133,10 +131,10 @@ def mixer_directions(neutral: Mapping[str, float], logs: Sequence[Log]) -> dict[
             demand = log[YAW_DEMAND]
             outputs = [np.interp(demand.time, log[source].time, log[source].values) for source in neutral]
             blocks.append((np.column_stack((np.ones(len(demand.time)), *outputs)), np.nan_to_num(demand.values)))
-    fit = _regress(blocks) if neutral else None
+    fit = _regress(blocks, len(neutral)) if neutral else None
     if fit is None or not fit.r2 >= _MIXER_R2:
         return {}
-    shares = fit.coefficients[1:]
+    shares = fit.gains
     signs = np.where(np.abs(shares) > _MIXER_SHARE * float(np.max(np.abs(shares))), np.sign(shares), 0.0)
     return dict(zip(neutral, signs.astype(int).tolist(), strict=True))
 
@@ -160,7 +158,7 @@ def _mean_command(column: RawColumn, edges: FloatArray) -> FloatArray:
 def _windowed(
     neutral: Mapping[str, float], logs: Sequence[Log], position: SignalGuess, window: float, *, self_righting: bool
 ) -> list[tuple[FloatArray, FloatArray]]:
-    """For each log (n, 2 + k) rows of a constant, the rate before and the mean commands, and the (n,) rates.
+    """For each log (n, 3 + k) rows of a constant, the rate before, its square and the mean commands, and (n,) rates.
 
     A ``self_righting`` axis has the position as a further column in front of the commands.
     """
@@ -168,7 +166,7 @@ def _windowed(
     for log, time, rate in _rates_in(logs, position, neutral, window):
         if len(rate) < 3:
             continue
-        columns = [np.ones(len(rate) - 1), rate[:-1]]
+        columns = [np.ones(len(rate) - 1), rate[:-1], np.abs(rate[:-1]) * rate[:-1]]
         if self_righting:
             columns.append(position_at(position, log[position.source], time[1:-1]))
         for source, rest in neutral.items():
@@ -179,47 +177,71 @@ def _windowed(
 
 
 class _Regression(NamedTuple):
-    """Regression of the (n,) ``target`` on (n, k) centred ``rows``, the first column constant."""
+    """Effect of k commands on a target, beyond the other regressors."""
 
-    rows: FloatArray
-    target: FloatArray
-    coefficients: FloatArray
-    t_statistics: FloatArray
-    r2: float
-    autocorrelation: float
+    gains: FloatArray  #: (k,) coefficients of the commands.
+    t_statistics: FloatArray  #: (k,)
+    shares: FloatArray  #: (k,) shares of the variance that the commands explain.
+    r2: float  #: Of all regressors.
+    autocorrelation: float  #: Of the residuals, from row to row.
 
 
-def _regress(blocks: Sequence[tuple[FloatArray, FloatArray]]) -> _Regression | None:
-    """Least squares over all blocks of rows and targets; None for fewer than `MIN_SAMPLES` rows."""
-    if sum(len(target) for _, target in blocks) < MIN_SAMPLES:
+def _regress(blocks: Sequence[tuple[FloatArray, FloatArray]], count: int) -> _Regression | None:
+    """Least squares over all blocks of rows and targets; None for fewer than `MIN_SAMPLES` rows.
+
+    The last ``count`` columns are commands. The others, of which the first is constant, are projected out of commands
+    and target (Frisch and Waugh 1933): commands that are collinear share the effect that is left, and none of it goes
+    to the rate before, which follows the commands of a slow vehicle. The covariance of the gains is that of sums over
+    blocks of consecutive rows (Newey and West 1987), at least that of residuals with an autoregression of first order.
+    """
+    total = sum(len(target) for _, target in blocks)
+    if total < MIN_SAMPLES:
         return None
     rows = np.nan_to_num(np.concatenate([block for block, _ in blocks]))
-    y = np.concatenate([target for _, target in blocks])
-    rows[:, 1:] -= rows[:, 1:].mean(axis=0)
-    scale = np.linalg.norm(rows, axis=0)
+    target = np.concatenate([target for _, target in blocks])
+    others, commands = rows[:, :-count], rows[:, -count:]
+    scale = np.linalg.norm(others, axis=0)
+    left, sizes, _ = np.linalg.svd(others / np.where(scale > 0.0, scale, 1.0), full_matrices=False)
+    basis = left[:, sizes > _ROUNDING * sizes[0]]
+    y = target - basis @ (basis.T @ target)
+    x = commands - basis @ (basis.T @ commands)
     # Unit columns: a command in us would otherwise outweigh a command in V.
-    scale = np.where(scale > 0.0, scale, 1.0)
-    x = rows / scale
-    inverse = np.linalg.pinv(x.T @ x, rcond=_COLLINEAR)
+    norm = np.linalg.norm(x, axis=0)
+    norm = np.where(norm > _ROUNDING * np.linalg.norm(commands, axis=0), norm, np.inf)
+    x = x / norm
+    inverse = np.linalg.pinv(x.T @ x, rcond=_COLLINEAR, hermitian=True)
     values = inverse @ (x.T @ y)
-    residual = y - x @ values
-    # Effective sample size of an autoregression of first order.
-    autocorrelation = float(residual[1:] @ residual[:-1]) / max(float(residual @ residual), 1e-300)
+    driven = x @ values
+    residual = y - driven
+    squares, free = float(residual @ residual), rows.shape[1]
+    autocorrelation = float(residual[1:] @ residual[:-1]) / max(squares, 1e-300)
     positive = min(max(autocorrelation, 0.0), 0.98)
-    inflation = (1.0 + positive) / (1.0 - positive)
-    variance = inflation * float(residual @ residual) / max(len(y) - len(values), 1)
-    errors = np.sqrt(np.diag(inverse) * variance)
+    least = np.diag(inverse) * (1.0 + positive) / (1.0 - positive) * squares / max(total - free, 1)
+    starts = _block_starts([len(target) for _, target in blocks])
+    scores = np.add.reduceat(x * residual[:, None], starts, axis=0) @ inverse
+    scatter = np.sum(scores**2, axis=0) * len(starts) / max(len(starts) - free, 1)
+    errors = np.sqrt(np.maximum(least, scatter))
     # A column of zeros has no error.
     known = errors > 0.0
-    deviation = y - y.mean()
+    deviation = target - target.mean()
     return _Regression(
-        rows=rows,
-        target=y,
-        coefficients=values / scale,
+        gains=values / norm,
         t_statistics=np.where(known, values / np.where(known, errors, 1.0), 0.0),
-        r2=1.0 - float(residual @ residual) / max(float(deviation @ deviation), 1e-300),
+        shares=(driven @ x) * values / max(float(driven @ driven), 1e-300),
+        r2=1.0 - squares / max(float(deviation @ deviation), 1e-300),
         autocorrelation=autocorrelation,
     )
+
+
+def _block_starts(lengths: Sequence[int]) -> IntArray:
+    """First rows of about `_BLOCKS` blocks of equal length, none of which extends over two logs."""
+    size = max(sum(lengths) // _BLOCKS, 1)
+    firsts = np.concatenate(([0], np.cumsum(lengths)[:-1]))
+    starts = []
+    for first, length in zip(firsts.tolist(), lengths, strict=True):
+        count = max(length // size, 1)
+        starts.append(first + np.arange(count) * length // count)
+    return np.concatenate(starts)
 
 
 # ---- thrusters of rovid.toml

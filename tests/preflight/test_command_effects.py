@@ -90,6 +90,32 @@ def test_reversed_and_ineffective_thrusters_are_found() -> None:
     assert [push.is_ineffective for push in found] == [False, False, True]
 
 
+def collinear_trial(seed: int) -> Trial:
+    """A slow vehicle with quadratic drag in eddies with a memory of 15 s; its three thrusters move almost together."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(0.0, 300.0, 0.1)
+    together = np.repeat(rng.uniform(-1.0, 1.0, 12), 250)
+    own = np.column_stack([np.repeat(rng.uniform(-0.3, 0.3, 12), 250) for _ in range(3)])
+    commands = np.clip(together[:, None] * [1.0, -1.0, 0.8] + own, -1.0, 1.0)
+    rate, angle, eddy, angles = 0.0, 0.0, 0.0, np.empty(len(time))
+    for k, torque in enumerate(commands @ (100.0 * np.array([0.4, -0.4, 0.3]))):
+        angles[k] = angle
+        eddy += -eddy * 0.1 / 15.0 + rng.normal(0.0, 0.5 * np.sqrt(0.2 / 15.0))
+        rate += 0.1 * (torque + eddy - 200.0 * abs(rate) * rate - 30.0 * rate) / 1500.0
+        angle += 0.1 * rate
+    return Trial(name="a", path=Path("a"), time=time, position=angles + rng.normal(0.0, 1e-4, 3000), commands=commands)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_thrusters_that_move_almost_together_are_reversed_only_where_one_is(seed: int) -> None:
+    trials, arms = [collinear_trial(seed)], [0.4, -0.4, 0.3]
+    assert not [push.name for push in check_thrusters(trials, vehicle(*arms)) if push.is_reversed]
+    for turned in range(3):
+        signs = [-1.0 if at == turned else 1.0 for at in range(3)]
+        found = check_thrusters(trials, vehicle(*(arm * sign for arm, sign in zip(arms, signs, strict=True))))
+        assert [push.is_reversed for push in found] == [at == turned for at in range(3)]
+
+
 def write_day(sample: str, folder: Path, arm: str, count: int = -1) -> None:
     """A copy of a sample campaign with ``arm`` in place of the first ``count`` arms."""
     shutil.copytree(SAMPLES / sample, folder)
