@@ -12,7 +12,7 @@ import pytest
 from scipy.io import savemat
 
 from rovid.core.errors import LogError
-from rovid.preflight.log_survey import survey
+from rovid.preflight.log_survey import SurveyOptions, survey
 from rovid.readers import mat_reader, read_log
 from rovid.trial.trial import Trial
 from tests.readers.logs import campaign, toml
@@ -24,9 +24,8 @@ MATRIX = np.column_stack([TIME, HEADING % 360.0, np.ones(len(TIME))])
 
 def read(folder: Path, data: bytes, time: str = "t", heading: str = "heading_deg", command: str = "fore_V") -> Trial:
     form = f'heading = {{ mat = "{heading}", unit = "deg" }}'
-    config = campaign(
-        folder, toml(time=f'time = {{ mat = "{time}" }}', heading=form, command=f'{{ mat = "{command}" }}')
-    )
+    clock, drive = f'time = {{ mat = "{time}" }}', f'{{ mat = "{command}" }}'
+    config = campaign(folder, toml(time=clock, heading=form, command=drive))
     (folder / "a.mat").write_bytes(data)
     return read_log(folder / "a.mat", config)
 
@@ -70,19 +69,17 @@ def test_without_h5py_the_message_names_the_extra(tmp_path: Path, monkeypatch: p
 @pytest.mark.parametrize("matrix", [MATRIX, MATRIX.T])
 def test_columns_of_a_matrix(matrix: Any, tmp_path: Path) -> None:
     assert_run(read(tmp_path, mat({"log": matrix}), "log[0]", "log[1]", "log[2]"))
-    assert survey([tmp_path / "a.mat"], None).clock_sources == {"mat": "log[0]"}
+    options = SurveyOptions(headings=("log.1",), commands=("log[2]",))
+    found = survey([tmp_path / "a.mat"], options)
+    assert found.clock_sources == {"mat": "log[0]"}
+    assert found.mappings["mat"].measured.source == "log[1]"
 
 
 def test_structures_with_their_own_times(tmp_path: Path) -> None:
     late = np.array([0.0, 5.0, 10.0])
     thrust = {"time": late, "signals": {"values": np.ones((3, 2))}}
-    trial = read(
-        tmp_path,
-        mat({"ins": {"t": TIME, "psi": HEADING % 360.0}, "out": thrust}),
-        "ins.t",
-        "ins.psi",
-        "out.signals.values[0]",
-    )
+    data = mat({"ins": {"t": TIME, "psi": HEADING % 360.0}, "out": thrust})
+    trial = read(tmp_path, data, "ins.t", "ins.psi", "out.signals.values[0]")
     assert_run(trial)
 
 
