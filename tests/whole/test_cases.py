@@ -31,7 +31,6 @@ NOT_YET = frozenset(
         "mixed_drag_silent diagnose",
         "percent_and_volts check",
         "percent_and_volts diagnose",
-        "pwm_zero fit",
         "saturated_heading_care check",
         "saturated_heading_care fit",
     }
