@@ -95,7 +95,7 @@ def test_a_long_name_is_cut(tmp_path: Path) -> None:
 def test_joint_fits_write_the_history(rovid: Rovid, tmp_path: Path) -> None:
     day = tmp_path / "day"
     runs = (
-        Run(name="holds", pieces=(Hold(1.04, 60.0), Hold(1.94, 60.0), Hold(-1.97, 60.0))),
+        Run(name="holds", pieces=tuple(Hold(volts, 60.0) for volts in (1.04, 1.94, -1.97, -1.0, 1.5, -1.5))),
         Run(name="sine", pieces=(Sine(2.0, 2.51, 20.0, 5),)),
     )
     write_trial_day(day, seed=3, formats="csv", campaign=runs)
