@@ -13,6 +13,7 @@ from rovid.core.atomic_write import OutputFile, OutputSet
 from rovid.core.errors import LINE_LENGTH, RovidError, display_text
 from rovid.core.escaping import toml_key, toml_text
 from rovid.core.signatures import GUESSED_CURVE as GUESSED
+from rovid.preflight.drive_guess import RudderGuess
 from rovid.preflight.log_survey import FULL_THRUST, GUESSED_CURVE, LogSurvey, all_commands, output_files
 from rovid.preflight.raw_columns import SignalGuess
 from rovid.preflight.thruster_guess import ThrusterCommand
@@ -81,11 +82,16 @@ def assumptions_in(survey: LogSurvey) -> Assumptions:
         thrusters = {name: commands for name, commands in thrusters.items() if name in turning}
     items: list[str] = []
     for name, commands in thrusters.items():
+        if _is_motor(commands):
+            items.append(f"torque_constant of {name}")
+            continue
         if _is_arm_guessed(survey, commands):
             items.append(f"{survey.axis.arm_key} of {name}")
         if survey.curve_guessed:
             items.append(f"curve of {name}")
-    return Assumptions(items=tuple(items), thrusters=len(thrusters))
+    rudders = _rudders(survey)
+    items += [f"{'coefficient' if rudder.wheelbase is None else 'wheelbase'} of {name}" for name, rudder in rudders]
+    return Assumptions(items=tuple(items), thrusters=len(thrusters) + len(rudders))
 
 
 def _head(survey: LogSurvey) -> Iterator[str]:
@@ -143,11 +149,15 @@ def _thrusters(survey: LogSurvey) -> Iterator[str]:
         yield from _reasons(commands)
         yield f"{mark}[[thrusters]]"
         yield f"{mark}name = {toml_text(name)}"
+        if _is_motor(commands):
+            yield from _motor(commands)
+            continue
         yield from (f"{mark}{line}" for line in _arm(survey, commands))
         yield f"{mark}curve = {toml_text(survey.curve)}"
         if survey.curve_guessed:
             yield f"{mark}curve_guessed = {toml_text(survey.curve)}   # as above; put a bench curve into curve"
         yield f"{mark}command = {_inline_table({kind: command.source for kind, command in commands.items()})}"
+    yield from _rudder_blocks(survey)
     if "command" in survey.unrecognised:
         unit = "m" if survey.axis.angular else "share of the thrust along the axis"
         yield ""
@@ -159,6 +169,48 @@ def _thrusters(survey: LogSurvey) -> Iterator[str]:
     elif survey.axis.self_righting and not any(mapping.commands for mapping in survey.mappings.values()):
         yield ""
         yield f"# No command acts in {survey.axis.name}: each log is assumed to be a release of the tilted vehicle."
+
+
+def _is_motor(commands: Mapping[str, ThrusterCommand]) -> bool:
+    return all(command.is_motor for command in commands.values())
+
+
+def _motor(commands: Mapping[str, ThrusterCommand]) -> Iterator[str]:
+    """Lines of a motor with a constant, given by format."""
+    sign = next((one.direction for one in commands.values() if one.direction), 1)
+    largest = max(abs(bound) for one in commands.values() for bound in (one.lowest, one.highest))
+    yield f"torque_constant = {sign:.1f}            # N m per unit of the command: not in the logs"
+    yield f"torque_constant_guessed = {sign:.1f}    # a guess as long as both are equal; times and ratios hold"
+    yield f"max_command = {1.0 if 0.3 < largest <= 1.0 else largest:.10g}"
+    yield f"command = {_inline_table({kind: command.source for kind, command in commands.items()})}"
+
+
+def _rudders(survey: LogSurvey) -> list[tuple[str, RudderGuess]]:
+    """Name and guess of each rudder; that of the first format that has it."""
+    named: dict[str, RudderGuess] = {}
+    for mapping in survey.mappings.values():
+        for rudder in mapping.rudders:
+            named.setdefault(rudder.name, rudder)
+    return list(named.items())
+
+
+def _rudder_blocks(survey: LogSurvey) -> Iterator[str]:
+    for name, rudder in _rudders(survey):
+        yield ""
+        angles = {
+            kind: one.angle for kind, mapping in survey.mappings.items() for one in mapping.rudders if one.name == name
+        }
+        yield from _reasons(angles)
+        yield "[[rudders]]"
+        yield f"name = {toml_text(name)}"
+        yield f"angle = {_source_table(angles)}"
+        yield f"speed = {toml_text(rudder.speed)}"
+        if rudder.wheelbase is None:
+            yield "# coefficient =       # N m s^2/(m^2 rad): not in the logs; times and ratios hold without it"
+        else:
+            origin = "speed times tan(angle) over the yaw rate of these logs"
+            yield f"wheelbase = {rudder.wheelbase:g}            # m: {origin}"
+            yield f"wheelbase_guessed = {rudder.wheelbase:g}    # a guess as long as both are equal"
 
 
 def _by_name(survey: LogSurvey) -> dict[str, dict[str, ThrusterCommand]]:
@@ -209,13 +261,7 @@ def _signals(survey: LogSurvey) -> Iterator[str]:
             named.setdefault(name, {})[kind] = signal
     for name, guesses in named.items():
         yield from _reasons(guesses)
-        first = next(iter(guesses.values()))
-        entries: dict[str, str | int] = {kind: guess.source for kind, guess in guesses.items()}
-        if first.unit:
-            entries["unit"] = first.unit
-        if first.sign < 0:
-            entries["sign"] = -1
-        yield f"{toml_key(name)} = {_inline_table(entries)}"
+        yield f"{toml_key(name)} = {_source_table(guesses)}"
     if survey.axis.position_signal in survey.unrecognised:
         unit_name = "deg" if survey.axis.angular else "m"
         yield f'# {survey.axis.position_signal} = {{ {next(iter(survey.mappings))} = "COLUMN", unit = "{unit_name}" }}'
@@ -263,6 +309,17 @@ def _exclusions(survey: LogSurvey) -> Iterator[str]:
         if math.isfinite(exclusion.end):
             yield f"to = {exclusion.end:.10g}"
         yield f"reason = {toml_text(exclusion.reason)}"
+
+
+def _source_table(guesses: Mapping[str, SignalGuess]) -> str:
+    """Inline table of one signal, given by format."""
+    first = next(iter(guesses.values()))
+    entries: dict[str, str | int] = {kind: guess.source for kind, guess in guesses.items()}
+    if first.unit:
+        entries["unit"] = first.unit
+    if first.sign < 0:
+        entries["sign"] = -1
+    return _inline_table(entries)
 
 
 def _inline_table(values: Mapping[str, str | int] | Mapping[str, str]) -> str:

@@ -71,11 +71,12 @@ class UserOverrides:
         missing = []
         if not {"heading", "yaw_rate"} & {*signals}:
             missing.append("heading")
-        if not commands and "torque" not in signals:
+        rudders = tuple(one for one in guessed.rudders if one.speed in signals and one.angle.source not in taken)
+        mapping = ColumnMapping(signals=signals, commands=commands, rudders=rudders, remarks=guessed.remarks)
+        if not mapping.actuation:
             missing.append("command")
-        taken |= {command.source for command in commands}
-        unused = tuple(source for source in (*guessed.sources, *guessed.unused) if source not in taken)
-        return ColumnMapping(signals=signals, commands=commands, missing=tuple(missing), unused=unused)
+        unused = tuple(one for one in (*guessed.sources, *guessed.unused) if one not in mapping.sources)
+        return replace(mapping, missing=tuple(missing), unused=unused)
 
     def _overridden(self, command: ThrusterCommand) -> ThrusterCommand:
         command = replace(command, name=self.names.get(command.source) or command.name)
@@ -124,7 +125,9 @@ class LogSurvey:
     @property
     def unknown_directions(self) -> tuple[str, ...]:
         """Sources of commands with an unknown direction."""
-        return tuple(command.source for command in all_commands(self.mappings) if not command.direction_known)
+        rudders = (rudder for mapping in self.mappings.values() for rudder in mapping.rudders)
+        unknown = [rudder.angle.source for rudder in rudders if not rudder.direction_known]
+        return (*(one.source for one in all_commands(self.mappings) if not one.direction_known), *unknown)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -183,7 +186,8 @@ def survey_read_logs(
     if overrides is not None:
         mappings = overrides.apply_to(mappings)
     commands = list(all_commands(mappings))
-    curve, new_curve, is_guess = _thrust_curve(read.folder, commands, profile, read.problems)
+    driven = [command for command in commands if not command.is_motor]
+    curve, new_curve, is_guess = _thrust_curve(read.folder, driven, profile, read.problems)
     measured = [mapping.measured for mapping in mappings.values() if mapping.signals]
     return LogSurvey(
         folder=read.folder,
@@ -201,6 +205,7 @@ def survey_read_logs(
             *dict.fromkeys(read.problems),
             *(f"{one.source} is taken for the heading: {one.reason}." for one in measured if UNNAMED in one.reason),
             *(command.contradiction for command in commands if command.contradiction),
+            *(remark for mapping in mappings.values() for remark in mapping.remarks),
             *_incomplete_logs(read, mappings),
         ),
         overrides=overrides or UserOverrides(),
@@ -273,6 +278,7 @@ def _incomplete_logs(read: LogsRead, mappings: Mapping[str, ColumnMapping]) -> I
     for kind, mapping in mappings.items():
         turning = [command for command in mapping.commands if command.direction]
         mapped = [one.source for one in (*mapping.signals.values(), *(turning or mapping.commands))]
+        mapped += [rudder.angle.source for rudder in mapping.rudders]
         for name, log in zip(read.names[kind], read.logs[kind], strict=True):
             lacking = [source for source in mapped if source not in log]
             if lacking:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -50,6 +50,25 @@ _NOT_COMMAND = (
 )
 _NOT_THRUSTER_VOLTAGE = word_list("supply", "not_thruster_voltage")
 _ENDS_IN_NEWTON_METRES = re.compile(r"N[ ·*]?m\W*$")
+# Word in a name -> unit.
+_UNITS = {"deg": "deg", "degrees": "deg", "grad": "deg", "rad": "rad", "radians": "rad", "dps": "deg/s", "rps": "rad/s"}
+# Unit -> pattern of a name that ends in it.
+_UNIT_ENDINGS: Mapping[str, re.Pattern[str]] = {
+    unit: re.compile(rf"(?:^|[^A-Za-z]|(?<=[a-z])(?=[A-Z]))(?i:{ends})\W*$")
+    for unit, ends in {
+        "mm/s": "mm/s|mm_s|mmps",
+        "cm/s": "cm/s|cm_s|cmps",
+        "m/s": "m/s|m_s|mps|m s-1",
+        "kn": "kn|kt|kts|knots|knoten|noeuds|nudos|knop",
+        "deg/s": "deg/s|deg_s|dps|°/s|grad/s|grad_s",
+        "rad/s": "rad/s|rad_s|rps",
+        "mm": "mm",
+        "cm": "cm",
+        "m": "m",
+        "deg": "deg|degrees|grad|grader|grados|°",
+        "rad": "rad|radians",
+    }.items()
+}
 # The unit of another quantity at the end of a name.
 _OTHER_UNIT = re.compile(
     r"(?:[^A-Za-z](?:A|W|C|K|bar|degC|m|m/s|kn|deg|grad|rad)|[^A-Za-z]?(?i:dps|deg/s|rad/s|rad_s|°/s))\W*$"
@@ -151,6 +170,17 @@ def may_be_command(source: str, words: set[str]) -> bool:
 def has_other_unit(source: str) -> bool:
     """Whether a name ends in a unit that no thruster command has."""
     return bool(_OTHER_UNIT.search(source))
+
+
+def named_unit(source: str) -> str:
+    """Unit of an angle or of its rate, from a word of the name; empty without one."""
+    words = name_words(source)
+    return next((unit for word, unit in _UNITS.items() if word in words), "")
+
+
+def ending_unit(source: str) -> str:
+    """Unit of a motion in which the name ends; empty without one."""
+    return next((unit for unit, ending in _UNIT_ENDINGS.items() if ending.search(source)), "")
 
 
 def is_torque(source: str, values: FloatArray) -> bool:

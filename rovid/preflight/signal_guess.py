@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rovid.core.array_types import FloatArray
+from rovid.preflight.axis_guess import axis_signals
 from rovid.preflight.command_effects import CommandEffect, command_effects
+from rovid.preflight.drive_guess import RudderGuess, guess_rudder, guess_shaft, lone_yaw_rate, rate_unit
 from rovid.preflight.raw_columns import (
     COMMAND,
     FULL_TURN,
@@ -17,7 +18,6 @@ from rovid.preflight.raw_columns import (
     MIN_SAMPLES,
     NOT_HEADING,
     RATE,
-    SIDE,
     SUPPLY,
     VOLTAGE,
     RawColumn,
@@ -28,56 +28,24 @@ from rovid.preflight.raw_columns import (
     is_yaw_rate,
     may_be_heading,
     mean_rates,
+    named_unit,
     word_list,
 )
 from rovid.preflight.thruster_guess import Columns, GuessHints, ThrusterCommand, guess_thrusters
-from rovid.trial.axis import YAW, Axis
+from rovid.trial.axis import YAW
 from rovid.trial.signal_names import HEADING_WORDS, YAW_RATE_WORDS, is_per_second, name_words
 
-# Word in a name -> unit.
-_UNITS = {"deg": "deg", "degrees": "deg", "grad": "deg", "rad": "rad", "radians": "rad", "dps": "deg/s", "rps": "rad/s"}
+# Signals that drive the vehicle.
+_DRIVES = ("torque", "yaw_rate_order")
 # Part of the reason of a heading that only its values reveal.
 UNNAMED = "no column is named a heading"
 # V or mV, range of the median of a supply.
 _SUPPLY_RANGE = (3.0, 1e5)
 _NOT_VOLTAGE = word_list("supply", "not_voltage") | COMMAND
-# rad/s, limit of a yaw rate without a unit: two turns a second; decision.
-_FASTEST = 4.0 * np.pi
 # Minimum correlation of a gyro with the rate of the heading.
 _CORRELATED = 0.7
 _TILTS = {"roll": word_list("yaw", "roll"), "pitch": word_list("yaw", "pitch")}
 _NOT_TILT = NOT_HEADING | RATE | YAW_RATE_WORDS | COMMAND
-
-# ---- axes but yaw
-_NOT_MEASURED = word_list("axis", "not_measured") | COMMAND | SIDE
-_SPEED = word_list("axis", "speed")
-_DEPTH = word_list("axis", "depth")
-_HEIGHT = word_list("axis", "height")
-_OVER_GROUND = word_list("axis", "over_ground")
-# Directions in which thrusters act: they need a unit or a word of speed.
-_DIRECTION = word_list("axis", "direction")
-_AXIS_WORDS = {name: word_list("axis", name) for name in ("surge", "sway", "roll", "pitch")}
-_AXIS_WORDS["heave"] = word_list("axis", "heave", "depth", "height")
-# Letters that name an axis in a column with the unit of a velocity.
-_LETTERS = {"surge": "ux", "sway": "vy", "heave": "wz", "roll": "p", "pitch": "q"}
-_UNIT_ENDINGS: Mapping[str, re.Pattern[str]] = {
-    unit: re.compile(rf"(?:^|[^A-Za-z]|(?<=[a-z])(?=[A-Z]))(?i:{ends})\W*$")
-    for unit, ends in {
-        "mm/s": "mm/s|mm_s|mmps",
-        "cm/s": "cm/s|cm_s|cmps",
-        "m/s": "m/s|m_s|mps|m s-1",
-        "kn": "kn|kt|kts|knots|knoten|noeuds|nudos|knop",
-        "deg/s": "deg/s|deg_s|dps|°/s|grad/s|grad_s",
-        "rad/s": "rad/s|rad_s|rps",
-        "mm": "mm",
-        "cm": "cm",
-        "m": "m",
-        "deg": "deg|degrees|grad|grader|grados|°",
-        "rad": "rad|radians",
-    }.items()
-}
-_VELOCITY_UNITS = {"mm/s", "cm/s", "m/s", "kn", "deg/s", "rad/s"}
-_ANGULAR_UNITS = {"deg", "rad", "deg/s", "rad/s"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,9 +54,11 @@ class ColumnMapping:
 
     signals: Mapping[str, SignalGuess]  #: Name in rovid.toml -> source, the signal that measures the motion first.
     commands: tuple[ThrusterCommand, ...]
+    rudders: tuple[RudderGuess, ...] = ()
     #: Kinds of required columns that were not recognised: the position along the axis, "command".
     missing: tuple[str, ...] = ()
     unused: tuple[str, ...] = ()  #: Sources without a meaning.
+    remarks: tuple[str, ...] = ()  #: Other choices of columns.
 
     @property
     def measured(self) -> SignalGuess:
@@ -98,13 +68,19 @@ class ColumnMapping:
     @property
     def sources(self) -> list[str]:
         """Sources of all signals and commands."""
-        return [signal.source for signal in self.signals.values()] + [command.source for command in self.commands]
+        angles = [rudder.angle.source for rudder in self.rudders]
+        commands = [command.source for command in self.commands]
+        return [signal.source for signal in self.signals.values()] + commands + angles
+
+    def of(self, columns: Iterable[str]) -> ColumnMapping:
+        """The mapping with the sources among ``columns`` that have no meaning."""
+        return replace(self, unused=tuple(source for source in columns if source not in self.sources))
 
     @property
     def actuation(self) -> set[str]:
-        """Sources of the commands, and of a torque."""
-        torque = [signal.source for name, signal in self.signals.items() if name == "torque"]
-        return {*torque, *(command.source for command in self.commands)}
+        """Sources of the commands, of steering angles, and of a logged drive."""
+        drives = [signal.source for name, signal in self.signals.items() if name in _DRIVES]
+        return {*drives, *(command.source for command in self.commands), *(one.angle.source for one in self.rudders)}
 
 
 def map_columns(logs: Sequence[Mapping[str, RawColumn]], hints: GuessHints | None = None) -> ColumnMapping:
@@ -119,27 +95,54 @@ def map_columns(logs: Sequence[Mapping[str, RawColumn]], hints: GuessHints | Non
     if hints.axis is YAW:
         signals = _yaw_signals(columns, shared, logs, hints.heading)
         position = signals.get("heading") or signals.get("yaw_rate")
+        is_vehicle = "heading" in signals or (position is not None and is_yaw_rate(position.source))
+        if not is_vehicle and (shaft := guess_shaft(columns, logs, hints.heading, hints.commands)) is not None:
+            return ColumnMapping(signals=shaft.signals, commands=shaft.commands, remarks=shaft.remarks).of(columns)
     else:
-        signals = _axis_signals(hints.axis, columns, shared, hints.heading)
+        signals = axis_signals(hints.axis, columns, shared, hints.heading)
         position = next(iter(signals.values()), None)
     supply = _supply(shared, {signal.source for signal in signals.values()} | {*hints.commands})
     if supply is not None:
         signals["supply_voltage"] = SignalGuess(source=supply, reason="named so; the diagnosis tests for its influence")
     taken = {signal.source for signal in signals.values()}
     free = {source: logged for source, logged in columns.items() if source not in taken}
-    commands = guess_thrusters(free, logs, position, hints)
+    rudders, commands = _drives(free, logs, position, hints, signals)
     if hints.axis.self_righting and not any(command.direction for command in commands):
         # The vehicle was tilted and released.
         commands = ()
-    if not commands and hints.axis is YAW and (torque := _torque(free, logs, position)) is not None:
+    if not commands and not rudders and hints.axis is YAW and (torque := _torque(free, logs, position)) is not None:
         signals["torque"] = torque
     missing = []
     if position is None:
         missing.append(hints.axis.position_signal)
-    if not (commands or "torque" in signals or hints.axis.self_righting):
+    if not (commands or rudders or "torque" in signals or hints.axis.self_righting):
         missing.append("command")
-    mapping = ColumnMapping(signals=signals, commands=commands, missing=tuple(missing))
-    return replace(mapping, unused=tuple(source for source in columns if source not in mapping.sources))
+    mapping = ColumnMapping(signals=signals, commands=commands, rudders=rudders, missing=tuple(missing))
+    return mapping.of(columns)
+
+
+def _drives(
+    free: Columns,
+    logs: Sequence[Mapping[str, RawColumn]],
+    position: SignalGuess | None,
+    hints: GuessHints,
+    signals: dict[str, SignalGuess],
+) -> tuple[tuple[RudderGuess, ...], tuple[ThrusterCommand, ...]]:
+    """Rudders and thrusters among ``free`` columns; the speed at a rudder is added to ``signals``."""
+    torques = [source for source, logged in free.items() if is_torque(source, finite_values(logged))]
+    found = None
+    if hints.axis is YAW and position is not None and not hints.outputs and not torques:
+        found = guess_rudder(free, logs, position, hints.commands)
+    if found is None:
+        return (), guess_thrusters(free, logs, position, hints)
+    rudder, speed = found
+    others = {one: logged for one, logged in free.items() if one not in {rudder.angle.source, speed.source}}
+    # A propeller in front of the rudder turns nothing.
+    commands = tuple(one for one in guess_thrusters(others, logs, position, hints) if one.direction)
+    if commands and not rudder.direction_known:
+        return (), guess_thrusters(free, logs, position, hints)
+    signals[rudder.speed] = speed
+    return (rudder,), commands
 
 
 def _supply(shared: Columns, taken: set[str]) -> str | None:
@@ -191,13 +194,13 @@ def _yaw_signals(
     heading = None
     if not chosen:
         heading = _heading(columns)
-    elif chosen in columns and not is_yaw_rate(chosen):
+    elif chosen in columns and not is_yaw_rate(chosen) and not rate_unit(chosen):
         unit, reason = _angle_unit(chosen, columns[chosen])
         if _is_planar(chosen, columns):
             unit, reason = "rad", "the angle of a planar pose"
         heading = SignalGuess(source=chosen, unit=unit, reason=f"given; {reason}") if unit else None
     guesses = {"heading": heading}
-    guesses["yaw_rate"] = _lone_yaw_rate(columns, chosen) if heading is None else _yaw_rate(shared, logs, heading)
+    guesses["yaw_rate"] = lone_yaw_rate(columns, chosen) if heading is None else _yaw_rate(shared, logs, heading)
     for name, words in _TILTS.items():
         guesses[name] = _tilt(shared, words, heading)
     return {name: guess for name, guess in guesses.items() if guess is not None}
@@ -252,11 +255,6 @@ def turn_of_heading(column: RawColumn) -> float | None:
     return FULL_TURN.get(unit)
 
 
-def _named_unit(source: str) -> str:
-    words = name_words(source)
-    return next((unit for word, unit in _UNITS.items() if word in words), "")
-
-
 def _angle_unit(source: str, logged: Sequence[RawColumn]) -> tuple[str, str]:
     """Unit of a heading and the reason; empty for constant or too few values."""
     values = finite_values(logged)
@@ -269,7 +267,7 @@ def _angle_unit(source: str, logged: Sequence[RawColumn]) -> tuple[str, str]:
         within = -1.01 * turn / 2 <= low and high <= 1.01 * turn
         if within and np.any(np.abs(steps - turn) < 0.1 * turn):
             return unit, f"{span}, and it jumps by {turn:.4g}, a whole turn"
-    named = _named_unit(source)
+    named = named_unit(source)
     if named in FULL_TURN:
         return named, f"{span}; the unit by its name"
     if max(-low, high) > 1.01 * FULL_TURN["rad"]:
@@ -286,7 +284,7 @@ def _tilt(columns: Columns, known: frozenset[str], heading: SignalGuess | None) 
         values = finite_values(logged)
         if len(values) < MIN_SAMPLES:
             continue
-        unit, reason = _named_unit(source), ""
+        unit, reason = named_unit(source), ""
         if not unit and float(np.max(np.abs(values))) > 0.5 * np.pi:
             unit, reason = "deg", ", more than upright in radians"
         elif not unit:
@@ -320,23 +318,6 @@ def _yaw_rate(columns: Columns, logs: Sequence[Mapping[str, RawColumn]], heading
     return None
 
 
-def _lone_yaw_rate(columns: Columns, chosen: str) -> SignalGuess | None:
-    """A yaw rate by its name, or ``chosen`` by the user, where no heading is logged; its unit by name or values."""
-    for source in [chosen] if chosen in columns else filter(is_yaw_rate, columns):
-        values = finite_values(columns[source])
-        if len(values) < MIN_SAMPLES or not np.ptp(values) > 0.0:
-            continue
-        unit = next((unit for unit in ("deg/s", "rad/s") if _UNIT_ENDINGS[unit].search(source)), "")
-        reason = "given" if chosen else "named so"
-        reason = f"{reason}; {_range(values)}; no heading is logged"
-        if not unit:
-            # rad/s, faster than vehicles turn.
-            unit = "deg/s" if float(np.max(np.abs(values))) > _FASTEST else "rad/s"
-            reason += f"; assumed to be in {unit}"
-        return SignalGuess(source=source, unit=unit, reason=reason, is_rate=True)
-    return None
-
-
 def _paired_rates(log: Mapping[str, RawColumn], heading: SignalGuess, source: str) -> FloatArray:
     """(2, n) mean rates of the heading, and the values of ``source`` in the middles of their windows."""
     time, rate = mean_rates(heading, log[heading.source])
@@ -345,65 +326,3 @@ def _paired_rates(log: Mapping[str, RawColumn], heading: SignalGuess, source: st
     if not known.any() or not rate.size:
         return np.empty((2, 0))
     return np.array([rate, np.interp(0.5 * (time[1:] + time[:-1]), gyro.time[known], gyro.values[known])])
-
-
-# ---- the other axes
-
-
-def _axis_signals(axis: Axis, columns: Columns, shared: Columns, chosen: str) -> dict[str, SignalGuess]:
-    """Position and velocity along ``axis`` by name and unit; the user may have ``chosen`` one of them."""
-    best: dict[str, tuple[int, SignalGuess]] = {}
-    for source, logged in columns.items():
-        if chosen and source != chosen and not axis.self_righting:
-            continue
-        values = finite_values(logged)
-        if len(values) < MIN_SAMPLES or not np.ptp(values) > 0.0:
-            continue
-        words = name_words(source)
-        unit = next((unit for unit, ending in _UNIT_ENDINGS.items() if ending.search(source)), "")
-        rank = 9 if source == chosen else _axis_rank(axis, words, unit)
-        if rank:
-            name, guess = _axis_signal(axis, source, words, unit, values)
-            if name not in best or rank > best[name][0]:
-                best[name] = (rank, guess)
-    if axis.angular and axis.position_signal not in best:
-        return {}
-    found = {name: best[name][1] for name in (*axis.position_signals, axis.rate_signal) if name in best}
-    first = next(iter(found), None)
-    return {name: guess for name, guess in found.items() if name == first or guess.source in shared}
-
-
-def _axis_rank(axis: Axis, words: set[str], unit: str) -> int:
-    """Rank of a column as a measurement along ``axis`` by its name; 0 for other quantities."""
-    named = words & _AXIS_WORDS[axis.name]
-    if words & _NOT_MEASURED:
-        return 0
-    if axis.angular:
-        return 3 if named and (not unit or unit in _ANGULAR_UNITS) else 0
-    if unit in _ANGULAR_UNITS:
-        return 0
-    if named - _DIRECTION or (named and (unit or words & _SPEED)):
-        return 3
-    if words & set(_LETTERS[axis.name]) and (unit in _VELOCITY_UNITS or words & _SPEED):
-        return 2
-    return int(axis.name == "surge" and bool(words & _OVER_GROUND) and (not unit or unit in _VELOCITY_UNITS))
-
-
-def _axis_signal(axis: Axis, source: str, words: set[str], unit: str, values: FloatArray) -> tuple[str, SignalGuess]:
-    """Name of the signal in rovid.toml, and the guess."""
-    is_rate = unit in _VELOCITY_UNITS or (not unit and bool(words & (_SPEED | _OVER_GROUND)) and not words & _DEPTH)
-    name = axis.rate_signal if is_rate else axis.position_signal
-    if axis.name == "heave" and not is_rate and not words & (_DEPTH | _HEIGHT):
-        name = "heave_position"
-    sign, reason = 1, f"named so; {_range(values)}"
-    if unit:
-        detail = "; the unit by its name"
-    elif not axis.angular:
-        unit, detail = "m/s" if is_rate else "m", ""
-    elif float(np.max(np.abs(values))) > 0.5 * np.pi:
-        unit, detail = "deg" + "/s" * is_rate, "; more than upright in radians"
-    else:
-        unit, detail = "rad" + "/s" * is_rate, "; assumed to be in radians"
-    if words & _HEIGHT and not is_rate:
-        sign, reason = -1, f"{reason}; a height, converted to a depth"
-    return name, SignalGuess(source=source, unit=unit, sign=sign, reason=reason + detail, is_rate=is_rate)

@@ -75,6 +75,7 @@ class ThrusterCommand:
     observed: CommandEffect = field(default_factory=CommandEffect)  #: Effect on the motion in the logs.
     contradiction: str = ""  #: Warning if the logs contradict ``direction``; else empty.
     arm_measured: bool = False  #: Whether the user gave the arm.
+    is_motor: bool = False  #: Whether the torque is a constant times the command.
 
 
 def guess_thrusters(

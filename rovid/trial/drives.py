@@ -15,7 +15,7 @@ CONSTANTS: Mapping[str, int] = {"thrust_constant": 2, "torque_constant": 1}
 # Key of a motor's constant -> required keys of a thruster that the constant replaces.
 REPLACED: Mapping[str, tuple[str, ...]] = {"thrust_constant": ("curve",), "torque_constant": ("curve", "arm")}
 MOTOR_KEYS = (*CONSTANTS, *(f"{key}_guessed" for key in CONSTANTS), "max_command")
-RUDDER_KEYS = ("name", "angle", "coefficient", "wheelbase", "speed")
+RUDDER_KEYS = ("name", "angle", "coefficient", "wheelbase", "wheelbase_guessed", "speed")
 # Suffix of the signal that is the order of a rate controller: yaw_rate_order.
 ORDER_SUFFIX = "_order"
 
@@ -27,6 +27,9 @@ class ValueParser(Protocol):
 
     def error(self, place: str, message: str, mend: str = "") -> ConfigError:
         """The error at this place of the file."""
+
+    def is_guessed(self, block: Mapping[str, Any], key: str, place: str) -> bool:
+        """Whether the value is an unconfirmed guess of `rovid init`."""
 
     def number(self, value: Any, place: str, *, positive: bool = False) -> float:
         """The value as a number."""
@@ -91,7 +94,7 @@ def steered(block: Mapping[str, Any], name: str, signals: Collection[str], parse
         scale_key=key,
         steering=Steering(speed=speed, size=size, wheels=wheels),
         is_rate_order=wheels,
-        arm_guessed=key not in block,
+        arm_guessed=key not in block or parser.is_guessed(block, key, place),
     )
 
 

@@ -11,7 +11,7 @@ from rovid.trial.axis import AXES
 
 # Unit -> factor to SI. A thruster command keeps the unit of its bench curve.
 ANGLE_UNITS = {"deg": math.pi / 180.0, "rad": 1.0}
-ANGULAR_RATE_UNITS = {"deg/s": math.pi / 180.0, "rad/s": 1.0}
+ANGULAR_RATE_UNITS = {"deg/s": math.pi / 180.0, "rad/s": 1.0, "rpm": math.pi / 30.0}
 TORQUE_UNITS = {"N m": 1.0, "kN m": 1000.0}
 FORCE_UNITS = {"N": 1.0, "kN": 1000.0}
 LENGTH_UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}

@@ -242,6 +242,8 @@ def show_survey(console: Console, survey: LogSurvey, written: Sequence[Path]) ->
             table.add_row(name, signal_guess.source, signal_guess.unit, signal_guess.reason)
         for command in mapping.commands:
             table.add_row(f"command of {command.name}", command.source, "", command.reason)
+        for rudder in mapping.rudders:
+            table.add_row(f"angle of {rudder.name}", rudder.angle.source, rudder.angle.unit, rudder.angle.reason)
     console.print(table)
     show_warnings(console, survey.warnings)
     for path in written:
