@@ -99,6 +99,7 @@ def control(
             generators[OutputFile(path, signature)] = source
     outputs = reserve_outputs(list(generators), paths, stored.path, force=force)
     study = open_logs(paths, None, stored.axis)
+    study.vehicle.require_no_rudder("the controller")
     study.require_effects(model.effects)
     remarks, assumptions = require_usable(stored, study, force=force)
     conditions = loop_conditions(options, model, study.position_noise(), study.median_torque())

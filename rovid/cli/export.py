@@ -70,6 +70,7 @@ def export(
     study = None
     if stored.logs and all(path.exists() for path in stored.logs):
         study = open_logs(stored.logs, None, stored.axis)
+        study.vehicle.require_no_rudder("the format")
     remarks, assumptions = require_usable(stored, study, force=force)
     with progress("Simulating …"):
         exported = verified_export(exporter, replace(export_input(stored, study), guess=assumptions))

@@ -85,6 +85,7 @@ def plan(
     commands, picture = OutputFile(output, PLAN), OutputFile(output.with_suffix(".png"), png_signature("plan"))
     outputs = reserve_outputs([commands, picture], paths, stored.path, force=force)
     study = open_logs(paths, None, stored.axis)
+    study.vehicle.require_no_rudder("a run of commands")
     factor = math.pi / 180.0 if stored.axis.angular else 1.0
     limits = RunLimits(
         share=share,

@@ -202,7 +202,7 @@ def _yaw_signals(
     guesses = {"heading": heading}
     guesses["yaw_rate"] = lone_yaw_rate(columns, chosen) if heading is None else _yaw_rate(shared, logs, heading)
     for name, words in _TILTS.items():
-        guesses[name] = _tilt(shared, words, heading)
+        guesses[name] = _tilt(shared, name, words, heading)
     return {name: guess for name, guess in guesses.items() if guess is not None}
 
 
@@ -275,11 +275,12 @@ def _angle_unit(source: str, logged: Sequence[RawColumn]) -> tuple[str, str]:
     return "rad", f"{span}: assumed to be radians, because it stays within a turn"
 
 
-def _tilt(columns: Columns, known: frozenset[str], heading: SignalGuess | None) -> SignalGuess | None:
-    """Roll or pitch by its name."""
+def _tilt(columns: Columns, name: str, known: frozenset[str], heading: SignalGuess | None) -> SignalGuess | None:
+    """Roll or pitch by its name; "phi_p" is no roll."""
+    unwanted = _NOT_TILT | ({"r", "p", "y"} - {name[0]})
     for source, logged in columns.items():
         words = name_words(source)
-        if not words & known or words & _NOT_TILT or is_error_or_order(source) or _is_planar(source, columns):
+        if not words & known or words & unwanted or is_error_or_order(source) or _is_planar(source, columns):
             continue
         values = finite_values(logged)
         if len(values) < MIN_SAMPLES:

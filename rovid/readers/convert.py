@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from rovid.readers.raw_log import require_library
 from rovid.trial.config import Config
 from rovid.trial.signal_names import ANGLE_UNITS, SIGNAL_UNITS
 from rovid.trial.trial import Trial
+from rovid.trial.vehicle import Thruster
 
 _SUFFIXES = (".csv", ".mcap", ".parquet")
 _TOPIC = "/trial"
@@ -63,11 +65,9 @@ def output_at(target: Path, log: Path) -> OutputFile:
 
 def convert(log: Path, config: Config, target: Path) -> Converted:
     """``log`` as read by rovid, in order of time and without faulty values, in the format of ``target``."""
-    steered = [thruster.name for thruster in config.vehicle.thrusters if thruster.steering is not None]
-    if steered:
-        text = f"needs the angle of {steered[0]}, but a log is read as its torque; such a log cannot be converted."
-        raise ConfigError(text, where=log, mend="Give rovid the log as it is.")
-    trial = read_log(log, config)
+    # The new log holds the angle of a rudder, not the torque that follows from it.
+    thrusters = tuple(replace(thruster, steering=None) for thruster in config.vehicle.thrusters)
+    trial = read_log(log, replace(config, vehicle=replace(config.vehicle, thrusters=thrusters)))
     columns = _columns(trial, config)
     kind = target.suffix.lower().removeprefix(".")
     if kind == "mcap":
@@ -82,7 +82,7 @@ def convert(log: Path, config: Config, target: Path) -> Converted:
         else:
             # 14 digits: further digits, beyond 1 ns in a day and 1 ndeg, are rounding errors.
             content = frame.to_csv(index=False, float_format="%.14g", lineterminator="\n").encode()
-    return Converted(trial=trial, content=content, mapping=_mapping(columns, kind))
+    return Converted(trial=trial, content=content, mapping=_mapping(columns, kind, config))
 
 
 def _columns(trial: Trial, config: Config) -> list[_Column]:
@@ -97,11 +97,14 @@ def _columns(trial: Trial, config: Config) -> list[_Column]:
     for command, values in zip(config.commands, trial.commands.T, strict=True):
         signals[command.name] = values
     columns: dict[str, _Column] = {}
+    steered = {
+        command.name for command, one in zip(config.commands, config.vehicle.thrusters, strict=True) if one.steering
+    }
     for signal, found in {**signals, **trial.extras}.items():
         if found is None or not np.isfinite(found).any():
             continue
         # SI, but degrees for angles; a user's own signal keeps its unknown unit.
-        units = SIGNAL_UNITS.get(signal, {})
+        units = ANGLE_UNITS if signal in steered else SIGNAL_UNITS.get(signal, {})
         unit = "deg" if units is ANGLE_UNITS else next((unit for unit, factor in units.items() if factor == 1.0), "")
         values = found
         if unit == "deg":
@@ -114,8 +117,9 @@ def _columns(trial: Trial, config: Config) -> list[_Column]:
     return list(columns.values())
 
 
-def _mapping(columns: list[_Column], kind: str) -> str:
-    """[[thrusters]] and [signals] for the new log."""
+def _mapping(columns: list[_Column], kind: str, config: Config) -> str:
+    """[[thrusters]], [[rudders]] and [signals] for the new log."""
+    rudders = {thruster.name: thruster for thruster in config.vehicle.thrusters if thruster.steering is not None}
 
     def source(column: _Column) -> str:
         place = f"{_TOPIC}.{column.name}" if kind == "mcap" else column.name
@@ -128,9 +132,26 @@ def _mapping(columns: list[_Column], kind: str) -> str:
     signals = ["[signals]", f'time = {{ {kind} = "{clock}" }}']
     for column in columns:
         if column.signal.startswith(_COMMAND):
-            name = toml_text(column.signal.removeprefix(_COMMAND))
-            lines += ["[[thrusters]]", f"name = {name}", f"command = {source(column)}", ""]
+            name = column.signal.removeprefix(_COMMAND)
+            block, key = ("[[rudders]]", "angle") if name in rudders else ("[[thrusters]]", "command")
+            lines += [block, f"name = {toml_text(name)}", f"{key} = {source(column)}"]
+            if name in rudders:
+                lines += _rudder_lines(rudders[name])
+            lines.append("")
         else:
             key = column.signal if _BARE_KEY.fullmatch(column.signal) else toml_text(column.signal)
             signals.append(f"{key} = {source(column)}")
     return "\n".join([*lines, *signals]) + "\n"
+
+
+def _rudder_lines(rudder: Thruster) -> Iterator[str]:
+    """Speed and size of a rudder; a guess remains one."""
+    steering = rudder.steering
+    if steering is None:
+        return
+    yield f"speed = {toml_text(steering.speed)}"
+    size = f"{steering.size:.10g}"
+    if steering.wheels or not rudder.arm_guessed:
+        yield f"{rudder.scale_key} = {size}"
+    if steering.wheels and rudder.arm_guessed:
+        yield f"{rudder.scale_key}_guessed = {size}"

@@ -181,6 +181,22 @@ class Vehicle:
             items += [f"curve of {thruster.name}"] * thruster.curve_guessed
         return Assumptions(items=tuple(items), thrusters=len(self.thrusters))
 
+    def require_no_rudder(self, purpose: str) -> None:
+        """Refuse a ``purpose`` that needs the torque of each command alone.
+
+        Raises
+        ------
+        ConfigError
+            There is a rudder, whose torque depends on the speed.
+        """
+        rudder = next((thruster.name for thruster in self.thrusters if thruster.steering is not None), "")
+        if rudder:
+            text = (
+                f"{rudder} is a rudder: its torque depends on the speed of the vehicle, which {purpose} does not know."
+            )
+            mend = "`rovid fit`, `rovid simulate` and `rovid diagnose` take rudders."
+            raise ConfigError(text, where="[[rudders]]", mend=mend)
+
     def _inertia_of_box(self) -> float | None:
         if not self.axis.angular or self.mass is None:
             return self.mass
