@@ -41,6 +41,8 @@ _Data = TypeVar("_Data", ClockData, SignalData, CommandData, TrialData)
 _MIN_READINGS = 10
 # s; median intervals outside these limits show no dynamics: the unit of time is probably wrong.
 _MAX_INTERVAL, _MIN_INTERVAL = 10.0, 2e-4
+# s; intervals that overlap by less only touch.
+_TOUCH = 1e-6
 # s; a later start of the trial is remarked upon.
 _LATE_START = 1.0
 
@@ -364,10 +366,10 @@ def _cumulative(steps: FloatArray, known: IntArray, count: int) -> FloatArray:
 
 
 def _merged(intervals: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
-    """The union of ``intervals``, in order."""
+    """The union of ``intervals`` that overlap, in order; a sample lies between two that touch."""
     union: list[tuple[float, float]] = []
     for begin, end in sorted(intervals):
-        if union and begin <= union[-1][1]:
+        if union and begin < union[-1][1] - _TOUCH:
             union[-1] = union[-1][0], max(end, union[-1][1])
         else:
             union.append((begin, end))

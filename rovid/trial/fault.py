@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
@@ -36,6 +37,11 @@ FAULT_IDS = (
     "foreign_log",
     "thrust_unit",
 )
+
+# The only difference between two sentences on the same fault of two logs.
+_NUMBER = re.compile(r"[-+]?\d[\d.,]*(?:e[-+]?\d+)?")
+# Number of further logs that one sentence lists.
+_MOST_LISTED = 5
 
 Remedy = Literal["cut", "left_out", "unknown", "zero", "counted_once", "set_aside", "none"]
 
@@ -102,9 +108,19 @@ class FaultOverrides:
 
 
 def fault_texts(faults: Iterable[Fault]) -> list[str]:
-    """Sentences on the ``faults``, those that stop a fit first; equal sentences once."""
-    ordered = sorted(faults, key=lambda fault: not fault.stops)
-    return list(dict.fromkeys(fault.text for fault in ordered))
+    """Sentences on the ``faults``, those that stop a fit first; one for all logs with the same fault."""
+    groups: dict[tuple[str, str], list[Fault]] = {}
+    for fault in sorted(faults, key=lambda fault: not fault.stops):
+        words = fault.text
+        for log in fault.logs:
+            words = words.replace(log, "")
+        groups.setdefault((fault.fault, _NUMBER.sub("", words)), []).append(fault)
+    texts = []
+    for first, *others in groups.values():
+        logs = [log for log in dict.fromkeys(log for fault in others for log in fault.logs) if log not in first.logs]
+        more = f" and {len(logs) - _MOST_LISTED} more" if len(logs) > _MOST_LISTED else ""
+        texts.append(f"{first.text} Likewise in {', '.join(logs[:_MOST_LISTED])}{more}." if logs else first.text)
+    return texts
 
 
 def stopping(faults: Iterable[Fault]) -> list[Fault]:

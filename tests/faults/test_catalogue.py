@@ -13,7 +13,7 @@ from rovid.core.errors import ConfigError
 from rovid.faults.base import Detection, FaultKind, Stage, examine
 from rovid.faults.catalogue import fault_kinds
 from rovid.trial.config import load_config
-from rovid.trial.fault import FAULT_IDS, Fault, FaultOverrides
+from rovid.trial.fault import FAULT_IDS, Fault, FaultOverrides, fault_texts
 
 CONFIG = """
 [[thrusters]]
@@ -72,3 +72,14 @@ def test_the_table_of_rovid_toml(tmp_path: Path) -> None:
         path.write_text(CONFIG + wrong)
         with pytest.raises(ConfigError, match="clock_step"):
             load_config(path)
+
+
+def test_logs_with_the_same_fault_share_a_sentence() -> None:
+    def lost(log: str, share: float) -> Fault:
+        return Fault(fault="lost_rows", logs=(log,), text=f"{log}: {share} % of the rows are missing.")
+
+    stop = Fault(fault="thrust_unit", logs=(), text="The inertia is impossible.", stops=True)
+    assert fault_texts([lost("run_1.csv", 14.5), lost("run_2.csv", 3.0), stop, lost("run_2.csv", 4.0)]) == [
+        "The inertia is impossible.",
+        "run_1.csv: 14.5 % of the rows are missing. Likewise in run_2.csv.",
+    ]
