@@ -27,7 +27,7 @@ from rovid.preflight.raw_columns import (
     named_unit,
     word_list,
 )
-from rovid.preflight.thruster_guess import ThrusterCommand
+from rovid.preflight.thruster_guess import GuessHints, ThrusterCommand, neutral_values
 from rovid.trial.signal_names import ANGLE_UNITS, ANGULAR_RATE_UNITS, HEADING_WORDS, SPEED_UNITS, name_words
 
 _ORDER = word_list("drive", "order")
@@ -62,6 +62,8 @@ _MIN_R2 = 0.2
 _WINDOWS, _WINDOW_LIMITS, _LAGS = 1000, (0.01, 0.5), (0.0, 0.25, 0.5, *(2.0**power for power in range(9)))
 # rad/s, limit of a yaw rate without a unit: two turns a second; decision.
 _FASTEST = 4.0 * np.pi
+# Maximum number of columns that a question lists.
+_MAX_CANDIDATES = 8
 # Subdivisions of a window, for the lag.
 _FINE = 4
 
@@ -135,16 +137,17 @@ def _response(
 
 
 def guess_rudder(
-    columns: Columns, logs: Sequence[Log], heading: SignalGuess, chosen: Sequence[str]
+    columns: Columns, logs: Sequence[Log], heading: SignalGuess, hints: GuessHints
 ) -> tuple[RudderGuess, SignalGuess] | None:
-    """The rudder or the steered wheels, and the speed, by name and motion; the user may have ``chosen`` both."""
+    """The rudder or the steered wheels, and the speed, by name and motion."""
+    chosen = hints.commands
     angles = sorted((source for source in columns if _is_steering(source, columns[source], chosen)), key=_is_order)
     if not angles:
         return None
     source = angles[0]
     steered = [log for log in logs if source in log]
     ranks = {name: rank for name, logged in columns.items() if (rank := _speed_rank(name, logged))}
-    ranks = {name: rank for name, rank in ranks.items() if name in chosen} or ranks
+    ranks = {name: rank for name, rank in ranks.items() if name in chosen} or _given_speed(columns, chosen) or ranks
     common = [name for name in ranks if all(name in log for log in steered)]
     speeds = sorted(common or ranks, key=lambda name: -ranks[name])
     if not speeds:
@@ -155,7 +158,27 @@ def guess_rudder(
     if unit not in ANGLE_UNITS:
         unit, origin = ("deg", "more than a right angle in radians") if largest > _LARGEST_RAD else ("rad", "assumed")
     angle = SignalGuess(source=source, unit=unit, reason=f"named so; up to {largest:.4g}, {unit}: {origin}")
-    return _by_motion(logs, heading, angle, speed, name), speed
+    others = {one: logged for one, logged in columns.items() if one not in {source, speed.source}}
+    return _by_motion(logs, heading, angle, speed, name, neutral_values(others, hints)), speed
+
+
+def speed_question(columns: Columns) -> str:
+    """What the user has to name where an angle of a rudder or of wheels is logged and no speed is recognised."""
+    angles = sorted((source for source in columns if _is_steering(source, columns[source], ())), key=_is_order)
+    if not angles or any(_speed_rank(name, logged) for name, logged in columns.items()):
+        return ""
+    others = [name for name, logged in columns.items() if name not in angles and np.ptp(finite_values(logged)) > 0.0]
+    candidates = ", ".join(others[:_MAX_CANDIDATES])
+    return (
+        f"{angles[0]} is the angle of a rudder or of wheels, by its name, and no column is a speed by its name. Name "
+        f'both with --command "{angles[0]},SPEED"; SPEED may be one of {candidates or "no column here: log it"}.'
+    )
+
+
+def _given_speed(columns: Columns, chosen: Sequence[str]) -> dict[str, int]:
+    """The one column that the user chose next to an angle, if it is no thruster by its name."""
+    others = [name for name in chosen if name in columns and not name_words(name) & _STEERING]
+    return {others[0]: 1} if len(others) == 1 and not is_thruster_command(others[0]) else {}
 
 
 def _is_order(source: str) -> bool:
@@ -202,9 +225,14 @@ def _speed_signal(source: str) -> tuple[str, SignalGuess]:
 
 
 def _by_motion(
-    logs: Sequence[Log], heading: SignalGuess, angle: SignalGuess, speed: SignalGuess, name: str
+    logs: Sequence[Log],
+    heading: SignalGuess,
+    angle: SignalGuess,
+    speed: SignalGuess,
+    name: str,
+    neutral: Mapping[str, float],
 ) -> RudderGuess:
-    """A rudder or steered wheels with the sign by which the heading responds."""
+    """A rudder or steered wheels with the sign by which the heading responds, next to thrusters given by ``neutral``."""
 
     def drive(log: Log, *, wheels: bool) -> tuple[FloatArray, FloatArray] | None:
         if angle.source not in log or speed.source not in log:
@@ -225,7 +253,7 @@ def _by_motion(
         for log in logs
         if heading.source in log and (held := drive(log, wheels=wheels)) is not None
     ]
-    effect = command_effects({"": 0.0}, pushed, heading)[""] if pushed else CommandEffect()
+    effect = command_effects({"": 0.0, **neutral}, pushed, heading)[""] if pushed else CommandEffect()
     direction, evidence = effect.direction, effect.text
     if wheels and not direction and response.r2 >= _MIN_R2:
         direction, evidence = int(np.sign(response.gain)), f"{100.0 * response.r2:.0f} % of the variance of the rate"

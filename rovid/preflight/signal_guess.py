@@ -10,7 +10,7 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.preflight.axis_guess import axis_signals
 from rovid.preflight.command_effects import CommandEffect, command_effects
-from rovid.preflight.drive_guess import RudderGuess, guess_rudder, guess_shaft, lone_yaw_rate, rate_unit
+from rovid.preflight.drive_guess import RudderGuess, guess_rudder, guess_shaft, lone_yaw_rate, rate_unit, speed_question
 from rovid.preflight.raw_columns import (
     COMMAND,
     FULL_TURN,
@@ -117,7 +117,10 @@ def map_columns(logs: Sequence[Mapping[str, RawColumn]], hints: GuessHints | Non
         missing.append(hints.axis.position_signal)
     if not (commands or rudders or "torque" in signals or hints.axis.self_righting):
         missing.append("command")
-    mapping = ColumnMapping(signals=signals, commands=commands, rudders=rudders, missing=tuple(missing))
+    remarks = tuple(filter(None, [speed_question(free)])) if "command" in missing and hints.axis is YAW else ()
+    mapping = ColumnMapping(
+        signals=signals, commands=commands, rudders=rudders, missing=tuple(missing), remarks=remarks
+    )
     return mapping.of(columns)
 
 
@@ -132,7 +135,7 @@ def _drives(
     torques = [source for source, logged in free.items() if is_torque(source, finite_values(logged))]
     found = None
     if hints.axis is YAW and position is not None and not hints.outputs and not torques:
-        found = guess_rudder(free, logs, position, hints.commands)
+        found = guess_rudder(free, logs, position, hints)
     if found is None:
         return (), guess_thrusters(free, logs, position, hints)
     rudder, speed = found

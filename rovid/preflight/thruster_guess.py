@@ -120,6 +120,11 @@ def guess_thrusters(
     return tuple(commands)
 
 
+def neutral_values(columns: Columns, hints: GuessHints) -> dict[str, float]:
+    """Source of each thruster command -> its value of no thrust."""
+    return {source: _neutral(values) for source, values in _select_commands(columns, hints).items()}
+
+
 def _direction(
     source: str, label: str, hints: GuessHints, effect: CommandEffect, mixed: Mapping[str, int]
 ) -> tuple[int, float, str]:

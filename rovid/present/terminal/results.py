@@ -31,6 +31,8 @@ from rovid.store.study import Study
 from rovid.trial.axis import YAW
 
 _RUNS_SHOWN = 8
+# Largest number of columns that an open question lists.
+_CANDIDATES = 8
 # Largest number of bench readings in the table.
 _READINGS_SHOWN = 40
 _Fit = TypeVar("_Fit", DragFit, InertiaFit, LikelihoodFit)
@@ -220,7 +222,9 @@ def show_survey(console: Console, survey: LogSurvey, written: Sequence[Path]) ->
     guess, config = assumptions_in(survey), written[0]
     for signal in survey.unrecognised:
         option = "command" if signal == "command" else "heading"
-        text = f"no column was recognised as {signal}; name it in {config}, or with --{option}."
+        unused = [source for mapping in survey.mappings.values() for source in mapping.unused][:_CANDIDATES]
+        candidates = f" It may be one of {', '.join(unused)}." if unused else ""
+        text = f"no column was recognised as {signal}; name it in {config}, or with --{option}.{candidates}"
         print_labelled(console, "Open:", text)
     if survey.unknown_directions:
         verb = survey.axis.motion_verb.removesuffix("s")
