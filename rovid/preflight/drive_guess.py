@@ -1,8 +1,8 @@
-"""Guess drives without a thrust curve: a rudder or steered wheels, and a motor on a bench or behind a controller."""
+"""Guess a rudder or steered wheels, and the speed, from names, values and the response of the vehicle."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +13,6 @@ from rovid.preflight.command_effects import CommandEffect, command_effects
 from rovid.preflight.raw_columns import (
     LIGHT,
     MIN_SAMPLES,
-    NOT_HEADING,
     RATE,
     SUPPLY,
     RawColumn,
@@ -22,28 +21,23 @@ from rovid.preflight.raw_columns import (
     finite_values,
     held_mean,
     is_thruster_command,
-    is_yaw_rate,
     mean_rates,
     named_unit,
     word_list,
 )
-from rovid.preflight.thruster_guess import GuessHints, ThrusterCommand, neutral_values
+from rovid.preflight.thruster_guess import GuessHints, neutral_values
 from rovid.trial.signal_names import ANGLE_UNITS, ANGULAR_RATE_UNITS, HEADING_WORDS, SPEED_UNITS, name_words
 
-_ORDER = word_list("drive", "order")
+ORDER = word_list("drive", "order")
 _RUDDER = word_list("drive", "rudder")
 _WHEELS = word_list("drive", "wheels")
 _STEERING = _RUDDER | _WHEELS | word_list("drive", "angle")
-_CURRENT = word_list("drive", "current")
-_SHAFT = word_list("drive", "shaft")
-_VEHICLE = word_list("drive", "vehicle")
-_RPM = word_list("thruster", "speed")
-_OTHER_SPEED = NOT_HEADING | {"acc", "accel", "acceleration"}
+RPM = word_list("thruster", "speed")
 _OTHER = word_list("thruster", "other")
 _NOT_STEERING = (_OTHER - {"pos", "position", "lat"}) | word_list("drive", "not_angle") | LIGHT | RATE | HEADING_WORDS
 _AHEAD, _OVER_GROUND = word_list("axis", "surge"), word_list("axis", "over_ground")
 _NOT_AHEAD = (
-    (word_list("axis", "not_measured", "sway", "heave", "direction") - _ORDER - _RPM)
+    (word_list("axis", "not_measured", "sway", "heave", "direction") - ORDER - RPM)
     | {"gyro", "rate", "wx", "wy", "wz"}
     | SUPPLY
     | _STEERING
@@ -57,11 +51,9 @@ _LARGEST_DEG, _LARGEST_RAD = 95.0, 1.6
 # names that belong to both.
 _PROMPT = 0.5
 # Minimum share of the variance of the rate that a drive explains, for its sign and its wheelbase.
-_MIN_R2 = 0.2
+MIN_R2 = 0.2
 # Averaging windows of rates: number in a log, and bounds in s. The lags that are tried, in windows.
 _WINDOWS, _WINDOW_LIMITS, _LAGS = 1000, (0.01, 0.5), (0.0, 0.25, 0.5, *(2.0**power for power in range(9)))
-# rad/s, limit of a yaw rate without a unit: two turns a second; decision.
-_FASTEST = 4.0 * np.pi
 # Maximum number of columns that a question lists.
 _MAX_CANDIDATES = 8
 # Subdivisions of a window, for the lag.
@@ -83,16 +75,7 @@ class RudderGuess:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ShaftGuess:
-    """A motor whose own speed is the motion, without a vehicle."""
-
-    signals: Mapping[str, SignalGuess]  #: The rate, and the order to its controller.
-    commands: tuple[ThrusterCommand, ...]
-    remarks: tuple[str, ...]  #: Other motors, and a current next to an order.
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Response:
+class Response:
     """Best fit of the rate by a drive behind a lag of first order."""
 
     gain: float = 0.0  #: Change of the rate in SI per unit of the drive.
@@ -100,9 +83,9 @@ class _Response:
     r2: float = 0.0  #: Share of the variance of the rate.
 
 
-def _response(
+def respond(
     logs: Sequence[Log], motion: SignalGuess, drive: Callable[[Log], tuple[FloatArray, FloatArray] | None]
-) -> _Response:
+) -> Response:
     """Response of the rate of ``motion`` to ``drive``: (n,) times in s and (n,) values of a log."""
     windows: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     for log in logs:
@@ -116,10 +99,10 @@ def _response(
         fine = np.interp(np.arange(_FINE * len(rate) + 1) / _FINE, np.arange(len(edges)), edges)
         windows.append((fine[:-1], held_mean(*held, fine), rate - rate.mean()))
     if not windows:
-        return _Response()
+        return Response()
     target = np.concatenate([rate for _, _, rate in windows])
     step = float(np.median([_FINE * (time[1] - time[0]) for time, _, _ in windows]))
-    best = _Response()
+    best = Response()
     for lag in step * np.array(_LAGS):
         late = [lagged(time, held, float(lag)).reshape(-1, _FINE).mean(axis=1) for time, held, _ in windows]
         row = np.concatenate([values - values.mean() for values in late])
@@ -129,7 +112,7 @@ def _response(
         gain = float(row @ target) / power
         r2 = gain * gain * power / total
         if r2 > best.r2:
-            best = _Response(gain=gain * ANGULAR_RATE_UNITS.get(motion.unit, 1.0), lag=float(lag), r2=r2)
+            best = Response(gain=gain * ANGULAR_RATE_UNITS.get(motion.unit, 1.0), lag=float(lag), r2=r2)
     return best
 
 
@@ -182,14 +165,14 @@ def _given_speed(columns: Columns, chosen: Sequence[str]) -> dict[str, int]:
 
 
 def _is_order(source: str) -> bool:
-    return bool(name_words(source) & _ORDER)
+    return bool(name_words(source) & ORDER)
 
 
 def _is_steering(source: str, logged: Sequence[RawColumn], chosen: Sequence[str]) -> bool:
     words = name_words(source)
     if not words & _STEERING or words & _NOT_STEERING or (chosen and source not in chosen):
         return False
-    if words & _STEERING == {"delta"} and words - _ORDER - {"delta", "deg", "rad", "angle", "data", "f"}:
+    if words & _STEERING == {"delta"} and words - ORDER - {"delta", "deg", "rad", "angle", "data", "f"}:
         return False  # A difference of another quantity.
     values = finite_values(logged)
     return len(values) >= MIN_SAMPLES and float(np.ptp(values)) > 0.0 and float(np.max(np.abs(values))) <= _LARGEST_DEG
@@ -204,21 +187,21 @@ def _speed_rank(source: str, logged: Sequence[RawColumn]) -> int:
         return 0
     named = words & (_AHEAD | _OVER_GROUND | {"vel", "velocity"}) or unit
     rank = 0
-    if words & _RPM:
+    if words & RPM:
         rank = 1
     elif named:
         rank = 3 + 2 * bool(words & _AHEAD)
     elif words and words <= _SYMBOLS and values.min() < _STANDSTILL * values.max():
         rank = 3
-    return rank - bool(rank > 1 and words & _ORDER)
+    return rank - bool(rank > 1 and words & ORDER)
 
 
 def _speed_signal(source: str) -> tuple[str, SignalGuess]:
     """Name in rovid.toml of a speed, and the guess."""
     words, unit = name_words(source), ending_unit(source)
-    if words & _RPM:
+    if words & RPM:
         return "propeller_speed", SignalGuess(source=source, reason="named so; the flow at a rudder behind a propeller")
-    if words & _ORDER or (words <= _SYMBOLS and not unit):
+    if words & ORDER or (words <= _SYMBOLS and not unit):
         return "ordered_speed", SignalGuess(source=source, reason="named so: a speed, measured or ordered; m/s assumed")
     reason = "named so; the unit by its name" if unit else "named so; m/s assumed"
     return "surge_velocity", SignalGuess(source=source, unit=unit or "m/s", reason=reason)
@@ -232,22 +215,22 @@ def _by_motion(
     name: str,
     neutral: Mapping[str, float],
 ) -> RudderGuess:
-    """A rudder or steered wheels with the sign by which the heading responds, next to thrusters given by ``neutral``."""
+    """A rudder or steered wheels with the sign by which the heading responds, with thrusters by ``neutral``."""
 
     def drive(log: Log, *, wheels: bool) -> tuple[FloatArray, FloatArray] | None:
         if angle.source not in log or speed.source not in log:
             return None
-        steered, flow = _known(log[angle.source]), _known(log[speed.source])
+        steered, flow = known_samples(log[angle.source]), known_samples(log[speed.source])
         if not steered.time.size or not flow.time.size:
             return None
         delta = steered.values * ANGLE_UNITS[angle.unit]
         ahead = np.interp(steered.time, flow.time, flow.values) * SPEED_UNITS.get(speed.unit, 1.0)
         return steered.time, ahead * np.tan(delta) if wheels else ahead * np.abs(ahead) * delta
 
-    response = _response(logs, heading, lambda log: drive(log, wheels=True))
+    response = respond(logs, heading, lambda log: drive(log, wheels=True))
     words = name_words(angle.source)
     # A name of both, as "delta", or of wheels, which outboard motors share.
-    wheels = not words & _RUDDER and (response.r2 < _MIN_R2 or response.lag <= _PROMPT)
+    wheels = not words & _RUDDER and (response.r2 < MIN_R2 or response.lag <= _PROMPT)
     pushed = [
         {**log, "": RawColumn(source="", time=held[0], values=held[1])}
         for log in logs
@@ -255,7 +238,7 @@ def _by_motion(
     ]
     effect = command_effects({"": 0.0, **neutral}, pushed, heading)[""] if pushed else CommandEffect()
     direction, evidence = effect.direction, effect.text
-    if wheels and not direction and response.r2 >= _MIN_R2:
+    if wheels and not direction and response.r2 >= MIN_R2:
         direction, evidence = int(np.sign(response.gain)), f"{100.0 * response.r2:.0f} % of the variance of the rate"
     turns = f"it turns the heading {'up' if direction > 0 else 'down'} ({evidence})"
     if not direction:
@@ -263,11 +246,11 @@ def _by_motion(
     kind = "a rudder"
     if wheels:
         late = f"within {response.lag:.2g} s" if response.lag else "at once"
-        follows = response.r2 >= _MIN_R2
+        follows = response.r2 >= MIN_R2
         kind = f"steered wheels: the yaw rate follows it {late}" if follows else "steered wheels by its name"
     wheelbase = None
     if wheels:
-        wheelbase = float(f"{1.0 / abs(response.gain):.2g}") if response.r2 >= _MIN_R2 else 1.0
+        wheelbase = float(f"{1.0 / abs(response.gain):.2g}") if response.r2 >= MIN_R2 else 1.0
     return RudderGuess(
         name="steering" if wheels else "rudder",
         angle=replace(angle, sign=direction or 1, reason=f"{angle.reason}; {kind}; {turns}"),
@@ -277,138 +260,7 @@ def _by_motion(
     )
 
 
-def _known(column: RawColumn) -> RawColumn:
+def known_samples(column: RawColumn) -> RawColumn:
+    """The finite samples of a column."""
     known = np.isfinite(column.values)
     return replace(column, time=column.time[known], values=column.values[known])
-
-
-# ---- motors
-
-
-def lone_yaw_rate(columns: Columns, chosen: str) -> SignalGuess | None:
-    """A yaw rate by its name, or ``chosen`` by the user, where no heading is logged; its unit by name or values."""
-    for source in [chosen] if chosen in columns else filter(is_yaw_rate, columns):
-        values = finite_values(columns[source])
-        if len(values) < MIN_SAMPLES or not np.ptp(values) > 0.0:
-            continue
-        unit = ending_unit(source) if ending_unit(source) in ANGULAR_RATE_UNITS else ""
-        reason = "given" if chosen else "named so"
-        reason = f"{reason}; {values.min():.4g} to {values.max():.4g}; no heading is logged"
-        if not unit:
-            # rad/s, faster than vehicles turn.
-            unit = "deg/s" if float(np.max(np.abs(values))) > _FASTEST else "rad/s"
-            reason += f"; assumed to be in {unit}"
-        return SignalGuess(source=source, unit=unit, reason=reason, is_rate=True)
-    return None
-
-
-def guess_shaft(columns: Columns, logs: Sequence[Log], chosen: str, commands: Sequence[str]) -> ShaftGuess | None:
-    """A motor and its own speed, by names; the user may have ``chosen`` the speed and ``commands``."""
-    if not chosen and any(name_words(source) & _VEHICLE for source in columns):
-        return None
-    speeds = [source for source in columns if (source == chosen if chosen else _is_shaft_speed(source))]
-    speeds = [source for source in speeds if rate_unit(source) and np.ptp(finite_values(columns[source])) > 0.0]
-    if not speeds:
-        return None
-    speed = speeds[0]
-    free = {source: logged for source, logged in columns.items() if source not in speeds}
-    if commands:
-        free = {source: free[source] for source in commands if source in free}
-    motion = SignalGuess(source=speed, unit=rate_unit(speed), reason="", is_rate=True)
-    orders, currents, others = ([*_same_motor(speed, kind, free, commands)] for kind in _KINDS)
-    drives = orders or currents or others
-    if not drives:
-        return None
-    drive = drives[0]
-    response = _response(logs, motion, lambda log: _held(log, drive))
-    direction = int(np.sign(response.gain)) if response.r2 >= _MIN_R2 else 0
-    origin = "given" if chosen else "named so, and no column is a heading"
-    rate = replace(motion, reason=f"{origin}: the speed of a shaft on a bench; {motion.unit} by its name")
-    remarks = list(_other_motors(speeds, columns, orders[:1] or drives[:1]))
-    if not orders:
-        command = _motor_command(drive, columns[drive], direction, response)
-        return ShaftGuess(signals={"yaw_rate": rate}, commands=(command,), remarks=tuple(remarks))
-    if currents or others:
-        other = (currents or others)[0]
-        option = f'--heading "{speed}" --command "{other}"'
-        remarks.insert(0, f"{drive} is an order to a controller: no inertia follows from it. {option} takes {other}.")
-    reason = f"named so: the order to a controller; the speed follows it (R2 {response.r2:.2f})"
-    order = SignalGuess(source=drive, unit=rate_unit(drive) or motion.unit, sign=direction or 1, reason=reason)
-    return ShaftGuess(signals={"yaw_rate": rate, "yaw_rate_order": order}, commands=(), remarks=tuple(remarks))
-
-
-def rate_unit(source: str) -> str:
-    """Unit of an angular rate by the name; empty without one."""
-    unit = ending_unit(source) or named_unit(source)
-    if unit in ANGULAR_RATE_UNITS:
-        return unit
-    return "rpm" if name_words(source) & _RPM else ""
-
-
-def _is_shaft_speed(source: str) -> bool:
-    words = name_words(source)
-    return bool(words & (_SHAFT | _RPM)) and bool(rate_unit(source)) and not words & (_ORDER | LIGHT | {"error", "err"})
-
-
-def _is_rate_order(source: str) -> bool:
-    words = name_words(source)
-    return bool(words & _ORDER) and bool(rate_unit(source) or words & (_SHAFT - {"motor", "motors", "moteur"}))
-
-
-def _is_current(source: str) -> bool:
-    words = name_words(source)
-    return bool(words & _CURRENT) and not words & (_ORDER | SUPPLY | LIGHT)
-
-
-def _is_duty(source: str) -> bool:
-    return is_thruster_command(source) or name_words(source) in ({"u"}, {"v"}, {"voltage"})
-
-
-# Kinds of drives, best known first: an order hides the torque, a current is proportional to it.
-_KINDS = (_is_rate_order, _is_current, _is_duty)
-
-
-def _same_motor(speed: str, is_kind: Callable[[str], bool], free: Columns, commands: Sequence[str]) -> Iterator[str]:
-    """Varying columns of one kind, that of the same motor first: it shares the most words with the name ``speed``."""
-    words = name_words(speed)
-    found = [source for source in free if is_kind(source)]
-    if commands and is_kind is _is_duty:
-        found = list(free)
-    for source in sorted(found, key=lambda source: -len(words & name_words(source))):
-        if np.ptp(finite_values(free[source])) > 0.0:
-            yield source
-
-
-def _held(log: Log, source: str) -> tuple[FloatArray, FloatArray] | None:
-    if source not in log:
-        return None
-    known = _known(log[source])
-    return (known.time, known.values) if known.time.size else None
-
-
-def _motor_command(source: str, logged: Sequence[RawColumn], direction: int, response: _Response) -> ThrusterCommand:
-    values = finite_values(logged)
-    low, high = float(values.min()), float(values.max())
-    turns = "these logs do not show which way it turns the shaft"
-    if direction:
-        turns = f"more of it turns the shaft {'up' if direction > 0 else 'down'} (R2 {response.r2:.2f})"
-    return ThrusterCommand(
-        name="motor",
-        source=source,
-        direction=direction,
-        neutral=0.0,
-        lowest=low,
-        highest=high,
-        reason=f"named so; {low:.4g} to {high:.4g}; {turns}",
-        direction_known=bool(direction),
-        is_motor=True,
-    )
-
-
-def _other_motors(speeds: Sequence[str], columns: Columns, drives: Sequence[str]) -> Iterator[str]:
-    """How to choose another motor, for each further shaft."""
-    is_kind = next((one for one in _KINDS if drives and one(drives[0])), _is_duty)
-    for speed in speeds[1:]:
-        drive = next(_same_motor(speed, is_kind, columns, ()), "")
-        if drive:
-            yield f'{speed} is another shaft, not used: --heading "{speed}" --command "{drive}" takes it.'

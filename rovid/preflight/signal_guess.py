@@ -10,7 +10,8 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.preflight.axis_guess import axis_signals
 from rovid.preflight.command_effects import CommandEffect, command_effects
-from rovid.preflight.drive_guess import RudderGuess, guess_rudder, guess_shaft, lone_yaw_rate, rate_unit, speed_question
+from rovid.preflight.drive_guess import RudderGuess, guess_rudder, speed_question
+from rovid.preflight.motor_guess import guess_shaft, lone_yaw_rate, rate_unit
 from rovid.preflight.raw_columns import (
     COMMAND,
     FULL_TURN,
