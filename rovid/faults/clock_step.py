@@ -25,10 +25,14 @@ _MOST_STEPS, _LEAST_APART = 20, 10
 _REACH = 200
 # s and usual intervals by which a gap must exceed the usual interval to be tested as a step ahead.
 _LEAST_AHEAD, _LEAST_INTERVALS = 0.25, 1.5
-# Readings on each side of a gap through which a line is drawn.
-_LINE = 6
+# Readings on each side of a gap through which a line is drawn: few for fast vehicles, more for noisy headings.
+_LINES = (3, 6)
+# Lines like those at the gap that are needed for a limit.
+_LEAST_LINES = 30
 # Share of uninterrupted readings whose lines meet better than the limit for "the heading ran on".
 _MEETS = 0.98
+# Ratio of the slopes of two lines, up to which the motion is as fast.
+_ALIKE = 2.0
 # Relative error of the usual interval, over which lines far apart are still taken as far apart as the gap is long.
 _UNEVEN = 0.02
 # Gaps of one log at most; with more of them none is rare enough.
@@ -36,7 +40,7 @@ _MOST_GAPS = 50
 # Least standard error of a step, in usual intervals: stamps have a limited resolution.
 _LEAST_ERROR = 0.01
 # Probability, over all tested gaps of a log, that a gap in which time passed looks like a step ahead.
-_FALSE_ALARMS = 0.01
+_FALSE_ALARMS = 0.02
 
 
 def _detect(data: ClockData) -> Iterator[Detection[ClockData]]:
@@ -120,42 +124,43 @@ def _stands_back(time: FloatArray, row: int, interval: float) -> bool:
 
 
 class _Lines:
-    """Lines through each ``_LINE`` successive readings of an angle or a distance."""
+    """Lines through each ``length`` successive readings of an angle or a distance."""
 
-    def __init__(self, time: FloatArray, values: FloatArray, period: float, interval: float) -> None:
-        self.time, self.period, self.interval = time, period, interval
+    def __init__(self, time: FloatArray, values: FloatArray, period: float, interval: float, length: int) -> None:
+        self.time, self.period, self.interval, self.length = time, period, interval, length
         values = np.unwrap(values, period=period) if np.isfinite(period) else values
-        windows = np.lib.stride_tricks.sliding_window_view(values, _LINE)
-        place = np.arange(_LINE) - 0.5 * (_LINE - 1)
+        windows = np.lib.stride_tricks.sliding_window_view(values, length)
+        place = np.arange(length) - 0.5 * (length - 1)
         #: Change per reading, value in the middle, and whether the readings follow each other without a gap.
         self.slope, self.middle = windows @ place / np.sum(place**2), windows.mean(axis=1)
-        self.whole = time[_LINE - 1 :] - time[: 1 - _LINE] < 1.5 * (_LINE - 1) * interval
+        self.whole = time[length - 1 :] - time[: 1 - length] < 1.5 * (length - 1) * interval
 
     def meet(self, first: IntArray, second: IntArray) -> FloatArray:
         """(2, n) offset and change of slope from line to line, if the second one begins a reading after the first."""
-        offset = self.middle[second] - self.middle[first] - 0.5 * _LINE * (self.slope[first] + self.slope[second])
+        offset = self.middle[second] - self.middle[first] - 0.5 * self.length * (self.slope[first] + self.slope[second])
         if np.isfinite(self.period):
             offset -= self.period * np.rint(offset / self.period)
         differences: FloatArray = np.abs(np.array([offset, self.slope[second] - self.slope[first]]))
         return differences
 
-    def pairs(self, shift: int, least: float) -> FloatArray:
-        """(2, m) `meet` of all lines that begin ``shift`` readings apart, the first of slope ``least`` or more."""
-        first = np.flatnonzero(self.whole[:-shift] & self.whole[shift:] & (np.abs(self.slope[:-shift]) >= least))
+    def pairs(self, shift: int, like: int) -> FloatArray:
+        """(2, m) `meet` of all lines that begin ``shift`` readings apart, the first about as steep as line ``like``."""
+        slope = np.abs(self.slope)
+        alike = (slope >= slope[like] / _ALIKE) & (slope <= slope[like] * _ALIKE)
+        first = np.flatnonzero(self.whole[:-shift] & self.whole[shift:] & alike[:-shift])
         lasts = self.time[first + shift] - self.time[first]
         first = first[np.abs(lasts - shift * self.interval) < max(1.0, _UNEVEN * shift) * self.interval]
         return self.meet(first, first + shift)
 
     def chance(self, gap: int) -> float:
         """Probability that the lines meet across the gap after reading ``gap`` though time passed; 1 if they do not."""
-        first = gap - _LINE + 1
-        if first < 0 or gap + _LINE >= len(self.time) or not (self.whole[first] and self.whole[gap + 1]):
+        first = gap - self.length + 1
+        if first < 0 or gap + self.length >= len(self.time) or not (self.whole[first] and self.whole[gap + 1]):
             return 1.0
-        least = 0.5 * abs(float(self.slope[first]))
-        usual = self.pairs(_LINE, least)
+        usual = self.pairs(self.length, first)
         lag = round((self.time[gap + 1] - self.time[gap]) / self.interval)
-        others = self.pairs(min(lag, len(self.time) // 2) + _LINE - 1, least)
-        if usual.shape[1] < 10 * _LINE:
+        others = self.pairs(min(lag, len(self.time) // 2) + self.length - 1, first)
+        if usual.shape[1] < _LEAST_LINES:
             return 1.0
         limits = np.quantile(usual, _MEETS, axis=1, keepdims=True)
         if np.any(self.meet(np.array([first]), np.array([gap + 1])) > limits):
@@ -167,11 +172,13 @@ def _chances(data: ClockData, gaps: IntArray) -> list[float]:
     """Probability for each gap that the measured signal only seems to run on over it; 1 where it does not."""
     values = data.values.get(data.measured)
     known = np.flatnonzero(np.isfinite(values)) if values is not None else np.zeros(0, dtype=np.int64)
-    if not len(gaps) or values is None or len(known) < 10 * _LINE or len(gaps) > _MOST_GAPS:
+    if not len(gaps) or values is None or len(known) < 10 * max(_LINES) or len(gaps) > _MOST_GAPS:
         return [1.0] * len(gaps)
     period = data.periods.get(data.measured, np.inf)
-    lines = _Lines(data.time[known], values[known], period, data.interval)
-    return [lines.chance(int(row)) for row in np.searchsorted(known, gaps, side="right") - 1]
+    lines = [_Lines(data.time[known], values[known], period, data.interval, length) for length in _LINES]
+    rows = (np.searchsorted(known, gaps, side="right") - 1).tolist()
+    # The best of several tests is as many times as likely by chance.
+    return [min(1.0, len(lines) * min(each.chance(row) for each in lines)) for row in rows]
 
 
 def _row(data: ClockData, step: ClockStep) -> int | None:
