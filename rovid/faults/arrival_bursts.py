@@ -25,6 +25,8 @@ _WITHIN = 0.2
 _REGULAR = 0.3
 # Interval of a pack, in usual intervals, from which on readings were lost before it.
 _LOST = 1.5
+# Share of the stamps that are whole multiples of the unit if the clock was rounded.
+_WHOLE = 0.9
 # Share of the changes of a command at the first readings of packs: above it the command is sent several times.
 _SENT_AGAIN = 0.5
 
@@ -39,7 +41,7 @@ def _detect(data: ClockData) -> Iterator[Detection[ClockData]]:
         return
     intervals = np.diff(data.time[lasts]) / sizes[1:]
     low, usual, high = np.quantile(intervals, (0.25, 0.5, 0.75))
-    if not usual > 0.0 or high - low > _REGULAR * usual or _sent_again(data, lasts):
+    if not usual > 0.0 or high - low > _REGULAR * usual or _sent_again(data, lasts) or _rounded(data.time, lasts):
         return
     size = float(np.median(sizes))
     # The first and the last pack may be incomplete.
@@ -66,6 +68,14 @@ def _last_of_packs(time: FloatArray) -> IntArray:
     span = min(60, len(time) // 3)
     mean = float(np.median((time[span:] - time[:-span]) / span))
     return np.append(np.flatnonzero(np.abs(advance) > _WITHIN * mean), len(time) - 1)
+
+
+def _rounded(time: FloatArray, lasts: IntArray) -> bool:
+    """Whether packs share one stamp, a whole multiple of 1 s, 0.1 s, 0.01 s ...: the clock was rounded."""
+    steps = np.diff(time[lasts])
+    unit = min(1.0, 10.0 ** np.rint(np.log10(np.median(steps))))
+    is_shared = np.median(np.diff(time)) == 0.0 and np.isclose(np.median(steps), unit, rtol=1e-6)
+    return bool(is_shared and np.mean(np.isclose(steps / unit, np.rint(steps / unit), atol=1e-6)) > _WHOLE)
 
 
 def _sent_again(data: ClockData, lasts: IntArray) -> bool:

@@ -68,7 +68,7 @@ class ClockData:
     def interval(self) -> float:
         """Median of the positive intervals in s; NaN without any."""
         with np.errstate(over="ignore"):
-            steps = np.diff(self.time)
+            steps = np.diff(np.sort(self.time) if self.sortable else self.time)
         return subsampled_median(steps[steps > 0.0])
 
     def select(self, kept: BoolArray) -> Self:

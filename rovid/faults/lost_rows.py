@@ -20,6 +20,8 @@ from rovid.trial.fault import Fault
 # Holes, and share of lost rows, up to which a loss is usual: sensors and recorders lose as much, and no more than one
 # change of a command in thirty is off by an interval. A log is named where it loses more by this many deviations.
 _LEAST_HOLES, _USUAL_SHARE, _DEVIATIONS = 5, 0.03, 3.0
+# Distance from the median interval, in median intervals, of those whose mean is the usual interval.
+_NEAR = 0.3
 # Distance from a whole multiple of the usual interval, in usual intervals, and share of the intervals within it.
 _OFF_GRID, _ON_GRID = 0.15, 0.95
 # Standard deviation of the rows between holes over that of chance, above which they are at random.
@@ -35,10 +37,10 @@ def _detect(data: ClockData) -> Iterator[Detection[ClockData]]:
         return
     time = np.sort(data.time) if data.sortable else data.time
     advance = np.diff(time)
-    if advance.min() < 0.0:
+    near = advance[np.abs(advance - data.interval) < _NEAR * data.interval]
+    if advance.min() < 0.0 or not near.size:
         return
-    # The usual interval to the precision of the log: the mean of those near the median.
-    usual = float(advance[np.abs(advance - data.interval) < 0.3 * data.interval].mean())
+    usual = float(near.mean())  # To a precision that the median of rounded stamps lacks.
     ticks = np.rint(advance / usual)
     holes = ticks > 1.0
     lost = int((ticks - 1.0).sum())  # A reading that comes late shortens the next interval: nothing is lost.

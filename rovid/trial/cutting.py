@@ -17,6 +17,8 @@ _MIN_READINGS = 10
 _SAME = 0.01
 # Ratio of the change across a hole to the usual change over as many intervals, up to which the command is smooth.
 _SMOOTH = 3.0
+# Sampling intervals; instants as close as this are one.
+_TICK = 1e-3
 # s and sampling intervals; commands in longer holes are unknown even if they are the same before and after.
 _LONG_SECONDS, _LONG_INTERVALS = 2.0, 20.0
 
@@ -81,15 +83,14 @@ def _without_unknown(trial: Trial) -> tuple[Trial, BoolArray]:
     """``trial`` with commands that run on smoothly through holes, cut at other holes; and (n,) rows to leave out.
 
     The log is cut where a command stepped in a hole, because the instant of the step is unknown. A command that changes
-    all the time changes half an interval after the middle of the hole: held between the lost rows, which lie an
-    interval apart up to the end of the hole, it would have had the same mean.
+    at each of its ticks is interpolated at the ticks within the hole.
     """
-    time, commands = trial.time, trial.commands
+    time, commands = trial.time, trial.commands.copy()
     excluded = np.zeros(len(time), dtype=bool)
-    usual = np.percentile(np.abs(np.diff(commands, axis=0)), 90.0, axis=0) if len(time) > 1 else 0.0
+    ticks, usual = _changes(time, commands)
     same = _SAME * np.ptp(commands, axis=0)
     interval = trial.sampling_interval
-    middles, cuts = list[float](), list(trial.cuts)
+    instants, values, cuts = list[FloatArray](), list[FloatArray](), list(trial.cuts)
     for begin, end in trial.unknown:
         before, after = int(np.searchsorted(time, begin, side="right")) - 1, int(np.searchsorted(time, end))
         is_long = end - begin > max(_LONG_SECONDS, _LONG_INTERVALS * interval)
@@ -100,24 +101,46 @@ def _without_unknown(trial: Trial) -> tuple[Trial, BoolArray]:
         change = np.abs(commands[after] - commands[before])
         if np.all(change <= same):
             continue
-        if np.all(change <= np.maximum(same, _SMOOTH * usual * max(1.0, (end - begin) / interval))):
-            middles.append(min(0.5 * (begin + end + interval), end - 1e-3 * interval))
-        else:
+        # A command that changes less often than once in such a hole steps.
+        smooth = np.where(ticks <= end - begin, _SMOOTH * usual * (end - begin) / ticks, 0.0)
+        if np.any(change > np.maximum(same, smooth)):
             excluded[before + 1 : after] = True
             cuts.append(time[after])
-    moved = replace(trial, cuts=tuple(sorted(set(cuts))))
-    if not middles:
+            continue
+        tick = float(ticks[change > same].min())
+        instants.append(begin + tick * np.arange(1.0, round((end - begin) / tick)))
+        share = tick * np.floor((time[before + 1 : after] - begin) / tick + _TICK) / (end - begin)
+        commands[before + 1 : after] = commands[before] + share[:, np.newaxis] * (commands[after] - commands[before])
+        at = instants[-1][:, np.newaxis]
+        values.append(commands[before] + (at - begin) / (end - begin) * (commands[after] - commands[before]))
+    moved = replace(trial, commands=commands, cuts=tuple(sorted(set(cuts))))
+    if not instants:
         return moved, excluded
-    at = np.searchsorted(time, middles)
-    return _with_changes(moved, np.array(middles), at), np.insert(excluded, at, False)
+    added, held = np.concatenate(instants), np.concatenate(values)
+    rows = np.searchsorted(time, added)
+    # Rows of another clock may lie at the ticks.
+    is_new = np.minimum(np.abs(time[rows] - added), np.abs(added - time[rows - 1])) > _TICK * interval
+    rows = rows[is_new]
+    return _with_rows(moved, added[is_new], held[is_new], rows), np.insert(excluded, rows, False)
 
 
-def _with_changes(trial: Trial, middles: FloatArray, at: IntArray) -> Trial:
-    """``trial`` with an instant at each of ``middles`` (s), before row ``at``, at which the next commands begin."""
+def _changes(time: FloatArray, commands: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(k,) median time between the changes of each command in s, infinite without any, and (k,) usual large change."""
+    ticks, usual = np.full(commands.shape[1], np.inf), np.zeros(commands.shape[1])
+    for column, changes in enumerate(np.abs(np.diff(commands, axis=0)).T):
+        rows = np.flatnonzero(changes)
+        if len(rows) > 1:
+            ticks[column], usual[column] = np.median(np.diff(time[rows])), np.percentile(changes[rows], 90.0)
+    return ticks, usual
+
+
+def _with_rows(trial: Trial, instants: FloatArray, commands: FloatArray, at: IntArray) -> Trial:
+    """``trial`` with rows at the (n,) ``instants`` in s, before its rows ``at``, with the (n, k) ``commands``."""
     unmeasured = dict.fromkeys(("position", "rate"), np.nan)
     rows = {
         name: np.insert(values, at, unmeasured.get(name, values[at]), axis=0) for name, values in trial.arrays().items()
     }
-    rows["time"] = np.insert(trial.time, at, middles)
+    rows["time"] = np.insert(trial.time, at, instants)
+    rows["commands"] = np.insert(trial.commands, at, commands, axis=0)
     extras = {name: np.insert(values, at, values[at]) for name, values in trial.extras.items()}
     return replace(trial, **rows, extras=extras)

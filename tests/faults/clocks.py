@@ -39,7 +39,7 @@ def motion(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """(time in s, heading in deg, command) of r' = (30/lag u - r)/lag in deg/s, stepped ten times a reading."""
     rng = np.random.default_rng(seed)
-    time = np.arange(count) * interval
+    time = interval * np.arange(float(count))
     command = command_of(kind, time, lag, rng)
     heading, rate, angle = np.zeros(count), 0.0, 0.0
     target = 60.0 * np.sign(np.sin(2.0 * np.pi * time / (30.0 * lag)))

@@ -1,0 +1,85 @@
+"""Rows lost at random, and regular or irregular clocks that lose none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from rovid.core.array_types import FloatArray
+from tests.faults.clocks import COMMANDS, TIME_CONSTANTS, clock, examined, motion, undamaged
+
+
+@pytest.mark.parametrize("share", [0.08, 0.15, 0.3])
+@pytest.mark.parametrize("lag", TIME_CONSTANTS)
+@pytest.mark.parametrize("kind", COMMANDS)
+def test_lost_rows_are_counted(kind: str, lag: float, share: float) -> None:
+    time, heading, command = motion(3, kind=kind, lag=lag)
+    kept = np.random.default_rng(5).random(len(time)) > share
+    kept[[0, -1]] = True
+    data, (fault,) = examined(clock(time[kept], heading=heading[kept], fore=command[kept]))
+    assert (fault.fault, fault.logs, fault.remedy) == ("lost_rows", ("run.csv",), "unknown")
+    assert fault.size == pytest.approx(1.0 - kept.mean(), abs=1e-9)
+    assert fault.size is not None
+    assert fault.standard_error is not None
+    assert abs(fault.size - share) < 4.0 * fault.standard_error
+    begins, ends = np.array(data.unknown).T
+    inside = (time[~kept][:, np.newaxis] > begins) & (time[~kept][:, np.newaxis] < ends)
+    assert np.all(inside.sum(axis=1) == 1)  # Each lost row lies in one hole.
+    assert not np.any((time[kept][:, np.newaxis] > begins + 1e-9) & (time[kept][:, np.newaxis] < ends - 1e-9))
+
+
+def test_lost_messages_of_a_topic_without_commands_need_no_remedy() -> None:
+    time, heading, _ = motion(3)
+    kept = np.random.default_rng(5).random(len(time)) > 0.15
+    data, (fault,) = examined(clock(time[kept], heading=heading[kept]))
+    assert (fault.fault, fault.remedy, data.unknown) == ("lost_rows", "none", ())
+
+
+def late(time: FloatArray) -> FloatArray:
+    """One reading in twenty comes almost an interval late."""
+    return time + np.where(np.random.default_rng(1).random(len(time)) < 0.05, 0.09, 0.0)
+
+
+def gps(time: FloatArray) -> FloatArray:
+    """Irregular intervals."""
+    return np.cumsum(np.random.default_rng(1).uniform(0.03, 0.3, len(time)))
+
+
+CLOCKS: dict[str, Callable[[FloatArray], FloatArray]] = {
+    "regular": lambda time: time,
+    "1 Hz": lambda time: 10.0 * time,
+    "epoch": lambda time: 1.7e9 + time,
+    "rounded": lambda time: np.round(0.613 * time, 3),
+    "every third tick": lambda time: np.cumsum(np.resize([0.05, 0.05, 0.1], len(time))),
+    "jitter": lambda time: time + np.random.default_rng(1).normal(0.0, 0.01, len(time)).clip(-0.04, 0.04),
+    "random intervals": lambda time: np.cumsum(np.random.default_rng(1).exponential(0.1, len(time)) + 1e-3),
+    "late": late,
+    "GPS": gps,
+}
+
+
+@pytest.mark.parametrize("name", CLOCKS)
+@pytest.mark.parametrize("lag", TIME_CONSTANTS)
+@pytest.mark.parametrize("kind", COMMANDS)
+def test_undamaged_clocks_have_no_fault(kind: str, lag: float, name: str) -> None:
+    assert undamaged(2, lag, kind, CLOCKS[name]) == ()
+
+
+def test_topics_published_on_change_lose_nothing() -> None:
+    time, _, command = motion(4, kind="telegraph", lag=0.3)
+    changed = np.concatenate(([True], np.diff(command) != 0.0))
+    assert changed.sum() > 50
+    assert examined(clock(time[changed], fore=command[changed]))[1] == ()
+    _, heading, _ = motion(4, kind="sine", lag=8.0, noise=0.0)
+    rounded = np.round(heading / 0.5) * 0.5
+    changed = np.concatenate(([True], np.diff(rounded) != 0.0))
+    assert examined(clock(time[changed], heading=rounded[changed]))[1] == ()
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_usual_loss_is_no_fault(seed: int) -> None:
+    time, heading, command = motion(seed)
+    kept = np.random.default_rng(seed).random(len(time)) > 0.03
+    assert examined(clock(time[kept], heading=heading[kept], fore=command[kept]))[1] == ()
