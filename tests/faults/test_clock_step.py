@@ -25,7 +25,7 @@ def test_steps_back_and_leaps_are_taken_out(kind: str, lag: float, size: float) 
     assert fault.size is not None
     assert fault.standard_error is not None
     assert abs(fault.size - size) < 4.0 * fault.standard_error
-    assert fault.at == (pytest.approx(time[row - 1], abs=1e-6),)
+    assert list(fault.at) == pytest.approx([time[row - 1]], abs=1e-6)
     np.testing.assert_allclose(data.time, time, atol=1e-6)
     assert time[row - 1] < data.cuts[0] < time[row]
 
