@@ -51,6 +51,7 @@ from rovid.diagnose.validation import (
     resolve_ties,
 )
 from rovid.estimate.fit_result import FitResult
+from rovid.estimate.maximum_likelihood import require_swing
 from rovid.estimate.output_error import fit_output_error
 from rovid.signals.preprocessing import PreparedRuns
 from rovid.trial.vehicle import Vehicle
@@ -245,6 +246,7 @@ def conclude(selection: Selection, notes: Sequence[str]) -> Diagnosis:
     warnings += [_INCONSISTENT.format(effect.title) for effect in selection.inconsistent]
     warnings += selection.messages
     try:
+        require_swing(selection.model)
         return build_diagnosis(selection, warnings)
     except DataError as error:
         return Diagnosis(verdict="too_little_data", missing=str(error), warnings=tuple(warnings))

@@ -35,6 +35,9 @@ INNOVATIONS_R2 = 0.93
 _MAX_R2_LOSS = 0.01
 # Factor on the limit of an active disturbance, for the effect of the limit on the parameters.
 _LOOSER = 2.5
+# Least free-running R^2 of free swings. Below it most of the motion is no swing of the model, and period and damping
+# have no meaning; decision: half of the variance.
+_SWING_R2 = 0.5
 # Number of starts that are kept while effects are added.
 _STARTS = 8
 # Steps of a coarse fit.
@@ -151,6 +154,7 @@ def loosen_limit(fitted: FitResult) -> FitResult:
 
 
 def _result(best: FitResult, simulation_r2: float) -> LikelihoodFit:
+    require_swing(best)
     fitted = best.canonical()
     model, data = fitted.model, fitted.data
     added, misspecification_warnings = misspecification_covariance(fitted)
@@ -189,6 +193,19 @@ def _result(best: FitResult, simulation_r2: float) -> LikelihoodFit:
         white=fitted.is_white,
         free_run_r2=best.simulated_r2,
         simulation_r2=simulation_r2,
+    )
+
+
+def require_swing(fitted: FitResult) -> None:
+    """Raise DataError if no actuator drives the vehicle and its motion is not that of the model's free swings."""
+    r2 = fitted.simulated_r2
+    if fitted.data.has_actuators or r2 >= _SWING_R2:
+        return
+    axis = fitted.data.axis
+    raise DataError(
+        f"these logs are no free decay: the model's free swings explain {100.0 * max(r2, 0.0):.0f} % of the "
+        f"{axis.rate_words}; {100.0 * _SWING_R2:.0f} % or more was expected.",
+        mend=f"Give logs of releases in still water, or map what drives the vehicle: [[thrusters]] with {axis.arm_key}.",
     )
 
 

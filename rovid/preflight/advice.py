@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from rovid.core.errors import RovidError
+from rovid.core.errors import DataError, RovidError
 from rovid.core.formatting import plus_minus, significant
 from rovid.effects.actuator_inputs import neutral_commands
 from rovid.estimate.estimate import Estimate
@@ -27,6 +27,9 @@ Weight = Literal["grave", "care", "aside"]
 
 # Requirements on a campaign: levels each way, sine periods, cycles of each, s with one thruster alone, s of coasting.
 _LEVELS, _SINES, _CYCLES, _ALONE_SECONDS, _COAST_SECONDS = 4, 2, 5, 20.0, 20.0
+# s, length of all logs below which logs without a valid regression are too short rather than wrong: less than one
+# response of a small vehicle; decision.
+_SHORTEST = 5.0
 # Levels that differ by less than this share of the largest count as one.
 _SAME_LEVEL = 0.1
 # Distance from the end of the bench curve as a share of its range; share of a trial there that is reported.
@@ -250,6 +253,12 @@ def _undetermined(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[Advice]:
     try:
         estimate = fit_regression(runs).estimate
     except RovidError as error:
+        if (seconds := sum(run.trial.duration for run in runs)) < _SHORTEST:
+            raise DataError(
+                f"the logs last {seconds:.1f} s in all, too short to determine the inertia.",
+                where=shortened_list([run.trial.name for run in runs]),
+                mend=f"Give logs of {_SHORTEST:.0f} s or more, in which commands change the {vehicle.axis.rate_words}.",
+            ) from error
         yield Advice(kind="undetermined", text=str(error), weight="grave")
         return
     body, inertia = vehicle.rigid_body_inertia, estimate.value("inertia")

@@ -148,9 +148,9 @@ def advance_states(stage: int, rows: int, state: Any, derivative: Any, h: Any, s
 
 @njit_inline
 def state_substeps(h: float, terms: Any) -> int:
-    """Number of substeps that the states of effects need in a step of ``h`` s."""
-    fastest: float = terms.fastest
-    return max(math.ceil(h * fastest / EFFECTS_STEP_SHARE), 1)
+    """Number of substeps that the states of effects need in a step of ``h`` s, at most `MAX_STEPS`."""
+    wanted: float = h * terms.fastest / EFFECTS_STEP_SHARE
+    return 1 if not wanted > 1.0 else math.ceil(min(wanted, float(MAX_STEPS)))
 
 
 @njit_inline
