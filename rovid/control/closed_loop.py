@@ -13,6 +13,7 @@ import numpy as np
 from rovid.control.actuators import Allocation, bare_inputs
 from rovid.control.control_law import ControlLaw
 from rovid.core.array_types import FloatArray
+from rovid.core.errors import DataError
 from rovid.effects.actuator_inputs import SPEEDS, ActuatorInputs, TrialRows
 from rovid.effects.base import TERM_STATES
 from rovid.jit.simd import LANES
@@ -170,6 +171,11 @@ def _control(loop: ClosedLoop, run: ClosedLoopRun) -> Iterator[None]:
         if sensor.deviates:
             measured += float(sensor.deviation(np.array([measured]))[0])
         measured += noise[k]
+        if not math.isfinite(measured):
+            raise DataError(
+                "the simulated closed loop diverges with these parameters.",
+                mend="Check the parameter file: a time constant may be far too short for its effect. Fit again.",
+            )
         state = law.initial_state(measured) if state is None else state
         run.torque[at : at + steps], state = law.step(state, measured, setpoint)
         yield

@@ -211,10 +211,13 @@ def _lagged_product(series: Sequence[FloatArray], lag: int) -> float:
 def is_white(series: Sequence[FloatArray]) -> bool:
     """Whether normalised innovations pass the Ljung-Box test (1978) over all trials and have no heavy tails.
 
-    Isolated spikes leave innovations white, so the kurtosis is tested too.
+    Isolated spikes leave innovations white, so the kurtosis is tested too. Too few innovations for the test are not
+    known to be white.
     """
     count = sum(map(len, series))
     power = sum(float(z @ z) for z in series)
+    if count <= _LAGS or not power > 0.0:
+        return False
     statistic = 0.0
     for lag in range(1, _LAGS + 1):
         statistic += (_lagged_product(series, lag) / power) ** 2 / (count - lag)

@@ -12,7 +12,7 @@ import numpy as np
 from rovid.core.array_types import BoolArray, FloatArray
 from rovid.core.errors import DataError
 from rovid.core.formatting import plus_minus, round_to_error, significant
-from rovid.core.stats import f_sf
+from rovid.core.stats import chi2_sf, f_sf
 from rovid.core.toml import SMALLEST
 from rovid.estimate.estimate import Estimate, r_squared
 from rovid.estimate.steady_points import SteadyPoint, TorqueBalance, WlsSolution, lasting_covariance, pooled_errors
@@ -85,7 +85,7 @@ def fit_drag(points: Sequence[SteadyPoint], axis: Axis = YAW) -> DragFit:
     balance = TorqueBalance.of(fitted, axis, np.array([name not in refused for name in names]))
     if not balance.is_determined:
         raise _not_distinguishable(fitted, [name for name in names if name not in refused], axis)
-    lasting = None
+    within = lasting = None
     if not table:
         if balance.degrees_of_freedom < _MIN_FREEDOM:
             raise _too_few(fitted, balance, axis)
@@ -120,7 +120,7 @@ def fit_drag(points: Sequence[SteadyPoint], axis: Axis = YAW) -> DragFit:
     estimate = replace(_estimate(method, names, solution, axis, len(fitted)), refused=refused)
     rows = {"up": balance.design[:, 1] > 0, "down": balance.design[:, 1] < 0}
     # With a net buoyancy as a further unknown, one direction alone determines too little.
-    directions = _fit_directions(fitted, balance, rows, axis) if len(names) == len(NAMES) else {}
+    directions = _fit_directions(fitted, balance, within, rows, axis) if len(names) == len(NAMES) else {}
     warnings += [*_parameter_warnings(estimate), *_direction_warnings(balance, residuals, rows, directions, axis)]
     return DragFit(
         estimate=replace(estimate, warnings=tuple(warnings)),
@@ -228,16 +228,26 @@ def _parameter_warnings(estimate: Estimate) -> Iterator[str]:
 
 
 def _fit_directions(
-    points: Sequence[SteadyPoint], balance: TorqueBalance, directions: dict[str, BoolArray], axis: Axis
+    points: Sequence[SteadyPoint],
+    balance: TorqueBalance,
+    within: FloatArray | None,
+    directions: dict[str, BoolArray],
+    axis: Axis,
 ) -> dict[str, Estimate]:
-    """The fit of each direction alone, where its points determine one."""
-    fits = {}
+    """The fit of each direction alone, where its points determine one, with errors as those of all points.
+
+    ``within`` are (k,) variances of the holds in N^2 m^2, None for a table.
+    """
+    fits, least = {}, 1 if within is None else _MIN_FREEDOM
     for name, rows in directions.items():
         part, chosen = balance.subset(rows), list(compress(points, rows))
-        if part.degrees_of_freedom <= 0 or rows.all() or _undetermined(chosen, axis) or not part.is_determined:
+        if part.degrees_of_freedom < least or rows.all() or _undetermined(chosen, axis) or not part.is_determined:
             continue
-        method = f"{_states(axis)}, {axis.position_words} {name} only"
-        fits[name] = _estimate(method, NAMES, part.solve(), axis, len(chosen))
+        method, solution = f"{_states(axis)}, {axis.position_words} {name} only", part.solve()
+        if within is not None:
+            covariance = lasting_covariance(part, chosen, within[rows])
+            solution = solution._replace(covariance=covariance, degrees_of_freedom=math.inf)
+        fits[name] = _estimate(method, NAMES, solution, axis, len(chosen))
     return fits
 
 
@@ -248,7 +258,10 @@ def _direction_warnings(
     fits: dict[str, Estimate],
     axis: Axis,
 ) -> Iterator[str]:
-    """Warnings of runs in one direction only, and of a difference between the two directions by an F test."""
+    """Warnings of runs in one direction only, and of a difference between the two directions.
+
+    The difference is tested by its covariance, which allows for lasting disturbances, or for a table by an F test.
+    """
     if any(rows.all() for rows in directions.values()):
         yield (
             f"All {_states(axis)} are in one direction: a constant {axis.force_name} (tether, trim) or a weaker "
@@ -258,11 +271,17 @@ def _direction_warnings(
     spare = len(balance.torque) - 2 * len(NAMES)
     if len(fits) < len(directions) or spare <= 0:
         return
-    separate = sum(balance.subset(rows).chi2(fits[name].values) for name, rows in directions.items())
-    if separate <= 0.0:
-        return
-    together = float(np.sum((residuals / balance.error) ** 2))
-    p_value = f_sf(len(NAMES), spare, (together - separate) / len(NAMES) / (separate / spare))
+    if balance.error_known:
+        one, other = fits.values()
+        difference = one.values - other.values
+        weighted = np.linalg.solve(one.covariance + other.covariance, difference)
+        p_value = chi2_sf(len(NAMES), float(difference @ weighted))
+    else:
+        separate = sum(balance.subset(rows).chi2(fits[name].values) for name, rows in directions.items())
+        if separate <= 0.0:
+            return
+        together = float(np.sum((residuals / balance.error) ** 2))
+        p_value = f_sf(len(NAMES), spare, (together - separate) / len(NAMES) / (separate / spare))
     if p_value <= _DIFFERENT_P:
         up, down = (fits[name].value("quadratic_drag") for name in directions)
         yield (

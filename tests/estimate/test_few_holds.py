@@ -90,3 +90,19 @@ def test_too_few_holds_are_refused_by_name(count: int) -> None:
     steady = [point for point in points if point.steady][:count]
     with pytest.raises(DataError, match=f"{count} steady turns are too few for 2 unknowns: a disturbance that"):
         fit_drag(steady)
+
+
+@pytest.mark.parametrize("memory", [0.1, 1.0, 10.0])
+@pytest.mark.parametrize("count", [12, 24])
+def test_three_standard_errors_hold_in_each_direction(count: int, memory: float) -> None:
+    rng, off, fits, differ = np.random.default_rng(count), 0, 0, 0
+    for _ in range(DRAWS):
+        fit = fit_drag(drawn(count, memory, rng, one_way=False))
+        differ += any("two directions differ" in warning for warning in fit.estimate.warnings)
+        for one in fit.directions.values():
+            fits += 1
+            off += max(abs(one.value(name) - TRUTH[name]) / one.standard_error(name) for name in NAMES) > 3.0
+    assert fits >= DRAWS
+    # Expected are one in a hundred of each drag, and one in a hundred draws whose directions differ by chance.
+    assert off <= 0.04 * fits
+    assert differ <= 4

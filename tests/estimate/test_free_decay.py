@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -166,3 +167,33 @@ def test_the_real_ship_is_damped_by_its_speed_and_bends(rovid: Rovid) -> None:
     still, _, sailing = (swing["damping_ratio"]["value"] for swing in fit["decay"]["swings"])
     assert sailing > 1.7 * still
     assert fit["free_run_r2"]["this_fit"] > 0.99
+
+
+@pytest.mark.parametrize("damage", ["walk", "shuffled", "moves"])
+@pytest.mark.parametrize("command", ["fit", "fit-inertia", "diagnose"])
+def test_motion_that_is_no_swing_is_refused(command: str, damage: str, tmp_path: Path, rovid: Rovid) -> None:
+    rng = np.random.default_rng(5)
+    shutil.copytree(SHIP, tmp_path / "day")
+    for path in sorted((tmp_path / "day").glob("decay*.csv")):
+        log = pd.read_csv(path)
+        roll = log["roll_rad"].to_numpy()
+        if damage == "walk":
+            log["roll_rad"] = 1e-3 * np.cumsum(rng.normal(size=len(roll)))
+        elif damage == "shuffled":
+            log["roll_rad"] = in_another_order(roll, rng)
+        else:
+            log["roll_rad"] = np.cumsum(in_another_order(np.diff(roll, prepend=roll[0]), rng))
+        log.to_csv(path, index=False)
+    done = rovid(command, "day", "--axis", "roll", "-p", "p.toml", *(["--json"] if command == "diagnose" else []))
+    if command == "diagnose":
+        assert done.document["verdict"] == "too_little_data"
+        assert "these logs are no free decay" in done.document["missing"]
+        return
+    assert done.code == 2
+    assert ("these logs are no free decay" if command == "fit" else "inertia cannot be determined") in done.err
+
+
+def in_another_order(values: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Blocks of about 15 ``values`` in random order."""
+    parts = np.array_split(values, len(values) // 15)
+    return np.concatenate([parts[at] for at in rng.permutation(len(parts))])

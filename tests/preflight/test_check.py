@@ -9,7 +9,7 @@ import pytest
 
 from rovid.preflight.check import check_logs
 from rovid.trial.config import Config, load_config
-from tests.conftest import SAMPLES
+from tests.conftest import SAMPLES, Rovid
 
 TANK = SAMPLES / "rosub_tank"
 
@@ -39,3 +39,17 @@ def test_a_bad_log_does_not_hide_the_others(tmp_path: Path) -> None:
     found = check_logs([tmp_path], wanted)
     assert [trial.name for trial, _ in found.rows] == ["hold_01.csv"]
     assert set(found.problems) == {"bad.csv"}
+
+
+def test_a_log_of_two_seconds_is_one_message(tmp_path: Path, rovid: Rovid) -> None:
+    day = tmp_path / "day"
+    day.mkdir()
+    for name in ("rovid.toml", "thrust_curve.csv"):
+        shutil.copy(SAMPLES / "rosub_tank" / name, day)
+    rows = (SAMPLES / "rosub_tank" / "staircase.csv").read_text(encoding="utf-8").splitlines()
+    time = [float(row.split(",")[0]) for row in rows[1:]]
+    (day / "run.csv").write_text("\n".join(rows[: 1 + sum(one <= 2.9 for one in time)]) + "\n", encoding="utf-8")
+    done = rovid("check", "day")
+    assert done.code == 2
+    assert done.out == ""
+    assert "too short to determine the inertia" in done.err
