@@ -205,7 +205,7 @@ def require_swing(fitted: FitResult) -> None:
     raise DataError(
         f"these logs are no free decay: the model's free swings explain {100.0 * max(r2, 0.0):.0f} % of the "
         f"{axis.rate_words}; {100.0 * _SWING_R2:.0f} % or more was expected.",
-        mend=f"Give logs of releases in still water, or map what drives the vehicle by {axis.arm_key} of [[thrusters]].",
+        mend=f"Give logs of releases, or map what drives the vehicle by {axis.arm_key} of [[thrusters]].",
     )
 
 
