@@ -14,6 +14,7 @@ from rovid.core.formatting import plus_minus, significant
 from rovid.effects.actuator_inputs import neutral_commands
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.instrumental_variables import fit_regression
+from rovid.estimate.maximum_likelihood import fit_likelihood
 from rovid.preflight.clock_alignment import ClockOffsets
 from rovid.preflight.command_effects import ThrusterCheck
 from rovid.preflight.feedback_detection import SIGNIFICANCE_LEVEL, Feedback
@@ -249,7 +250,10 @@ def _has_single_thruster_run(runs: Sequence[Run], vehicle: Vehicle) -> bool:
 
 
 def _undetermined(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[Advice]:
-    """Parameters that a regression on all runs does not determine, and an implausible inertia."""
+    """Parameters that a regression on all runs does not determine, and an implausible inertia.
+
+    Where the regression leaves the inertia uncertain, `fit_likelihood` decides whether the logs determine it.
+    """
     try:
         estimate = fit_regression(runs).estimate
     except RovidError as error:
@@ -270,6 +274,12 @@ def _undetermined(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[Advice]:
             "times the inertia of its mass and size."
         )
         yield Advice(kind="scale", text=text)
+    if not estimate.standard_error("inertia") <= _UNCERTAIN * inertia:
+        try:
+            fit_likelihood(runs, vehicle)
+        except RovidError as error:
+            yield Advice(kind="undetermined", text=str(error), weight="grave")
+            return
     for name, size in _relevant_sizes(runs, estimate).items():
         value, spread = estimate.value(name), estimate.standard_error(name)
         if spread > _UNCERTAIN * max(abs(value), size):

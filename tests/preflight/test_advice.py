@@ -6,6 +6,7 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -131,3 +132,18 @@ def test_feedback_is_found_in_a_real_dive(rovid: Rovid) -> None:
     found = kinds(rovid, SAMPLES / "bluerov2_pier59" / "dive.csv")
     assert "by an autopilot or a pilot: in dive.csv" in found["feedback"]
     assert {"holds", "sines", "one_thruster"} <= set(found)
+
+
+def test_check_refuses_what_fit_refuses(tmp_path: Path, rovid: Rovid) -> None:
+    (tmp_path / "day").mkdir()
+    for name in ("rovid.toml", "thrust_curve.csv"):
+        shutil.copy(SAMPLES / "rosub_tank" / name, tmp_path / "day")
+    log = pd.read_csv(SAMPLES / "rosub_tank" / "hold_02.csv")
+    # In noise of 5 deg a regression finds an inertia, but the likelihood does not.
+    log["heading_deg"] = (log["heading_deg"] + np.random.default_rng(1).normal(0.0, 5.0, len(log))) % 360.0
+    log.to_csv(tmp_path / "day" / "hold_02.csv", index=False)
+    refused = rovid("fit", "day")
+    assert refused.code == 2
+    document = rovid("check", "day", "--json").document
+    assert document["verdict"] == "no_go"
+    assert f"rovid: {document['advice'][0]['text']}" == refused.err.strip()
