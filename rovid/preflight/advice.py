@@ -254,16 +254,26 @@ def _undetermined(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[Advice]:
 
     Where the regression leaves the inertia uncertain, `fit_likelihood` decides whether the logs determine it.
     """
+    estimate, why = None, ""
     try:
         estimate = fit_regression(runs).estimate
     except RovidError as error:
-        if (seconds := sum(run.trial.duration for run in runs)) < _SHORTEST:
-            raise DataError(
-                f"the logs last {seconds:.1f} s in all, too short to determine the inertia.",
-                where=shortened_list([run.trial.name for run in runs]),
-                mend=f"Give logs of {_SHORTEST:.0f} s or more, in which commands change the {vehicle.axis.rate_words}.",
-            ) from error
-        yield Advice(kind="undetermined", text=str(error), weight="grave")
+        why = str(error)
+    if estimate is None or not estimate.standard_error("inertia") <= _UNCERTAIN * estimate.value("inertia"):
+        try:
+            fit_likelihood(runs, vehicle)
+        except RovidError as error:
+            if (seconds := sum(run.trial.duration for run in runs)) < _SHORTEST:
+                raise DataError(
+                    f"the logs last {seconds:.1f} s in all, too short to determine the inertia.",
+                    where=shortened_list([run.trial.name for run in runs]),
+                    mend=f"Give logs of {_SHORTEST:.0f} s or more, in which commands change the "
+                    f"{vehicle.axis.rate_words}.",
+                ) from error
+            yield Advice(kind="undetermined", text=str(error), weight="grave")
+            return
+    if estimate is None:
+        yield Advice(kind="undetermined", text=f"A first regression fails, though not the fit: {why}")
         return
     body, inertia = vehicle.rigid_body_inertia, estimate.value("inertia")
     # Guessed arms, curves and sizes give no more than the order of magnitude.
@@ -274,12 +284,6 @@ def _undetermined(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[Advice]:
             "times the inertia of its mass and size."
         )
         yield Advice(kind="scale", text=text)
-    if not estimate.standard_error("inertia") <= _UNCERTAIN * inertia:
-        try:
-            fit_likelihood(runs, vehicle)
-        except RovidError as error:
-            yield Advice(kind="undetermined", text=str(error), weight="grave")
-            return
     for name, size in _relevant_sizes(runs, estimate).items():
         value, spread = estimate.value(name), estimate.standard_error(name)
         if spread > _UNCERTAIN * max(abs(value), size):
