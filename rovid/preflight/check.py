@@ -132,8 +132,8 @@ def _examine_runs(trials: Sequence[Trial], config: Config) -> tuple[Sequence[Tri
     except RovidError:  # `advise` reports it.
         return trials, ()
     kept, faults = examine_runs(runs.items, config.vehicle, config.faults)
-    left = {id(run.trial) for run in runs.items} - {id(run.trial) for run in kept}
-    return [trial for trial in trials if id(trial) not in left], faults
+    prepared = {id(run.trial) for run in runs.items}
+    return [*(run.trial for run in kept), *(trial for trial in trials if id(trial) not in prepared)], faults
 
 
 def _facts(trial: Trial, config: Config, vehicle: Vehicle) -> dict[str, Any]:

@@ -109,7 +109,10 @@ def test_period_damping_and_ratios_come_back(tmp_path: Path, rovid: Rovid) -> No
     assert {name: entry["unit"] for name, entry in fit["parameters"].items()} == UNITS
     assert "inertia" in fit["not_identifiable"]
     (used,) = (text for text in fit["warnings"] if text.startswith("Only the free swings"))
-    assert "both.csv (" in used
+    assert used.count("both.csv, ") == 2
+    (fault,) = fit["faults"]
+    assert (fault["fault"], fault["size"], fault["remedy"]) == ("several_releases", 2.0, "cut")
+    assert fault["at"] == pytest.approx([12.0, 84.0], abs=0.2)
     assert "one.csv (" in used
     decay = fit["decay"]
     for name, truth in (("restoring_stiffness", STIFFNESS), ("linear_drag", LINEAR), ("quadratic_drag", QUADRATIC)):

@@ -1,0 +1,82 @@
+"""Long rest, or motion by other hands, before the first command of a log or after its last.
+
+The stretch without thrust at an end of a log is idle from the instant at which the vehicle has come to rest: a
+coast-down is a test. It is idle as well from the instant at which the vehicle is moved without a command.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+
+from rovid.faults.base import Detection, FaultKind, RunsData
+from rovid.faults.free_stretches import FreeMotion, FreeStretch, log_starts, without_intervals
+from rovid.faults.quick_model import log_name
+from rovid.signals.preprocessing import Run
+from rovid.trial.fault import Fault
+
+# s and multiples of the rest that is kept: shorter rest next to a test is usual and useful.
+_LONG_SECONDS, _LONG_RESTS = 20.0, 3.0
+# Share of the log that is idle where the vehicle rests: rest of this share outweighs no test.
+_SHARE = 0.25
+
+
+def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
+    if data.vehicle.axis.self_righting:
+        return
+    motion, starts = FreeMotion(data.runs, data.vehicle), log_starts(data.runs)
+    last = {log_name(run): run for run in sorted(data.runs, key=lambda run: run.trial.campaign_time)}
+    for run in data.runs:
+        name = log_name(run)
+        offset = run.trial.campaign_time - starts[name]
+        ends = [one for one in motion.stretches(run) if (one.first and not offset) or (one.last and run is last[name])]
+        found = [(one, _interval(one, run.trial.duration)) for one in ends]
+        idle = [(one, span) for one, span in found if _is_idle(one, span, run.trial.duration)]
+        if not idle:
+            continue
+        seconds = sum(end - begin for _, (begin, end) in idle)
+        what = "is moved without a command" if any(one.hand for one, _ in idle) else "rests"
+        where = " and ".join(f"from {offset + begin:.1f} to {offset + end:.1f} s" for _, (begin, end) in idle)
+        fault = Fault(
+            fault="idle_ends",
+            logs=(name,),
+            at=tuple(offset + begin for _, (begin, _) in idle),
+            size=seconds,
+            unit="s",
+            text=f"{name}: no actuator pushes {where}, and the vehicle {what}.",
+            remedy="cut",
+        )
+        repair = partial(_without, run=run, intervals=[span for _, span in idle])
+        yield Detection(fault=fault, done="That was cut off.", repair=repair)
+
+
+def _interval(stretch: FreeStretch, duration: float) -> tuple[float, float]:
+    """Interval in s to cut off, without the rest that stays next to a test."""
+    if stretch.first:
+        last = stretch.hand[1] if stretch.hand else stretch.end - stretch.kept
+        rests = stretch.hand or stretch.rest <= stretch.begin + stretch.kept
+        return 0.0 if rests else stretch.rest + stretch.kept, min(max(last, stretch.end - stretch.kept), stretch.end)
+    begin = stretch.rest + stretch.kept
+    return min(begin, stretch.hand[0]) if stretch.hand else begin, duration
+
+
+def _is_idle(stretch: FreeStretch, interval: tuple[float, float], duration: float) -> bool:
+    seconds = interval[1] - interval[0]
+    return bool(stretch.hand) or seconds > max(_LONG_SECONDS, _LONG_RESTS * stretch.kept, _SHARE * duration)
+
+
+def _without(data: RunsData, run: Run, intervals: list[tuple[float, float]]) -> RunsData:
+    runs: list[Run] = []
+    for one in data.runs:
+        runs += without_intervals(run, intervals, data.vehicle) if one is run else [one]
+    return replace(data, runs=runs)
+
+
+FAULT = FaultKind(
+    id="idle_ends",
+    title="Rest or handling at an end of a log",
+    stage="runs",
+    detect=_detect,
+    false_alarms="rest is never shorter than 20 s and nine time constants; handling as in several_releases.",
+)
