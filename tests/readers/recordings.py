@@ -42,14 +42,18 @@ class Recording:
 
 # --- ArduPilot DataFlash ------------------------------------------------------------------------------------------
 
-_BIN_LETTERS = {"Q": "Q", "f": "f", "B": "B", "H": "H", "C": "H"}
+_BIN_LETTERS = {"Q": "Q", "I": "I", "f": "f", "B": "B", "H": "H", "C": "H"}
 _BIN_MESSAGES = {"ATT": ("Qf", "TimeUS,Yaw"), "RCOU": ("QH", "TimeUS,C1"), "BAT": ("QBC", "TimeUS,Inst,Volt")}
 
 
-def dataflash(rows: list[Row]) -> bytes:
-    """A DataFlash log of ATT, RCOU and BAT messages."""
+# Before 2015.
+OLD_MESSAGES = {"ATT": ("If", "TimeMS,Yaw"), "RCOU": ("IHH", "TimeMS,Ch1,Ch2")}
+
+
+def dataflash(rows: list[Row], messages: Mapping[str, tuple[str, str]] = _BIN_MESSAGES) -> bytes:
+    """A DataFlash log of ``messages``: ATT, RCOU and BAT."""
     kinds, data = {}, b""
-    for number, (name, (letters, labels)) in enumerate(_BIN_MESSAGES.items(), start=1):
+    for number, (name, (letters, labels)) in enumerate(messages.items(), start=1):
         form = struct.Struct("<" + "".join(_BIN_LETTERS[letter] for letter in letters))
         kinds[name] = (bytes([number]), form)
         texts = name.encode(), letters.encode(), labels.encode()

@@ -14,7 +14,7 @@ from rovid.trial.config import Config, load_config
 from rovid.trial.trial import Trial
 from tests.conftest import SAMPLES, Rovid
 from tests.readers.logs import campaign, csv_text, kinds, standard, toml
-from tests.readers.recordings import Row, dataflash
+from tests.readers.recordings import OLD_MESSAGES, Row, dataflash
 
 DATAFLASH = SAMPLES / "bluerov2_dataflash"
 DIVE = DATAFLASH / "dive.BIN"
@@ -157,3 +157,16 @@ def test_a_damaged_time_is_left_out(time: int, tmp_path: Path) -> None:
     trial = read_small(tmp_path, small([("ATT", (time, 1.0))]))
     assert trial.duration == pytest.approx(199 * 0.05, abs=0.1)
     assert trial.remarks
+
+
+@pytest.mark.parametrize("command", ["RCOU.C2", "RCOU.Ch2"])
+def test_logs_before_2015_have_ms_and_other_names(command: str, tmp_path: Path) -> None:
+    rows: list[Row] = [("RCOU", (0, 1500, 1600)), ("RCOU", (3020, 1500, 1700))]
+    rows += [("ATT", (50 * k, (10.0 + 0.4 * k) % 360.0)) for k in range(200)]
+    data = dataflash(sorted(rows, key=lambda row: row[1][0]), OLD_MESSAGES)  # type: ignore[arg-type, return-value]
+    config = campaign(tmp_path, toml(heading="", time="", command=f'{{ bin = "{command}" }}'))
+    (tmp_path / "a.bin").write_bytes(data)
+    trial = read_log(tmp_path / "a.bin", config)
+    np.testing.assert_allclose(trial.time[trial.measured], 0.05 * np.arange(200), atol=1e-9)
+    np.testing.assert_array_equal(trial.commands[np.searchsorted(trial.time, [3.0, 3.02]), 0], [1600.0, 1700.0])
+    assert bin_reader.sources(tmp_path / "a.bin").sources == ("ATT.Yaw", "RCOU.C1", "RCOU.C2")

@@ -89,3 +89,15 @@ def test_a_number_that_damage_made_a_signalling_nan_is_missing(tmp_path: Path) -
     data[at : at + 4] = b"\x01\x00\x80\x7f"
     # Of heading, roll and pitch each.
     assert kinds(read(tmp_path, data=bytes(data)))["missing"] == 3
+
+
+def test_nan_stops_a_motor(tmp_path: Path) -> None:
+    """And one that is never commanded is stopped throughout."""
+    nan = float("nan")
+    rows = [*ROWS, ("actuator_motors", (int(2.01e6), nan, nan)), ("actuator_motors", (int(4.01e6), 3.0, nan))]
+    trial = read(tmp_path, data=ulog(sorted(rows, key=lambda row: row[1][0])))  # type: ignore[arg-type, return-value]
+    at = np.searchsorted(trial.time, [1.0, 3.0, 5.0])
+    np.testing.assert_array_equal(trial.commands[at, 0], [1.0, 0.0, 3.0])
+    (remark,) = trial.remarks
+    assert (remark.kind, remark.count) == ("stopped", 2)
+    assert "NaN in 2 messages, with which PX4 stops a motor; 0 was taken" in remark.text
