@@ -55,6 +55,10 @@ def _lines(data: bytes) -> set[int]:
     return {found.end() for found in re.finditer(b"\n", data)}
 
 
+def _objects(data: bytes) -> set[int]:
+    return {found.end() - more for found in re.finditer(b"\n", data) for more in (0, 1)}
+
+
 def _sentences(data: bytes) -> set[int]:
     return {found.end() + more for found in re.finditer(rb"\*[0-9A-F]{2}", data) for more in (0, 1, 2)}
 
@@ -97,6 +101,8 @@ def _recording(data: bytes, folder: Path) -> set[int]:
 
 WHOLE: dict[str, Callable[[bytes], set[int]]] = {
     ".csv": _lines,
+    ".jsonl": _objects,
+    ".ndjson": _objects,
     ".nmea": _sentences,
     ".BIN": _dataflash,
     ".tlog": _telemetry,
