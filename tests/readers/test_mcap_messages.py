@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import IO
 
+import numpy as np
 import pytest
 from google.protobuf import descriptor_pb2
 from mcap.writer import Writer
 
 from rovid.core.errors import LogError
-from rovid.readers import mcap_reader
+from rovid.readers import mcap_reader, read_log
 from rovid.trial.config import Config
-from tests.readers.logs import EPOCH
+from tests.readers.logs import EPOCH, campaign, toml
+from tests.readers.recordings import HEADING, TIME
 
 
 def one_message(file: IO[bytes], encoding: str, schema: tuple[str, str, bytes], payload: bytes) -> None:
@@ -60,3 +63,23 @@ def test_deep_and_recursive_messages(name: str, config: Config, tmp_path: Path) 
     with pytest.raises(LogError, match=words) as caught:
         mcap_reader.read(path, config.for_format("mcap"))
     assert len(str(caught.value)) < 1000
+
+
+@pytest.mark.parametrize("parts", [("sec", "nanosec"), ("secs", "nsecs")])
+@pytest.mark.parametrize("clock", ["at", "at.{}"])
+def test_a_field_of_seconds_and_nanoseconds_is_a_clock(parts: tuple[str, str], clock: str, tmp_path: Path) -> None:
+    with (tmp_path / "a.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        channel = writer.register_channel("/state", "json", 0)
+        for at, heading in zip(TIME.tolist(), HEADING.tolist(), strict=True):
+            ns = EPOCH + round(at * 1e9)
+            stamp = {parts[0]: ns // 10**9, parts[1]: ns % 10**9}
+            payload = json.dumps({"at": stamp, "heading": heading % 360.0, "u": 1.0}).encode()
+            writer.add_message(channel, EPOCH, payload, EPOCH)
+        writer.finish()  # type: ignore[no-untyped-call]  # the library leaves its annotation out
+    time = f'time = {{ mcap = "{clock.format(parts[0])}" }}'
+    text = toml(time=time, heading='heading = { mcap = "/state.heading" }', command='{ mcap = "/state.u" }')
+    trial = read_log(tmp_path / "a.mcap", campaign(tmp_path, text))
+    np.testing.assert_allclose(trial.time[trial.measured], TIME, atol=1e-9)
+    assert trial.start_epoch == pytest.approx(EPOCH / 1e9)
