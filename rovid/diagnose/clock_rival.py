@@ -15,6 +15,7 @@ from rovid.diagnose.result import Diagnosis, Finding
 from rovid.diagnose.stepwise import ProgressCallback
 from rovid.effects.clock_offset import CLOCKS_APART
 from rovid.signals.preprocessing import PreparedRuns, Run, prepare
+from rovid.signals.rates import highest_cutoff
 from rovid.signals.shift import shift_commands
 from rovid.trial.fault import Fault
 from rovid.trial.trial import Campaign
@@ -34,7 +35,9 @@ def diagnose_logs(prepared: PreparedRuns, vehicle: Vehicle, report: ProgressCall
     fault = _fault(offset, prepared.items, "The commands were moved by it.")
     lead = offset.estimate.value(_LEAD)
     trials = tuple(shift_commands(run.trial, -lead) for run in prepared.items)
-    corrected = prepare(Campaign(trials=trials, sources=()), vehicle, cutoff=prepared.cutoff)
+    corrected = prepare(
+        Campaign(trials=trials, sources=()), vehicle, cutoff=min(prepared.cutoff, highest_cutoff(trials))
+    )
     report("Repeating the diagnosis with the clocks corrected …")
     diagnosis = _without_offset(diagnose(corrected, vehicle, report), corrected.items)
     return replace(diagnosis, faults=(fault, *diagnosis.faults))

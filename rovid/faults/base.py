@@ -87,6 +87,7 @@ class SignalData:
     values: FloatArray  #: (n,) in SI, angles wrapped as logged; finite.
     period: float  #: 2 pi for an angle; infinite otherwise.
     unit: str  #: SI unit, for messages.
+    clipped: bool = False  #: Whether clipped readings were left out.
     measured: bool = True  #: Whether this signal measures the motion that the model explains.
 
 

@@ -27,6 +27,8 @@ _MIN_LOGS = 4
 _LEVEL = 1e-3
 # Smallest relative deviation of a foreign log, beyond two standard errors, and of two groups.
 _MIN_DEVIATION, _MIN_STEP = 0.2, 0.06
+# Logarithm of the share of the usual RMS torque, about its mean, that a log needs: another log says nothing by itself.
+_EXCITED = np.log(0.2)
 # Largest relative standard error of a log that takes part in groups.
 _MAX_ERROR = 0.05
 # Likelihood ratio of two levels against one with scatter: 99.5 % quantile of the best split of n normal deviates, by
@@ -56,7 +58,8 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
     # Without the foreign logs the scatter of the others is smaller, which may show further ones.
     rest = data
     while model is not None and len(model.logs) >= _MIN_LOGS:
-        foreign = [log for log in model.logs if _is_foreign(log, len(model.logs))]
+        least = float(np.median([log.features[0] for log in model.logs])) + _EXCITED
+        foreign = [log for log in model.logs if log.features[0] > least and _is_foreign(log, len(model.logs))]
         if not foreign or 2 * (len(found) + len(foreign)) >= count:
             break
         found += [_foreign(log, len(model.logs)) for log in foreign]

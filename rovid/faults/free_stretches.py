@@ -16,6 +16,7 @@ from rovid.core.array_types import BoolArray, FloatArray
 from rovid.core.errors import DataError
 from rovid.faults.quick_model import QuickModel, first_order, fit_quick_model, log_name
 from rovid.signals.preprocessing import Run, prepare_trials
+from rovid.signals.rates import highest_cutoff
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Vehicle
 
@@ -129,7 +130,7 @@ def without_intervals(run: Run, intervals: Sequence[tuple[float, float]], vehicl
     kept = [rows for rows in spans if trial.measured[rows].sum() >= _MIN_READINGS]
     parts = [trial.part(rows, _name(trial, rows) if len(kept) > 1 else trial.name) for rows in kept]
     try:
-        return list(prepare_trials(parts, vehicle, cutoff=run.rates.kernel.cutoff).items)
+        return list(prepare_trials(parts, vehicle, cutoff=min(run.rates.kernel.cutoff, highest_cutoff(parts))).items)
     except DataError:  # No part is long enough.
         return []
 

@@ -33,6 +33,8 @@ _MAX_INTERVAL = 1.5
 # A jump up to this many s after a change of the commands may be motion, unless the commands change at least this often
 # elsewhere, without a jump, and it is this many times larger than the steps of the motion elsewhere.
 _COMMAND_SECONDS, _MIN_CHANGES, _FASTER = 1.0, 5, 1.3
+# This many jumps of one size, within this share, are wraps.
+_REPEATED, _SAME_SIZE = 3, 0.05
 # Share of the commanded range that is a change of the commands.
 _CHANGE = 0.05
 
@@ -86,8 +88,11 @@ def _detect(data: TrialData) -> Iterator[Detection[TrialData]]:
     noise = 1.4826 * float(np.median(np.abs(steps.departures)))
     for at, size in stated:
         yield _detection(trial.name, at, size, None, "the log states a reset of the heading")
-    for index in sorted(found):
-        size, error = _size(steps, index, noise)
+    sized = [(index, *_size(steps, index, noise)) for index in sorted(found)]
+    sizes = np.abs([size for _, size, _ in sized])
+    if len(sizes) >= _REPEATED and np.ptp(sizes) < _SAME_SIZE * np.median(sizes):
+        return  # The heading wraps at another period than a turn: it is clipped, or of another scale.
+    for index, size, error in sized:
         yield _detection(trial.name, float(steps.time[index + 1]), size, error, "the heading jumps and stays")
 
 

@@ -7,11 +7,12 @@ of the torques' ratio, at most twofold here.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 
 import numpy as np
 
+from rovid.core.array_types import FloatArray
 from rovid.faults.base import Detection, FaultKind, RunsData
 from rovid.faults.foreign_log import without
 from rovid.faults.quick_model import first_order, fit_quick_model, held_torque, log_name
@@ -60,17 +61,17 @@ def _found(name: str, runs: list[Run], rate: float) -> Detection[RunsData]:
 
 
 def _motion(run: Run) -> float:
-    """RMS rate about its mean, without the sensor noise; rad/s or m/s."""
+    """RMS rate without the sensor noise; rad/s or m/s."""
     rate = run.rates.rate[run.valid]
-    return float(np.sqrt(max(float(np.var(rate)) - run.rates.rate_noise**2, 0.0)))
+    return float(np.sqrt(max(float(np.mean(rate**2)) - run.rates.rate_noise**2, 0.0)))
 
 
 def _torque(run: Run, tau: float) -> float:
-    """RMS torque about its mean through the time constant ``tau`` in s."""
-    return float(np.std(first_order(held_torque(run), tau, run.rates.kernel.period)[run.valid]))
+    """RMS torque through the time constant ``tau`` in s."""
+    return _rms(first_order(held_torque(run), tau, run.rates.kernel.period)[run.valid])
 
 
-def _rms(values: list[float]) -> float:
+def _rms(values: Sequence[float] | FloatArray) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 

@@ -49,7 +49,7 @@ def _detect(data: SignalData) -> Iterator[Detection[SignalData]]:
 
 def _without(data: SignalData, bound: float) -> SignalData:
     kept = data.values != bound
-    return replace(data, time=data.time[kept], values=data.values[kept])
+    return replace(data, time=data.time[kept], values=data.values[kept], clipped=True)
 
 
 def _is_bound(data: SignalData, clipped: BoolArray) -> bool:

@@ -19,7 +19,8 @@ from rovid.trial.fault import Fault
 _SHARE, _END_SHARE, _STAYS = 0.9, 0.05, 4
 # Least number of wraps, and for periods that no known scale has. Largest share of the samples with a large step.
 _MIN_WRAPS, _MIN_UNUSUAL, _MOST = 2, 4, 0.05
-# Share of the samples at an end of the range, above which the sensor is clipped there.
+# Share of the samples at an end of the range, above which the sensor is clipped there. It is clipped, too, where each
+# wrap passes a reading exactly at an end.
 _CLIPPED = 0.01
 # Relative difference of a period from a turn that a vehicle's motion within one sample may cause.
 _NEAR = 0.04
@@ -55,7 +56,8 @@ def _detect(data: SignalData) -> Iterator[Detection[SignalData]]:
     edge = _END_SHARE * span
     ends = np.minimum(values - low, high - values) < edge
     wraps = wraps[ends[wraps] & ends[wraps + 1]]
-    if not len(wraps):
+    exact = np.count_nonzero(values == high) + np.count_nonzero(values == low)
+    if not len(wraps) or data.clipped or exact >= len(wraps) + 2:
         return
     # The motion goes on across a wrap: its rate is that of the samples around.
     around = 0.5 * (steps[np.maximum(wraps - 1, 0)] + steps[np.minimum(wraps + 1, len(steps) - 1)])

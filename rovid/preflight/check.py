@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,8 +12,9 @@ import numpy as np
 from rovid.core.errors import RovidError
 from rovid.estimate.inner_loop import InnerLoop, find_inner_loop, ordered_rate
 from rovid.faults.catalogue import examine_runs
+from rovid.faults.response_delay import response_delay
 from rovid.preflight.advice import Advice, advise
-from rovid.preflight.clock_alignment import ClockOffsets
+from rovid.preflight.clock_alignment import SIGNIFICANT, ClockOffsets
 from rovid.preflight.clock_offsets import estimate_clock_offsets
 from rovid.preflight.command_effects import ThrusterCheck, check_thrusters
 from rovid.preflight.feedback_detection import Feedback, detect_feedback
@@ -81,7 +82,7 @@ def check_logs(paths: Sequence[Path], config: Config) -> LogCheck:
         return LogCheck(rows=tuple(rows), problems=problems, remarks=tuple(remarks), advice=(advice,), faults=faults)
     trials, more = _examine_runs(trials, config)
     feedback = detect_feedback(trials, vehicle)
-    clocks = estimate_clock_offsets(trials, config)
+    clocks = _confirmed_offsets(estimate_clock_offsets(trials, config), trials, vehicle)
     thrusters = check_thrusters(trials, vehicle)
     return LogCheck(
         rows=tuple(rows),
@@ -93,6 +94,16 @@ def check_logs(paths: Sequence[Path], config: Config) -> LogCheck:
         thrusters=tuple(thrusters),
         faults=(*faults, *more, *_clock_faults(clocks, more, config)),
     )
+
+
+def _confirmed_offsets(clocks: ClockOffsets, trials: Sequence[Trial], vehicle: Vehicle) -> ClockOffsets:
+    """``clocks`` without early responses that all logs together do not show, as of a vehicle that drifts at rest."""
+    if not any(clock.certain and not clock.by for clock in clocks.offsets):
+        return clocks
+    found = response_delay(prepare(Campaign(trials=tuple(trials), sources=()), vehicle).items)
+    is_early = found is not None and found.delay < -SIGNIFICANT * found.error
+    kept = [clock for clock in clocks.offsets if clock.by or not clock.certain or is_early]
+    return replace(clocks, offsets=tuple(kept))
 
 
 def _clock_faults(clocks: ClockOffsets, found: Sequence[Fault], config: Config) -> Iterator[Fault]:

@@ -344,11 +344,16 @@ class _Builder:
 
     def check_units(self, time: FloatArray, heading: FloatArray, yaw_rate: FloatArray | None) -> None:
         signal = self.config.signals["heading"]
-        if yaw_rate is not None:
-            signals = (signal, self.config.signals["yaw_rate"])
-            if gyro_confirms_unit(time, heading, yaw_rate, signals, self.name):
-                return
-        refuse_wrong_heading(self.raw.channels["heading"], signal, heading, self.name)
+        try:
+            if yaw_rate is not None:
+                signals = (signal, self.config.signals["yaw_rate"])
+                if gyro_confirms_unit(time, heading, yaw_rate, signals, self.name):
+                    return
+            refuse_wrong_heading(self.raw.channels["heading"], signal, heading, self.name)
+        except LogError as error:
+            fault = Fault(fault="scaled_heading", logs=(self.name,), text=str(error), stops=True)
+            if not self.config.faults.keep(fault):
+                self.faults.append(fault)
 
 
 def _integral(time: FloatArray, rate: FloatArray) -> FloatArray:

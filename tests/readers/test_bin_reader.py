@@ -156,7 +156,7 @@ def test_a_hole_is_stepped_over(config: Config, tmp_path: Path) -> None:
 def test_a_damaged_time_is_left_out(time: int, tmp_path: Path) -> None:
     trial = read_small(tmp_path, small([("ATT", (time, 1.0))]))
     assert trial.duration == pytest.approx(199 * 0.05, abs=0.1)
-    assert trial.remarks
+    assert trial.faults or trial.remarks
 
 
 @pytest.mark.parametrize("command", ["RCOU.C2", "RCOU.Ch2"])
