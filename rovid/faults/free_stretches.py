@@ -17,6 +17,7 @@ from rovid.core.errors import DataError
 from rovid.faults.quick_model import QuickModel, first_order, fit_quick_model, log_name
 from rovid.signals.preprocessing import Run, prepare_trials
 from rovid.signals.rates import highest_cutoff
+from rovid.trial.cutting import measured_spans
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Vehicle
 
@@ -31,8 +32,6 @@ _AT_WORK = 0.15
 _KEPT_SECONDS, _KEPT_CONSTANTS = 5.0, 3.0
 # Share of the run's largest rate below which the vehicle is at rest, if the disturbances are not larger.
 _REST = 0.05
-# Measured positions that a part of a log needs.
-_MIN_READINGS = 10
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,11 +125,13 @@ def without_intervals(run: Run, intervals: Sequence[tuple[float, float]], vehicl
     """The parts of a run outside of the ``intervals`` in s, which are in order."""
     trial = run.trial
     edges = [0, *np.searchsorted(trial.time, np.ravel(intervals)).tolist(), len(trial.time)]
-    spans = [slice(*pair) for pair in zip(edges[::2], edges[1::2], strict=True)]
-    kept = [rows for rows in spans if trial.measured[rows].sum() >= _MIN_READINGS]
+    kept = measured_spans(trial, (slice(*pair) for pair in zip(edges[::2], edges[1::2], strict=True)))
     parts = [trial.part(rows, _name(trial, rows) if len(kept) > 1 else trial.name) for rows in kept]
+    if not parts:
+        return []
+    cutoff = min(run.rates.kernel.cutoff, highest_cutoff(parts))
     try:
-        return list(prepare_trials(parts, vehicle, cutoff=min(run.rates.kernel.cutoff, highest_cutoff(parts))).items)
+        return list(prepare_trials(parts, vehicle, cutoff=cutoff).items)
     except DataError:  # No part is long enough.
         return []
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -83,6 +83,17 @@ def _measured_rows(trial: Trial, rows: slice) -> slice:
     """``rows`` from the first to the last with a measured position."""
     measured = rows.start + np.flatnonzero(trial.measured[rows])
     return slice(int(measured[0]), int(measured[-1]) + 1)
+
+
+def measured_spans(trial: Trial, spans: Iterable[slice]) -> list[slice]:
+    """The ``spans`` of rows from their first to their last measurement, without those with few measurements."""
+    measured = np.flatnonzero(trial.measured)
+    found = []
+    for rows in spans:
+        first, last = np.searchsorted(measured, (rows.start, rows.stop)).tolist()
+        if last - first >= _MIN_READINGS:
+            found.append(slice(int(measured[first]), int(measured[last - 1]) + 1))
+    return found
 
 
 def _without_unknown(trial: Trial) -> tuple[Trial, BoolArray]:
