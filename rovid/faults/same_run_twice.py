@@ -19,9 +19,11 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.faults.base import CampaignData, Detection, FaultKind, RunsData
+from rovid.faults.overlap import overlaps
 from rovid.faults.quick_model import QuickModel, fit_quick_model
 from rovid.signals.intervals import gap_limit
 from rovid.signals.preprocessing import Run
+from rovid.trial.cutting import measured_spans
 from rovid.trial.fault import Fault
 from rovid.trial.trial import Trial
 
@@ -114,6 +116,36 @@ def _detect(data: CampaignData) -> Iterator[Detection[CampaignData]]:
             remedy="counted_once",
         )
         yield Detection(fault=fault, done="It was left out.", repair=partial(_without, copy=copy))
+    order = {id(trial): at for at, trial in enumerate(data.trials)}
+    originals = sorted((one.trial for one in kept), key=lambda trial: order[id(trial)])
+    for earlier, later, rows in overlaps(originals):
+        begin, end = float(later.time[rows][0]), float(later.time[rows][-1])
+        fault = Fault(
+            fault="same_run_twice",
+            logs=(later.name,),
+            at=(begin,),
+            text=(
+                f"{later.name}: from {begin:.1f} to {end:.1f} s it is the same recording as a part of {earlier.name}, "
+                "with the same noise."
+            ),
+            size=end - begin,
+            unit="s",
+            remedy="counted_once",
+        )
+        done = "This part was counted once."
+        yield Detection(fault=fault, done=done, repair=partial(_without_rows, trial=later, rows=rows))
+
+
+def _without_rows(data: CampaignData, trial: Trial, rows: slice) -> CampaignData:
+    spans = measured_spans(trial, (slice(0, rows.start), slice(rows.stop, len(trial.time))))
+    names = [trial.name] if len(spans) < 2 else [f"{trial.name}, before", f"{trial.name}, after"]
+    parts = [trial.part(span, name) for span, name in zip(spans, names, strict=False)]
+    # The log's faults and remarks stay with its first part.
+    parts[1:] = [replace(part, remarks=(), faults=()) for part in parts[1:]]
+    trials: list[Trial] = []
+    for one in data.trials:
+        trials += parts if one is trial else [one]
+    return replace(data, trials=trials)
 
 
 def _without(data: CampaignData, copy: Trial) -> CampaignData:
@@ -122,6 +154,8 @@ def _without(data: CampaignData, copy: Trial) -> CampaignData:
 
 def _is_same(fine: _Recording, coarse: _Recording) -> bool:
     """Whether both are copies of one recording; ``fine`` has at least as many measurements."""
+    if all(np.array_equal(values, getattr(coarse.trial, name), equal_nan=True) for name, values in _content(fine)):
+        return True
     if fine.trial.commands.shape[1] != coarse.trial.commands.shape[1] or len(coarse.time) < _MIN_POINTS:
         return False
     shorter, longer = sorted((fine.trial.duration, coarse.trial.duration))
@@ -140,6 +174,11 @@ def _is_same(fine: _Recording, coarse: _Recording) -> bool:
     limit = _NOISE_RATIO * np.sqrt(fine.noise**2 + rounding) + 1e-9
     is_small = np.abs(known).max() < _MAX_DIFFERENCE and float(np.sqrt(np.mean(known**2))) <= limit
     return bool(is_small) and _commands_agree(fine.trial, coarse.trial, shift)
+
+
+def _content(recording: _Recording) -> list[tuple[str, FloatArray]]:
+    trial = recording.trial
+    return [("time", trial.time), ("position", trial.position), ("commands", trial.commands)]
 
 
 def _may_be_same(fine: _Recording, coarse: _Recording) -> bool:
@@ -186,19 +225,21 @@ def _detect_sensor(data: RunsData) -> Iterator[Detection[RunsData]]:
     kept: list[Run] = []
     for run in data.runs:
         alike = [other for other in kept if _are_alike(other, run)]
-        if alike and model is None:
-            model = fit_quick_model(data.runs, data.vehicle)
-        first = next((other for other in alike if model and _share_disturbance(other, run, model)), None)
+        first = next((other for other in alike if _at_once(other, run)), None)
+        if alike and first is None:
+            model = model or fit_quick_model(data.runs, data.vehicle)
+            first = next((other for other in alike if model and _share_disturbance(other, run, model)), None)
         if first is None:
             kept.append(run)
             continue
+        shared = "absolute time" if _at_once(first, run) else "disturbances"
         offset = float(np.rad2deg(np.median(_position_difference(first, run))) + 180.0) % 360.0 - 180.0
         fault = Fault(
             fault="same_run_twice",
             logs=(run.trial.name,),
             text=(
                 f"{run.trial.name} is the same run as {first.trial.name} by another sensor: the positions differ by "
-                f"{offset:.3g} deg and noise, and both follow the same disturbances."
+                f"{offset:.3g} deg and noise, and both have the same {shared}."
             ),
             size=offset,
             unit="deg",
@@ -225,7 +266,7 @@ def _are_alike(one: Run, other: Run) -> bool:
     long = max(len(one.filtered_torque), len(other.filtered_torque))
     if abs(period - other.rates.kernel.period) > 1e-3 * period or (long - count) * period > _MAX_SHIFT:
         return False
-    if not one.trial.axis.angular or one.trial.rate_only or count < _MIN_COMMON:
+    if not one.trial.axis.angular or one.trial.rate_only or count < _MIN_POINTS:
         return False
     torques = np.column_stack((one.filtered_torque[:count], other.filtered_torque[:count]))
     torques = torques[np.isfinite(torques).all(axis=1)]
@@ -234,11 +275,17 @@ def _are_alike(one: Run, other: Run) -> bool:
     tolerance = _COMMAND_TOLERANCE * float(np.abs(torques).max())
     same = float(np.mean(np.abs(torques[:, 0] - torques[:, 1]) <= tolerance))
     difference = _position_difference(one, other)
-    if same < _COMMAND_SHARE or len(difference) < _MIN_COMMON:
+    if same < _COMMAND_SHARE or len(difference) < _MIN_POINTS:
         return False
     gain = float(np.linalg.norm(one.rates.kernel.value))
     noise = gain * float(np.hypot(one.rates.position_noise, other.rates.position_noise))
     return float(np.std(difference)) < _SENSOR_RATIO * noise
+
+
+def _at_once(one: Run, other: Run) -> bool:
+    """Whether both runs began at the same absolute time: one vehicle does one run at a time."""
+    first, second = one.trial.start_epoch, other.trial.start_epoch
+    return first is not None and second is not None and abs(first - second) < one.rates.kernel.period
 
 
 def _share_disturbance(one: Run, other: Run, model: QuickModel) -> bool:

@@ -1,12 +1,10 @@
-"""The logs in files and folders: which files are logs, their names, and copies of files."""
+"""The logs in files and folders: which files are logs, and their names."""
 
 from __future__ import annotations
 
-import filecmp
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import zip_longest
 from pathlib import Path
 
 from rovid.core.errors import LogError, suggestion
@@ -40,7 +38,7 @@ class _File:
 def find_logs(
     paths: Sequence[Path], config: Config, without: Collection[Path] = ()
 ) -> tuple[list[tuple[str, Path]], list[Remark]]:
-    """(name, file) of every log in ``paths``, ordered by name, without copies; and remarks. No log is read.
+    """(name, file) of every log in ``paths``, ordered by name; and remarks. No log is read.
 
     Files in ``without`` are ignored. Raises `LogError` if a path does not exist, or there are no logs.
     """
@@ -56,7 +54,7 @@ def find_logs(
     if not logs:
         raise _no_logs(paths, files)
     remarks += _unmatched_exclusions(logs, config)
-    return [(one.name, one.path) for one in _without_copies(logs, remarks)], remarks
+    return [(one.name, one.path) for one in logs], remarks
 
 
 def candidate_files(paths: Sequence[Path]) -> list[Path]:
@@ -199,27 +197,3 @@ def _no_logs(paths: Sequence[Path], files: Sequence[_File]) -> LogError:
         f"none has the mapped time and heading columns{unmapped}."
     )
     return LogError(text, where=where, mend="Correct [signals] in rovid.toml, or give the folder that holds the logs.")
-
-
-def _without_copies(logs: Sequence[_File], remarks: list[Remark]) -> list[_File]:
-    """The first of files with equal contents."""
-    by_size: dict[int, list[_File]] = {}
-    kept = []
-    for one in logs:
-        size = file_size(one.path)
-        candidates = by_size.setdefault(size, [])
-        original = next((other for other in candidates if size and _has_same_bytes(other.path, one.path)), None)
-        if original is None:
-            candidates.append(one)
-            kept.append(one)
-        else:
-            remarks.append(left_out(one.name, f"it is a copy of {original.name}", "repeated"))
-    return kept
-
-
-def _has_same_bytes(one: Path, other: Path) -> bool:
-    try:
-        pairs = zip_longest(file_parts(one), file_parts(other), fillvalue=Path())
-        return all(a.is_file() and b.is_file() and filecmp.cmp(a, b, shallow=False) for a, b in pairs)
-    except OSError:  # Reading reports the error.
-        return False

@@ -24,7 +24,7 @@ from tests.readers.logs import (
     to_ns,
     turning,
 )
-from tests.readers.test_discover import log, names, said
+from tests.readers.test_discover import log, names
 from tests.synthetic import LOGGED
 
 
@@ -34,7 +34,8 @@ def test_copies_are_left_out(tmp_path: Path, config: Config) -> None:
     (tmp_path / "other.csv").write_text(log(1, rate=5.0))
     found = read_campaign([tmp_path], config)
     assert names(found) == ["a.csv", "other.csv"]
-    assert "copy of a.csv was left out: it is a copy of a.csv" in said(found)
+    (fault,) = found.faults
+    assert (fault.fault, fault.logs, fault.remedy) == ("same_run_twice", ("copy of a.csv",), "counted_once")
 
 
 def motion(seed: int, count: int = 2400) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -85,6 +86,24 @@ def test_a_recording_given_twice_counts_once(case: str, tmp_path: Path, config: 
     assert "is the same recording as" in fault.text
 
 
+@pytest.mark.parametrize(
+    ("cut", "decimals"), [(900, 2), (900, 3), (1500, 1), (1500, 2), (1500, 3), (2200, 1), (2200, 2), (2200, 3)]
+)
+def test_a_part_that_two_logs_share_counts_once(cut: int, decimals: int, tmp_path: Path, config: Config) -> None:
+    """The second log begins at row ``cut - 600`` of the run, the first ends at row ``cut``."""
+    (tmp_path / "a.csv").write_text(as_csv(1, slice(0, cut), decimals=decimals))
+    (tmp_path / "b.csv").write_text(as_csv(1, slice(cut - 600, None), decimals=decimals, late=0.05 * (cut - 600)))
+    if decimals > 1:  # Rounded to ten times the noise, a second run without disturbances is a copy.
+        (tmp_path / "c.csv").write_text(as_csv(2, decimals=decimals))
+    found = read_campaign([tmp_path], config)
+    (fault,) = found.faults
+    assert (fault.fault, fault.logs, fault.remedy) == ("same_run_twice", ("b.csv",), "counted_once")
+    assert fault.at == (0.0,)
+    assert fault.size == pytest.approx(30.0, abs=0.1)
+    # All rows of the run are there once.
+    assert sum(trial.measured.sum() for trial in found.trials[:2]) == 2400
+
+
 @pytest.mark.parametrize("decimals", [2, 3, 6])
 def test_the_same_run_repeated_is_not_the_same_recording(decimals: int, tmp_path: Path, config: Config) -> None:
     """Same commands, same motion to the last hundredth: only the noise differs."""
@@ -125,6 +144,23 @@ def test_a_second_sensor_counts_once(vehicle: str, seed: int) -> None:
     assert len(faults) == len(names)
     assert all(fault.size == pytest.approx(7.3, abs=0.02) for fault in faults)  # 5 errors of the noise.
     assert {fault.remedy for fault in faults} == {"counted_once"}
+
+
+@pytest.mark.parametrize("vehicle", VEHICLES)
+def test_a_short_run_by_two_sensors_is_known_by_its_absolute_time(vehicle: str) -> None:
+    """Too short for a correlation of disturbances, which are below the noise."""
+    runs = day(vehicle, 1, disturbance=1e-4)
+    times = [1.7e9 + 1000.0 * number for number in range(len(runs))]
+    runs = [at_epoch(run, epoch) for run, epoch in zip(runs, times, strict=True)]
+    second = by_another_sensor(runs[0], 7)
+    data, (fault,) = examine(FURTHER, RunsData(runs=[*runs, second], vehicle=LOGGED), FaultOverrides())
+    assert fault.logs == (second.trial.name,)
+    assert "the same absolute time" in fault.text
+    assert list(data.runs) == runs
+
+
+def at_epoch(run: Run, epoch: float) -> Run:
+    return replace(run, trial=replace(run.trial, start_epoch=epoch))
 
 
 @pytest.mark.parametrize("disturbance", [0.002, 0.05])
