@@ -16,9 +16,10 @@ from rovid.faults.quick_model import log_name
 from rovid.signals.preprocessing import Run
 from rovid.trial.fault import Fault
 
-# s and multiples of the rest that is kept: shorter rest next to a test is usual and useful.
-_LONG_SECONDS, _LONG_RESTS = 20.0, 3.0
-# Share of the log that is idle where the vehicle rests: rest of this share outweighs no test.
+# s and multiples of the rest that is kept: shorter rest next to a test is usual and useful. After the coast-downs of 30
+# undamaged campaigns it took up to 23 s.
+_LONG_SECONDS, _LONG_RESTS = 35.0, 5.0
+# Share of the log from which rest is long.
 _SHARE = 0.25
 
 
@@ -78,5 +79,5 @@ FAULT = FaultKind(
     title="Rest or handling at an end of a log",
     stage="runs",
     detect=_detect,
-    false_alarms="rest is never shorter than 20 s and nine time constants; handling as in several_releases.",
+    false_alarms="rest beyond 35 s and 15 time constants is no test; handling as in several_releases.",
 )

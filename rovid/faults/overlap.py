@@ -60,7 +60,7 @@ def _may_overlap(one: Series, other: Series) -> bool:
     shorter = min(len(one.rows), len(other.rows))
     if shorter < _MIN_COMMON or abs(one.interval - other.interval) > 0.01 * one.interval:
         return False
-    return one.trial.commands.shape[1] == other.trial.commands.shape[1]
+    return bool(one.trial.commands.shape[1] == other.trial.commands.shape[1])
 
 
 def _common(one: Series, other: Series, lag: int) -> slice | None:
