@@ -113,6 +113,7 @@ class TrialData:
 
     trial: Trial
     vehicle: Vehicle
+    known: frozenset[str] = frozenset()  #: Ids of the faults that were found in the log so far.
     #: (s, rad) of each reset of the heading that the log itself states.
     resets: tuple[tuple[float, float], ...] = ()
 

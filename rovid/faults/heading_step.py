@@ -79,6 +79,8 @@ def _detect(data: TrialData) -> Iterator[Detection[TrialData]]:
     trial = data.trial
     if trial.rate_only or not trial.axis.angular or trial.measured.sum() < 4 * _REACH:
         return
+    if data.known & {"scaled_heading", "saturated_sensor"}:
+        return  # Such a heading jumps where it wraps.
     steps = _Steps.of(trial)
     stated = [(at, size) for at, size in data.resets if abs(size) > _MIN_STATED and 0.0 < at < trial.time[-1]]
     found = {int(at) for at in _jumps(steps)}

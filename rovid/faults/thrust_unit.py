@@ -5,6 +5,7 @@ The water adds to the rigid body's inertia, so the total is never below it. The 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 from rovid.faults.base import Detection, FaultKind, RunsData
@@ -22,7 +23,7 @@ _UNITS = {
     2.0: "a factor of two: one of two thrusters, or half the arm",
 }
 # Total over rigid-body inertia of vehicles: published ones have 1.1 to 2.5, a closed hull full of water up to 4.
-_LEAST_RATIO, _LARGEST_RATIO = 1.0, 4.0
+_LEAST_RATIO, _USUAL_RATIO, _LARGEST_RATIO = 1.0, 1.5, 4.0
 # Ratio below which the logs stop: hidden effects bias the quick model by at most 40 %, a fit by 20 %.
 _QUICK_LIMIT, _FIT_LIMIT = 0.6, 0.8
 # Standard errors by which a fit must be below its limit.
@@ -50,21 +51,20 @@ def _fault(inertia: float, error: float | None, vehicle: Vehicle, limit: float) 
     if reference is None or not 0.0 < inertia + _SIGNIFICANT * (error or 0.0) < limit * reference:
         return None
     ratio = inertia / reference
-    units = [text for factor, text in _UNITS.items() if _LEAST_RATIO < ratio * factor < _LARGEST_RATIO]
+    fitting = [factor for factor in _UNITS if _LEAST_RATIO < ratio * factor < _LARGEST_RATIO]
     axis = vehicle.axis
     unit = "kg m^2" if axis.angular else "kg"
     text = (
         f"The inertia of these logs is {inertia:.3g} {unit}, {ratio:.2g} times the rigid body's {reference:.4g} "
         f"{unit}, which is impossible: water only adds to it. A unit is wrong: "
-        f"{'; or '.join(units) or 'check the thrust'}. "
+        f"{'; or '.join(_UNITS[factor] for factor in fitting) or 'check the thrust'}. "
         f"Check the curve's newtons, {axis.arm_key}, mass and size."
     )
     return Fault(
         fault="thrust_unit",
         logs=(),
         text=text,
-        size=ratio,
-        standard_error=None if error is None else error / reference,
+        size=min(fitting, key=lambda factor: abs(math.log(ratio * factor / _USUAL_RATIO)), default=1.0 / ratio),
         stops=True,
     )
 

@@ -82,7 +82,7 @@ def _text(curve: ThrustCurve, values: FloatArray) -> str:
     text = f"reach {low:.4g} to {high:.4g}, but the curve ends at {ends[0]:g} and {ends[1]:g}"
     if not ours or ours == theirs:
         return f"{text}: they are not of one unit. Give the curve in the unit of the commands."
-    text += f": the commands look like {ours}" + (f", the curve like {theirs}." if theirs else ".")
+    text += f": another unit. The commands look like {ours}" + (f", the curve like {theirs}." if theirs else ".")
     if _PULSE in (ours, theirs):
         other, full = (ends, 1.0) if ours == _PULSE else (values, _full(ours))
         half = float(np.abs(other).max()) if ours == _PULSE else full

@@ -142,7 +142,10 @@ class _Builder:
             companion_files=self.raw.companion_files,
         )
         resets = tuple((at - start, size) for at, size in self.raw.resets)
-        trial = self.examined("trial", TrialData(trial=trial, vehicle=self.config.vehicle, resets=resets)).trial
+        known = frozenset(fault.fault for fault in self.faults)
+        trial = self.examined(
+            "trial", TrialData(trial=trial, vehicle=self.config.vehicle, resets=resets, known=known)
+        ).trial
         trial = replace(trial, faults=tuple(self.faults))
         if not fixes:
             return trial

@@ -74,6 +74,9 @@ def read_campaign(
 def examine_campaign(trials: Sequence[Trial], config: Config) -> tuple[Sequence[Trial], tuple[Fault, ...]]:
     """The trials that stay after the remedies, and the faults of single logs and of all logs together."""
     own = [fault for trial in trials for fault in trial.faults]
+    if any(fault.fault == "scaled_heading" for fault in own):
+        # Where such a heading wraps only once in a log, the wrap looks like a step.
+        own = [fault for fault in own if fault.fault != "heading_step"]
     data = CampaignData(trials=trials, vehicle=config.vehicle)
     data, faults = examine(fault_kinds("campaign"), data, config.faults)
     return data.trials, (*own, *faults)
