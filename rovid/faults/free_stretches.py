@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -102,6 +103,12 @@ class FreeMotion:
             rate=float(speed[int(torque.argmax())]) if hand else 0.0,
             kept=max(_KEPT_SECONDS, _KEPT_CONSTANTS * tau),
         )
+
+
+@lru_cache(maxsize=1)
+def free_motion(runs: tuple[Run, ...], vehicle: Vehicle) -> FreeMotion:
+    """`FreeMotion` of the runs, which several kinds of faults examine one after another."""
+    return FreeMotion(runs, vehicle)
 
 
 def _unexplained(run: Run, model: QuickModel) -> FloatArray:

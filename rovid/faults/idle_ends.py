@@ -11,7 +11,7 @@ from dataclasses import replace
 from functools import partial
 
 from rovid.faults.base import Detection, FaultKind, RunsData
-from rovid.faults.free_stretches import FreeMotion, FreeStretch, log_starts, without_intervals
+from rovid.faults.free_stretches import FreeStretch, free_motion, log_starts, without_intervals
 from rovid.faults.quick_model import log_name
 from rovid.signals.preprocessing import Run
 from rovid.trial.fault import Fault
@@ -26,7 +26,7 @@ _SHARE = 0.25
 def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
     if data.vehicle.axis.self_righting:
         return
-    motion, starts = FreeMotion(data.runs, data.vehicle), log_starts(data.runs)
+    motion, starts = free_motion(tuple(data.runs), data.vehicle), log_starts(data.runs)
     last = {log_name(run): run for run in sorted(data.runs, key=lambda run: run.trial.campaign_time)}
     for run in data.runs:
         name = log_name(run)

@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 
 from rovid.faults.base import Detection, FaultKind, RunsData, TrialData
-from rovid.faults.free_stretches import FreeMotion, FreeStretch, log_starts, without_intervals
+from rovid.faults.free_stretches import FreeStretch, free_motion, log_starts, without_intervals
 from rovid.faults.quick_model import log_name
 from rovid.signals.preprocessing import Run
 from rovid.signals.segments import find_releases
@@ -40,7 +40,7 @@ def _detect_decays(data: TrialData) -> Iterator[Detection[TrialData]]:
 def _detect_hands(data: RunsData) -> Iterator[Detection[RunsData]]:
     if data.vehicle.axis.self_righting:
         return
-    motion, starts = FreeMotion(data.runs, data.vehicle), log_starts(data.runs)
+    motion, starts = free_motion(tuple(data.runs), data.vehicle), log_starts(data.runs)
     for run in data.runs:
         stretches = [one for one in motion.stretches(run) if one.hand and not one.first and not one.last]
         hands = [one.hand[0] for one in stretches if one.hand]
