@@ -200,7 +200,8 @@ def _response_delays(trials: Sequence[Trial], vehicle: Vehicle) -> tuple[dict[st
     try:
         shifts = coarse_shifts(prepare(Campaign(trials=tuple(trials), sources=()), vehicle))
         bare = [replace(trial, rate=trial.rate if trial.rate_only else None, **_NO_TILT) for trial in trials]
-        shifted = [shift_commands(trial, shifts[_parent(trial)]) for trial in bare if _parent(trial) in shifts]
+        long = [trial for trial in bare if abs(shifts.get(_parent(trial), math.inf)) < 0.5 * trial.duration]
+        shifted = [shift_commands(trial, shifts[_parent(trial)]) for trial in long]
         runs = prepare(Campaign(trials=tuple(shifted), sources=()), vehicle.with_logged_torque(shifted)).items
         names = list(dict.fromkeys(_parent(run.trial) for run in runs))
         effects = (_clock_effect(names),)

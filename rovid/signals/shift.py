@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from rovid.core.array_types import FloatArray
+from rovid.core.errors import DataError
 from rovid.trial.trial import Trial
 
 # Resolution of the time stamps of a shifted trial, per sampling interval.
@@ -14,7 +15,15 @@ _RESOLUTION = 50.0
 
 
 def shift_commands(trial: Trial, delay: float) -> Trial:
-    """``trial`` with its motion and further channels, and its commands ``delay`` s later; the common time alone."""
+    """``trial`` with its motion and further channels, and its commands ``delay`` s later; the common time alone.
+
+    Raises
+    ------
+    DataError
+        The delay is longer than the trial.
+    """
+    if abs(delay) > trial.duration - 2.0 * trial.sampling_interval:
+        raise DataError(f"{trial.name} is shorter than the offset of {abs(delay):.3g} s.")
     # Time stamps on a common grid do not nearly coincide.
     grid = trial.sampling_interval / _RESOLUTION
     measured = grid * np.round(trial.time[trial.measured] / grid)
