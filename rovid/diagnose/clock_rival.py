@@ -34,7 +34,8 @@ def diagnose_logs(prepared: PreparedRuns, vehicle: Vehicle, report: ProgressCall
         return _without_offset(diagnosis, prepared.items)
     fault = _fault(offset, prepared.items, "The commands were moved by it.")
     lead = offset.estimate.value(_LEAD)
-    trials = tuple(shift_commands(run.trial, -lead) for run in prepared.items)
+    long = [run.trial for run in prepared.items if run.trial.duration > 2.0 * lead]
+    trials = tuple(shift_commands(trial, -lead) for trial in long)
     corrected = prepare(
         Campaign(trials=trials, sources=()), vehicle, cutoff=min(prepared.cutoff, highest_cutoff(trials))
     )
