@@ -21,6 +21,8 @@ _MIN_READINGS, _MIN_SHARE = 10, 0.005
 # Length of a run of equal readings that noise does not make: if at most _MAX_REPEATS of all other readings repeat
 # the one before, a run of three has a probability of 0.0025 at each place, and seldom lies at an extreme.
 _MIN_RUN, _MAX_REPEATS = 4, 0.05
+# Steps to and from a bound that the vehicle passes, in resolutions of the log.
+_QUANTA = 3.0
 # A step out of a run, in median steps of the log, beyond which a single run is a frozen sensor and no bound.
 _JUMP = 20.0
 
@@ -66,6 +68,10 @@ def _is_bound(data: SignalData, clipped: BoolArray) -> bool:
     runs = ends - begins
     if runs.max() < _MIN_RUN:
         return False
+    sizes = np.abs(steps)
+    ways = np.concatenate((sizes[begins[begins > 0] - 1], sizes[ends[ends < len(clipped)] - 1]))
+    if not ways.size or np.median(ways) < _QUANTA * sizes[sizes > 0.0].min():
+        return False  # Rest at an extreme: the readings flicker by the resolution.
     if len(runs) > 1:
         return True
     typical = float(np.median(np.abs(steps[outside])))

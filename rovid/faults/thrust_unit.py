@@ -26,6 +26,8 @@ _UNITS = {
 _LEAST_RATIO, _USUAL_RATIO, _LARGEST_RATIO = 1.0, 1.5, 4.0
 # Ratio below which the logs stop: hidden effects bias the quick model by at most 40 %, a fit by 20 %.
 _QUICK_LIMIT, _FIT_LIMIT = 0.6, 0.8
+# Ratio above which no water explains the inertia: five times the largest published one. Degrees in a radian.
+_IMPOSSIBLE, _DEGREES = 20.0, 57.2958
 # Standard errors by which a fit must be below its limit.
 _SIGNIFICANT = 4.0
 # RMS residual over RMS torque, above which the quick model says nothing.
@@ -48,6 +50,8 @@ def inertia_fault(inertia: float, error: float, vehicle: Vehicle) -> Fault | Non
 
 def _fault(inertia: float, error: float | None, vehicle: Vehicle, limit: float) -> Fault | None:
     reference = vehicle.reference_inertia
+    if reference is not None and inertia - _SIGNIFICANT * (error or 0.0) > _IMPOSSIBLE * reference:
+        return _too_large(inertia, vehicle, reference)
     if reference is None or not 0.0 < inertia + _SIGNIFICANT * (error or 0.0) < limit * reference:
         return None
     ratio = inertia / reference
@@ -67,6 +71,19 @@ def _fault(inertia: float, error: float | None, vehicle: Vehicle, limit: float) 
         size=min(fitting, key=lambda factor: abs(math.log(ratio * factor / _USUAL_RATIO)), default=1.0 / ratio),
         stops=True,
     )
+
+
+def _too_large(inertia: float, vehicle: Vehicle, reference: float) -> Fault:
+    """An inertia that no body of water explains: rates that are too small, or a thrust that is too large."""
+    ratio, unit = inertia / reference, "kg m^2" if vehicle.axis.angular else "kg"
+    is_scaled = vehicle.axis.angular and _LEAST_RATIO < ratio / _DEGREES < _LARGEST_RATIO
+    cause = "radians that are taken for degrees" if is_scaled else "the unit of thrust, of time, or of the motion"
+    text = (
+        f"The inertia of these logs is {inertia:.3g} {unit}, {ratio:.2g} times the rigid body's {reference:.4g} "
+        f"{unit}, which no vehicle has. A unit is wrong: {cause}. Check the units in rovid.toml, mass and size."
+    )
+    fault = "scaled_heading" if is_scaled else "thrust_unit"
+    return Fault(fault=fault, logs=(), text=text, size=_DEGREES if is_scaled else ratio, stops=True)
 
 
 FAULT = FaultKind(

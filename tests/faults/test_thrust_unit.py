@@ -58,3 +58,12 @@ def test_a_fit_is_refused_only_where_its_error_leaves_no_doubt() -> None:
         rigid_body_inertia=100.0,
     )
     assert inertia_fault(10.0, 0.1, guessed) is None
+
+
+@pytest.mark.parametrize(("ratio", "fault"), [(57.2958 * 1.5, "scaled_heading"), (30.0, "thrust_unit")])
+def test_an_inertia_that_no_water_explains_stops(ratio: float, fault: str) -> None:
+    vehicle = replace(LOGGED, rigid_body_inertia=100.0)
+    found = inertia_fault(100.0 * ratio, 1.0, vehicle)
+    assert found is not None
+    assert (found.fault, found.stops) == (fault, True)
+    assert inertia_fault(100.0 * ratio, 100.0 * ratio, vehicle) is None
