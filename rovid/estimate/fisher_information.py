@@ -178,9 +178,14 @@ def inverse_information(information: FloatArray) -> FloatArray:
 
 
 def sandwich_covariance(bread: FloatArray, scores: FloatArray) -> FloatArray:
-    """(p, p) sandwich covariance from the inverse information and the (m, p) group scores; docs/method.md, (15)."""
-    scores = scores - scores.mean(axis=0)
+    """(p, p) sandwich covariance from the inverse information and the (m, p) group scores; docs/method.md, (15).
+
+    Fewer than two groups have no scatter: the inverse information, ``bread``, is then the covariance.
+    """
     count = len(scores)
+    if count < 2:
+        return bread
+    scores = scores - scores.mean(axis=0)
     scatter = scores.T @ scores * count / (count - 1)
     return np.asarray(bread @ scatter @ bread)
 

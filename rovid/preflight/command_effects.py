@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -22,12 +22,15 @@ _MAX_CLOCK_OFFSET = 3.0
 # s, window after a change of commands, and standard errors by which the rate then changes against them. Small vehicles
 # have responded long before: there chance leads to two.
 _RESPONSE_WINDOW, _CONTRADICTION = 4.0, 2.2
+# Exponents of thrust in the command: a controlled thrust or a torque, and a screw's speed or voltage.
+_EXPONENTS = (1.0, 2.0)
 # Minimum t statistic of a direction.
 _SIGNIFICANT = 4.0
-# Minimum share of a direction in what all commands explain: a smaller effect may belong to a correlated command.
-_MIN_SHARE = 0.005
-# Relative cut-off of eigenvalues; commands that are collinear to this degree share their effect.
-_COLLINEAR = 0.01
+# Minimum of `CommandEffect.size` of a direction: a smaller effect may belong to a correlated command.
+_MIN_SIZE = 0.005
+# Relative cut-off of eigenvalues; commands that are collinear to this degree share their effect. Single runs of each
+# thruster alone among many together leave more.
+_COLLINEAR = 1e-3
 # Blocks of consecutive windows for the standard errors: enough for a variance within 25 %, each far longer than the
 # memory of a disturbance in a campaign of usual length.
 _BLOCKS = 32
@@ -48,16 +51,18 @@ class CommandEffect:
     """Effect of one command on the rate, as the logs show it."""
 
     t_statistic: float = 0.0  #: Of the gain, with errors that allow for autocorrelated residuals.
-    #: Share of the variance of the rate that all commands together explain; the shares add up to 1.
+    #: Share of the variance of the rate that all commands together explain; the shares add up to 1. Negative for a
+    #: command that acts against stronger ones.
     explained_share: float = 0.0
-    gain: float = 0.0  #: Change of the rate over a window per unit of the command.
+    size: float = 0.0  #: Variance that this command alone would cause, relative to that by all commands together.
+    gain: float = 0.0  #: Change of the rate over a window per unit of the command, or of its square.
     #: Whether the rate changes against changes of the commands: they then respond to the motion.
     is_contradicted: bool = False
 
     @property
     def direction(self) -> int:
         """1 or -1, the sign of the gain; 0 where it is not significant."""
-        if self.is_contradicted or abs(self.t_statistic) <= _SIGNIFICANT or self.explained_share < _MIN_SHARE:
+        if self.is_contradicted or abs(self.t_statistic) <= _SIGNIFICANT or self.size < _MIN_SIZE:
             return 0
         return int(np.sign(self.t_statistic))
 
@@ -69,23 +74,35 @@ class CommandEffect:
 
 
 def command_effects(
-    neutral: Mapping[str, float], logs: Sequence[Log], position: SignalGuess, *, self_righting: bool = False
+    neutral: Mapping[str, float],
+    logs: Sequence[Log],
+    position: SignalGuess,
+    *,
+    self_righting: bool = False,
+    exponents: Sequence[float] = _EXPONENTS,
 ) -> dict[str, CommandEffect]:
     """Effects of commands, given by source with their ``neutral`` values, on the motion that ``position`` measures.
 
     The mean rate in each window is regressed on the mean rate in the window before, by itself and squared with its
     sign (drag), and on the mean commands in both, which fits slow and fast vehicles. Feedback within a window can
     reverse the sign: as a check, changes of the rate are regressed on the changes of the commands that precede them.
+    Of the ``exponents`` of thrust in the command the one that fits best applies: a straight line through a curve
+    misfits each thruster's runs alone alike, which would look like doubt about its direction.
     """
     effects = dict.fromkeys(neutral, CommandEffect())
-    for window in _WINDOWS:
-        blocks = _windowed(neutral, logs, position, window, self_righting=self_righting)
-        fit = _regress(blocks, len(neutral)) if neutral else None
-        if fit is None:
+    shaped = [[_shaped(log, neutral, exponent) for log in logs] for exponent in exponents]
+    for window in _WINDOWS if neutral else ():
+        fits = []
+        for these in shaped:
+            fit = _regress(_windowed(neutral, these, position, window, self_righting=self_righting), len(neutral))
+            if fit is not None:
+                fits.append((fit, these))
+        if not fits:
             break
-        columns = (fit.t_statistics, fit.shares, fit.gains)
-        for source, t_statistic, share, gain in zip(neutral, *map(np.ndarray.tolist, columns), strict=True):
-            effects[source] = CommandEffect(t_statistic=t_statistic, explained_share=share, gain=gain)
+        fit, logs = max(fits, key=lambda one: one[0].r2)
+        columns = (fit.t_statistics, fit.shares, fit.sizes, fit.gains)
+        for source, t_statistic, share, size, gain in zip(neutral, *map(np.ndarray.tolist, columns), strict=True):
+            effects[source] = CommandEffect(t_statistic=t_statistic, explained_share=share, size=size, gain=gain)
         if fit.autocorrelation > _MIN_AUTOCORRELATION:
             break
     # A vehicle that rights itself swings back without a command.
@@ -140,7 +157,7 @@ def mixer_directions(neutral: Mapping[str, float], logs: Sequence[Log]) -> dict[
 
 
 def _rates_in(
-    logs: Sequence[Log], position: SignalGuess, sources: Mapping[str, object], window: float
+    logs: Sequence[Log], position: SignalGuess, sources: Collection[str], window: float
 ) -> list[tuple[Log, FloatArray, FloatArray]]:
     """Logs with the position and all ``sources``, each with the edges of its windows in s and its mean rates."""
     complete = [log for log in logs if position.source in log and set(sources) <= set(log)]
@@ -155,8 +172,18 @@ def _mean_command(column: RawColumn, edges: FloatArray) -> FloatArray:
     return held_mean(column.time[known], column.values[known], edges)
 
 
+def _shaped(log: Log, neutral: Mapping[str, float], exponent: float) -> Log:
+    """The ``log`` with its commands counted from ``neutral`` and raised to the ``exponent``, with their sign."""
+    shaped = dict(log)
+    for source, rest in neutral.items():
+        if source in log:
+            beyond = log[source].values - rest
+            shaped[source] = replace(log[source], values=np.sign(beyond) * np.abs(beyond) ** exponent)
+    return shaped
+
+
 def _windowed(
-    neutral: Mapping[str, float], logs: Sequence[Log], position: SignalGuess, window: float, *, self_righting: bool
+    neutral: Collection[str], logs: Sequence[Log], position: SignalGuess, window: float, *, self_righting: bool
 ) -> list[tuple[FloatArray, FloatArray]]:
     """For each log (n, 3 + k) rows of a constant, the rate before, its square and the mean commands, and (n,) rates.
 
@@ -169,8 +196,8 @@ def _windowed(
         columns = [np.ones(len(rate) - 1), rate[:-1], np.abs(rate[:-1]) * rate[:-1]]
         if self_righting:
             columns.append(position_at(position, log[position.source], time[1:-1]))
-        for source, rest in neutral.items():
-            command = _mean_command(log[source], time) - rest
+        for source in neutral:
+            command = _mean_command(log[source], time)
             columns.append(0.5 * (command[1:] + command[:-1]))
         blocks.append((np.column_stack(columns), rate[1:]))
     return blocks
@@ -182,6 +209,7 @@ class _Regression(NamedTuple):
     gains: FloatArray  #: (k,) coefficients of the commands.
     t_statistics: FloatArray  #: (k,)
     shares: FloatArray  #: (k,) shares of the variance that the commands explain.
+    sizes: FloatArray  #: (k,) variance by each command alone, relative to that by all.
     r2: float  #: Of all regressors.
     autocorrelation: float  #: Of the residuals, from row to row.
 
@@ -212,6 +240,7 @@ def _regress(blocks: Sequence[tuple[FloatArray, FloatArray]], count: int) -> _Re
     inverse = np.linalg.pinv(x.T @ x, rcond=_COLLINEAR, hermitian=True)
     values = inverse @ (x.T @ y)
     driven = x @ values
+    power = max(float(driven @ driven), 1e-300)
     residual = y - driven
     squares, free = float(residual @ residual), rows.shape[1]
     autocorrelation = float(residual[1:] @ residual[:-1]) / max(squares, 1e-300)
@@ -227,7 +256,8 @@ def _regress(blocks: Sequence[tuple[FloatArray, FloatArray]], count: int) -> _Re
     return _Regression(
         gains=values / norm,
         t_statistics=np.where(known, values / np.where(known, errors, 1.0), 0.0),
-        shares=(driven @ x) * values / max(float(driven @ driven), 1e-300),
+        shares=(driven @ x) * values / power,
+        sizes=(values * np.linalg.norm(x, axis=0)) ** 2 / power,
         r2=1.0 - squares / max(float(deviation @ deviation), 1e-300),
         autocorrelation=autocorrelation,
     )
@@ -297,7 +327,10 @@ def check_thrusters(trials: Sequence[Trial], vehicle: Vehicle) -> list[ThrusterC
         logs.append(log)
     position = SignalGuess(source="", reason="", unit="rad" if vehicle.axis.angular else "m")
     neutral = dict.fromkeys(names, 0.0)
-    effects = command_effects(neutral, logs, position, self_righting=vehicle.axis.self_righting)
+    # Curves give the torque, whatever its exponent in the command.
+    effects = command_effects(
+        neutral, logs, position, self_righting=vehicle.axis.self_righting, exponents=_EXPONENTS[:1]
+    )
     errors = {name: abs(one.gain / one.t_statistic) if one.t_statistic else np.inf for name, one in effects.items()}
     weights = np.array([errors[name] ** -2.0 for name in names])
     gains = np.array([effects[name].gain for name in names])

@@ -36,10 +36,10 @@ mass = 2000.0
 name = "fore"
 yaw_arm = 0.43
 curve = "thrust_curve.csv"
-command = { jsonl = "fore_V" }
+command = { logfmt = "fore_V" }
 [signals]
-time = { jsonl = "time_s" }
-heading = { jsonl = "heading_deg", unit = "deg" }
+time = { logfmt = "time_s" }
+heading = { logfmt = "heading_deg", unit = "deg" }
 """
 
 
@@ -184,17 +184,18 @@ class TestEffect:
 
 def test_a_log_of_the_new_format_is_read(copy: Path, tmp_path: Path) -> None:
     table = pd.read_csv(DAY / "hold_03.csv")
-    table.to_json(tmp_path / "run.jsonl", orient="records", lines=True)
+    lines = (" ".join(f"{name}={value}" for name, value in row.items()) for row in table.to_dict("records"))
+    (tmp_path / "run.logfmt").write_text("\n".join(lines))
     shutil.copy(DAY / "thrust_curve.csv", tmp_path)
     (tmp_path / "rovid.toml").write_text(CONFIG)
     found = json.loads(run(copy, "-m", "rovid", "check", ".", "--json", cwd=tmp_path))
-    assert [(log["name"], log["samples"]) for log in found["logs"]] == [("run.jsonl", len(table))]
-    whole = (tmp_path / "run.jsonl").read_bytes()
-    for name, content in (("run", whole[:-5]), ("empty", b""), ("picture", b"\x89PNG\r\n")):
-        (tmp_path / f"{name}.jsonl").write_bytes(content)
+    assert [(log["name"], log["samples"]) for log in found["logs"]] == [("run.logfmt", len(table))]
+    whole = (tmp_path / "run.logfmt").read_bytes()
+    for name, content in (("run", whole[: whole.rindex(b"=")]), ("empty", b""), ("picture", b"\x89PNG\r\n")):
+        (tmp_path / f"{name}.logfmt").write_bytes(content)
     found = json.loads(run(copy, "-m", "rovid", "check", ".", "--json", cwd=tmp_path, code=2))
-    assert f"Line {len(table)} is not a JSON object" in json.dumps(found["logs"])
-    assert [one["problem"].count("is not a file of JSON lines") for one in found["unreadable"]] == [1, 1]
+    assert f"Line {len(table)} has no pairs name=value" in json.dumps(found["logs"])
+    assert [one["problem"].count("is not a file of pairs name=value") for one in found["unreadable"]] == [1, 1]
 
 
 def test_a_model_is_written_in_the_new_format(copy: Path, identified: Path) -> None:

@@ -67,6 +67,14 @@ def test_the_sandwich_equals_the_inverse_information_for_consistent_scores() -> 
     assert sandwich_covariance(bread, 2.0 * scores) == pytest.approx(4.0 * sandwich_covariance(bread, scores))
 
 
+@pytest.mark.parametrize("count", [0, 1])
+def test_the_sandwich_of_fewer_than_two_groups_is_the_inverse_information(count: int) -> None:
+    bread = np.linalg.inv(SHAPE)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        np.testing.assert_array_equal(sandwich_covariance(bread, np.ones((count, 2))), bread)
+
+
 @pytest.mark.parametrize("name", ["coloured", "spiky"])
 def test_coloured_and_spiky_series_are_not_white(name: str) -> None:
     rng = np.random.default_rng()

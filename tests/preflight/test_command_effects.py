@@ -116,6 +116,29 @@ def test_thrusters_that_move_almost_together_are_reversed_only_where_one_is(seed
         assert [push.is_reversed for push in found] == [at == turned for at in range(3)]
 
 
+@pytest.mark.parametrize("exponent", [1.0, 2.0])
+@pytest.mark.parametrize("arms", [(0.4, 0.4), (-0.4, 0.3)])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_thrust_that_is_curved_in_the_command_leaves_no_doubt_about_directions(
+    exponent: float, arms: tuple[float, float], seed: int
+) -> None:
+    """Both thrusters together, then each alone, both ways."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(0.0, 900.0, 0.1)
+    levels = np.repeat(rng.uniform(0.3, 1.0, 18) * np.tile([1.0, -1.0], 9), 500)
+    alone = np.repeat([0] * 16 + [1, 2], 500)
+    commands = np.column_stack([np.where(alone == other, 0.0, levels) for other in (2, 1)])
+    rate, angle, angles = 0.0, 0.0, np.empty(len(time))
+    for k, torque in enumerate(np.sign(commands) * np.abs(commands) ** exponent @ (100.0 * np.array(arms))):
+        angles[k] = angle
+        rate += 0.1 * (torque + rng.normal(0.0, 1.0) - 300.0 * abs(rate) * rate - 30.0 * rate) / 1500.0
+        angle += 0.1 * rate
+    columns = {"angle": angles + rng.normal(0.0, 1e-4, len(time)), "fore": commands[:, 0], "aft": commands[:, 1]}
+    log = {name: RawColumn(source=name, time=time, values=values) for name, values in columns.items()}
+    found = command_effects({"fore": 0.0, "aft": 0.0}, [log], SignalGuess(source="angle", reason="", unit="rad"))
+    assert [found[name].direction for name in ("fore", "aft")] == np.sign(arms).tolist()
+
+
 def write_day(sample: str, folder: Path, arm: str, count: int = -1) -> None:
     """A copy of a sample campaign with ``arm`` in place of the first ``count`` arms."""
     shutil.copytree(SAMPLES / sample, folder)

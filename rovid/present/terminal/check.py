@@ -82,7 +82,7 @@ def _show_tasks(console: Console, tasks: Sequence[str], first: int) -> None:
 
 def _thrusters_table(checked: LogCheck) -> ResultTable:
     """Direction of each thruster as the logs show it."""
-    columns = map(mixed_number_column, ("certainty (standard errors)", "share of motion %"))
+    columns = map(mixed_number_column, ("certainty (standard errors)", "share of explained motion %"))
     table = ResultTable("Thrusters, by these logs alone", text_column("thruster"), text_column("direction"), *columns)
     for thruster in checked.thrusters:
         observed = thruster.observed
