@@ -32,7 +32,7 @@ _NEW = 0.05
 def _detect(data: ClockData) -> Iterator[Detection[ClockData]]:
     repeated = np.abs(np.diff(data.time)) <= _TICK
     firsts = np.flatnonzero(np.concatenate(([True], ~repeated)))
-    if min(np.count_nonzero(repeated), len(firsts)) < _LEAST or _stored_twice(data, repeated):
+    if min(int(repeated.sum()), len(firsts)) < _LEAST or _stored_twice(data, repeated):
         return
     sizes = np.diff(np.append(firsts, len(data.time)))
     known = np.isfinite(np.array(list(data.values.values())))
@@ -67,8 +67,7 @@ def _usual(steps: FloatArray, sizes: IntArray) -> float:
     """Usual interval in s: the median over the readings of each stamp, long gaps and steps of the clock aside."""
     order = np.argsort(steps / sizes)
     middle = np.searchsorted(np.cumsum(sizes[order]), 0.5 * sizes.sum())
-    sizes_of_steps = np.abs(steps)
-    near = sizes_of_steps < 3.0 * np.median(sizes_of_steps)
+    near = np.abs(steps) < 3.0 * np.median(np.abs(steps))
     mean = float(steps[near].sum() / sizes[near].sum())
     median = float((steps / sizes)[order[middle]])
     # The mean is exact where each stamp is rounded, the median where few stamps are repeated.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from rovid.core.array_types import FloatArray
 from tests.faults.clocks import clock, examined, motion
 
 
@@ -59,3 +60,12 @@ def test_rows_with_one_signal_each_are_not_spread() -> None:
     stamps, empty = np.repeat(time, 2), np.full(len(time), np.nan)
     headings, commands = np.column_stack((heading, empty)).ravel(), np.column_stack((empty, command)).ravel()
     assert examined(clock(stamps, heading=headings, fore=commands))[1] == ()
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("stamps", [np.zeros(8), np.repeat([0.0, 5.0, 0.0], 3), np.repeat([0.0, 5.0, 0.0, 5.0], 2)])
+@pytest.mark.parametrize("slope", [0.0, 1.0])
+def test_stamps_that_stand_still_or_go_back_and_forth_do_no_harm(stamps: FloatArray, slope: float) -> None:
+    values = slope * np.arange(float(len(stamps)))
+    data, _ = examined(clock(stamps, heading=values, fore=values))
+    assert np.isfinite(data.time).all()
