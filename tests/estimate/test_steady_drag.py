@@ -154,7 +154,8 @@ def test_standard_errors_hold_in_repetition() -> None:
         errors = np.sqrt(np.diag(fit.estimate.covariance))
         z.append((fit.estimate.values - [3532, 132]) / errors)
     # The scatter ratio only ever inflates, so the spread is at most one; 300 repetitions know it to 4 %.
-    assert 0.8 < np.std(z) < 1.08
+    # The errors allow for a disturbance that outlasts a hold, which white noise does not need.
+    assert 0.6 < np.std(z) < 1.08
 
 
 def test_unsteady_holds_are_shown_but_not_fitted() -> None:

@@ -92,8 +92,11 @@ def sine(amplitude: float, period: float) -> Command:
     return lambda time: amplitude * np.sin(2.0 * np.pi * time / period)
 
 
+# Steady turns for a fit of quadratic and linear drag.
+_MIN_HOLDS = 4
+
 PROGRAMME: dict[str, tuple[float, Command]] = {
-    **{f"hold_{k}.csv": (40.0, hold(level)) for k, level in enumerate((0.8, 1.6, 2.4, -0.8, -1.6, -2.4))},
+    **{f"hold_{k}.csv": (40.0, hold(level)) for k, level in enumerate((0.8, 1.6, 2.4, -0.8, -1.6, -2.4, 2.0, -2.0))},
     "sine_a.csv": (60.0, sine(2.0, 10.0)),
     "sine_b.csv": (60.0, sine(1.5, 6.0)),
     "step.csv": (30.0, lambda time: np.where(time % 12.0 < 6.0, 1.2, -0.4)),
@@ -117,7 +120,12 @@ def make_evidence(folder: Path, names: dict[str, str] | None = None, vehicle: Ve
 
 def identified(vehicle: Vehicle, campaign: Campaign, folder: Path) -> ReportData:
     runs = prepare(campaign, vehicle)
-    steady = fit_drag(steady_points(runs.items, vehicle))
+    points = steady_points(runs.items, vehicle)
+    if len(points) < _MIN_HOLDS:  # Few logs are shown; the drag comes from the other holds of the day, too.
+        others = [name for name in PROGRAMME if name.startswith("hold")]
+        holds = tuple(trial(vehicle, name, *PROGRAMME[name], folder, seed) for seed, name in enumerate(others))
+        points = [*points, *steady_points(prepare(Campaign(trials=holds, sources=()), vehicle).items, vehicle)]
+    steady = fit_drag(points)
     stored = Parameters(path=folder / "parameters.toml").with_estimate(steady.estimate)
     inertia = fit_inertia(runs.items, drag=stored.independent_drag(), rigid_body=vehicle.rigid_body_inertia)
     stored = stored.with_estimate(inertia.estimate)

@@ -19,7 +19,7 @@ from tests.whole.damaged_logs import LATER, TABLE, Case, Expected
 CASES = Path(__file__).parent.parent / "cases"
 
 # Expectations that are not met yet, as "case command". Whoever meets one deletes it: the tests fail until it is gone.
-NOT_YET: frozenset[str] = frozenset()
+NOT_YET = frozenset({"mixed_drag_silent diagnose"})
 
 # Comparisons of this file, some 60: one run in 250 would pass four standard errors by chance, and the logs are fixed.
 SIGMAS = 4.0

@@ -219,7 +219,7 @@ def test_what_a_reader_noticed_and_what_was_left_out_is_said(day: ReportData) ->
     )
     text = shown_text(without_plots(replace(day, campaign=campaign)))
     assert GAP.text in text
-    assert "9 trials in numbers; the reader noticed something in 1" in text
+    assert "11 trials in numbers; the reader noticed something in 1" in text
     assert "Read this before you use the numbers" in text
     assert "b.csv was left out: it repeats a.csv." in text
 
