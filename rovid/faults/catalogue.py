@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cache
 from importlib import import_module
-from importlib.util import find_spec
 
 from rovid.faults.base import FaultKind, RunsData, Stage, examine
 from rovid.signals.preprocessing import Run
@@ -24,6 +23,6 @@ def examine_runs(
 @cache
 def fault_kinds(stage: Stage) -> tuple[FaultKind, ...]:
     """Kinds of faults that are looked for at ``stage``; a fault that shows at two stages has ``FURTHER`` kinds."""
-    modules = [import_module(f"rovid.faults.{name}") for name in FAULT_IDS if find_spec(f"rovid.faults.{name}")]
+    modules = [import_module(f"rovid.faults.{name}") for name in FAULT_IDS]
     kinds: list[FaultKind] = [kind for module in modules for kind in (module.FAULT, *getattr(module, "FURTHER", ()))]
     return tuple(kind for kind in kinds if kind.stage == stage)
