@@ -16,7 +16,7 @@ from rovid.core.array_types import FloatArray
 from rovid.signals.preprocessing import Run
 
 # s, step and range of the shifts; maximum number of samples in the regressions.
-_STEP, _LONGEST, _MAX_SAMPLES = 0.02, 3.0, 20_000
+_STEP, _LONGEST, _MAX_SAMPLES = 0.02, 5.0, 20_000
 # s, length of a jackknife block; the least number of blocks in which the torque varies, and its least share of the mean
 # square. The steps of one block alone have no error.
 _BLOCK, _MIN_BLOCKS, _VARIES = 20.0, 5, 1e-3
