@@ -146,7 +146,7 @@ class Detection(Generic[T]):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FaultKind:
-    """One kind of fault, the unit of growth: one file, one line in the catalogue, one page of the documentation."""
+    """One kind of fault, the unit of growth: one file, its id in `FAULT_IDS`, one page of the documentation."""
 
     id: str  #: Stable name, as in the JSON documents.
     title: str
@@ -164,14 +164,19 @@ def examine(kinds: Iterable[FaultKind], data: T, overrides: FaultOverrides) -> t
     examined = data  # as logged
     for kind in kinds:
         for detection in tuple(kind.detect(data)):
-            fault, done = detection.fault, detection.done
-            if overrides.keep(fault):
-                fault, done = replace(fault, remedy="none", stops=False), "It was kept, as rovid.toml says."
-            else:
+            fault = detection.fault
+            if not overrides.keep(fault):
                 data = detection.repair(data)
-            text = f"{fault.text} {done}".strip()
-            faults.append(replace(fault, text=text, excerpt=fault.excerpt or _excerpt(examined, fault)))
+            excerpt = fault.excerpt or _excerpt(examined, fault)
+            faults.append(replace(resolve(fault, overrides, detection.done), excerpt=excerpt))
     return data, tuple(faults)
+
+
+def resolve(fault: Fault, overrides: FaultOverrides, done: str = "") -> Fault:
+    """``fault`` with the sentence ``done`` on its remedy; one that the user keeps has no remedy and stops nothing."""
+    if overrides.keep(fault):
+        fault, done = replace(fault, remedy="none", stops=False), "It was kept, as rovid.toml says."
+    return replace(fault, text=f"{fault.text} {done}".strip())
 
 
 def _excerpt(data: object, fault: Fault) -> Excerpt | None:

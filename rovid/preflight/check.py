@@ -11,6 +11,7 @@ import numpy as np
 
 from rovid.core.errors import RovidError
 from rovid.estimate.inner_loop import InnerLoop, find_inner_loop, ordered_rate
+from rovid.faults.base import resolve
 from rovid.faults.catalogue import examine_runs
 from rovid.faults.response_delay import response_delay
 from rovid.preflight.advice import Advice, advise
@@ -119,8 +120,8 @@ def _clock_faults(clocks: ClockOffsets, found: Sequence[Fault], config: Config) 
             stops=True,
         )
         is_found = any(each.fault == fault.fault and each.stops for each in found)
-        if clock.certain and not is_found and not config.faults.keep(fault):
-            yield fault
+        if clock.certain and not is_found:
+            yield resolve(fault, config.faults)
 
 
 def _inner_loop(trials: Sequence[Trial], config: Config) -> InnerLoop | None:

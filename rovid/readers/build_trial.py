@@ -22,7 +22,7 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
 from rovid.core.errors import LogError
-from rovid.faults.base import ClockData, ClockStep, CommandData, SignalData, Stage, TrialData, examine
+from rovid.faults.base import ClockData, ClockStep, CommandData, SignalData, Stage, TrialData, examine, resolve
 from rovid.faults.catalogue import fault_kinds
 from rovid.readers.cleaning import ANGLE, DISTANCE, SPEED_KIND, TURN, TURNING, Kind, clean
 from rovid.readers.raw_log import ANGLES, Channel, RawLog
@@ -355,8 +355,7 @@ class _Builder:
             refuse_wrong_heading(self.raw.channels["heading"], signal, heading, self.name)
         except LogError as error:
             fault = Fault(fault="scaled_heading", logs=(self.name,), text=str(error), stops=True)
-            if not self.config.faults.keep(fault):
-                self.faults.append(fault)
+            self.faults.append(resolve(fault, self.config.faults))
 
 
 def _integral(time: FloatArray, rate: FloatArray) -> FloatArray:

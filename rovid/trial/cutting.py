@@ -66,7 +66,7 @@ def split(trial: Trial, exclusions: Sequence[Exclusion] = ()) -> list[Trial]:
     part = np.where(excluded, 0, np.cumsum(begins))
     edges = np.flatnonzero(np.diff(part, prepend=0, append=0))
     spans = [slice(*pair) for pair in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True) if part[pair[0]]]
-    kept = [_measured_rows(trial, rows) for rows in spans if trial.measured[rows].sum() >= _MIN_READINGS]
+    kept = measured_spans(trial, spans)
     trial = replace(trial, cuts=(), unknown=())
     if len(kept) == 1:
         return [replace(trial.part(kept[0], trial.name), remarks=tuple(remarks))]
@@ -77,12 +77,6 @@ def split(trial: Trial, exclusions: Sequence[Exclusion] = ()) -> list[Trial]:
         # The first part carries the remarks and the faults.
         parts.append(replace(one, remarks=(), faults=()) if parts else replace(one, remarks=tuple(remarks)))
     return parts
-
-
-def _measured_rows(trial: Trial, rows: slice) -> slice:
-    """``rows`` from the first to the last with a measured position."""
-    measured = rows.start + np.flatnonzero(trial.measured[rows])
-    return slice(int(measured[0]), int(measured[-1]) + 1)
 
 
 def measured_spans(trial: Trial, spans: Iterable[slice]) -> list[slice]:
