@@ -91,7 +91,7 @@ def _head(records: Sequence[Record], seed: int) -> str:
     nothing = [record for record in done if not record["truth"]["hidden"]]
     false = sum(bool(record["said"]["findings"]) for record in nothing)
     return f"""\
-# Calibration of intervals and odds
+# Calibration of intervals and confidence
 
 {len(records)} campaigns, seed {seed}, each with randomly drawn vehicle, water, instruments, runs and hidden
 cause. `rovid fleet` diagnosed them. The simulator shares no code with rovid. rovid reads only the files. The
@@ -176,10 +176,10 @@ def _odds(odds: Sequence[tuple[float, bool]]) -> str:
             right = sum(right for _, right in some)
             rows.append([f"{low:g} to {min(high, 1.0):g}", str(len(some)), f"{mean:.2f}", f"{right / len(some):.2f}"])
     text = """\
-## Odds
+## Confidence
 
 Confidence of each finding and suspect, and whether it is the hidden cause, alone or among the causes that rovid
-reports as indistinguishable. The odds were calibrated on [hard water](hard.md), where several causes act."""
+reports as indistinguishable. It was calibrated on [hard water](hard.md), where several causes act."""
     picture = "![Confidence against outcomes](pictures/calibration_odds.png)"
     return f"{text}\n\n{_table(['confidence', 'number', 'mean', 'right'], rows)}\n\n{picture}"
 

@@ -144,7 +144,7 @@ def _by_effect(scores: list[dict[str, Any]]) -> str:
 
 def _odds(odds: Odds, with_picture: bool) -> str:
     if not odds:
-        return "## Odds\n\nNo finding or suspect had a confidence."
+        return "## Confidence\n\nNo finding or suspect had a confidence."
     table, brier = reliability(odds)
     rows = [
         [f"{index / 10:.1f} to {(index + 1) / 10:.1f}", str(number), *(f"{x:.2f}" if number else "-" for x in shares)]
@@ -152,7 +152,7 @@ def _odds(odds: Odds, with_picture: bool) -> str:
     ]
     picture = "\n\n![Reliability diagram](pictures/hard_reliability.png)" if with_picture else ""
     return (
-        "## Odds\n\nConfidence of each finding and suspect, and whether the cause acts, by two criteria. The "
+        "## Confidence\n\nConfidence of each finding and suspect, and whether the cause acts, by two criteria. The "
         "first criterion includes indistinguishable causes and the class, as the confidence does. The second "
         "criterion counts only the cause itself, if it was hidden or changes the heading error by a twentieth. "
         f"Brier score by the first criterion: {brier:.3f}, for {len(odds)} findings "

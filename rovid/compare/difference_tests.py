@@ -16,6 +16,7 @@ import numpy as np
 from rovid.compare.candidates import ChangeCandidate, EstimatePair
 from rovid.core.array_types import FloatArray
 from rovid.core.stats import chi2_sf
+from rovid.diagnose.evidence import Evidence, grade
 from rovid.diagnose.posterior import posterior_probability, probability_not_a_stand_in
 from rovid.diagnose.thresholds import ESTABLISHED, POSSIBLE
 
@@ -44,13 +45,22 @@ class ParameterChange:
     ratio: float
     standard_error: float
     bic_score: float  #: Gain in log-likelihood minus the BIC penalty.
+    standard_errors: float  #: Size of the change.
     confidence: float  #: Probability that this change, or one that is indistinguishable from it, occurred.
     indistinguishable: tuple[ChangeCandidate, ...]  #: Changes that explain the difference about as well.
+    white: bool  #: Whether the one-step prediction errors of both campaigns are white.
 
     @property
     def established(self) -> bool:
         """Whether the probability suffices for a finding."""
         return self.confidence >= ESTABLISHED
+
+    @property
+    def evidence(self) -> Evidence:
+        """Evidence for the change; of several indistinguishable ones, none is confirmed."""
+        decided = not self.indistinguishable
+        # Each campaign was fitted without the other.
+        return grade(self.confidence, self.bic_score, self.standard_errors, white=self.white, is_conclusive=decided)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -200,8 +210,11 @@ class _Selection:
             ratio=ratio,
             standard_error=error,
             bic_score=score,
+            # The test is of Gaussian estimates: twice the gain is the square of the distance in standard errors.
+            standard_errors=math.sqrt(2.0 * max(gain, 0.0)),
             confidence=posterior_probability(scores, equivalent, len(self.candidates), cap=cap),
             indistinguishable=tuple(similar),
+            white=self.pair.white,
         )
 
     def _ratio(self, candidate: ChangeCandidate, others: Sequence[ChangeCandidate]) -> tuple[float, float]:

@@ -202,16 +202,19 @@ def _effect_key(name: str) -> str:
 def _finding(selection: Selection, cause: Cause, estimate: Estimate) -> Finding:
     """Established cause, with the runs that distinguish it from others where that is open."""
     effect, held_out_gain = cause.effect, selection.held_out_gain(cause.effect)
-    probability = selection.probability(cause, held_out_gain)
+    probability, own = selection.probability(cause, held_out_gain), _of_effect(estimate, effect)
     finding = Finding(
         effect=effect,
-        estimate=_of_effect(estimate, effect),
+        estimate=own,
         gain=cause.gain,
         bic_gain=cause.bic_gain,
         held_out_gain=held_out_gain,
+        standard_errors=_size_in_errors(selection, effect, own),
         probability=recalibrated(probability, white=selection.model.is_white),
         alternatives=cause.alternatives,
         indistinguishable=(*selection.indistinguishable(cause), *_without_signal(selection, effect)),
+        white=selection.model.is_white,
+        is_complete=selection.is_complete,
     )
     return replace(finding, plan=_discriminating_plan(selection, finding)) if finding.indistinguishable else finding
 
@@ -219,18 +222,21 @@ def _finding(selection: Selection, cause: Cause, estimate: Estimate) -> Finding:
 def _suspect_finding(selection: Selection, suspected: Suspected) -> Finding:
     """Suspect with its size in the model that it extends."""
     one, fitted = suspected.alternative, selection.full_data(suspected.alternative.fitted)
-    estimate = _estimate(fitted, white=False)
+    own = _of_effect(_estimate(fitted, white=False), one.effect)
     further = selection.search.further_causes(selection.model)
     others = [other.effect for other in suspected.others]
     return Finding(
         effect=one.effect,
-        estimate=_of_effect(estimate, one.effect),
+        estimate=own,
         gain=selection.model.value - one.fitted.value,
         bic_gain=one.bic_gain,
         held_out_gain=suspected.held_out_gain,
+        standard_errors=_size_in_errors(selection, one.effect, own),
         probability=suspected.probability,
         alternatives=tuple(other for other in further if other.effect is not one.effect),
         indistinguishable=(*others, *_without_signal(selection, one.effect)),
+        white=selection.model.is_white,
+        is_complete=selection.is_complete,
     )
 
 
@@ -239,13 +245,15 @@ def _wave_finding(selection: Selection) -> Finding | None:
     waves = selection.waves
     if waves is None or waves.fitted is None or waves.probability < THRESHOLDS.possible:
         return None
-    effect, estimate = waves.fitted.effects[-1], _estimate(waves.fitted, white=False)
+    effect = waves.fitted.effects[-1]
+    own = _of_effect(_estimate(waves.fitted, white=False), effect)
     return Finding(
         effect=effect,
-        estimate=_of_effect(estimate, effect),
+        estimate=own,
         gain=waves.gain,
         bic_gain=waves.bic_gain,
         held_out_gain=waves.held_out_gain,
+        standard_errors=_size_in_errors(selection, effect, own),
         probability=waves.probability,
         alternatives=(),
         indistinguishable=(),
@@ -271,6 +279,16 @@ def _of_effect(estimate: Estimate, effect: Effect) -> Estimate:
     at = [estimate.names.index(f"{effect.key}.{parameter.name}") for parameter in effect.parameters]
     names, covariance = tuple(estimate.names[k] for k in at), estimate.covariance[np.ix_(at, at)]
     return replace(estimate, names=names, values=estimate.values[at], covariance=covariance)
+
+
+def _size_in_errors(selection: Selection, effect: Effect, own: Estimate) -> float:
+    """Mahalanobis distance of the sizes of ``effect``, with the estimate ``own``, from their neutral values."""
+    sizes, scales = effect.parameters[: effect.size_count], selection.data.scales
+    # A size whose neutral value is infinite is as far from it, in errors, as from zero.
+    neutral = [0.0 if size.neutral_at_infinity else size.neutral * scales.unit_size(size) for size in sizes]
+    away = own.values[: len(sizes)] - neutral
+    covariance = own.covariance[: len(sizes), : len(sizes)]
+    return math.sqrt(max(float(away @ np.linalg.lstsq(covariance, away, rcond=None)[0]), 0.0))
 
 
 def _with_waves(side: ModelAssessment, waves: Finding) -> ModelAssessment:

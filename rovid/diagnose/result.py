@@ -9,6 +9,7 @@ from typing import Any
 
 from rovid.diagnose.candidate_fits import Alternative
 from rovid.diagnose.cross_validation import HeldOutScores
+from rovid.diagnose.evidence import Evidence, grade
 from rovid.diagnose.signal_regressors import signal_name
 from rovid.diagnose.tables import TableDiagnosis
 from rovid.effects import Effect, effect_named
@@ -57,12 +58,27 @@ class Finding:
     gain: float
     bic_gain: float
     held_out_gain: float
+    #: Distance of the size from its value without the effect: in standard errors; of several sizes, Mahalanobis'.
+    standard_errors: float
     probability: float  #: Probability that the cause, or an indistinguishable one, acts.
     alternatives: tuple[Alternative, ...]  #: Other causes in its place, best first.
     #: Causes that these data do not rule out, including those that could not be tested without a logged signal.
     indistinguishable: tuple[Effect, ...]
     #: Runs that distinguish the cause from the first of those; None where it is decided.
     plan: ExperimentPlan | None = None
+    white: bool = False  #: Whether the one-step prediction errors of the model are white.
+    is_complete: bool = True  #: Whether the search came to its end.
+
+    @property
+    def evidence(self) -> Evidence:
+        """Evidence for the cause; of several indistinguishable ones, none is confirmed."""
+        return grade(
+            self.probability,
+            self.held_out_gain,
+            self.standard_errors,
+            white=self.white,
+            is_conclusive=self.is_complete and not self.indistinguishable,
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -111,6 +127,17 @@ class Diagnosis:
     faults: tuple[Fault, ...] = ()  #: Faults of the logs that the diagnosis found.
     missing: str = ""  #: Message on the data that are missing.
     from_tables: TableDiagnosis | None = None  #: Diagnosis of tables, where there are no logs.
+
+    @property
+    def causes(self) -> tuple[Finding, ...]:
+        """Findings and suspects by their evidence, the best first; then the larger gain on held-out trials."""
+        grades = list(Evidence)
+        return tuple(
+            sorted(
+                (*self.findings, *self.suspects),
+                key=lambda one: (grades.index(one.evidence), -one.held_out_gain, -one.standard_errors),
+            )
+        )
 
     @property
     def detectable_sizes(self) -> dict[str, float]:

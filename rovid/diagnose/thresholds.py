@@ -218,6 +218,16 @@ class Thresholds:
     ends. Set: convention (even odds). Halved: more effects stay; doubled: none does."""
     possible: float = 0.2
     """Probability. A less probable cause is not reported. Set: convention. Halved: more suspects; doubled: fewer."""
+    confirmed_standard_errors: float = 5.0
+    """Standard errors. The size of a confirmed cause is at least as far from nothing. Set: theory; chance gives a
+    Gaussian size of 5 errors in 6 of 10 million tests, and in 1 of 10 000 diagnoses of 200 forms. Halved: chance
+    confirms one cause in every diagnosis; doubled: weak causes are likely at most."""
+    confirmed_odds: float = 99.0
+    """Odds of a true cause against a stand-in at the held-out gain of a confirmed cause. Set: a rate of 1 in 100.
+    Halved: one confirmed cause in 50 at that gain is a stand-in; doubled: one in 200."""
+    likely_standard_errors: float = 2.0
+    """Standard errors. The size of a likely cause is at least as far from nothing. Set: theory (95 % interval).
+    Halved: likely causes may be nothing; doubled: most suspects are possible at most."""
     max_rejections: int = 6
     """Rejections. Most bans in one validation; the model after the last one is tested again only if likely effects are
     dropped. Set: convention. Halved: more effects stay untested; doubled: slower."""

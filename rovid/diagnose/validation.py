@@ -30,7 +30,7 @@ from rovid.diagnose.posterior import (
     significance,
 )
 from rovid.diagnose.signal_regressors import is_signal
-from rovid.diagnose.stepwise import StepwiseSearch
+from rovid.diagnose.stepwise import SearchStop, StepwiseSearch
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.diagnose.wave_test import WaveTest
 from rovid.effects import Effect
@@ -57,6 +57,11 @@ class Selection:
     def is_adequate(self) -> bool:
         """Whether the model leaves white innovations and a disturbance within its limit."""
         return self.model.is_white and not self.model.at_limit
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether the search came to its end."""
+        return SearchStop.CUT_SHORT not in self.search.progress.stops
 
     def ban(self, *effects: Effect) -> Self:
         """The selection with a search that never selects ``effects`` again."""

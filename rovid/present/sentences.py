@@ -9,16 +9,14 @@ from rovid.compare.candidates import DRAG, THRUST_SCALE, ChangeCandidate
 from rovid.compare.comparison import Comparison
 from rovid.compare.difference_tests import ParameterChange
 from rovid.core.formatting import plus_minus, significant
+from rovid.diagnose.evidence import CANNOT_TELL, DEFINITIONS
 from rovid.diagnose.result import UNIDENTIFIABLE, Diagnosis, Finding
-from rovid.diagnose.thresholds import ESTABLISHED, THRESHOLDS
 from rovid.effects import CATALOGUE, Effect, effect_named
 from rovid.model.parameter_names import without_form
 from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import YAW, Axis
 
 _ALL_THRUST = "all thrust"
-# Probability from which a cause is called likely.
-_LIKELY = 0.5
 
 
 def join_words(texts: Sequence[str], last: str = "and") -> str:
@@ -61,27 +59,20 @@ def verdict_sentence(diagnosis: Diagnosis, guess: Assumptions) -> str:
         return f"{model} misses something that no effect of the catalogue explains."
     if diagnosis.verdict == "bad_logs":
         return "No go: no fit of these logs is valid before their fault is corrected."
-    return "There is too little data for a diagnosis."
+    return "Cannot tell. There is too little data for a diagnosis."
 
 
-def confidence_words(finding: Finding) -> str:
-    """Confidence in a cause as a word and as odds."""
-    word = "possible, not established"
-    if finding.probability >= ESTABLISHED:
-        word = "established"
-    elif finding.probability >= _LIKELY:
-        word = "likely, not established"
-    return f"{word}: {odds_words(finding.probability)}"
+def evidence_words(finding: Finding) -> str:
+    """Evidence for a cause: its word, its size in standard errors, and its gain."""
+    word = f"{CANNOT_TELL} which" if finding.indistinguishable else finding.evidence
+    errors = f"{finding.standard_errors:.0f}" if finding.standard_errors >= 10.0 else f"{finding.standard_errors:.1f}"
+    return f"{word}: size {errors} standard errors, gain {finding.held_out_gain:.0f} on trials that were not fitted"
 
 
-def odds_words(probability: float) -> str:
-    """A probability as odds: "odds 19 to 1"; the largest that a diagnosis states is a lower limit."""
-    odds = probability / max(1.0 - probability, 1e-9)
-    larger = max(odds, 1.0 / max(odds, 1e-9))
-    number = f"{larger:.0f}" if larger >= 10.0 else f"{larger:.2g}"
-    if odds < 1.0:
-        return f"odds 1 to {number}"
-    return f"odds {number} to 1{' or better' * (probability >= THRESHOLDS.max_probability)}"
+def evidence_definitions(causes: Sequence[Finding]) -> list[str]:
+    """The meaning of each word of evidence that is used for ``causes``, a sentence each."""
+    used = {CANNOT_TELL if cause.indistinguishable else cause.evidence.value for cause in causes}
+    return [f"{word.capitalize()}: {text[:1].lower()}{text[1:]}" for word, text in DEFINITIONS.items() if word in used]
 
 
 def improvement_words(errors: Mapping[str, tuple[float, float]]) -> str:
@@ -110,7 +101,7 @@ def comparison_sentences(comparison: Comparison) -> Iterator[str]:
         yield f"Open: {clause}."
     for change in comparison.changes.changes:
         if not change.established:
-            yield f"Possible, not established: {change_sentence(comparison, change)} ({odds_words(change.confidence)})."
+            yield f"{change.evidence.capitalize()}: {change_sentence(comparison, change)}."
     if comparison.verdict == "same":
         limits = comparison.changes.detectable_changes
         known = [name for name in ("inertia", DRAG, THRUST_SCALE) if math.isfinite(limits.get(name, math.inf))]

@@ -37,6 +37,7 @@ def finding(key: str, worth: float, confidence: float = 0.97) -> Finding:
         gain=worth,
         bic_gain=worth,
         held_out_gain=worth,
+        standard_errors=worth,
         probability=confidence,
         alternatives=(),
         indistinguishable=(),

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from rovid.diagnose.result import Diagnosis, Finding
-from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import effect_named
 from rovid.estimate.estimate import Estimate
-from rovid.present.sentences import cause_name, confidence_words, improvement_words, join_words, verdict_sentence
+from rovid.present.sentences import cause_name, evidence_definitions, evidence_words, improvement_words, join_words, verdict_sentence
 from rovid.trial.assumptions import Assumptions
 
 LAG = Finding(
@@ -26,6 +25,7 @@ LAG = Finding(
     gain=4004.0,
     bic_gain=4000.0,
     held_out_gain=4500.0,
+    standard_errors=60.0,
     probability=0.97,
     alternatives=(),
     indistinguishable=(),
@@ -51,17 +51,30 @@ def test_where_no_cause_is_named_that_is_said() -> None:
     assert len(said) == 3
 
 
+WEAK = replace(LAG, held_out_gain=14.0, standard_errors=3.62)
+
+
 @pytest.mark.parametrize(
-    ("sure", "words"),
+    ("finding", "words"),
     [
-        (0.96, "established: odds 24 to 1"),
-        (THRESHOLDS.max_probability, "established: odds 32 to 1 or better"),
-        (0.8, "likely, not established: odds 4 to 1"),
-        (0.25, "possible, not established: odds 1 to 3"),
+        (LAG, "confirmed: size 60 standard errors, gain 4500 on trials that were not fitted"),
+        (WEAK, "likely: size 3.6 standard errors, gain 14 on trials that were not fitted"),
+        (replace(LAG, probability=0.3), "possible: size 60 standard errors, gain 4500 on trials that were not fitted"),
+        (
+            replace(LAG, indistinguishable=(DELAY,)),
+            "cannot tell which: size 60 standard errors, gain 4500 on trials that were not fitted",
+        ),
     ],
 )
-def test_sureness_is_a_word_and_odds(sure: float, words: str) -> None:
-    assert confidence_words(replace(LAG, probability=sure)) == words
+def test_evidence_is_a_word_with_its_numbers(finding: Finding, words: str) -> None:
+    assert evidence_words(finding) == words
+
+
+def test_each_word_that_is_used_is_defined_once_and_the_best_comes_first() -> None:
+    causes = (WEAK, LAG, replace(LAG, indistinguishable=(DELAY,)), LAG)
+    heads = [sentence.partition(":")[0] for sentence in evidence_definitions(causes)]
+    assert heads == ["Confirmed", "Likely", "Cannot tell"]
+    assert evidence_definitions(()) == []
 
 
 def test_what_is_gained_is_a_share_of_each_error() -> None:

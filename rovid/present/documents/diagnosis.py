@@ -164,6 +164,9 @@ def _finding(finding: Finding) -> Document:
         "parameters": parameters,
         "log_likelihood_gain": finding.gain,
         "held_out_log_likelihood_gain": finding.held_out_gain,
+        "held_out_gain": finding.held_out_gain,
+        "standard_errors": finding.standard_errors,
+        "evidence": finding.evidence,
         "runner_up": {"effect": others[0].effect.id, "gain": others[0].bic_gain} if others else None,
         "confidence": finding.probability,
         "cannot_be_told_from": [other.id for other in finding.indistinguishable],
@@ -216,6 +219,8 @@ def comparison_document(comparison: Comparison, guess: Assumptions, warnings: Se
                 "log_likelihood_gain": change.bic_score,
                 "confidence": change.confidence,
                 "established": change.established,
+                "standard_errors": change.standard_errors,
+                "evidence": change.evidence,
                 "cannot_be_told_from": [other.name for other in change.indistinguishable],
                 "words": change_sentence(comparison, change),
             }

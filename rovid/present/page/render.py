@@ -25,7 +25,7 @@ from rovid.present.page.templating import long_date, read_assets, template_envir
 from rovid.present.page.viewer_data import viewer_document
 from rovid.present.report_data import ReportData
 from rovid.present.residuals import rms_sizes, unexplained_torques
-from rovid.present.sentences import confidence_words, effect_title
+from rovid.present.sentences import effect_title, evidence_definitions, evidence_words
 from rovid.present.tables import control, diagnosis, fits, trials
 from rovid.trial.fault import fault_texts
 from rovid.trial.vehicle import Vehicle, box_inertia
@@ -132,7 +132,8 @@ def _context(report: ReportData, figures: ReportFigures, today: date) -> dict[st
         "controlled": report.control is not None or bool(report.control_refusal),
         "exported": bool(report.exports) or bool(report.export_refusal),
         "size_of": size_words,
-        "confidence_words": confidence_words,
+        "evidence_words": evidence_words,
+        "evidence_definitions": evidence_definitions,
         "effect_title": effect_title,
         "deciding_experiment": discriminating_experiment,
         "fit_tables": fits,

@@ -12,7 +12,7 @@ from rovid.model.parameter_names import unit_of
 from rovid.model.simulation import HORIZONS
 from rovid.present.number_format import equal_decimals, number_with_unit, same_decimals
 from rovid.present.report_data import ReportData, simulation_errors
-from rovid.present.sentences import confidence_words, effect_title, improvement_words, join_words, verdict_sentence
+from rovid.present.sentences import effect_title, evidence_words, improvement_words, join_words, verdict_sentence
 from rovid.trial.axis import Axis
 from rovid.trial.vehicle import Vehicle
 
@@ -24,7 +24,7 @@ _OBSCURE_UNITS = ("1", "command")
 
 @dataclass(frozen=True, kw_only=True)
 class Reason:
-    """A cause: its name, its size, the confidence in words, and whether a guess may explain it."""
+    """A cause: its name, its size, its evidence in words, and whether a guess may explain it."""
 
     title: str
     size: str
@@ -158,12 +158,12 @@ def _error_sentence(report: ReportData, errors: list[_SimulationError], *, found
 
 
 def _reasons(diagnosis: Diagnosis, axis: Axis) -> Iterator[Reason]:
-    for finding in (*diagnosis.findings, *diagnosis.suspects):
+    for finding in diagnosis.causes:
         names = [effect_title(effect, axis) for effect in (finding.effect, *finding.indistinguishable)]
         yield Reason(
             title=join_words(names, "or"),
             size=size_words(finding),
-            sure=confidence_words(finding),
+            sure=evidence_words(finding),
             may_be_guess=bool(finding.estimate.assumptions.effect_caveat(finding.effect.id)),
         )
     for signal, _ in diagnosis.signals:

@@ -32,8 +32,6 @@ from rovid.trial.vehicle import Vehicle
 
 # Number of alternative causes that tables and plots show.
 ALTERNATIVES_SHOWN = 8
-# Probability of a change below which the table says "no".
-_NO_CHANGE = 0.01
 _HORIZONS = (10.0, 60.0)  # s
 
 
@@ -245,11 +243,11 @@ def _joint_value(changes: DifferenceTest, name: str) -> str:
 
 
 def _change_cell(changes: DifferenceTest, name: str) -> str:
-    """The probability of a change; a change of all thrust is not one of each parameter."""
+    """The evidence for a change; a change of all thrust is not one of each parameter."""
     if any(change.candidate.inverse and name in change.candidate.parameters for change in changes.established):
         return "as thrust did"
-    probability = changes.probabilities[name]
-    return "no" if probability < _NO_CHANGE else f"{100.0 * probability:.0f} %"
+    own = [change.evidence.value for change in changes.changes if name in change.candidate.parameters]
+    return own[0] if own else "not seen"
 
 
 Sides = tuple[tuple[float, float], tuple[float, float]]

@@ -27,7 +27,8 @@ from rovid.present.sentences import (
     cause_title,
     comparison_headline,
     comparison_sentences,
-    confidence_words,
+    evidence_definitions,
+    evidence_words,
     improvement_words,
     join_words,
     verdict_sentence,
@@ -64,8 +65,10 @@ def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> 
             explanations_table(diagnosis.from_tables).print(console, guess)
         if diagnosis.from_tables.ruled_out:
             print_text(console, f"would not explain the tables alone: {ruled_out_names(diagnosis.from_tables)}")
-    for finding in (*diagnosis.findings, *diagnosis.suspects):
+    for finding in diagnosis.causes:
         _show_finding(console, finding)
+    for sentence in evidence_definitions(diagnosis.causes):
+        print_text(console, sentence)
     for signal, gain in diagnosis.signals:
         console.print()
         dependence = f"{axis.reword(signal.title)} (log-likelihood gain {gain:.0f})"
@@ -104,10 +107,9 @@ def _show_finding(console: Console, finding: Finding) -> None:
     print_labelled(console, f"{name[:1].upper()}{name[1:]}:", ", ".join(sizes))
     if caveat := estimate.assumptions.effect_caveat(effect.id):
         print_text(console, Text(f"  {caveat}", style="red"), 2)
-    print_text(console, f"  {confidence_words(finding)}")
+    print_text(console, f"  {evidence_words(finding)}", 2)
     print_text(console, f"  {effect.key}: {effect.equation}")
-    gain, held_out = f"{finding.bic_gain:.0f}", f"{finding.held_out_gain:.0f}"
-    evidence = f"log-likelihood gain: {gain} after the parameter penalty, {held_out} on trials that were not fitted"
+    evidence = f"log-likelihood gain: {finding.bic_gain:.0f} after the parameter penalty"
     if finding.alternatives:
         others = [
             f"{estimate.axis.reword(other.effect.title)} {other.bic_gain:.0f}"

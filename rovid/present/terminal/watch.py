@@ -13,7 +13,7 @@ from rovid.estimate.estimate import Estimate
 from rovid.present.console import print_labelled, print_path, print_text, show_caution, show_warnings
 from rovid.present.documents.watch import parameters_with_previous
 from rovid.present.number_format import DASH, format_number
-from rovid.present.sentences import cause_name, confidence_words, join_words, verdict_sentence
+from rovid.present.sentences import cause_name, evidence_words, join_words, verdict_sentence
 from rovid.present.tables.table import ResultTable, mixed_number_column, text_column
 from rovid.watch.folder_monitor import Problem
 from rovid.watch.session import Event, LogsChanged, LogsDiagnosed, ModelFitted, NextRun, SessionEnded
@@ -157,8 +157,8 @@ def _show_diagnosis(console: Console, event: LogsDiagnosed) -> None:
         print_labelled(console, "Causes:", f"not yet determined: {diagnosis.missing}", indent=2)
         return
     print_labelled(console, "Causes:", verdict_sentence(diagnosis, event.study.vehicle.assumptions), indent=2)
-    for finding in (*diagnosis.findings, *diagnosis.suspects):
-        print_text(console, f"  {cause_name(finding)}: {confidence_words(finding)}", 4)
+    for finding in diagnosis.causes:
+        print_text(console, f"  {cause_name(finding)}: {evidence_words(finding)}", 4)
     fitted = _estimate_of(event)
     if extended is not None and (fitted is None or extended.estimate.names != fitted.names):
         print_labelled(console, "With these causes:")

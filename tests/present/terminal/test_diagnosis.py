@@ -56,10 +56,11 @@ def test_a_cause_stands_with_its_size_before_the_evidence() -> None:
     assert account[0] == "The plain model misses thruster lag."
     assert account[2:6] == [
         "Thruster lag: time_constant 0.6000 ± 0.0100 s",
-        "  established: odds 32 to 1 or better",
+        "  confirmed: size 60 standard errors, gain 4500 on trials that were not fitted",
         "  thruster_lag: τ·dT'/dt + T' = T",
-        "  log-likelihood gain: 4000 after the parameter penalty, 4500 on trials that were not fitted",
+        "  log-likelihood gain: 4000 after the parameter penalty",
     ]
+    assert account[6].startswith("Confirmed: the cause is established, ")
     (suspected,) = (
         line for line in told(Diagnosis(verdict="suspected", suspects=(LAG,))).splitlines() if "may" in line
     )
