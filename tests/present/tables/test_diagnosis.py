@@ -63,7 +63,7 @@ def test_a_hidden_lag_is_named_with_its_numbers(
     shown = text(section(lagged, lagged_album))
     assert finding.effect.equation in shown
     assert finding.estimate.value("thruster_lag.time_constant") == pytest.approx(0.8, abs=0.05)
-    assert f"On trials that were not fitted its log-likelihood gain is {finding.held_out_gain:.0f}." in shown
+    assert f"gain {finding.held_out_gain:.0f} on trials that were not fitted." in shown
     assert "with these causes noise floor" in shown
     assert "No other cause explains these data as well" in shown
     model = text(part_of(lagged, "model"))
