@@ -28,7 +28,7 @@ def _detect(data: CommandData) -> Iterator[Detection[CommandData]]:
     at = max(0.0, float(data.time[int(np.argmax(absent))] - data.measured[0]))
     count = int(np.count_nonzero(absent))
     text = (
-        f"{data.log}: the command of {data.name} is absent from {count} of {len(absent)} messages, first at {at:.2f} "
+        f"{data.log}: the commands of {data.name} are absent from {count} of {len(absent)} messages, first at {at:.2f} "
         "s, and never zero in the others: zeros were left out."
     )
     fault = Fault(

@@ -101,6 +101,10 @@ class CommandData:
     values: FloatArray  #: (n,) in the unit of the thrust curve; NaN where missing.
     thruster: Thruster | None  #: None for a logged torque.
     measured: FloatArray  #: (m,) s, instants at which the motion was measured.
+    #: (m,) position in rad or m at these instants; empty where it was not asked for.
+    position: FloatArray = field(default_factory=lambda: np.zeros(0))
+    others: Sequence[CommandData] = ()  #: The other commands of the log.
+    alone: bool = False  #: Whether the command has messages of its own, rather than cells next to the motion's.
     source: str = ""  #: Column, or topic and field.
     #: Whether the format stores messages whose fields may be absent, as JSON and protobuf.
     sparse: bool = False
@@ -177,6 +181,21 @@ def resolve(fault: Fault, overrides: FaultOverrides, done: str = "") -> Fault:
     if overrides.keep(fault):
         fault, done = replace(fault, remedy="none", stops=False), "It was kept, as rovid.toml says."
     return replace(fault, text=f"{fault.text} {done}".strip())
+
+
+def faults_of_all(found: Iterable[tuple[str, Iterable[Fault]]]) -> list[Fault]:
+    """Faults of several actuators, each with the actuator's name; those with the same words become one."""
+    names: dict[tuple[str, str], list[str]] = {}
+    first: dict[tuple[str, str], tuple[str, Fault]] = {}
+    for name, faults in found:
+        for fault in faults:
+            key = fault.fault, fault.text.replace(f"commands of {name} ", "commands of ")
+            names.setdefault(key, []).append(name)
+            first.setdefault(key, (name, fault))
+    return [
+        replace(fault, text=fault.text.replace(f"commands of {name} ", f"commands of {' and '.join(names[key])} "))
+        for key, (name, fault) in first.items()
+    ]
 
 
 def _excerpt(data: object, fault: Fault) -> Excerpt | None:

@@ -20,13 +20,23 @@ from typing import TypeVar
 
 import numpy as np
 
-from rovid.core.array_types import FloatArray, IntArray
+from rovid.core.array_types import FloatArray
 from rovid.core.errors import LogError
-from rovid.faults.base import ClockData, ClockStep, CommandData, SignalData, Stage, TrialData, examine, resolve
+from rovid.faults.base import (
+    ClockData,
+    ClockStep,
+    CommandData,
+    SignalData,
+    Stage,
+    TrialData,
+    examine,
+    faults_of_all,
+    resolve,
+)
 from rovid.faults.catalogue import fault_kinds
 from rovid.readers.cleaning import ANGLE, DISTANCE, SPEED_KIND, TURN, TURNING, Kind, clean
 from rovid.readers.raw_log import ANGLES, Channel, RawLog
-from rovid.readers.time_base import TimeBase, TimedSeries
+from rovid.readers.time_base import TimeBase, TimedSeries, cumulative, integral
 from rovid.readers.timestamps import make_monotonic, timed_rows
 from rovid.readers.unit_checks import gyro_confirms_unit, refuse_wrong_heading
 from rovid.signals.intervals import subsampled_median
@@ -34,7 +44,7 @@ from rovid.trial.axis import YAW
 from rovid.trial.config import Config
 from rovid.trial.fault import Fault
 from rovid.trial.trial import Remark, Trial
-from rovid.trial.vehicle import Steering, Thruster
+from rovid.trial.vehicle import Steering
 
 _TILTS = ("roll", "pitch")
 _Data = TypeVar("_Data", ClockData, SignalData, CommandData, TrialData)
@@ -88,10 +98,7 @@ class _Builder:
         axis, measured_signal = self.axis, self.measured_signal
         series = self.ordered()
         measured = self.cleaned(series[measured_signal])
-        commands = [
-            self.command(signal.name, series[signal.name], thruster, measured)
-            for signal, thruster in zip(self.config.commands, self.config.vehicle.thrusters, strict=True)
-        ]
+        commands = self.commands(series, measured)
         base = TimeBase.union(measured, commands, *self.span(measured, commands))
         position = base.match(measured)
         fixes = axis.fix_signals if measured_signal in axis.fix_signals else ()
@@ -100,7 +107,7 @@ class _Builder:
         continuous = {key: self.continuous(key, series[key], base) for key in interpolated}
         rate = continuous.get(axis.rate_signal)
         if self.rate_only:
-            rate, position = position, _integral(base.time, position)
+            rate, position = position, integral(base.time, position)
         elif fixes:
             position = self.distance_along(position, {key: continuous[key] for key in fixes[1:]})
         if not self.rate_only and rate is not None and self.is_frozen(base.time, rate, position):
@@ -249,20 +256,38 @@ class _Builder:
             'Set unit = "s", "ms", "us" or "ns" in [signals] time.',
         )
 
-    def command(self, name: str, logged: TimedSeries, thruster: Thruster, measured: TimedSeries) -> TimedSeries:
-        """The command, which must be known at least once."""
-        data = CommandData(
-            log=self.name,
-            name=thruster.name,
-            time=logged.time,
-            values=logged.values,
-            thruster=None if thruster.curve is None else thruster,
-            measured=measured.known_time,
-            source=self.raw.channels[name].source,
-            sparse=self.raw.sparse,
-        )
-        data = self.examined("command", data)
-        self.unknown += data.unknown
+    def commands(self, series: Mapping[str, TimedSeries], measured: TimedSeries) -> list[TimedSeries]:
+        """Every command, each known at least once."""
+        names = [signal.name for signal in self.config.commands]
+        position = integral(measured.known_time, measured.known) if self.rate_only else measured.known
+        logged = [
+            CommandData(
+                log=self.name,
+                name=thruster.name,
+                time=series[name].time,
+                values=series[name].values,
+                thruster=None if thruster.curve is None else thruster,
+                measured=measured.known_time,
+                position=position,
+                alone=series[name].time is not series[self.measured_signal].time,
+                source=self.raw.channels[name].source,
+                sparse=self.raw.sparse,
+            )
+            for name, thruster in zip(names, self.config.vehicle.thrusters, strict=True)
+        ]
+        found: list[tuple[str, tuple[Fault, ...]]] = []
+        commands = []
+        for at, (name, data) in enumerate(zip(names, logged, strict=True)):
+            others = (*logged[:at], *logged[at + 1 :])
+            fixed, faults = examine(fault_kinds("command"), replace(data, others=others), self.config.faults)
+            found.append((data.name, faults))
+            self.unknown += fixed.unknown
+            commands.append(self.known_command(name, series[name], fixed))
+        self.faults += faults_of_all(found)
+        return commands
+
+    def known_command(self, name: str, logged: TimedSeries, data: CommandData) -> TimedSeries:
+        """The ``logged`` command ``name`` with the repaired values of ``data``, known at least once."""
         if data.values is not logged.values:
             logged = TimedSeries(time=logged.time, values=data.values)
         if not logged.known.size:
@@ -343,7 +368,7 @@ class _Builder:
         if self.axis.name == "sway":  # A quarter turn to starboard.
             directions = np.column_stack((-np.sin(course), np.cos(course)))
         steps = np.column_stack((np.diff(north[known]), np.diff(east[known])))
-        return _cumulative(np.sum(steps * directions, axis=1), known, len(north))
+        return cumulative(np.sum(steps * directions, axis=1), known, len(north))
 
     def check_units(self, time: FloatArray, heading: FloatArray, yaw_rate: FloatArray | None) -> None:
         signal = self.config.signals["heading"]
@@ -356,20 +381,6 @@ class _Builder:
         except LogError as error:
             fault = Fault(fault="scaled_heading", logs=(self.name,), text=str(error), stops=True)
             self.faults.append(resolve(fault, self.config.faults))
-
-
-def _integral(time: FloatArray, rate: FloatArray) -> FloatArray:
-    """(n,) integral of the rate by the trapezoidal rule; NaN where not measured."""
-    known = np.flatnonzero(np.isfinite(rate))
-    steps = 0.5 * (rate[known][1:] + rate[known][:-1]) * np.diff(time[known])
-    return _cumulative(steps, known, len(time))
-
-
-def _cumulative(steps: FloatArray, known: IntArray, count: int) -> FloatArray:
-    """(count,) cumulative sum of the (m-1,) ``steps`` between the (m,) ``known`` rows; NaN in the others."""
-    position = np.full(count, np.nan)
-    position[known] = np.concatenate(([0.0], np.cumsum(steps)))
-    return position
 
 
 def _merged(intervals: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:

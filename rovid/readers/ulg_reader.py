@@ -29,8 +29,6 @@ from rovid.trial.trial import Remark
 KIND = "ulg"
 # Topics on motion, thrusters and supply, for `rovid init`.
 _INTERESTING = {"vehicle_attitude", "vehicle_angular_velocity", "actuator_motors", "actuator_outputs", "battery_status"}
-# Topics whose NaN stops a motor: "NaN maps to disarmed" by PX4's definition of the messages.
-_STOPPED_BY_NAN = {"actuator_motors", "actuator_servos"}
 _MARK = b"ULog\x01\x12\x35"
 _HEADER = 3
 # Bytes that pyulog may read for each byte of the file, and in addition: damage makes it go back and read again.
@@ -107,14 +105,7 @@ class _ULog:
         columns = self.topics.get(base if instance == "0" else topic)
         if columns is None:
             raise missing_topic(self._path, KIND, topic, dict.fromkeys(sorted(self._present)))
-        if base not in _STOPPED_BY_NAN:
-            return columns
-        stopped = {name: np.isnan(values) for name, values in columns.items() if name.startswith("control")}
-        some = [int(nan.sum()) for nan in stopped.values() if nan.any() and not nan.all()]
-        if some:
-            text = f"{topic} is NaN in {max(some)} messages, with which PX4 stops a motor; 0 was taken."
-            self.remarks.append(Remark(kind="stopped", count=max(some), text=text))
-        return {**columns, **{name: np.where(nan, 0.0, columns[name]) for name, nan in stopped.items()}}
+        return columns
 
 
 class _WatchedFile(io.BufferedReader):

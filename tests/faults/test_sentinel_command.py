@@ -18,10 +18,19 @@ def curve(low: float, high: float) -> ThrustCurve:
     return ThrustCurve(command=np.linspace(low, high, 5), thrust=np.array([-20.0, -5.0, 0.0, 5.0, 20.0]))
 
 
-def data(values: FloatArray, points: ThrustCurve | None, source: str = "RCOU.C1") -> CommandData:
+def data(
+    values: FloatArray, points: ThrustCurve | None, source: str = "RCOU.C1", rate: FloatArray | None = None
+) -> CommandData:
     thruster = None if points is None else Thruster(name="fore", arm=0.4, curve=points)
     return CommandData(
-        log="a.BIN", name="fore", time=TIME, values=values, thruster=thruster, measured=TIME, source=source
+        log="a.BIN",
+        name="fore",
+        time=TIME,
+        values=values,
+        thruster=thruster,
+        measured=TIME,
+        position=np.zeros(0) if rate is None else np.cumsum(rate) * TIME[1],
+        source=source,
     )
 
 
@@ -45,6 +54,55 @@ def test_nan_stops_a_motor_of_px4() -> None:
     assert not detection.repair(data(values, curve(-1.0, 1.0))).values[:50].any()
     # Elsewhere an empty cell is no order.
     assert not list(FAULT.detect(data(values, curve(-1.0, 1.0))))
+
+
+# Thrust of 0.5 until 10 s, none until 20 s, thrust again; and the rate of a vehicle that follows within 2 s.
+STOPPED = (TIME >= 10.0) & (TIME < 20.0)
+LEVELS = np.where(STOPPED, np.nan, 0.5)
+
+
+def following(torque: FloatArray) -> FloatArray:
+    rate = np.zeros(len(TIME))
+    for at in range(1, len(TIME)):
+        rate[at] = rate[at - 1] + (0.4 * torque[at - 1] - rate[at - 1]) * TIME[1] / 2.0
+    return rate
+
+
+def test_nan_is_no_thrust_where_the_vehicle_slows_down() -> None:
+    given = data(LEVELS, curve(-1.0, 1.0), "fore_V", following(np.nan_to_num(LEVELS)))
+    (detection,) = FAULT.detect(given)
+    fixed = detection.repair(given)
+    assert not fixed.values[STOPPED].any()
+    assert not fixed.unknown
+    assert detection.fault.remedy == "zero"
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        np.where(STOPPED, np.nan, np.where(TIME < 2.0, 0.0, 0.5)),  # No thrust is logged as zero: cells are missing.
+        np.where(np.arange(len(TIME)) % 4 > 0, np.nan, 0.5),  # A slower topic.
+    ],
+)
+def test_nan_is_a_missing_cell(values: FloatArray) -> None:
+    torque = np.where(STOPPED, 0.0, 0.5)
+    assert not list(FAULT.detect(data(values, curve(-1.0, 1.0), "fore_V", following(torque))))
+
+
+@pytest.mark.parametrize("torque", [np.full(len(TIME), 0.5), np.where(STOPPED, 1.5, 0.5)])
+def test_nan_is_a_missing_cell_where_the_vehicle_goes_on(torque: FloatArray) -> None:
+    assert not list(FAULT.detect(data(LEVELS, curve(-1.0, 1.0), "fore_V", following(torque))))
+
+
+def test_a_command_is_unknown_where_the_vehicle_gains_speed_without_a_pulse() -> None:
+    without = TIME < 10.0
+    given = data(np.where(without, 0.0, 1700.0), curve(1100.0, 1900.0), rate=following(np.full(len(TIME), 0.5)))
+    (detection,) = FAULT.detect(given)
+    fixed = detection.repair(given)
+    assert np.isnan(fixed.values[without]).all()
+    assert fixed.unknown == ((0.0, pytest.approx(10.0)),)
+    assert detection.fault.remedy == "unknown"
+    assert "the vehicle gains speed" in detection.fault.text
 
 
 @pytest.mark.parametrize(

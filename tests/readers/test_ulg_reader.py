@@ -98,6 +98,6 @@ def test_nan_stops_a_motor(tmp_path: Path) -> None:
     trial = read(tmp_path, data=ulog(sorted(rows, key=lambda row: row[1][0])))  # type: ignore[arg-type, return-value]
     at = np.searchsorted(trial.time, [1.0, 3.0, 5.0])
     np.testing.assert_array_equal(trial.commands[at, 0], [1.0, 0.0, 3.0])
-    (remark,) = trial.remarks
-    assert (remark.kind, remark.count) == ("stopped", 2)
-    assert "NaN in 2 messages, with which PX4 stops a motor; 0 was taken" in remark.text
+    (fault,) = trial.faults
+    assert (fault.fault, fault.size, fault.remedy) == ("sentinel_command", 1.0, "zero")
+    assert "commands of fore are nan in 1 samples, first at 2.01 s. NaN means no command." in fault.text
