@@ -26,7 +26,6 @@ from dataclasses import replace
 from rovid.core.errors import DataError
 from rovid.core.spmd import forked_workers
 from rovid.diagnose.build_result import build_diagnosis
-from rovid.diagnose.candidate_fits import gains_by_cause
 from rovid.diagnose.cross_validation import missing_data, split_runs
 from rovid.diagnose.objectives import (
     InnovationObjective,
@@ -206,8 +205,7 @@ def is_worth_searching(
     if objective.screening_data is objective.search_data:
         return True  # the search itself begins with the stop rule
     start = objective.begin(objective.screening_data, effects_from, drag_from)
-    search = objective.search(start)
-    return not is_hopeless(start, lambda: gains_by_cause(search.screen(start)))
+    return not objective.search(start, is_hopeless).is_given_up(start)
 
 
 def select_by_predictions(problem: SearchProblem) -> Iterator[Selection]:

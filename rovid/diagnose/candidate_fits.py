@@ -12,10 +12,11 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.core.spmd import parallel_map
 from rovid.diagnose.cross_validation import Fold
-from rovid.diagnose.score_test import ScoreTest, bic_penalty, scaled_start
+from rovid.diagnose.score_test import ScoreTest, bic_penalty
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect, EffectParameter
 from rovid.estimate.fit_result import FitResult, fit
+from rovid.estimate.nested_fits import neutral_start, scaled_start
 from rovid.estimate.objective import ModelKey, NegativeLogLikelihood
 
 
@@ -67,15 +68,18 @@ def refine_fit(fitted: FitResult, iterations: int, goal: float = math.inf) -> Fi
 
 def fit_from_best_start(
     objective: NegativeLogLikelihood,
-    x: FloatArray,
+    nested: FitResult,
     starts: Sequence[FloatArray],
     iterations: int,
     goal: float = math.inf,
 ) -> FitResult:
-    """Fit from ``x`` with the most likely of the ``starts`` of the last effect."""
-    begins = [np.concatenate((x, start)) for start in starts]
+    """Fit from the ``nested`` model with the most likely of the ``starts`` of the last effect; never less likely."""
+    begins = [np.concatenate((nested.x, start)) for start in starts]
     (best,) = objective.most_likely(begins, 1)
-    return fit_coarse(objective, best, iterations, goal)
+    fitted = fit_coarse(objective, best, iterations, goal)
+    if fitted.value <= nested.value:
+        return fitted
+    return fit_coarse(objective, neutral_start(objective, nested), iterations, goal)
 
 
 def fit_in_parallel(
@@ -204,7 +208,7 @@ class FitCache:
             if nested is not None and nested.value < fitted.value:
                 objective = fitted.objective.with_effects((*effects, effect))
                 starts = objective.parametrization.initial_values()
-                return fit_from_best_start(objective, nested.x, starts, THRESHOLDS.search_iterations)
+                return fit_from_best_start(objective, nested, starts, THRESHOLDS.search_iterations)
         return fitted
 
 
@@ -278,6 +282,7 @@ def fit_candidates(
     tests: Sequence[ScoreTest],
     may_lead: Callable[[FitResult], bool],
     known: Mapping[str, FitResult],
+    others: Sequence[ScoreTest] = (),
 ) -> tuple[list[FitResult], list[FitResult]]:
     """Fit the shortlisted forms in stages, all parameters together; return those fitted to the end, and those left.
 
@@ -287,6 +292,9 @@ def fit_candidates(
         Whether a model may be selected. A fit stops where it cannot reach the best of those.
     known
         Converged models by the key of the added effect; they are not fitted again.
+    others
+        Forms outside of the shortlist. They are fitted where their cause leads, because score tests do not order the
+        forms of a large effect.
     """
 
     def gain(fitted: FitResult) -> float:
@@ -319,11 +327,35 @@ def fit_candidates(
     good = {fitted.effects[-1].id for fitted in ahead if gain(fitted) >= least}
     more = [one for one in unknown if one.effect.id in good or one.gain >= least]
     ahead += begin([one for one in more if one not in first])
+    ahead += begin(
+        _further_forms(tests, others, [one for one in ahead if gain(one) >= least_gain(stages[1][0], ahead)])
+    )
     for share, iterations in stages:
         least = least_gain(share, ahead)
         behind += [fitted for fitted in ahead if gain(fitted) < least]
         ahead = refine([fitted for fitted in ahead if gain(fitted) >= least], iterations)
+    # The best is known once none of the others is within reach of it.
+    for _ in range(THRESHOLDS.reach_rounds):
+        best = max(map(gain, ahead), default=0.0)
+        within = [one for one in ahead if not is_converged(one) and gain(one) + one.remaining_gain >= best]
+        if not within:
+            break
+        ahead = [*(one for one in ahead if one not in within), *refine(within, stages[1][1])]
     return ahead, behind
+
+
+def _further_forms(
+    tests: Sequence[ScoreTest], others: Sequence[ScoreTest], leading: Sequence[FitResult]
+) -> list[ScoreTest]:
+    """The ``others`` of the causes of ``leading`` fits whose predicted gain is near that of the best listed form."""
+    listed = {one.effect.key for one in tests}
+    ids = {fitted.effects[-1].id for fitted in leading}
+    least = {forms[0].effect.id: THRESHOLDS.further_forms_share * forms[0].gain for forms in group_by_cause(tests)}
+    return [
+        one
+        for one in others
+        if one.effect.id in ids and one.effect.key not in listed and one.gain >= least[one.effect.id] > 0.0
+    ]
 
 
 def _first_of_each(tests: Sequence[ScoreTest]) -> list[ScoreTest]:
@@ -342,4 +374,4 @@ def _extended(current: FitResult, test: ScoreTest) -> NegativeLogLikelihood:
 def _begin(current: FitResult, objective: NegativeLogLikelihood, test: ScoreTest, goal: float) -> FitResult:
     """First steps of the fit of ``current`` with the tested form, from the most likely of several sizes."""
     scaled = [scaled_start(test.effect, test.start, share) for share in THRESHOLDS.start_shares]
-    return fit_from_best_start(objective, current.x, (test.best_start, *scaled), THRESHOLDS.first_iterations, goal)
+    return fit_from_best_start(objective, current, (test.best_start, *scaled), THRESHOLDS.first_iterations, goal)

@@ -9,7 +9,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from importlib import import_module
 from typing import ClassVar, Self
 
@@ -201,6 +201,7 @@ def fits_poorly(fitted: FitResult) -> bool:
     return not fitted.effects and fitted.simulated_r2 < INNOVATIONS_R2
 
 
+@lru_cache(maxsize=1)
 def missing_log_likelihood(fitted: FitResult) -> tuple[float, float]:
     """Log-likelihood (nats) that an unlimited disturbance would gain, and that white innovations would gain then."""
     unlimited = fitted

@@ -15,6 +15,7 @@ from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect
 from rovid.estimate.fisher_information import Innovations, Jacobian, NormalEquations
 from rovid.estimate.fit_result import FitResult
+from rovid.estimate.nested_fits import scaled_start
 from rovid.estimate.objective import NegativeLogLikelihood
 
 # Information below which a direction has no effect on the innovations, and above which the model diverges.
@@ -243,15 +244,6 @@ def _predict_several_sizes(
     penalty = bic_penalty(objective) * (form.size_count - 1)
     gain = max(0.5 * float(score @ step) - penalty, 0.0)
     return gain, start, start, float(np.mean(np.diag(information)))
-
-
-def scaled_start(form: Effect, start: FloatArray, share: float) -> FloatArray:
-    """``start`` with ``share`` times the size of the effect, within its bounds."""
-    scaled = start.copy()
-    for k, size in enumerate(form.parameters[: form.size_count]):
-        if not size.neutral_at_infinity:
-            scaled[k] = np.clip(size.neutral + share * (start[k] - size.neutral), size.low, size.high)
-    return scaled
 
 
 def possible_substitutes(current: FitResult, effect: Effect, tests: Sequence[ScoreTest]) -> list[Effect]:

@@ -134,13 +134,24 @@ class StepwiseSearch:
         return bool(self.progress.stops)
 
     def _apply_stop_rules(self, current: FitResult) -> None:
-        stops, is_adequate, is_hopeless = self.progress.stops, self.is_adequate, self.is_hopeless
+        stops, is_adequate = self.progress.stops, self.is_adequate
         may_be_adequate = SearchStop.ADEQUATE not in stops and not self.fits_poorly(current)
         if is_adequate is not None and may_be_adequate and is_adequate(current):
             stops.add(SearchStop.ADEQUATE)
-        may_be_hopeless = SearchStop.HOPELESS not in stops
-        if is_hopeless is not None and may_be_hopeless and is_hopeless(current, lambda: self._gains(current)):
+        if SearchStop.HOPELESS not in stops and self.is_given_up(current):
             stops.add(SearchStop.HOPELESS)
+
+    def is_given_up(self, current: FitResult) -> bool:
+        """Whether no further effects can make ``current`` adequate, by fits where score tests leave a doubt."""
+        is_hopeless = self.is_hopeless
+        if is_hopeless is None or not is_hopeless(current, lambda: self._gains(current)):
+            return False
+        if current.key in self.cache.extensions:
+            return True
+        if is_hopeless(current, lambda: [THRESHOLDS.score_test_factor * gain for gain in self._gains(current)]):
+            return True
+        self.extensions(current)
+        return is_hopeless(current, lambda: self._gains(current))
 
     def _gains(self, current: FitResult) -> list[float]:
         """Gain of each further effect, largest first: of the fits where there are any, else of the score tests."""
@@ -187,7 +198,7 @@ class StepwiseSearch:
             one, other = pairs[at]
             initial = objectives[at].parametrization.initial_values()
             starts = (other.effect_coordinates(other.effects[-1]), *initial)
-            return fit_from_best_start(objectives[at], one.x, starts, THRESHOLDS.search_iterations)
+            return fit_from_best_start(objectives[at], one, starts, THRESHOLDS.search_iterations)
 
         fits = fit_in_parallel(objectives, fit_pair)
         for fitted in fits:
@@ -231,6 +242,17 @@ class StepwiseSearch:
         for effect in current.effects:
             rest = self.without(current, effect)
             other = self._best(self.replacements(current, effect), rest)
+            is_better = bic_score(other) > bic_score(current) + THRESHOLDS.exchange_gain
+            if is_better and other.key not in self.progress.exchanged:
+                self.progress.exchanged.add(current.key)
+                return self._loosen(self._eliminate(other))
+        return self._merge(current)
+
+    def _merge(self, current: FitResult) -> FitResult:
+        """Replace two effects by one of any cause with a better BIC score, which may be a form of either of the two."""
+        for pair in combinations(current.effects, 2):
+            rest = self.without(current, *pair)
+            other = self._best(self.extensions(rest), rest)
             is_better = bic_score(other) > bic_score(current) + THRESHOLDS.exchange_gain
             if is_better and other.key not in self.progress.exchanged:
                 self.progress.exchanged.add(current.key)
@@ -294,7 +316,7 @@ class StepwiseSearch:
             leading = filter(self._may_lead, known.values())
             known_gain = max((current.value - fitted.value for fitted in leading), default=0.0)
             listed = shortlist(current, tests, self.threshold, self.screening_share, known_gain)
-        ahead, behind = fit_candidates(current, listed, self._may_lead, known)
+        ahead, behind = fit_candidates(current, listed, self._may_lead, known, tests)
         for fitted in ahead:
             self.cache.fits.setdefault(fitted.key, fitted)
         return [*ahead, *behind]

@@ -69,6 +69,12 @@ class Thresholds:
     candidates are fitted further; doubled: fewer."""
     final_stage: tuple[float, int] = (0.4, 25)
     """As `second_stage`, for the fit to convergence."""
+    further_forms_share: float = 0.5
+    """Share of the predicted gain of the best form. All forms of a leading cause with more are fitted. Set: score tests
+    are good to a factor of a few. Halved: more fits; doubled: the right form of a large effect may not be fitted."""
+    reach_rounds: int = 2
+    """Rounds of `final_stage` for fits that may still reach the best one. Set: convention. Halved: fits that converge
+    slowly are compared too early; doubled: slower."""
     goal_distance: float = 50.0
     """Nats. A candidate fit ends where it cannot come within this distance of the best. Set: not recorded. Halved:
     faster, and BIC gains of poor alternatives are less exact; doubled: slower."""
@@ -116,6 +122,9 @@ class Thresholds:
     wave_thinning_time_constants: float = 0.1
     """Time constants. Upper limit of the interval between those samples. Set: not recorded. Halved or doubled: as
     above."""
+    score_test_factor: float = 3.0
+    """Ratio. A one-step search is given up without fits only where gains larger by this factor would not help. Set:
+    score tests are good to a factor of a few. Halved: searches are given up that would succeed; doubled: slower."""
     thinning_ratio: float = 4.0
     """Ratio. Screen the thinned data first where the search data are so many times more. Set: not recorded. Halved or
     doubled: time alone, unless the two screenings disagree."""

@@ -94,7 +94,7 @@ def minimize(
     Stops when the expected gain falls below ``tolerance``, or when the value will not reach the ``goal``.
     """
     (here,) = _evaluate(objective, [np.clip(start, *objective.parametrization.bounds)], [_FIRST_DAMPING])
-    stop_reason, gained = StopReason.MAX_ITERATIONS, math.inf
+    stop_reason, gained, small_steps = StopReason.MAX_ITERATIONS, math.inf, 0
     # Points and gradients of the last steps.
     history: list[tuple[FloatArray, FloatArray]] = []
     for _ in range(iterations):
@@ -111,7 +111,9 @@ def minimize(
             stop_reason = ahead
             break
         gained, here = here.value - ahead.value, ahead
-        if gained < tolerance:
+        small_steps = small_steps + 1 if gained < tolerance else 0
+        # One small gain of a strongly damped step is no sign of an optimum.
+        if small_steps > (here.damping > _FIRST_DAMPING):
             stop_reason = StopReason.CONVERGED
             break
         if here.value - goal > _STEPS_TO_GOAL * gained:

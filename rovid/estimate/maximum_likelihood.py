@@ -19,6 +19,7 @@ from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from rovid.estimate.instrumental_variables import require_inertia
 from rovid.estimate.multi_step_data import MultiStepData
 from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
+from rovid.estimate.nested_fits import fit_with_effects
 from rovid.estimate.output_error import MIN_INERTIA_SIGMAS, fit_output_error
 from rovid.model.model import Model
 from rovid.model.parameter_names import unit_of
@@ -38,10 +39,8 @@ _LOOSER = 2.5
 # Least free-running R^2 of free swings. Below it most of the motion is no swing of the model, and period and damping
 # have no meaning; decision: half of the variance.
 _SWING_R2 = 0.5
-# Number of starts that are kept while effects are added.
-_STARTS = 8
-# Steps of a coarse fit.
-_COARSE_ITERATIONS = 4
+# Steps of the fits of short and of long horizons alone, from the fit of both.
+_HORIZON_ITERATIONS = 8
 # Joint standard errors between the answers of short and of long horizons that are reported.
 _DISAGREE_SIGMAS = 3.0
 # Share of the difference between the two answers by which either may be wrong.
@@ -128,17 +127,11 @@ def fit_innovations(data: InnovationData, simulation_r2: float) -> FitResult:
 
 
 def add_effects(base: FitResult, effects: tuple[Effect, ...]) -> FitResult:
-    """Fit with effects, from the most likely of their initial values, then with the disturbance's limit loosened."""
-    objective, starts = base.objective, [base.common_coordinates]
-    for count in range(1, len(effects) + 1):
-        objective = base.objective.with_effects(effects[:count], base.objective.mask)
-        begins = [np.concatenate((x, start)) for x in starts for start in objective.parametrization.initial_values()]
-        starts = objective.most_likely(begins, _STARTS)
-    coarse = [fit(objective, start, iterations=_COARSE_ITERATIONS) for start in starts]
-    best = fit(objective, min(coarse, key=lambda one: one.value).x)
+    """Fit with effects, no less likely than ``base``, then with the disturbance's limit loosened."""
+    best = fit_with_effects(base, effects)
     # With the effects the errors are less correlated, and more predictions count.
-    reweighted = objective.reweighted(best.model)
-    if reweighted is not objective:
+    reweighted = best.objective.reweighted(best.model)
+    if reweighted is not best.objective:
         best = fit(reweighted, best.x)
     return loosen_limit(best)
 
@@ -252,7 +245,7 @@ def misspecification_covariance(fitted: FitResult) -> tuple[FloatArray, list[str
     added = np.diag(np.maximum(least - scatter, 0.0))
     if min(part.effective_count for part in parts) <= len(fitted.x):
         return added, []
-    short, long = (fit(part, fitted.x, iterations=2 * _COARSE_ITERATIONS) for part in parts)
+    short, long = (fit(part, fitted.x, iterations=_HORIZON_ITERATIONS) for part in parts)
     variance = np.diag(short.covariance(sandwich=True)) + np.diag(long.covariance(sandwich=True))
     difference = short.model.values - long.model.values
     half = _HALF * np.sign(difference) * np.sqrt(np.maximum(difference**2 - variance, 0.0))
