@@ -15,7 +15,8 @@ from rovid.core.formatting import plus_minus, round_to_error, significant
 from rovid.core.stats import chi2_sf, f_sf
 from rovid.core.toml import SMALLEST
 from rovid.estimate.estimate import Estimate, r_squared
-from rovid.estimate.steady_points import SteadyPoint, TorqueBalance, WlsSolution, lasting_covariance, pooled_errors
+from rovid.estimate.lasting_disturbance import lasting_covariance
+from rovid.estimate.steady_points import SteadyPoint, TorqueBalance, WlsSolution, pooled_errors
 from rovid.model.parameter_names import base_names
 from rovid.signals.segments import MIN_HOLD_SECONDS
 from rovid.trial.axis import YAW, Axis
@@ -85,12 +86,12 @@ def fit_drag(points: Sequence[SteadyPoint], axis: Axis = YAW) -> DragFit:
     balance = TorqueBalance.of(fitted, axis, np.array([name not in refused for name in names]))
     if not balance.is_determined:
         raise _not_distinguishable(fitted, [name for name in names if name not in refused], axis)
-    within = lasting = None
+    lasting = None
     if not table:
         if balance.degrees_of_freedom < _MIN_FREEDOM:
             raise _too_few(fitted, balance, axis)
-        balance, within = pooled_errors(balance, fitted)
-        lasting = lasting_covariance(balance, fitted, within)
+        balance = pooled_errors(balance, fitted)
+        lasting = lasting_covariance(balance, fitted)
     solution = balance.solve()
     if lasting is not None:
         solution = solution._replace(covariance=lasting, degrees_of_freedom=math.inf)
@@ -120,8 +121,11 @@ def fit_drag(points: Sequence[SteadyPoint], axis: Axis = YAW) -> DragFit:
     estimate = replace(_estimate(method, names, solution, axis, len(fitted)), refused=refused)
     rows = {"up": balance.design[:, 1] > 0, "down": balance.design[:, 1] < 0}
     # With a net buoyancy as a further unknown, one direction alone determines too little.
-    directions = _fit_directions(fitted, balance, within, rows, axis) if len(names) == len(NAMES) else {}
-    warnings += [*_parameter_warnings(estimate), *_direction_warnings(balance, residuals, rows, directions, axis)]
+    directions = _fit_directions(fitted, balance, rows, axis) if len(names) == len(NAMES) else {}
+    warnings += [
+        *_parameter_warnings(estimate),
+        *_direction_warnings(fitted, balance, residuals, rows, directions, axis),
+    ]
     return DragFit(
         estimate=replace(estimate, warnings=tuple(warnings)),
         points=fitted,
@@ -230,28 +234,26 @@ def _parameter_warnings(estimate: Estimate) -> Iterator[str]:
 def _fit_directions(
     points: Sequence[SteadyPoint],
     balance: TorqueBalance,
-    within: FloatArray | None,
     directions: dict[str, BoolArray],
     axis: Axis,
 ) -> dict[str, Estimate]:
-    """The fit of each direction alone, where its points determine one, with errors as those of all points.
-
-    ``within`` are (k,) variances of the holds in N^2 m^2, None for a table.
-    """
-    fits, least = {}, 1 if within is None else _MIN_FREEDOM
+    """The fit of each direction alone, where its points determine one, with errors as those of all points."""
+    table = _from_table(points)
+    fits, least = {}, 1 if table else _MIN_FREEDOM
     for name, rows in directions.items():
         part, chosen = balance.subset(rows), list(compress(points, rows))
         if part.degrees_of_freedom < least or rows.all() or _undetermined(chosen, axis) or not part.is_determined:
             continue
         method, solution = f"{_states(axis)}, {axis.position_words} {name} only", part.solve()
-        if within is not None:
-            covariance = lasting_covariance(part, chosen, within[rows])
+        if not table:
+            covariance = lasting_covariance(part, chosen)
             solution = solution._replace(covariance=covariance, degrees_of_freedom=math.inf)
         fits[name] = _estimate(method, NAMES, solution, axis, len(chosen))
     return fits
 
 
 def _direction_warnings(
+    points: Sequence[SteadyPoint],
     balance: TorqueBalance,
     residuals: FloatArray,
     directions: dict[str, BoolArray],
@@ -272,10 +274,11 @@ def _direction_warnings(
     if len(fits) < len(directions) or spare <= 0:
         return
     if balance.error_known:
-        one, other = fits.values()
-        difference = one.values - other.values
-        weighted = np.linalg.solve(one.covariance + other.covariance, difference)
-        p_value = chi2_sf(len(NAMES), float(difference @ weighted))
+        # The drag of both directions, and half of the difference between them.
+        signed = np.sign(balance.design[:, 1:2]) * balance.design
+        both = replace(balance, design=np.hstack((balance.design, signed)), free=np.ones(2 * len(NAMES), dtype=bool))
+        difference, covariance = both.solve().values[2:], lasting_covariance(both, points)[2:, 2:]
+        p_value = chi2_sf(len(NAMES), float(difference @ np.linalg.solve(covariance, difference)))
     else:
         separate = sum(balance.subset(rows).chi2(fits[name].values) for name, rows in directions.items())
         if separate <= 0.0:

@@ -10,7 +10,6 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray
-from rovid.core.stats import t_quantile
 from rovid.effects import restoring_effect
 from rovid.effects.restoring import regressors
 from rovid.signals.preprocessing import Run
@@ -26,10 +25,8 @@ _BLOCK_SECONDS, _MIN_BLOCKS = 1.0, 6
 _TREND_SIGMAS, _TREND_SHARE = 3.0, 0.005
 # Least ratio of the singular values of the normalised design matrix, below which unknowns are not distinguishable.
 _LEAST_RATIO = 1e-10
-# Memories of a disturbance in usual lengths of a hold, from none to one that outlasts a series of holds; convention.
-_MEMORIES = (0.01, 1.0, 3.0, 10.0, 30.0)
-# Probability that an estimate is off by more than three of its standard errors; convention.
-_BEYOND_THREE = 0.01
+# Parts of a hold whose means show how long a disturbance lasts.
+_PARTS = 4
 # Least number of standard errors from zero of the rate of a steady turn.
 _MIN_RATE_SIGMAS = 4.0
 
@@ -52,6 +49,8 @@ class SteadyPoint:
     drift: float = math.nan
     drift_error: float = math.nan
     steady: bool = True  #: False where that drift is a trend; such a point is shown but not fitted.
+    #: Means of |r| r and r over equal parts of the hold; empty for a table.
+    parts: tuple[tuple[float, float], ...] = ()
 
     @property
     def duration(self) -> float:
@@ -117,7 +116,14 @@ def _steady_point(run: Run, hold: Hold) -> SteadyPoint | None:
         drift=drift,
         drift_error=drift_error,
         steady=not trend,
+        parts=part_means(squares, blocks),
     )
+
+
+def part_means(squares: FloatArray, rates: FloatArray) -> tuple[tuple[float, float], ...]:
+    """Means of (n,) squared rates and rates over equal parts."""
+    pieces = (np.array_split(one, _PARTS) for one in (squares, rates))
+    return tuple((float(square.mean()), float(rate.mean())) for square, rate in zip(*pieces, strict=True))
 
 
 def _block_means(run: Run, hold: Hold) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -229,14 +235,19 @@ class TorqueBalance:
         """
         count = len(self.free)
         values, covariance = np.zeros(count), np.zeros((count, count))
+        solver = self.solver()
+        values[self.free] = solver @ self.torque
+        variance, freedom = self._residual_variance(values)
+        scaled = solver * self.error
+        covariance[np.ix_(self.free, self.free)] = scaled @ scaled.T * variance
+        return WlsSolution(values, covariance, freedom)
+
+    def solver(self) -> FloatArray:
+        """(f, k) derivatives of the free unknowns by the torques."""
         weighted = self.design[:, self.free] / self.error[:, None]
         # Normalised columns make the cut-off of the pseudo-inverse independent of units.
         scale = np.linalg.norm(weighted, axis=0)
-        inverse = np.linalg.pinv(weighted / scale) / scale[:, None]
-        values[self.free] = inverse @ (self.torque / self.error)
-        variance, freedom = self._residual_variance(values)
-        covariance[np.ix_(self.free, self.free)] = inverse @ inverse.T * variance
-        return WlsSolution(values, covariance, freedom)
+        return np.asarray(np.linalg.pinv(weighted / scale) / scale[:, None] / self.error)
 
     def _residual_variance(self, values: FloatArray) -> tuple[float, float]:
         """Variance of the normalised residuals and its degrees of freedom; 1 and infinity by known errors."""
@@ -262,8 +273,8 @@ class TorqueBalance:
         return rows
 
 
-def pooled_errors(balance: TorqueBalance, points: Sequence[SteadyPoint]) -> tuple[TorqueBalance, FloatArray]:
-    """The balance with errors sigma_k^2 = q/t_k + tau^2 of holds of lengths t_k, and (k,) q/t_k; docs/method.md, (7).
+def pooled_errors(balance: TorqueBalance, points: Sequence[SteadyPoint]) -> TorqueBalance:
+    """The balance with errors sigma_k^2 = q/t_k + tau^2 of holds of lengths t_k; docs/method.md, (7).
 
     q is the density of the torque's variance by the errors of the rate, pooled over all holds. tau^2 is the variance
     from hold to hold, such as by a current or trim, which no length averages out.
@@ -274,41 +285,7 @@ def pooled_errors(balance: TorqueBalance, points: Sequence[SteadyPoint]) -> tupl
     slope = 2.0 * values[0] * np.abs(balance.design[:, 1]) + values[1]
     density = float(np.mean((slope * rate_error) ** 2 * duration))
     within = density / duration
-    return balance.with_error(np.sqrt(within + _variance_between(balance, within))), within
-
-
-def lasting_covariance(balance: TorqueBalance, points: Sequence[SteadyPoint], within: FloatArray) -> FloatArray:
-    """(p, p) covariance of `TorqueBalance.solve` under a disturbance that outlasts a hold; docs/method.md, (7a).
-
-    The holds of one log share a Gauss-Markov disturbance in addition to their own (k,) variances ``within``. Each of
-    its memories in question has the size that gives the observed scatter about the line. The memory that gives the
-    largest errors counts. The errors are widened such that three of them are exceeded as rarely as by `_BEYOND_THREE`,
-    by Student's t with the degrees of freedom of the scatter.
-    """
-    design, square = balance.design[:, balance.free], balance.error**2
-    weighted = design / balance.error[:, None]
-    scale = np.linalg.norm(weighted, axis=0)
-    solver = np.linalg.pinv(weighted / scale) / scale[:, None] / balance.error
-    remainder = np.eye(len(square)) - design @ solver
-    observed = float(np.sum((remainder @ balance.torque) ** 2 / square))
-    same_log = np.equal.outer(*[np.array([point.source for point in points])] * 2)
-    middle = np.array([0.5 * (point.start + point.stop) for point in points])
-    apart = np.abs(np.subtract.outer(middle, middle))
-    usual = float(np.mean([point.duration for point in points]))
-    widened = []
-    for memory in _MEMORIES:
-        shared = np.where(same_log, np.exp(-apart / (memory * usual)), 0.0)
-        own, each = (
-            float(np.sum(np.diag(remainder @ one @ remainder.T) / square)) for one in (np.diag(within), shared)
-        )
-        size = max(observed - own, 0.0) / max(each, 1e-300)
-        widened.append(solver @ (np.diag(within) + size * shared) @ solver.T)
-    first = np.diag(widened[0])
-    worst = max(widened, key=lambda one: float(np.sum(np.diag(one) / first)))
-    factor = max(t_quantile(1.0 - 0.5 * _BEYOND_THREE, balance.degrees_of_freedom) / 3.0, 1.0)
-    covariance = np.zeros((len(balance.free), len(balance.free)))
-    covariance[np.ix_(balance.free, balance.free)] = factor**2 * worst
-    return covariance
+    return balance.with_error(np.sqrt(within + _variance_between(balance, within)))
 
 
 def _variance_between(balance: TorqueBalance, within: FloatArray) -> float:

@@ -10,7 +10,7 @@ import pytest
 from rovid.core.errors import DataError
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.steady_drag import NAMES, fit_drag
-from rovid.estimate.steady_points import SteadyPoint, long_run_variance
+from rovid.estimate.steady_points import SteadyPoint, long_run_variance, part_means
 from tests import synthetic
 
 TRUTH = {"quadratic_drag": 2200.0, "linear_drag": 120.0}
@@ -40,6 +40,7 @@ def steady_point(torque: float, disturbance: np.ndarray, start: float, rng: np.r
         drift=drift,
         drift_error=drift_error,
         steady=abs(drift) <= max(3.0 * drift_error, 0.005 * abs(mean)),
+        parts=part_means(np.abs(rate) * rate, rate),
     )
 
 
