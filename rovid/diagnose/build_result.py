@@ -28,12 +28,12 @@ from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.diagnose.validation import Selection, Suspected, suspects
 from rovid.effects import CATALOGUE, Effect, EffectParameter
 from rovid.estimate.candidate_runs import RunLimits
+from rovid.estimate.dataset import time_constant
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.experiment_design import CandidateModel, ExperimentPlan, plan_experiment
 from rovid.estimate.fit_result import FitResult
 from rovid.estimate.instrumental_variables import require_inertia
 from rovid.estimate.maximum_likelihood import INNOVATIONS_R2, misspecification_covariance
-from rovid.estimate.multi_step_data import time_constant
 from rovid.estimate.output_error import MIN_INERTIA_SIGMAS
 from rovid.estimate.restart_grid import HORIZONS
 from rovid.model.model import Model

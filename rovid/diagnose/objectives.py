@@ -27,7 +27,7 @@ from rovid.effects.clock_offset import CLOCKS_APART
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.maximum_likelihood import DISTURBANCE_LIMITS, INNOVATIONS_R2, fit_innovations, loosen_limit
-from rovid.estimate.multi_step_data import MultiStepData, time_constant
+from rovid.estimate.multi_step_data import MultiStepData
 from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
 from rovid.estimate.objective import UNLIMITED, ModelKey, NegativeLogLikelihood
 from rovid.estimate.parametrization import DISTURBANCE
@@ -170,8 +170,7 @@ SearchObjective = InnovationObjective | MultiStepObjective
 def thin_for_waves(data: InnovationData) -> InnovationData:
     """``data`` thinned as far as the test for waves allows."""
     seconds = sum(float(np.ptp(run.trial.time)) for run in data.runs)
-    constant = time_constant(data.initial_model, data.rms_rate)
-    longest = THRESHOLDS.wave_thinning_time_constants * constant
+    longest = THRESHOLDS.wave_thinning_time_constants * data.usual_time
     interval = max(_search_interval(data), min(seconds / THRESHOLDS.wave_samples, longest))
     return replace(data, interval=interval)
 
@@ -185,8 +184,7 @@ def screening_data(wave_data: InnovationData, search_data: InnovationData) -> In
 
 def _search_interval(data: InnovationData) -> float:
     """Interval between the samples of a search in s; 0 for all samples."""
-    constant = time_constant(data.initial_model, data.rms_rate)
-    wanted = min(THRESHOLDS.thinning_time_constants * constant, THRESHOLDS.thinning_seconds)
+    wanted = THRESHOLDS.thinning_time_constants * data.usual_time
     sampling = float(np.median([run.trial.sampling_interval for run in data.runs]))
     return wanted if wanted >= THRESHOLDS.thinning_samples * sampling else 0.0
 

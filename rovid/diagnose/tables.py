@@ -16,6 +16,7 @@ from rovid.core.stats import chi2_sf
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect, forms_for
 from rovid.effects.base import OnHeading, Scales, WaveTorque
+from rovid.estimate.dataset import time_constant
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.inertia import InertiaFit, row_names, table_drag
 from rovid.model.command_series import CommandSeries
@@ -151,7 +152,8 @@ class _Problem:
         parameters = () if effect is None else effect.parameters
         torque = float(rows.vehicle.thrusters[0].command_range() / 2.0)
         rate = float(rows.rates.max())
-        scales = Scales(command=torque, torque=torque, rate=rate, wash=math.sqrt(torque))
+        time = time_constant(begin, rate)
+        scales = Scales(command=torque, torque=torque, rate=rate, wash=math.sqrt(torque), time=time)
         # Neither drag alone is much larger than the total drag at the largest torque and rate.
         self.drag_units = [] if rows.drag_known else [2.0 * torque / rate**2, 2.0 * torque / rate]
         drags = len(self.drag_units)

@@ -108,11 +108,9 @@ class Thresholds:
     tests are good to a factor of a few. Halved: more fits; doubled: alternatives may be missed."""
 
     # --- Which objective decides --------------------------------------------------------------------------------------
-    thinning_time_constants: float = 0.05
-    """Time constants. Interval between the samples that a one-step search uses. Set: not recorded. Halved: slower;
-    doubled: fast effects (delay, lag) lose information."""
-    thinning_seconds: float = 0.2
-    """s. Upper limit of that interval. Set: not recorded. Halved or doubled: as above."""
+    thinning_time_constants: float = 0.035
+    """Time constants. Interval between the samples that a one-step search uses: three readings in a lag of a tenth of
+    the time constant. Set: convention. Halved: slower; doubled: fast effects (delay, lag) lose information."""
     thinning_samples: float = 2.0
     """Sampling intervals. Data are not thinned to shorter intervals. Set: not recorded. Halved: not measured; doubled:
     coarse logs are not thinned."""
@@ -297,8 +295,8 @@ class Thresholds:
     wave_disturbance_shares: tuple[float, ...] = (0.01, 0.1, 1.0)
     """Shares of the RMS torque from which the disturbance of the wave fit may start. Set: convention. Halved or
     doubled: not measured."""
-    wave_disturbance_seconds: tuple[float, ...] = (0.3, 4.0)
-    """s. Correlation times from which it may start. Set: convention. Halved or doubled: not measured."""
+    wave_disturbance_times: tuple[float, ...] = (0.15, 2.0)
+    """Time constants. Correlation times from which it may start. Set: convention. Halved or doubled: not measured."""
 
     # --- Result -------------------------------------------------------------------------------------------------------
     equivalent_form_share: float = 0.9

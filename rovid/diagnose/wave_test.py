@@ -97,10 +97,10 @@ def _fit_without_waves(data: InnovationData, beside: FitResult) -> FitResult:
     begin[other] = beside.x[other]
     # An unlimited disturbance has several local optima: the fit starts from the most likely of a grid.
     starts = []
-    for share, seconds in itertools.product(THRESHOLDS.wave_disturbance_shares, THRESHOLDS.wave_disturbance_seconds):
+    for share, time in itertools.product(THRESHOLDS.wave_disturbance_shares, THRESHOLDS.wave_disturbance_times):
         start = begin.copy()
         start[DISTURBANCE] = math.log(share * data.rms_torque)
-        start[MEMORY] = math.log(seconds)
+        start[MEMORY] = math.log(time * data.usual_time)
         starts.append(np.clip(start, *objective.parametrization.bounds))
     (best,) = objective.most_likely(starts, 1)
     return fit_coarse(objective, best, THRESHOLDS.close_iterations)

@@ -42,7 +42,15 @@ EFFECT: Effect = Effect(
         EffectParameter(
             name="inertia", unit="kg m^2", neutral=0.0, low=-3.0, high=20.0, initial_values=(1.0,), scale="torque/rate"
         ),
-        EffectParameter(name="time_constant", unit="s", neutral=1.0, low=0.2, high=120.0, initial_values=(2.0, 10.0)),
+        EffectParameter(
+            name="time_constant",
+            unit="s",
+            neutral=1.0,
+            low=0.1,
+            high=60.0,
+            initial_values=(0.5, 3.0),
+            scale="time",
+        ),
     ),
     equation="− Im·dw/dt, τ·dw/dt = r − w",
     fingerprint="inertia that falls with frequency; an exponential tail after steps",
@@ -67,7 +75,13 @@ FORMS: tuple[Effect, ...] = (
             ),
             # At a relative rate of 0.3 rad/s; three times as long at 0.1.
             EffectParameter(
-                name="time_constant", unit="s", neutral=1.0, low=0.02, high=120.0, initial_values=(0.7, 4.0)
+                name="time_constant",
+                unit="s",
+                neutral=1.0,
+                low=0.02,
+                high=60.0,
+                initial_values=(0.4, 2.5),
+                scale="time_at_reference",
             ),
         ),
         equation="− Im·dw/dt, τ·r0·dw/dt = |r − w|·(r − w), r0 = 0.3 rad/s: water in a frame with holes",

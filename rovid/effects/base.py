@@ -85,7 +85,8 @@ class EffectParameter:
     initial_values: tuple[float, ...]  #: Initial values of fits, in ``unit`` times the scale.
     #: Typical size: ``one``; ``command``, a hundredth of the largest command from neutral; ``torque``, ``rate``,
     #: ``wash``, ``sqrt_thrust``, ``surge`` and ``sway``, the RMS over all logs; ``load``, the largest share of full
-    #: thrust; ``longest``, hours of the longest log; ``day``, hours from the first log's start to the last one's end.
+    #: thrust; ``longest``, hours of the longest log; ``day``, hours from the first log's start to the last one's end;
+    #: ``time``, time constant of the vehicle; ``time_at_reference``, time for the same angle at the reference rate.
     #: Quotients are written as ``torque/surge/rate``.
     scale: str = "one"
     #: Relative step of difference quotients. A threshold makes the likelihood piecewise constant: with a small step its
@@ -186,10 +187,12 @@ class Scales:
     load: float = 1.0
     longest: float = 1.0
     day: float = 1.0
+    time: float = 1.0
 
     def unit_size(self, parameter: EffectParameter) -> float:
         """Scale of ``parameter``."""
-        sizes = {"one": 1.0, **vars(self), "command": 0.01 * self.command}
+        at_reference = self.time * self.rate / REFERENCE_RATE
+        sizes = {"one": 1.0, **vars(self), "command": 0.01 * self.command, "time_at_reference": at_reference}
         first, *others = parameter.scale.split("/")
         return float(sizes[first] / math.prod(sizes[name] for name in others))
 

@@ -56,7 +56,15 @@ EFFECT: Effect = Effect(
     title="entrained swirl",
     parameters=(
         EffectParameter(name="coupling", unit="1", neutral=0.0, low=0.0, high=0.9, initial_values=(0.1,)),
-        EffectParameter(name="time_constant", unit="s", neutral=1.0, low=1.0, high=600.0, initial_values=(20.0, 90.0)),
+        EffectParameter(
+            name="time_constant",
+            unit="s",
+            neutral=1.0,
+            low=0.3,
+            high=300.0,
+            initial_values=(4.0, 20.0, 90.0),
+            scale="time",
+        ),
     ),
     equation="all drag of r − s·w in place of r, τ·dw/dt = r − w",
     fingerprint="a rate that creeps up in long holds; rotation that continues after a stop; more drag at a reversal",

@@ -47,9 +47,10 @@ _DRIFT = EffectParameter(
     name="coefficient", unit="N s", neutral=0.0, low=-3.0, high=3.0, initial_values=(0.05, -0.05), scale="torque/sway"
 )
 _MUNK = replace(_DRIFT, name="munk", unit="kg", scale="torque/surge/sway")
-# Time constant of the sway: half a second for the smallest hulls. Sway that decays at once would be the same as damping
-# with the square of the speed.
-_DECAY = EffectParameter(name="time_constant", unit="s", neutral=1.0, low=0.3, high=120.0, initial_values=(0.3, 2.0))
+# Time constant of the sway. Sway that decays at once would be the same as damping with the square of the speed.
+_DECAY = EffectParameter(
+    name="time_constant", unit="s", neutral=1.0, low=0.1, high=60.0, initial_values=(0.15, 1.0), scale="time"
+)
 
 EFFECT: Effect = Effect(
     id="sideslip_moment",
@@ -82,7 +83,13 @@ FORMS: tuple[Effect, ...] = (
             replace(_DRIFT, unit="N^0.5 m s/rad", scale="torque/sqrt_thrust/rate"),
             _DECAY,
             EffectParameter(
-                name="surge_time_constant", unit="s", neutral=0.0, low=0.0, high=200.0, initial_values=(3.0, 12.0)
+                name="surge_time_constant",
+                unit="s",
+                neutral=0.0,
+                low=0.0,
+                high=100.0,
+                initial_values=(1.0, 4.0),
+                scale="time",
             ),
         ),
         equation="− N·w, τ·dw/dt = − s·r − w, τ1·ds/dt = sign(F)·√|F| − s, F the thrust ahead: in place of a logged v",
@@ -96,7 +103,7 @@ FORMS: tuple[Effect, ...] = (
         form="carried",
         parameters=(
             replace(_DRIFT, unit="N m s^3/(m^2 rad)", scale="torque/surge/surge/rate"),
-            replace(_DECAY, initial_values=(2.0, 10.0)),
+            replace(_DECAY, initial_values=(0.7, 3.0)),
         ),
         equation="− N·u·w, τ·dw/dt = − u·r − w, u the logged speed ahead: in place of a logged v",
         fingerprint="residual torque that follows the rate with a lag, in proportion to the square of the speed ahead",

@@ -28,7 +28,13 @@ EFFECT: Effect = Effect(
     title="slew limit",
     parameters=(
         EffectParameter(
-            name="rate", unit="command/s", neutral=1e6, low=0.5, high=1e6, initial_values=(300.0, 40.0), scale="command"
+            name="rate",
+            unit="command/s",
+            neutral=1e8,
+            low=1.0,
+            high=1e8,
+            initial_values=(600.0, 80.0, 20.0),
+            scale="command/time",
         ),
     ),
     equation="|du'/dt| ≤ R",

@@ -68,7 +68,13 @@ FORMS: tuple[Effect, ...] = (
         parameters=(
             replace(_LINEAR, unit="N^0.5 m s/rad", scale="torque/sqrt_thrust/rate"),
             EffectParameter(
-                name="time_constant", unit="s", neutral=0.0, low=0.0, high=200.0, initial_values=(2.0, 10.0)
+                name="time_constant",
+                unit="s",
+                neutral=0.0,
+                low=0.0,
+                high=100.0,
+                initial_values=(0.7, 4.0),
+                scale="time",
             ),
         ),
         equation="− N·|s|·r, τ·ds/dt = sign(F)·√|F| − s, F the thrust ahead: in place of a speed that is not logged",

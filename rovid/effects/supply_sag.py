@@ -64,7 +64,15 @@ EFFECT: Effect = Effect(
         EffectParameter(
             name="sag", unit="1", neutral=0.0, low=0.0, high=_MAX_LOSS, initial_values=(0.1,), scale="one/load"
         ),
-        EffectParameter(name="time_constant", unit="s", neutral=0.0, low=0.0, high=200.0, initial_values=(1.0, 20.0)),
+        EffectParameter(
+            name="time_constant",
+            unit="s",
+            neutral=0.0,
+            low=0.0,
+            high=100.0,
+            initial_values=(0.5, 8.0),
+            scale="time",
+        ),
     ),
     equation="T' = T·(1 − s·load), the load as a share of full thrust, behind a first-order lag",
     fingerprint="residual torque in proportion to −T·|T|, growing during long runs at high load",

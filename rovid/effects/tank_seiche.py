@@ -36,8 +36,9 @@ def _fastest(values: Values) -> float:
     return values["frequency"]
 
 
-# A weakly damped mode has an effect only near its frequency, so many initial values are needed.
-_FREQUENCIES = tuple(0.15 * 1.12**k for k in range(36))
+# Over the time constant of the vehicle. A weakly damped mode has an effect only near its frequency, so many initial
+# values are needed.
+_FREQUENCIES = tuple(0.2 * 1.12**k for k in range(36))
 
 EFFECT: Effect = Effect(
     id="tank_seiche",
@@ -49,7 +50,15 @@ EFFECT: Effect = Effect(
         EffectParameter(name="gain", unit="1", neutral=0.0, low=0.0, high=1.0, initial_values=(0.1,)),
         # ω² = g·k·tanh(k·h) with k = nπ/l for length l and depth h: 1.4 rad/s for 15 m by 7 m, 8 rad/s for half a
         # metre.
-        EffectParameter(name="frequency", unit="rad/s", neutral=1.0, low=0.05, high=8.0, initial_values=_FREQUENCIES),
+        EffectParameter(
+            name="frequency",
+            unit="rad/s",
+            neutral=1.0,
+            low=0.03,
+            high=30.0,
+            initial_values=_FREQUENCIES,
+            scale="one/time",
+        ),
         EffectParameter(name="damping", unit="1", neutral=0.05, low=0.005, high=0.5, initial_values=(0.08,)),
     ),
     equation="− g·I·ω·dq/dt, d²q/dt² + 2ζω·dq/dt + ω²·q = dr/dt",

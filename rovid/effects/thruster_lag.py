@@ -42,7 +42,15 @@ EFFECT: Effect = Effect(
     id="thruster_lag",
     title="thruster lag",
     parameters=(
-        EffectParameter(name="time_constant", unit="s", neutral=0.0, low=0.0, high=30.0, initial_values=(0.1, 0.8)),
+        EffectParameter(
+            name="time_constant",
+            unit="s",
+            neutral=0.0,
+            low=0.0,
+            high=30.0,
+            initial_values=(0.02, 0.15, 1.0),
+            scale="time",
+        ),
     ),
     equation="τ·dT'/dt + T' = T",
     fingerprint="residual torque at the edges of steps and ahead of the peaks of a sine, none in steady motion",

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from rovid.effects.base import Effect, EffectParameter, WaveTorque
 
-# A narrow band has an effect only near its frequency, so many initial values are needed.
-_FREQUENCIES = (0.05, 0.07, 0.1, 0.14, 0.2, 0.3, 0.42, 0.6, 0.85, 1.2, 1.7, 2.4, 3.4, 4.8, 6.8)
+# Over the time constant of the vehicle; a fit leaves out those below one cycle of the longest run and above the Nyquist
+# frequency. A narrow band has an effect only near its frequency, so many initial values are needed.
+_FREQUENCIES = tuple(0.05 * 1.4**k for k in range(24))
 
 EFFECT: Effect = Effect(
     id="wave_torque",
@@ -16,7 +17,15 @@ EFFECT: Effect = Effect(
         EffectParameter(
             name="amplitude", unit="N m", neutral=0.0, low=0.0, high=2.0, initial_values=(0.05,), scale="torque"
         ),
-        EffectParameter(name="frequency", unit="rad/s", neutral=1.0, low=0.02, high=12.0, initial_values=_FREQUENCIES),
+        EffectParameter(
+            name="frequency",
+            unit="rad/s",
+            neutral=1.0,
+            low=0.02,
+            high=200.0,
+            initial_values=_FREQUENCIES,
+            scale="one/time",
+        ),
         # Half the bandwidth over the frequency, for white noise through a second-order filter (Fossen 2011, section
         # 8.2).
         EffectParameter(name="damping", unit="1", neutral=1e-8, low=1e-8, high=0.5, initial_values=(0.04,)),

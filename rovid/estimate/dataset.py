@@ -22,10 +22,13 @@ from rovid.trial.axis import Axis
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Vehicle
 
-# Least standard deviation of a measured angle, rad. The output of an autopilot's filter would claim less.
-ANGLE_NOISE_FLOOR = 1e-5
+# Least standard deviation of the measurement noise, over `FitData.reading_scale`. The output of an autopilot's filter
+# would claim less.
+NOISE_FLOOR = 1e-5
 # Least RMS value, because scales are divided by.
-_LEAST_RMS = 1e-9
+_LEAST_RMS = 1e-150
+# s, longest time constant that lengths are derived from: longer than any log. Of a fit that ran off, no length follows.
+_LONGEST_CONSTANT = 1e6
 _HOUR = 3600.0
 
 
@@ -114,13 +117,33 @@ class FitData(ABC):
     def scales(self) -> Scales:
         """Scales of the effects' parameters."""
         trials = [run.trial for run in self.runs]
-        return effect_scales(trials, self.vehicle, self.rms_torque, self.rms_rate)
+        return effect_scales(trials, self.vehicle, self.rms_torque, self.rms_rate, self.usual_time)
+
+    @cached_property
+    def usual_time(self) -> float:
+        """Time constant of the vehicle in s, between the sampling interval and the length of the longest run.
+
+        The unit of all times of a fit, such as bounds and initial values.
+        """
+        shortest = min(run.trial.sampling_interval for run in self.runs)
+        longest = max(run.trial.duration for run in self.runs)
+        return min(max(time_constant(self.initial_model, self.rms_rate), shortest), longest)
+
+    @cached_property
+    def position_scale(self) -> float:
+        """Unit of positions: 1 rad, or the m that the vehicle moves in a time constant at the RMS rate."""
+        return 1.0 if self.axis.angular else self.rms_rate * self.usual_time
+
+    @property
+    def reading_scale(self) -> float:
+        """Unit of readings: `position_scale`, or that in a time constant where only the rate was measured."""
+        return self.position_scale / self.usual_time if self.rate_only else self.position_scale
 
     @cached_property
     def position_noise(self) -> float:
         """Standard deviation of the measurement noise before any fit."""
         noise = [run.rates.position_noise for run in self.runs]
-        return max(float(np.median(noise)), ANGLE_NOISE_FLOOR)
+        return max(float(np.median(noise)), NOISE_FLOOR * self.reading_scale)
 
     @cached_property
     def inputs(self) -> InputCache:
@@ -158,8 +181,22 @@ def rms_nonzero(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(nonzero**2))) if nonzero.size else 1.0
 
 
-def effect_scales(trials: Sequence[Trial], vehicle: Vehicle | None, torque: float, rate: float) -> Scales:
-    """Scales of the effects' parameters, from the RMS ``torque`` in N m, the RMS ``rate`` and the logged channels."""
+def time_constant(model: Model, rate: float) -> float:
+    """Time constant in s of the decay of a motion at ``rate``, or a third of the natural period where that is less."""
+    slope = 2.0 * model.quadratic_drag * rate + model.linear_drag
+    constant = min(model.inertia / max(slope, _LEAST_RMS), _LONGEST_CONSTANT)
+    if model.natural_frequency > 0.0:
+        return min(constant, 2.0 / model.natural_frequency)
+    return constant
+
+
+def effect_scales(
+    trials: Sequence[Trial], vehicle: Vehicle | None, torque: float, rate: float, time: float = 1.0
+) -> Scales:
+    """Scales of the effects' parameters.
+
+    From the RMS ``torque`` in N m, the RMS ``rate``, the time constant ``time`` in s, and the logged channels.
+    """
     wash, sqrt_thrust, load, neutral = math.sqrt(torque), math.sqrt(torque), 1.0, np.zeros(1)
     if vehicle is not None:
         neutral = neutral_commands(vehicle)
@@ -177,6 +214,7 @@ def effect_scales(trials: Sequence[Trial], vehicle: Vehicle | None, torque: floa
         load=load,
         longest=max(trial.duration for trial in trials) / _HOUR,
         day=max(trial.campaign_time + trial.duration for trial in trials) / _HOUR,
+        time=time,
     )
 
 

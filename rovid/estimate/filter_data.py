@@ -12,19 +12,17 @@ import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
 from rovid.core.lru_cache import SizedCache
-from rovid.estimate.dataset import FitData
+from rovid.estimate.dataset import NOISE_FLOOR, FitData
 from rovid.estimate.input_cache import InputCache
 from rovid.model.filter_batch import FilterData
 from rovid.model.model import Model
 from rovid.model.ode import initial_rate
 from rovid.signals.preprocessing import Run
 
-# Least standard deviation of a measured rate, rad/s.
-_RATE_NOISE_FLOOR = 1e-5
 # Standard deviation of the initial rate of a trial, as a share of the RMS rate.
 _RATE_ERROR = 0.2
-# Length of a block in s, and the least number of blocks.
-_BLOCK_SECONDS, _BLOCKS = 40.0, 12
+# Shortest block in time constants of the vehicle, usual number of blocks in all logs, and the least number.
+_BLOCK, _USUAL_BLOCKS, _BLOCKS = 8.0, 60, 12
 # Intervals between the filter's steps that a gap needs to be divided into steps; convention.
 _GAP_STEPS = 5.0
 # Bytes of cached angles that are corrected for the heading sensor's deviation.
@@ -132,9 +130,9 @@ class InnovationData(FitData):
 
     @property
     def block_seconds(self) -> float:
-        """Length of a block: 40 s, or less in short runs."""
+        """Length in s of a block: eight time constants or longer, less in short runs."""
         total = sum(float(np.ptp(time)) for time in self.times)
-        return min(_BLOCK_SECONDS, total / _BLOCKS)
+        return min(max(_BLOCK * self.usual_time, total / _USUAL_BLOCKS), total / _BLOCKS)
 
     @cached_property
     def chunks(self) -> list[DataChunk]:
@@ -186,7 +184,9 @@ class InnovationData(FitData):
         if not np.isfinite(differences).any():
             return 1.0
         # The second difference of white noise has six times its variance.
-        return max(float(np.sqrt(np.nanmean(differences**2) / 6.0)), _RATE_NOISE_FLOOR)
+        return max(
+            float(np.sqrt(np.nanmean(differences**2) / 6.0)), NOISE_FLOOR * self.position_scale / self.usual_time
+        )
 
 
 def _thinned(time: FloatArray, measured: BoolArray, interval: float) -> IntArray:

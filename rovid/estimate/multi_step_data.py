@@ -15,7 +15,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
-from rovid.estimate.dataset import FitData
+from rovid.estimate.dataset import FitData, time_constant
 from rovid.estimate.restart_grid import (
     HORIZONS,
     MAX_RESTARTS,
@@ -31,8 +31,6 @@ from rovid.signals.rates import resample
 
 # Length of a block in time constants, and the least number of blocks.
 _BLOCK, _BLOCKS = 8.0, 12
-# s, longest time constant that lengths are derived from: longer than any log. Of a fit that ran off, no length follows.
-LONGEST_CONSTANT = 1e6
 # Largest effective number of predictions. The errors of an incomplete model recur however long the logs are.
 _MAX_COUNT = 200.0
 
@@ -133,15 +131,6 @@ class MultiStepData(FitData):
         """Length in s of a block, within which predictions may be correlated."""
         total = sum(float(np.ptp(gridded.time)) for gridded in self.gridded_runs)
         return min(_BLOCK * self.time_constant, total / _BLOCKS)
-
-
-def time_constant(model: Model, rate: float) -> float:
-    """Time constant in s of the decay of a motion at ``rate``, or a third of the natural period where that is less."""
-    slope = 2.0 * model.quadratic_drag * rate + model.linear_drag
-    constant = min(model.inertia / max(slope, 1e-12), LONGEST_CONSTANT)
-    if model.natural_frequency > 0.0:
-        return min(constant, 2.0 / model.natural_frequency)
-    return constant
 
 
 def prediction_errors(data: MultiStepData, model: Model) -> FloatArray:

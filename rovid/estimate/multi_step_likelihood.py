@@ -13,7 +13,7 @@ import numpy as np
 from rovid.core.array_types import FloatArray, IntArray
 from rovid.core.threads import thread_map
 from rovid.effects.base import Term
-from rovid.estimate.dataset import ANGLE_NOISE_FLOOR
+from rovid.estimate.dataset import NOISE_FLOOR
 from rovid.estimate.fisher_information import Innovations
 from rovid.estimate.multi_step_data import MultiStepData, prediction_errors
 from rovid.estimate.objective import NegativeLogLikelihood
@@ -23,10 +23,8 @@ from rovid.model.model import Model
 
 # Index of the horizon between short and long ones.
 _MIDDLE = len(HORIZONS) // 2
-# Error in rad or m of a model that diverges: large, but finite.
+# Error of a model that diverges, over the scale of positions: large, but finite.
 _DIVERGED = 1e6
-# Least mean square error: two readings at the noise floor. A few predictions may all be met by chance.
-_LEAST_VARIANCE = 2.0 * ANGLE_NOISE_FLOOR**2
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,10 +57,11 @@ class MultiStepLikelihood(NegativeLogLikelihood):
         for at, effect, parameter in parametrization.effect_parameters():
             if not (isinstance(effect.acts, Term) and effect.acts.fastest):
                 continue
+            unit = self.data.scales.unit_size(parameter)
             if parameter.name == "time_constant":
-                low[at] = min(max(low[at], grid), high[at])
+                low[at] = min(max(low[at], grid / unit), high[at])
             if parameter.name == "frequency":
-                high[at] = max(min(high[at], 1.0 / grid), low[at])
+                high[at] = max(min(high[at], 1.0 / grid / unit), low[at])
         return parametrization
 
     @cached_property
@@ -90,6 +89,11 @@ class MultiStepLikelihood(NegativeLogLikelihood):
         """All rows."""
         return slice(0, None)
 
+    @property
+    def _least_variance(self) -> float:
+        """Least mean square error: two readings at the noise floor. A few predictions may all be met by chance."""
+        return 2.0 * (NOISE_FLOOR * self.data.position_scale) ** 2
+
     def _predict(self, x: FloatArray) -> Innovations:
         """(N,) prediction errors in rad or m, and the mean square of the errors over the same horizon."""
         model = self.parametrization.model(x)
@@ -97,8 +101,10 @@ class MultiStepLikelihood(NegativeLogLikelihood):
             error = prediction_errors(self.data, model)
             if self.mask is not None:
                 error = error[self.mask]
-            error = np.nan_to_num(error, nan=_DIVERGED, posinf=_DIVERGED, neginf=-_DIVERGED)
-            return Innovations(error, np.maximum(_mean_squares(self._horizon, error), _LEAST_VARIANCE)[self._horizon])
+            far = _DIVERGED * self.data.position_scale
+            error = np.nan_to_num(error, nan=far, posinf=far, neginf=-far)
+            variances = np.maximum(_mean_squares(self._horizon, error), self._least_variance)
+            return Innovations(error, variances[self._horizon])
 
     def evaluate(self, points: Sequence[FloatArray]) -> list[Innovations]:
         """For each of the (p,) ``points``, (N,) errors in rad or m and mean squares over the same horizon."""
@@ -121,7 +127,7 @@ class MultiStepLikelihood(NegativeLogLikelihood):
         """Value of each of the ``tests`` at coordinates fitted to others; variances are those over all tests."""
         errors = [test.innovations(x).error for test, x in zip(tests, fits, strict=True)]
         horizons = [test.masked(self.data.horizon) for test in tests]
-        variances = np.maximum(_mean_squares(np.concatenate(horizons), np.concatenate(errors)), _LEAST_VARIANCE)
+        variances = np.maximum(_mean_squares(np.concatenate(horizons), np.concatenate(errors)), self._least_variance)
         each = zip(tests, errors, horizons, strict=True)
         return [test.value_of(Innovations(error, variances[horizon])) for test, error, horizon in each]
 

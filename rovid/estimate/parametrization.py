@@ -11,7 +11,7 @@ import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray
 from rovid.effects import Effect, EffectParameter, restoring_effect
-from rovid.estimate.dataset import ANGLE_NOISE_FLOOR, FitData
+from rovid.estimate.dataset import NOISE_FLOOR, FitData
 from rovid.model.model import Model
 
 # Positions of the `COMMON` coordinates: log inertia, both drags over their scale, logs of the disturbance's size and
@@ -21,11 +21,12 @@ COMMON = 6
 LOGARITHMS = [INERTIA, DISTURBANCE, MEMORY, NOISE]
 # Half range of the log inertia about its start, and range of the log disturbance below its limit.
 _INERTIA_RANGE, _DISTURBANCE_RANGE = 2.5, 9.0
-# Bounds of the disturbance's correlation time in s, and largest measurement noise in rad or m.
-_MEMORY_BOUNDS, _MAX_NOISE = (0.2, 100.0), 0.2
-# Initial disturbance as a share of the torque in use, its correlation time in s, and its least log distance to the
-# limit.
-_FIRST_SHARE, _FIRST_MEMORY, _BELOW_LIMIT = 0.01, 4.0, 0.1
+# Bounds of the disturbance's correlation time in time constants of the vehicle, and largest measurement noise over
+# the scale of the readings.
+_MEMORY_BOUNDS, _MAX_NOISE = (0.05, 100.0), 0.2
+# Initial disturbance as a share of the torque in use, its correlation time in time constants, and its least distance to
+# the limit in logarithms.
+_FIRST_SHARE, _FIRST_MEMORY, _BELOW_LIMIT = 0.01, 1.0, 0.1
 # Difference step of the common coordinates.
 _STEP = 1e-5
 # Least size of a parameter for its difference step, as a share of its initial value.
@@ -49,9 +50,16 @@ class Parametrization:
         inertia = math.log(data.initial_model.inertia)
         # Without actuators the data do not determine the inertia.
         reach = _INERTIA_RANGE if data.has_actuators else 0.0
-        shortest, longest = map(math.log, _MEMORY_BOUNDS)
-        low = [inertia - reach, 0.0, 0.0, top - _DISTURBANCE_RANGE, shortest, math.log(ANGLE_NOISE_FLOOR)]
-        high = [inertia + reach, np.inf, np.inf, top, longest, math.log(_MAX_NOISE)]
+        shortest, longest = (math.log(bound * data.usual_time) for bound in _MEMORY_BOUNDS)
+        low = [
+            inertia - reach,
+            0.0,
+            0.0,
+            top - _DISTURBANCE_RANGE,
+            shortest,
+            math.log(NOISE_FLOOR * data.reading_scale),
+        ]
+        high = [inertia + reach, np.inf, np.inf, top, longest, math.log(_MAX_NOISE * data.reading_scale)]
         own = _parameters(data, effects)
         low += [parameter.low for parameter in own]
         high += [parameter.high for parameter in own]
@@ -63,9 +71,10 @@ class Parametrization:
         """Keep oscillating effects below the Nyquist frequency, and at one cycle in the longest run or more."""
         longest = max(run.trial.duration for run in self.data.runs)
         period = min(run.trial.sampling_interval for run in self.data.runs)
-        slowest, nyquist = 2.0 * math.pi / longest, math.pi / max(self.data.interval, period)
         for at, effect, parameter in self.effect_parameters():
             if effect.oscillatory and parameter.name == "frequency":
+                unit = self.data.scales.unit_size(parameter)
+                slowest, nyquist = 2.0 * math.pi / longest / unit, math.pi / max(self.data.interval, period) / unit
                 self.high[at] = max(min(self.high[at], nyquist), self.low[at])
                 self.low[at] = min(max(self.low[at], slowest), self.high[at])
 
@@ -120,7 +129,7 @@ class Parametrization:
             start.quadratic_drag / quadratic,
             start.linear_drag / linear,
             min(math.log(_FIRST_SHARE * data.rms_torque), self.high[DISTURBANCE] - _BELOW_LIMIT),
-            math.log(_FIRST_MEMORY),
+            math.log(_FIRST_MEMORY * data.usual_time),
             math.log(data.position_noise),
             *(np.array(start.restoring_values) / self.units[:restoring]),
             *[parameter.initial_values[0] for parameter in self.parameters[restoring:]],

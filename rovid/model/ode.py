@@ -16,9 +16,9 @@ from rovid.model.torque_input import TorqueInput
 from rovid.signals.rates import resample, uniform_grid
 from rovid.trial.trial import Trial
 
-# The initial rate comes from the first positions: over at most so many s and rad of a swing's phase, from as many
-# samples.
-_START_SECONDS = 2.0
+# The initial rate comes from the first positions: over at most so many sampling intervals and rad of a swing's phase,
+# from as many samples.
+_START_INTERVALS = 40.0
 _START_PHASE = 0.5
 _START_SAMPLES = 5
 # Initial rates of trials without a natural frequency.
@@ -105,7 +105,7 @@ def evaluate_along(
 def initial_rate(trial: Trial, natural_frequency: float = 0.0) -> float:
     """Rate at the first sample: from the gyro, or the slope of the first positions.
 
-    The slope is taken over at most two seconds before the first change of a command. With a ``natural_frequency`` in
+    The slope is taken over at most 40 intervals before the first change of a command. With a ``natural_frequency`` in
     rad/s the time is a fraction of its period.
     """
     if natural_frequency > 0.0:
@@ -134,10 +134,12 @@ def _initial_rate(trial: Trial, natural_frequency: float) -> float:
 def _initial_rows(trial: Trial, natural_frequency: float) -> IntArray:
     """Indices of measured samples before the first change of a command; at least the first few."""
     changed = np.flatnonzero(np.any(trial.commands != trial.commands[0], axis=1))
-    unchanged = trial.time[changed[0]] - trial.time[0] if changed.size else _START_SECONDS
-    limit = _START_PHASE / natural_frequency if natural_frequency > 0.0 else _START_SECONDS
+    # Half an interval more: rounding decides nothing.
+    longest = (_START_INTERVALS + 0.5) * trial.sampling_interval
+    unchanged = trial.time[changed[0]] - trial.time[0] if changed.size else longest
+    limit = _START_PHASE / natural_frequency if natural_frequency > 0.0 else longest
     known = np.flatnonzero(trial.measured)
-    early = known[trial.time[known] <= trial.time[0] + min(unchanged, limit, _START_SECONDS)]
+    early = known[trial.time[known] <= trial.time[0] + min(unchanged, limit, longest)]
     return early if len(early) >= _START_SAMPLES else known[:_START_SAMPLES]
 
 

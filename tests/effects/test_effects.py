@@ -68,7 +68,14 @@ IDS = [
 ]
 BODY = Body(5057.0, 3532.0, 132.0, stiffness=50.0)
 SCALES = Scales(
-    command=2.0, torque=120.0, rate=0.15, wash=math.sqrt(120.0), sqrt_thrust=math.sqrt(120.0), surge=0.8, sway=0.2
+    command=2.0,
+    torque=120.0,
+    rate=0.15,
+    wash=math.sqrt(120.0),
+    sqrt_thrust=math.sqrt(120.0),
+    surge=0.8,
+    sway=0.2,
+    time=4.2,
 )
 TIME = np.arange(0.0, 60.0, 0.05)
 CURVE = ThrustCurve(command=np.array([-5.0, -0.3, 0.3, 5.0]), thrust=np.array([-800.0, 0.0, 0.0, 1200.0]))

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from rovid.core.array_types import FloatArray
-from rovid.estimate.dataset import ANGLE_NOISE_FLOOR
+from rovid.estimate.dataset import NOISE_FLOOR, time_constant
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import fit
-from rovid.estimate.multi_step_data import MultiStepData, prediction_errors, time_constant
+from rovid.estimate.multi_step_data import MultiStepData, prediction_errors
 from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
 from rovid.estimate.restart_grid import HORIZONS
 from rovid.model.model import Model
@@ -88,7 +88,7 @@ def test_the_variance_of_a_single_prediction_has_a_floor() -> None:
     objective = MultiStepLikelihood(ahead, mask=alone)
     best = fit(objective, objective.parametrization.initial())
     error, variance = objective.innovations(best.x)
-    least = 2.0 * ANGLE_NOISE_FLOOR**2
+    least = 2.0 * NOISE_FLOOR**2
     assert np.abs(error).max() < np.sqrt(least)
     assert variance.tolist() == pytest.approx([least])
     (held_out,) = objective.held_out_values([objective], [best.x])
