@@ -1,18 +1,20 @@
 """Algorithm of the diagnosis: how a cause of model error becomes established.
 
 The plain model is fitted to the logs by free-running simulation. All forms of all effects of the catalogue, and every
-logged signal, become candidates. Five stages follow:
+logged signal, become candidates. Six stages follow:
 
 1. *Screen*: score tests predict the log-likelihood gain of each candidate next to one model, without a fit.
 2. *Select*: candidates with the largest predicted gains are fitted, and the best one is added. Effects are removed and
    exchanged until the model no longer changes. Each model on the way is screened.
-3. *Validate*: an effect that fails one of four tests is banned, and the search continues without it. A likely effect
+3. *Challenge*: each single cause, each subset, and the model with one effect replaced are fitted where they may come
+   close. A better one takes the place of the model, and the search continues from there.
+4. *Validate*: an effect that fails one of four tests is banned, and the search continues without it. A likely effect
    keeps its place until the end. After `max_rejections` bans the model is tested only if likely effects are dropped.
-4. *Decide*: the search by one-step predictions (innovations) comes first. Multi-step predictions choose a new start for
+5. *Decide*: the search by one-step predictions (innovations) comes first. Multi-step predictions choose a new start for
    it if the plain model fits poorly, no cause dominates, waves change the result, an effect is rejected, or the result
    is not adequate (white innovations, disturbance within its limit). The first adequate and validated one-step model is
    reported. If there is none, the multi-step model is validated and reported.
-5. *Conclude*: the effects that are left are established. Their parameters are fitted to all data. Further causes with
+6. *Conclude*: the effects that are left are established. Their parameters are fitted to all data. Further causes with
    enough probability are suspects.
 
 Thresholds such as `max_rejections` stand in `rovid.diagnose.thresholds`.
@@ -26,6 +28,7 @@ from dataclasses import replace
 from rovid.core.errors import DataError
 from rovid.core.spmd import forked_workers
 from rovid.diagnose.build_result import build_diagnosis
+from rovid.diagnose.challenge import challenge
 from rovid.diagnose.cross_validation import missing_data, split_runs
 from rovid.diagnose.objectives import (
     InnovationObjective,
@@ -47,7 +50,6 @@ from rovid.diagnose.validation import (
     drop_likely,
     first_rejection,
     report_remainder,
-    resolve_ties,
 )
 from rovid.estimate.fit_result import FitResult
 from rovid.estimate.maximum_likelihood import require_swing
@@ -112,12 +114,12 @@ def select(problem: SearchProblem, objective: SearchObjective, search: StepwiseS
 def validate(selection: Selection) -> Selection:
     """Test each effect of the model. Ban the first one that fails, search on without it, and repeat.
 
-    First, close alternatives are compared on all data. The four tests of `first_rejection`: log-likelihood gain on
+    First, other sets challenge the model. The four tests of `first_rejection`: log-likelihood gain on
     held-out trials (`min_held_out_gain`), size within its bounds, significance (`min_standard_errors`), and posterior
     probability (`established`, 0.95). A likely effect that fails is banned, but keeps its place until the end. After
     `max_rejections` bans the result of the last search is tested only if likely effects are dropped.
     """
-    selection = report_remainder(resolve_ties(selection))
+    selection = report_remainder(challenge(selection))
     likely: list[str] = []
     for _ in range(THRESHOLDS.max_rejections):
         rejection = first_rejection(selection, likely)
@@ -129,7 +131,7 @@ def validate(selection: Selection) -> Selection:
             # A likely effect keeps its place until the end: otherwise a stand-in would take the place.
             likely.append(effect.key)
         else:
-            selection = drop_inconsistent(resolve_ties(selection.drop(effect).search_on()))
+            selection = drop_inconsistent(challenge(selection.drop(effect).search_on()))
     selection = drop_likely(selection, likely)
     if not selection.model.effects:
         # The base model has the limit of the disturbance that suits a model without effects.
@@ -145,7 +147,7 @@ def decide(problem: SearchProblem) -> Selection:
     selection = select_directly(problem)
     if selection is not None:
         problem.report("Validating on held-out trials …")
-        selection = resolve_ties(selection)  # the first step of `validate` also; the tests below need it already
+        selection = challenge(selection)  # the first step of `validate` also; the tests below need it already
         # A rejection may mean that stand-ins were selected: then multi-step predictions decide where to start.
         if first_rejection(selection) is None and selection.is_adequate:
             return validate(selection)

@@ -13,6 +13,7 @@ from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
 from rovid.core.spmd import parallel_map
 from rovid.diagnose.candidate_fits import Cause, bic_score, is_plausible
+from rovid.diagnose.challenge import closest_challengers
 from rovid.diagnose.cross_validation import (
     held_out_log_likelihood,
     horizon_errors,
@@ -95,6 +96,7 @@ def build_diagnosis(selection: Selection, warnings: list[str]) -> Diagnosis:
         extended=extended,
         findings=tuple(sorted(findings, key=lambda finding: -finding.gain)),
         suspects=tuple(possible),
+        challengers=closest_challengers(selection),
         horizons=_horizon_errors(selection),
         signals=signals,
         unexplained_share=disturbance**2 / (disturbance**2 + selection.data.rms_torque**2),

@@ -15,6 +15,7 @@ from rovid.diagnose.cross_validation import Fold
 from rovid.diagnose.score_test import ScoreTest, bic_penalty
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect, EffectParameter
+from rovid.effects.clock_offset import CLOCKS_APART
 from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.nested_fits import neutral_start, scaled_start
 from rovid.estimate.objective import ModelKey, NegativeLogLikelihood
@@ -37,6 +38,36 @@ class Cause:
     gain: float  # log-likelihood (nats) that the removal loses, all other parameters refitted
     bic_gain: float  # the same less the BIC penalty
     alternatives: tuple[Alternative, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Challenger:
+    """Another set of causes, and by how much it loses against the selected set; negative differences lose."""
+
+    effects: tuple[Effect, ...]
+    log_likelihood_difference: float  # nats
+    price_difference: float  # BIC penalty of all its parameters less that of the selected set, nats
+
+    @classmethod
+    def of(cls, fitted: FitResult, selected: FitResult) -> Self:
+        """The challenger ``fitted`` to the same data as ``selected``."""
+        gain = selected.value - fitted.value
+        return cls(fitted.effects, gain, gain - (bic_score(fitted) - bic_score(selected)))
+
+    @property
+    def score_difference(self) -> float:
+        """Difference of the log-likelihood less the difference of the price."""
+        return self.log_likelihood_difference - self.price_difference
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """Ids of those effects that are faults of the logs."""
+        return tuple(effect.id for effect in self.effects if effect is CLOCKS_APART)
+
+    @property
+    def causes(self) -> tuple[str, ...]:
+        """Ids of the other effects."""
+        return tuple(effect.id for effect in self.effects if effect is not CLOCKS_APART)
 
 
 def bic_score(fitted: FitResult) -> float:
@@ -152,6 +183,8 @@ class FitCache:
     # By a model and the same model without one effect: fits of the latter with possible substitutes.
     replacements: dict[tuple[ModelKey, ModelKey], list[FitResult]] = field(default_factory=dict)
     fits: dict[ModelKey, FitResult] = field(default_factory=dict)
+    # Fits of other sets of causes that may come close to a model.
+    challengers: dict[ModelKey, list[FitResult]] = field(default_factory=dict)
     # Cross-validation folds, and fits to all data; see `for_selection`.
     folds: dict[ModelKey, list[Fold]] = field(default_factory=dict)
     full_data: dict[ModelKey, FitResult] = field(default_factory=dict)

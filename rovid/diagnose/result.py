@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from rovid.diagnose.candidate_fits import Alternative
+from rovid.diagnose.candidate_fits import Alternative, Challenger
 from rovid.diagnose.cross_validation import HeldOutScores
 from rovid.diagnose.evidence import Evidence, grade
 from rovid.diagnose.signal_regressors import signal_name
@@ -111,6 +111,7 @@ class Diagnosis:
     #: probable first.
     findings: tuple[Finding, ...] = ()
     suspects: tuple[Finding, ...] = ()
+    challengers: tuple[Challenger, ...] = ()  #: Other sets of causes, the closest to the established set first.
     horizons: tuple[HorizonErrors, ...] = ()  #: Position errors after half to eight time constants.
     #: Logged signals that explain part of the motion, each with its BIC gain.
     signals: tuple[tuple[Effect, float], ...] = ()

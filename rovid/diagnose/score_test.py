@@ -246,18 +246,23 @@ def _predict_several_sizes(
     return gain, start, start, float(np.mean(np.diag(information)))
 
 
-def possible_substitutes(current: FitResult, effect: Effect, tests: Sequence[ScoreTest]) -> list[Effect]:
-    """Forms that may replace ``effect``, from the score ``tests`` at the model ``current`` that includes the effect.
+def possible_substitutes(
+    current: FitResult, tests: Sequence[ScoreTest], *removed: Effect, share: float = THRESHOLDS.substitute_share
+) -> list[Effect]:
+    """Forms that may replace effects, from the score ``tests`` at the model ``current`` that includes the effects.
 
-    The size of the effect is set to zero by linearisation. A form is possible if its predicted gain there is at least
-    `THRESHOLDS.substitute_share` of the log-likelihood lost.
+    The sizes of the ``removed`` effects are set to zero by linearisation. A form is possible if its predicted gain
+    there is at least the ``share`` of the log-likelihood lost.
     """
-    if any(size.neutral_at_infinity for size in effect.parameters[: effect.size_count]) or not tests:
+    sizes = [size for effect in removed for size in effect.parameters[: effect.size_count]]
+    if any(size.neutral_at_infinity for size in sizes) or not tests:
         # The linearisation does not reach an infinite neutral value.
         return [test.effect for test in tests]
-    place, own = dict(current.objective.parametrization.effect_slices())[effect], current.effect_coordinates(effect)
     held, moved = np.zeros(len(current.x), dtype=bool), np.zeros(len(current.x))
-    held[place], moved[place] = True, scaled_start(effect, own, 0.0) - own
+    for effect, place in current.objective.parametrization.effect_slices():
+        if effect in removed:
+            own = current.effect_coordinates(effect)
+            held[place], moved[place] = True, scaled_start(effect, own, 0.0) - own
     projection = NuisanceProjection(tests[0].equations, held, moved)
 
     def gain(test: ScoreTest) -> float:
@@ -269,5 +274,5 @@ def possible_substitutes(current: FitResult, effect: Effect, tests: Sequence[Sco
         gains, _ = gains_each(test.effect, score, information)
         return float(gains.max())
 
-    least = THRESHOLDS.substitute_share * projection.lost
+    least = share * projection.lost
     return [test.effect for test in tests if gain(test) >= least]

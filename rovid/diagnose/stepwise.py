@@ -301,7 +301,7 @@ class StepwiseSearch:
         keys = current.key, rest.key
         if keys not in self.cache.replacements:
             same = [form for form in self.candidates if form.id == effect.id]
-            forms = [*same, *possible_substitutes(current, effect, self.screen(current))]
+            forms = [*same, *possible_substitutes(current, self.screen(current), effect)]
             self.cache.replacements[keys] = self._fit_extensions(rest, score_tests(rest, forms))
         return self.cache.replacements[keys]
 

@@ -182,6 +182,16 @@ class Thresholds:
     """Share of the gain of the named effect, added to `signal_handicap`. Set: not recorded. Halved or doubled:
     likewise."""
 
+    # --- Final challenge ----------------------------------------------------------------------------------------------
+    max_challenges: int = 3
+    """Rounds. Most replacements of the selected set by a better one before the tests. Set: convention. Halved: a search
+    that starts badly may stay there; doubled: slower."""
+    challenger_share: float = 0.3
+    """Share of the log-likelihood lost without some effects. Forms that recover less by linearisation are not fitted in
+    their place. Set: score tests are good to a factor of a few. Halved: slower; doubled: better sets may be missed."""
+    challengers_shown: int = 3
+    """Sets. Challengers of the result. Set: convention. Halved or doubled: the report alone."""
+
     # --- Comparison of multi-step and one-step effect sizes -----------------------------------------------------------
     consistent_share: float = 0.7
     """Ratio. An effect is dropped if its one-step size is below this share of its multi-step size, and

@@ -129,7 +129,7 @@ def late() -> FitResult:
 
 def test_delays_are_possible_substitutes_for_a_lag(late: FitResult) -> None:
     tests = score_tests(late, [effect_named(key) for key in (*LATE, *OTHERS)])
-    found = {form.key for form in possible_substitutes(late, LAG, tests)}
+    found = {form.key for form in possible_substitutes(late, tests, LAG)}
     assert {"command_delay", "thruster_lag:spin"} <= found
     assert not found & {*OTHERS}
 
@@ -140,7 +140,7 @@ def test_every_form_is_a_substitute_where_the_neutral_value_is_infinite(late: Fi
     limited = late.objective.with_effects((LAG, limit))
     current = FitResult.at(limited, with_more(late, *limit.initial_values[0]))
     tests = score_tests(current, [effect_named(key) for key in OTHERS])
-    assert len(possible_substitutes(current, limit, tests)) == len(OTHERS)
+    assert len(possible_substitutes(current, tests, limit)) == len(OTHERS)
 
 
 def test_substitutes_are_fitted_in_the_place_of_a_cause(late: FitResult) -> None:

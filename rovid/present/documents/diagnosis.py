@@ -50,6 +50,15 @@ def diagnosis_document(diagnosis: Diagnosis, study: Study) -> Document:
         "base": _assessment(diagnosis.base, axis),
         "findings": list(map(_finding, diagnosis.findings)),
         "suspects": list(map(_finding, diagnosis.suspects)),
+        "challengers": [
+            {
+                "effects": list(one.causes),
+                "faults": list(one.faults),
+                "log_likelihood_difference": one.log_likelihood_difference,
+                "price_difference": one.price_difference,
+            }
+            for one in diagnosis.challengers
+        ],
         "horizons": [
             {
                 "seconds": errors.seconds,

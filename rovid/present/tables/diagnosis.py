@@ -135,6 +135,16 @@ def _held_out_rows(
     yield "log-likelihood", [format_number(side.log_likelihood, ".0f") for side in (one, other)], ""
 
 
+def challengers_table(diagnosis: Diagnosis, axis: Axis) -> ResultTable:
+    """Other sets of causes, and by how much the log-likelihood of each is lower at the same price of a parameter."""
+    columns = text_column("explanation"), number_column("worse by"), number_column("of which price of parameters")
+    table = ResultTable("Simpler or other explanations that were tried", *columns)
+    for one in diagnosis.challengers:
+        titles = join_words([axis.reword(effect.title) for effect in one.effects]) or "no cause"
+        table.add_row(titles, format_number(-one.score_difference, ".0f"), format_number(one.price_difference, ".0f"))
+    return table
+
+
 def signals_table(diagnosis: Diagnosis, axis: Axis) -> ResultTable:
     """Logged signals that the remaining error depends on."""
     columns = text_column("dependence"), number_column("log-likelihood gain")

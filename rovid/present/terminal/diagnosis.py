@@ -35,6 +35,7 @@ from rovid.present.sentences import (
 )
 from rovid.present.tables.control import gains_table, runs_table
 from rovid.present.tables.diagnosis import (
+    challengers_table,
     changes_table,
     cross_prediction_table,
     detectable_table,
@@ -69,6 +70,9 @@ def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> 
         _show_finding(console, finding)
     for sentence in evidence_definitions(diagnosis.causes):
         print_text(console, sentence)
+    if diagnosis.challengers:
+        console.print()
+        challengers_table(diagnosis, axis).print(console, guess)
     for signal, gain in diagnosis.signals:
         console.print()
         dependence = f"{axis.reword(signal.title)} (log-likelihood gain {gain:.0f})"

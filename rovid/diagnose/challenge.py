@@ -1,0 +1,158 @@
+"""The final challenge: the selected set of causes against other sets, in the same likelihood.
+
+A stepwise search ends wrong where its first step is wrong: several causes then stand in for one. Before a cause is
+established, the selected set has to beat other sets at the same price for each parameter:
+
+- each cause alone, in every form;
+- pairs of the best single causes;
+- each proper subset of the set;
+- the set with one member replaced by any form of any cause, a common size in place of one for each trial included;
+- a fault of the logs in the place of a cause, where `rovid.diagnose.objectives.pose` makes it a candidate.
+
+A linearisation at the selected model predicts what each form recovers of the log-likelihood that is lost without some
+members. Forms that recover too little are dropped without a fit. The others are fitted from their starts, and a fit
+ends where it cannot come within `THRESHOLDS.goal_distance` of the selected set.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import combinations, product
+
+import numpy as np
+
+from rovid.core.array_types import FloatArray
+from rovid.diagnose.candidate_fits import (
+    Challenger,
+    bic_score,
+    fit_coarse,
+    fit_in_parallel,
+    is_converged,
+    is_plausible,
+    refine_fit,
+    value_at_score,
+)
+from rovid.diagnose.score_test import possible_substitutes
+from rovid.diagnose.signal_regressors import is_signal
+from rovid.diagnose.stepwise import StepwiseSearch
+from rovid.diagnose.thresholds import THRESHOLDS
+from rovid.diagnose.validation import Selection, resolve_ties
+from rovid.effects import Effect
+from rovid.estimate.fit_result import FitResult
+from rovid.estimate.objective import ModelKey, NegativeLogLikelihood
+
+# The starts of the fit of a set of causes.
+_Starts = tuple[NegativeLogLikelihood, list[FloatArray]]
+
+
+def challenge(selection: Selection) -> Selection:
+    """The selection that no other set of causes beats.
+
+    A better set takes the place of the selected one, the search goes on from there, and the challenge starts again.
+    At last the closest alternatives of each effect are compared on all data.
+    """
+    for _ in range(THRESHOLDS.max_challenges):
+        challengers = challenging_fits(selection.search, selection.model)
+        better = _better(selection, challengers)
+        if better is None:
+            break
+        selection.search.progress.exchanged.add(selection.model.key)
+        selection = replace(selection, model=better).search_on()
+    return resolve_ties(selection)
+
+
+def closest_challengers(selection: Selection) -> tuple[Challenger, ...]:
+    """The challengers that came closest to the selected set, best first; one for each set of causes."""
+    model, found = selection.model, dict[frozenset[str], Challenger]()
+    fits = [one for one in challenging_fits(selection.search, model) if _is_possible(one)]
+    for fitted in sorted(fits, key=bic_score, reverse=True):
+        causes = frozenset(effect.id for effect in fitted.effects)
+        if causes != _causes(model) and len(found) < THRESHOLDS.challengers_shown:
+            found.setdefault(causes, Challenger.of(fitted, model))
+    return tuple(found.values())
+
+
+def challenging_fits(search: StepwiseSearch, model: FitResult) -> list[FitResult]:
+    """Fits of all sets that may come close to ``model``, computed once."""
+    known = search.cache.challengers
+    if model.key not in known:
+        known[model.key] = _fit_challengers(search, model) if model.effects else []
+    return known[model.key]
+
+
+def _fit_challengers(search: StepwiseSearch, model: FitResult) -> list[FitResult]:
+    search.report("Trying simpler and other explanations …")
+    goal = bic_score(model) - THRESHOLDS.goal_distance
+    for dropped in _removals(model):
+        search.without(model, *dropped)
+    _fit_sets(search, dict(_replacements(search, model)), goal)
+    limit, own = model.key
+    # Larger sets that contain the selected one have been judged by the search.
+    every = [one for (other, keys), one in search.cache.fits.items() if other == limit and keys and not own <= keys]
+    return [search.cache.converged(one) if bic_score(one) + one.remaining_gain >= goal else one for one in every]
+
+
+def _removals(model: FitResult) -> Iterator[tuple[Effect, ...]]:
+    """Each single effect, each further subset of up to `nested_model_causes` effects, and all effects together."""
+    effects = model.effects
+    for count in range(1, len(effects) + 1):
+        if count in {1, len(effects)} or len(effects) <= THRESHOLDS.nested_model_causes:
+            yield from combinations(effects, count)
+
+
+def _replacements(search: StepwiseSearch, model: FitResult) -> Iterator[tuple[ModelKey, _Starts]]:
+    """Sets in which one form takes the place of one member, or of all members, with the starts of their fits."""
+    tests = search.screen(model)
+    removals = dict.fromkeys([*[(effect,) for effect in model.effects], model.effects])
+    for removed in removals:
+        ids = {effect.id for effect in removed}
+        same = [form for form in search.candidates if form.id in ids and form not in removed]
+        forms = [*same, *possible_substitutes(model, tests, *removed, share=THRESHOLDS.challenger_share)]
+        kept, own = model.without(*removed)
+        without = search.without(model, *removed)
+        for form in forms:
+            if is_signal(form):
+                continue
+            objective = model.objective.with_effects((*kept, form))
+            begins = product((own, without.x), objective.parametrization.initial_values())
+            yield objective.key, (objective, list(map(np.concatenate, begins)))
+
+
+def _fit_sets(search: StepwiseSearch, sets: dict[ModelKey, _Starts], goal: float) -> None:
+    """Fit each set from the most likely of its starts, as far as it may reach the score ``goal``."""
+    cache = search.cache.fits
+    left = [starts for key, starts in sets.items() if key not in cache or not is_converged(cache[key])]
+    objectives = [objective for objective, _ in left]
+
+    def fit_one(at: int) -> FitResult:
+        objective, begins = left[at]
+        (best,) = objective.most_likely(begins, 1)
+        value = value_at_score(goal, objective)
+        coarse = fit_coarse(objective, best, THRESHOLDS.first_iterations, value)
+        return refine_fit(coarse, THRESHOLDS.search_iterations, value)
+
+    for fitted in fit_in_parallel(objectives, fit_one):
+        if fitted.key not in cache or fitted.value < cache[fitted.key].value:
+            cache[fitted.key] = fitted
+
+
+def _better(selection: Selection, fits: Sequence[FitResult]) -> FitResult | None:
+    """The best set that may take the place of the selected one; None where none is better."""
+    model, search = selection.model, selection.search
+    least = bic_score(model) + THRESHOLDS.exchange_gain
+    for fitted in sorted(fits, key=bic_score, reverse=True):
+        if bic_score(fitted) < least:
+            break
+        allowed = all(map(search.is_allowed, fitted.effects)) and fitted.key not in search.progress.exchanged
+        if allowed and _is_possible(fitted):
+            return search.cache.converged(fitted)
+    return None
+
+
+def _is_possible(fitted: FitResult) -> bool:
+    return all(is_signal(effect) or is_plausible(fitted.with_last(effect)) for effect in fitted.effects)
+
+
+def _causes(fitted: FitResult) -> frozenset[str]:
+    return frozenset(effect.id for effect in fitted.effects)
