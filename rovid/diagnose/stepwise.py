@@ -19,6 +19,7 @@ from rovid.diagnose.candidate_fits import (
     fit_from_best_start,
     fit_in_parallel,
     gains_by_cause,
+    group_by_cause,
     is_plausible,
     shortlist,
     simplest_form,
@@ -150,18 +151,22 @@ class StepwiseSearch:
             return True
         if is_hopeless(current, lambda: [THRESHOLDS.score_test_factor * gain for gain in self._gains(current)]):
             return True
-        self.extensions(current)
-        return is_hopeless(current, lambda: self._gains(current))
+        return is_hopeless(current, lambda: self._fitted_gains(current))
 
     def _gains(self, current: FitResult) -> list[float]:
         """Gain of each further effect, largest first: of the fits where there are any, else of the score tests."""
         if current.key not in self.cache.extensions:
             return gains_by_cause(self.screen(current))
-        best: dict[str, float] = {}
-        for fitted in self.cache.extensions[current.key]:
-            cause = fitted.effects[-1].id
-            best[cause] = max(best.get(cause, 0.0), current.value - fitted.value)
-        return sorted(best.values(), reverse=True)
+        return _largest_gains(current, self.cache.extensions[current.key])
+
+    def _fitted_gains(self, current: FitResult) -> list[float]:
+        """As `_gains`, by fits of the few causes with the largest predicted gains."""
+        tests = self.screen(current)
+        leading = [forms[0] for forms in group_by_cause(tests)[: THRESHOLDS.whitening_causes]]
+        ahead, behind = fit_candidates(current, leading, self._may_lead, {}, tests)
+        for fitted in ahead:
+            self.cache.fits.setdefault(fitted.key, fitted)
+        return _largest_gains(current, [*ahead, *behind])
 
     def _grow(self, current: FitResult) -> FitResult:
         """Add effects one by one, until none is worth adding or the disturbance gets a wider limit."""
@@ -252,7 +257,12 @@ class StepwiseSearch:
         """Replace two effects by one of any cause with a better BIC score, which may be a form of either of the two."""
         for pair in combinations(current.effects, 2):
             rest = self.without(current, *pair)
-            other = self._best(self.extensions(rest), rest)
+            if rest.key not in self.cache.extensions:
+                forms = [form for form in self.candidates if form.id in {effect.id for effect in pair}]
+                fits = self._fit_extensions(rest, score_tests(rest, forms))
+            else:
+                fits = self.extensions(rest)
+            other = self._best(fits, rest)
             is_better = bic_score(other) > bic_score(current) + THRESHOLDS.exchange_gain
             if is_better and other.key not in self.progress.exchanged:
                 self.progress.exchanged.add(current.key)
@@ -366,3 +376,12 @@ class StepwiseSearch:
     def without(self, current: FitResult, *dropped: Effect) -> FitResult:
         """``current`` without some effects, all other parameters refitted."""
         return self.cache.without(current, *dropped)
+
+
+def _largest_gains(current: FitResult, fits: Sequence[FitResult]) -> list[float]:
+    """Log-likelihood that the best form of each cause gains over ``current``, largest first."""
+    best: dict[str, float] = {}
+    for fitted in fits:
+        cause = fitted.effects[-1].id
+        best[cause] = max(best.get(cause, 0.0), current.value - fitted.value)
+    return sorted(best.values(), reverse=True)

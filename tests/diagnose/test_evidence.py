@@ -23,7 +23,7 @@ def test_a_lag_of_175_standard_errors_and_a_friction_of_1_do_not_look_alike() ->
 
 
 @pytest.mark.parametrize("white", [True, False])
-def test_a_confirmed_cause_needs_each_of_its_conditions(white: bool) -> None:  # noqa: FBT001 - a parameter of the test
+def test_a_confirmed_cause_needs_each_of_its_conditions(white: bool) -> None:
     gain = confirming_gain(white=white)
     assert grade(MOST, gain, FAR, white=white) is Evidence.CONFIRMED
     assert grade(MOST, gain - 0.1, FAR, white=white) is Evidence.LIKELY
@@ -39,7 +39,7 @@ def test_a_likely_cause_is_more_probable_than_not_and_two_errors_from_nothing() 
 
 
 @pytest.mark.parametrize("white", [True, False])
-def test_the_gain_of_a_confirmed_cause_is_more_than_establishes_one(white: bool) -> None:  # noqa: FBT001 - as above
+def test_the_gain_of_a_confirmed_cause_is_more_than_establishes_one(white: bool) -> None:
     gain = confirming_gain(white=white)
     assert probability_not_a_stand_in(gain, gain, white=white) == MOST
     uncapped = 1.0 - 1.0 / (1.0 + THRESHOLDS.confirmed_odds)

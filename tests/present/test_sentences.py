@@ -10,7 +10,14 @@ import pytest
 from rovid.diagnose.result import Diagnosis, Finding
 from rovid.effects import effect_named
 from rovid.estimate.estimate import Estimate
-from rovid.present.sentences import cause_name, evidence_definitions, evidence_words, improvement_words, join_words, verdict_sentence
+from rovid.present.sentences import (
+    cause_name,
+    evidence_definitions,
+    evidence_words,
+    improvement_words,
+    join_words,
+    verdict_sentence,
+)
 from rovid.trial.assumptions import Assumptions
 
 LAG = Finding(
