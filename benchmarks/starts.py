@@ -81,30 +81,35 @@ def _drawn(rng: np.random.Generator, count: int, form: Effect | None) -> Campaig
     drags = (1.0 - linear) * torque / rate**2, linear * torque / rate
     slope = drags[1] + drags[0] * rate  # 2 DQ r at half the largest rate
     plain = Model(inertia=constant * slope, quadratic_drag=drags[0], linear_drag=drags[1])
-    curve = ThrustCurve.proportional(0.5 * torque / 100.0**2, 100.0, 2)
-    vehicle = Vehicle(name="random", thrusters=tuple(Thruster(name=name, arm=1.0, curve=curve) for name in "ab"))
+    vehicle = two_thrusters(torque)
     period = constant / rng.uniform(5.0, 30.0)
     noise = 10.0 ** rng.uniform(-4.0, -2.5)
     disturbance = torque * 10.0 ** rng.uniform(-3.5, -2.0)
-    trials = [_commands(rng, number, constant, period) for number in range(TRIALS)]
-    bare = _measured(vehicle, plain, trials, rng, 0.0, noise)
+    trials = [commands(rng, number, constant, period) for number in range(TRIALS)]
+    bare = measured(vehicle, plain, trials, rng, 0.0, noise)
     forms = [one for one in forms_for(vehicle) if not one.is_wave]
     hidden = [form] if form is not None else [forms[at] for at in rng.choice(len(forms), 3 * count, replace=False)]
     chosen = list({one.id: one for one in hidden}.values())[:count]
     scales = InnovationData(bare, vehicle, plain).scales
     values = [
-        _random_value(rng, parameter, constant) * scales.unit_size(parameter)
+        _random_value(rng, parameter, constant, scales.unit_size(parameter)) * scales.unit_size(parameter)
         for effect in chosen
         for parameter in effect.parameters
     ]
     model = replace(plain, effects=tuple(chosen), effect_values=tuple(values))
-    runs = _measured(vehicle, model, trials, rng, disturbance, noise)
+    runs = measured(vehicle, model, trials, rng, disturbance, noise)
     return Campaign(
         vehicle=vehicle, model=model, time_constant=constant, runs=runs, disturbance=disturbance, noise=noise
     )
 
 
-def _commands(rng: np.random.Generator, number: int, constant: float, period: float) -> Trial:
+def two_thrusters(torque: float) -> Vehicle:
+    """A vehicle with this largest torque in N m."""
+    curve = ThrustCurve.proportional(0.5 * torque / 100.0**2, 100.0, 2)
+    return Vehicle(name="random", thrusters=tuple(Thruster(name=name, arm=1.0, curve=curve) for name in "ab"))
+
+
+def commands(rng: np.random.Generator, number: int, constant: float, period: float) -> Trial:
     """A trial that begins at rest, of random levels or of a growing sine; the position is simulated later."""
     instants: FloatArray = np.arange(SAMPLES, dtype=np.float64) * period
     changes = np.cumsum(constant * 10.0 ** rng.uniform(-0.5, 1.2, SAMPLES)) + 2.0 * constant
@@ -121,7 +126,7 @@ def _commands(rng: np.random.Generator, number: int, constant: float, period: fl
     )
 
 
-def _measured(
+def measured(
     vehicle: Vehicle, model: Model, trials: Sequence[Trial], rng: np.random.Generator, disturbance: float, noise: float
 ) -> tuple[Run, ...]:
     """The trials with the simulated heading, through the filter."""
@@ -138,11 +143,11 @@ def _measured(
     return prepare_trials(found, vehicle).items
 
 
-def _random_value(rng: np.random.Generator, parameter: EffectParameter, constant: float) -> float:
+def _random_value(rng: np.random.Generator, parameter: EffectParameter, constant: float, unit: float) -> float:
     """A value in units of the parameter's scale: times in vehicle time constants, others around an initial value."""
     low, high, start = parameter.low, parameter.high, float(rng.choice(parameter.initial_values))
     if parameter.unit == "s":
-        return float(np.clip(constant * 10.0 ** rng.uniform(-1.3, 0.5), low, high))
+        return float(np.clip(constant / unit * 10.0 ** rng.uniform(-1.3, 0.5), low, high))
     if parameter.unit == "rad" and high > 6.0:
         return float(rng.uniform(-math.pi, math.pi))
     if parameter.neutral_at_infinity or parameter.neutral == 0.0:

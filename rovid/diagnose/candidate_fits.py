@@ -13,11 +13,13 @@ from rovid.core.array_types import FloatArray
 from rovid.core.spmd import parallel_map
 from rovid.diagnose.cross_validation import Fold
 from rovid.diagnose.score_test import ScoreTest, bic_penalty
+from rovid.diagnose.shortlist import extended, first_of_each, further_forms
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect, EffectParameter
 from rovid.effects.clock_offset import CLOCKS_APART
+from rovid.effects.thruster_lag import EFFECT as LAG
 from rovid.estimate.fit_result import FitResult, fit
-from rovid.estimate.nested_fits import neutral_start, scaled_start
+from rovid.estimate.nested_fits import exchanged_or_same, neutral_start, scaled_start
 from rovid.estimate.objective import ModelKey, NegativeLogLikelihood
 
 
@@ -245,71 +247,6 @@ class FitCache:
         return fitted
 
 
-def group_by_cause(tests: Sequence[ScoreTest]) -> list[list[ScoreTest]]:
-    """Score tests of the forms of each effect, the largest predicted gain first in both lists."""
-    groups: dict[str, list[ScoreTest]] = {}
-    for test in sorted(tests, key=lambda test: -test.gain):
-        groups.setdefault(test.effect.id, []).append(test)
-    return list(groups.values())
-
-
-def gains_by_cause(tests: Sequence[ScoreTest]) -> list[float]:
-    """Predicted gain of the best form of each effect, largest first."""
-    return [forms[0].gain for forms in group_by_cause(tests)]
-
-
-def best_forms(tests: Sequence[ScoreTest]) -> list[ScoreTest]:
-    """The best form of every effect with a predicted gain, and more forms of the best effects."""
-    listed: list[ScoreTest] = []
-    for place, group in enumerate(group_by_cause(tests)):
-        count = THRESHOLDS.shortlisted_forms if place < THRESHOLDS.shortlisted_causes else 1
-        listed += [test for test in group[:count] if test.gain > 0.0]
-    return listed
-
-
-def shortlist(
-    current: FitResult, tests: Sequence[ScoreTest], threshold: float, share: float, known_gain: float = 0.0
-) -> list[ScoreTest]:
-    """Forms that deserve a fit: the best forms of the best effects, and simpler ones.
-
-    Parameters
-    ----------
-    threshold, share
-        A form needs a predicted gain of ``share`` times the sum of its BIC penalty and the ``threshold``.
-    known_gain
-        Largest gain of a model that has been fitted already.
-    """
-    penalty = bic_penalty(current.objective)
-
-    def is_enough(test: ScoreTest) -> bool:
-        return test.gain >= share * (threshold + penalty * test.penalised_parameters)
-
-    def gain_at_start(test: ScoreTest) -> float:
-        begins = [np.concatenate((current.x, start)) for start in (test.start, test.best_start)]
-        return current.value - min(_extended(current, test).values(begins))
-
-    ranked = [group for group in group_by_cause(tests)[: THRESHOLDS.shortlisted_causes] if any(map(is_enough, group))]
-    confirmed = parallel_map(lambda group: min(group[0].gain, gain_at_start(group[0])), ranked)
-    least = THRESHOLDS.shortlist_share * max((known_gain, *confirmed))
-    listed: list[ScoreTest] = []
-    for group in ranked:
-        if group[0].gain >= least:
-            listed += _shortlisted_forms(group, is_enough)
-    return listed
-
-
-def _shortlisted_forms(group: Sequence[ScoreTest], is_enough: Callable[[ScoreTest], bool]) -> list[ScoreTest]:
-    """The first few forms with enough predicted gain, and any simpler form with some."""
-    first, few, rest = group[:1], group[: THRESHOLDS.shortlisted_forms], group[THRESHOLDS.shortlisted_forms :]
-    least = THRESHOLDS.shortlist_share * first[0].gain
-    listed = [one for one in few if (one.gain >= least and is_enough(one)) or _is_simpler(one, first)]
-    return [*listed, *(one for one in rest if _is_simpler(one, listed))]
-
-
-def _is_simpler(test: ScoreTest, others: Sequence[ScoreTest]) -> bool:
-    return test.gain > 0.0 and len(test.effect.parameters) < min(len(one.effect.parameters) for one in others)
-
-
 def fit_candidates(
     current: FitResult,
     tests: Sequence[ScoreTest],
@@ -341,7 +278,7 @@ def fit_candidates(
         return [value_at_score(score, objective) for objective in objectives]
 
     def begin(few: Sequence[ScoreTest]) -> list[FitResult]:
-        objectives = [_extended(current, one) for one in few]
+        objectives = [extended(current, one) for one in few]
         values = goals(objectives, converged)
         return fit_in_parallel(objectives, lambda at: _begin(current, objectives[at], few[at], values[at]))
 
@@ -353,20 +290,19 @@ def fit_candidates(
     stages = (THRESHOLDS.second_stage, THRESHOLDS.final_stage)
     converged = [known[one.effect.key] for one in tests if one.effect.key in known]
     unknown = [one for one in tests if one.effect.key not in known]
-    first = _first_of_each(unknown)
+    first = first_of_each(unknown)
     ahead, behind = [*converged, *begin(first)], list[FitResult]()
     # Further forms of an effect are fitted where its first form is good, or where their own score test is.
     least = least_gain(stages[0][0], ahead)
     good = {fitted.effects[-1].id for fitted in ahead if gain(fitted) >= least}
     more = [one for one in unknown if one.effect.id in good or one.gain >= least]
     ahead += begin([one for one in more if one not in first])
-    ahead += begin(
-        _further_forms(tests, others, [one for one in ahead if gain(one) >= least_gain(stages[1][0], ahead)])
-    )
+    ahead += begin(further_forms(tests, others, [one for one in ahead if gain(one) >= least_gain(stages[1][0], ahead)]))
     for share, iterations in stages:
         least = least_gain(share, ahead)
         behind += [fitted for fitted in ahead if gain(fitted) < least]
         ahead = refine([fitted for fitted in ahead if gain(fitted) >= least], iterations)
+    ahead = fit_in_parallel([one.objective for one in ahead], lambda at: _with_best_order(ahead[at]))
     # The best is known once none of the others is within reach of it.
     for _ in range(THRESHOLDS.reach_rounds):
         best = max(map(gain, ahead), default=0.0)
@@ -377,31 +313,9 @@ def fit_candidates(
     return ahead, behind
 
 
-def _further_forms(
-    tests: Sequence[ScoreTest], others: Sequence[ScoreTest], leading: Sequence[FitResult]
-) -> list[ScoreTest]:
-    """The ``others`` of the causes of ``leading`` fits whose predicted gain is near that of the best listed form."""
-    listed = {one.effect.key for one in tests}
-    ids = {fitted.effects[-1].id for fitted in leading}
-    least = {forms[0].effect.id: THRESHOLDS.further_forms_share * forms[0].gain for forms in group_by_cause(tests)}
-    return [
-        one
-        for one in others
-        if one.effect.id in ids and one.effect.key not in listed and one.gain >= least[one.effect.id] > 0.0
-    ]
-
-
-def _first_of_each(tests: Sequence[ScoreTest]) -> list[ScoreTest]:
-    """The form with the largest predicted gain of each effect, and its first form with the fewest parameters."""
-    first: list[ScoreTest] = []
-    for forms in group_by_cause(tests):
-        simplest = min(forms, key=lambda one: len(one.effect.parameters))
-        first += forms[:1] if simplest is forms[0] else [forms[0], simplest]
-    return first
-
-
-def _extended(current: FitResult, test: ScoreTest) -> NegativeLogLikelihood:
-    return current.objective.with_effects((*current.effects, test.effect))
+def _with_best_order(fitted: FitResult) -> FitResult:
+    """``fitted``, with the time constants of a lag that is its last effect and of the vehicle in the better order."""
+    return exchanged_or_same(fitted) if fitted.effects[-1].id == LAG.id else fitted
 
 
 def _begin(current: FitResult, objective: NegativeLogLikelihood, test: ScoreTest, goal: float) -> FitResult:

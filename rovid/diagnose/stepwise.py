@@ -13,18 +13,15 @@ from rovid.diagnose.candidate_fits import (
     Alternative,
     Cause,
     FitCache,
-    best_forms,
     bic_score,
     fit_candidates,
     fit_from_best_start,
     fit_in_parallel,
-    gains_by_cause,
-    group_by_cause,
     is_plausible,
-    shortlist,
     simplest_form,
 )
 from rovid.diagnose.score_test import ScoreTest, possible_substitutes, score_tests
+from rovid.diagnose.shortlist import best_forms, gains_by_cause, group_by_cause, shortlist
 from rovid.diagnose.signal_regressors import is_signal
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect

@@ -19,7 +19,7 @@ from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from rovid.estimate.instrumental_variables import require_inertia
 from rovid.estimate.multi_step_data import MultiStepData
 from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
-from rovid.estimate.nested_fits import fit_with_effects
+from rovid.estimate.nested_fits import covariance_of_optima, fit_with_effects
 from rovid.estimate.output_error import MIN_INERTIA_SIGMAS, fit_output_error
 from rovid.model.model import Model
 from rovid.model.parameter_names import unit_of
@@ -230,7 +230,14 @@ def _warnings(fitted: FitResult) -> Iterator[str]:
 
 
 def misspecification_covariance(fitted: FitResult) -> tuple[FloatArray, list[str]]:
-    """(p, p) addition to the sandwich covariance for an incomplete model, and warnings.
+    """(p, p) addition to the sandwich covariance for an incomplete model and for other optima, and warnings."""
+    added, warnings = covariance_of_optima(fitted)
+    by_horizon, further = _covariance_of_horizons(fitted)
+    return added + by_horizon, [*warnings, *further]
+
+
+def _covariance_of_horizons(fitted: FitResult) -> tuple[FloatArray, list[str]]:
+    """As `misspecification_covariance`, from the difference between short and long horizons.
 
     Errors of multi-step predictions recur in every block, so the scores of blocks scatter too little: the variance is
     at least that of the information. And a correct model has the same parameters for short and for long horizons. Half

@@ -17,12 +17,15 @@ from itertools import combinations
 import numpy as np
 
 from rovid.core.array_types import FloatArray
+from rovid.core.formatting import significant
 from rovid.effects import Effect
-from rovid.effects.thruster_lag import EFFECT as THRUSTER_LAG
+from rovid.effects.thruster_lag import EFFECT as LAG
+from rovid.estimate.dataset import time_constant
 from rovid.estimate.fit_result import FitResult, fit
-from rovid.estimate.multi_step_data import time_constant
 from rovid.estimate.objective import NegativeLogLikelihood
 from rovid.estimate.parametrization import INERTIA
+from rovid.model.parameter_names import unit_of
+from rovid.trial.vehicle import PLAUSIBLE_INERTIA_RATIO
 
 # Starts that are fitted coarsely, and steps of a coarse fit.
 _STARTS, _COARSE_ITERATIONS = 8, 4
@@ -32,6 +35,10 @@ _CONTINUED = 2
 _KEPT = 3
 # Least ratio of the lag to the vehicle's time constant at an exchange of the two, for a lag of zero.
 _LEAST_RATIO = 0.05
+# Nats; the likelihood does not decide between optima that differ by less: odds of 400 to 1.
+DISTINGUISHABLE = 6.0
+# Share of the inertia by which two optima are one.
+_SAME_INERTIA = 0.03
 # Nats by which equal models may differ, since the filter takes other steps.
 _SAME = 0.1
 
@@ -99,12 +106,71 @@ def _in_order(objective: NegativeLogLikelihood, x: FloatArray, effects: Sequence
     return np.concatenate((common, *(x[places[effect]] for effect in effects)))
 
 
-def exchanged_or_same(fitted: FitResult) -> FitResult:
-    """The better of a fit and of the fit from its exchanged time constants."""
-    exchanged = with_exchanged_time_constants(fitted)
-    if exchanged is None:
+def exchanged_or_same(fitted: FitResult, goal: float = math.inf) -> FitResult:
+    """The better of a fit and of the fit from its exchanged time constants.
+
+    A physical inertia is better than one below the rigid body's, unless the likelihood clearly contradicts.
+    """
+    other = _exchanged_fit(fitted, min(goal, fitted.value + DISTINGUISHABLE))
+    if other is None:
         return fitted
-    return min(fitted, fit(fitted.objective, exchanged), key=lambda one: one.value)
+    handicaps = [DISTINGUISHABLE * _is_below_rigid_body(one) for one in (fitted, other)]
+    return other if other.value + handicaps[1] < fitted.value + handicaps[0] else fitted
+
+
+def covariance_of_optima(fitted: FitResult) -> tuple[FloatArray, list[str]]:
+    """(p, p) addition to the covariance for a second optimum and for parameters at a bound, and warnings.
+
+    Two standard errors reach from one optimum to the other, unless the likelihood decides between them. The error of a
+    parameter at a bound other than its neutral value is that of a uniform distribution over its range, because the
+    curvature there has no meaning.
+    """
+    parametrization, model = fitted.objective.parametrization, fitted.model
+    added, warnings = np.zeros((len(model.names),) * 2), list[str]()
+    shown, size = parametrization.model_jacobian(fitted.x)
+    for at, effect, parameter in parametrization.effect_parameters():
+        low, high = parametrization.low[at], parametrization.high[at]
+        if low < fitted.x[at] < high or low == high:
+            continue
+        place = shown.index(at)
+        name, value = model.names[place], significant(float(model.values[place]), 3)
+        if fitted.x[at] == parameter.neutral:
+            warnings.append(f"{name} ends at {value}, its bound: these data show no {effect.title}.")
+            continue
+        added[place, place] = (size[place] * (high - low)) ** 2 / 12.0
+        warnings.append(
+            f"{name} ends at {value}, the bound of its range, and has no standard error of its own: the one that is "
+            "stated is that of the whole range. The cause may be another one."
+        )
+    other = _exchanged_fit(fitted, fitted.value + DISTINGUISHABLE)
+    if other is None or other.value > fitted.value + DISTINGUISHABLE or _is_below_rigid_body(other):
+        return added, warnings
+    away = other.model.values - model.values
+    if abs(away[0]) < _SAME_INERTIA * model.inertia:
+        return added, warnings
+    added += np.outer(0.5 * away, 0.5 * away)
+    unit = unit_of("inertia", fitted.data.axis)
+    warnings.append(
+        f"Two time constants in a row, that of the thrust and that of the vehicle, can change places: an inertia of "
+        f"{significant(other.model.inertia, 3)} {unit} in place of {significant(model.inertia, 3)} {unit} explains "
+        f"these data as well (log-likelihood {significant(abs(other.value - fitted.value), 2)} "
+        f"{'lower' if other.value > fitted.value else 'higher'}). The standard errors include it. "
+        "mass, length and width in [vehicle] may decide, or turns at a higher rate."
+    )
+    return added, warnings
+
+
+def _exchanged_fit(fitted: FitResult, goal: float) -> FitResult | None:
+    """The fit from exchanged time constants, as far as it may reach the ``goal``; None without a lag."""
+    exchanged = with_exchanged_time_constants(fitted)
+    return None if exchanged is None else fit(fitted.objective, exchanged, goal=goal)
+
+
+def _is_below_rigid_body(fitted: FitResult) -> bool:
+    """Whether the inertia is below that of the rigid body, which is impossible with a measured thrust curve."""
+    vehicle = fitted.data.vehicle
+    rigid = None if vehicle is None else vehicle.reference_inertia
+    return rigid is not None and fitted.data.has_actuators and fitted.model.inertia < PLAUSIBLE_INERTIA_RATIO[0] * rigid
 
 
 def with_exchanged_time_constants(fitted: FitResult) -> FloatArray | None:
@@ -114,8 +180,8 @@ def with_exchanged_time_constants(fitted: FitResult) -> FloatArray | None:
     """
     parametrization, x = fitted.objective.parametrization, fitted.x.copy()
     for at, effect, parameter in parametrization.effect_parameters():
-        if effect.id == THRUSTER_LAG.id and parameter.name == "time_constant":
-            own = time_constant(fitted.model, fitted.data.rms_rate)
+        if effect.id == LAG.id and parameter.name == "time_constant":
+            own = time_constant(fitted.model, fitted.data.rms_rate) / fitted.data.scales.unit_size(parameter)
             ratio = max(float(x[at]) / own, _LEAST_RATIO)
             x[at], x[INERTIA] = own, x[INERTIA] + math.log(ratio)
             return np.asarray(np.clip(x, *parametrization.bounds))

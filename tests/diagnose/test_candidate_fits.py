@@ -19,10 +19,10 @@ from rovid.diagnose.candidate_fits import (
     is_converged,
     is_plausible,
     refine_fit,
-    shortlist,
     value_at_score,
 )
 from rovid.diagnose.score_test import Directions, ScoreTest
+from rovid.diagnose.shortlist import shortlist
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect, effect_named
 from rovid.estimate.filter_data import InnovationData
@@ -226,7 +226,7 @@ def test_a_wave_with_less_than_one_cycle_is_not_plausible(
 ) -> None:
     coordinates = objective.parametrization
     x = coordinates.initial()
-    x[coordinates.effects_begin :] = 0.05, frequency, 0.04
+    x[coordinates.effects_begin :] = 0.05, frequency / coordinates.units[1], 0.04
     fitted = FitResult.at(objective, np.clip(x, coordinates.low, coordinates.high))
     assert is_plausible(fitted) is plausible
 
@@ -234,7 +234,7 @@ def test_a_wave_with_less_than_one_cycle_is_not_plausible(
 def test_a_wave_without_a_narrow_band_is_not_plausible(objective: InnovationLikelihood) -> None:
     coordinates = objective.parametrization
     x = coordinates.initial()
-    x[coordinates.effects_begin :] = 0.05, 2.0 * SLOWEST, coordinates.high[-1]
+    x[coordinates.effects_begin :] = 0.05, 2.0 * SLOWEST / coordinates.units[1], coordinates.high[-1]
     assert not is_plausible(FitResult.at(objective, x))
 
 
