@@ -29,6 +29,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from benchmarks.wide_page import marked_section
 from rovid.effects.base import REFERENCE_RATE
 from tools.cases import Case, all_cases, groups, truth_of
 from tools.channels import EXTRA
@@ -815,7 +816,8 @@ def main() -> None:
         raise SystemExit(130) from None
     arguments.out.parent.mkdir(parents=True, exist_ok=True)
     today = datetime.now(UTC).date().isoformat()
-    arguments.out.write_text(page(list(results.values()), today), encoding="utf-8", newline="\n")
+    wide = marked_section(arguments.out)
+    arguments.out.write_text(page(list(results.values()), today) + wide, encoding="utf-8", newline="\n")
     print(arguments.out)
 
 
