@@ -132,8 +132,8 @@ def _error(estimate: Mapping[str, Any], true: float, sign: bool = True) -> float
     value, error = estimate.get("value"), estimate.get("standard_error")
     if value is None or error is None or not math.isfinite(error) or error <= 0.0:
         return None
-    away: float = (value - true) if sign else (abs(value) - abs(true))
-    return away / error
+    away = (value - true) if sign else (abs(value) - abs(true))
+    return float(away / error)
 
 
 def errors_of(model: Mapping[str, Any], truth: Mapping[str, Any]) -> dict[str, float]:
