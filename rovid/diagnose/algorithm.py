@@ -169,7 +169,7 @@ def decide(problem: SearchProblem) -> Selection:
 def select_directly(problem: SearchProblem) -> Selection | None:
     """One-step selection from the base model; None where no cause dominates, or the result is not adequate."""
     base = problem.innovations.base
-    if fits_poorly(base):
+    if fits_poorly(base) and not problem.innovations.fits_with_one_cause:
         return None
     selection = select_by_innovations(problem, base, base, has_no_dominant_cause)
     if selection is None:

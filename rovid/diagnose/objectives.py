@@ -122,6 +122,13 @@ class InnovationObjective:
         """Data for the first screening: the wave data where the search data are many times more."""
         return screening_data(self.wave_data, self.search_data)
 
+    @property
+    def fits_with_one_cause(self) -> bool:
+        """Whether a single cause makes one-step predictions suitable, however poor the plain model is."""
+        base = self.base_of(self.screening_data)
+        fits = filter(is_plausible, self.search(base).extensions(base))
+        return any(fitted.simulated_r2 >= INNOVATIONS_R2 or fitted.is_adequate for fitted in fits)
+
     def base_of(self, data: InnovationData) -> FitResult:
         """Model without effects, fitted to ``data``."""
         if data.interval not in self._bases:

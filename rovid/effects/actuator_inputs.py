@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import NamedTuple, Self
+from typing import NamedTuple, Self, TypeVar
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from rovid.core.array_types import BoolArray, FloatArray, IntArray
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
 
+Series = TypeVar("Series", FloatArray, FloatArray | None)
 # Channels with the speed ahead and to starboard in m/s.
 SPEEDS = ("surge_velocity", "sway_velocity")
 # Reference thrust as a share of the largest bench thrust. In yaw trials thrust is rarely much larger. A change of the
@@ -49,10 +50,15 @@ class TrialRows(NamedTuple):
     rows: slice = slice(None)  #: Indices of its instants.
     selection: SampleSelection | None = None  #: Selected instants of its log; None for all.
     subdivided: BoolArray | None = None  #: (m,) which of the intervals after these are subdivided; None for all.
+    past: int = 0  #: Number of instants before the log begins, among these.
 
     def held_means(self, values: FloatArray) -> FloatArray:
-        """(m,) of (n,) held values: means over the intervals between selected instants."""
-        return values if self.selection is None else self.selection.means(values)
+        """(past + m,) of (n,) held values: the first one, and means over the intervals between selected instants."""
+        return self.with_past(values if self.selection is None else self.selection.means(values))
+
+    def with_past(self, values: FloatArray) -> FloatArray:
+        """(past + m,) ``values``, with the first of these (m,) held before."""
+        return np.concatenate((np.full(self.past, values[0]), values)) if self.past else values
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -110,6 +116,17 @@ class ActuatorInputs:
         """(t + 1,) index of each trial's first instant, and n."""
         return np.cumsum([0, *(len(self.time[one.rows]) for one in self.trials)])
 
+    def without_past(self, series: Series) -> Series:
+        """The rows of an (n, ...) ``series`` that are not before a log begins; None for None."""
+        if series is None or not any(one.past for one in self.trials):
+            return series
+        return np.concatenate([series[one.rows][one.past :] for one in self.trials])
+
+    @cached_property
+    def logged_offsets(self) -> IntArray:
+        """(t + 1,) `offsets` among the instants that are not before the log begins."""
+        return np.asarray(self.offsets - np.cumsum([0, *(one.past for one in self.trials)]))
+
     @cached_property
     def intervals(self) -> FloatArray:
         """(n,) s from each instant to the next of its trial, 0 from the last."""
@@ -152,11 +169,12 @@ class ActuatorInputs:
 
     @cached_property
     def subdivisions(self) -> list[IntArray]:
-        """(m,) of each trial: number of parts of the interval after each selected log instant."""
+        """(past + m,) of each trial: number of parts of the interval after each selected log instant."""
         found = []
-        for length, one in zip(np.diff(self.offsets).tolist(), self.trials, strict=True):
+        for length, one in zip(np.diff(self.logged_offsets).tolist(), self.trials, strict=True):
             count = (length - 1) // self.subdivision + 1 if one.subdivided is None else len(one.subdivided)
-            found.append(_part_counts(count, self.subdivision, one.subdivided))
+            counts = _part_counts(count, self.subdivision, one.subdivided)
+            found.append(np.concatenate((np.ones(one.past, dtype=counts.dtype), counts)))
         return found
 
     def excess(self, command: FloatArray) -> FloatArray:
@@ -220,12 +238,16 @@ def actuator_inputs(
     selection = None if at is None else SampleSelection.of(trial.time, at)
     time = trial.time if at is None else trial.time[at]
     counts = _part_counts(len(time), subdivision, subdivided)
-    name = trial.parent or trial.name
-    rows = TrialRows(trial.name, name, trial.campaign_time, selection=selection, subdivided=subdivided)
+    name, past = trial.parent or trial.name, np.zeros(0) if trial.past is None else trial.past.time
+    rows = TrialRows(trial.name, name, trial.campaign_time, selection=selection, subdivided=subdivided, past=len(past))
+    if len(past):
+        counts = np.concatenate((np.ones(len(past), dtype=counts.dtype), counts))
+        time = np.concatenate((past, time))
     extras = {}
     for channel, values in trial.extras.items():
         # Between two instants a speed is interpolated later. Other channels are held.
-        chosen = values[at] if at is not None and channel in SPEEDS else rows.held_means(values)
+        is_speed = at is not None and channel in SPEEDS
+        chosen = rows.with_past(values[at]) if is_speed else rows.held_means(values)
         extras[channel] = np.repeat(chosen, counts)
     return replace(
         _vehicle_inputs(vehicle),

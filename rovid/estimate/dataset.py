@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar
 
@@ -16,6 +16,7 @@ from rovid.effects.actuator_inputs import SPEEDS, actuator_inputs, neutral_comma
 from rovid.effects.base import Scales
 from rovid.estimate.input_cache import InputCache
 from rovid.model.model import Model
+from rovid.model.past import with_past
 from rovid.model.simulation import fit_measures, simulated_rate
 from rovid.signals.preprocessing import Run
 from rovid.trial.axis import Axis
@@ -146,10 +147,22 @@ class FitData(ABC):
         return max(float(np.median(noise)), NOISE_FLOOR * self.reading_scale)
 
     @cached_property
+    def driven_runs(self) -> Sequence[Run]:
+        """The runs with the commands before their first sample, see `rovid.model.past`."""
+        vehicle, body = self.vehicle, self.initial_model.body
+        if vehicle is None:
+            return self.runs
+        trials = [with_past(run.trial, body, vehicle) for run in self.runs]
+        return [
+            run if trial is run.trial else replace(run, trial=trial)
+            for run, trial in zip(self.runs, trials, strict=True)
+        ]
+
+    @cached_property
     def inputs(self) -> InputCache:
         """Torque inputs of all runs."""
         return InputCache(
-            runs=self.runs,
+            runs=self.driven_runs,
             vehicle=self.vehicle,
             inertia=self.initial_model.inertia,
             position_noise=self.position_noise,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
@@ -12,15 +12,19 @@ import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
 from rovid.core.lru_cache import SizedCache
-from rovid.estimate.dataset import NOISE_FLOOR, FitData
+from rovid.estimate.dataset import NOISE_FLOOR, FitData, rms
 from rovid.estimate.input_cache import InputCache
+from rovid.estimate.unknown_past import UnknownPasts
 from rovid.model.filter_batch import FilterData
 from rovid.model.model import Model
-from rovid.model.ode import initial_rate
+from rovid.model.ode import driven_initial_rate, initial_rate
+from rovid.model.past import with_moved_past
 from rovid.signals.preprocessing import Run
 
 # Standard deviation of the initial rate of a trial, as a share of the RMS rate.
 _RATE_ERROR = 0.2
+# Time constants of the vehicle in which the motion forgets its state. Convention.
+_FORGOTTEN = 5.0
 # Shortest block in time constants of the vehicle, usual number of blocks in all logs, and the least number.
 _BLOCK, _USUAL_BLOCKS, _BLOCKS = 8.0, 60, 12
 # Intervals between the filter's steps that a gap needs to be divided into steps; convention.
@@ -53,6 +57,7 @@ class DataChunk:
     innovation_index: IntArray  #: (N,) twice the sample of each innovation, plus one for an innovation of the rate.
     rows: slice  #: Rows of these innovations among those of all chunks.
     inputs: InputCache  #: Torque inputs of the runs, from each filter step to the next.
+    unknown_pasts: UnknownPasts | None  #: Runs with estimated commands before their first sample; None without any.
     cache: SizedCache  #: Corrected angles of all chunks.
 
     def corrected_angle(self, model: Model) -> CorrectedAngle:
@@ -162,20 +167,56 @@ class InnovationData(FitData):
             initial_rate=np.array([(rate, rate_error) for rate in self.initial_rates[place]], dtype=float),
             output_index=row.reshape(-1, 2),
         )
+        inputs = self.inputs.subset(place)
         return DataChunk(
             runs=self._runs[place],
             angle=np.concatenate(self.angles[place]),
             filter_data=filter_data,
             innovation_index=innovation_index,
             rows=slice(begin, begin + len(innovation_index)),
-            inputs=self.inputs.subset(place),
+            inputs=inputs,
+            unknown_pasts=self._unknown_pasts(inputs, filter_data),
             cache=cache,
         )
+
+    def _unknown_pasts(self, inputs: InputCache, data: FilterData) -> UnknownPasts | None:
+        """Those of the runs of ``inputs``, whose readings are ``data``."""
+        trials = [run.trial for run in inputs.runs]
+        numbers = [at for at, trial in enumerate(trials) if trial.past is not None and trial.past.estimated]
+        if self.vehicle is None or not numbers:
+            return None
+        moved = [with_moved_past(trials[at], self.vehicle) for at in numbers]
+        runs = [replace(inputs.runs[at], trial=trial) for at, (trial, _) in zip(numbers, moved, strict=True)]
+        changes = np.array([change for _, change in moved])
+        steps = None if inputs.steps is None else [inputs.steps[at] for at in numbers]
+        known = np.flatnonzero(changes)
+        if not known.size:
+            return None
+        return UnknownPasts(
+            runs=np.array(numbers)[known],
+            data=data,
+            inputs=inputs.of([runs[at] for at in known], None if steps is None else [steps[at] for at in known]),
+            changes=changes[known],
+            std=self._accelerating_torque,
+            memory=_FORGOTTEN * self.usual_time,
+        )
+
+    @cached_property
+    def _accelerating_torque(self) -> float:
+        """RMS of the torque that no drag balances, N m: the error of a balance at a sample taken at random."""
+        pairs = [run.filtered_torque - self.initial_model.drag(run.rates.rate) for run in self.runs]
+        return rms(pairs)
 
     @cached_property
     def initial_rates(self) -> list[float]:
         """Rate of each run at its first instant, rad/s."""
-        return [initial_rate(run.trial, self.initial_model.natural_frequency) for run in self.runs]
+        frequency = self.initial_model.natural_frequency
+        return [
+            initial_rate(run.trial, frequency)
+            if driven.trial is run.trial
+            else driven_initial_rate(run.trial, frequency)[0]
+            for run, driven in zip(self.runs, self.driven_runs, strict=True)
+        ]
 
     @cached_property
     def gyro_noise(self) -> float:

@@ -146,6 +146,11 @@ class FitResult:
         return self.objective.at_limit(self.x)
 
     @property
+    def is_adequate(self) -> bool:
+        """Whether the innovations are white, and the disturbance is within its limit."""
+        return not self.data.means_only and self.is_white and not self.at_limit
+
+    @property
     def disturbance(self) -> tuple[float, float]:
         """Standard deviation of the disturbance torque in N m, and its correlation time in s."""
         return self.objective.disturbance(self.x)

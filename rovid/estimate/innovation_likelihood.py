@@ -207,12 +207,13 @@ def _filter_chunk(pairs: Sequence[tuple[InnovationLikelihood, FloatArray]]) -> l
     models = [objective.parametrization.model(x) for objective, x in pairs]
     models += models[-1:] * (LANES - len(pairs))
     corrected = list(map(chunk.corrected_angle, models))
-    inputs = FilterInputs.stack(
-        [chunk.inputs.between_steps(model) for model in models], [one.angle for one in corrected]
-    )
+    torque_inputs, angles = [chunk.inputs.between_steps(model) for model in models], [one.angle for one in corrected]
+    inputs = FilterInputs.stack(torque_inputs, angles)
     batch = ParameterBatch.stack(models, [objective.noise_parameters(x) for objective, x in filled])
     kernel = ekf5_innovations if first.has_oscillator else ekf3_innovations
     errors, variances = kernel(chunk.filter_data, inputs, batch)
+    if chunk.unknown_pasts is not None:
+        chunk.unknown_pasts.correct(kernel, models, batch, torque_inputs, angles, (errors, variances))
     found = []
     for (objective, _), error, variance, (_, slope) in zip(pairs, errors, variances, corrected, strict=False):
         if slope is not None:

@@ -59,8 +59,11 @@ class InputCache:
 
     def subset(self, place: slice) -> Self:
         """The inputs of some of the runs."""
-        steps = None if self.steps is None else self.steps[place]
-        return replace(self, runs=self.runs[place], steps=steps, parent=self._root)
+        return self.of(self.runs[place], None if self.steps is None else self.steps[place])
+
+    def of(self, runs: Sequence[Run], steps: list[IntArray] | None) -> Self:
+        """The inputs of other ``runs`` at these ``steps``, at the same resolution."""
+        return replace(self, runs=runs, steps=steps, parent=self._root)
 
     @property
     def _root(self) -> Self:
@@ -158,6 +161,6 @@ class InputCache:
 def _is_transient(trial: Trial, seconds: float) -> BoolArray:
     """(n,) whether each sample of ``trial`` is at most so many ``seconds`` after a change of a command."""
     count = len(trial.time)
-    changed = np.concatenate(([False], (np.diff(trial.commands, axis=0) != 0.0).any(axis=1)))
+    changed = np.concatenate(([trial.past is not None], (np.diff(trial.commands, axis=0) != 0.0).any(axis=1)))
     latest = np.maximum.accumulate(np.where(changed, np.arange(count), -1))
     return np.asarray((latest >= 0) & (trial.time - trial.time[latest] <= seconds))

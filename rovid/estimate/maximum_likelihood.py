@@ -102,14 +102,16 @@ def fit_likelihood(
     start = fit_output_error(runs, min_sigmas=0.0 if effects else MIN_INERTIA_SIGMAS)
     data = InnovationData(runs, vehicle, start, gyro=gyro)
     simulation_r2 = data.free_run_r2(start)
-    if simulation_r2 >= INNOVATIONS_R2:
+    if simulation_r2 >= INNOVATIONS_R2 or effects:
         fitted = fit_innovations(data, simulation_r2)
-    else:
-        objective = MultiStepLikelihood(MultiStepData.from_data(data, start))
-        fitted = fit(objective, objective.parametrization.initial())
-    if effects:
-        fitted = add_effects(fitted, effects)
-    return _result(fitted, simulation_r2)
+        if effects:
+            fitted = add_effects(fitted, effects)
+        # A poor plain model says nothing about the model with the effects, and little about a noisy sensor.
+        if max(simulation_r2, fitted.simulated_r2) >= INNOVATIONS_R2 or fitted.is_adequate:
+            return _result(fitted, simulation_r2)
+    objective = MultiStepLikelihood(MultiStepData.from_data(data, start))
+    fitted = fit(objective, objective.parametrization.initial())
+    return _result(add_effects(fitted, effects) if effects else fitted, simulation_r2)
 
 
 def fit_innovations(data: InnovationData, simulation_r2: float) -> FitResult:

@@ -80,7 +80,8 @@ class ActuatorModel:
             torque = commands.cached(key, partial(act.change, inputs, torque, one.values))
         effect_inputs = self._effect_inputs(inputs, thrust)
         if intervals is None:
-            return TorqueInput.held(torque, effect_inputs, variance, inputs.offsets)
+            further = inputs.without_past(effect_inputs), inputs.without_past(variance)
+            return TorqueInput.held(inputs.without_past(torque), *further, inputs.logged_offsets)
         return TorqueInput.averaged_over(intervals, torque, effect_inputs, variance)
 
     def _dependencies(self) -> Iterator[Hashable]:
@@ -92,9 +93,9 @@ class ActuatorModel:
                 yield from one.parameters.tolist()
 
     def thrust(self, commands: CommandSeries, *, with_anchored: bool = True) -> FloatArray:
-        """(m, k) thrust in N at the instants of ``commands.inputs``; without anchored effects if asked for."""
+        """(m, k) thrust in N at the instants of the logs; without anchored effects if asked for."""
         effects = [one for one in self.effects if with_anchored or not getattr(one.effect.acts, "anchored", False)]
-        return self._thrust(commands, effects)[0]
+        return commands.inputs.without_past(self._thrust(commands, effects)[0])
 
     def _thrust(
         self, commands: CommandSeries, effects: Sequence[BoundEffect]

@@ -27,7 +27,7 @@ class CommandSeries:
 
     vehicle: Vehicle
     inputs: ActuatorInputs  #: The trials as effects see them, with each interval between two log instants subdivided.
-    held_commands: FloatArray  #: (n, k) commands at the selected log instants.
+    held_commands: FloatArray  #: (n, k) commands at the selected log instants, in each trial after those of its past.
 
     @classmethod
     def from_trials(
@@ -58,7 +58,10 @@ class CommandSeries:
             inputs = ActuatorInputs.concatenated(
                 [actuator_inputs(vehicle, trial, subdivision, here, some) for trial, here, some in every]
             )
-            commands = [trial.commands if here is None else trial.commands[here] for trial, here, _ in every]
+            commands = list[FloatArray]()
+            for trial, here, _ in every:
+                commands += [] if trial.past is None else [trial.past.commands]
+                commands.append(trial.commands if here is None else trial.commands[here])
             found = cls(vehicle, inputs, np.concatenate(commands))
             _IN_USE[key] = found
         return found
@@ -88,13 +91,16 @@ class CommandSeries:
         """Intervals between the log's instants; None if nothing is subdivided."""
         if self.inputs.subdivision == 1:
             return None
-        return self.intervals_between([np.arange(len(counts)) for counts in self.inputs.subdivisions])
+        pairs = zip(self.inputs.subdivisions, self.inputs.trials, strict=True)
+        return self.intervals_between([np.arange(len(counts) - one.past) for counts, one in pairs])
 
     def intervals_between(self, at: Sequence[IntArray]) -> Intervals:
         """Intervals between those of each trial's selected instants with indices ``at``."""
         times = [self.inputs.time[one.rows] for one in self.inputs.trials]
-        pairs = zip(self.inputs.subdivisions, at, strict=True)
-        return Intervals.from_times(times, [(np.cumsum(counts) - counts)[here] for counts, here in pairs])
+        every = zip(self.inputs.subdivisions, self.inputs.trials, at, strict=True)
+        return Intervals.from_times(
+            times, [(np.cumsum(counts) - counts)[one.past + here] for counts, one, here in every]
+        )
 
 
 # Command series in use, by the arguments that they were made from.

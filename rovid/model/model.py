@@ -19,6 +19,7 @@ from rovid.model.bound_effects import BoundEffect, Equation, PackedTerms, action
 from rovid.model.heading_sensor import HeadingSensor
 from rovid.model.ode import euler_heading, initial_rate, integrate, integrate_batch
 from rovid.model.parameter_names import base_names
+from rovid.model.past import with_past
 from rovid.model.torque_input import TorqueInput
 from rovid.trial.axis import YAW, Axis
 from rovid.trial.trial import Trial
@@ -115,7 +116,9 @@ class Model:
         return next((one.parameters for one in self.bound_effects if one.effect.is_wave), np.zeros(0))
 
     def torque_input(self, vehicle: Vehicle, trial: Trial) -> TorqueInput:
-        """Torque input by the commands of ``trial``, from each instant to the next."""
+        """Torque input by the commands of ``trial``, from each instant to the next; see `rovid.model.past`."""
+        if not self.actuators.is_plain:
+            trial = with_past(trial, self.body, vehicle)
         return self.actuators.torque_input(vehicle, trial)
 
     def simulate(self, trial: Trial, torque_input: TorqueInput) -> tuple[FloatArray, FloatArray]:

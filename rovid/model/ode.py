@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from itertools import pairwise, starmap
 from weakref import WeakKeyDictionary
@@ -13,7 +14,7 @@ from rovid.effects.actuator_inputs import interpolate_gaps
 from rovid.effects.base import TERM_STATES, Body
 from rovid.model.bound_effects import Equation, PackedTerms
 from rovid.model.torque_input import TorqueInput
-from rovid.signals.rates import resample, uniform_grid
+from rovid.signals.rates import resample, uniform_grid, white_noise
 from rovid.trial.trial import Trial
 
 # The initial rate comes from the first positions: over at most so many sampling intervals and rad of a swing's phase,
@@ -21,6 +22,9 @@ from rovid.trial.trial import Trial
 _START_INTERVALS = 40.0
 _START_PHASE = 0.5
 _START_SAMPLES = 5
+# Ratio of the residuals of these positions to the sensor noise, above which the rate varied too much for a parabola and
+# half the time is taken. A quantised position has residuals up to 1.6 times the estimate of its noise.
+_START_MISFIT = 2.5
 # Initial rates of trials without a natural frequency.
 _INITIAL_RATES: WeakKeyDictionary[Trial, float] = WeakKeyDictionary()
 
@@ -109,26 +113,49 @@ def initial_rate(trial: Trial, natural_frequency: float = 0.0) -> float:
     rad/s the time is a fraction of its period.
     """
     if natural_frequency > 0.0:
-        return _initial_rate(trial, natural_frequency)
+        return driven_initial_rate(trial, natural_frequency, most_misfit=math.inf)[0]
     # Every simulation needs it.
     if trial not in _INITIAL_RATES:
-        _INITIAL_RATES[trial] = _initial_rate(trial, natural_frequency)
+        _INITIAL_RATES[trial] = driven_initial_rate(trial, most_misfit=math.inf)[0]
     return _INITIAL_RATES[trial]
 
 
-def _initial_rate(trial: Trial, natural_frequency: float) -> float:
+def driven_initial_rate(
+    trial: Trial, natural_frequency: float = 0.0, most_misfit: float = _START_MISFIT
+) -> tuple[float, float]:
+    """`initial_rate` of a vehicle that a torque may accelerate, and its standard deviation by the sensor noise.
+
+    The time is shorter where the residuals of the positions exceed the sensor noise by the factor ``most_misfit``.
+    """
     early = _initial_rows(trial, natural_frequency)
     time = trial.time[early] - trial.time[0]
     if trial.rate is not None and (measured := np.isfinite(trial.rate[early])).any():
-        rate = trial.rate[early][measured]
+        rates, noise = trial.rate[early][measured], white_noise(trial.rate)
         if natural_frequency > 0.0 and measured.sum() > 1:
-            return float(np.polynomial.polynomial.polyfit(time[measured], rate, 1)[0])
-        return float(np.mean(rate[:_START_SAMPLES]))
-    angle = trial.body_position[early]
+            return _start_of_polynomial(time[measured], rates, 1, noise, derivative=0)[:2]
+        rates = rates[:_START_SAMPLES]
+        return float(np.mean(rates)), noise / len(rates) ** 0.5
+    angle, noise = trial.body_position[early], white_noise(trial.body_position[trial.measured])
     if len(time) < _START_SAMPLES:
-        return 0.0
-    is_quadratic = len(time) > _START_SAMPLES or natural_frequency > 0.0
-    return float(np.polynomial.polynomial.polyfit(time, angle - angle[0], 2 if is_quadratic else 1)[1])
+        return 0.0, math.inf
+    degree = 2 if len(time) > _START_SAMPLES or natural_frequency > 0.0 else 1
+    while True:
+        rate, error, misfit = _start_of_polynomial(time, angle - angle[0], degree, noise, derivative=1)
+        if misfit <= most_misfit or len(time) < 2 * _START_SAMPLES:
+            return rate, error
+        time, angle = time[: len(time) // 2], angle[: len(time) // 2]
+
+
+def _start_of_polynomial(
+    time: FloatArray, values: FloatArray, degree: int, noise: float, *, derivative: int
+) -> tuple[float, float, float]:
+    """Value or first ``derivative`` at zero of a polynomial, its error by the ``noise``, and residuals over noise."""
+    found = np.polynomial.polynomial.polyfit(time, values, degree)
+    powers = np.polynomial.polynomial.polyvander(time, degree)
+    error = noise * float(np.linalg.norm(np.linalg.pinv(powers)[derivative]))
+    freedom = max(len(time) - degree - 1, 1)
+    misfit = float(np.linalg.norm(values - powers @ found)) / freedom**0.5 / noise if noise > 0.0 else 0.0
+    return float(found[derivative]), error, misfit
 
 
 def _initial_rows(trial: Trial, natural_frequency: float) -> IntArray:

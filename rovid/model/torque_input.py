@@ -136,6 +136,11 @@ class TorqueInput:
         series = self.torque[rows], self.timing_moment[rows], self.effect_inputs[rows], self.impulse_variance[rows]
         return type(self)(*series, np.array([0, len(series[0])]))
 
+    def rows(self, at: IntArray) -> Self:
+        """The torque input from the instants ``at``, as that of one trial."""
+        series = self.torque[at], self.timing_moment[at], self.effect_inputs[at], self.impulse_variance[at]
+        return type(self)(*series, np.array([0, len(at)]))
+
     def mapped(self, function: Callable[[FloatArray], FloatArray]) -> Self:
         """``function`` of each series of one trial."""
         torque = function(self.torque)

@@ -52,6 +52,7 @@ def split(trial: Trial, exclusions: Sequence[Exclusion] = ()) -> list[Trial]:
     if not own and not trial.cuts and not trial.unknown:
         return [trial]
     trial, excluded = _without_unknown(trial)
+    lost = np.flatnonzero(excluded)
     remarks = list(trial.remarks)
     for exclusion in own:
         covered = (exclusion.begin <= trial.time) & (trial.time <= exclusion.end)
@@ -69,14 +70,20 @@ def split(trial: Trial, exclusions: Sequence[Exclusion] = ()) -> list[Trial]:
     kept = measured_spans(trial, spans)
     trial = replace(trial, cuts=(), unknown=())
     if len(kept) == 1:
-        return [replace(trial.part(kept[0], trial.name), remarks=tuple(remarks))]
+        return [replace(_part(trial, kept[0], trial.name, lost), remarks=tuple(remarks))]
     parts: list[Trial] = []
     for rows in kept:
         span = trial.time[rows]
-        one = trial.part(rows, f"{trial.name}, {span[0]:.1f} to {span[-1]:.1f} s")
+        one = _part(trial, rows, f"{trial.name}, {span[0]:.1f} to {span[-1]:.1f} s", lost)
         # The first part carries the remarks and the faults.
         parts.append(replace(one, remarks=(), faults=()) if parts else replace(one, remarks=tuple(remarks)))
     return parts
+
+
+def _part(trial: Trial, rows: slice, name: str, lost: IntArray) -> Trial:
+    """The ``rows`` as a trial, after the commands since the last of the ``lost`` rows before."""
+    before = lost[lost < rows.start]
+    return trial.part(rows, name, int(before[-1]) + 1 if before.size else 0)
 
 
 def measured_spans(trial: Trial, spans: Iterable[slice]) -> list[slice]:

@@ -17,6 +17,9 @@ from rovid.core.array_types import BoolArray, FloatArray
 from rovid.trial.axis import YAW, Axis
 from rovid.trial.fault import Fault
 
+# Largest number of changes of commands that are remembered before a part of a log; bounds the time and the memory.
+_PAST_CHANGES = 4000
+
 
 def read_only(values: ArrayLike) -> FloatArray:
     """``values`` as a read-only float64 array; a writeable array is copied."""
@@ -38,6 +41,16 @@ class Remark:
     kind: str
     count: int  #: Affected samples, intervals, files or bytes, as the text says.
     text: str  #: A sentence for people.
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Past:
+    """Commands before the first instant of a trial. The first of them was held for long."""
+
+    time: FloatArray  #: (m,) s, increasing, all below 0.
+    commands: FloatArray  #: (m, k), each held until the next instant.
+    #: Whether no log has these commands, and they are estimated from the motion; see `rovid.model.past`.
+    estimated: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,6 +84,7 @@ class Trial:
     cuts: tuple[float, ...] = ()  #: s, instants at which the log is still to be cut.
     #: s, intervals within which the commands are unknown, still to be treated.
     unknown: tuple[tuple[float, float], ...] = ()
+    past: Past | None = None  #: Commands before the first instant; None where they are unknown.
     axis: Axis = YAW
     rate_only: bool = False  #: Only the rate was measured; ``position`` is its integral.
     start_epoch: float | None = None  #: s since 1970 at time 0; None where the log has no absolute time.
@@ -114,8 +128,8 @@ class Trial:
         values = {item.name: getattr(self, item.name) for item in fields(self)}
         return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
 
-    def part(self, rows: slice, name: str) -> Self:
-        """The ``rows`` as a trial of its own, with time from 0."""
+    def part(self, rows: slice, name: str, known_from: int = 0) -> Self:
+        """The ``rows`` as a trial of its own, with time from 0. Commands before the row ``known_from`` are lost."""
         start = float(self.time[rows][0])
         cut = {field_name: values[rows] for field_name, values in self.arrays().items()}
         cut["time"] = cut["time"] - start
@@ -127,9 +141,22 @@ class Trial:
             extras={channel: values[rows] for channel, values in self.extras.items()},
             start_epoch=None if self.start_epoch is None else self.start_epoch + start,
             campaign_time=self.campaign_time + start,
+            past=self._past_of(rows.indices(len(self.time))[0], known_from),
             cuts=tuple(cut - start for cut in self.cuts),
             unknown=tuple((begin - start, end - start) for begin, end in self.unknown),
         )
+
+    def _past_of(self, first: int, known_from: int) -> Past | None:
+        """Commands before the row ``first``, as far as they may matter."""
+        time, commands = self.time[known_from:first], self.commands[known_from:first]
+        if known_from == 0 and self.past is not None:
+            time, commands = np.append(self.past.time, time), np.concatenate((self.past.commands, commands))
+        if not len(time):
+            return None
+        # Rows without a change of command change nothing.
+        changed = np.concatenate(([True], np.any(np.diff(commands, axis=0) != 0.0, axis=1)))
+        rows = np.flatnonzero(changed)[-_PAST_CHANGES:]
+        return Past(time=time[rows] - self.time[first], commands=commands[rows])
 
     @property
     def has_actuators(self) -> bool:

@@ -38,7 +38,7 @@ def test_allocation_inverts_known_effects(key: str, values: tuple[float, ...]) -
         commands = np.repeat(allocation(np.array([100.0])), 2, axis=0)
         course = closed(PAPER, law(), seconds=1.0).trial()
         held = replace(course, time=course.time[:2], position=course.position[:2], commands=commands)
-        torques.append(model.torque_input(VEHICLE, held).torque[0])
+        torques.append(model.actuators.torque_input(VEHICLE, held).torque[0])  # settled drives
     assert torques[1] == pytest.approx(100.0, abs=0.1)
     assert abs(torques[0] - 100.0) > 2.0
 

@@ -120,10 +120,17 @@ def test_nothing_is_selected_directly_where_no_cause_dominates() -> None:
     assert not tested
 
 
-def test_nothing_is_searched_directly_where_the_simulation_fits_poorly() -> None:
+def test_nothing_is_searched_directly_where_the_simulation_fits_poorly_with_any_cause() -> None:
     said = list[str]()
-    assert select_directly(problem_of(readings(50.0), said.append)) is None
-    assert said == []
+    assert select_directly(problem_of(readings(3.0, unknown=300.0), said.append)) is None
+    assert "Searching by one-step predictions …" not in said
+
+
+def test_a_poor_plain_model_does_not_choose_the_predictions(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(algorithm, "fits_poorly", lambda fitted: not fitted.effects)
+    selection = select_directly(problem_of(readings(1.5)))
+    assert selection is not None
+    assert selection.model.effects == (LAG,)
 
 
 @pytest.mark.parametrize(("lag", "found"), [(0.0, ()), (1.5, (LAG,))])
