@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -234,7 +235,12 @@ def fit_and_store(
 
 
 def diagnose_study(
-    stored: Parameters, study: Study, report: Callable[[str], None], *, force: bool = False
+    stored: Parameters,
+    study: Study,
+    report: Callable[[str], None],
+    *,
+    force: bool = False,
+    budget: float | None = None,
 ) -> Diagnosis:
     """Diagnose the logs and warn where ``stored`` disagrees; with ``force`` also logs with a fault that stops."""
     from rovid.diagnose.result import Diagnosis
@@ -243,7 +249,8 @@ def diagnose_study(
     if not force and (reversed_arms := _reversed_thrusters(study)):
         return Diagnosis(verdict="bad_logs", missing=" ".join(reversed_arms))
     stored, notes = without_stale_values(stored, study)
-    diagnosis = study.diagnosis(report, drag=stored.independent_drag(), force=force)
+    seconds = budget or study.default_budget
+    diagnosis = study.diagnosis(report, drag=stored.independent_drag(), force=force, budget=seconds)
     if diagnosis.extended is not None:
         notes = [*notes, *method_disagreement(stored.entries_for(study.paths), diagnosis.extended.estimate)]
     return replace(diagnosis, warnings=(*diagnosis.warnings, *notes))
@@ -361,19 +368,37 @@ def announce_compilation() -> None:
 
 @contextmanager
 def progress(text: str) -> Iterator[Callable[[str], None]]:
-    """Show a progress text, which the yielded function changes, on a terminal or if ROVID_PROGRESS is "lines"."""
+    """Show a progress text, which the yielded function changes.
+
+    Where standard error is no terminal, the text is printed every ten seconds; each one if ROVID_PROGRESS is "lines".
+    """
     if os.environ.get("ROVID_PROGRESS") == "lines":
         _print_line(text)
         yield _print_line
         return
     if not sys.stderr.isatty():
-        yield lambda _: None
+        yield at_intervals(_print_line)
         return
     from rovid.core.console import SafeConsole
 
     screen = SafeConsole(stderr=True)
     with screen.status(text) as status:
         yield lambda words: status.update(screen.render_str(words))
+
+
+def at_intervals(
+    show: Callable[[str], None], seconds: float = 10.0, clock: Callable[[], float] = time.monotonic
+) -> Callable[[str], None]:
+    """Function that passes a text on to ``show`` if the last one, or the start, is so long ago."""
+    last = clock()
+
+    def show_if_due(text: str) -> None:
+        nonlocal last
+        if clock() - last >= seconds:
+            last = clock()
+            show(text)
+
+    return show_if_due
 
 
 def _print_line(text: str) -> None:

@@ -15,7 +15,7 @@ from rovid.cli.context import (
     store_estimate,
 )
 from rovid.cli.help_format import Page
-from rovid.cli.options import AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile
+from rovid.cli.options import AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile, TimeBudget
 
 PAGE = Page(
     text="""
@@ -24,8 +24,9 @@ PAGE = Page(
     that were not fitted; the error that stays unexplained; the parameters that the data do not determine; and the next
     run to make. Writes the final model to the parameter file.
 
-    Use it after fit-drag and fit-inertia, or directly. It is the slowest command: it takes seconds to minutes,
-    depending on the length of the logs. With four or more trials, the tests leave out whole trials.
+    Use it after fit-drag and fit-inertia, or directly. It takes seconds, and a minute at most for each hour of logs.
+    With --budget it ends earlier or later, and says what it did not try. With four or more trials, the tests leave out
+    whole trials.
     """,
     examples=(
         ("The logs named in the parameter file", "rovid diagnose"),
@@ -43,6 +44,7 @@ def diagnose(
     axis: AxisName = None,
     parameters: ParameterFile = None,
     cutoff: Cutoff = None,
+    budget: TimeBudget = None,
     force: Force = False,
     json: Json = False,
 ) -> None:
@@ -56,7 +58,7 @@ def diagnose(
         )
     study = session.study
     with progress("Diagnosing …") as report:
-        diagnosis = diagnose_study(session.stored, study, report, force=force)
+        diagnosis = diagnose_study(session.stored, study, report, force=force, budget=budget)
     diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, *session.notes))
     if diagnosis.extended is not None:
         estimate, sizes = diagnosis.extended.estimate, diagnosis.detectable_sizes

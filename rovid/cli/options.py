@@ -58,4 +58,16 @@ ForceGuess = Annotated[
         "files are never replaced.",
     ),
 ]
+TimeBudget = Annotated[
+    float | None,
+    option(
+        "SECONDS",
+        "Longest time of the diagnosis, without reading the logs; it then answers with what it has. Default: 60 for "
+        "each hour of logs.",
+        "--budget",
+        min=1.0,
+        envvar="ROVID_BUDGET",
+        show_envvar=False,
+    ),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on standard output and nothing else.")]

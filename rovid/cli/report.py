@@ -18,7 +18,7 @@ from rovid.cli.context import (
     write_missing_config,
 )
 from rovid.cli.help_format import Page
-from rovid.cli.options import AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile, option
+from rovid.cli.options import AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile, TimeBudget, option
 
 PAGE = Page(
     text="""
@@ -64,6 +64,7 @@ def report(
         bool, typer.Option("--pdf", help="Also print report.pdf, with the Chromium, Chrome or Edge of this machine.")
     ] = False,
     cutoff: Cutoff = None,
+    budget: TimeBudget = None,
     force: Force = False,
     json: Json = False,
 ) -> None:
@@ -87,6 +88,7 @@ def report(
             study,
             folder,
             diagnosed=diagnosis,
+            budget=budget,
             controlled=control,
             exported=export,
             pdf=pdf,

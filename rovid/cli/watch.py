@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -21,7 +22,7 @@ from rovid.cli.context import (
     store_estimate,
 )
 from rovid.cli.help_format import Page
-from rovid.cli.options import AxisName, Cutoff, Force, ParameterFile, argument, option
+from rovid.cli.options import AxisName, Cutoff, Force, ParameterFile, TimeBudget, argument, option
 from rovid.core.errors import ConfigError, LogError
 
 if TYPE_CHECKING:
@@ -77,6 +78,7 @@ def watch(
     axis: AxisName = None,
     parameters: ParameterFile = None,
     cutoff: Cutoff = None,
+    budget: TimeBudget = None,
     force: Force = False,
     json: Annotated[
         bool, typer.Option("--json", help="Print JSON documents on standard output, one a line, and nothing else.")
@@ -105,7 +107,7 @@ def watch(
         outputs.write({commands: command_csv(plan)})
         return output
 
-    diagnose = None if no_diagnosis else lambda study, report: diagnose_study(stored, study, report)
+    diagnose = None if no_diagnosis else partial(diagnose_study, stored, budget=budget)
     actions = SessionActions(diagnose=diagnose, keep=keep, write=write, cutoff=cutoff)
     monitor = FolderMonitor(path=folder, axis=stored.axis, settled=whole, abandoned=cut, once=once)
     problems: list[str] = []

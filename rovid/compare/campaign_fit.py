@@ -235,7 +235,8 @@ def with_diagnosis(campaign: CampaignFit, report: Callable[[str], None] = lambda
     """
     if campaign.study is None or campaign.diagnosis is not None:
         return campaign
-    diagnosis = campaign.study.diagnosis(lambda text: report(f"{campaign.name}: {text}"))
+    study = campaign.study
+    diagnosis = study.diagnosis(lambda text: report(f"{campaign.name}: {text}"), budget=study.default_budget)
     if diagnosis.extended is None:
         raise DataError(f"holds too few data for a comparison: {diagnosis.missing}", where=campaign.name)
     return replace(campaign, diagnosis=diagnosis)

@@ -51,6 +51,14 @@ def parallel_map(
     return [function(item) for item in every]
 
 
+def agreed(question: Callable[[], bool]) -> bool:
+    """The answer of the first process, in all copies, which have to ask at the same place; not inside of a map."""
+    team = _TEAM
+    if team is None or team.is_busy:
+        return question()
+    return team.share(question)
+
+
 @contextlib.contextmanager
 def forked_workers(*, enabled: bool = True) -> Iterator[bool]:
     """Run the block in copies of this process too; true in the original process.
@@ -215,15 +223,18 @@ class _Connection:
 
     def receive(self) -> Any:
         """The next message; `EOFError` if the other process has ended."""
-        with os.fdopen(self.reads, "rb", closefd=False) as pipe:
-            header = pipe.read(_INDEX.size)
-            if len(header) < _INDEX.size:
+        (length,) = _INDEX.unpack(self._read(_INDEX.size))
+        return pickle.loads(self._read(length))  # noqa: S301 - written by a copy of this process
+
+    def _read(self, size: int) -> bytes:
+        """Exactly ``size`` bytes. A buffer would read ahead into the next message."""
+        data = bytearray()
+        while len(data) < size:
+            part = os.read(self.reads, size - len(data))
+            if not part:
                 raise EOFError
-            (length,) = _INDEX.unpack(header)
-            data = pipe.read(length)
-            if len(data) < length:
-                raise EOFError
-            return pickle.loads(data)  # noqa: S301 - written by a copy of this process
+            data += part
+        return bytes(data)
 
     def close(self) -> None:
         os.close(self.reads)
@@ -264,6 +275,22 @@ class _Team:
             self.is_busy = False
         # Items that a killed worker had taken are done here.
         return [done[index] if index in done else function(item) for index, item in enumerate(items)]
+
+    def share(self, question: Callable[[], bool]) -> bool:
+        """The answer of the first process, sent to all others."""
+        if self.index_writer is None:
+            (first,) = self.connections
+            try:
+                return bool(first.receive())
+            except (OSError, EOFError):
+                os._exit(1)
+        answer = question()
+        try:
+            for connection in self.connections:
+                connection.send(answer)
+        except OSError:
+            _leave_team()  # a worker was killed
+        return answer
 
     def _next_index(self) -> int:
         """Index of an item that no process has taken yet."""

@@ -25,6 +25,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
+from rovid.core.budget import Budget, ProgressCallback
 from rovid.core.errors import DataError
 from rovid.core.spmd import forked_workers
 from rovid.diagnose.build_result import build_diagnosis
@@ -42,7 +43,7 @@ from rovid.diagnose.objectives import (
     preload,
 )
 from rovid.diagnose.result import Diagnosis
-from rovid.diagnose.stepwise import ProgressCallback, SearchStop, StepwiseSearch, StopRule
+from rovid.diagnose.stepwise import SearchStop, StepwiseSearch, StopRule
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.diagnose.validation import (
     Selection,
@@ -66,14 +67,23 @@ _CUT_SHORT = (
     "The search ended before it was complete, because each addition asked for another one. The effects found may stand "
     "in for other causes."
 )
+_OUT_OF_TIME = (
+    "The budget of {:.0f} s was used up before the search came to its end. What was found is likely at most. Give a "
+    "larger --budget."
+)
 _INCONSISTENT = (
     "{} improves multi-step predictions, but one-step predictions show less of it, as where commands respond to waves: "
     "it is not claimed."
 )
 
 
-def diagnose(prepared: PreparedRuns, vehicle: Vehicle, report: ProgressCallback = lambda _: None) -> Diagnosis:
-    """Find the causes that the plain model misses. ``report`` is called with a line of text for each step."""
+def diagnose(
+    prepared: PreparedRuns,
+    vehicle: Vehicle,
+    report: ProgressCallback = lambda _: None,
+    budget: Budget | None = None,
+) -> Diagnosis:
+    """Find the causes that the plain model misses, within the ``budget``; ``report`` is called with each step."""
     runs, notes = prepared.items, tuple[str, ...]()
     parts = split_runs(runs, vehicle, prepared.cutoff)
     if parts is not None:
@@ -89,8 +99,8 @@ def diagnose(prepared: PreparedRuns, vehicle: Vehicle, report: ProgressCallback 
             start = fit_output_error(runs, min_sigmas=0.0)
         except DataError as error:
             return Diagnosis(verdict="too_little_data", missing=str(error), warnings=notes)
-        problem = pose(prepared, runs, vehicle, start, report if is_first else lambda _: None)
-        return conclude(decide(problem), notes)
+        own = replace(budget or Budget(), report=report if is_first else lambda _: None)
+        return conclude(decide(pose(prepared, runs, vehicle, start, own)), notes)
 
 
 def select(problem: SearchProblem, objective: SearchObjective, search: StepwiseSearch, start: FitResult) -> Selection:
@@ -149,7 +159,7 @@ def decide(problem: SearchProblem) -> Selection:
         problem.report("Validating on held-out trials …")
         selection = challenge(selection)  # the first step of `validate` also; the tests below need it already
         # A rejection may mean that stand-ins were selected: then multi-step predictions decide where to start.
-        if first_rejection(selection) is None and selection.is_adequate:
+        if selection.is_out_of_time or (first_rejection(selection) is None and selection.is_adequate):
             return validate(selection)
     for predicted in select_by_predictions(problem):
         # Effects must be about as large in one-step predictions, next to waves where these are established.
@@ -157,7 +167,7 @@ def decide(problem: SearchProblem) -> Selection:
         waves = None if multi_step.waves is None else multi_step.waves.established
         # The model with waves has the same effects; multi-step predictions alone cannot show waves.
         selection = select_by_innovations(problem, waves or multi_step.model, multi_step.model, cannot_whiten)
-        if selection is not None:
+        if selection is not None and selection.is_adequate:
             problem.report("Validating on held-out trials …")
             selection = validate(selection)
             if selection.is_adequate:
@@ -174,7 +184,7 @@ def select_directly(problem: SearchProblem) -> Selection | None:
     selection = select_by_innovations(problem, base, base, has_no_dominant_cause)
     if selection is None:
         return None
-    waves = problem.wave_test(selection.model).established
+    waves = None if selection.is_out_of_time else problem.wave_test(selection.model).established
     if waves is None:
         return selection
     # Effects selected without the waves may stand in for them: if the second search fails, the first does not count.
@@ -195,6 +205,8 @@ def select_by_innovations(
         return None
     start = objective.begin(objective.search_data, effects_from, drag_from)
     selection = select(problem, objective, objective.search(start, is_hopeless), start)
+    if selection.is_out_of_time:
+        return selection
     if SearchStop.HOPELESS in selection.search.progress.stops or not selection.is_adequate:
         return None
     return selection
@@ -212,7 +224,7 @@ def is_worth_searching(
 
 def select_by_predictions(problem: SearchProblem) -> Iterator[Selection]:
     """Multi-step selections: first one whose effects whiten the innovations, if any, and at last the complete one."""
-    objective = MultiStepObjective.from_data(problem.data, problem.pieces, problem.candidates, problem.report)
+    objective = MultiStepObjective.from_data(problem.data, problem.pieces, problem.candidates, problem.budget)
     start = objective.base
     is_adequate: Callable[[FitResult], bool] | None = problem.innovations.is_adequate
     if not objective.candidates:
@@ -243,6 +255,8 @@ def conclude(selection: Selection, notes: Sequence[str]) -> Diagnosis:
     warnings = [_MULTI_STEP] if selection.multi_step else list(notes)
     if SearchStop.CUT_SHORT in selection.search.progress.stops:
         warnings.append(_CUT_SHORT)
+    if selection.is_out_of_time:
+        warnings.append(_OUT_OF_TIME.format(selection.search.budget.seconds))
     warnings += [_INCONSISTENT.format(effect.title) for effect in selection.inconsistent]
     warnings += selection.messages
     try:

@@ -10,6 +10,7 @@ from typing import Self
 import numpy as np
 
 from rovid.core.array_types import FloatArray
+from rovid.core.budget import Budget
 from rovid.core.spmd import parallel_map
 from rovid.diagnose.cross_validation import Fold
 from rovid.diagnose.score_test import ScoreTest, bic_penalty
@@ -40,6 +41,11 @@ class Cause:
     gain: float  # log-likelihood (nats) that the removal loses, all other parameters refitted
     bic_gain: float  # the same less the BIC penalty
     alternatives: tuple[Alternative, ...] = ()
+
+
+def model_words(fitted: FitResult) -> str:
+    """The effects of a model in words."""
+    return ", ".join(effect.title for effect in fitted.effects) or "no effect"
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,24 +122,46 @@ def fit_from_best_start(
 
 
 def fit_in_parallel(
-    objectives: Sequence[NegativeLogLikelihood], fit_one: Callable[[int], FitResult]
+    objectives: Sequence[NegativeLogLikelihood],
+    fit_one: Callable[[int], FitResult],
+    budget: Budget | None = None,
+    words: str = "",
 ) -> list[FitResult]:
-    """Results of ``fit_one`` for each index of ``objectives``, computed by all workers, the longest fits first."""
+    """Results of ``fit_one`` for each index of ``objectives``, computed by all workers, the longest fits first.
+
+    Fits that have not begun at the end of the ``budget`` are left out. ``words`` are the message on the progress.
+    """
+    budget = budget or Budget()
+    since = budget.clock()
 
     def duration(at: int) -> tuple[bool, int]:
         # An oscillator adds two states to the filter, and each parameter a column to the Jacobian.
         objective = objectives[at]
         return any(effect.oscillatory for effect in objective.effects), len(objective.parametrization.parameters)
 
-    def numbers(at: int) -> tuple[FloatArray, float, float]:
+    order = sorted(range(len(objectives)), key=duration, reverse=True)
+    place = {at: number for number, at in enumerate(order)}
+
+    is_over, is_shared = budget.is_over, len(order) > 1
+
+    def numbers(at: int) -> tuple[FloatArray, float, float] | None:
+        # A single fit is not shared: each process does it, and none may find alone that the time is up.
+        if is_over or (is_shared and budget.is_late):
+            return None
+        budget.tell(words, place[at], len(order), since)
         fitted = fit_one(at)
         return fitted.x, fitted.value, fitted.remaining_gain
 
-    order = sorted(range(len(objectives)), key=duration, reverse=True)
     # Each fit holds two sets of innovations: with many samples, threads share one fit after the other.
     is_small = all(len(one.data.run_index) < THRESHOLDS.parallel_fit_samples for one in objectives)
     found = dict(zip(order, parallel_map(numbers, order, use_threads=is_small), strict=True))
-    return [FitResult(objective, *found[at]) for at, objective in enumerate(objectives)]
+    fits = []
+    for at, objective in enumerate(objectives):
+        if (own := found[at]) is None:
+            budget.leave_out(objective.effects[-1].id)
+        else:
+            fits.append(FitResult(objective, *own))
+    return fits
 
 
 def is_plausible(fitted: FitResult) -> bool:
@@ -253,6 +281,7 @@ def fit_candidates(
     may_lead: Callable[[FitResult], bool],
     known: Mapping[str, FitResult],
     others: Sequence[ScoreTest] = (),
+    budget: Budget | None = None,
 ) -> tuple[list[FitResult], list[FitResult]]:
     """Fit the shortlisted forms in stages, all parameters together; return those fitted to the end, and those left.
 
@@ -265,7 +294,10 @@ def fit_candidates(
     others
         Forms outside of the shortlist. They are fitted where their cause leads, because score tests do not order the
         forms of a large effect.
+    budget
+        At its end no fit is begun, and no fit is refined.
     """
+    words = f"Model with {model_words(current)}"
 
     def gain(fitted: FitResult) -> float:
         return bic_score(fitted) - bic_score(current)
@@ -280,12 +312,16 @@ def fit_candidates(
     def begin(few: Sequence[ScoreTest]) -> list[FitResult]:
         objectives = [extended(current, one) for one in few]
         values = goals(objectives, converged)
-        return fit_in_parallel(objectives, lambda at: _begin(current, objectives[at], few[at], values[at]))
+        return fit_in_parallel(
+            objectives, lambda at: _begin(current, objectives[at], few[at], values[at]), budget, words
+        )
 
     def refine(fits: Sequence[FitResult], iterations: int) -> list[FitResult]:
         objectives = [fitted.objective for fitted in fits]
         values = goals(objectives, fits)
-        return fit_in_parallel(objectives, lambda at: refine_fit(fits[at], iterations, values[at]))
+        refined = fit_in_parallel(objectives, lambda at: refine_fit(fits[at], iterations, values[at]), budget, words)
+        done = {fitted.key for fitted in refined}
+        return [*refined, *(fitted for fitted in fits if fitted.key not in done)]
 
     stages = (THRESHOLDS.second_stage, THRESHOLDS.final_stage)
     converged = [known[one.effect.key] for one in tests if one.effect.key in known]

@@ -77,12 +77,14 @@ def challenging_fits(search: StepwiseSearch, model: FitResult) -> list[FitResult
     """Fits of all sets that may come close to ``model``, computed once."""
     known = search.cache.challengers
     if model.key not in known:
-        known[model.key] = _fit_challengers(search, model) if model.effects else []
+        if not model.effects or search.is_out_of_time("challengers"):
+            return []
+        known[model.key] = _fit_challengers(search, model)
     return known[model.key]
 
 
 def _fit_challengers(search: StepwiseSearch, model: FitResult) -> list[FitResult]:
-    search.report("Trying simpler and other explanations …")
+    search.budget.report("Trying simpler and other explanations …")
     goal = bic_score(model) - THRESHOLDS.goal_distance
     for dropped in _removals(model):
         search.without(model, *dropped)
@@ -132,7 +134,7 @@ def _fit_sets(search: StepwiseSearch, sets: dict[ModelKey, _Starts], goal: float
         coarse = fit_coarse(objective, best, THRESHOLDS.first_iterations, value)
         return refine_fit(coarse, THRESHOLDS.search_iterations, value)
 
-    for fitted in fit_in_parallel(objectives, fit_one):
+    for fitted in fit_in_parallel(objectives, fit_one, search.budget, "Other explanations"):
         if fitted.key not in cache or fitted.value < cache[fitted.key].value:
             cache[fitted.key] = fitted
 

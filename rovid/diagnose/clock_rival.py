@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from rovid.core.budget import Budget, ProgressCallback
 from rovid.core.formatting import plus_minus
 from rovid.diagnose.algorithm import diagnose
 from rovid.diagnose.result import Diagnosis, Finding
-from rovid.diagnose.stepwise import ProgressCallback
 from rovid.effects.clock_offset import CLOCKS_APART
 from rovid.signals.preprocessing import PreparedRuns, Run, prepare
 from rovid.signals.rates import highest_cutoff
@@ -26,9 +26,13 @@ _LEAD = f"{CLOCKS_APART.id}.lead"
 _EVEN = 0.5
 
 
-def diagnose_logs(prepared: PreparedRuns, vehicle: Vehicle, report: ProgressCallback) -> Diagnosis:
-    """The diagnosis, in which a clock offset is a fault of the logs and no cause."""
-    diagnosis = diagnose(prepared, vehicle, report)
+def diagnose_logs(prepared: PreparedRuns, vehicle: Vehicle, report: ProgressCallback, budget: Budget) -> Diagnosis:
+    """The diagnosis within the ``budget``, in which a clock offset is a fault of the logs and no cause."""
+    return replace(_diagnose(prepared, vehicle, report, budget), budget=budget.use)
+
+
+def _diagnose(prepared: PreparedRuns, vehicle: Vehicle, report: ProgressCallback, budget: Budget) -> Diagnosis:
+    diagnosis = diagnose(prepared, vehicle, report, budget)
     offset = _clock_offset(diagnosis.findings)
     if offset is None:
         return _without_offset(diagnosis, prepared.items)
@@ -40,7 +44,7 @@ def diagnose_logs(prepared: PreparedRuns, vehicle: Vehicle, report: ProgressCall
         Campaign(trials=trials, sources=()), vehicle, cutoff=min(prepared.cutoff, highest_cutoff(trials))
     )
     report("Repeating the diagnosis with the clocks corrected …")
-    diagnosis = _without_offset(diagnose(corrected, vehicle, report), corrected.items)
+    diagnosis = _without_offset(diagnose(corrected, vehicle, report, budget), corrected.items)
     return replace(diagnosis, faults=(fault, *diagnosis.faults))
 
 

@@ -16,10 +16,11 @@ from typing import ClassVar, Self
 import numpy as np
 
 from rovid.core.array_types import FloatArray
+from rovid.core.budget import Budget
 from rovid.diagnose.candidate_fits import FitCache, bic_score, fit_coarse, is_plausible
 from rovid.diagnose.cross_validation import CvPiece, cv_pieces
 from rovid.diagnose.signal_regressors import signal_regressors
-from rovid.diagnose.stepwise import Gains, ProgressCallback, StepwiseSearch, StopRule
+from rovid.diagnose.stepwise import Gains, StepwiseSearch, StopRule
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.diagnose.wave_test import WaveTest, run_wave_test
 from rovid.effects import Effect, forms_for
@@ -48,24 +49,24 @@ class MultiStepObjective:
     pieces: Sequence[CvPiece]
     base: FitResult
     candidates: Sequence[Effect]
-    report: ProgressCallback
+    budget: Budget
 
     @classmethod
     def from_data(
-        cls, full: InnovationData, pieces: Sequence[CvPiece], candidates: Sequence[Effect], report: ProgressCallback
+        cls, full: InnovationData, pieces: Sequence[CvPiece], candidates: Sequence[Effect], budget: Budget
     ) -> Self:
         """Weighted by the prediction errors of the initial model."""
         data = MultiStepData.from_data(full, full.initial_model)
         base = fit(MultiStepLikelihood(data, effects=()), MultiStepLikelihood(data).parametrization.initial())
         # Predictions do not know the phase of waves. With too few predictions, no cause is searched.
         searched = without_waves(candidates) if data.effective_count >= THRESHOLDS.min_predictions else []
-        return cls(data=data, pieces=pieces, base=base, candidates=searched, report=report)
+        return cls(data=data, pieces=pieces, base=base, candidates=searched, budget=budget)
 
     def search(self, is_adequate: Callable[[FitResult], bool] | None) -> StepwiseSearch:
         """Search by this objective."""
         return StepwiseSearch(
             self.candidates,
-            self.report,
+            self.budget,
             is_adequate=is_adequate,
             fits_poorly=fits_poorly,
             margin=_MULTI_STEP_MARGIN,
@@ -96,7 +97,7 @@ class InnovationObjective:
     data: InnovationData
     wave_data: InnovationData
     candidates: Sequence[Effect]
-    report: ProgressCallback
+    budget: Budget
     _bases: dict[float, FitResult] = field(default_factory=dict)
     _adequate: dict[ModelKey, bool] = field(default_factory=dict)
     _caches: dict[tuple[float, int], FitCache] = field(default_factory=dict)
@@ -150,7 +151,7 @@ class InnovationObjective:
         if len(without_waves(start.effects)) == len(start.effects):
             forms = without_waves(self.candidates)
         cache = self._caches.setdefault((start.data.interval, len(forms)), FitCache())
-        return StepwiseSearch(forms, self.report, is_hopeless=is_hopeless, cache=cache.for_selection())
+        return StepwiseSearch(forms, self.budget, is_hopeless=is_hopeless, cache=cache.for_selection())
 
     def is_adequate(self, found: FitResult) -> bool:
         """Whether the effects of ``found`` leave white innovations and a disturbance within its limit."""
@@ -250,14 +251,16 @@ class SearchProblem:
     candidates: Sequence[Effect]
     innovations: InnovationObjective
     wave_test: Callable[[FitResult], WaveTest]
-    report: ProgressCallback
+    budget: Budget
+
+    def report(self, words: str) -> None:
+        """Report progress."""
+        self.budget.report(words)
 
 
-def pose(
-    prepared: PreparedRuns, runs: Sequence[Run], vehicle: Vehicle, start: Model, report: ProgressCallback
-) -> SearchProblem:
+def pose(prepared: PreparedRuns, runs: Sequence[Run], vehicle: Vehicle, start: Model, budget: Budget) -> SearchProblem:
     """Candidates and data of the diagnosis; ``runs`` are the prepared runs or their parts, ``start`` a first model."""
-    report("Fitting the model without effects …")
+    budget.report("Fitting the model without effects …")
     pieces = cv_pieces(prepared.items, vehicle, prepared.cutoff)
     counts = Counter(piece.run_index for piece in pieces)
     trials = [run.trial.name for run in prepared.items]
@@ -270,11 +273,12 @@ def pose(
     wave = next((form for form in forms if form.is_wave), None)
 
     def wave_test(beside: FitResult) -> WaveTest:
-        report("Testing for waves …")
-        return run_wave_test(wave_data, beside, wave, pieces)
+        budget.report("Testing for waves …")
+        searched = None if wave is not None and budget.skips(wave.id) else wave
+        return run_wave_test(wave_data, beside, searched, pieces)
 
     innovations = InnovationObjective(
-        data=replace(data, runs=runs), wave_data=wave_data, candidates=candidates, report=report
+        data=replace(data, runs=runs), wave_data=wave_data, candidates=candidates, budget=budget
     )
     return SearchProblem(
         data=data,
@@ -282,12 +286,12 @@ def pose(
         candidates=candidates,
         innovations=innovations,
         wave_test=wave_test,
-        report=report,
+        budget=budget,
     )
 
 
-def preload() -> bool:
-    """Import libraries, and load the kernels if they are compiled; return whether they are.
+def preload(*, wait: bool = False) -> bool:
+    """Import libraries, and load the kernels if they are compiled, or with ``wait``; return whether they are compiled.
 
     Call it while logs are read. Without compiled kernels, forked processes would compile each for itself.
     """
@@ -295,7 +299,7 @@ def preload() -> bool:
 
     for name in ("scipy.linalg", "scipy.optimize"):
         import_module(name)
-    if not is_compiled():
-        return False
-    compile_all()
-    return True
+    compiled = is_compiled()
+    if compiled or wait:
+        compile_all()
+    return compiled

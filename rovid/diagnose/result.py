@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from rovid.core.budget import BudgetUse
 from rovid.diagnose.candidate_fits import Alternative, Challenger
 from rovid.diagnose.cross_validation import HeldOutScores
 from rovid.diagnose.evidence import Evidence, grade
@@ -127,6 +128,7 @@ class Diagnosis:
     warnings: tuple[str, ...] = ()
     faults: tuple[Fault, ...] = ()  #: Faults of the logs that the diagnosis found.
     missing: str = ""  #: Message on the data that are missing.
+    budget: BudgetUse | None = None  #: The time that the diagnosis was allowed, and that it took.
     from_tables: TableDiagnosis | None = None  #: Diagnosis of tables, where there are no logs.
 
     @property

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Self
 
+from rovid.core.budget import Budget
 from rovid.diagnose.candidate_fits import (
     Alternative,
     Cause,
@@ -18,6 +19,7 @@ from rovid.diagnose.candidate_fits import (
     fit_from_best_start,
     fit_in_parallel,
     is_plausible,
+    model_words,
     simplest_form,
 )
 from rovid.diagnose.score_test import ScoreTest, possible_substitutes, score_tests
@@ -29,7 +31,6 @@ from rovid.estimate.fit_result import FitResult
 from rovid.estimate.maximum_likelihood import loosen_limit
 from rovid.estimate.objective import ModelKey
 
-ProgressCallback = Callable[[str], None]
 # Gain of the best form of each further effect, largest first; computed on demand.
 Gains = Callable[[], Sequence[float]]
 # Whether a search cannot succeed from a model with these further gains.
@@ -42,6 +43,7 @@ class SearchStop(enum.Enum):
     ADEQUATE = enum.auto()  # `StepwiseSearch.is_adequate`; of the last run alone
     HOPELESS = enum.auto()  # `StepwiseSearch.is_hopeless`
     CUT_SHORT = enum.auto()  # `THRESHOLDS.max_screenings`, or `THRESHOLDS.max_effects` rounds without an end
+    OUT_OF_TIME = enum.auto()  # `StepwiseSearch.budget`
 
 
 @dataclass(eq=False)
@@ -58,7 +60,7 @@ class StepwiseSearch:
     """Stepwise selection of effects among all forms of the ``candidates``."""
 
     candidates: Sequence[Effect]
-    report: ProgressCallback = field(default=lambda _: None)
+    budget: Budget = field(default_factory=Budget)
     # Whether a model is adequate; then the search ends.
     is_adequate: Callable[[FitResult], bool] | None = None
     # Whether no further effects can make a model adequate; then the search is given up.
@@ -129,7 +131,14 @@ class StepwiseSearch:
     def _ends(self) -> bool:
         if len(self.progress.screened) >= THRESHOLDS.max_screenings:
             self.progress.stops.add(SearchStop.CUT_SHORT)
+        self.is_out_of_time("more effects")
         return bool(self.progress.stops)
+
+    def is_out_of_time(self, step: str) -> bool:
+        """Whether the ``step`` is left out because the budget is used up."""
+        if self.budget.skips(step):
+            self.progress.stops.add(SearchStop.OUT_OF_TIME)
+        return SearchStop.OUT_OF_TIME in self.progress.stops
 
     def _apply_stop_rules(self, current: FitResult) -> None:
         stops, is_adequate = self.progress.stops, self.is_adequate
@@ -202,7 +211,7 @@ class StepwiseSearch:
             starts = (other.effect_coordinates(other.effects[-1]), *initial)
             return fit_from_best_start(objectives[at], one, starts, THRESHOLDS.search_iterations)
 
-        fits = fit_in_parallel(objectives, fit_pair)
+        fits = fit_in_parallel(objectives, fit_pair, self.budget, "Pairs of effects")
         for fitted in fits:
             self.cache.fits.setdefault(fitted.key, fitted)
         chosen = max(fits, key=bic_score, default=current)
@@ -293,6 +302,8 @@ class StepwiseSearch:
         """Fits of ``current`` with each shortlisted form as an addition."""
         self.progress.screened.add(current.key)
         if current.key not in self.cache.extensions:
+            if self.is_out_of_time("other causes"):
+                return []
             every = growing and self.fits_poorly(current)
             self.cache.extensions[current.key] = self._fit_extensions(current, self.screen(current), every=every)
         return self.cache.extensions[current.key]
@@ -307,6 +318,8 @@ class StepwiseSearch:
         self.progress.screened.add(rest.key)
         keys = current.key, rest.key
         if keys not in self.cache.replacements:
+            if self.is_out_of_time("other causes"):
+                return []
             same = [form for form in self.candidates if form.id == effect.id]
             forms = [*same, *possible_substitutes(current, self.screen(current), effect)]
             self.cache.replacements[keys] = self._fit_extensions(rest, score_tests(rest, forms))
@@ -323,7 +336,7 @@ class StepwiseSearch:
             leading = filter(self._may_lead, known.values())
             known_gain = max((current.value - fitted.value for fitted in leading), default=0.0)
             listed = shortlist(current, tests, self.threshold, self.screening_share, known_gain)
-        ahead, behind = fit_candidates(current, listed, self._may_lead, known, tests)
+        ahead, behind = fit_candidates(current, listed, self._may_lead, known, tests, self.budget)
         for fitted in ahead:
             self.cache.fits.setdefault(fitted.key, fitted)
         return [*ahead, *behind]
@@ -336,8 +349,10 @@ class StepwiseSearch:
     def screen(self, current: FitResult) -> list[ScoreTest]:
         """Score test of each form of the effects that ``current`` lacks, computed once."""
         if current.key not in self.cache.score_tests:
-            names = ", ".join(effect.title for effect in current.effects) or "no effect"
-            self.report(f"Model with {names}: score tests of {len(self.candidates)} candidate forms …")
+            if self.is_out_of_time("score tests"):
+                return []
+            words = f"score tests of {len(self.candidates)} candidate forms"
+            self.budget.report(f"Model with {model_words(current)}: {words} …")
             selected = {effect.id for effect in current.effects}
             forms = [effect for effect in self.candidates if effect.id not in selected]
             self.cache.score_tests[current.key] = score_tests(current, forms)

@@ -230,6 +230,9 @@ class Thresholds:
     established: float = 0.95
     """Probability. A cause is established from here on. It must stay below `max_probability`. Set: convention;
     `docs/hard.md` counts 98 % right. Halved: likely causes are stated as established; doubled: impossible."""
+    max_suspect_probability: float = 0.94
+    """Probability. No suspect is more certain. Set: below `established`. Halved: no suspect is likely; doubled:
+    impossible."""
     likely: float = 0.5
     """Probability. An effect below `established` is called likely from here on, and stays in the model until validation
     ends. Set: convention (even odds). Halved: more effects stay; doubled: none does."""

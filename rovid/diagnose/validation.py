@@ -61,7 +61,12 @@ class Selection:
     @property
     def is_complete(self) -> bool:
         """Whether the search came to its end."""
-        return SearchStop.CUT_SHORT not in self.search.progress.stops
+        return not self.search.progress.stops & {SearchStop.CUT_SHORT, SearchStop.OUT_OF_TIME}
+
+    @property
+    def is_out_of_time(self) -> bool:
+        """Whether something was left out at the end of the budget."""
+        return bool(self.search.budget.not_tried)
 
     def ban(self, *effects: Effect) -> Self:
         """The selection with a search that never selects ``effects`` again."""
@@ -228,7 +233,7 @@ def _test(selection: Selection, effect: Effect) -> Rejection | None:
     if reason := _fault_on_full_data(selection, effect, least):
         return Rejection(effect=effect, reason=reason)
     likely = Rejection(effect=effect, reason="is likely, but not established", is_likely=True)
-    return likely if probability < THRESHOLDS.established else None
+    return likely if probability < THRESHOLDS.established or selection.is_out_of_time else None
 
 
 def _fault_on_full_data(selection: Selection, effect: Effect, least: float) -> str:
@@ -345,7 +350,8 @@ def suspects(selection: Selection) -> list[Suspected]:
         probability = posterior([one, *others], max(own - gain, 0.0), cap)
         if not white:
             probability = min(probability, outlier_probability(one.fitted, one.effect))
-        stated = recalibrated(probability, white=white)
+        # Only what passes every test is established.
+        stated = min(recalibrated(probability, white=white), THRESHOLDS.max_suspect_probability)
         if stated >= THRESHOLDS.possible:
             found.append(Suspected(one, stated, gain, tuple(others)))
     return sorted(found, key=lambda one: -one.probability)

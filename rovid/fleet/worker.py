@@ -24,6 +24,9 @@ _CODE = (
     "from rovid.core.process_tuning import tune_process; tune_process(); from rovid.fleet.worker import main; main()"
 )
 
+# Factor on the budget of a diagnosis, because campaigns share the cores with others.
+_SHARED_CORES = 10.0
+
 
 def diagnose_campaign(task: CampaignTask, patience: float, cores: int) -> CampaignRecord:
     """Diagnose ``task`` in a process with a time limit of ``patience`` s; errors of the task go into the record."""
@@ -123,7 +126,7 @@ def _diagnose(folder: Path, task: CampaignTask) -> Mapping[str, Any]:
     from rovid.trial.axis import axis_named
 
     study = open_study([folder], cutoff=task.cutoff, axis=axis_named(task.axis))
-    diagnosis = study.diagnosis()
+    diagnosis = study.diagnosis(budget=_SHARED_CORES * study.default_budget)
     trials = () if study.campaign is None else study.campaign.trials
     return {
         "vehicle": study.vehicle.name,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -11,6 +12,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from rovid.core.budget import SECONDS_PER_HOUR, Budget
 from rovid.core.errors import ConfigError, DataError, LogError, suggestion
 from rovid.core.signatures import PLAN
 from rovid.core.toml import read_toml
@@ -269,8 +271,19 @@ class Study:
         acting = torque[torque > 0.0]
         return float(np.median(acting)) if acting.size else None
 
+    @property
+    def default_budget(self) -> float:
+        """Time in s that a diagnosis of these logs may take by default: a minute for each hour of logs."""
+        runs = () if self.runs is None else self.runs.items
+        return SECONDS_PER_HOUR * max(sum(run.trial.duration for run in runs) / 3600.0, 1.0)
+
     def diagnosis(
-        self, report: Callable[[str], None] = lambda _: None, *, drag: Estimate | None = None, force: bool = False
+        self,
+        report: Callable[[str], None] = lambda _: None,
+        *,
+        drag: Estimate | None = None,
+        force: bool = False,
+        budget: float = math.inf,
     ) -> Diagnosis:
         """Errors of the simulation and their causes.
 
@@ -282,6 +295,8 @@ class Study:
             Drag of the model if there are only tables of sine trials.
         force
             Diagnose logs with a fault that no fit survives, too.
+        budget
+            Time in s after which the diagnosis answers with what it has; what it finds then is likely at most.
 
         Raises
         ------
@@ -294,8 +309,12 @@ class Study:
         if stopping(self.faults) and not force:
             return Diagnosis(verdict="bad_logs", missing=" ".join(fault_texts(stopping(self.faults))))
         from rovid.diagnose.clock_rival import diagnose_logs
+        from rovid.diagnose.objectives import preload
 
-        diagnosis = diagnose_logs(self.runs, self.vehicle, report)
+        if math.isfinite(budget):
+            # The first run on a machine compiles the simulation. That time does not count.
+            preload(wait=True)
+        diagnosis = diagnose_logs(self.runs, self.vehicle, report, Budget(budget))
         causes = (*diagnosis.findings, *diagnosis.suspects)
         warnings = [*diagnosis.warnings]
         if final := diagnosis.extended or diagnosis.base:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from rovid.core.array_types import FloatArray
+from rovid.core.budget import Budget, ProgressCallback
 from rovid.diagnose import algorithm
 from rovid.diagnose.algorithm import diagnose, select_by_innovations, select_by_predictions, select_directly
 from rovid.diagnose.cross_validation import cv_pieces
@@ -22,7 +23,6 @@ from rovid.diagnose.objectives import (
     thin_for_waves,
 )
 from rovid.diagnose.result import Diagnosis
-from rovid.diagnose.stepwise import ProgressCallback
 from rovid.diagnose.validation import Rejection, first_rejection
 from rovid.diagnose.wave_test import WaveTest
 from rovid.effects import Effect, effect_named
@@ -70,14 +70,15 @@ def problem_of(
     report: ProgressCallback = lambda _: None,
     wave_test: Callable[[FitResult], WaveTest] = without_waves,
 ) -> SearchProblem:
-    innovations = InnovationObjective(data=data, wave_data=thin_for_waves(data), candidates=CANDIDATES, report=report)
+    budget = Budget(report=report)
+    innovations = InnovationObjective(data=data, wave_data=thin_for_waves(data), candidates=CANDIDATES, budget=budget)
     return SearchProblem(
         data=data,
         pieces=cv_pieces(data.runs, synthetic.LOGGED, 1.0),
         candidates=CANDIDATES,
         innovations=innovations,
         wave_test=wave_test,
-        report=report,
+        budget=budget,
     )
 
 

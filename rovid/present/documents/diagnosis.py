@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import asdict
 
 from rovid.compare.comparison import Comparison, CrossPrediction
 from rovid.diagnose.result import (
@@ -81,6 +82,7 @@ def diagnosis_document(diagnosis: Diagnosis, study: Study) -> Document:
         "detectable": _detectable(diagnosis, axis),
         "next_experiment": next_experiment(diagnosis),
         "missing": diagnosis.missing or None,
+        "budget": None if diagnosis.budget is None else asdict(diagnosis.budget),
         **guess_document(study.vehicle.assumptions),
     }
     if diagnosis.from_tables is not None:

@@ -12,7 +12,6 @@ from rovid.control.specs import ControllerOptions, loop_conditions
 from rovid.core.atomic_write import OutputFile, OutputSet
 from rovid.core.errors import DataError
 from rovid.core.signatures import pdf_signature
-from rovid.diagnose.result import Diagnosis
 from rovid.effects import effect_named
 from rovid.estimate.estimate import Estimate
 from rovid.export import FORMATS
@@ -40,6 +39,7 @@ def build_report(
     folder: Path,
     *,
     diagnosed: bool = True,
+    budget: float | None = None,
     controlled: bool = True,
     exported: bool = True,
     pdf: bool = False,
@@ -55,6 +55,8 @@ def build_report(
     ----------
     diagnosed
         Whether to diagnose, which takes longer than all the rest.
+    budget
+        Time in s that the diagnosis may take; None: the default of these logs.
     controlled, exported
         Whether to design a heading controller, and to export to every simulator; in yaw only.
     pdf
@@ -77,7 +79,7 @@ def build_report(
     page = claim_report(folder, force=force, protected=protected)
     browser = require_browser() if pdf else ""
     paper = OutputSet([pdf_output(folder)] if pdf else [], force=force, protected=protected)
-    data = _identified(stored, study, parameters, report, diagnosed=diagnosed)
+    data = _identified(stored, study, parameters, report, diagnosed=diagnosed, budget=budget)
     data = _with_control_and_exports(data, study, report, controlled=controlled, exported=exported)
     report("Drawing and writing the page …")
     if study.runs is not None and _is_complete(data.parameters):
@@ -97,7 +99,9 @@ def pdf_output(folder: Path) -> OutputFile:
     return OutputFile(folder / "report.pdf", pdf_signature("report"))
 
 
-def _identified(stored: Parameters, study: Study, claim: OutputSet, report: _Report, *, diagnosed: bool) -> ReportData:
+def _identified(
+    stored: Parameters, study: Study, claim: OutputSet, report: _Report, *, diagnosed: bool, budget: float | None
+) -> ReportData:
     """Estimates and diagnosis; writes the report's model into the parameter file."""
     before = stored
     stored, notes = _if_valid(stored, study)
@@ -109,7 +113,14 @@ def _identified(stored: Parameters, study: Study, claim: OutputSet, report: _Rep
     estimates["inertia"] = None if inertia is None else inertia.estimate
     diagnosis, refusal, joint, limits = None, "", None, None
     if diagnosed:
-        diagnosis, refusal = _diagnosis(study, independent_drag, report)
+        report(_DIAGNOSING)
+        diagnosis, refusal = _or_refusal(
+            lambda: study.diagnosis(
+                lambda text: report(f"{_DIAGNOSING} {text}"),
+                drag=independent_drag,
+                budget=budget or study.default_budget,
+            )
+        )
     if diagnosis is not None and diagnosis.extended is not None:
         joint = diagnosis.extended.estimate
     elif stored is not before:
@@ -232,11 +243,6 @@ def _model_of(study: Study, stored: Parameters) -> Model:
     model = stored.model()
     study.require_effects(model.effects)
     return model
-
-
-def _diagnosis(study: Study, drag: Estimate | None, report: _Report) -> tuple[Diagnosis | None, str]:
-    report(_DIAGNOSING)
-    return _or_refusal(lambda: study.diagnosis(lambda text: report(f"{_DIAGNOSING} {text}"), drag=drag))
 
 
 def designed_control(study: Study, stored: Parameters, report: _Report) -> tuple[ControllerDesign | None, str]:
