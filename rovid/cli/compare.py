@@ -13,13 +13,13 @@ from rovid.cli.context import (
     open_logs,
     parameters_at,
     print_json,
-    progress,
     require_fresh,
     reserve_outputs,
     stored_logs,
 )
 from rovid.cli.help_format import Page
 from rovid.cli.options import AxisName, Cutoff, Force, Json, ParameterFile, argument, option
+from rovid.cli.progress import progress
 from rovid.core.errors import ConfigError
 
 if TYPE_CHECKING:

@@ -9,7 +9,6 @@ from rovid.cli.context import (
     console,
     open_logs,
     print_json,
-    progress,
     require_usable,
     reserve_outputs,
     stored_logs,
@@ -17,6 +16,7 @@ from rovid.cli.context import (
 )
 from rovid.cli.help_format import Page
 from rovid.cli.options import ForceGuess, Json, OptionalLogs, ParameterFile, option
+from rovid.cli.progress import progress
 
 PAGE = Page(
     text="""

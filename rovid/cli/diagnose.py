@@ -11,11 +11,11 @@ from rovid.cli.context import (
     open_session,
     prefetch_logs,
     print_json,
-    progress,
     store_estimate,
 )
 from rovid.cli.help_format import Page
 from rovid.cli.options import AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile, TimeBudget
+from rovid.cli.progress import progress
 
 PAGE = Page(
     text="""

@@ -11,13 +11,13 @@ from rovid.cli.context import (
     console,
     open_logs,
     print_json,
-    progress,
     require_usable,
     reserve_outputs,
     yaw_parameters,
 )
 from rovid.cli.help_format import Page
 from rovid.cli.options import ForceGuess, Json, ParameterFile, argument, option
+from rovid.cli.progress import progress
 from rovid.export import FORMATS
 
 PAGE = Page(

@@ -8,9 +8,10 @@ from typing import Annotated
 import typer
 
 from rovid.cli import completion
-from rovid.cli.context import console, named_axis, print_json, progress
+from rovid.cli.context import console, named_axis, print_json
 from rovid.cli.help_format import Page
 from rovid.cli.options import Cutoff, Force, Json, argument, option
+from rovid.cli.progress import progress
 
 PAGE = Page(
     text="""

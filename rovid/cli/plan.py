@@ -7,9 +7,17 @@ from pathlib import Path
 from typing import Annotated
 
 from rovid.cli import completion
-from rovid.cli.context import console, open_logs, parameters_at, print_json, progress, reserve_outputs, stored_logs
+from rovid.cli.context import (
+    console,
+    open_logs,
+    parameters_at,
+    print_json,
+    reserve_outputs,
+    stored_logs,
+)
 from rovid.cli.help_format import Page
 from rovid.cli.options import AxisName, Force, Json, OptionalLogs, ParameterFile, option
+from rovid.cli.progress import progress
 from rovid.core.errors import ConfigError
 
 PAGE = Page(

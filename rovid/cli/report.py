@@ -13,12 +13,12 @@ from rovid.cli.context import (
     open_logs,
     parameters_at,
     print_json,
-    progress,
     stored_logs,
     write_missing_config,
 )
 from rovid.cli.help_format import Page
 from rovid.cli.options import AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile, TimeBudget, option
+from rovid.cli.progress import progress
 
 PAGE = Page(
     text="""

@@ -11,13 +11,13 @@ from rovid.cli.context import (
     model_assumptions,
     open_logs,
     print_json,
-    progress,
     require_fresh,
     reserve_outputs,
     stored_logs,
 )
 from rovid.cli.help_format import Page
 from rovid.cli.options import AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile, option
+from rovid.cli.progress import progress
 from rovid.core.errors import DataError
 
 PAGE = Page(

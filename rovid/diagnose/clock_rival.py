@@ -6,7 +6,7 @@ are moved by it and the diagnosis is repeated. Where it is possible, it is a fau
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from rovid.core.budget import Budget, ProgressCallback
@@ -24,11 +24,15 @@ from rovid.trial.vehicle import Vehicle
 _LEAD = f"{CLOCKS_APART.id}.lead"
 # Share of the probability of a delay that is its own: the logs do not prefer a delay to a clock offset. Convention.
 _EVEN = 0.5
+# Effects that a clock offset between commands and motion resembles.
+_DELAYS = ("command_delay", "thruster_lag")
 
 
 def diagnose_logs(prepared: PreparedRuns, vehicle: Vehicle, report: ProgressCallback, budget: Budget) -> Diagnosis:
     """The diagnosis within the ``budget``, in which a clock offset is a fault of the logs and no cause."""
-    return replace(_diagnose(prepared, vehicle, report, budget), budget=budget.use)
+    diagnosis = _diagnose(prepared, vehicle, report, budget)
+    warnings = (*diagnosis.warnings, *_clock_warnings(prepared.items, diagnosis.causes))
+    return replace(diagnosis, warnings=warnings, budget=budget.use)
 
 
 def _diagnose(prepared: PreparedRuns, vehicle: Vehicle, report: ProgressCallback, budget: Budget) -> Diagnosis:
@@ -111,3 +115,15 @@ def _fault(offset: Finding, runs: Sequence[Run], done: str) -> Fault:
         confidence=offset.probability,
         text=text,
     )
+
+
+def _clock_warnings(runs: Sequence[Run], causes: Sequence[Finding]) -> Iterator[str]:
+    """Warning about delays if commands and motion come from clocks that were not compared."""
+    titles = {effect.id: effect.title for cause in causes for effect in (cause.effect, *cause.indistinguishable)}
+    delays = [title for key, title in titles.items() if key in _DELAYS]
+    joined = any(remark.kind == "joined" for run in runs for remark in run.trial.remarks)
+    if delays and joined:
+        yield (
+            f"The {' or '.join(delays)} may be a clock offset of the joined files. The logs do not distinguish the "
+            "two. Give the known offset in [join] offset."
+        )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -34,7 +34,7 @@ from rovid.faults.thrust_unit import inertia_fault
 from rovid.readers import read_campaign
 from rovid.readers.campaign import TrialReader
 from rovid.readers.discover import candidate_files
-from rovid.signals.preprocessing import PreparedRuns, Run, prepare, shared_channels
+from rovid.signals.preprocessing import PreparedRuns, prepare, shared_channels
 from rovid.store.parameter_file import Provenance, Source, absolute_paths, read_source
 from rovid.trial.axis import YAW, Axis
 from rovid.trial.config import find_config, load_config, vehicle_without_thrusters
@@ -44,8 +44,6 @@ from rovid.trial.tables import SINE_COLUMNS, STEADY_COLUMNS, find_table, read_ta
 from rovid.trial.trial import Campaign, merged_remarks
 from rovid.trial.vehicle import Vehicle
 
-# Effects that a clock offset between commands and motion resembles.
-_DELAYS = ("command_delay", "thruster_lag")
 _Result = TypeVar("_Result", DragFit, Finding, InertiaFit, LikelihoodFit, ModelAssessment, Regression)
 
 
@@ -274,8 +272,8 @@ class Study:
     @property
     def default_budget(self) -> float:
         """Time in s that a diagnosis of these logs may take by default: a minute for each hour of logs."""
-        runs = () if self.runs is None else self.runs.items
-        return SECONDS_PER_HOUR * max(sum(run.trial.duration for run in runs) / 3600.0, 1.0)
+        logged = sum(run.trial.duration for run in self.runs.items) if self.runs else 0.0
+        return SECONDS_PER_HOUR * max(logged / 3600.0, 1.0)
 
     def diagnosis(
         self,
@@ -311,11 +309,8 @@ class Study:
         from rovid.diagnose.clock_rival import diagnose_logs
         from rovid.diagnose.objectives import preload
 
-        if math.isfinite(budget):
-            # The first run on a machine compiles the simulation. That time does not count.
-            preload(wait=True)
+        preload(wait=math.isfinite(budget))  # the first run on a machine compiles: that time does not count
         diagnosis = diagnose_logs(self.runs, self.vehicle, report, Budget(budget))
-        causes = (*diagnosis.findings, *diagnosis.suspects)
         warnings = [*diagnosis.warnings]
         if final := diagnosis.extended or diagnosis.base:
             warnings += rigid_body_warnings(final.estimate, self.vehicle.reference_inertia)
@@ -325,25 +320,13 @@ class Study:
             extended=diagnosis.extended and self._marked(diagnosis.extended),
             findings=tuple(map(self._marked, diagnosis.findings)),
             suspects=tuple(map(self._marked, diagnosis.suspects)),
-            warnings=(*warnings, *_clock_warnings(self.runs.items, causes)),
+            warnings=tuple(warnings),
         )
 
 
 def _refused(fault: Fault) -> LogError:
     mend = f'Correct it, or set {fault.fault} = "keep" in [faults] of rovid.toml.'
     return LogError(fault.text, where="", mend=mend)
-
-
-def _clock_warnings(runs: Sequence[Run], causes: Sequence[Finding]) -> Iterator[str]:
-    """Warning about delays if commands and motion come from clocks that were not compared."""
-    titles = {effect.id: effect.title for cause in causes for effect in (cause.effect, *cause.indistinguishable)}
-    delays = [title for key, title in titles.items() if key in _DELAYS]
-    joined = any(remark.kind == "joined" for run in runs for remark in run.trial.remarks)
-    if delays and joined:
-        yield (
-            f"The {' or '.join(delays)} may be a clock offset of the joined files. The logs do not distinguish the "
-            "two. Give the known offset in [join] offset."
-        )
 
 
 def input_files(paths: Sequence[Path]) -> list[Path]:
