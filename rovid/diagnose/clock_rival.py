@@ -6,12 +6,14 @@ are moved by it and the diagnosis is repeated. Where it is possible, it is a fau
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from rovid.core.budget import Budget, ProgressCallback
 from rovid.core.formatting import plus_minus
 from rovid.diagnose.algorithm import diagnose
+from rovid.diagnose.objectives import preload
 from rovid.diagnose.result import Diagnosis, Finding
 from rovid.effects.clock_offset import CLOCKS_APART
 from rovid.signals.preprocessing import PreparedRuns, Run, prepare
@@ -28,8 +30,13 @@ _EVEN = 0.5
 _DELAYS = ("command_delay", "thruster_lag")
 
 
-def diagnose_logs(prepared: PreparedRuns, vehicle: Vehicle, report: ProgressCallback, budget: Budget) -> Diagnosis:
-    """The diagnosis within the ``budget``, in which a clock offset is a fault of the logs and no cause."""
+def diagnose_logs(
+    prepared: PreparedRuns, vehicle: Vehicle, report: ProgressCallback, seconds: float = math.inf
+) -> Diagnosis:
+    """The diagnosis within a budget of ``seconds``, in which a clock offset is a fault of the logs and no cause."""
+    # The first run on a machine compiles the simulation: that time does not count.
+    preload(wait=math.isfinite(seconds))
+    budget = Budget(seconds)
     diagnosis = _diagnose(prepared, vehicle, report, budget)
     warnings = (*diagnosis.warnings, *_clock_warnings(prepared.items, diagnosis.causes))
     return replace(diagnosis, warnings=warnings, budget=budget.use)

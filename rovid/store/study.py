@@ -12,7 +12,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from rovid.core.budget import SECONDS_PER_HOUR, Budget
+from rovid.core.budget import SECONDS_PER_HOUR
 from rovid.core.errors import ConfigError, DataError, LogError, suggestion
 from rovid.core.signatures import PLAN
 from rovid.core.toml import read_toml
@@ -307,10 +307,8 @@ class Study:
         if stopping(self.faults) and not force:
             return Diagnosis(verdict="bad_logs", missing=" ".join(fault_texts(stopping(self.faults))))
         from rovid.diagnose.clock_rival import diagnose_logs
-        from rovid.diagnose.objectives import preload
 
-        preload(wait=math.isfinite(budget))  # the first run on a machine compiles: that time does not count
-        diagnosis = diagnose_logs(self.runs, self.vehicle, report, Budget(budget))
+        diagnosis = diagnose_logs(self.runs, self.vehicle, report, budget)
         warnings = [*diagnosis.warnings]
         if final := diagnosis.extended or diagnosis.base:
             warnings += rigid_body_warnings(final.estimate, self.vehicle.reference_inertia)
