@@ -29,6 +29,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 if "PYTEST_XDIST_WORKER" in os.environ:
     os.environ.setdefault("ROVID_CORES", "1")
 
+# No result depends on how busy the machine is.
+os.environ.setdefault("ROVID_BUDGET", "3600")
+
 # As wide as a pipe is taken to be; the workers that share the tests are told that of a terminal.
 os.environ["COLUMNS"] = "160"
 

@@ -103,7 +103,7 @@ class Job:
             lines.append(line.rstrip())
             if lines[-1].endswith("…"):
                 # The text after the colon is the current step.
-                self.steps.append((self.seconds, lines[-1].rpartition("): ")[2]))
+                add_step(self.steps, self.seconds, lines[-1].rpartition("): ")[2])
         code = process.wait()
         reader.join()
         for stream in (process.stdout, process.stderr):
@@ -118,6 +118,14 @@ class Job:
         messages = [line.removeprefix("rovid: ") for line in lines if line.startswith("rovid: ")]
         self.error = messages[-1] if messages else "\n".join([*lines[-3:], f"The run ended with status {code}."])
         self.state = "failed"
+
+
+def add_step(steps: list[tuple[float, str]], after: float, text: str) -> None:
+    """Add a step that began ``after`` s, or change the text of the last one where that counts on: "cause 3 of 12"."""
+    step, _, count = text.partition(": cause ")
+    if count and steps and steps[-1][1].startswith(f"{step}: "):
+        after, _ = steps.pop()
+    steps.append((after, text))
 
 
 def _read(stream: IO[str], into: list[str]) -> None:

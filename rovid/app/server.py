@@ -49,8 +49,9 @@ _REPORT_POLICY = (
 class _Handlers:
     """The request handlers."""
 
-    def __init__(self, root: RootFolder, logs: Sequence[Path]) -> None:
+    def __init__(self, root: RootFolder, logs: Sequence[Path], budget: float | None) -> None:
         self.root = root
+        self.options = [] if budget is None else ["--budget", f"{budget:g}"]
         self.api = Api(root=root)
         self.jobs = JobQueue()
         self.logs = [root.name(log.resolve()) for log in logs]
@@ -148,7 +149,7 @@ class _Handlers:
         if self.api.config_file(paths) is None:
             raise ConfigError("there is no rovid.toml yet.", mend="Save it first.")
         parameters, page = output_paths(self.root.name(config_folder(paths)))
-        options = ["--no-diagnosis"] if document.get("diagnosis") is False else []
+        options = ["--no-diagnosis"] if document.get("diagnosis") is False else self.options
         logs = [shell_word(self.root.name(path)) for path in paths]
         job = self.jobs.start(["report", *options, "-p", parameters, "-o", page, *logs], self.root.folder)
         return job.document()
@@ -233,16 +234,24 @@ def listen(port: int) -> socket.socket:
     return listener
 
 
-def serve(logs: Sequence[Path], listener: socket.socket, ready: Callable[[TokenGuard, RootFolder], None]) -> None:
+def serve(
+    logs: Sequence[Path],
+    listener: socket.socket,
+    ready: Callable[[TokenGuard, RootFolder], None],
+    *,
+    budget: float | None = None,
+) -> None:
     """Serve the page until the user stops the program, then cancel the running job.
 
     Parameters
     ----------
     ready
         Called with the address once the server accepts connections.
+    budget
+        Time in s that a diagnosis may take; None: the default of the logs.
     """
     root = RootFolder.for_logs(logs)
-    handlers = _Handlers(root, logs)
+    handlers = _Handlers(root, logs, budget)
     guard = TokenGuard(app=handlers.app(), port=listener.getsockname()[1])
     logging.getLogger("uvicorn.error").setLevel(logging.ERROR)
     config = uvicorn.Config(

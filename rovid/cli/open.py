@@ -11,7 +11,7 @@ import typer
 
 from rovid.cli.context import print_json
 from rovid.cli.help_format import Page
-from rovid.cli.options import Json, argument, option
+from rovid.cli.options import Json, TimeBudget, argument, option
 from rovid.core.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -46,6 +46,7 @@ def open(  # noqa: A001 - the command's name
     browser: Annotated[
         bool, typer.Option("--browser/--no-browser", help="Open a browser, or only print the address.")
     ] = True,
+    budget: TimeBudget = None,
     port: Annotated[int, option("PORT", "Port of this machine; 0 is a free port.", min=0, max=65535)] = 0,
     json: Json = False,
 ) -> None:
@@ -72,4 +73,4 @@ def open(  # noqa: A001 - the command's name
         if browser:
             show_in_browser(guard.ticket())
 
-    serve(logs or [], listen(port), announce)
+    serve(logs or [], listen(port), announce, budget=budget)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from rovid.app.jobs import Job, JobQueue
+from rovid.app.jobs import Job, JobQueue, add_step
 from tests.app.conftest import DAY, logs_into
 from tests.conftest import run_rovid
 
@@ -52,6 +52,14 @@ def test_a_job_reports_steps_and_result(folder: Path) -> None:
         "Drawing and writing the page …",
     ]
     assert (folder / document["page"]).is_file()
+
+
+def test_a_step_that_counts_on_is_one_step() -> None:
+    steps: list[tuple[float, str]] = []
+    said = ("Model with no effect: score tests …", "Model with no effect: cause 3 of 9, about 5 s …")
+    for after, text in enumerate((*said, "Model with no effect: cause 5 of 9, about 3 s …", "Testing for waves …")):
+        add_step(steps, float(after), text)
+    assert steps == [(0.0, "Model with no effect: cause 5 of 9, about 3 s …"), (3.0, "Testing for waves …")]
 
 
 def test_a_failed_job_has_the_message_of_the_command_line(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -519,7 +519,7 @@ function showWork({ key: begun, state, seconds, steps, error, warnings, report, 
   said.setAttribute("aria-live", state === "running" ? "off" : "polite");
   const list = byId("run-steps");
   for (const { after, text } of (steps ?? []).slice(list.children.length)) {
-    element("li", `${Math.round(after)} s: ${text}`, list);
+    element("li", `${Math.round(after)} s: ${text.replace(/: cause \d.*/, " …")}`, list);
     hear(text);
   }
   byId("run-now").textContent = state === "running" ? steps.at(-1)?.text ?? "Starting …" : "";
