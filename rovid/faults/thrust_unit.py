@@ -1,15 +1,21 @@
 """An inertia below the rigid body's: thrust in another unit (kgf, lbf), or a factor in arms, mass or size.
 
 The water adds to the rigid body's inertia, so the total is never below it. The factor that is missing names the unit.
+If the commands use a small part of the curve, and look like another unit, they are scaled to the whole curve. If the
+inertia is possible then, the commands and the curve are of different units.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
 
 from rovid.faults.base import Detection, FaultKind, RunsData
 from rovid.faults.quick_model import fit_quick_model
+from rovid.faults.unit_mismatch import mismatch_text, unit_of
 from rovid.trial.fault import Fault
 from rovid.trial.vehicle import Vehicle
 
@@ -28,6 +34,9 @@ _LEAST_RATIO, _USUAL_RATIO, _LARGEST_RATIO = 1.0, 1.5, 4.0
 _QUICK_LIMIT, _FIT_LIMIT = 0.6, 0.8
 # Ratio above which no water explains the inertia: five times the largest published one. Degrees in a radian.
 _IMPOSSIBLE, _DEGREES = 20.0, 57.2958
+# Largest share of the curve that commands of another, smaller unit use: volts of a curve in percent use a half at most.
+_SMALL_PART = 0.5
+_WRONG = " A unit is wrong: "
 # Standard errors by which a fit must be below its limit.
 _SIGNIFICANT = 4.0
 # RMS residual over RMS torque, above which the quick model says nothing.
@@ -40,7 +49,33 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
     if model is None or min(log.misfit for log in model.logs) > _MAX_MISFIT:
         return
     if fault := _fault(model.inertia, None, data.vehicle, _QUICK_LIMIT):
-        yield Detection(fault=fault)
+        yield Detection(fault=_command_unit(model.inertia, data, fault) or fault)
+
+
+def _command_unit(inertia: float, data: RunsData, fault: Fault) -> Fault | None:
+    """The ``fault`` as a mismatch of the units of commands and curves, if it explains the ``inertia``; else None."""
+    reference = data.vehicle.reference_inertia
+    commands = np.vstack([run.trial.commands for run in data.runs])
+    used, whole, texts = np.zeros(len(commands)), np.zeros(len(commands)), dict[str, list[str]]()
+    for thruster, column in zip(data.vehicle.thrusters, commands.T, strict=True):
+        curve = thruster.curve
+        values = column[np.isfinite(column) & (column != 0.0)]
+        if curve is None or not values.size:
+            continue
+        part = float(np.abs(values).max() / np.abs(curve.command).max())
+        if part > _SMALL_PART or unit_of(values) in {"", unit_of(curve.command)}:
+            return None
+        used += thruster.torque(column)
+        whole += thruster.torque(column / part)
+        texts.setdefault(mismatch_text(curve, values), []).append(thruster.name)
+    if reference is None or not texts or not used.any():
+        return None
+    factor = float(np.sqrt(np.mean(whole**2) / np.mean(used**2)))
+    if not _FIT_LIMIT < factor * inertia / reference < _LARGEST_RATIO:
+        return None
+    text, names = next(iter(texts.items()))
+    inertia_text = fault.text.partition(_WRONG)[0]
+    return replace(fault, fault="unit_mismatch", text=f"Commands of {' and '.join(names)} {text} {inertia_text}")
 
 
 def inertia_fault(inertia: float, error: float, vehicle: Vehicle) -> Fault | None:
@@ -60,7 +95,7 @@ def _fault(inertia: float, error: float | None, vehicle: Vehicle, limit: float) 
     unit = "kg m^2" if axis.angular else "kg"
     text = (
         f"The inertia of these logs is {inertia:.3g} {unit}, {ratio:.2g} times the rigid body's {reference:.4g} "
-        f"{unit}, which is impossible: water only adds to it. A unit is wrong: "
+        f"{unit}, which is impossible: water only adds to it.{_WRONG}"
         f"{'; or '.join(_UNITS[factor] for factor in fitting) or 'check the thrust'}. "
         f"Check the curve's newtons, {axis.arm_key}, mass and size."
     )
@@ -80,7 +115,7 @@ def _too_large(inertia: float, vehicle: Vehicle, reference: float) -> Fault:
     cause = "radians that are taken for degrees" if is_scaled else "the unit of thrust, of time, or of the motion"
     text = (
         f"The inertia of these logs is {inertia:.3g} {unit}, {ratio:.2g} times the rigid body's {reference:.4g} "
-        f"{unit}, which no vehicle has. A unit is wrong: {cause}. Check the units in rovid.toml, mass and size."
+        f"{unit}, which no vehicle has.{_WRONG}{cause}. Check the units in rovid.toml, mass and size."
     )
     fault = "scaled_heading" if is_scaled else "thrust_unit"
     return Fault(fault=fault, logs=(), text=text, size=_DEGREES if is_scaled else ratio, stops=True)

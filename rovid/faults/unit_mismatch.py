@@ -40,7 +40,7 @@ def _detect(data: CampaignData) -> Iterator[Detection[CampaignData]]:
             continue
         logged = {trial.name: trial.commands[:, at] for trial in data.trials}
         for log, values in _mismatched(thruster, thruster.curve, logged):
-            found.append((_text(thruster.curve, values), log, thruster.name))
+            found.append((mismatch_text(thruster.curve, values), log, thruster.name))
     for text, group in groupby(sorted(found), key=lambda item: item[0]):
         items = list(group)
         logs = tuple(dict.fromkeys(log for _, log, _ in items))
@@ -59,14 +59,14 @@ def _mismatched(
     if not used:
         return
     every = np.concatenate(list(used.values()))
-    if np.max(np.abs(every)) < _TINY * np.max(np.abs(curve.command)) and _unit(every) != _unit(curve.command):
+    if np.max(np.abs(every)) < _TINY * np.max(np.abs(curve.command)) and unit_of(every) != unit_of(curve.command):
         yield from ((log, every) for log in used)
         return
     far = {log: every for log, values in used.items() if np.mean(curve.reach(values) > limit) > _MIN_SHARE}
     yield from far.items()
 
 
-def _unit(values: FloatArray) -> str:
+def unit_of(values: FloatArray) -> str:
     """Unit by the range of ``values``; empty if no usual unit fits."""
     low, high = float(values.min()), float(values.max())
     if _PULSE_RANGE[0] <= low and high <= _PULSE_RANGE[1]:
@@ -75,10 +75,11 @@ def _unit(values: FloatArray) -> str:
     return next((unit for unit, (least, most, _) in _UNITS.items() if least < size <= most), "")
 
 
-def _text(curve: ThrustCurve, values: FloatArray) -> str:
+def mismatch_text(curve: ThrustCurve, values: FloatArray) -> str:
+    """What the commands ``values`` and the ``curve`` look like, and how to convert them."""
     low, high = float(values.min()), float(values.max())
     ends = curve.command[[0, -1]]
-    ours, theirs = _unit(values), _unit(ends)
+    ours, theirs = unit_of(values), unit_of(ends)
     text = f"reach {low:.4g} to {high:.4g}, but the curve ends at {ends[0]:g} and {ends[1]:g}"
     if not ours or ours == theirs:
         return f"{text}: they are not of one unit. Give the curve in the unit of the commands."

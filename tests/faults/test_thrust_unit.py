@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from rovid.faults.base import RunsData, examine
 from rovid.faults.thrust_unit import FAULT, inertia_fault
 from rovid.trial.fault import Fault, FaultOverrides
-from rovid.trial.vehicle import Thruster, Vehicle
+from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
 from tests.faults.days import VEHICLES, day
 from tests.synthetic import LOGGED
 
@@ -67,3 +68,25 @@ def test_an_inertia_that_no_water_explains_stops(ratio: float, fault: str) -> No
     assert found is not None
     assert (found.fault, found.stops) == (fault, True)
     assert inertia_fault(100.0 * ratio, 100.0 * ratio, vehicle) is None
+
+
+@pytest.mark.parametrize(("full", "fault"), [(10.0, "unit_mismatch"), (100.0, "thrust_unit")])
+@pytest.mark.parametrize("vehicle", VEHICLES)
+def test_commands_that_use_a_tenth_of_the_curve_are_of_another_unit(vehicle: str, full: float, fault: str) -> None:
+    """Volts up to 10 with a curve over percent; a curve a hundred times too weak is another fault."""
+    largest = max(float(np.abs(run.torque).max()) for run in day(vehicle, 0))
+    command = np.linspace(-100.0, 100.0, 81)
+    weak = 1.0 if full < 100.0 else 0.01
+    curve = ThrustCurve(command=command, thrust=weak * largest * np.sign(command) * (command / 100.0) ** 2)
+    thruster = Thruster(name="fore", arm=1.0, curve=curve)
+    runs = []
+    for run in day(vehicle, 0):
+        commands = full * np.sign(run.torque) * np.sqrt(np.abs(run.torque) / largest)
+        torque = thruster.torque(commands)
+        filtered = run.rates.filter_held(run.trial, torque)
+        trial = replace(run.trial, commands=commands[:, np.newaxis])
+        runs.append(replace(run, trial=trial, torque=torque, filtered_torque=filtered))
+    known = Vehicle(name="v", thrusters=(thruster,), rigid_body_inertia=VEHICLES[vehicle][0].inertia / 1.5)
+    (found,) = examine([FAULT], RunsData(runs=runs, vehicle=known), FaultOverrides())[1]
+    assert (found.fault, found.stops) == (fault, True)
+    assert ("The commands look like volts, the curve like percent." in found.text) == (fault == "unit_mismatch")
