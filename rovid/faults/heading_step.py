@@ -146,7 +146,8 @@ def _are_commanded(steps: _Steps, jumps: IntArray) -> BoolArray:
     others = np.count_nonzero(~near.any(axis=0))
     sizes = np.abs(np.diff(steps.angle))
     usual = float(np.max(np.delete(sizes, jumps), initial=0.0))
-    return near.any(axis=1) & ((others < _MIN_CHANGES) | (sizes[jumps] < _FASTER * usual))
+    # After one change the rate goes to its new value: only a pulse, of two changes, moves it away and back.
+    return (near.sum(axis=1) > 1) & ((others < _MIN_CHANGES) | (sizes[jumps] < _FASTER * usual))
 
 
 def _size(steps: _Steps, at: int, noise: float) -> tuple[float, float]:

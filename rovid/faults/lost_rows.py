@@ -17,9 +17,16 @@ from rovid.core.array_types import BoolArray, FloatArray
 from rovid.faults.base import ClockData, Detection, FaultKind, Intervals
 from rovid.trial.fault import Fault
 
-# Holes, and share of lost rows, up to which a loss is usual: sensors and recorders lose as much, and no more than one
-# change of a command in thirty is off by an interval. A log is named where it loses more by this many deviations.
-_LEAST_HOLES, _USUAL_SHARE, _DEVIATIONS = 5, 0.03, 3.0
+# Holes, and share of lost rows, up to which a loss is usual: sensors and recorders lose single rows, and seldom several
+# in succession. With 3 % at most one change of a command in thirty is off by an interval. A log is named where it loses
+# more by this many deviations.
+_LEAST_HOLES, _USUAL_SHARE, _USUAL_LONGER, _DEVIATIONS = 3, 0.03, 0.01, 3.0
+# Readings that a log needs.
+_FEWEST = 20
+# Usual intervals from which a hole is a gap: rows lost at random are lost by one or a few.
+_GAP = 10.0
+# Holes from which their places show whether they are at random; with fewer holes no clock skips every few ticks.
+_PLACES = 5
 # Distance from the median interval, in median intervals, of those whose mean is the usual interval.
 _NEAR = 0.3
 # Distance from a whole multiple of the usual interval, in usual intervals, and share of the intervals within it.
@@ -33,22 +40,25 @@ _ONE_STEP = 0.5
 
 
 def _detect(data: ClockData) -> Iterator[Detection[ClockData]]:
-    if len(data.time) < 2 * _LEAST_HOLES or not data.interval > 0.0:
+    if len(data.time) < _FEWEST or not data.interval > 0.0:
         return
     time = np.sort(data.time) if data.sortable else data.time
     advance = np.diff(time)
     near = advance[np.abs(advance - data.interval) < _NEAR * data.interval]
     if advance.min() < 0.0 or not near.size:
         return
-    usual = float(near.mean())  # To a precision that the median of rounded stamps lacks.
-    ticks = np.rint(advance / usual)
-    holes = ticks > 1.0
-    lost = int((ticks - 1.0).sum())  # A reading that comes late shortens the next interval: nothing is lost.
+    interval = float(near.mean())  # To a precision that the median of rounded stamps lacks.
+    ticks = np.rint(advance / interval)
+    holes = (ticks > 1.0) & (ticks < _GAP)
+    lost = int(
+        (ticks[ticks < _GAP] - 1.0).sum()
+    )  # A reading that comes late shortens the next interval: nothing is lost.
     total = lost + len(data.time)
-    expected = _USUAL_SHARE * total
-    if holes.sum() < _LEAST_HOLES or lost < expected + _DEVIATIONS * np.sqrt(expected):
+    longer = int((ticks[holes & (ticks > 2.0)] - 1.0).sum())
+    losses = [(lost, _USUAL_SHARE * total), (longer, _USUAL_LONGER * total)]
+    if holes.sum() < _LEAST_HOLES or all(count < usual + _DEVIATIONS * np.sqrt(usual) for count, usual in losses):
         return
-    on_grid = np.abs(advance - ticks * usual) < _OFF_GRID * usual
+    on_grid = np.abs(advance - ticks * interval) < _OFF_GRID * interval
     if min(np.mean(on_grid), np.mean(on_grid[holes])) < _ON_GRID or not _at_random(holes) or _on_change(data):
         return
     share = lost / total
@@ -60,7 +70,7 @@ def _detect(data: ClockData) -> Iterator[Detection[ClockData]]:
         standard_error=float(np.sqrt(share * (1.0 - share) / total)),
         remedy="unknown" if data.commands else "none",
     )
-    rows = np.flatnonzero(holes)
+    rows = np.flatnonzero(ticks > 1.0)
     unknown = tuple(zip(time[rows].tolist(), time[rows + 1].tolist(), strict=True)) if data.commands else ()
     done = "The commands within the holes are taken as unknown." if data.commands else "Nothing needs to be done."
     yield Detection(fault=fault, done=done, repair=partial(_unknown, intervals=unknown))
@@ -68,6 +78,8 @@ def _detect(data: ClockData) -> Iterator[Detection[ClockData]]:
 
 def _at_random(holes: BoolArray) -> bool:
     """Whether the intervals between ``holes`` vary as by chance."""
+    if np.count_nonzero(holes) < _PLACES:
+        return True
     runs = np.diff(np.flatnonzero(holes))
     share = float(np.mean(holes))
     by_chance = np.sqrt(1.0 - share) / share  # Standard deviation of a geometric distribution.
@@ -99,5 +111,5 @@ FAULT = FaultKind(
     title="Lost rows",
     stage="clock",
     detect=_detect,
-    false_alarms="1 in 1000 of the logs that lose 3 % of their rows; none of regular or irregular clocks.",
+    false_alarms="1 in 1000 of the logs that lose 3 % of their rows singly; none of regular or irregular clocks.",
 )

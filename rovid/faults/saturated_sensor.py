@@ -60,12 +60,15 @@ def _is_bound(data: SignalData, clipped: BoolArray) -> bool:
     if count < max(_MIN_READINGS, _MIN_SHARE * len(clipped)) or len(clipped) - count < _MIN_READINGS:
         return False
     steps = np.diff(data.values)
-    outside = ~(clipped[1:] & clipped[:-1])
-    if np.mean(steps[outside] == 0.0) > _MAX_REPEATS:
-        return False  # A coarse sensor, or one without noise, repeats its values at rest.
     edges = np.flatnonzero(np.diff(clipped, prepend=False, append=False))
     begins, ends = edges[::2], edges[1::2]
     runs = ends - begins
+    outside = ~(clipped[1:] & clipped[:-1])
+    if len(runs) > 1:  # The sensor may be clipped on the other side, too, where it repeats the other extreme.
+        extremes = (data.values.max(), data.values.min())
+        outside &= ~((steps == 0.0) & np.isin(data.values[1:], extremes))
+    if np.mean(steps[outside] == 0.0) > _MAX_REPEATS:
+        return False  # A coarse sensor, or one without noise, repeats its values at rest.
     if runs.max() < _MIN_RUN:
         return False
     sizes = np.abs(steps)

@@ -34,6 +34,13 @@ def test_a_jump_is_found_with_instant_and_size(degrees: float, seed: int, tmp_pa
             assert [part.time[-1] > 0.0 for part in split(trial)] == [True, True]
 
 
+def test_a_jump_after_a_single_change_of_the_command_is_found(tmp_path: Path) -> None:
+    """The vehicle slows down from then on, and does not turn away and go on as before."""
+    drive = dict(drives(3))["coast 0.5"].with_step(243, 20.0)
+    (fault,) = found(drive.trial(tmp_path), "heading_step")
+    assert fault.at == pytest.approx((24.3,))
+
+
 def test_several_jumps_are_all_found(tmp_path: Path) -> None:
     drive = dict(drives(3))["sine 5.0"].with_step(100, 20.0).with_step(300, -40.0).with_step(420, 8.0)
     times = [fault.at[0] for fault in found(drive.trial(tmp_path), "heading_step")]

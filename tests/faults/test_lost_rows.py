@@ -83,3 +83,21 @@ def test_a_usual_loss_is_no_fault(seed: int) -> None:
     time, heading, command = motion(seed)
     kept = np.random.default_rng(seed).random(len(time)) > 0.03
     assert examined(clock(time[kept], heading=heading[kept], fore=command[kept]))[1] == ()
+
+
+def test_few_rows_of_a_short_log_are_named() -> None:
+    """Three holes of three rows."""
+    time, heading, command = motion(4)
+    kept = np.ones(150, dtype=bool)
+    for at in (31, 62, 118):
+        kept[at : at + 3] = False
+    _, (fault,) = examined(clock(time[:150][kept], heading=heading[:150][kept], fore=command[:150][kept]))
+    assert fault.size == pytest.approx(9.0 / 150.0)
+
+
+def test_gaps_are_not_lost_rows() -> None:
+    time, heading, command = motion(4)
+    kept = np.ones(len(time), dtype=bool)
+    for at in range(100, 1000, 150):
+        kept[at : at + 40] = False
+    assert examined(clock(time[kept], heading=heading[kept], fore=command[kept]))[1] == ()

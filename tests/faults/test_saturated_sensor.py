@@ -35,6 +35,14 @@ def test_a_clipped_rate_is_left_out(side: float) -> None:
     assert "85.9437 deg/s" in detection.fault.text
 
 
+def test_a_rate_clipped_on_both_sides_is_left_out() -> None:
+    time: FloatArray = np.linspace(0.0, 99.95, 2000)
+    rate = 2.0 * np.sin(time / 3.0) + np.random.default_rng(4).normal(0.0, 0.01, 2000)
+    data = SignalData(log="a", name="yaw rate", time=time, values=rate.clip(-1.5, 1.5), period=np.inf, unit="rad/s")
+    above, below = FAULT.detect(data)
+    assert (above.fault.size, below.fault.size) == (1.5, -1.5)
+
+
 @pytest.mark.parametrize("seed", range(5, 8))
 def test_undamaged_logs_are_not_clipped(seed: int, tmp_path: Path) -> None:
     assert not [name for name, trial in undamaged(seed, tmp_path) if found(trial, "saturated_sensor")]
