@@ -168,7 +168,7 @@ class _Lines:
         # Both differences at once; where no pair of lines has both, as if they were independent.
         meets, count = others <= limits, others.shape[1]
         if both := int(np.all(meets, axis=0).sum()):
-            return (1 + both) / (1 + count)
+            return float((1 + both) / (1 + count))
         return float(np.prod((1.0 + meets.sum(axis=1)) / (1.0 + count)))
 
 

@@ -147,7 +147,8 @@ def _are_commanded(steps: _Steps, jumps: IntArray) -> BoolArray:
     sizes = np.abs(np.diff(steps.angle))
     usual = float(np.max(np.delete(sizes, jumps), initial=0.0))
     # After one change the rate goes to its new value: only a pulse, of two changes, moves it away and back.
-    return (near.sum(axis=1) > 1) & ((others < _MIN_CHANGES) | (sizes[jumps] < _FASTER * usual))
+    commanded = (near.sum(axis=1) > 1) & ((others < _MIN_CHANGES) | (sizes[jumps] < _FASTER * usual))
+    return np.asarray(commanded)
 
 
 def _size(steps: _Steps, at: int, noise: float) -> tuple[float, float]:
