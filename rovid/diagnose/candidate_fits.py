@@ -338,7 +338,10 @@ def fit_candidates(
         least = least_gain(share, ahead)
         behind += [fitted for fitted in ahead if gain(fitted) < least]
         ahead = refine([fitted for fitted in ahead if gain(fitted) >= least], iterations)
-    ahead = fit_in_parallel([one.objective for one in ahead], lambda at: _with_best_order(ahead[at]))
+    lags = [one for one in ahead if one.effects[-1].id == LAG.id]
+    for lag in sorted(lags, key=gain)[-1:]:
+        # The time constants of the best lag and of the vehicle may have changed places.
+        ahead[ahead.index(lag)] = exchanged_or_same(lag)
     # The best is known once none of the others is within reach of it.
     for _ in range(THRESHOLDS.reach_rounds):
         best = max(map(gain, ahead), default=0.0)
@@ -349,12 +352,16 @@ def fit_candidates(
     return ahead, behind
 
 
-def _with_best_order(fitted: FitResult) -> FitResult:
-    """``fitted``, with the time constants of a lag that is its last effect and of the vehicle in the better order."""
-    return exchanged_or_same(fitted) if fitted.effects[-1].id == LAG.id else fitted
-
-
 def _begin(current: FitResult, objective: NegativeLogLikelihood, test: ScoreTest, goal: float) -> FitResult:
-    """First steps of the fit of ``current`` with the tested form, from the most likely of several sizes."""
+    """First steps of the fit of ``current`` with the tested form, from the most likely of several sizes.
+
+    The predicted start, and the best start as it stands where it differs in other parameters than the size.
+    """
     scaled = [scaled_start(test.effect, test.start, share) for share in THRESHOLDS.start_shares]
-    return fit_from_best_start(objective, current, (test.best_start, *scaled), THRESHOLDS.first_iterations, goal)
+    others = slice(test.effect.size_count, None)
+    if np.array_equal(test.best_start[others], test.start[others]):
+        starts = [[test.best_start, *scaled]]
+    else:
+        starts = [[test.best_start], scaled]
+    fits = [fit_from_best_start(objective, current, few, THRESHOLDS.first_iterations, goal) for few in starts]
+    return min(fits, key=lambda one: one.value)
