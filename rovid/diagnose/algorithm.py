@@ -154,7 +154,9 @@ def decide(problem: SearchProblem) -> Selection:
 
     If no one-step result is adequate, return the validated multi-step result.
     """
-    selection = select_directly(problem)
+    base = problem.innovations.base
+    is_possible = not fits_poorly(base) or problem.innovations.fits_with_one_cause
+    selection = select_directly(problem, base, has_no_dominant_cause) if is_possible else None
     if selection is not None:
         problem.report("Validating on held-out trials …")
         selection = challenge(selection)  # the first step of `validate` also; the tests below need it already
@@ -162,6 +164,11 @@ def decide(problem: SearchProblem) -> Selection:
         if selection.is_out_of_time or (first_rejection(selection) is None and selection.is_adequate):
             return validate(selection)
     for predicted in select_by_predictions(problem):
+        if SearchStop.ADEQUATE in predicted.search.progress.stops:
+            # One-step predictions with the same effects are adequate, so their sizes need no comparison.
+            selection = select_directly(problem, predicted.model, cannot_whiten)
+            if selection is not None and (selection := validate(selection)).is_adequate:
+                return selection
         # Effects must be about as large in one-step predictions, next to waves where these are established.
         multi_step = drop_inconsistent(predicted)
         waves = None if multi_step.waves is None else multi_step.waves.established
@@ -176,12 +183,9 @@ def decide(problem: SearchProblem) -> Selection:
     return validate(multi_step)
 
 
-def select_directly(problem: SearchProblem) -> Selection | None:
-    """One-step selection from the base model; None where no cause dominates, or the result is not adequate."""
-    base = problem.innovations.base
-    if fits_poorly(base) and not problem.innovations.fits_with_one_cause:
-        return None
-    selection = select_by_innovations(problem, base, base, has_no_dominant_cause)
+def select_directly(problem: SearchProblem, start: FitResult, is_hopeless: StopRule) -> Selection | None:
+    """One-step selection from ``start``, repeated next to waves; None where it is hopeless or not adequate."""
+    selection = select_by_innovations(problem, start, start, is_hopeless)
     if selection is None:
         return None
     waves = None if selection.is_out_of_time else problem.wave_test(selection.model).established
