@@ -8,7 +8,7 @@ logged signal, become candidates. Six stages follow:
    exchanged until the model no longer changes. Each model on the way is screened.
 3. *Challenge*: each single cause, each subset, and the model with one effect replaced are fitted where they may come
    close. A better one takes the place of the model, and the search continues from there.
-4. *Validate*: an effect that fails one of four tests is banned, and the search continues without it. A likely effect
+4. *Validate*: an effect that fails one of the rules is banned, and the search continues without it. A likely effect
    keeps its place until the end. After `max_rejections` bans the model is tested only if likely effects are dropped.
 5. *Decide*: the search by one-step predictions (innovations) comes first. Multi-step predictions choose a new start for
    it if the plain model fits poorly, no cause dominates, waves change the result, an effect is rejected, or the result
@@ -42,16 +42,12 @@ from rovid.diagnose.objectives import (
     pose,
     preload,
 )
+from rovid.diagnose.rejection import first_rejection
 from rovid.diagnose.result import Diagnosis
+from rovid.diagnose.selection import Selection
 from rovid.diagnose.stepwise import SearchStop, StepwiseSearch, StopRule
 from rovid.diagnose.thresholds import THRESHOLDS
-from rovid.diagnose.validation import (
-    Selection,
-    drop_inconsistent,
-    drop_likely,
-    first_rejection,
-    report_remainder,
-)
+from rovid.diagnose.validation import drop_inconsistent, drop_likely, report_remainder
 from rovid.estimate.fit_result import FitResult
 from rovid.estimate.maximum_likelihood import require_swing
 from rovid.estimate.output_error import fit_output_error
@@ -124,10 +120,9 @@ def select(problem: SearchProblem, objective: SearchObjective, search: StepwiseS
 def validate(selection: Selection) -> Selection:
     """Test each effect of the model. Ban the first one that fails, search on without it, and repeat.
 
-    First, other sets challenge the model. The four tests of `first_rejection`: log-likelihood gain on
-    held-out trials (`min_held_out_gain`), size within its bounds, significance (`min_standard_errors`), and posterior
-    probability (`established`, 0.95). A likely effect that fails is banned, but keeps its place until the end. After
-    `max_rejections` bans the result of the last search is tested only if likely effects are dropped.
+    First, other sets challenge the model. Then each effect must pass the rules of `rovid.diagnose.rejection`. A likely
+    effect that fails is banned, but keeps its place until the end. After `max_rejections` bans the result of the last
+    search is tested only if likely effects are dropped.
     """
     selection = report_remainder(challenge(selection))
     likely: list[str] = []
@@ -154,9 +149,7 @@ def decide(problem: SearchProblem) -> Selection:
 
     If no one-step result is adequate, return the validated multi-step result.
     """
-    base = problem.innovations.base
-    is_possible = not fits_poorly(base) or problem.innovations.fits_with_one_cause
-    selection = select_directly(problem, base, has_no_dominant_cause) if is_possible else None
+    selection = select_directly(problem)
     if selection is not None:
         problem.report("Validating on held-out trials …")
         selection = challenge(selection)  # the first step of `validate` also; the tests below need it already
@@ -166,7 +159,7 @@ def decide(problem: SearchProblem) -> Selection:
     for predicted in select_by_predictions(problem):
         if SearchStop.ADEQUATE in predicted.search.progress.stops:
             # One-step predictions with the same effects are adequate, so their sizes need no comparison.
-            selection = select_directly(problem, predicted.model, cannot_whiten)
+            selection = select_next_to_waves(problem, predicted.model, cannot_whiten)
             if selection is not None and (selection := validate(selection)).is_adequate:
                 return selection
         # Effects must be about as large in one-step predictions, next to waves where these are established.
@@ -183,8 +176,16 @@ def decide(problem: SearchProblem) -> Selection:
     return validate(multi_step)
 
 
-def select_directly(problem: SearchProblem, start: FitResult, is_hopeless: StopRule) -> Selection | None:
-    """One-step selection from ``start``, repeated next to waves; None where it is hopeless or not adequate."""
+def select_directly(problem: SearchProblem) -> Selection | None:
+    """One-step selection from the base model; None where no cause dominates, or the result is not adequate."""
+    base = problem.innovations.base
+    if fits_poorly(base) and not problem.innovations.fits_with_one_cause:
+        return None
+    return select_next_to_waves(problem, base, has_no_dominant_cause)
+
+
+def select_next_to_waves(problem: SearchProblem, start: FitResult, is_hopeless: StopRule) -> Selection | None:
+    """One-step selection from ``start``, repeated next to waves where these are established; None as above."""
     selection = select_by_innovations(problem, start, start, is_hopeless)
     if selection is None:
         return None

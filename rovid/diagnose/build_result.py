@@ -24,9 +24,10 @@ from rovid.diagnose.cross_validation import (
 from rovid.diagnose.posterior import recalibrated
 from rovid.diagnose.result import Diagnosis, Finding, HorizonErrors, ModelAssessment
 from rovid.diagnose.score_test import ScoreTest, bic_penalty
+from rovid.diagnose.selection import Selection
 from rovid.diagnose.signal_regressors import is_signal
 from rovid.diagnose.thresholds import THRESHOLDS
-from rovid.diagnose.validation import Selection, Suspected, suspects
+from rovid.diagnose.validation import Suspected, suspects
 from rovid.effects import CATALOGUE, Effect, EffectParameter
 from rovid.estimate.candidate_runs import RunLimits
 from rovid.estimate.dataset import time_constant

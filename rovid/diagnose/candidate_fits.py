@@ -167,9 +167,9 @@ def fit_in_parallel(
 def is_plausible(fitted: FitResult) -> bool:
     """Whether the last effect has no parameter at a bound and enough cycles, and the inertia is physical."""
     effect = fitted.effects[-1]
-    values = fitted.effect_coordinates(effect)
-    if any(map(_at_bound, values.tolist(), effect.parameters)):
+    if has_parameter_at_bound(fitted, effect):
         return False
+    values = fitted.effect_coordinates(effect)
     if effect.oscillatory:
         # The lowest frequency is one cycle of the longest run: any drift has that.
         at = [parameter.name for parameter in effect.parameters].index("frequency")
@@ -182,6 +182,11 @@ def is_plausible(fitted: FitResult) -> bool:
 def is_at_bound(fitted: FitResult, effect: Effect) -> bool:
     """Whether the size of ``effect`` is at the largest value that its definition allows."""
     return _at_bound(float(fitted.effect_coordinates(effect)[0]), effect.parameters[0])
+
+
+def has_parameter_at_bound(fitted: FitResult, effect: Effect) -> bool:
+    """Whether any parameter of ``effect`` is at a bound other than its value without the effect."""
+    return any(map(_at_bound, fitted.effect_coordinates(effect).tolist(), effect.parameters))
 
 
 def _at_bound(value: float, parameter: EffectParameter) -> bool:

@@ -34,11 +34,13 @@ from rovid.diagnose.candidate_fits import (
     value_at_score,
 )
 from rovid.diagnose.score_test import possible_substitutes
+from rovid.diagnose.selection import Selection
 from rovid.diagnose.signal_regressors import is_signal
 from rovid.diagnose.stepwise import StepwiseSearch
 from rovid.diagnose.thresholds import THRESHOLDS
-from rovid.diagnose.validation import Selection, resolve_ties
+from rovid.diagnose.validation import resolve_ties
 from rovid.effects import Effect
+from rovid.effects.clock_offset import CLOCKS_APART
 from rovid.estimate.fit_result import FitResult
 from rovid.estimate.objective import ModelKey, NegativeLogLikelihood
 
@@ -65,8 +67,7 @@ def challenge(selection: Selection) -> Selection:
 def closest_challengers(selection: Selection) -> tuple[Challenger, ...]:
     """The challengers that came closest to the selected set, best first; one for each set of causes."""
     model, found = selection.model, dict[frozenset[str], Challenger]()
-    fits = [one for one in challenging_fits(selection.search, model) if _is_possible(one)]
-    for fitted in sorted(fits, key=bic_score, reverse=True):
+    for fitted in sorted(challenging_fits(selection.search, model), key=bic_score, reverse=True):
         causes = frozenset(effect.id for effect in fitted.effects)
         if causes != _causes(model) and len(found) < THRESHOLDS.challengers_shown:
             found.setdefault(causes, Challenger.of(fitted, model))
@@ -89,10 +90,12 @@ def _fit_challengers(search: StepwiseSearch, model: FitResult) -> list[FitResult
     for dropped in _removals(model):
         search.without(model, *dropped)
     _fit_sets(search, dict(_replacements(search, model)), goal)
+    _fit_sets(search, dict(_pairs(search, model, goal)), goal)
     limit, own = model.key
     # Larger sets that contain the selected one have been judged by the search.
     every = [one for (other, keys), one in search.cache.fits.items() if other == limit and keys and not own <= keys]
-    return [search.cache.converged(one) if bic_score(one) + one.remaining_gain >= goal else one for one in every]
+    near = [search.cache.converged(one) if bic_score(one) + one.remaining_gain >= goal else one for one in every]
+    return [one for one in near if all(is_plausible(one.with_last(effect)) for effect in one.effects)]
 
 
 def _removals(model: FitResult) -> Iterator[tuple[Effect, ...]]:
@@ -113,12 +116,37 @@ def _replacements(search: StepwiseSearch, model: FitResult) -> Iterator[tuple[Mo
         forms = [*same, *possible_substitutes(model, tests, *removed, share=THRESHOLDS.challenger_share)]
         kept, own = model.without(*removed)
         without = search.without(model, *removed)
-        for form in forms:
+        faults = [form for form in search.candidates if form is CLOCKS_APART and form not in model.effects]
+        for form in dict.fromkeys([*forms, *faults]):
             if is_signal(form):
                 continue
             objective = model.objective.with_effects((*kept, form))
             begins = product((own, without.x), objective.parametrization.initial_values())
             yield objective.key, (objective, list(map(np.concatenate, begins)))
+
+
+def _pairs(search: StepwiseSearch, model: FitResult, goal: float) -> Iterator[tuple[ModelKey, _Starts]]:
+    """Pairs of the best single causes with the starts of their fits, the largest sum of both gains first.
+
+    Causes that resemble each other gain less together than the sum: only pairs with a sum that reaches ``goal`` count.
+    """
+    limit, own = model.key
+    plain = bic_score(search.without(model, *model.effects))
+    singles: dict[str, FitResult] = {}
+    for fitted in sorted(search.cache.fits.values(), key=bic_score, reverse=True):
+        if fitted.key[0] == limit and len(fitted.effects) == 1 and _is_named(fitted):
+            singles.setdefault(fitted.effects[0].id, fitted)
+    best = [*singles.values()][: THRESHOLDS.challenging_causes]
+    pairs = sorted(combinations(best, 2), key=lambda pair: -sum(map(bic_score, pair)))
+    for pair in pairs[: THRESHOLDS.challenging_pairs]:
+        (one,), (other,) = (fitted.effects for fitted in pair)
+        if sum(map(bic_score, pair)) - plain < goal:
+            break
+        objective = model.objective.with_effects((one, other))
+        sizes = np.concatenate((pair[0].effect_coordinates(one), pair[1].effect_coordinates(other)))
+        commons = [fitted.common_coordinates for fitted in (*pair, model)]
+        if not own <= objective.key[1]:
+            yield objective.key, (objective, [np.concatenate((common, sizes)) for common in commons])
 
 
 def _fit_sets(search: StepwiseSearch, sets: dict[ModelKey, _Starts], goal: float) -> None:
@@ -142,18 +170,18 @@ def _fit_sets(search: StepwiseSearch, sets: dict[ModelKey, _Starts], goal: float
 def _better(selection: Selection, fits: Sequence[FitResult]) -> FitResult | None:
     """The best set that may take the place of the selected one; None where none is better."""
     model, search = selection.model, selection.search
-    least = bic_score(model) + THRESHOLDS.exchange_gain
     for fitted in sorted(fits, key=bic_score, reverse=True):
-        if bic_score(fitted) < least:
-            break
+        is_better = bic_score(fitted) >= search.required_score(model, fitted) + THRESHOLDS.exchange_gain
+        if len(fitted.effects) > len(model.effects):
+            is_better = is_better and search.is_worth_adding(fitted, model)
         allowed = all(map(search.is_allowed, fitted.effects)) and fitted.key not in search.progress.exchanged
-        if allowed and _is_possible(fitted):
+        if is_better and allowed:
             return search.cache.converged(fitted)
     return None
 
 
-def _is_possible(fitted: FitResult) -> bool:
-    return all(is_signal(effect) or is_plausible(fitted.with_last(effect)) for effect in fitted.effects)
+def _is_named(fitted: FitResult) -> bool:
+    return not any(map(is_signal, fitted.effects))
 
 
 def _causes(fitted: FitResult) -> frozenset[str]:

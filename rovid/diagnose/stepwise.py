@@ -94,6 +94,10 @@ class StepwiseSearch:
         """BIC gain in nats that an addition needs; it grows with the number of causes (multiple testing)."""
         return self.margin + math.log(max(self.causes_tried, 1))
 
+    def required_score(self, current: FitResult, other: FitResult) -> float:
+        """BIC score that another set of causes needs to equal ``current``; each further cause costs the threshold."""
+        return bic_score(current) + self.threshold * max(len(other.effects) - len(current.effects), 0)
+
     def is_worth_adding(self, better: FitResult, current: FitResult) -> bool:
         """Whether the BIC gain of one more effect exceeds the threshold and the misspecification allowance."""
         gain = bic_score(better) - bic_score(current)
@@ -361,7 +365,14 @@ class StepwiseSearch:
     def cause(self, current: FitResult, effect: Effect) -> Cause:
         """Gain of ``effect`` in ``current``, and the BIC gain of each other effect in its place."""
         rest = self.without(current, effect)
-        alternatives = self._rank(rest, self.replacements(current, effect), current)
+        kept = {other.key for other in rest.effects}
+        challengers = [
+            fitted.with_last(last)
+            for fitted in self.cache.challengers.get(current.key, [])
+            for last in fitted.effects
+            if {other.key for other in fitted.effects if other is not last} == kept
+        ]
+        alternatives = self._rank(rest, [*challengers, *self.replacements(current, effect)], current)
         return Cause(effect, rest.value - current.value, bic_score(current) - bic_score(rest), alternatives)
 
     def further_causes(self, current: FitResult) -> tuple[Alternative, ...]:

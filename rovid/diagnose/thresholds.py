@@ -189,6 +189,11 @@ class Thresholds:
     challenger_share: float = 0.3
     """Share of the log-likelihood lost without some effects. Forms that recover less by linearisation are not fitted in
     their place. Set: score tests are good to a factor of a few. Halved: slower; doubled: better sets may be missed."""
+    challenging_causes: int = 10
+    """Causes. Pairs of the best single causes challenge the selected set. Set: convention. Halved: fewer pairs;
+    doubled: four times as many."""
+    challenging_pairs: int = 10
+    """Pairs. Most pairs that are fitted, by the sum of their gains. Set: effort. Halved: faster; doubled: slower."""
     challengers_shown: int = 3
     """Sets. Challengers of the result. Set: convention. Halved or doubled: the report alone."""
 
@@ -220,10 +225,13 @@ class Thresholds:
     horizon. Set: 200 predictions count at most (`docs/method.md`), and an RMS of 200 has an error of 5 %, of which two
     models on the same predictions share more than nine tenths. Halved: true effects whose gain is in the noise are
     dropped; doubled: stand-ins that predict worse stay."""
+    disturbance_growth: float = 2.0
+    """Standard errors. An effect that leaves a disturbance larger by more is dropped. Set: convention (5 %). Halved:
+    effects are dropped by chance; doubled: stand-ins stay."""
     min_standard_errors: float = 3.5
     """Standard errors. Smaller effects are dropped (one-step objective). Set: not recorded. Halved: more false effects;
     doubled: weak effects are dropped."""
-    min_standard_errors_multi_step: float = 2.0
+    min_standard_errors_multi_step: float = 3.0
     """The same for multi-step predictions, which count as few. Set: not recorded. Halved or doubled: likewise."""
     min_standard_errors_suspect: float = 1.0
     """Standard errors. Smaller effects are no suspects. Set: convention. Halved: more suspects; doubled: fewer."""

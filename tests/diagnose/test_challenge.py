@@ -10,9 +10,9 @@ import pytest
 from rovid.diagnose.candidate_fits import bic_score
 from rovid.diagnose.challenge import challenge, challenging_fits, closest_challengers
 from rovid.diagnose.cross_validation import cv_pieces
+from rovid.diagnose.selection import Selection
 from rovid.diagnose.stepwise import StepwiseSearch
 from rovid.diagnose.thresholds import THRESHOLDS
-from rovid.diagnose.validation import Selection
 from rovid.effects import Effect, effect_named
 from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.multi_step_likelihood import MultiStepLikelihood

@@ -10,41 +10,18 @@ import pytest
 
 from rovid.diagnose import validation
 from rovid.diagnose.algorithm import validate
-from rovid.diagnose.candidate_fits import Alternative, Cause, FitCache, bic_score
-from rovid.diagnose.cross_validation import cv_pieces
+from rovid.diagnose.candidate_fits import Alternative, Cause, bic_score
+from rovid.diagnose.selection import Selection
 from rovid.diagnose.signal_regressors import signal_regressors
 from rovid.diagnose.stepwise import StepwiseSearch
 from rovid.diagnose.thresholds import THRESHOLDS
-from rovid.diagnose.validation import Selection, drop_inconsistent, first_rejection, report_remainder, resolve_ties
+from rovid.diagnose.validation import drop_inconsistent, report_remainder, resolve_ties
 from rovid.diagnose.wave_test import WaveTest
 from rovid.effects import Effect, effect_named
-from rovid.estimate.fit_result import FitResult, fit
-from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
-from tests import synthetic
-from tests.predictions import BIAS, biased
+from rovid.estimate.fit_result import FitResult
+from tests.predictions import BIAS
 
 BEND, UNEQUAL = effect_named("drag_curvature"), effect_named("thrust_asymmetry")
-
-
-@pytest.fixture(scope="module")
-def searched() -> Selection:
-    """A constant torque that acts, as selected by multi-step predictions."""
-    data = biased()
-    objective = MultiStepLikelihood(data)
-    base = fit(objective, objective.parametrization.initial())
-    search = StepwiseSearch([BIAS, BEND, UNEQUAL])
-    pieces = cv_pieces(data.runs, synthetic.LOGGED, 1.0)
-    model = search.run(base)
-    assert model.effects == (BIAS,)
-    return Selection(search=search, data=data, base=base, model=model, pieces=pieces, multi_step=True)
-
-
-@pytest.fixture
-def selection(searched: Selection) -> Selection:
-    """The same with caches of its own, since tests put made-up fits into them."""
-    cache = searched.search.cache
-    own = FitCache(score_tests=dict(cache.score_tests), extensions=dict(cache.extensions), fits=dict(cache.fits))
-    return replace(searched, search=replace(searched.search, cache=own))
 
 
 def passing(
@@ -54,71 +31,6 @@ def passing(
     monkeypatch.setattr(Selection, "held_out_gain", lambda *_: gain)
     monkeypatch.setattr(validation, "significance", lambda *_: size)
     monkeypatch.setattr(Selection, "probability", lambda *_: probability)
-
-
-def reason_of(selection: Selection) -> str:
-    rejection = first_rejection(selection)
-    return "" if rejection is None else rejection.reason
-
-
-def test_a_cause_that_acts_passes_all_tests(selection: Selection) -> None:
-    assert selection.held_out_gain(BIAS) > 20.0
-    assert first_rejection(selection) is None
-    assert validate(selection).model.effects == (BIAS,)
-
-
-@pytest.mark.parametrize(("gain", "rejected"), [(-3.0, True), (0.0, True), (1e-9, False)])
-def test_an_effect_must_gain_on_held_out_trials(
-    selection: Selection, monkeypatch: pytest.MonkeyPatch, gain: float, *, rejected: bool
-) -> None:
-    passing(monkeypatch, gain=gain)
-    assert ("predicts held-out trials worse" in reason_of(selection)) is rejected
-
-
-def test_an_effect_must_not_be_at_its_bound(selection: Selection, monkeypatch: pytest.MonkeyPatch) -> None:
-    passing(monkeypatch)
-    x = selection.model.x.copy()
-    x[-1] = BIAS.parameters[0].high
-    at_bound = replace(selection, model=replace(selection.model, x=x))
-    assert reason_of(selection) == ""
-    assert "physically plausible" in reason_of(at_bound)
-
-
-@pytest.mark.parametrize(
-    ("multi_step", "least"),
-    [(False, THRESHOLDS.min_standard_errors), (True, THRESHOLDS.min_standard_errors_multi_step)],
-)
-def test_an_effect_must_differ_from_zero_by_its_standard_errors(
-    selection: Selection, monkeypatch: pytest.MonkeyPatch, least: float, *, multi_step: bool
-) -> None:
-    selection = replace(selection, multi_step=multi_step)
-    passing(monkeypatch, size=least)
-    assert reason_of(selection) == ""
-    passing(monkeypatch, size=0.99 * least)
-    assert "standard errors" in reason_of(selection)
-
-
-@pytest.mark.parametrize(
-    ("probability", "reason", "is_likely"),
-    [
-        (0.95, "", False),
-        (0.9499, "is likely, but not established", True),
-        (0.5, "is likely, but not established", True),
-        (0.4999, "is possible, but not established", False),
-    ],
-)
-def test_an_effect_must_be_probable(
-    selection: Selection, monkeypatch: pytest.MonkeyPatch, probability: float, reason: str, *, is_likely: bool
-) -> None:
-    passing(monkeypatch, probability=probability)
-    rejection = first_rejection(selection)
-    assert reason_of(selection) == reason
-    assert (rejection is not None and rejection.is_likely) is is_likely
-
-
-def test_an_effect_that_was_passed_over_is_not_tested(selection: Selection, monkeypatch: pytest.MonkeyPatch) -> None:
-    passing(monkeypatch, gain=-1.0)
-    assert first_rejection(selection, [BIAS.key]) is None
 
 
 def test_the_probability_falls_with_the_held_out_gain(selection: Selection) -> None:
@@ -224,28 +136,3 @@ def test_a_further_effect_with_a_notable_gain_is_reported(selection: Selection) 
     assert message.startswith("constant torque would gain a log-likelihood of")
     shown = replace(without, inconsistent=(BIAS,))
     assert report_remainder(shown).messages == ()
-
-
-def test_an_effect_that_is_nothing_on_all_data_is_rejected(
-    selection: Selection, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The search uses thinned data; the size on all data counts too."""
-    passing(monkeypatch)
-    full = replace(selection.model)
-    monkeypatch.setattr(Selection, "full_data", lambda *_: full)
-    sizes = {id(selection.model): 10.0, id(full): 0.4}
-    monkeypatch.setattr(validation, "significance", lambda fitted, _: sizes[id(fitted)])
-    assert reason_of(selection) == "differs from zero by only 0.4 standard errors on all data"
-
-
-@pytest.mark.parametrize(("growth", "rejected"), [(0.06, True), (0.019, False), (-0.3, False)])
-def test_an_effect_must_not_make_held_out_errors_grow(
-    selection: Selection, monkeypatch: pytest.MonkeyPatch, growth: float, *, rejected: bool
-) -> None:
-    passing(monkeypatch)
-    monkeypatch.setattr(Selection, "held_out_growth", lambda *_: growth)
-    assert ("makes the position errors on held-out trials 6 % larger" in reason_of(selection)) is rejected
-
-
-def test_a_cause_that_acts_makes_held_out_errors_smaller(selection: Selection) -> None:
-    assert selection.held_out_growth(BIAS) < -0.1

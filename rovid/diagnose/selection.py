@@ -1,0 +1,159 @@
+"""A selected model with everything that its validation needs: data, search, cross-validation, probabilities."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Self
+
+from rovid.diagnose.candidate_fits import Alternative, Cause, bic_score, fit_in_parallel
+from rovid.diagnose.cross_validation import CvPiece, Fold, cross_validate, held_out_log_likelihood
+from rovid.diagnose.posterior import outlier_probability, posterior_probability, probability_not_a_stand_in
+from rovid.diagnose.signal_regressors import is_signal
+from rovid.diagnose.stepwise import SearchStop, StepwiseSearch
+from rovid.diagnose.thresholds import THRESHOLDS
+from rovid.diagnose.wave_test import WaveTest
+from rovid.effects import Effect
+from rovid.estimate.dataset import FitData
+from rovid.estimate.fit_result import FitResult, fit
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Selection:
+    """State of the diagnosis: a selected model and everything needed to validate it."""
+
+    search: StepwiseSearch  # with the effects banned so far and the cache of fits
+    data: FitData  # all data; the search may use fewer
+    base: FitResult  # without effects
+    model: FitResult  # as selected
+    pieces: Sequence[CvPiece]  # of the runs, for cross-validation
+    multi_step: bool = False  # objective: likelihood of multi-step predictions, else of innovations
+    wave_test: Callable[[FitResult], WaveTest] | None = None  # next to a multi-step model
+    waves: WaveTest | None = None  # last result of the test
+    inconsistent: tuple[Effect, ...] = ()  # dropped because one-step predictions show less of them
+    messages: tuple[str, ...] = ()  # on effects that are not claimed
+
+    @property
+    def is_adequate(self) -> bool:
+        """Whether the model leaves white innovations and a disturbance within its limit."""
+        return self.model.is_white and not self.model.at_limit
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether the search came to its end."""
+        return not self.search.progress.stops & {SearchStop.CUT_SHORT, SearchStop.OUT_OF_TIME}
+
+    @property
+    def is_out_of_time(self) -> bool:
+        """Whether something was left out at the end of the budget."""
+        return bool(self.search.budget.not_tried)
+
+    def ban(self, *effects: Effect) -> Self:
+        """The selection with a search that never selects ``effects`` again."""
+        return replace(self, search=self.search.ban(*effects))
+
+    def drop(self, effect: Effect) -> Self:
+        """The selection without ``effect`` in the model, all other parameters refitted."""
+        return replace(self, model=self.search.without(self.model, effect))
+
+    def search_on(self) -> Self:
+        """The selection with the model that the search reaches from the present one."""
+        return replace(self, model=self.search.run(self.model))
+
+    def with_message(self, message: str) -> Self:
+        """The selection with a further message."""
+        return replace(self, messages=(*self.messages, message))
+
+    def folds(self, fitted: FitResult) -> list[Fold]:
+        """Cross-validation of a model, computed once."""
+        folds = self.search.cache.folds
+        if fitted.key not in folds:
+            folds[fitted.key] = cross_validate(fitted, self.pieces)
+        return folds[fitted.key]
+
+    def held_out_gain(self, effect: Effect) -> float:
+        """Log-likelihood gain of ``effect`` on trials that were not fitted, in nats."""
+        without = self.search.without(self.model, effect)
+        return held_out_log_likelihood(self.folds(self.model)) - held_out_log_likelihood(self.folds(without))
+
+    def fit_full_data(self, models: Sequence[FitResult]) -> None:
+        """Fit ``models`` to all data in parallel, unless the cache has them."""
+        known = self.search.cache.full_data
+        left = [fitted for fitted in models if fitted.key not in known]
+        objectives = [replace(fitted.objective, data=self.data, mask=None) for fitted in left]
+        tolerance = THRESHOLDS.full_data_tolerance
+        fits = fit_in_parallel(objectives, lambda at: fit(objectives[at], left[at].x, tolerance=tolerance))
+        known.update((fitted.key, full) for fitted, full in zip(left, fits, strict=True))
+
+    def full_data(self, fitted: FitResult) -> FitResult:
+        """The model of ``fitted``, fitted to all data once."""
+        self.fit_full_data((fitted,))
+        return self.search.cache.full_data[fitted.key]
+
+    def cause(self, effect: Effect) -> Cause:
+        """Gain of ``effect``, with close alternatives compared on all data."""
+        cause = self.search.cause(self.model, effect)
+        least = THRESHOLDS.tie_full_data_share * cause.bic_gain
+        count = THRESHOLDS.tie_full_data_alternatives
+        close = [one for one in cause.alternatives[:count] if one.bic_gain > least and not is_signal(one.effect)]
+        if not close or self.model.data is self.data:
+            return cause
+        # The base model is needed later, and keeps a further core busy.
+        self.fit_full_data((self.model, *(one.fitted for one in close), self.base))
+        score = bic_score(self.full_data(self.model))
+        alternatives = []
+        for one in cause.alternatives:
+            gain = one.bic_gain
+            if one in close:
+                gain = cause.bic_gain + bic_score(self.full_data(one.fitted)) - score
+            alternatives.append(replace(one, bic_gain=gain))
+        return replace(cause, alternatives=tuple(sorted(alternatives, key=lambda one: -one.bic_gain)))
+
+    def tie_margin(self, bic_gain: float) -> float:
+        """Difference of BIC gain in nats from which a cause with ``bic_gain`` is distinguishable from another."""
+        if self.model.is_white:
+            return THRESHOLDS.tie_margin
+        # Part of any gain belongs to the form of the equation.
+        return THRESHOLDS.tie_margin + min(THRESHOLDS.tie_share * bic_gain, THRESHOLDS.tie_cap)
+
+    def indistinguishable(self, cause: Cause) -> tuple[Effect, ...]:
+        """Named alternatives of ``cause`` within the tie margin, and the causes of other sets that are as close."""
+        margin, model = self.tie_margin(cause.bic_gain), self.model
+        close = [one.effect for one in cause.alternatives if abs(one.bic_gain - cause.bic_gain) < margin]
+        own = {effect.id for effect in model.effects}
+        for fitted in self.search.cache.challengers.get(model.key, []):
+            causes = {effect.id: effect for effect in fitted.effects}
+            added, missing = causes.keys() - own, own - causes.keys()
+            # Sets that differ by one effect are among the alternatives, compared on all data.
+            is_other = cause.effect.id in missing and len(added) + len(missing) > 2
+            if is_other and abs(bic_score(fitted) - self.search.required_score(model, fitted)) < margin:
+                close += [effect for name, effect in causes.items() if name in added]
+        return tuple({effect.id: effect for effect in close if not is_signal(effect)}.values())
+
+    def probability(self, cause: Cause, held_out_gain: float) -> float:
+        """Posterior probability that ``cause``, or an indistinguishable one, acts."""
+        # A signal that follows the cause is no other cause.
+        named = [one for one in cause.alternatives if not is_signal(one.effect)]
+        gains = {one.effect.id: self.chance_corrected_gain(one) for one in named}
+        gains[cause.effect.id] = own = self.chance_corrected_gain(cause)
+        equivalent = [cause.effect.id, *[effect.id for effect in self.indistinguishable(cause)]]
+        rest = self.search.without(self.model, cause.effect)
+        white = self.model.is_white
+        # The approximate equations of the other effects may account for part of the gain.
+        allowance = self.search.misspecification_allowance(rest, white=white)
+        excess = max(own - held_out_gain, 0.0) + allowance
+        gains = {name: gain - excess for name, gain in gains.items()}
+        cap = probability_not_a_stand_in(held_out_gain - allowance, own - allowance, white=white)
+        probability = posterior_probability(gains, equivalent, self.search.causes_tried, cap=cap)
+        return probability if white else min(probability, outlier_probability(self.model, cause.effect))
+
+    def chance_corrected_gain(self, one: Cause | Alternative) -> float:
+        """BIC gain less the gain by chance of the best of several forms.
+
+        With coloured innovations that is part of the recalibration, which used campaigns without this correction.
+        """
+        if not self.model.is_white:
+            return one.bic_gain
+        forms = sum(candidate.id == one.effect.id for candidate in self.search.candidates)
+        return one.bic_gain - math.log(max(forms, 1))

@@ -1,0 +1,176 @@
+"""What is never established: each rule rejects an effect that fails it, and passes one that does not."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rovid.diagnose import rejection
+from rovid.diagnose.algorithm import validate
+from rovid.diagnose.cross_validation import HeldOutScores
+from rovid.diagnose.rejection import first_rejection, raises_disturbance, simulates_worse
+from rovid.diagnose.selection import Selection
+from rovid.diagnose.thresholds import THRESHOLDS
+from rovid.effects import EffectParameter
+from rovid.estimate.fit_result import FitResult
+from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
+from tests.predictions import BIAS
+
+
+def passing(
+    monkeypatch: pytest.MonkeyPatch, *, gain: float = 50.0, size: float = 10.0, probability: float = 0.97
+) -> None:
+    """Every effect has such a held-out gain, such a size in standard errors, and such a probability."""
+    monkeypatch.setattr(Selection, "held_out_gain", lambda *_: gain)
+    monkeypatch.setattr(rejection, "significance", lambda *_: size)
+    monkeypatch.setattr(Selection, "probability", lambda *_: probability)
+
+
+def reason_of(selection: Selection) -> str:
+    rejected = first_rejection(selection)
+    return "" if rejected is None else rejected.reason
+
+
+def test_a_cause_that_acts_passes_all_tests(selection: Selection) -> None:
+    assert selection.held_out_gain(BIAS) > 20.0
+    assert first_rejection(selection) is None
+    assert validate(selection).model.effects == (BIAS,)
+
+
+@pytest.mark.parametrize(("gain", "fails"), [(-3.0, True), (0.0, True), (1e-9, False)])
+def test_an_effect_must_gain_on_held_out_trials(
+    selection: Selection, monkeypatch: pytest.MonkeyPatch, gain: float, *, fails: bool
+) -> None:
+    passing(monkeypatch, gain=gain)
+    assert ("predicts held-out trials worse" in reason_of(selection)) is fails
+
+
+def test_an_effect_must_not_be_at_its_bound(selection: Selection, monkeypatch: pytest.MonkeyPatch) -> None:
+    passing(monkeypatch)
+    x = selection.model.x.copy()
+    x[-1] = BIAS.parameters[0].high
+    at_bound = replace(selection, model=replace(selection.model, x=x))
+    assert reason_of(selection) == ""
+    assert "physically plausible" in reason_of(at_bound)
+
+
+@pytest.mark.parametrize(
+    ("multi_step", "least"),
+    [(False, THRESHOLDS.min_standard_errors), (True, THRESHOLDS.min_standard_errors_multi_step)],
+)
+def test_an_effect_must_differ_from_zero_by_its_standard_errors(
+    selection: Selection, monkeypatch: pytest.MonkeyPatch, least: float, *, multi_step: bool
+) -> None:
+    selection = replace(selection, multi_step=multi_step)
+    passing(monkeypatch, size=least)
+    assert reason_of(selection) == ""
+    passing(monkeypatch, size=0.99 * least)
+    assert "standard errors" in reason_of(selection)
+
+
+@pytest.mark.parametrize(
+    ("probability", "reason", "is_likely"),
+    [
+        (0.95, "", False),
+        (0.9499, "is likely, but not established", True),
+        (0.5, "is likely, but not established", True),
+        (0.4999, "is possible, but not established", False),
+    ],
+)
+def test_an_effect_must_be_probable(
+    selection: Selection, monkeypatch: pytest.MonkeyPatch, probability: float, reason: str, *, is_likely: bool
+) -> None:
+    passing(monkeypatch, probability=probability)
+    rejected = first_rejection(selection)
+    assert reason_of(selection) == reason
+    assert (rejected is not None and rejected.is_likely) is is_likely
+
+
+def test_an_effect_that_was_passed_over_is_not_tested(selection: Selection, monkeypatch: pytest.MonkeyPatch) -> None:
+    passing(monkeypatch, gain=-1.0)
+    assert first_rejection(selection, [BIAS.key]) is None
+
+
+def test_an_effect_that_is_nothing_on_all_data_is_rejected(
+    selection: Selection, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The search uses thinned data; the size on all data counts too."""
+    passing(monkeypatch)
+    full = replace(selection.model)
+    monkeypatch.setattr(Selection, "full_data", lambda *_: full)
+    sizes = {id(selection.model): 10.0, id(full): 0.4}
+    monkeypatch.setattr(rejection, "significance", lambda fitted, _: sizes[id(fitted)])
+    assert reason_of(selection) == "differs from zero by only 0.4 standard errors on all data"
+
+
+@pytest.mark.parametrize(("high", "fails"), [(0.7, True), (0.71, False)])
+def test_no_parameter_may_be_at_the_limit_of_its_range(
+    selection: Selection, monkeypatch: pytest.MonkeyPatch, high: float, *, fails: bool
+) -> None:
+    """A second parameter, such as a memory, may be at a limit where the size is not."""
+    passing(monkeypatch)
+    memory = EffectParameter(name="memory", unit="s", neutral=0.0, low=0.0, high=high, initial_values=(0.1,))
+    late = replace(BIAS, parameters=(*BIAS.parameters, memory))
+    (size,) = selection.model.effect_coordinates(BIAS)
+    monkeypatch.setattr(FitResult, "effect_coordinates", lambda *_: np.array([size, 0.7]))
+    full = replace(selection.model)
+    monkeypatch.setattr(Selection, "full_data", lambda *_: full)
+    assert bool(rejection.at_bound_on_all_data(selection, late)) is fails
+
+
+@pytest.mark.parametrize("quantity", ["position", "rate"])
+@pytest.mark.parametrize(("growth", "fails"), [(0.06, True), (0.019, False), (-0.3, False)])
+def test_an_effect_must_make_neither_held_out_rate_nor_position_worse(
+    selection: Selection, monkeypatch: pytest.MonkeyPatch, quantity: str, growth: float, *, fails: bool
+) -> None:
+    passing(monkeypatch)
+    growths = {"position": -0.5, "rate": -0.5, quantity: growth}
+
+    def errors(name: str, fitted: FitResult) -> float:
+        return 1.0 + growths[name] * bool(fitted.effects)
+
+    def scores(fitted: FitResult, _: object) -> HeldOutScores:
+        return HeldOutScores(log_likelihood=0.0, rate_r2=0.0, rate_rmse=errors("rate", fitted), position_errors={})
+
+    monkeypatch.setattr(
+        rejection, "horizon_errors", lambda fitted, *_: np.array([math.nan, errors("position", fitted)])
+    )
+    monkeypatch.setattr(rejection, "simulate_folds", scores)
+    assert (f"makes the {quantity} errors on held-out trials 6 % larger" == reason_of(selection)) is fails
+
+
+def test_a_position_error_that_grows_at_one_horizon_alone_is_chance(
+    selection: Selection, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        rejection, "horizon_errors", lambda fitted, *_: np.array([1.2, 0.9] if fitted.effects else [1.0, 1.0])
+    )
+    assert simulates_worse(selection, BIAS) == ""
+
+
+@pytest.mark.parametrize(
+    ("size", "memory", "fails"),
+    [(1.05, 3.0, False), (1.5, 3.0, True), (0.5, 3.0, False), (1.5, 12.0, False)],
+    ids=["within its error", "larger", "smaller", "slower"],
+)
+def test_an_effect_must_not_raise_the_disturbance(
+    selection: Selection, monkeypatch: pytest.MonkeyPatch, size: float, memory: float, *, fails: bool
+) -> None:
+    """The size of 1 N m and the memory of 3 s without the effect have a standard error of 0.05 N m or more."""
+    seconds = sum(float(np.ptp(run.trial.time)) for run in selection.data.runs)
+    assert THRESHOLDS.disturbance_growth * math.sqrt(3.0 / seconds) > 0.05
+    with_effect = selection.model.objective.effects
+    monkeypatch.setattr(
+        MultiStepLikelihood, "disturbance", lambda own, _: (size, memory) if own.effects == with_effect else (1.0, 3.0)
+    )
+    assert bool(raises_disturbance(selection, BIAS)) is fails
+
+
+def test_a_cause_that_acts_lowers_the_disturbance_and_the_held_out_errors(selection: Selection) -> None:
+    assert raises_disturbance(selection, BIAS) == ""
+    assert simulates_worse(selection, BIAS) == ""
+    without = selection.search.without(selection.model, BIAS)
+    assert selection.model.disturbance[0] < 0.9 * without.disturbance[0]
