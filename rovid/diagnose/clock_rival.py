@@ -12,7 +12,7 @@ from dataclasses import replace
 
 from rovid.core.budget import Budget, ProgressCallback
 from rovid.core.formatting import plus_minus
-from rovid.diagnose.algorithm import diagnose
+from rovid.diagnose.foreign_rival import diagnose_majority
 from rovid.diagnose.objectives import preload
 from rovid.diagnose.result import Diagnosis, Finding
 from rovid.effects.clock_offset import CLOCKS_APART
@@ -43,7 +43,7 @@ def diagnose_logs(
 
 
 def _diagnose(prepared: PreparedRuns, vehicle: Vehicle, report: ProgressCallback, budget: Budget) -> Diagnosis:
-    diagnosis = diagnose(prepared, vehicle, report, budget)
+    diagnosis = diagnose_majority(prepared, vehicle, report, budget)
     offset = _clock_offset(diagnosis.findings)
     if offset is None:
         return _without_offset(diagnosis, prepared.items)
@@ -55,7 +55,7 @@ def _diagnose(prepared: PreparedRuns, vehicle: Vehicle, report: ProgressCallback
         Campaign(trials=trials, sources=()), vehicle, cutoff=min(prepared.cutoff, highest_cutoff(trials))
     )
     report("Repeating the diagnosis with the clocks corrected …")
-    diagnosis = _without_offset(diagnose(corrected, vehicle, report, budget), corrected.items)
+    diagnosis = _without_offset(diagnose_majority(corrected, vehicle, report, budget), corrected.items)
     return replace(diagnosis, faults=(fault, *diagnosis.faults))
 
 
@@ -79,7 +79,8 @@ def _without_offset(diagnosis: Diagnosis, runs: Sequence[Run]) -> Diagnosis:
     verdict = diagnosis.verdict
     if verdict in {"found", "suspected"} and not findings:
         verdict = "suspected" if suspects else "nothing_found"
-    return replace(diagnosis, verdict=verdict, findings=tuple(findings), suspects=tuple(suspects), faults=tuple(faults))
+    every_fault = (*diagnosis.faults, *faults)
+    return replace(diagnosis, verdict=verdict, findings=tuple(findings), suspects=tuple(suspects), faults=every_fault)
 
 
 def _joined(runs: Sequence[Run]) -> tuple[str, ...]:

@@ -97,7 +97,7 @@ def diagnosis_document(diagnosis: Diagnosis, study: Study) -> Document:
 
 def all_faults(diagnosis: Diagnosis, study: Study) -> list[Fault]:
     """Faults that the logs alone show, and those that the diagnosis found, which comes second and knows more."""
-    later = {fault.fault for fault in diagnosis.faults}
+    later = {fault.fault for fault in diagnosis.faults if fault.fault != "foreign_log"}
     return [*(fault for fault in study.faults if fault.fault not in later), *diagnosis.faults]
 
 
