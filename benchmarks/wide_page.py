@@ -12,6 +12,7 @@ from tools.wide.causes import ALL
 
 Record = dict[str, Any]
 BEGIN, END = "<!-- wide: begin -->", "<!-- wide: end -->"
+EVIDENCE = 20.0  # nats, from which a cause counts as detectable
 _BAD = frozenset({"extra", "wrong", "unexplained", "missed", "no answer", "false"})
 
 
@@ -25,7 +26,8 @@ def line_of(record: Record) -> str:
     result, truth, said = score(record), record["truth"], record["said"]["diagnose"]
     worst = max((abs(z) for z in result["z"].values()), default=float("nan"))
     return (
-        f"{record['index']:4d} {cause_of(truth):<38} visible {truth['visibility']:5.2f} left {truth['left']:6.3f} "
+        f"{record['index']:4d} {cause_of(truth):<38} visible {truth['visibility']:5.2f} "
+        f"evidence {truth['evidence']:8.0f} "
         f"{said['seconds']:5.0f} s {result['outcome']:<13} z {worst:5.1f}  {'; '.join(result['findings']) or '-'} "
         f"[{'; '.join(result['suspects'][:3])}] {said.get('verdict')} {said['failure'][:80]}"
     )
@@ -94,8 +96,8 @@ def _failures(records: Sequence[Record]) -> list[str]:
         words = "; ".join(result["findings"]) or said.get("failure", "").partition("\n")[0] or "nothing established"
         suspects = f"; suspects {', '.join(result['suspects'][:2])}" if result["suspects"] else ""
         lines.append(
-            f"* `{record['seed']} {record['index']}` {cause_of(truth)} (visible {truth['visibility']:.2f}, left after "
-            f"a refit {truth['left']:.3f}, time constant {truth['time_constant']:.2g} s, {len(truth['runs'])} runs): "
+            f"* `{record['seed']} {record['index']}` {cause_of(truth)} (visible {truth['visibility']:.2f}, evidence "
+            f"{truth['evidence']:.0f} nats, time constant {truth['time_constant']:.2g} s, {len(truth['runs'])} runs): "
             f"{result['outcome']}. {words}{suspects}; largest error of inertia and drags {abs(worst):.1f} standard "
             "errors."
         )
@@ -109,9 +111,9 @@ def section(records: Sequence[Record]) -> str:
     invisible = len(records) - len(visible) - len(nothing)
     seeds = ", ".join(str(seed) for seed in sorted({r["seed"] for r in records}))
     seconds = [r["said"]["diagnose"]["seconds"] for r in records] or [0.0]
-    clearly = [r for r in visible if r["truth"]["left"] >= r["truth"]["disturbed"]]
+    clearly = [r for r in visible if r["truth"]["evidence"] >= EVIDENCE]
     rows = [_counts("visible causes", visible, OUTCOMES)] if visible else []
-    rows += [_counts("left after a refit ≥ disturbance", clearly, OUTCOMES)] if clearly else []
+    rows += [_counts("visible, with evidence", clearly, OUTCOMES)] if clearly else []
     rows += _grouped(visible, lambda r: f"changes the rate by {_size(r)}")
     head = ["campaigns", "number", *OUTCOMES]
     starts = {"rest": "at rest", "step": "at a step", "under_way": "under way"}
@@ -132,9 +134,10 @@ def section(records: Sequence[Record]) -> str:
         "rpm or −1 to 1. Headings have 1 to 100 Hz, commands are slower or faster, in the same table, in a second file "
         "or in MCAP. A campaign has 2 to 12 runs, which begin at rest, at a step, or under way. Each of 24 effects has "
         "one to five laws. A cause is *visible* if it changes the yaw rate by 3 % or more (root mean square, same "
-        "commands, same disturbance). *Left after a refit* is the part of the rate that remains if inertia and drags "
-        "are fitted without the cause. The simulator shares no code with rovid, and its author has not read the "
-        f"diagnosis. A diagnosis took {statistics.median(seconds):.0f} s at the median and {max(seconds):.0f} s at "
+        "commands, same disturbance). *Evidence* is the average gain in log-likelihood of the true cause over the plain "
+        "model with fitted inertia and drags, computed from the true disturbance and noise. A cause with less than "
+        f"{EVIDENCE:.0f} nats is lost in them. The simulator shares no code with rovid, and its author has not read "
+        "the diagnosis. A diagnosis took {statistics.median(seconds):.0f} s at the median and {max(seconds):.0f} s at "
         "most, on a machine with other work."
     )
     legend = (

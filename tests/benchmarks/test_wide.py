@@ -31,12 +31,12 @@ def record(truth: dict[str, Any], verdict: str, *findings: Any, suspects: tuple[
 
 @pytest.fixture(scope="module")
 def lag() -> dict[str, Any]:
-    return truth_of(draw(3, 2, "thruster_lag", "torque")) | {"left": 0.1, "disturbed": 0.01}
+    return truth_of(draw(3, 2, "thruster_lag", "torque")) | {"left": 0.1, "evidence": 300.0}
 
 
 @pytest.fixture(scope="module")
 def nothing() -> dict[str, Any]:
-    return truth_of(draw(3, 2, "none")) | {"left": 0.0, "disturbed": 0.01}
+    return truth_of(draw(3, 2, "none")) | {"left": 0.0, "evidence": 0.0}
 
 
 def test_outcomes_with_a_cause(lag: dict[str, Any]) -> None:

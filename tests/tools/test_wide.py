@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 from tools.wide import FORMS, Campaign, after_refit, draw, truth_of, write_campaign
 from tools.wide.campaign import VISIBLE, Run, deviation, simulated
 from tools.wide.motion import Floats, Physics, Pilot, simulate
+from tools.wide.truth import whitening
 
 SEED = 7
 QUICK = 12  # index of a small campaign
@@ -21,11 +22,11 @@ ALL_FORMS = [(effect, form) for effect, forms in FORMS.items() for form in forms
 
 def small(effect: str, form: str | None = None, first: int = 0) -> Campaign:
     """The first campaign of few readings."""
-    for index in range(first, first + 40):
+    for index in range(first, first + 60):
         campaign = draw(SEED, index, effect, form)
-        if sum(run.time.size for run in campaign.runs) < 5000:
+        if sum(run.time.size for run in campaign.runs) < 3000:
             return campaign
-    pytest.fail("no small campaign among 40")
+    pytest.fail("no small campaign among 60")
 
 
 def test_the_same_seed_gives_the_same_files(tmp_path: Path) -> None:
@@ -204,5 +205,21 @@ def test_logs_hold_the_motion_and_the_commands(tmp_path: Path) -> None:
 def test_what_a_refit_absorbs() -> None:
     lag, drag = after_refit(small("thruster_lag", "torque")), after_refit(small("drag_curvature", "cubic"))
     assert 0.0 < lag["left"] < 1.0
+    assert lag["evidence"] > 20.0
     assert 0.0 < drag["left"] < truth_of(small("drag_curvature", "cubic"))["visibility"]
-    assert after_refit(small("none"))["left"] < 1e-9
+    nothing = after_refit(small("none"))
+    assert nothing["left"] < 1e-9
+    assert nothing["evidence"] < 1e-6
+
+
+def test_evidence_is_that_of_white_noise() -> None:
+    """Of a campaign's own noise the whitened rest has unit variance, within what its length allows."""
+    campaign = small("none", first=40)
+    run = campaign.runs[0]
+    rng = np.random.default_rng(3)
+    step = 1.0 / campaign.heading_hz
+    noise = np.diff(rng.normal(0.0, campaign.noise, run.time.size + 1)) / step
+    white = np.fft.irfft(np.fft.rfft(noise) * whitening(campaign, noise.size), noise.size)
+    # The derivative's spectrum is that of a difference only well below the Nyquist frequency, and the disturbance's
+    # share of the density is left out here: the variance is between a tenth and one.
+    assert 0.1 < np.mean(white**2) < 1.2

@@ -90,6 +90,7 @@ class Campaign:
     sway: float
     voltage: float  # V; 0: not logged
     disturbance: float  # N m
+    memory: float  # s, of the disturbance
     scale: float  # s
 
     @property
@@ -168,7 +169,7 @@ def draw(seed: int, index: int, effect: str | None = None, form: str | None = No
         "rate_noise": vehicle.full_rate * log_uniform(rng, 0.003, 0.03) if rng.random() < 0.25 else 0.0,
         "speed": speed if with_speed else 0.0, "sway": sway if with_speed else 0.0,
         "voltage": float(rng.choice([12.0, 24.0, 48.0, 400.0])) if with_voltage else 0.0,
-        "disturbance": disturbance, "scale": scale,
+        "disturbance": disturbance, "memory": memory, "scale": scale,
     }  # fmt: skip
     for _ in range(6):
         cause = cause_of(strength, float(lengths.max()), float(days[-1] + lengths[-1]), fastest)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -29,17 +30,22 @@ def _rates(campaign: Campaign) -> Floats:
 
 
 def after_refit(campaign: Campaign) -> dict[str, float]:
-    """What is left of the cause in the yaw rate after inertia and drags were fitted without it.
+    """How far the cause shows once inertia and drags were fitted without it.
+
+    The fit knows the disturbance; only the cause is missing.
 
     Returns
     -------
     dict
-        ``left``: root mean square of the rest over that of the rate; ``disturbed``: the same of the change that the
-        disturbance alone makes without a cause. The fit knows the disturbance; only the cause is missing.
+        ``left``: root mean square of what is left of the yaw rate, over that of the rate. ``disturbed``: the same of
+        the change that the disturbance makes. ``evidence``: gain in log-likelihood in nats that the true cause has
+        over the plain model on average, for a linear vehicle with the true disturbance and noise.
     """
     wanted = _rates(campaign)
     size = math.sqrt(float(np.mean(wanted**2)))
     logs = np.log([campaign.plain.inertia, campaign.plain.quadratic, campaign.plain.linear + 1e-9])
+    weights = [whitening(campaign, run.time.size) for run in campaign.runs]
+    edges = np.cumsum([run.time.size for run in campaign.runs])[:-1]
 
     def rest(values: Floats) -> Floats:
         inertia, quadratic, linear = np.exp(np.minimum(values, 60.0)).tolist()
@@ -47,27 +53,59 @@ def after_refit(campaign: Campaign) -> dict[str, float]:
         found: Floats = wanted - _plain_rates(simulated(campaign, physics, replay=True))
         return found
 
-    now = rest(logs)
+    def whitened(values: Floats) -> Floats:
+        parts = zip(np.split(rest(values), edges), weights, strict=True)
+        return np.concatenate([np.fft.irfft(np.fft.rfft(part) * weight, part.size) for part, weight in parts])
+
+    logs, left = _least(rest, logs)
+    _, white = _least(whitened, logs)
+    plain = _plain_rates(simulated(campaign, campaign.plain, replay=True))
+    calm = np.concatenate(_without_disturbance(campaign))
+    return {
+        "left": math.sqrt(float(np.mean(left**2))) / size,
+        "disturbed": math.sqrt(float(np.mean((plain - calm) ** 2))) / math.sqrt(float(np.mean(plain**2))),
+        "evidence": 0.5 * float(white @ white),
+    }
+
+
+def _least(residual: Callable[[Floats], Floats], start: Floats) -> tuple[Floats, Floats]:
+    """Values (3,) and residuals of a damped Gauss-Newton fit."""
+    values, now = start, residual(start)
     damping = 1e-3
     for _ in range(6):
-        slopes = np.column_stack([(rest(logs + 0.01 * step) - now) / 0.01 for step in np.eye(3)])
+        slopes = np.column_stack([(residual(values + 0.01 * step) - now) / 0.01 for step in np.eye(3)])
         normal = slopes.T @ slopes
         change = np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-30), -slopes.T @ now)
-        trial = logs + np.clip(change, -1.0, 1.0)
-        after = rest(trial)
+        trial = values + np.clip(change, -1.0, 1.0)
+        after = residual(trial)
         if not np.all(np.isfinite(after)) or after @ after > now @ now:
             damping *= 30.0
             continue
         done = now @ now - after @ after < 1e-4 * (now @ now)
-        logs, now = trial, after
+        values, now = trial, after
         if done:
             break
-    plain = _plain_rates(simulated(campaign, campaign.plain, replay=True))
-    calm = np.concatenate(_without_disturbance(campaign))
-    return {
-        "left": math.sqrt(float(np.mean(now**2))) / size,
-        "disturbed": math.sqrt(float(np.mean((plain - calm) ** 2))) / math.sqrt(float(np.mean(plain**2))),
-    }
+    return values, now
+
+
+def whitening(campaign: Campaign, count: int) -> Floats:
+    """Factors for the Fourier transform of a residual of the rate (count,) that make unit noise of it.
+
+    Noise of the rate is what the disturbance makes on a vehicle with the drag at the usual rate, and the noise of the
+    heading (with its rounding) and of the gyro.
+    """
+    vehicle, step = campaign.vehicle, 1.0 / campaign.heading_hz
+    omega = 2.0 * np.pi * np.fft.rfftfreq(count, step)
+    usual = math.sqrt(float(np.mean(_plain_rates(campaign) ** 2)))
+    drag = 2.0 * vehicle.quadratic_drag * usual + vehicle.linear_drag
+    torque = 2.0 * campaign.disturbance**2 * campaign.memory / (1.0 + (omega * campaign.memory) ** 2)
+    heading = omega**2 * campaign.noise**2 * step
+    if campaign.rate_noise:
+        gyro = campaign.rate_noise**2 * step
+        heading = heading * gyro / (heading + gyro)
+    density = torque / ((vehicle.inertia * omega) ** 2 + drag**2) + heading
+    factors: Floats = np.sqrt(step / density)
+    return factors
 
 
 def _plain_rates(campaign: Campaign) -> Floats:
