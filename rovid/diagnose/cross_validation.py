@@ -100,7 +100,7 @@ def min_part_length(runs: Sequence[Run], cutoff: float) -> float:
         shortest = max(longest, THRESHOLDS.part_time_constants_min * constant)
         shortest = min(shortest, THRESHOLDS.part_time_constants * constant)
     except DataError:
-        shortest = THRESHOLDS.part_seconds_unknown
+        shortest = sum(recorded_seconds(run.trial) for run in runs) / THRESHOLDS.parts
     return max(shortest, THRESHOLDS.part_cutoff_periods / cutoff)
 
 
@@ -112,7 +112,7 @@ def recorded_seconds(trial: Trial) -> float:
 def _sessions(trial: Trial) -> list[IntArray]:
     """Indices of the measured positions between pauses."""
     measured = np.flatnonzero(trial.measured)
-    pause = max(THRESHOLDS.pause_periods * trial.sampling_interval, THRESHOLDS.pause_seconds)
+    pause = THRESHOLDS.pause_periods * trial.sampling_interval
     return np.split(measured, 1 + np.flatnonzero(np.diff(trial.time[measured]) > pause))
 
 

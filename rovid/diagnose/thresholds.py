@@ -31,19 +31,14 @@ class Thresholds:
     part_time_constants_min: float = 2.0
     """Time constants. Shortest part where longer ones give fewer than `min_trials`. Set: not recorded. Halved: shorter
     logs are diagnosed; doubled: they are refused."""
-    part_seconds_unknown: float = 30.0
-    """s. Shortest part where the time constant is unknown. Set: convention. Halved or doubled: such logs are cut more
-    finely or more coarsely."""
     part_cutoff_periods: float = 8.0
     """Periods of the cut-off. Shortest part for the low-pass filter, whose kernel spans 2.5. Set: convention. Halved:
     the filter loses more than half of a part; doubled: fewer parts."""
     part_samples: int = 10
     """Samples. Smallest part. Set: convention (as for a log). Halved or doubled: not measured."""
-    pause_seconds: float = 10.0
-    """s. A longer gap between positions divides a trial. Set: convention. Halved: more gaps divide; doubled: parts may
-    span longer gaps."""
-    pause_periods: float = 10.0
-    """Sampling periods. As `pause_seconds`, and both must be exceeded. Set: convention. Halved or doubled: likewise."""
+    pause_periods: float = 100.0
+    """Sampling periods. A longer gap between positions divides a trial. Set: convention. Halved: more gaps divide;
+    doubled: parts may span longer gaps."""
     motion_over_noise: float = 2.0
     """Ratio. A rate norm below this multiple of its noise is no motion. Set: convention. Halved: noise may pass as
     motion; doubled: slow trials are refused."""

@@ -23,8 +23,9 @@ from rovid.trial.axis import Axis
 
 # Slice of the drags among the unknowns: inertia, quadratic and linear drag, and those of the restoring torque.
 _DRAGS = slice(1, 3)
-# Length in s of a jackknife block, longer than the memory of waves and eddies, and the least number of blocks.
-_BLOCK_SECONDS, _BLOCKS = 40.0, 12
+# Shortest jackknife block in periods of the cut-off, longer than the memory of waves and eddies; usual number of blocks
+# in all logs, and the least number.
+_BLOCK, _USUAL_BLOCKS, _BLOCKS = 30.0, 60, 12
 # Largest number of renewals of the instruments, and the relative change at which they have converged.
 _PASSES, _CONVERGED = 8, 1e-4
 # Least ratio of the rate's standard deviation to that of its noise: half the power is motion.
@@ -52,7 +53,7 @@ def fit_regression(runs: Sequence[Run], *, min_sigmas: float = 3.0) -> Regressio
     instruments are the same regressors from a noise-free simulation under the measured torque, renewed with
     each estimate (the refined instrumental variable method, Young 2011; Ljung 1999, section 7.6). They are
     correlated with the torque but not with the noise. Drag is bounded below by zero. The covariance is a jackknife
-    over blocks of 40 s (shorter for short logs), within which the residuals may be correlated. docs/method.md, (10).
+    over 12 to 60 blocks, within which the residuals may be correlated. docs/method.md, (10).
 
     Parameters
     ----------
@@ -147,7 +148,7 @@ def _require_motion(runs: Sequence[Run], regressors: FloatArray, torque: FloatAr
 def _torque_and_blocks(runs: Sequence[Run]) -> tuple[FloatArray, IntArray]:
     """(n,) filtered torque and block number at every valid instant of all runs."""
     seconds = sum(run.valid.sum() * run.rates.kernel.period for run in runs)
-    length = min(_BLOCK_SECONDS, seconds / _BLOCKS)
+    length = min(max(_BLOCK / runs[0].rates.kernel.cutoff, seconds / _USUAL_BLOCKS), seconds / _BLOCKS)
     torque, blocks, first = [], [], 0
     for run in runs:
         torque.append(run.filtered_torque[run.valid])

@@ -20,7 +20,7 @@ from rovid.signals.preprocessing import Run
 
 # Least number of standard errors of the inertia from zero. Steady holds are compatible with any inertia.
 MIN_INERTIA_SIGMAS = 2.0
-# Least scale of a trim in rad, or of a lift in N.
+# Least scale of a trim in rad, and of a lift or a stiffness over the RMS torque.
 _LEAST_RESTORING = 1e-2
 
 
@@ -53,7 +53,10 @@ def _fit(runs: tuple[Run, ...], min_sigmas: float) -> Model:
     # Scales of parameters that may start at zero.
     rate, torque = rms_rate(runs), rms([run.torque for run in runs])
     drag = start[1] * rate + start[2] or torque
-    scale = np.array([start[0], drag / rate, drag, *np.maximum(np.abs(start[3:]), _LEAST_RESTORING)])
+    restoring = restoring_effect(axis)
+    own = () if restoring is None else restoring.parameters
+    least = [_LEAST_RESTORING * (torque if parameter.scale == "torque" else 1.0) for parameter in own]
+    scale = np.array([start[0], drag / rate, drag, *np.maximum(np.abs(start[3:]), least)])
     # Without actuators the data do not determine the inertia.
     free = slice(None) if has_actuators else slice(1, None)
 

@@ -18,7 +18,7 @@ from rovid.estimate.estimate import Estimate, r_squared
 from rovid.estimate.lasting_disturbance import lasting_covariance
 from rovid.estimate.steady_points import SteadyPoint, TorqueBalance, WlsSolution, pooled_errors
 from rovid.model.parameter_names import base_names
-from rovid.signals.segments import MIN_HOLD_SECONDS
+from rovid.signals.segments import MIN_HOLD
 from rovid.trial.axis import YAW, Axis
 
 NAMES = ("quadratic_drag", "linear_drag")
@@ -163,8 +163,8 @@ def _from_table(points: Sequence[SteadyPoint]) -> bool:
 def _no_steady(points: Sequence[SteadyPoint], axis: Axis) -> DataError:
     if not points:
         return DataError(
-            f"no held command of at least {MIN_HOLD_SECONDS:g} s under which the vehicle {axis.motion_verb}; drag "
-            "cannot be determined from these logs.",
+            f"no held command of at least {MIN_HOLD:g} periods of the cut-off under which the vehicle "
+            f"{axis.motion_verb}; drag cannot be determined from these logs.",
             mend=_ADVICE.format(axis.motion_verb),
         )
     worst = max(points, key=lambda point: abs(point.drift))

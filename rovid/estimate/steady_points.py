@@ -18,8 +18,8 @@ from rovid.trial.axis import Axis
 from rovid.trial.tables import STEADY_COLUMNS, CsvTable
 from rovid.trial.vehicle import Vehicle
 
-# Length of an averaged block in s, and the least number of blocks.
-_BLOCK_SECONDS, _MIN_BLOCKS = 1.0, 6
+# Length of an averaged block in periods of the cut-off of the rates, and the least number of blocks.
+_BLOCK, _MIN_BLOCKS = 0.75, 6
 # A drift is a trend if it exceeds this many standard errors and this share of the rate. Headings are so precise that
 # negligible drifts are often significant.
 _TREND_SIGMAS, _TREND_SHARE = 3.0, 0.005
@@ -65,7 +65,7 @@ def steady_points(runs: Sequence[Run], vehicle: Vehicle) -> list[SteadyPoint]:
     """
     points = []
     for run in runs:
-        for hold in find_holds(run.trial, vehicle, run.torque):
+        for hold in find_holds(run.trial, vehicle, run.torque, run.rates.kernel.cutoff):
             point = None if hold.torque == 0.0 else _steady_point(run, hold)
             if point is not None and abs(point.rate) > _MIN_RATE_SIGMAS * point.rate_error:
                 points.append(point)
@@ -107,7 +107,7 @@ def _steady_point(run: Run, hold: Hold) -> SteadyPoint | None:
     return SteadyPoint(
         source=run.trial.name,
         start=float(times[0]),
-        stop=float(times[-1]) + _BLOCK_SECONDS,
+        stop=float(times[-1]) + _block_samples(run) * run.rates.kernel.period,
         command=tuple(float(value) for value in hold.command),
         torque=hold.torque,
         rate=mean,
@@ -127,12 +127,12 @@ def part_means(squares: FloatArray, rates: FloatArray) -> tuple[tuple[float, flo
 
 
 def _block_means(run: Run, hold: Hold) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Means of r and |r| r over blocks of about a second inside the hold, and each block's start in s."""
+    """Means of r and |r| r over blocks inside the hold, and each block's start in s."""
     rates = run.rates
     # The zero-phase filter mixes in the next command within half a kernel of the end.
     inside = (rates.time >= hold.start) & (rates.time <= hold.stop - rates.kernel.half_width) & rates.valid
     rows = np.flatnonzero(inside)
-    size = max(round(_BLOCK_SECONDS / rates.kernel.period), 1)
+    size = _block_samples(run)
     # Blocks are counted from the end, because the start is transient.
     block = rows[len(rows) % size :].reshape(-1, size)
     rate = rates.rate[block]
@@ -140,6 +140,11 @@ def _block_means(run: Run, hold: Hold) -> tuple[FloatArray, FloatArray, FloatArr
     # The square of the sensor noise is subtracted. The square of true fluctuations contributes to the drag.
     square = (np.abs(rate) * rate).mean(axis=1) - np.sign(mean) * rates.rate_noise**2
     return mean, square, rates.time[block[:, 0]]
+
+
+def _block_samples(run: Run) -> int:
+    kernel = run.rates.kernel
+    return max(round(_BLOCK / (kernel.cutoff * kernel.period)), 1)
 
 
 def _settled(blocks: FloatArray) -> int:

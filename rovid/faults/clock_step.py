@@ -23,8 +23,8 @@ from rovid.trial.fault import Fault
 _MOST_STEPS, _LEAST_APART = 20, 10
 # Readings before and after a step back over which its advance is counted.
 _REACH = 200
-# s and usual intervals by which a gap must exceed the usual interval to be tested as a step ahead.
-_LEAST_AHEAD, _LEAST_INTERVALS = 0.25, 1.5
+# Usual intervals by which a gap must exceed the usual interval to be tested as a step ahead.
+_LEAST_INTERVALS = 2.5
 # Readings on each side of a gap through which a line is drawn: few for fast vehicles, more for noisy headings.
 _LINES = (3, 6)
 # Lines like those at the gap that are needed for a limit.
@@ -85,7 +85,7 @@ def _steps(data: ClockData) -> list[ClockStep]:
     while (leap := find_leap(np.concatenate(([0.0], np.cumsum(forward))))) is not None:
         confidence[leap] = 0.99
         forward[leap] = interval
-    gaps = np.flatnonzero(forward > interval + max(_LEAST_AHEAD, _LEAST_INTERVALS * interval))
+    gaps = np.flatnonzero(forward > (1.0 + _LEAST_INTERVALS) * interval)
     for row, chance in zip(gaps.tolist(), _chances(data, gaps), strict=True):
         if chance * len(gaps) < _FALSE_ALARMS:
             confidence[row] = 1.0 - chance * len(gaps)

@@ -17,10 +17,10 @@ from rovid.faults.response_delay import ResponseDelay, response_delay
 from rovid.signals.preprocessing import Run
 from rovid.trial.fault import Fault
 
-# Smallest offset in s, in sampling intervals, and in standard errors; and the least share of the mean square residual
-# that it explains. Feedback and waves move the delay of undamaged logs by one sampling interval and explain 8 % at most
-# (60 campaigns).
-_MIN_OFFSET, _INTERVALS, _SIGNIFICANT, _EXPLAINED = 0.05, 2.0, 5.0, 0.2
+# Smallest offset in periods of the cut-off, in sampling intervals, and in standard errors; and the least share of the
+# mean square residual that it explains. Feedback and waves move the delay of undamaged logs by one sampling
+# interval and explain 8 % at most (60 campaigns).
+_MIN_OFFSET, _INTERVALS, _SIGNIFICANT, _EXPLAINED = 0.04, 2.0, 5.0, 0.2
 # Probability that a delay of joined files is an offset of their clocks: the logs do not show which.
 _RIVAL = 0.5
 
@@ -79,7 +79,7 @@ def _late_motion(logs: Sequence[str], found: ResponseDelay) -> Fault:
 
 
 def _is_offset(offset: float, found: ResponseDelay, runs: Sequence[Run]) -> bool:
-    least = max(_MIN_OFFSET, _INTERVALS * _interval(runs), _SIGNIFICANT * found.error)
+    least = max(_MIN_OFFSET / runs[0].rates.kernel.cutoff, _INTERVALS * _interval(runs), _SIGNIFICANT * found.error)
     return offset > least and found.improvement > _EXPLAINED
 
 

@@ -29,8 +29,8 @@ _NEUTRAL = 0.02
 _HAND = 5.0
 # Share of a hand's largest unexplained torque from which a hand is at work.
 _AT_WORK = 0.15
-# s and time constants of rest that stay next to a test; the rest tells the trim and the disturbances.
-_KEPT_SECONDS, _KEPT_CONSTANTS = 5.0, 3.0
+# Time constants of rest that stay next to a test; the rest shows the trim and the disturbances.
+_KEPT = 3.0
 # Share of the run's largest rate below which the vehicle is at rest, if the disturbances are not larger.
 _REST = 0.05
 
@@ -101,7 +101,7 @@ class FreeMotion:
             rest=float(time[at_rest[0]]) if at_rest.size else np.inf,
             hand=hand,
             rate=float(speed[int(torque.argmax())]) if hand else 0.0,
-            kept=max(_KEPT_SECONDS, _KEPT_CONSTANTS * tau),
+            kept=_KEPT * tau,
         )
 
 

@@ -30,9 +30,9 @@ _RATIO, _SIGMAS = 3.0, 8.0
 _MAX_JUMPS = 20
 # Steps across longer intervals, in medians, are gaps: the vehicle moved in them, and perhaps by half a turn.
 _MAX_INTERVAL = 1.5
-# A jump up to this many s after a change of the commands may be motion, unless the commands change at least this often
-# elsewhere, without a jump, and it is this many times larger than the steps of the motion elsewhere.
-_COMMAND_SECONDS, _MIN_CHANGES, _FASTER = 1.0, 5, 1.3
+# A jump up to this many steps after a change of the commands may be motion, unless the commands change at least this
+# often elsewhere, without a jump, and it is this many times larger than the steps of the motion elsewhere.
+_COMMAND_STEPS, _MIN_CHANGES, _FASTER = 20, 5, 1.3
 # This many jumps of one size, within this share, are wraps.
 _REPEATED, _SAME_SIZE = 3, 0.05
 # Share of the commanded range that is a change of the commands.
@@ -140,7 +140,7 @@ def _jumps(steps: _Steps) -> IntArray:
 def _are_commanded(steps: _Steps, jumps: IntArray) -> BoolArray:
     """(m,) whether a change of the commands may explain each of the (m,) ``jumps``."""
     changes = np.flatnonzero(steps.changes)
-    reach = max(_REACH, round(_COMMAND_SECONDS / subsampled_median(np.diff(steps.time))))
+    reach = _COMMAND_STEPS
     after = jumps[:, None] - changes
     near = (after >= -1) & (after <= reach)
     others = np.count_nonzero(~near.any(axis=0))

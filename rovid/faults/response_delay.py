@@ -15,11 +15,12 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.signals.preprocessing import Run
 
-# s, step and range of the shifts; maximum number of samples in the regressions.
-_STEP, _LONGEST, _MAX_SAMPLES = 0.02, 5.0, 20_000
-# s, length of a jackknife block; the least number of blocks in which the torque varies, and its least share of the mean
-# square. The steps of one block alone have no error.
-_BLOCK, _MIN_BLOCKS, _VARIES = 20.0, 5, 1e-3
+# Step and range of the shifts in periods of the cut-off, range as a share of the longest run; maximum number of samples
+# in the regressions. The longer range counts: clocks are set apart whatever the vehicle.
+_STEP, _LONGEST, _SHARE, _MAX_SAMPLES = 0.1, 8.0, 0.04, 20_000
+# Length of a jackknife block in periods of the cut-off; the least number of blocks in which the torque varies, and its
+# least share of the mean square. The steps of one block alone have no error.
+_BLOCK, _MIN_BLOCKS, _VARIES = 16.0, 5, 1e-3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -32,6 +33,14 @@ class ResponseDelay:
     values: FloatArray  #: (p,) parameters of the regression without a shift; the trim is the last one.
 
 
+def shift_grid(runs: Sequence[Run]) -> tuple[int, int]:
+    """Step between shifts to try, and the largest one, in samples."""
+    kernel = runs[0].rates.kernel
+    step = max(round(_STEP / (kernel.cutoff * kernel.period)), 1)
+    longest = max(_LONGEST / kernel.cutoff, _SHARE * max(run.trial.duration for run in runs))
+    return step, step * max(round(longest / (step * kernel.period)), 1)
+
+
 def response_delay(runs: Sequence[Run], values: FloatArray | None = None) -> ResponseDelay | None:
     """The delay; None where the logs do not determine one within the range of the shifts.
 
@@ -39,8 +48,7 @@ def response_delay(runs: Sequence[Run], values: FloatArray | None = None) -> Res
     sine alone determines no delay without them.
     """
     period = runs[0].rates.kernel.period
-    step = max(round(_STEP / period), 1)
-    reach = step * round(_LONGEST / (step * period))
+    step, reach = shift_grid(runs)
     stride = sum(len(run.filtered_torque) for run in runs) // _MAX_SAMPLES + 1
     blocks = [block for run in runs for block in _blocks(run, reach, step, stride, period)]
     if len(blocks) < _MIN_BLOCKS:
@@ -86,7 +94,7 @@ def _blocks(
     if run.trial.axis.self_righting:
         columns += [np.sin(position), np.cos(position)]
     x = np.column_stack((*columns, np.ones(len(inside))))
-    length = max(int(_BLOCK / (period * stride)), 10)
+    length = max(int(_BLOCK / (rates.kernel.cutoff * period * stride)), 10)
     for first in range(0, len(inside), length):
         rows = np.flatnonzero(known[first : first + length]) + first
         if len(rows):

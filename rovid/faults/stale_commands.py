@@ -18,9 +18,9 @@ from rovid.signals.intervals import subsampled_median
 from rovid.trial.fault import Fault
 
 _MIN_COMMANDS = 10
-# A silence is longer than this many usual intervals, than this many s, and than this many times the longest of the
-# other intervals but one in a hundred: loggers and radio links lose single messages.
-_SILENT_INTERVALS, _SILENT_SECONDS, _SILENT_RATIO = 10.0, 0.5, 3.0
+# A silence is longer than this many usual intervals, and than this many times the longest of the other intervals but
+# one in a hundred: loggers and radio links lose single messages.
+_SILENT_INTERVALS, _SILENT_RATIO = 10.0, 3.0
 # Commands are logged regularly if the 90th percentile of their intervals is within this many medians.
 _REGULAR, _STRICT = 3.0, 1.2
 # Smallest share of equal successive commands that shows that commands are published without change, too.
@@ -78,7 +78,7 @@ def _silences(time: FloatArray, values: FloatArray, data: CommandData) -> tuple[
     usual, upper, longest = np.percentile(intervals, (50.0, 90.0, 99.0)).tolist()
     if upper > _REGULAR * usual:
         return usual, []
-    limit = max(_SILENT_INTERVALS * usual, _SILENT_SECONDS, _SILENT_RATIO * longest)
+    limit = max(_SILENT_INTERVALS * usual, _SILENT_RATIO * longest)
     end = float(data.measured[-1])
     ends = np.append(time[1:], max(end, time[-1]))
     silent = ends - time > limit

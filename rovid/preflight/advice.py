@@ -26,11 +26,11 @@ from rovid.trial.vehicle import Vehicle
 
 Weight = Literal["grave", "care", "aside"]
 
-# Requirements on a campaign: levels each way, sine periods, cycles of each, s with one thruster alone, s of coasting.
-_LEVELS, _SINES, _CYCLES, _ALONE_SECONDS, _COAST_SECONDS = 4, 2, 5, 20.0, 20.0
-# s, length of all logs below which logs without a valid regression are too short rather than wrong: less than one
-# response of a small vehicle; decision.
-_SHORTEST = 5.0
+# Requirements on a campaign: levels each way, sine periods, cycles of each; time with one thruster alone and time of
+# coasting, in periods of the cut-off.
+_LEVELS, _SINES, _CYCLES, _ALONE, _COAST = 4, 2, 5, 16.0, 16.0
+# Readings of all logs below which logs without a valid regression are too short rather than wrong; decision.
+_FEWEST = 100
 # Levels that differ by less than this share of the largest count as one.
 _SAME_LEVEL = 0.1
 # Distance from the end of the bench curve as a share of its range; share of a trial there that is reported.
@@ -191,7 +191,7 @@ def _missing_runs(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[Advice]:
     holds: list[Hold] = []
     sines: list[SineRun] = []
     for run in runs:
-        holds += find_holds(run.trial, vehicle, run.torque)
+        holds += find_holds(run.trial, vehicle, run.torque, run.rates.kernel.cutoff)
         sines += find_sines(run.trial, run.torque)
     up, down = (_count_levels([hold.torque for hold in holds if hold.torque * sign > 0.0]) for sign in (1.0, -1.0))
     if min(up, down) < _LEVELS:
@@ -214,10 +214,11 @@ def _missing_runs(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[Advice]:
     # A self-righting vehicle may be released at the beginning of a run.
     earliest = 0.0 if axis.self_righting else 1.0
     coasts = [hold for hold in holds if hold.torque == 0.0 and hold.start >= earliest]
-    if not any(hold.duration >= _COAST_SECONDS for hold in coasts):
-        text = f"Stop the thrusters under way and wait {_COAST_SECONDS:.0f} s or more: there is no coast-down."
+    needed = _COAST / runs[0].rates.kernel.cutoff
+    if not any(hold.duration >= needed for hold in coasts):
+        text = f"Stop the thrusters under way and wait {significant(needed, 2)} s or more: there is no coast-down."
         if axis.self_righting:
-            text = f"Tilt the vehicle, let go of it and wait {_COAST_SECONDS:.0f} s or more: there is no release."
+            text = f"Tilt the vehicle, let go of it and wait {significant(needed, 2)} s or more: there is no release."
         yield Advice(kind="coast", text=text)
     if len(vehicle.thrusters) > 1 and not _has_single_thruster_run(runs, vehicle):
         text = (
@@ -238,10 +239,11 @@ def _count_levels(values: Sequence[float]) -> int:
 
 def _has_single_thruster_run(runs: Sequence[Run], vehicle: Vehicle) -> bool:
     neutral = neutral_commands(vehicle)
+    needed = _ALONE / runs[0].rates.kernel.cutoff
     for run in runs:
         acting = (run.trial.commands != neutral) & (np.abs(vehicle.thrust(run.trial.commands)) > 0.0)
         single = acting.sum(axis=1) == 1
-        if float(np.sum(np.diff(run.trial.time)[single[:-1]])) >= _ALONE_SECONDS:
+        if float(np.sum(np.diff(run.trial.time)[single[:-1]])) >= needed:
             return True
     return False
 
@@ -263,11 +265,12 @@ def _undetermined(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[Advice]:
         try:
             fit_likelihood(runs, vehicle)
         except RovidError as error:
-            if (seconds := sum(run.trial.duration for run in runs)) < _SHORTEST:
+            if (count := sum(int(run.trial.measured.sum()) for run in runs)) < _FEWEST:
+                seconds = sum(run.trial.duration for run in runs)
                 raise DataError(
-                    f"the logs last {seconds:.1f} s in all, too short to determine the inertia.",
+                    f"the logs last {seconds:.1f} s in all with {count} readings, too short to determine the inertia.",
                     where=shortened_list([run.trial.name for run in runs]),
-                    mend=f"Give logs of {_SHORTEST:.0f} s or more, in which commands change the "
+                    mend=f"Give logs of {_FEWEST} readings or more, in which commands change the "
                     f"{vehicle.axis.rate_words}.",
                 ) from error
             yield Advice(kind="undetermined", text=str(error), weight="grave")

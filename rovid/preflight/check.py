@@ -22,7 +22,7 @@ from rovid.preflight.feedback_detection import Feedback, detect_feedback
 from rovid.readers import find_logs, read_trials
 from rovid.readers.campaign import examine_campaign
 from rovid.signals.preprocessing import prepare
-from rovid.signals.rates import white_noise
+from rovid.signals.rates import choose_cutoff, white_noise
 from rovid.signals.segments import find_holds, find_sines
 from rovid.trial.config import Config
 from rovid.trial.fault import Fault, stopping
@@ -69,9 +69,10 @@ def check_logs(paths: Sequence[Path], config: Config) -> LogCheck:
     trials, faults = examine_campaign(every, config)
     vehicle = config.vehicle.clamped() if stopping(faults) else config.vehicle
     rows: list[tuple[Trial, dict[str, Any]]] = []
+    cutoff = _cutoff(every)
     for trial in every:
         try:
-            rows.append((trial, _facts(trial, config, vehicle)))
+            rows.append((trial, _facts(trial, config, vehicle, cutoff)))
         except RovidError as error:
             problems[trial.parent or trial.name] = str(error)
     usable = {id(trial) for trial, _ in rows}
@@ -148,7 +149,15 @@ def _examine_runs(trials: Sequence[Trial], config: Config) -> tuple[Sequence[Tri
     return [*(run.trial for run in kept), *(trial for trial in trials if id(trial) not in prepared)], faults
 
 
-def _facts(trial: Trial, config: Config, vehicle: Vehicle) -> dict[str, Any]:
+def _cutoff(trials: Sequence[Trial]) -> float:
+    """Cut-off of the rates in Hz; 0 where the logs are too short for one."""
+    try:
+        return choose_cutoff(trials) if trials else 0.0
+    except RovidError:  # `advise` reports it.
+        return 0.0
+
+
+def _facts(trial: Trial, config: Config, vehicle: Vehicle, cutoff: float) -> dict[str, Any]:
     torque = vehicle.torque(trial)
     position = trial.position[trial.measured]
     measured = position
@@ -162,7 +171,7 @@ def _facts(trial: Trial, config: Config, vehicle: Vehicle) -> dict[str, Any]:
         "noise": white_noise(measured),
         "travel": float(np.sum(np.abs(np.diff(position)))),
         f"{trial.axis.force_name}_range": [float(torque.min()), float(torque.max())],
-        "held_commands": len(find_holds(trial, vehicle, torque)),
+        "held_commands": len(find_holds(trial, vehicle, torque, cutoff)) if cutoff else 0,
         "sine_runs": len(find_sines(trial, torque)),
         "remarks": [remark_document(remark) for remark in trial.remarks],
     }

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from rovid.core.array_types import FloatArray, IntArray
+from rovid.core.array_types import FloatArray
 from rovid.core.errors import RovidError
 from rovid.core.stats import chi2_sf
 from rovid.effects import Effect, effect_named, restoring_effect
@@ -25,6 +25,7 @@ from rovid.effects.clock_offset import mean_shifted
 from rovid.effects.per_trial import form_name, one_size_per_trial
 from rovid.effects.restoring import regressors
 from rovid.estimate.maximum_likelihood import LikelihoodFit, fit_likelihood
+from rovid.faults.response_delay import shift_grid
 from rovid.preflight.clock_alignment import SIGNIFICANT, ClockAlignment, ClockOffset, ClockOffsets, align_clocks
 from rovid.preflight.raw_columns import RawColumn
 from rovid.readers.formats import all_channels, relative_name
@@ -34,8 +35,8 @@ from rovid.trial.config import Config
 from rovid.trial.trial import Campaign, Trial
 from rovid.trial.vehicle import Vehicle
 
-# s, step and range of the grid search for a shift; maximum number of samples in its regressions.
-_STEP, _MAX_SHIFT, _MAX_SAMPLES = 0.02, 5.0, 20_000
+# Maximum number of samples in the regressions of the grid search for a shift.
+_MAX_SAMPLES = 20_000
 # A trial gets a shift of its own if that reduces the mean square residual below this share.
 _OWN_SHIFT = 0.5
 # Minimum log-likelihood gain to accept a lag in addition to the shifts, and minimum reduction of the shifts as a share
@@ -233,7 +234,9 @@ def _value_and_error(fit: LikelihoodFit, parameter: str) -> tuple[float, float]:
 
 def _clock_effect(names: Sequence[str]) -> Effect:
     """A delay of either sign in each trial."""
-    size = EffectParameter(name="offset", unit="s", neutral=0.0, low=-2.0, high=2.0, initial_values=(0.0,))
+    size = EffectParameter(
+        name="offset", unit="s", neutral=0.0, low=-3.0, high=3.0, initial_values=(0.0,), scale="time"
+    )
     sizes = tuple(replace(one, initial_values=(0.0,)) for one in one_size_per_trial(size, len(names), 0.0))
 
     def delayed(where: ActuatorInputs, torque: FloatArray, values: Values) -> FloatArray:
@@ -260,7 +263,8 @@ def _parent(trial: Trial) -> str:
 
 def coarse_shifts(runs: PreparedRuns) -> dict[str, float]:
     """Delay of the response in s, to one step, by log; common to all logs unless one differs much."""
-    shifts, period = _shift_grid(runs, _MAX_SHIFT)
+    step, reach = shift_grid(runs.items)
+    shifts, period = np.arange(-reach, reach + 1, step), runs.items[0].rates.kernel.period
     residuals = np.array(
         [[_mean_square_residual([run], runs, shift) for shift in shifts.tolist()] for run in runs.items]
     )
@@ -274,14 +278,6 @@ def coarse_shifts(runs: PreparedRuns) -> dict[str, float]:
             best = common
         found.setdefault(_parent(run.trial), float(shifts[best] * period))
     return found
-
-
-def _shift_grid(runs: PreparedRuns, longest: float) -> tuple[IntArray, float]:
-    """Shifts to try, in samples, and the sampling period in s."""
-    period = runs.items[0].rates.kernel.period
-    step = max(round(_STEP / period), 1)
-    count = round(longest / (step * period))
-    return step * np.arange(-count, count + 1), period
 
 
 def _mean_square_residual(own: Sequence[Run], runs: PreparedRuns, shift: int) -> float:

@@ -10,18 +10,20 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
 from rovid.preflight.raw_columns import MIN_SAMPLES, RawColumn, SignalGuess, held_mean, mean_rates, position_at
+from rovid.signals.intervals import subsampled_median
 from rovid.trial.axis import Axis
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Vehicle
 
-# s, averaging windows of the rates. In a window that is too short, heading noise makes the autocorrelation of the
-# residuals fall below this value.
-_WINDOWS, _MIN_AUTOCORRELATION = (0.5, 1.0, 2.0, 4.0, 8.0), -0.25
-# s, largest offset that is tried between the clocks of two files of one trial.
-_MAX_CLOCK_OFFSET = 3.0
-# s, window after a change of commands, and standard errors by which the rate then changes against them. Small vehicles
-# have responded long before: there chance leads to two.
-_RESPONSE_WINDOW, _CONTRADICTION = 4.0, 2.2
+# Averaging windows of the rates in sampling intervals. In a window that is too short, heading noise makes the
+# autocorrelation of the residuals fall below this value.
+_WINDOWS, _MIN_AUTOCORRELATION = tuple(5.0 * 2.0**k for k in range(8)), -0.25
+# s, step and range of the offsets that are tried between the clocks of two files of one trial, and the window. Clocks are
+# set apart by seconds, whatever the vehicle.
+_CLOCK_STEP, _MAX_CLOCK_OFFSET, _CLOCK_WINDOW = 0.5, 3.0, 1.0
+# Sampling intervals, window after a change of commands, and standard errors by which the rate then changes against them.
+# Small vehicles have responded long before: there chance leads to two.
+_RESPONSE_WINDOW, _CONTRADICTION = 40.0, 2.2
 # Exponents of thrust in the command: a controlled thrust or a torque, and a screw's speed or voltage.
 _EXPONENTS = (1.0, 2.0)
 # Minimum t statistic of a direction.
@@ -91,7 +93,8 @@ def command_effects(
     """
     effects = dict.fromkeys(neutral, CommandEffect())
     shaped = [[_shaped(log, neutral, exponent) for log in logs] for exponent in exponents]
-    for window in _WINDOWS if neutral else ():
+    interval = _interval(logs, position)
+    for window in (interval * count for count in (_WINDOWS if neutral else ())):
         fits = []
         for these in shaped:
             fit = _regress(_windowed(neutral, these, position, window, self_righting=self_righting), len(neutral))
@@ -113,7 +116,8 @@ def command_effects(
 
 def _t_of_changes(effects: Mapping[str, CommandEffect], logs: Sequence[Log], position: SignalGuess) -> float:
     """T statistic of changes of the rate after changes of the total drive; 0 for too little data."""
-    for window in (_RESPONSE_WINDOW, 0.5 * _RESPONSE_WINDOW):
+    longest = _RESPONSE_WINDOW * _interval(logs, position)
+    for window in (longest, 0.5 * longest):
         blocks = []
         for log, time, rate in _rates_in(logs, position, effects, window):
             if len(rate) >= 4:
@@ -132,9 +136,11 @@ def response_delay(neutral: Mapping[str, float], log: Log, position: SignalGuess
     if not neutral:
         return 0.0
     r2 = {0.0: 0.0}
-    for delay in np.arange(-_MAX_CLOCK_OFFSET, _MAX_CLOCK_OFFSET + _WINDOWS[0], _WINDOWS[0]).tolist():
+    for delay in np.arange(-_MAX_CLOCK_OFFSET, _MAX_CLOCK_OFFSET + _CLOCK_STEP, _CLOCK_STEP).tolist():
         moved = {source: replace(log[source], time=log[source].time + delay) for source in neutral if source in log}
-        fit = _regress(_windowed(neutral, [{**log, **moved}], position, _WINDOWS[1], self_righting=False), len(neutral))
+        fit = _regress(
+            _windowed(neutral, [{**log, **moved}], position, _CLOCK_WINDOW, self_righting=False), len(neutral)
+        )
         if fit is not None:
             r2[delay] = fit.r2
     return max(r2, key=lambda delay: r2[delay])
@@ -154,6 +160,13 @@ def mixer_directions(neutral: Mapping[str, float], logs: Sequence[Log]) -> dict[
     shares = fit.gains
     signs = np.where(np.abs(shares) > _MIXER_SHARE * float(np.max(np.abs(shares))), np.sign(shares), 0.0)
     return dict(zip(neutral, signs.astype(int).tolist(), strict=True))
+
+
+def _interval(logs: Sequence[Log], position: SignalGuess) -> float:
+    """Median interval in s between the readings of the position; 1 without any."""
+    steps = [np.diff(log[position.source].time) for log in logs if position.source in log]
+    known = np.concatenate(steps) if steps else np.zeros(0)
+    return subsampled_median(known) if known.size else 1.0
 
 
 def _rates_in(

@@ -22,15 +22,14 @@ _DEG = np.pi / 180.0
 _SPIKE_SIGMAS, _MAX_SPIKE_LENGTH, _MORE_ROUNDS = 6.0, 3, 2
 # Share of a spike's height that its edges must have: a smooth swing out and back is motion.
 _EDGE_SHARE = 0.6
-# A frozen stretch has this many identical values over this many s, and ends in a jump this many times larger than the
-# steps around it.
-_FROZEN_SAMPLES, _FROZEN_SECONDS, _FROZEN_RATIO = 10, 1.0, 4.0
+# A frozen stretch has this many identical values, and ends in a jump this many times larger than the steps around it.
+_FROZEN_SAMPLES, _FROZEN_RATIO = 10, 4.0
 # Number of identical values of a frozen stretch that has an implausible jump at both ends, or begins or ends the log.
 _STUCK_SAMPLES = 4
 # Held repeats: smallest number of runs to decide, and ratio up to which a step equals one quantum of the log.
 _MIN_RUNS, _QUANTUM_RATIO = 20, 1.02
-# s; time over which the rates at the ends of a gap are taken.
-_RATE_SECONDS = 1.0
+# Intervals over which the rates at the ends of a gap are taken.
+_RATE_INTERVALS = 10
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -253,10 +252,10 @@ def _find_frozen(samples: _Samples) -> BoolArray | None:
         around = _FROZEN_RATIO * _max_step_around(steps, first, last)
         jump_out = abs(steps[last])
         jump_in = jump_out if first == 0 else abs(steps[first - 1])
-        length, seconds = last - first + 1, samples.time[last] - samples.time[first]
+        length = last - first + 1
         if min(jump_in, jump_out) > max(samples.min_jump, around):
             bad[first : last + 1] = True
-        elif length >= _FROZEN_SAMPLES and seconds >= _FROZEN_SECONDS and jump_out > around:
+        elif length >= _FROZEN_SAMPLES and jump_out > around:
             bad[first + 1 : last + 1] = True  # The first value was measured.
     return bad
 
@@ -320,7 +319,7 @@ def _add_turns(angle: FloatArray, steps: IntArray, turns: FloatArray) -> FloatAr
 
 def _turns_in_gaps(time: FloatArray, angle: FloatArray, gaps: IntArray) -> tuple[FloatArray, int]:
     """Whole turns in each gap beyond the shorter arc, by the rates at its ends; and the number of uncertain gaps."""
-    reach = int(np.clip(_RATE_SECONDS / subsampled_median(np.diff(time)), 3, 100))
+    reach = _RATE_INTERVALS
     begins = np.concatenate(([0], gaps[:-1] + 1))
     ends = np.concatenate((gaps[1:], [len(time) - 1]))
     before = _mean_rates(time, angle, np.maximum(gaps - reach, begins), gaps)

@@ -6,9 +6,10 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 
-# A gap is longer than this many median intervals, and than this many s.
-_GAP_INTERVALS, _GAP_SECONDS = 5.0, 0.5
-# s and multiples of the rest of the log; a clock set while recording (GPS fix, NTP) leaps by more than both.
+# A gap is longer than this many median intervals.
+_GAP_INTERVALS = 5.0
+# s and multiples of the rest of the log; a clock set while recording (GPS fix, NTP) leaps by more than both. Clocks are
+# set by hours, whatever the vehicle.
 _LEAP, _LEAP_RATIO = 3600.0, 10.0
 
 
@@ -21,7 +22,7 @@ def subsampled_median(values: FloatArray) -> float:
 
 def gap_limit(intervals: FloatArray) -> float:
     """Longest interval in s that is no gap, for samples ``intervals`` apart."""
-    return max(_GAP_INTERVALS * subsampled_median(intervals), _GAP_SECONDS)
+    return _GAP_INTERVALS * subsampled_median(intervals)
 
 
 def find_leap(time: FloatArray) -> int | None:

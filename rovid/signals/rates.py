@@ -23,8 +23,8 @@ _MAX_CUTOFF = 0.2
 # Central differences of eighth order (Fornberg 1988), reversed for convolution.
 _FIRST = np.array([-1 / 280, 4 / 105, -1 / 5, 4 / 5, 0.0, -4 / 5, 1 / 5, -4 / 105, 1 / 280])
 _SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
-# Gaps shorter than this many samples or this many seconds are interpolated. Longer gaps stay NaN.
-_BRIDGE_SAMPLES, _BRIDGE_SECONDS = 5, 0.5
+# Gaps of up to this many samples are interpolated. Longer gaps stay NaN.
+_BRIDGE_SAMPLES = 5.5
 # Minimum length of an unbroken series of second differences for the noise spectrum.
 _MIN_SPECTRUM_SAMPLES = 32
 # Samples of one piece of the noise spectrum.
@@ -213,7 +213,7 @@ def resample(trial: Trial, values: FloatArray, grid: FloatArray) -> FloatArray:
         return np.full(len(grid), np.nan)
     out = np.interp(grid, time, measured, left=np.nan, right=np.nan)
     period = grid[1] - grid[0]
-    limit = max(_BRIDGE_SAMPLES * period, _BRIDGE_SECONDS)
+    limit = _BRIDGE_SAMPLES * period
     # Readings before and after each instant, with a nanosecond's margin for rounding; an instant at a reading has more
     # than one step between them.
     before, after = np.searchsorted(time, grid - 1e-9) - 1, np.searchsorted(time, grid + 1e-9, side="right")

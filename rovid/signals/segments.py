@@ -15,7 +15,8 @@ from rovid.trial.vehicle import Vehicle
 _HELD_SHARE = 0.005
 # Tolerance of a held logged torque, which has no bench range, as a share of the largest torque of the trial.
 _HELD_TORQUE_SHARE = 0.02
-MIN_HOLD_SECONDS = 8.0
+# Shortest hold in periods of the cut-off of the rates: some vehicle time constants, as the cut-off follows the motion.
+MIN_HOLD = 6.0
 
 # Relative differences of period and amplitude below which two waves belong to the same sine.
 _SAME_PERIOD, _SAME_AMPLITUDE = 0.06, 0.1
@@ -58,8 +59,8 @@ class SineRun:
     amplitude: float
 
 
-def find_holds(trial: Trial, vehicle: Vehicle, torque: FloatArray) -> list[Hold]:
-    """Segments of at least ``MIN_HOLD_SECONDS`` in which no command moves beyond its tolerance."""
+def find_holds(trial: Trial, vehicle: Vehicle, torque: FloatArray, cutoff: float) -> list[Hold]:
+    """Segments of at least `MIN_HOLD` periods of the ``cutoff`` (Hz) in which no command moves beyond its tolerance."""
     # Imported here because commands that find no holds must not load compiled code.
     from rovid.signals.numba_loops import find_constant_runs
 
@@ -68,9 +69,11 @@ def find_holds(trial: Trial, vehicle: Vehicle, torque: FloatArray) -> list[Hold]
     tolerance = _HELD_SHARE * np.where(np.isfinite(ranges), ranges, logged)
     starts = find_constant_runs(np.ascontiguousarray(trial.commands), tolerance).astype(np.intp)
     stops = np.append(starts[1:], len(trial.time) - 1)
+    # Half an interval less: rounding decides nothing.
+    shortest = MIN_HOLD / cutoff - 0.5 * trial.sampling_interval
     holds = []
     for start, stop in zip(starts, stops, strict=True):
-        if trial.time[stop] - trial.time[start] < MIN_HOLD_SECONDS:
+        if trial.time[stop] - trial.time[start] < shortest:
             continue
         rows = slice(start, max(stop, start + 1))
         command, median_torque = np.median(trial.commands[rows], axis=0), float(np.median(torque[rows]))

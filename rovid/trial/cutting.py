@@ -19,8 +19,8 @@ _SAME = 0.01
 _SMOOTH = 3.0
 # Sampling intervals; instants as close as this are one.
 _TICK = 1e-3
-# s and sampling intervals; commands in longer holes are unknown even if they are the same before and after.
-_LONG_SECONDS, _LONG_INTERVALS = 2.0, 20.0
+# Sampling intervals; commands in longer holes are unknown even if they are the same before and after.
+_LONG_INTERVALS = 20.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,7 +111,7 @@ def _without_unknown(trial: Trial) -> tuple[Trial, BoolArray]:
     instants, values, cuts = list[FloatArray](), list[FloatArray](), list(trial.cuts)
     for begin, end in trial.unknown:
         before, after = int(np.searchsorted(time, begin, side="right")) - 1, int(np.searchsorted(time, end))
-        is_long = end - begin > max(_LONG_SECONDS, _LONG_INTERVALS * interval)
+        is_long = end - begin > _LONG_INTERVALS * interval
         if before < 0 or after >= len(time) or is_long:
             excluded[max(before + 1, 0) : after] = True
             cuts += time[after : after + 1].tolist()

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from rovid.core.array_types import FloatArray
-from rovid.signals.segments import MIN_HOLD_SECONDS, Hold, SineRun, find_holds, find_sines
+from rovid.signals.segments import MIN_HOLD, Hold, SineRun, find_holds, find_sines
 from tests.synthetic import LOGGED, VEHICLE, clock, trial
+
+CUTOFF = 0.75  # Hz
 
 
 def steps(*pieces: tuple[float, float], rate: float = 20.0) -> FloatArray:
@@ -18,7 +20,7 @@ def steps(*pieces: tuple[float, float], rate: float = 20.0) -> FloatArray:
 def holds(command: FloatArray, *, logged: bool = False) -> list[Hold]:
     log = trial(np.arange(len(command)) / 20.0, command)
     vehicle = LOGGED if logged else VEHICLE
-    return find_holds(log, vehicle, vehicle.torque(log))
+    return find_holds(log, vehicle, vehicle.torque(log), CUTOFF)
 
 
 def sines(torque: FloatArray, rate: float = 20.0) -> list[SineRun]:
@@ -35,7 +37,7 @@ def wave(amplitude: float, period: float, cycles: int, *, rate: float = 20.0, bi
         (((1.0, 20.0),), [(0.0, 20.0, 1.0)]),
         (((1.0, 20.0), (-2.0, 30.0)), [(0.0, 20.0, 1.0), (20.0, 50.0, -2.0)]),
         (((0.0, 4.0), (1.5, 20.0), (0.0, 4.0)), [(4.0, 24.0, 1.5)]),
-        (((1.0, MIN_HOLD_SECONDS - 0.1), (2.0, 20.0)), [(7.9, 27.9, 2.0)]),
+        (((1.0, MIN_HOLD / CUTOFF - 0.1), (2.0, 20.0)), [(7.9, 27.9, 2.0)]),
         (((1.0, 5.0), (2.0, 5.0), (3.0, 5.0)), []),
     ],
     ids=["one", "two", "between rests", "too short", "none"],
@@ -125,6 +127,6 @@ def test_a_hold_may_follow_a_sine_in_one_log() -> None:
 def test_holds_of_a_long_sine_are_only_its_crests() -> None:
     # Within half a percent of the bench range the crest of a slow sine is held: it is for the trend test to refuse.
     log = trial(clock(640.0), np.append(wave(2.0, 160.0, 4), 0.0))
-    for hold in find_holds(log, VEHICLE, VEHICLE.torque(log)):
+    for hold in find_holds(log, VEHICLE, VEHICLE.torque(log), CUTOFF):
         assert abs(hold.command[0]) > 1.9
         assert hold.duration < 13.0  # 2 acos(1 - 0.05/2)/w = 11.4 s
