@@ -9,7 +9,7 @@ from pathlib import Path
 import pandas as pd
 
 # Columns of a log that no scaling changes: angles, and a voltage.
-_UNCHANGED = ("heading_deg", "roll_deg", "pitch_deg", "supply_V")
+_UNCHANGED = {"heading_deg", "roll_deg", "pitch_deg", "supply_V"}
 _BASES = re.compile(r"(N m|kg m\^2|command|s|h)(?:\^(\d))?(?![a-zA-Z])")
 
 
@@ -44,7 +44,7 @@ def write_scaled(source: Path, folder: Path, scaling: Scaling) -> Path:
     (folder / "rovid.toml").write_text(config, encoding="utf-8")
     for path in sorted(source.glob("*.csv")):
         table = pd.read_csv(path)
-        for name in table.columns.difference(_UNCHANGED):
+        for name in set(table.columns) - _UNCHANGED:
             factor = {"time_s": scaling.time, "thrust_N": scaling.torque}.get(name, scaling.command)
             table[name] = table[name] * factor
         table.to_csv(folder / path.name, index=False)

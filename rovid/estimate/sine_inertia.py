@@ -104,7 +104,9 @@ def _sine_trial(run: Run, sine: SineRun) -> SineTrial | None:
     first = sine.start + _DROPPED_CYCLES * sine.period
     cycles = sine.cycles - _DROPPED_CYCLES
     rates = run.rates
-    rows = np.flatnonzero((rates.time >= first) & (rates.time < sine.stop) & run.valid)
+    # A margin of half a sample: rounding decides nothing.
+    begin, end = first - 0.5 * rates.kernel.period, sine.stop - 0.5 * rates.kernel.period
+    rows = np.flatnonzero((rates.time >= begin) & (rates.time < end) & run.valid)
     if cycles < 2 or len(rows) * rates.kernel.period < (cycles - 0.5) * sine.period:
         return None
     cycle = ((rates.time[rows] - first) / sine.period).astype(np.intp)

@@ -130,7 +130,11 @@ def _block_means(run: Run, hold: Hold) -> tuple[FloatArray, FloatArray, FloatArr
     """Means of r and |r| r over blocks inside the hold, and each block's start in s."""
     rates = run.rates
     # The zero-phase filter mixes in the next command within half a kernel of the end.
-    inside = (rates.time >= hold.start) & (rates.time <= hold.stop - rates.kernel.half_width) & rates.valid
+    # A margin of half a sample: rounding decides nothing.
+    begin, end = (
+        np.array([hold.start, hold.stop - rates.kernel.half_width]) + np.array([-0.5, 0.5]) * rates.kernel.period
+    )
+    inside = (rates.time >= begin) & (rates.time <= end) & rates.valid
     rows = np.flatnonzero(inside)
     size = _block_samples(run)
     # Blocks are counted from the end, because the start is transient.

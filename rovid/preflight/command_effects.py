@@ -18,10 +18,10 @@ from rovid.trial.vehicle import Vehicle
 # Averaging windows of the rates in sampling intervals. In a window that is too short, heading noise makes the
 # autocorrelation of the residuals fall below this value.
 _WINDOWS, _MIN_AUTOCORRELATION = tuple(5.0 * 2.0**k for k in range(8)), -0.25
-# s, step and range of the offsets that are tried between the clocks of two files of one trial, and the window. Clocks are
-# set apart by seconds, whatever the vehicle.
+# s, step and range of the offsets that are tried between the clocks of two files of one trial, and the window. Clocks
+# are set apart by seconds, whatever the vehicle.
 _CLOCK_STEP, _MAX_CLOCK_OFFSET, _CLOCK_WINDOW = 0.5, 3.0, 1.0
-# Sampling intervals, window after a change of commands, and standard errors by which the rate then changes against them.
+# Sampling intervals, window after a change of commands, and standard errors by which the rate then changes against it.
 # Small vehicles have responded long before: there chance leads to two.
 _RESPONSE_WINDOW, _CONTRADICTION = 40.0, 2.2
 # Exponents of thrust in the command: a controlled thrust or a torque, and a screw's speed or voltage.
@@ -138,9 +138,8 @@ def response_delay(neutral: Mapping[str, float], log: Log, position: SignalGuess
     r2 = {0.0: 0.0}
     for delay in np.arange(-_MAX_CLOCK_OFFSET, _MAX_CLOCK_OFFSET + _CLOCK_STEP, _CLOCK_STEP).tolist():
         moved = {source: replace(log[source], time=log[source].time + delay) for source in neutral if source in log}
-        fit = _regress(
-            _windowed(neutral, [{**log, **moved}], position, _CLOCK_WINDOW, self_righting=False), len(neutral)
-        )
+        rows = _windowed(neutral, [{**log, **moved}], position, _CLOCK_WINDOW, self_righting=False)
+        fit = _regress(rows, len(neutral))
         if fit is not None:
             r2[delay] = fit.r2
     return max(r2, key=lambda delay: r2[delay])

@@ -213,10 +213,10 @@ def resample(trial: Trial, values: FloatArray, grid: FloatArray) -> FloatArray:
         return np.full(len(grid), np.nan)
     out = np.interp(grid, time, measured, left=np.nan, right=np.nan)
     period = grid[1] - grid[0]
-    limit = _BRIDGE_SAMPLES * period
-    # Readings before and after each instant, with a nanosecond's margin for rounding; an instant at a reading has more
+    limit, margin = _BRIDGE_SAMPLES * period, 1e-6 * period
+    # Readings before and after each instant, with a margin for rounding; an instant at a reading has more
     # than one step between them.
-    before, after = np.searchsorted(time, grid - 1e-9) - 1, np.searchsorted(time, grid + 1e-9, side="right")
+    before, after = np.searchsorted(time, grid - margin) - 1, np.searchsorted(time, grid + margin, side="right")
     between = np.flatnonzero((after == before + 1) & (before >= 0) & (after < len(time)))
     out[between[time[after[between]] - time[before[between]] > limit]] = np.nan
     return out

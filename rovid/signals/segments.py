@@ -153,13 +153,15 @@ def _repeats(trial: Trial, torque: FloatArray, start: float, shift: float, perio
 
 
 def _held_at(trial: Trial, torque: FloatArray, instants: FloatArray) -> FloatArray:
-    """The held ``torque`` at ``instants`` in s, with a nanosecond's margin for rounding."""
-    at = np.searchsorted(trial.time, instants + 1e-9, side="right") - 1
+    """The held ``torque`` at ``instants`` in s, with a margin for rounding."""
+    at = np.searchsorted(trial.time, instants + 1e-6 * trial.sampling_interval, side="right") - 1
     return torque[np.clip(at, 0, len(torque) - 1)]
 
 
 def _rows(trial: Trial, start: float, stop: float) -> slice:
-    first, last = np.searchsorted(trial.time, (start, stop))
+    # A margin of half a sample: rounding decides nothing.
+    margin = 0.5 * trial.sampling_interval
+    first, last = np.searchsorted(trial.time, (start - margin, stop - margin))
     return slice(int(first), max(int(last), int(first) + 1))
 
 
