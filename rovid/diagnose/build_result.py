@@ -36,6 +36,7 @@ from rovid.estimate.experiment_design import CandidateModel, ExperimentPlan, pla
 from rovid.estimate.fit_result import FitResult
 from rovid.estimate.instrumental_variables import require_inertia
 from rovid.estimate.maximum_likelihood import INNOVATIONS_R2, misspecification_covariance
+from rovid.estimate.missing_torque import include_missing_torque
 from rovid.estimate.output_error import MIN_INERTIA_SIGMAS
 from rovid.estimate.restart_grid import HORIZONS
 from rovid.model.model import Model
@@ -62,6 +63,8 @@ def build_diagnosis(selection: Selection, warnings: list[str]) -> Diagnosis:
     # Missing effects make one of the estimates uncertain; where both are, the vehicle was not excited.
     surer = min(base_estimate, estimate, key=lambda one: one.standard_error("inertia") / one.value("inertia"))
     require_inertia(surer, MIN_INERTIA_SIGMAS)
+    estimate = include_missing_torque(estimate, model.canonical())
+    base_estimate = include_missing_torque(base_estimate, base.canonical()) if model.effects else estimate
     estimate = average_over_suspects(estimate.with_thrust_scale_uncertainty(model.thrust_scale_uncertainty), suspected)
     if not model.effects:
         base_estimate = estimate

@@ -17,6 +17,7 @@ from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from rovid.estimate.instrumental_variables import require_inertia
+from rovid.estimate.missing_torque import include_missing_torque
 from rovid.estimate.multi_step_data import MultiStepData
 from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
 from rovid.estimate.nested_fits import covariance_of_optima, fit_with_effects
@@ -173,6 +174,7 @@ def _result(best: FitResult, simulation_r2: float) -> LikelihoodFit:
     require_inertia(estimate, MIN_INERTIA_SIGMAS)
     # Added after the check of the excitation, because misspecification does not mean too little excitation.
     estimate = replace(estimate, covariance=estimate.covariance + added)
+    estimate = include_missing_torque(estimate, fitted)
     estimate = estimate.with_thrust_scale_uncertainty(fitted.thrust_scale_uncertainty)
     disturbance, memory = fitted.disturbance
     return LikelihoodFit(
