@@ -10,7 +10,6 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.core.formatting import significant
-from rovid.core.stats import chi2_sf, t_quantile
 from rovid.effects import Effect
 from rovid.effects.catalogue import CATALOGUE
 from rovid.estimate.estimate import Estimate
@@ -34,9 +33,11 @@ _KINDS = (
 )
 # Initial values of each kind, the shortest time constants first: a long one is a large step, not a derivative.
 _STARTS = 2
-# Largest probability of the scores of an incomplete model with white innovations: that of the whiteness test. Where the
-# innovations are not white, something is missing anyway.
-_MAX_P = 1e-3
+# Common variances of the torques that are tried.
+_VARIANCES = 10.0 ** np.arange(-4.0, 10.0, 0.25)
+# Least gain of log-likelihood by these torques where the innovations are white, which a complete model exceeds once in
+# a thousand (half of chi-squared with one degree of freedom). Where they are not white, something is missing anyway.
+_LEAST_GAIN = 4.8
 # Least share of information that is left to a torque beside the parameters of the model; rounding errors are smaller.
 _LEAST_SHARE = 1e-6
 # Number of inertia and drags, and growth of their standard errors that is reported.
@@ -45,11 +46,11 @@ _REPORTED = 1.2
 
 
 class _Scores(NamedTuple):
-    """Scores of q torques beside a model with p parameters."""
+    """Scores of q torques beside a model with p parameters, in units of the change of all predictions."""
 
-    score: FloatArray  #: (q,) normalised: of variance 1 where the model is complete.
-    correlation: FloatArray  #: (q, q) of the scores.
-    shift: FloatArray  #: (p, q) change of the parameters by a torque of one standard error.
+    score: FloatArray  #: (q,)
+    information: FloatArray  #: (q, q)
+    shift: FloatArray  #: (p, q) change of the parameters by one unit of a torque.
 
 
 def include_missing_torque(estimate: Estimate, fitted: FitResult) -> Estimate:
@@ -79,22 +80,25 @@ def include_missing_torque(estimate: Estimate, fitted: FitResult) -> Estimate:
 def missing_torque_covariance(fitted: FitResult) -> FloatArray:
     """(p, p) covariance of the coordinates by torques that the model lacks.
 
-    The torques of all kinds are taken as random and equally likely, in units of their standard errors. Their common
-    variance is what the scores have beyond that of a complete model. It follows from few independent scores, and the
-    errors are widened by Student's t.
+    The torques of all kinds are random, with one common variance in units of the change that they make of all
+    predictions. It is that with the largest marginal likelihood of the scores. The covariance is the mean square of
+    what the torques, given their scores, change.
     """
-    found = _scores(fitted)
-    count = len(found.score)
-    if count == 0:
-        return np.zeros((len(fitted.x), len(fitted.x)))
-    # Number of independent scores with the same scatter of the sum of squares (Satterthwaite 1946).
-    independent = count**2 / float(np.sum(found.correlation**2))
-    mean_square = float(np.mean(found.score**2))
-    if fitted.is_white and chi2_sf(independent, mean_square * independent) > _MAX_P:
-        return np.zeros((len(fitted.x), len(fitted.x)))
-    variance = max(mean_square - 1.0, 0.0) * independent / count
-    widening = t_quantile(0.975, max(independent, 1.0)) / t_quantile(0.975, np.inf)
-    return np.asarray(widening**2 * variance * found.shift @ found.shift.T)
+    found, none = _scores(fitted), np.zeros((len(fitted.x), len(fitted.x)))
+    power, axes = np.linalg.eigh(found.information)
+    kept = power > _LEAST_SHARE * power.max(initial=0.0)
+    power, axes = power[kept], axes[:, kept]
+    score = axes.T @ found.score
+    variances = _VARIANCES[:, np.newaxis] * power**2 + power
+    likelihoods = -0.5 * np.sum(np.log(variances) + score**2 / variances, axis=1)
+    complete = -0.5 * float(np.sum(np.log(power) + score**2 / power))
+    best = int(np.argmax(likelihoods))
+    if likelihoods[best] <= complete + (_LEAST_GAIN if fitted.is_white else 0.0):
+        return none
+    spread = 1.0 / (power + 1.0 / _VARIANCES[best])
+    shift = found.shift @ axes
+    mean = shift @ (spread * score)
+    return np.asarray(np.outer(mean, mean) + (shift * spread) @ shift.T)
 
 
 def _kinds(fitted: FitResult) -> list[Effect]:
@@ -128,10 +132,10 @@ def _scores(fitted: FitResult) -> _Scores:
         moved = inverse @ np.where(finite, cross, 0.0)
         left = np.where(finite, power, 0.0) - np.sum(np.where(finite, cross, 0.0) * moved, axis=0)
     at = np.flatnonzero(finite & (left > _LEAST_SHARE * power))
-    error = 1.0 / np.sqrt(left[at])
-    score = (moved[:, at].T @ gradient[model] - gradient[count:][at]) * error
+    unit = 1.0 / np.sqrt(power[at])
+    score = (moved[:, at].T @ gradient[model] - gradient[count:][at]) * unit
     beside = information[np.ix_(count + at, count + at)] - cross[:, at].T @ moved[:, at]
-    return _Scores(score, beside * np.outer(error, error), -moved[:, at] * error)
+    return _Scores(score, beside * np.outer(unit, unit), -moved[:, at] * unit)
 
 
 def _equations(

@@ -1,0 +1,86 @@
+"""Errors by torques that a model lacks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rovid.estimate.estimate import Estimate
+from rovid.estimate.filter_data import InnovationData
+from rovid.estimate.fit_result import FitResult, fit
+from rovid.estimate.innovation_likelihood import InnovationLikelihood
+from rovid.estimate.missing_torque import include_missing_torque, missing_torque_covariance
+from rovid.signals.preprocessing import Run
+from rovid.signals.rates import compute_rates
+from tests import synthetic
+from tests.predictions import NOISE, TIME, TORQUE
+
+SUBSTEPS = 10
+
+
+def fitted(runs: list[Run]) -> FitResult:
+    objective = InnovationLikelihood(InnovationData(runs, synthetic.LOGGED, synthetic.ROSUB), 0.05)
+    return fit(objective, objective.parametrization.initial())
+
+
+def estimate_of(one: FitResult) -> Estimate:
+    covariance = one.covariance(sandwich=not one.is_white)
+    return Estimate(names=one.model.names, values=one.model.values, covariance=covariance, method="", samples=1)
+
+
+def swaying(count: int) -> Run:
+    """A vehicle that sways after its rate, with a time constant of its own, and is turned by that."""
+    body, step = synthetic.ROSUB, (TIME[1] - TIME[0]) / SUBSTEPS
+    heading, psi, rate, sway = np.zeros(count), 0.0, 0.0, 0.0
+    for at in range(count):
+        heading[at] = psi
+        for _ in range(SUBSTEPS):
+            drag = body.quadratic_drag * abs(rate) * rate + body.linear_drag * rate
+            psi += step * rate
+            rate += step * (TORQUE[at] - drag - 300.0 * sway) / body.inertia
+            sway += step * (rate - sway) / 6.0
+    log = synthetic.trial(TIME[:count], TORQUE[:count], heading + NOISE[:count])
+    rates = compute_rates(log, cutoff=1.0)
+    torque = TORQUE[:count]
+    return Run(trial=log, torque=torque, rates=rates, filtered_torque=rates.filter_held(log, torque))
+
+
+@pytest.fixture(scope="module")
+def incomplete() -> FitResult:
+    return fitted([swaying(4000)])
+
+
+def test_a_complete_model_keeps_its_errors() -> None:
+    rng = np.random.default_rng(3)
+    count = 3000
+    disturbance = synthetic.gauss_markov(count, 0.2, 2.0, 4.0, rng)
+    noise = 1e-4 * rng.normal(size=count)
+    one = fitted([synthetic.run(TIME[:count], TORQUE[:count], disturbance=disturbance, noise=noise)])
+    assert one.is_white
+    assert not missing_torque_covariance(one).any()
+    estimate = estimate_of(one)
+    assert (include_missing_torque(estimate, one).covariance == estimate.covariance).all()
+
+
+def test_errors_cover_the_inertia_of_a_vehicle_that_sways(incomplete: FitResult) -> None:
+    estimate = estimate_of(incomplete)
+    wider = include_missing_torque(estimate, incomplete)
+    away = abs(estimate.value("inertia") - synthetic.ROSUB.inertia)
+    assert away > 3.0 * estimate.standard_error("inertia")
+    assert away < 2.0 * wider.standard_error("inertia")
+    # They still say something: half of the inertia is none.
+    assert wider.standard_error("inertia") < 0.25 * wider.value("inertia")
+    assert any("sway that follows the motion is not modelled" in text for text in wider.warnings)
+
+
+def test_the_added_covariance_does_not_depend_on_the_unit_of_a_torque(
+    incomplete: FitResult, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = missing_torque_covariance(incomplete)
+    original = type(incomplete.objective).jacobian_between
+
+    def scaled(self, centre, sides, step):  # type: ignore[no-untyped-def]
+        return original(self, centre, sides, 7.0 * step if len(sides) > len(incomplete.x) else step)
+
+    monkeypatch.setattr(type(incomplete.objective), "jacobian_between", scaled)
+    assert missing_torque_covariance(incomplete) == pytest.approx(before, rel=1e-6, abs=1e-12)
