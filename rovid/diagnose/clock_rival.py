@@ -26,6 +26,8 @@ from rovid.trial.vehicle import Vehicle
 _LEAD = f"{CLOCKS_APART.id}.lead"
 # Share of the probability of a delay that is its own: the logs do not prefer a delay to a clock offset. Convention.
 _EVEN = 0.5
+# s; a longer delay of the drive is unlikely: bus, radio and controller take a tenth of it. Decision.
+_LONG_DELAY = 0.5
 # Effects that a clock offset between commands and motion resembles.
 _DELAYS = ("command_delay", "thruster_lag")
 
@@ -64,14 +66,16 @@ def _clock_offset(findings: Sequence[Finding]) -> Finding | None:
 
 
 def _without_offset(diagnosis: Diagnosis, runs: Sequence[Run]) -> Diagnosis:
-    """``diagnosis`` with clock offsets as faults; a command delay of joined logs is no more than a suspect."""
+    """``diagnosis`` with clock offsets as faults; a delay that may be one is no more than a suspect."""
     every = [finding for finding in (*diagnosis.findings, *diagnosis.suspects) if finding.effect is not CLOCKS_APART]
     offset, faults = _clock_offset((*diagnosis.findings, *diagnosis.suspects)), list[Fault]()
     if offset is not None:
         faults.append(_fault(offset, runs, "It may act; give a known offset in [join]."))
     findings = [finding for finding in diagnosis.findings if finding in every]
     suspects = [finding for finding in diagnosis.suspects if finding in every]
-    for delay in [finding for finding in findings if finding.effect.id == "command_delay"] if _joined(runs) else []:
+    for delay in [
+        finding for finding in findings if finding.effect.id == "command_delay" and _may_be_offset(finding, runs)
+    ]:
         findings.remove(delay)
         rivals = (*delay.indistinguishable, CLOCKS_APART)
         suspects.insert(0, replace(delay, indistinguishable=rivals, probability=_EVEN * delay.probability))
@@ -81,6 +85,12 @@ def _without_offset(diagnosis: Diagnosis, runs: Sequence[Run]) -> Diagnosis:
         verdict = "suspected" if suspects else "nothing_found"
     every_fault = (*diagnosis.faults, *faults)
     return replace(diagnosis, verdict=verdict, findings=tuple(findings), suspects=tuple(suspects), faults=every_fault)
+
+
+def _may_be_offset(delay: Finding, runs: Sequence[Run]) -> bool:
+    """Whether the clocks of commands and motion may differ by the delay: in joined logs, or in all logs by topics."""
+    size = delay.estimate.value(f"{delay.effect.key}.delay")
+    return bool(_joined(runs)) or (all(run.trial.separate_clocks for run in runs) and size > _LONG_DELAY)
 
 
 def _joined(runs: Sequence[Run]) -> tuple[str, ...]:
@@ -94,12 +104,17 @@ def _delay_fault(delay: Finding, runs: Sequence[Run]) -> Fault:
     size, error = delay.estimate.value(name), delay.estimate.standard_error(name)
     text = (
         f"The vehicle responds {plus_minus(size, error)} s after its commands: a command delay, or a clock of the "
-        "commands that is behind the clock of the motion. The logs do not show which. Log a copy of a command or of "
-        "the heading in both files, or give a known offset in [join]."
+        "commands that is behind the clock of the motion. The logs do not show which. "
+    )
+    joined = _joined(runs)
+    text += (
+        "Log a copy of a command or of the heading in both files, or give a known offset in [join]."
+        if joined
+        else "Log commands and motion with stamps of one clock."
     )
     return Fault(
         fault=CLOCKS_APART.id,
-        logs=_joined(runs),
+        logs=joined or tuple(dict.fromkeys(run.trial.parent or run.trial.name for run in runs)),
         size=size,
         standard_error=error,
         unit="s",

@@ -97,7 +97,7 @@ class _Builder:
     def trial(self) -> Trial:
         axis, measured_signal = self.axis, self.measured_signal
         series = self.ordered()
-        measured = self.cleaned(series[measured_signal])
+        measured, clock = self.cleaned(series[measured_signal]), series[measured_signal].time
         commands = self.commands(series, measured)
         base = TimeBase.union(measured, commands, *self.span(measured, commands))
         position = base.match(measured)
@@ -147,6 +147,7 @@ class _Builder:
             rate_only=self.rate_only,
             start_epoch=None if self.raw.epoch is None else self.raw.epoch + float(base.time[0]),
             companion_files=self.raw.companion_files,
+            separate_clocks=all(series[one.name].time is not clock for one in self.config.commands),
         )
         resets = tuple((at - start, size) for at, size in self.raw.resets)
         known = frozenset(fault.fault for fault in self.faults)

@@ -91,6 +91,7 @@ class Trial:
     campaign_time: float = 0.0  #: s from the beginning of the campaign's first trial to the beginning of this one.
     parent: str = ""  #: Name of the trial that this one is a part of; else empty.
     companion_files: tuple[Path, ...] = ()  #: Further files of the trial.
+    separate_clocks: bool = False  #: Whether commands and motion have stamps of their own, as topics do.
 
     def __post_init__(self) -> None:
         for name, values in self.arrays().items():

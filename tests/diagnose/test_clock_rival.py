@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import replace
 
+import numpy as np
+import pytest
+
+from rovid.diagnose.clock_rival import _without_offset
+from rovid.diagnose.result import Diagnosis
+from rovid.effects import command_delay
 from rovid.effects.clock_offset import mean_shifted
 from rovid.signals.shift import shift_commands
+from tests.diagnose.findings import finding
+from tests.faults.days import day
 from tests.synthetic import clock, trial
 
 
@@ -25,3 +33,13 @@ def test_a_held_value_is_moved_by_its_delay() -> None:
     early, late = mean_shifted(time, values, -1.0), mean_shifted(time, values, 0.75)
     np.testing.assert_allclose(early, np.where(time >= 3.0, 2.0, 0.0))
     np.testing.assert_allclose(late[8:11], [0.0, 1.0, 2.0])
+
+
+@pytest.mark.parametrize(("delay", "separate", "kept"), [(0.3, True, True), (0.8, True, False), (0.8, False, True)])
+def test_a_long_delay_between_topics_may_be_an_offset(delay: float, separate: bool, kept: bool) -> None:
+    runs = [replace(run, trial=replace(run.trial, separate_clocks=separate)) for run in day("small", 0)]
+    found = Diagnosis(verdict="found", findings=(finding(command_delay.FORMS[0], [delay]),))
+    result = _without_offset(found, runs)
+    assert bool(result.findings) == kept
+    assert [fault.fault for fault in result.faults] == ([] if kept else ["clocks_apart"])
+    assert result.verdict == ("found" if kept else "suspected")
