@@ -27,8 +27,10 @@ from rovid.estimate.parametrization import INERTIA
 from rovid.model.parameter_names import unit_of
 from rovid.trial.vehicle import PLAUSIBLE_INERTIA_RATIO
 
-# Starts that are fitted coarsely, and steps of a coarse fit.
-_STARTS, _COARSE_ITERATIONS = 8, 4
+# Starts that are fitted coarsely, further ones with a small effect, and steps of a coarse fit.
+_STARTS, _WEAK_STARTS, _COARSE_ITERATIONS = 6, 3, 4
+# Shares of the initial size of a small effect. A weak effect of a wrong size may look worse than none.
+_WEAK = (0.3, 0.1)
 # Coarse fits that are continued to convergence.
 _CONTINUED = 2
 # Smaller models of one size from which larger ones are fitted: all of up to three effects.
@@ -70,25 +72,41 @@ def neutral_start(objective: NegativeLogLikelihood, nested: FitResult) -> FloatA
 def fit_with_effects(base: FitResult, effects: Sequence[Effect]) -> FitResult:
     """The best fit of ``base`` with all ``effects``, no less likely than a fit with fewer of them."""
     fits: dict[tuple[Effect, ...], FitResult] = {(): base}
+    alone: dict[Effect, FloatArray] = {}  # optimal parameters of each effect without the others
     for count in range(1, len(effects) + 1):
-        larger = {some: _extended(base, some, fits) for some in combinations(effects, count)}
+        larger = {some: _extended(base, some, fits, alone) for some in combinations(effects, count)}
+        if count == 1:
+            alone = {some[0]: one.effect_coordinates(some[0]) for some, one in larger.items()}
         kept = sorted(larger, key=lambda some: larger[some].value)[:_KEPT]
         fits = {some: larger[some] for some in kept}
     return fits[tuple(effects)]
 
 
-def _extended(base: FitResult, effects: tuple[Effect, ...], fits: dict[tuple[Effect, ...], FitResult]) -> FitResult:
+def _extended(
+    base: FitResult,
+    effects: tuple[Effect, ...],
+    fits: dict[tuple[Effect, ...], FitResult],
+    alone: dict[Effect, FloatArray],
+) -> FitResult:
     """The best fit of ``base`` with ``effects``, from the ``fits`` with one of them less."""
     objective = base.objective.with_effects(effects, base.objective.mask)
     smaller = [(fits[rest], effect) for rest, effect in _one_less(effects) if rest in fits]
-    begins = list[FloatArray]()
+    begins, weak = list[FloatArray](), list[FloatArray]()
     neutral = list[tuple[float, FloatArray]]()
     for nested, effect in smaller:
         larger = base.objective.with_effects((*nested.effects, effect), base.objective.mask)
         starts = larger.parametrization.initial_values()
+        if effect in alone:
+            starts.append(alone[effect])
+        smaller_sizes = [scaled_start(effect, start, share) for start in starts for share in _WEAK]
         begins += [_in_order(larger, np.concatenate((nested.x, start)), effects) for start in starts]
+        weak += [_in_order(larger, np.concatenate((nested.x, start)), effects) for start in smaller_sizes]
         neutral.append((nested.value, _in_order(larger, neutral_start(larger, nested), effects)))
-    chosen = [*objective.most_likely(begins, _STARTS), min(neutral, key=lambda pair: pair[0])[1]]
+    chosen = [
+        *objective.most_likely(begins, _STARTS),
+        *objective.most_likely(weak, _WEAK_STARTS),
+        min(neutral, key=lambda pair: pair[0])[1],
+    ]
     coarse = sorted((fit(objective, x, iterations=_COARSE_ITERATIONS) for x in chosen), key=lambda one: one.value)
     return exchanged_or_same(min((fit(objective, one.x) for one in coarse[:_CONTINUED]), key=lambda one: one.value))
 
