@@ -34,6 +34,7 @@ from rovid.estimate.nested_fits import (
     with_exchanged_time_constants,
 )
 from rovid.model.model import Model
+from rovid.signals.preprocessing import prepare_trials
 
 LAG = effect_named("thruster_lag")
 # Nats: the filter takes its steps by the fastest state, so that equal models differ by what the steps cost.
@@ -49,8 +50,10 @@ def lagged() -> Campaign:
 
 @pytest.fixture(scope="module")
 def short(lagged: Campaign) -> FitResult:
-    """Plain model of the first run alone, by one-step predictions."""
-    data = InnovationData(lagged.runs[:1], lagged.vehicle, replace(lagged.model, effects=(), effect_values=()))
+    """Plain model of the first few hundred samples, by one-step predictions."""
+    trial = lagged.runs[0].trial
+    runs = prepare_trials([trial.part(slice(0, 400), trial.name)], lagged.vehicle).items
+    data = InnovationData(runs, lagged.vehicle, replace(lagged.model, effects=(), effect_values=()))
     objective = InnovationLikelihood(data, 0.05)
     return fit(objective, objective.parametrization.initial())
 
