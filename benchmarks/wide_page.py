@@ -134,10 +134,10 @@ def section(records: Sequence[Record]) -> str:
         "rpm or −1 to 1. Headings have 1 to 100 Hz, commands are slower or faster, in the same table, in a second file "
         "or in MCAP. A campaign has 2 to 12 runs, which begin at rest, at a step, or under way. Each of 24 effects has "
         "one to five laws. A cause is *visible* if it changes the yaw rate by 3 % or more (root mean square, same "
-        "commands, same disturbance). *Evidence* is the average gain in log-likelihood of the true cause over the plain "
-        "model with fitted inertia and drags, computed from the true disturbance and noise. A cause with less than "
-        f"{EVIDENCE:.0f} nats is lost in them. The simulator shares no code with rovid, and its author has not read "
-        "the diagnosis. A diagnosis took {statistics.median(seconds):.0f} s at the median and {max(seconds):.0f} s at "
+        "commands, same disturbance). *Evidence* is the average gain in log-likelihood of the true cause over the "
+        "plain model with fitted inertia and drags, computed from the true disturbance and noise. A cause with less "
+        f"than {EVIDENCE:.0f} nats is lost in them. The simulator shares no code with rovid; its author has not read "
+        f"the diagnosis. A diagnosis took {statistics.median(seconds):.0f} s at the median and {max(seconds):.0f} s at "
         "most, on a machine with other work."
     )
     legend = (
