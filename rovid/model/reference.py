@@ -240,6 +240,7 @@ class ExtendedKalmanFilter:
         torque_input: TorqueInput,
         measured: FloatArray,
         initial_rate: tuple[float, float],
+        past: tuple[FloatArray, float] | None = None,
     ) -> tuple[FloatArray, FloatArray]:
         """(n, 2) innovations of angle and rate, and their variances; NaN where not measured.
 
@@ -249,6 +250,9 @@ class ExtendedKalmanFilter:
             (n, 2) angle in rad and rate in rad/s.
         initial_rate
             rad/s, and its standard deviation.
+        past
+            (n,) change of the torque of each interval by 1 N m before the first instant, and the standard deviation of
+            the torque before in N m, eq. (12a). It is the last state. None if that torque is known.
         """
         innovation, variance = np.full((2, *measured.shape), np.nan)
         noise_variance = np.array([self.noise.angle, self.noise.rate]) ** 2
@@ -256,15 +260,19 @@ class ExtendedKalmanFilter:
         motion, others = Motion(0.0, initial_rate[0], self.equation.at_rest()), np.zeros(self.size - 2)
         p = np.zeros((self.size, self.size))
         p[:3, :3] = np.diag([noise_variance[0], initial_rate[1] ** 2, self.noise.disturbance**2])
+        if past is not None:
+            others, p = np.append(others, 0.0), np.pad(p, ((0, 1), (0, 1)))
+            p[-1, -1] = past[1] ** 2
         if self.has_wave:
             amplitude, frequency, _ = self.model.wave_parameters
-            p[3:, 3:] = 0.5 * amplitude**2 * np.diag([1.0, frequency**2])
+            p[3:5, 3:5] = 0.5 * amplitude**2 * np.diag([1.0, frequency**2])
         for k in range(len(time)):
             if k > 0:
                 inputs = Inputs(torque_input.torque[k - 1], torque_input.effect_inputs[k - 1])
                 interval = time[k] - time[k - 1]
                 for _ in range(STEPS):
-                    motion, others, p = self._propagate(motion, others, p, inputs, interval / STEPS)
+                    response = None if past is None else past[0][k - 1]
+                    motion, others, p = self._propagate(motion, others, p, inputs, interval / STEPS, response)
                 # Late torque, eq. (5), and an impulse at an unknown time in the interval, eq. (10).
                 late = torque_input.timing_moment[k - 1] / inertia
                 rate = motion.rate - self.equation.damping(motion, inputs) * late
@@ -282,27 +290,41 @@ class ExtendedKalmanFilter:
         return innovation, variance
 
     def _propagate(
-        self, motion: Motion, others: FloatArray, p: FloatArray, inputs: Inputs, h: float
+        self,
+        motion: Motion,
+        others: FloatArray,
+        p: FloatArray,
+        inputs: Inputs,
+        h: float,
+        response: float | None = None,
     ) -> tuple[Motion, FloatArray, FloatArray]:
-        """Mean and covariance after ``h`` s; ``others`` are the states after angle and rate."""
+        """Mean and covariance after ``h`` s; ``others`` are the states after angle and rate.
+
+        With a ``response`` in N m the last state is an unknown number that adds so much torque for each unit.
+        """
         a, q = self.system(motion, inputs)
+        if response is not None:
+            a, q = (np.pad(matrix, ((0, 1), (0, 1))) for matrix in (a, q))
+            a[_RATE, -1] = response / self.model.body.inertia
         # Van Loan 1978: transition matrix and covariance of the noise.
-        n = self.size
+        n = len(a)
         exponential = expm(np.block([[-a, q], [np.zeros((n, n)), a.T]]) * h)
         transition = exponential[n:, n:].T
         # Disturbance, and wave torque, at the middle of the step.
         middle = expm(0.5 * h * a[2:, 2:]) @ others
         other_torque = middle[0] + (middle[1] if self.has_wave else 0.0)
+        if response is not None:
+            other_torque += response * others[-1]
         motion = self.equation.step(motion, inputs, other_torque, h)
         if self.oscillatory is None:
             others = transition[2:, 2:] @ others
         else:
-            others = np.array([transition[2, 2] * others[0], *motion.states[self.oscillatory]])
+            others = np.array([transition[2, 2] * others[0], *motion.states[self.oscillatory], *others[3:]])
         return motion, others, transition @ p @ transition.T + transition @ exponential[:n, n:]
 
     def _updated(self, motion: Motion, others: FloatArray, change: FloatArray) -> tuple[Motion, FloatArray]:
         others = others + change[2:]
         motion = Motion(motion.angle + change[_ANGLE], motion.rate + change[_RATE], motion.states)
         if self.oscillatory is not None:
-            motion = self._with_oscillator(motion, others[1:])
+            motion = self._with_oscillator(motion, others[1:3])
         return motion, others

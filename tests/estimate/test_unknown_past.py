@@ -1,0 +1,133 @@
+"""Logs that begin in an unknown state of the drives."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from rovid.core.array_types import FloatArray
+from rovid.effects import Effect, effect_named
+from rovid.estimate.filter_data import InnovationData
+from rovid.estimate.fit_result import FitResult, fit
+from rovid.estimate.innovation_likelihood import InnovationLikelihood
+from rovid.estimate.parametrization import COMMON, DISTURBANCE, MEMORY, NOISE
+from rovid.model.past import with_moved_past
+from rovid.model.reference import ExtendedKalmanFilter
+from rovid.model.reference import Noise as FilterNoise
+from rovid.signals.preprocessing import Run
+from tests import synthetic
+
+LAG, DELAY, SWIRL = map(effect_named, ("thruster_lag", "command_delay", "entrained_swirl"))
+PERIOD, SECONDS, TIME_CONSTANT = 0.1, 60.0, 2.5
+TIME = synthetic.clock(SECONDS, 1.0 / PERIOD)
+MOTION = synthetic.ROSUB
+
+
+def levels(seed: int) -> FloatArray:
+    """A torque in N m that changes its level every 4 s, and does not begin at zero."""
+    rng = np.random.default_rng(seed)
+    sizes = rng.uniform(80.0, 300.0, 20) * rng.choice([-1.0, 1.0], 20)
+    return np.asarray(np.repeat(sizes, 40)[: len(TIME)])
+
+
+def behind_a_lag(torque: FloatArray, before: float) -> FloatArray:
+    """Mean over each interval of a torque behind a lag, which stood at ``before`` N m at first."""
+    fade, state, means = math.exp(-PERIOD / TIME_CONSTANT), before, []
+    for wanted in torque.tolist():
+        means.append(wanted + (state - wanted) * (1.0 - fade) * TIME_CONSTANT / PERIOD)
+        state = wanted + (state - wanted) * fade
+    return np.array(means)
+
+
+def runs(before: tuple[float, ...]) -> list[Run]:
+    """Runs from rest whose thrust is that much in N m at the first sample."""
+    rng, found = np.random.default_rng(5), []
+    for seed, first in enumerate(before):
+        torque, noise = levels(seed), 2e-4 * rng.normal(size=len(TIME))
+        water = synthetic.gauss_markov(len(TIME), PERIOD, 1.0, 4.0, rng)
+        off = behind_a_lag(torque, first) - torque + water
+        found.append(synthetic.run(TIME, torque, MOTION, disturbance=off, noise=noise))
+    return found
+
+
+def data(before: tuple[float, ...], interval: float = 0.0) -> InnovationData:
+    return InnovationData(runs(before), synthetic.LOGGED, MOTION, interval=interval)
+
+
+def at(given: InnovationData, effect: Effect, *values: float) -> tuple[InnovationLikelihood, FloatArray]:
+    objective = InnovationLikelihood(given, 0.05, (effect,))
+    x = objective.parametrization.initial()
+    x[COMMON:] = np.array(values) / objective.parametrization.units
+    x[DISTURBANCE], x[MEMORY], x[NOISE] = math.log(2.0), math.log(4.0), math.log(3e-4)
+    return objective, x
+
+
+@pytest.mark.parametrize(("effect", "values"), [(LAG, (TIME_CONSTANT,)), (DELAY, (0.8,))])
+@pytest.mark.parametrize("interval", [0.0, 0.4])
+def test_the_unknown_torque_is_one_more_state(effect: Effect, values: tuple[float, ...], interval: float) -> None:
+    """The two filters of the likelihood give what one filter with a further state gives."""
+    given = data((0.0,), interval)
+    objective, x = at(given, effect, *values)
+    found = objective.innovations(x)
+    (chunk,) = given.chunks
+    unknown = chunk.unknown_pasts
+    assert unknown is not None
+    model = objective.parametrization.model(x)
+    moved, change = with_moved_past(given.driven_runs[0].trial, synthetic.LOGGED)
+    assert change == unknown.changes[0]
+    torque = chunk.inputs.between_steps(model)
+    response = (unknown.inputs.between_steps(model).torque - torque.torque) / change
+    noise = FilterNoise(disturbance=2.0, correlation_time=4.0, angle=3e-4, rate=1.0)
+    measured = np.column_stack((given.angles[0], np.full(len(given.angles[0]), np.nan)))
+    first = tuple(chunk.filter_data.initial_rate[0].tolist())
+    innovation, variance = ExtendedKalmanFilter(model, noise, chunk.filter_data.start_position[0]).innovations(
+        given.times[0], torque, measured, first, (response, unknown.std)
+    )
+    assert moved.past is not None
+    # Drag is quadratic, and the unknown torque is large: linearised around the mean without it, or with it.
+    np.testing.assert_allclose(found.error, innovation[1:, 0], rtol=0.0, atol=0.02 * np.sqrt(found.variance).max())
+    np.testing.assert_allclose(found.variance, variance[1:, 0], rtol=0.02)
+
+
+def test_a_model_without_memory_is_not_affected() -> None:
+    given = data((0.0,))
+    objective, x = at(given, effect_named("drag_curvature"), 10.0)
+    (chunk,) = given.chunks
+    assert chunk.unknown_pasts is not None
+    with_state = objective.innovations(x)
+    object.__setattr__(chunk, "unknown_pasts", None)
+    np.testing.assert_array_equal(objective.innovations(x), with_state)
+
+
+def fitted(given: InnovationData) -> FitResult:
+    objective = InnovationLikelihood(given, 0.02, (LAG,))
+    return fit(objective, objective.parametrization.initial())
+
+
+@pytest.mark.parametrize(
+    "before",
+    [
+        # Off; on for long, which a vehicle at rest does not show; between.
+        (0.0, 0.0, 0.0, 0.0),
+        (60.0, -40.0, 30.0, 90.0),
+    ],
+)
+def test_a_lag_is_estimated_whatever_acted_before(before: tuple[float, ...]) -> None:
+    found = fitted(data(before))
+    errors = np.sqrt(np.diag(found.covariance(sandwich=False)))
+    truth = np.array([MOTION.inertia, MOTION.quadratic_drag, MOTION.linear_drag, TIME_CONSTANT])
+    # Eight comparisons: one in 2000 is beyond four standard errors by chance.
+    assert np.all(np.abs(found.model.values - truth) < 4.0 * errors)
+    assert errors[3] < 0.02 * TIME_CONSTANT
+    assert found.is_white
+
+
+def test_drives_that_are_taken_as_settled_are_wrong() -> None:
+    """The same logs without the unknown state, with the first command held before."""
+    given = data((0.0, 0.0, 0.0, 0.0))
+    object.__setattr__(given, "driven_runs", given.runs)
+    found = fitted(given)
+    assert not found.is_white
+    assert abs(found.model.values[3] - TIME_CONSTANT) > 0.03 * TIME_CONSTANT
