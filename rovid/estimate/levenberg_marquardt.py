@@ -110,10 +110,11 @@ def minimize(
         if isinstance(ahead, StopReason):
             stop_reason = ahead
             break
+        # One small gain of a poor or of a strongly damped step is no sign of an optimum.
+        doubtful = ahead.damping > min(here.damping, _FIRST_DAMPING)
         gained, here = here.value - ahead.value, ahead
         small_steps = small_steps + 1 if gained < tolerance else 0
-        # One small gain of a strongly damped step is no sign of an optimum.
-        if small_steps > (here.damping > _FIRST_DAMPING):
+        if small_steps > doubtful:
             stop_reason = StopReason.CONVERGED
             break
         if here.value - goal > _STEPS_TO_GOAL * gained:

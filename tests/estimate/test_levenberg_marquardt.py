@@ -94,10 +94,10 @@ def test_after_a_failed_step_several_dampings_are_tried_at_once() -> None:
 def test_frequencies_lie_between_one_cycle_per_run_and_nyquist() -> None:
     data = InnovationData([synthetic.run(TIME[:500], TORQUE[:500])], synthetic.LOGGED, synthetic.ROSUB, interval=1.0)
     coordinates = InnovationLikelihood(data, 0.05, (effect_named("wave_torque"),)).parametrization
-    highest = coordinates.high[coordinates.effects_begin + 1]
-    assert highest == pytest.approx(math.pi)
+    highest, unit = coordinates.high[coordinates.effects_begin + 1], coordinates.units[1]
+    assert highest * unit == pytest.approx(math.pi)
     lowest = coordinates.low[coordinates.effects_begin + 1]
-    assert lowest == pytest.approx(2.0 * math.pi / float(np.ptp(TIME[:500])))
+    assert lowest * unit == pytest.approx(2.0 * math.pi / float(np.ptp(TIME[:500])))
     starts = coordinates.initial_values()
     assert all(lowest <= start[1] <= highest for start in starts)
     assert len({tuple(start) for start in starts}) == len(starts) < len(effect_named("wave_torque").initial_values)
