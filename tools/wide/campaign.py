@@ -278,7 +278,7 @@ def simulated(
     Parameters
     ----------
     physics
-        Instead of the campaign's own; with it the cause's delay and wave do not act.
+        Instead of the campaign's own. The cause's delay and wave do not act with it, and steps suit the vehicle alone.
     replay
         Send the recorded commands again, whatever a zigzag's pilot would see.
     refine
@@ -286,6 +286,7 @@ def simulated(
     """
     cause = campaign.cause if physics is None else None
     used = campaign.physics if physics is None else physics
+    longest = (campaign.longest if physics is None else campaign.vehicle.time_constant / _SUBSTEPS) / refine
     vehicle = campaign.vehicle
     thrusters = np.column_stack([vehicle.full_thrusts, vehicle.zones, vehicle.arms])
     x = np.ascontiguousarray(np.broadcast_to(vehicle.commands, vehicle.thrusts.shape))
@@ -300,7 +301,7 @@ def simulated(
         commands, record = run.commands.copy(), np.zeros((run.time.size, 4))
         simulate(
             used, Pilot() if replay else run.pilot, thrusters, x, vehicle.thrusts, times, kinds, places, commands,
-            run.mix, begin, step, series, run.heading, run.day, campaign.longest / refine, record,
+            run.mix, begin, step, series, run.heading, run.day, longest, record,
         )  # fmt: skip
         done.append(replace(run, commands=commands, truth=record))
     return replace(campaign, runs=tuple(done))
