@@ -50,6 +50,10 @@ class Budget:
         """Time used so far in s."""
         return self.clock() - self._began
 
+    def shorten(self, share: float) -> None:
+        """Begin nothing optional after a smaller ``share`` of the time."""
+        self.share = min(self.share, share)
+
     @property
     def use(self) -> BudgetUse:
         """What became of the budget so far."""

@@ -27,7 +27,13 @@ from rovid.effects import Effect, forms_for
 from rovid.effects.clock_offset import CLOCKS_APART
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult, fit
-from rovid.estimate.maximum_likelihood import DISTURBANCE_LIMITS, INNOVATIONS_R2, fit_innovations, loosen_limit
+from rovid.estimate.maximum_likelihood import (
+    DISTURBANCE_LIMITS,
+    INNOVATIONS_R2,
+    NOTHING_R2,
+    fit_innovations,
+    loosen_limit,
+)
 from rovid.estimate.multi_step_data import MultiStepData
 from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
 from rovid.estimate.objective import UNLIMITED, ModelKey, NegativeLogLikelihood
@@ -269,6 +275,8 @@ def pose(prepared: PreparedRuns, runs: Sequence[Run], vehicle: Vehicle, start: M
     rivals = [CLOCKS_APART] * any(run.trial.companion_files for run in runs)
     candidates = (*forms, *rivals, *signal_regressors((*prepared.items, *runs, *(piece.run for piece in pieces))))
     data = InnovationData(prepared.items, vehicle, start)
+    if data.free_run_r2(start) < NOTHING_R2:
+        budget.shorten(THRESHOLDS.hopeless_share)
     wave_data = thin_for_waves(data)
     wave = next((form for form in forms if form.is_wave), None)
 

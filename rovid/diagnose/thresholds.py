@@ -161,6 +161,9 @@ class Thresholds:
     exchange_gain: float = 0.5
     """Nats. A replacement must gain this much. Set: not recorded. Halved: models that differ by no more than the
     tolerance of the fits are exchanged; doubled: fewer exchanges."""
+    hopeless_share: float = 0.125
+    """Share of the budget. The search ends then if the plain model explains next to nothing of the motion. Set: an
+    answer in 10 s of 60. Halved: causes of such logs are not found; doubled: the answer takes 20 s."""
     max_effects: int = 6
     """Effects. Largest model, and most rounds of the search. Set: convention. Halved: fourth and later causes are not
     found; doubled: slower."""

@@ -33,6 +33,8 @@ DISTURBANCE_LIMITS = (0.05, 0.02, 0.01, 0.005)
 # Least free-running R^2 of the plain model for the innovation likelihood. Below it the model is so incomplete that no
 # limit of the disturbance is right, and multi-step predictions are fitted instead.
 INNOVATIONS_R2 = 0.93
+# Free-running R^2 of the plain model below which it explains next to nothing, under whatever limit of the disturbance.
+NOTHING_R2 = 0.1
 # Largest loss of free-running R^2 against the output-error fit, or against a tighter limit of the disturbance.
 _MAX_R2_LOSS = 0.01
 # Factor on the limit of an active disturbance, for the effect of the limit on the parameters.
@@ -124,7 +126,7 @@ def fit_innovations(data: InnovationData, simulation_r2: float) -> FitResult:
     for limit in DISTURBANCE_LIMITS:
         objective = InnovationLikelihood(data, limit)
         tried.append(fit(objective, objective.parametrization.initial()))
-        if tried[-1].simulated_r2 >= simulation_r2 - _MAX_R2_LOSS:
+        if tried[-1].simulated_r2 >= simulation_r2 - _MAX_R2_LOSS or simulation_r2 < NOTHING_R2:
             break
     return max(tried, key=lambda one: one.simulated_r2)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
 from rovid.core.spmd import parallel_map
 from rovid.effects import restoring_effect
-from rovid.estimate.dataset import rms, rms_rate
+from rovid.estimate.dataset import rms, rms_rate, time_constant
 from rovid.estimate.instrumental_variables import fit_free_swings, fit_regression
 from rovid.model.model import Model
 from rovid.model.simulation import simulated_rate
@@ -20,6 +21,8 @@ from rovid.signals.preprocessing import Run
 
 # Least number of standard errors of the inertia from zero. Steady holds are compatible with any inertia.
 MIN_INERTIA_SIGMAS = 2.0
+# Shortest time constant of a first model, in sampling intervals.
+_SHORTEST_DECAY = 0.2
 # Least scale of a trim in rad, and of a lift or a stiffness over the RMS torque.
 _LEAST_RESTORING = 1e-2
 
@@ -79,7 +82,17 @@ def _fit(runs: tuple[Run, ...], min_sigmas: float) -> Model:
     begin = (start / scale)[free]
     bounds = low[free], high[free]
     solution = least_squares(residuals, begin, bounds=bounds, x_scale=np.maximum(np.abs(begin), 0.1))
-    return model(solution.x)
+    return _with_resolved_decay(model(solution.x), rate, runs)
+
+
+def _with_resolved_decay(model: Model, rate: float, runs: Sequence[Run]) -> Model:
+    """``model`` with less drag where its motion decays in less than a fifth of the sampling interval.
+
+    Drag runs off where the best simulation stands still. Filters then take thousands of steps in each interval.
+    """
+    shortest = _SHORTEST_DECAY * float(np.median([run.trial.sampling_interval for run in runs]))
+    share = min(time_constant(model, rate) / shortest, 1.0)
+    return replace(model, quadratic_drag=share * model.quadratic_drag, linear_drag=share * model.linear_drag)
 
 
 def _start(runs: Sequence[Run], min_sigmas: float) -> FloatArray:

@@ -28,7 +28,7 @@ _STEP_SHARE, EFFECTS_STEP_SHARE = 0.2, 0.5
 # Largest number of steps in an interval. Without effects, the steps of a longer gap are repeated until the relative
 # change of the rate is below _SETTLED. With effects all steps are done, up to a gap of 2000 time constants; more steps
 # follow only from drags that ran off, where each evaluation would take minutes.
-_MAX_PLAIN_STEPS, MAX_STEPS = 1000, 10_000
+_MAX_PLAIN_STEPS, MAX_STEPS = 100, 10_000
 _SETTLED = 1e-9
 # Smallest denominator, in place of a drag of zero.
 _TINY = 1e-12
