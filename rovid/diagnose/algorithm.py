@@ -44,8 +44,9 @@ from rovid.diagnose.objectives import (
 )
 from rovid.diagnose.rejection import first_rejection
 from rovid.diagnose.result import Diagnosis
+from rovid.diagnose.search_progress import SearchStop
 from rovid.diagnose.selection import Selection
-from rovid.diagnose.stepwise import SearchStop, StepwiseSearch, StopRule
+from rovid.diagnose.stepwise import StepwiseSearch, StopRule
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.diagnose.validation import drop_inconsistent, drop_likely, report_remainder
 from rovid.estimate.fit_result import FitResult

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import enum
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -23,36 +22,18 @@ from rovid.diagnose.candidate_fits import (
     simplest_form,
 )
 from rovid.diagnose.score_test import ScoreTest, possible_substitutes, score_tests
+from rovid.diagnose.search_progress import SearchProgress, SearchStop
 from rovid.diagnose.shortlist import best_forms, gains_by_cause, group_by_cause, shortlist
 from rovid.diagnose.signal_regressors import is_signal
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect
 from rovid.estimate.fit_result import FitResult
 from rovid.estimate.maximum_likelihood import loosen_limit
-from rovid.estimate.objective import ModelKey
 
 # Gain of the best form of each further effect, largest first; computed on demand.
 Gains = Callable[[], Sequence[float]]
 # Whether a search cannot succeed from a model with these further gains.
 StopRule = Callable[[FitResult, Gains], bool]
-
-
-class SearchStop(enum.Enum):
-    """Why a search ended before its model no longer changed."""
-
-    ADEQUATE = enum.auto()  # `StepwiseSearch.is_adequate`; of the last run alone
-    HOPELESS = enum.auto()  # `StepwiseSearch.is_hopeless`
-    CUT_SHORT = enum.auto()  # `THRESHOLDS.max_screenings`, or `THRESHOLDS.max_effects` rounds without an end
-    OUT_OF_TIME = enum.auto()  # `StepwiseSearch.budget`
-
-
-@dataclass(eq=False)
-class SearchProgress:
-    """Models that a search has seen, and why it ended early."""
-
-    exchanged: set[ModelKey] = field(default_factory=set)  # models that an exchange replaced
-    screened: set[ModelKey] = field(default_factory=set)  # models with fitted extensions
-    stops: set[SearchStop] = field(default_factory=set)
 
 
 @dataclass(frozen=True, eq=False)
