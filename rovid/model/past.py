@@ -60,10 +60,10 @@ def with_past(trial: Trial, body: Body, vehicle: Vehicle) -> Trial:
     usual = min(first, 0.0, key=lambda torque: abs(balance - torque))
     if abs(balance - usual) <= max(_SETTLED * largest, _SIGMAS * slope * rate_error):
         balance = usual
+    if max(abs(first), abs(balance)) <= _NEGLIGIBLE * largest:
+        return trial
     if balance != first:
         commands = _commands_of(balance, trial, torques, vehicle)
-    elif abs(first) <= _NEGLIGIBLE * largest:
-        return trial
     return _begun_with(trial, commands)
 
 

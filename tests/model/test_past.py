@@ -57,8 +57,9 @@ def test_the_torque_before_balances_the_drag(first: float, rate: float, before: 
     assert torque_before(log(torque, rate)) == pytest.approx(before, abs=0.1 * 250.0)
 
 
-def test_a_log_that_begins_at_rest_has_no_other_past() -> None:
-    rest = log(np.where(TIME < 5.0, 0.0, 200.0))
+@pytest.mark.parametrize("trim", [0.0, 1.0])
+def test_a_log_that_begins_at_rest_has_no_other_past(trim: float) -> None:
+    rest = log(np.where(TIME < 5.0, trim, 200.0))
     assert with_past(rest, ROSUB.body, synthetic.LOGGED) is rest
 
 
