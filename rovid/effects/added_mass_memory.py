@@ -10,8 +10,9 @@ from dataclasses import replace
 
 from rovid.effects.base import REFERENCE_RATE, Effect, EffectParameter, Instant, Numbers, Term, Values, compiled
 
-# s; smallest time constant of water in a frame at any relative rate, which keeps the integration stable.
-_SHORTEST = 0.1
+# Smallest time constant of water in a frame over that of the vehicle at the same relative rate, which keeps the
+# integration stable.
+_SHORTEST = 0.02
 
 
 @compiled
@@ -23,12 +24,19 @@ def _linear(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
 @compiled
 def _porous(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
     relative = at.rate - x[0]
-    change = abs(relative) * relative / (REFERENCE_RATE * p[1] + _SHORTEST * abs(relative))
+    slope = 2.0 * at.body.quadratic_drag * abs(relative) + at.body.linear_drag
+    shortest = _SHORTEST * at.body.inertia / (slope + 1e-150)
+    change = abs(relative) * relative / (REFERENCE_RATE * p[1] + shortest * abs(relative))
     return -p[0] * change, change
 
 
 def _fastest(values: Values) -> float:
-    return 1.0 / max(values["time_constant"], _SHORTEST)
+    return 1.0 / values["time_constant"]
+
+
+def _fastest_in_frame(values: Values) -> float:
+    """Rate at twice the reference rate."""
+    return 2.0 / values["time_constant"]
 
 
 def _added(values: Values) -> float:
@@ -46,7 +54,7 @@ EFFECT: Effect = Effect(
             name="time_constant",
             unit="s",
             neutral=1.0,
-            low=0.1,
+            low=0.03,
             high=60.0,
             initial_values=(0.5, 3.0),
             scale="time",
@@ -85,6 +93,6 @@ FORMS: tuple[Effect, ...] = (
             ),
         ),
         equation="− Im·dw/dt, τ·r0·dw/dt = |r − w|·(r − w), r0 = 0.3 rad/s: water in a frame with holes",
-        acts=Term(_porous, states=1, fastest=_fastest, added_inertia=_added),
+        acts=Term(_porous, states=1, fastest=_fastest_in_frame, added_inertia=_added),
     ),
 )

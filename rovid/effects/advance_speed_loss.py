@@ -37,7 +37,7 @@ def _term(at: Instant, p: Numbers) -> float:
 def _open_water(at: Instant, p: Numbers) -> float:
     along = where_nonnegative(at.thruster_torque, at.rate, -at.rate)
     # Mean advance ratio of the thrusters: speed of each over the root of its thrust.
-    advance = minimum(maximum(p[0] * along * at.wash / (abs(at.thruster_torque) + 1e-9), _MAX_GAIN), 0.6)
+    advance = minimum(maximum(p[0] * along * at.wash / (abs(at.thruster_torque) + 1e-150), _MAX_GAIN), 0.6)
     # KT = 0.24 − 0.25 J − 0.66 J² + 0.5 J³ of the ROV Minerva over its value at J = 0, with j = 1.04 J; zero at J =
     # 0.53.
     lost = minimum(advance * (1.0 + advance * (2.534 - 1.843 * advance)), 1.0)

@@ -10,19 +10,19 @@ from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, 
 
 @compiled
 def _term(at: Instant, p: Numbers) -> float:
-    return -p[0] * math.tanh(at.rate / (p[1] + 1e-9))
+    return -p[0] * math.tanh(at.rate / (p[1] + 1e-150))
 
 
 @compiled
 def _stiction(at: Instant, p: Numbers) -> float:
-    share = at.rate / (p[1] + 1e-9)
+    share = at.rate / (p[1] + 1e-150)
     # Half as large again near rest (Stribeck effect).
     return -p[0] * math.tanh(5.0 * share) * (1.0 + 0.5 * math.exp(-share * share))
 
 
 @compiled
 def _unequal(at: Instant, p: Numbers) -> float:
-    share = math.tanh(at.rate / (p[3] + 1e-9))
+    share = math.tanh(at.rate / (p[3] + 1e-150))
     return where_nonnegative(at.rate, -p[0] * share, -p[1] * share - p[2] * at.rate)
 
 

@@ -36,7 +36,7 @@ def _annulus(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
     slope = 2.0 * at.body.quadratic_drag * relative + at.body.linear_drag
     inertia = p[1] * (slope + 2.0 * friction * water)
     pull = drag(at.body, at.rate - x[0])
-    change = (pull - friction * abs(x[0]) * x[0]) / (inertia + 1e-12)
+    change = (pull - friction * abs(x[0]) * x[0]) / (inertia + 1e-150)
     # A share of zero means no such water.
     return where_nonnegative(-p[0], 0.0, drag(at.body, at.rate) - pull), where_nonnegative(-p[0], 0.0, change)
 

@@ -49,7 +49,7 @@ _DRIFT = EffectParameter(
 _MUNK = replace(_DRIFT, name="munk", unit="kg", scale="torque/surge/sway")
 # Time constant of the sway. Sway that decays at once would be the same as damping with the square of the speed.
 _DECAY = EffectParameter(
-    name="time_constant", unit="s", neutral=1.0, low=0.1, high=60.0, initial_values=(0.15, 1.0), scale="time"
+    name="time_constant", unit="s", neutral=1.0, low=0.02, high=60.0, initial_values=(0.1, 0.7), scale="time"
 )
 
 EFFECT: Effect = Effect(
@@ -103,7 +103,7 @@ FORMS: tuple[Effect, ...] = (
         form="carried",
         parameters=(
             replace(_DRIFT, unit="N m s^3/(m^2 rad)", scale="torque/surge/surge/rate"),
-            replace(_DECAY, initial_values=(0.7, 3.0)),
+            replace(_DECAY, initial_values=(0.3, 2.0)),
         ),
         equation="− N·u·w, τ·dw/dt = − u·r − w, u the logged speed ahead: in place of a logged v",
         fingerprint="residual torque that follows the rate with a lag, in proportion to the square of the speed ahead",

@@ -20,8 +20,9 @@ _MIN_RANGE = 3.5
 _COARSE = 0.01
 # rad/s; no underwater vehicle keeps turning this fast.
 _MAX_RATE = 6.0
-# s; window of the comparison of gyro and heading, and the smallest number of windows and correlation.
-_WINDOW, _MIN_WINDOWS, _MIN_CORRELATION = 0.5, 50, 0.8
+# Even number of intervals in a window of the comparison of gyro and heading, and the smallest number of windows and
+# correlation.
+_WIDTH, _MIN_WINDOWS, _MIN_CORRELATION = 10, 50, 0.8
 
 
 def refuse_wrong_heading(channel: Channel, signal: Signal, heading: FloatArray, where: str) -> None:
@@ -97,12 +98,12 @@ def gyro_confirms_unit(
 
 
 def _compare(time: FloatArray, heading: FloatArray, yaw_rate: FloatArray) -> tuple[float, float] | None:
-    """(yaw rate over rate of heading, correlation) over half-second windows; None without enough correlation."""
+    """(yaw rate over rate of heading, correlation) over short windows; None without enough correlation."""
     rows = np.flatnonzero(np.isfinite(heading) & np.isfinite(yaw_rate))
     if len(rows) < _MIN_WINDOWS:
         return None
     t, psi, r = time[rows], heading[rows], yaw_rate[rows]
-    width = max(2, 2 * round(_WINDOW / float(np.median(np.diff(t))) / 2))
+    width = _WIDTH
     first = np.arange(0, len(t) - width, max(1, len(t) // 20_000))
     if first.size:  # Windows with a gap are left out.
         span = t[first + width] - t[first]
