@@ -1,8 +1,8 @@
 """Do the stated errors agree with the scatter between repeats of a manoeuvre?
 
 Run ``python -m benchmarks.repeats FOLDER zigzag turn``: each log of FOLDER whose name begins with a word is fitted
-alone, and all logs of the word together. The scatter between logs of one word is compared with the stated errors (F test).
-Different manoeuvres excite what the model lacks differently, so their fits are compared too.
+alone, and all logs of the word together. The scatter between logs of one word is compared with the stated errors (F
+test). Different manoeuvres excite what the model lacks differently, so their fits are compared too.
 """
 
 from __future__ import annotations

@@ -10,8 +10,11 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.core.formatting import significant
-from rovid.effects import Effect
+from rovid.effects import Effect, EffectParameter
+from rovid.effects.actuator_inputs import SPEEDS, ActuatorInputs
+from rovid.effects.base import OnTorque, Values
 from rovid.effects.catalogue import CATALOGUE
+from rovid.estimate.dataset import FitData, time_constant
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.fisher_information import NormalEquations
 from rovid.estimate.fit_result import FitResult
@@ -30,6 +33,13 @@ _KINDS = (
     "tether_torsion",
     "thrust_curve_shape",
     "thrust_asymmetry",
+    "sideslip_moment",
+    "speed_dependent_damping",
+)
+_SWAY = SPEEDS[1]
+# Torque of the acceleration in sway, of one standard deviation, as a share of the torque in use.
+_TORQUE = EffectParameter(
+    name="torque", unit="N m", neutral=0.0, low=-2.0, high=2.0, initial_values=(0.03,), scale="torque"
 )
 # Initial values of each kind, the shortest time constants first: a long one is a large step, not a derivative.
 _STARTS = 2
@@ -104,14 +114,57 @@ def missing_torque_covariance(fitted: FitResult) -> FloatArray:
 def _kinds(fitted: FitResult) -> list[Effect]:
     data, own = fitted.data, {effect.id for effect in fitted.effects}
     drives = data.vehicle is not None and bool(data.vehicle.thrusters)
-    return [
+    channels = set.intersection(*(set(run.trial.extras) for run in data.runs))
+    kinds = [
         effect
         for effect in CATALOGUE
         if effect.id in _KINDS
         and effect.id not in own
         and (not effect.axes or data.axis.name in effect.axes)
         and (drives or not (effect.changes_torque_input or effect.uses_wash))
+        and set(effect.needs) <= channels
     ]
+    # By the coupled mass of sway and yaw.
+    acceleration = _acceleration(data) if drives and _SWAY in channels and data.axis.name == "yaw" else None
+    return kinds if acceleration is None else [*kinds, acceleration]
+
+
+def _acceleration(data: FitData) -> Effect | None:
+    """A torque that follows the acceleration in sway; None where that is constant."""
+    width = 0.5 * time_constant(data.initial_model, data.rms_rate)
+    rates = {run.trial.name: _smooth_derivative(run.trial.time, run.trial.extras[_SWAY], width) for run in data.runs}
+    spread = float(np.std(np.concatenate(list(rates.values()))))
+    if not spread > 0.0:
+        return None
+
+    def modified(inputs: ActuatorInputs, torque: FloatArray, values: Values) -> FloatArray:
+        return torque + values["torque"] / spread * np.nan_to_num(inputs.from_trials(rates))
+
+    words = "torque of the acceleration in sway"
+    return Effect(
+        id="sway_acceleration",
+        title=words,
+        parameters=(_TORQUE,),
+        equation=words,
+        fingerprint=words,
+        experiment=words,
+        acts=OnTorque(modified),
+    )
+
+
+def _smooth_derivative(time: FloatArray, values: FloatArray, width: float) -> FloatArray:
+    """(n,) difference over ``width`` s of the means over ``width`` s, per second; 0 where all values are missing."""
+    known = np.isfinite(values)
+    if known.sum() < 2:
+        return np.zeros(len(time))
+    instants, known_values = time[known], values[known]
+    steps = np.diff(instants)
+    total = np.concatenate(([0.0], np.cumsum(0.5 * steps * (known_values[1:] + known_values[:-1]))))
+
+    def integral(at: FloatArray) -> FloatArray:
+        return np.interp(at, instants, total)
+
+    return np.asarray((integral(time + width) - 2.0 * integral(time) + integral(time - width)) / width**2)
 
 
 def _scores(fitted: FitResult) -> _Scores:

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from rovid.core.array_types import FloatArray
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult, fit
@@ -16,6 +20,8 @@ from tests import synthetic
 from tests.predictions import NOISE, TIME, TORQUE
 
 SUBSTEPS = 10
+# Instant, and heading, rate and sway -> their rates of change.
+Slope = Callable[[int, FloatArray], FloatArray]
 
 
 def fitted(runs: list[Run]) -> FitResult:
@@ -28,21 +34,62 @@ def estimate_of(one: FitResult) -> Estimate:
     return Estimate(names=one.model.names, values=one.model.values, covariance=covariance, method="", samples=1)
 
 
+def driven(count: int, slope: Slope, extra: str = "") -> Run:
+    """A run of heading, rate and sway by their ``slope``, with the sway in the log as ``extra``."""
+    step, state, states = (TIME[1] - TIME[0]) / SUBSTEPS, np.zeros(3), np.zeros((count, 3))
+    for at in range(count):
+        states[at] = state
+        for _ in range(SUBSTEPS):
+            state = state + step * slope(at, state + 0.5 * step * slope(at, state))
+    rng = np.random.default_rng(5)
+    log = synthetic.trial(TIME[:count], TORQUE[:count], states[:, 0] + NOISE[:count])
+    if extra:
+        log = replace(log, extras={extra: states[:, 2] + 0.001 * rng.normal(size=count)})
+    rates, torque = compute_rates(log, cutoff=1.0), TORQUE[:count]
+    return Run(trial=log, torque=torque, rates=rates, filtered_torque=rates.filter_held(log, torque))
+
+
 def swaying(count: int) -> Run:
     """A vehicle that sways after its rate, with a time constant of its own, and is turned by that."""
-    body, step = synthetic.ROSUB, (TIME[1] - TIME[0]) / SUBSTEPS
-    heading, psi, rate, sway = np.zeros(count), 0.0, 0.0, 0.0
-    for at in range(count):
-        heading[at] = psi
-        for _ in range(SUBSTEPS):
-            drag = body.quadratic_drag * abs(rate) * rate + body.linear_drag * rate
-            psi += step * rate
-            rate += step * (TORQUE[at] - drag - 300.0 * sway) / body.inertia
-            sway += step * (rate - sway) / 6.0
-    log = synthetic.trial(TIME[:count], TORQUE[:count], heading + NOISE[:count])
-    rates = compute_rates(log, cutoff=1.0)
-    torque = TORQUE[:count]
-    return Run(trial=log, torque=torque, rates=rates, filtered_torque=rates.filter_held(log, torque))
+
+    def slope(at: int, state: FloatArray) -> FloatArray:
+        _, rate, sway = state
+        return np.array([rate, (TORQUE[at] - drag(rate) - 300.0 * sway) / synthetic.ROSUB.inertia, (rate - sway) / 6.0])
+
+    return driven(count, slope)
+
+
+def coupled(count: int, share: float) -> Run:
+    """A vehicle whose sway takes this ``share`` of the inertia away, with the sway velocity in the log."""
+    mass, damping, inertia = 6800.0, 300.0, synthetic.ROSUB.inertia
+    both = np.sqrt(share * inertia * mass)
+    inverse = np.linalg.inv([[mass, both], [both, inertia]])
+    rng = np.random.default_rng(5)
+    gusts, eddies = (synthetic.gauss_markov(count, 0.2, size, 10.0, rng) for size in (20.0, 2.0))
+
+    def slope(at: int, state: FloatArray) -> FloatArray:
+        _, rate, sway = state
+        faster = inverse @ np.array([gusts[at] - damping * sway, TORQUE[at] + eddies[at] - drag(rate)])
+        return np.array([rate, faster[1], faster[0]])
+
+    return driven(count, slope, "sway_velocity")
+
+
+def drag(rate: float) -> float:
+    return synthetic.ROSUB.quadratic_drag * abs(rate) * rate + synthetic.ROSUB.linear_drag * rate
+
+
+@pytest.mark.parametrize("share", [0.0, 0.05])
+def test_a_logged_sway_that_takes_inertia_away_widens_the_errors(share: float) -> None:
+    one = fitted([coupled(4000, share)])
+    estimate = estimate_of(one)
+    wider = include_missing_torque(estimate, one)
+    away = abs(estimate.value("inertia") - synthetic.ROSUB.inertia)
+    assert away < 2.5 * wider.standard_error("inertia")
+    if share:
+        assert away > 5.0 * estimate.standard_error("inertia")
+    else:
+        assert wider.standard_error("inertia") == estimate.standard_error("inertia")
 
 
 @pytest.fixture(scope="module")
