@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.wide_page import line_of, section, write_section
-from tools.wide import draw, truth_of, write_campaign
+from tools.wide import FORMS, draw, truth_of, write_campaign
 
 PROJECT = Path(__file__).resolve().parents[1]
 TOOL = [sys.executable, "-c", "from rovid.cli.cli import main; main()"]
@@ -54,12 +54,14 @@ def answer(command: str, folder: Path, timeout: float, *more: str) -> dict[str, 
     return record
 
 
-def judged(seed: int, index: int, timeout: float, keep: Path | None, with_fit: bool) -> dict[str, Any]:
+def judged(
+    seed: int, index: int, effect: str | None, timeout: float, keep: Path | None, with_fit: bool
+) -> dict[str, Any]:
     """One campaign: drawn, written, diagnosed, and fitted with the true cause."""
-    campaign = draw(seed, index)
+    campaign = draw(seed, index, effect)
     truth = truth_of(campaign, refit=True)
     with tempfile.TemporaryDirectory() as room:
-        folder = (keep or Path(room)) / f"wide_{seed}_{index:04d}"
+        folder = (keep or Path(room)) / f"wide_{seed}_{index:04d}{f'_{effect}' if effect else ''}"
         write_campaign(folder, campaign)
         if keep:
             folder.with_suffix(".truth.json").write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")
@@ -67,7 +69,7 @@ def judged(seed: int, index: int, timeout: float, keep: Path | None, with_fit: b
         if with_fit:
             name = truth["effect"] and ":".join(filter(None, [truth["effect"], truth["weak_thruster"]]))
             said["fit"] = answer("fit", folder, timeout, *(["--effect", name] if name else []))
-    return {"seed": seed, "index": index, "truth": truth, "said": said}
+    return {"seed": seed, "index": index, "asked": effect, "truth": truth, "said": said}
 
 
 def read_state(path: Path | None) -> list[dict[str, Any]]:
@@ -78,7 +80,7 @@ def read_state(path: Path | None) -> list[dict[str, Any]]:
             record = json.loads(line)
         except json.JSONDecodeError:
             continue
-        records[record["seed"], record["index"]] = record
+        records[record["seed"], record["index"], record.get("asked")] = record
     return list(records.values())
 
 
@@ -87,6 +89,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--start", type=int, default=0)
     parser.add_argument("--count", type=int, default=30)
+    parser.add_argument("--effect", choices=["none", *FORMS], help="what is hidden; random by default")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--timeout", type=float, default=300.0, help="seconds that a command may take")
     parser.add_argument("--state", type=Path, help="a file of JSON lines, added to")
@@ -96,12 +99,16 @@ def main() -> None:
     parser.add_argument("--page", type=Path, help="page whose section is replaced, docs/confusion.md for instance")
     options = parser.parse_args()
     wanted = set(range(options.start, options.start + options.count))
-    state = [record for record in read_state(options.state) if record["seed"] == options.seed]
+    state = [
+        record
+        for record in read_state(options.state)
+        if (record["seed"], record.get("asked")) == (options.seed, options.effect)
+    ]
     done = [] if options.again else [record for record in state if record["index"] in wanted]
     wanted -= {record["index"] for record in done}
     with ThreadPoolExecutor(options.jobs) as pool:
         work = [
-            pool.submit(judged, options.seed, index, options.timeout, options.keep, not options.no_fit)
+            pool.submit(judged, options.seed, index, options.effect, options.timeout, options.keep, not options.no_fit)
             for index in sorted(wanted)
         ]
         for finished in as_completed(work):

@@ -136,8 +136,8 @@ def section(records: Sequence[Record]) -> str:
         "one to five laws. A cause is *visible* if it changes the yaw rate by 3 % or more (root mean square, same "
         "commands, same disturbance). *Evidence* is the average gain in log-likelihood of the true cause over the "
         "plain model with fitted inertia and drags, computed from the true disturbance and noise. A cause with less "
-        f"than {EVIDENCE:.0f} nats is lost in them. The simulator shares no code with rovid; its author has not read "
-        f"the diagnosis. A diagnosis took {statistics.median(seconds):.0f} s at the median and {max(seconds):.0f} s at "
+        f"than {EVIDENCE:.0f} nats is lost in them. The simulator shares no code with rovid. Its laws and sizes "
+        f"do not follow the bounds and thresholds of the diagnosis. A diagnosis took {statistics.median(seconds):.0f} s at the median and {max(seconds):.0f} s at "
         "most, on a machine with other work."
     )
     legend = (
