@@ -137,7 +137,8 @@ def section(records: Sequence[Record]) -> str:
         "commands, same disturbance). *Evidence* is the average gain in log-likelihood of the true cause over the "
         "plain model with fitted inertia and drags, computed from the true disturbance and noise. A cause with less "
         f"than {EVIDENCE:.0f} nats is lost in them. The simulator shares no code with rovid. Its laws and sizes "
-        f"do not follow the bounds and thresholds of the diagnosis. A diagnosis took {statistics.median(seconds):.0f} s at the median and {max(seconds):.0f} s at "
+        "do not follow the bounds and thresholds of the diagnosis. A diagnosis took "
+        f"{statistics.median(seconds):.0f} s at the median and {max(seconds):.0f} s at "
         "most, on a machine with other work."
     )
     legend = (
