@@ -231,6 +231,7 @@ def _suspect_finding(selection: Selection, suspected: Suspected) -> Finding:
     own = _of_effect(_estimate(fitted, white=False), one.effect)
     further = selection.search.further_causes(selection.model)
     others = [other.effect for other in suspected.others]
+    excluded = {one.effect.id, *(effect.id for effect in selection.inconsistent)}
     return Finding(
         effect=one.effect,
         estimate=own,
@@ -239,7 +240,7 @@ def _suspect_finding(selection: Selection, suspected: Suspected) -> Finding:
         held_out_gain=suspected.held_out_gain,
         standard_errors=_size_in_errors(selection, one.effect, own),
         probability=suspected.probability,
-        alternatives=tuple(other for other in further if other.effect is not one.effect),
+        alternatives=tuple(other for other in further if other.effect.id not in excluded),
         indistinguishable=(*others, *_without_signal(selection, one.effect)),
         white=selection.model.is_white,
         is_complete=selection.is_complete,

@@ -68,8 +68,9 @@ def closest_challengers(selection: Selection) -> tuple[Challenger, ...]:
     """The challengers that came closest to the selected set, best first; one for each set of causes."""
     model, found = selection.model, dict[frozenset[str], Challenger]()
     for fitted in sorted(challenging_fits(selection.search, model), key=bic_score, reverse=True):
-        causes = frozenset(effect.id for effect in fitted.effects)
-        if causes != _causes(model) and len(found) < THRESHOLDS.challengers_shown:
+        # A set with an effect that failed a test challenges no more.
+        causes, is_allowed = _causes(fitted), all(map(selection.search.is_allowed, fitted.effects))
+        if is_allowed and causes != _causes(model) and len(found) < THRESHOLDS.challengers_shown:
             found.setdefault(causes, Challenger.of(fitted, model))
     return tuple(found.values())
 

@@ -299,6 +299,9 @@ class Thresholds:
     suspect_margin: float = math.log(10.0)
     """Nats. An alternative with a tenth of the odds of a suspect is distinguishable from it. Set: convention. Halved:
     fewer causes share a suspect; doubled: more."""
+    stand_in_share: float = 0.5
+    """Share of the gain. A suspect that keeps less next to a better cause, which one-step predictions exclude, stands
+    in for that cause and is not reported. Set: convention (half). Halved: more suspects; doubled: fewer."""
     thrust_scatter: float = 0.05
     """Share. Usual difference of thrust between trials. Set: convention. Halved: smaller outliers are reported;
     doubled: only larger ones."""

@@ -9,6 +9,8 @@ from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cache
 
+import numpy as np
+
 from rovid.diagnose.candidate_fits import Alternative, bic_score
 from rovid.diagnose.cross_validation import held_out_log_likelihood
 from rovid.diagnose.posterior import (
@@ -22,6 +24,7 @@ from rovid.diagnose.posterior import (
 from rovid.diagnose.rejection import first_rejection
 from rovid.diagnose.selection import Selection
 from rovid.diagnose.signal_regressors import is_signal
+from rovid.diagnose.stepwise import StepwiseSearch
 from rovid.diagnose.thresholds import THRESHOLDS
 
 
@@ -101,6 +104,15 @@ class Suspected:
     others: tuple[Alternative, ...]
 
 
+def _stands_in(one: Alternative, better: Alternative, search: StepwiseSearch) -> bool:
+    """Whether most of the gain of ``one`` is lost next to a ``better`` cause that one-step predictions exclude."""
+    objective = better.fitted.objective.with_effects((*better.fitted.effects, one.effect))
+    start = np.concatenate((better.fitted.x, one.fitted.effect_coordinates(one.effect)))
+    search.cache.fit_all(better.fitted.objective, [(objective.effects, start)])
+    gain = bic_score(search.cache.fits[objective.key]) - bic_score(better.fitted)
+    return gain < THRESHOLDS.stand_in_share * one.bic_gain
+
+
 def suspects(selection: Selection) -> list[Suspected]:
     """Likely or possible causes next to the selected model, the most probable first.
 
@@ -112,10 +124,9 @@ def suspects(selection: Selection) -> list[Suspected]:
     if selection.waves is not None:
         excluded.update(selection.waves.imitated)
     left = [one for one in further if not is_signal(one.effect)]
-    # A cause is no suspect next to a better one that one-step predictions exclude.
     ids = {effect.id for effect in selection.inconsistent}
-    least = max((one.bic_gain for one in left if one.effect.id in ids), default=0.0)
-    left = [one for one in left if one.bic_gain > least and one.effect.id not in excluded]
+    inconsistent = [one for one in left if one.effect.id in ids]
+    left = [one for one in left if one.bic_gain > 0.0 and one.effect.id not in excluded]
     allowance = search.misspecification_allowance(model, white=white)
 
     def posterior(equivalent: Collection[Alternative], excess: float = 0.0, cap: float = 1.0) -> float:
@@ -126,6 +137,8 @@ def suspects(selection: Selection) -> list[Suspected]:
     @cache
     def has_size(one: Alternative) -> bool:
         if significance(one.fitted, one.effect) < THRESHOLDS.min_standard_errors_suspect:
+            return False
+        if any(_stands_in(one, better, search) for better in inconsistent if better.bic_gain > one.bic_gain):
             return False
         return selection.waves is None or has_consistent_size(one.fitted, selection.waves.likelier, one.effect)
 
