@@ -41,6 +41,7 @@ from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.diagnose.validation import resolve_ties
 from rovid.effects import Effect
 from rovid.effects.clock_offset import CLOCKS_APART
+from rovid.effects.per_trial import trials_in_form
 from rovid.estimate.fit_result import FitResult
 from rovid.estimate.objective import ModelKey, NegativeLogLikelihood
 
@@ -95,8 +96,9 @@ def _fit_challengers(search: StepwiseSearch, model: FitResult) -> list[FitResult
     limit, own = model.key
     # Larger sets that contain the selected one have been judged by the search.
     every = [one for (other, keys), one in search.cache.fits.items() if other == limit and keys and not own <= keys]
-    near = [search.cache.converged(one) if bic_score(one) + one.remaining_gain >= goal else one for one in every]
-    return [one for one in near if all(is_plausible(one.with_last(effect)) for effect in one.effects)]
+    fits = fit_in_parallel([one.objective for one in every], lambda at: _refined(every[at], goal))
+    search.cache.fits.update((fitted.key, fitted) for fitted in fits)
+    return [one for one in fits if all(is_plausible(one.with_last(effect)) for effect in one.effects)]
 
 
 def _removals(model: FitResult) -> Iterator[tuple[Effect, ...]]:
@@ -114,13 +116,16 @@ def _replacements(search: StepwiseSearch, model: FitResult) -> Iterator[tuple[Mo
     for removed in removals:
         ids = {effect.id for effect in removed}
         same = [form for form in search.candidates if form.id in ids and form not in removed]
-        forms = [*same, *possible_substitutes(model, tests, *removed, share=THRESHOLDS.challenger_share)]
+        faults = [form for form in search.candidates if form is CLOCKS_APART and form not in model.effects]
         kept, own = model.without(*removed)
         without = search.without(model, *removed)
-        faults = [form for form in search.candidates if form is CLOCKS_APART and form not in model.effects]
-        for form in dict.fromkeys([*forms, *faults]):
-            if is_signal(form):
-                continue
+        forms = possible_substitutes(model, tests, *removed, share=THRESHOLDS.challenger_share)
+        if len(forms) > THRESHOLDS.challenging_forms and without.key in search.cache.score_tests:
+            # A linearisation does not reach an infinite neutral value: the gains are those without the effects.
+            gains = {test.effect: test.gain for test in search.cache.score_tests[without.key]}
+            forms.sort(key=lambda form: -gains.get(form, 0.0))
+        named = [form for form in forms if not is_signal(form)][: THRESHOLDS.challenging_forms]
+        for form in dict.fromkeys([*same, *named, *faults]):
             objective = model.objective.with_effects((*kept, form))
             begins = product((own, without.x), objective.parametrization.initial_values())
             yield objective.key, (objective, list(map(np.concatenate, begins)))
@@ -159,26 +164,39 @@ def _fit_sets(search: StepwiseSearch, sets: dict[ModelKey, _Starts], goal: float
     def fit_one(at: int) -> FitResult:
         objective, begins = left[at]
         (best,) = objective.most_likely(begins, 1)
-        value = value_at_score(goal, objective)
-        coarse = fit_coarse(objective, best, THRESHOLDS.first_iterations, value)
-        return refine_fit(coarse, THRESHOLDS.search_iterations, value)
+        return _refined(fit_coarse(objective, best, THRESHOLDS.first_iterations, value_at_score(goal, objective)), goal)
 
     for fitted in fit_in_parallel(objectives, fit_one, search.budget, "Other explanations"):
         if fitted.key not in cache or fitted.value < cache[fitted.key].value:
             cache[fitted.key] = fitted
 
 
+def _refined(fitted: FitResult, goal: float) -> FitResult:
+    """``fitted`` continued to convergence, as far as it may reach the score ``goal``."""
+    return refine_fit(fitted, THRESHOLDS.search_iterations, value_at_score(goal, fitted.objective))
+
+
 def _better(selection: Selection, fits: Sequence[FitResult]) -> FitResult | None:
     """The best set that may take the place of the selected one; None where none is better."""
     model, search = selection.model, selection.search
     for fitted in sorted(fits, key=bic_score, reverse=True):
-        is_better = bic_score(fitted) >= search.required_score(model, fitted) + THRESHOLDS.exchange_gain
+        least = search.required_score(model, fitted) + THRESHOLDS.exchange_gain
+        if _has_sizes_by_trial(model) and not _has_sizes_by_trial(fitted):
+            # Sizes that a common cause explains as well are no sizes of their own.
+            least -= selection.tie_margin(bic_score(model) - bic_score(search.without_all(model)))
+        is_better = bic_score(fitted) >= least
         if len(fitted.effects) > len(model.effects):
-            is_better = is_better and search.is_worth_adding(fitted, model)
+            # Unless the innovations are white, more causes gain by what the equations of fewer causes approximate.
+            is_better = is_better and fitted.is_white and search.is_worth_adding(fitted, model)
         allowed = all(map(search.is_allowed, fitted.effects)) and fitted.key not in search.progress.exchanged
         if is_better and allowed:
             return search.cache.converged(fitted)
     return None
+
+
+def _has_sizes_by_trial(fitted: FitResult) -> bool:
+    """Whether an effect has another size in each trial."""
+    return any(len(trials_in_form(effect.form)) > 1 for effect in fitted.effects)
 
 
 def _is_named(fitted: FitResult) -> bool:

@@ -13,10 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.diagnose.candidate_fits import has_parameter_at_bound, is_at_bound
+from rovid.diagnose.candidate_fits import bic_score, has_parameter_at_bound, is_at_bound
 from rovid.diagnose.cross_validation import horizon_errors, simulate_folds
 from rovid.diagnose.posterior import significance
 from rovid.diagnose.selection import Selection
+from rovid.diagnose.signal_regressors import is_signal
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect
 from rovid.estimate.fit_result import FitResult
@@ -32,8 +33,10 @@ class Rejection:
 
 
 def first_rejection(selection: Selection, passed: Collection[str] = ()) -> Rejection | None:
-    """The first effect of the model that fails a rule, except those with keys in ``passed``; None where all pass."""
-    for effect in selection.model.effects:
+    """The weakest effect of the model that fails a rule, except those with keys in ``passed``; None where all pass."""
+    model, search = selection.model, selection.search
+    # A weak effect may be what makes a strong one fail.
+    for effect in sorted(model.effects, key=lambda one: -bic_score(search.without(model, one))):
         if effect.key not in passed and (rejection := rejection_of(selection, effect)) is not None:
             return rejection
     return None
@@ -68,6 +71,15 @@ def too_small(selection: Selection, effect: Effect) -> str:
 def improbable(selection: Selection, effect: Effect) -> str:
     """The posterior probability is below `THRESHOLDS.likely`."""
     return "is possible, but not established" * (_probability(selection, effect) < THRESHOLDS.likely)
+
+
+def outdone(selection: Selection, effect: Effect) -> str:
+    """A cause that failed a test before gains more in the place of the effect, which then stands in for it."""
+    cause, search = selection.cause(effect), selection.search
+    for one in cause.alternatives:
+        if one.bic_gain > cause.bic_gain and not is_signal(one.effect) and not search.is_allowed(one.effect):
+            return f"gains less than {one.effect.title}, which failed a test"
+    return ""
 
 
 def too_small_on_all_data(selection: Selection, effect: Effect) -> str:
@@ -128,6 +140,7 @@ RULES: tuple[Callable[[Selection, Effect], str], ...] = (
     too_large,
     too_small,
     improbable,
+    outdone,
     raises_disturbance,
     too_small_on_all_data,
     at_bound_on_all_data,

@@ -252,7 +252,7 @@ def possible_substitutes(
     """Forms that may replace effects, from the score ``tests`` at the model ``current`` that includes the effects.
 
     The sizes of the ``removed`` effects are set to zero by linearisation. A form is possible if its predicted gain
-    there is at least the ``share`` of the log-likelihood lost.
+    there is at least the ``share`` of the log-likelihood lost. The form with the largest predicted gain comes first.
     """
     sizes = [size for effect in removed for size in effect.parameters[: effect.size_count]]
     if any(size.neutral_at_infinity for size in sizes) or not tests:
@@ -275,4 +275,5 @@ def possible_substitutes(
         return float(gains.max())
 
     least = share * projection.lost
-    return [test.effect for test in tests if gain(test) >= least]
+    gains = [(gain(test), test.effect) for test in tests]
+    return [effect for own, effect in sorted(gains, key=lambda pair: -pair[0]) if own >= least]

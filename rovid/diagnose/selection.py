@@ -113,9 +113,7 @@ class Selection:
 
     def tie_margin(self, bic_gain: float) -> float:
         """Difference of BIC gain in nats from which a cause with ``bic_gain`` is distinguishable from another."""
-        if self.model.is_white:
-            return THRESHOLDS.tie_margin
-        # Part of any gain belongs to the form of the equation.
+        # Part of any gain belongs to the form of the equation, which is approximate even where innovations are white.
         return THRESHOLDS.tie_margin + min(THRESHOLDS.tie_share * bic_gain, THRESHOLDS.tie_cap)
 
     def indistinguishable(self, cause: Cause) -> tuple[Effect, ...]:

@@ -187,6 +187,9 @@ class Thresholds:
     challenger_share: float = 0.3
     """Share of the log-likelihood lost without some effects. Forms that recover less by linearisation are not fitted in
     their place. Set: score tests are good to a factor of a few. Halved: slower; doubled: better sets may be missed."""
+    challenging_forms: int = 12
+    """Forms. Most forms that are fitted in the place of the same effects, by their predicted gain. Set: effort. Halved:
+    faster; doubled: slower."""
     challenging_causes: int = 10
     """Causes. Pairs of the best single causes challenge the selected set. Set: convention. Halved: fewer pairs;
     doubled: four times as many."""
@@ -261,8 +264,8 @@ class Thresholds:
     """Nats. Causes with a smaller difference of BIC gain are not distinguishable. Set: not recorded. Halved: sharper
     verdicts, more of them wrong; doubled: more causes are named together."""
     tie_share: float = 0.03
-    """Share of the BIC gain, added to `tie_margin` with coloured innovations. Set: not recorded. Halved or doubled: as
-    there."""
+    """Share of the BIC gain, added to `tie_margin`. Set: not recorded; in 60 simulated campaigns no rival of a cause is
+    within 4 %. Halved or doubled: as there."""
     tie_cap: float = 40.0
     """Nats. Upper limit of that addition. Set: not recorded. Halved or doubled: affects gains above 670 or 2700."""
     tie_full_data_share: float = 0.8

@@ -153,7 +153,9 @@ def covariance_of_optima(fitted: FitResult) -> tuple[FloatArray, list[str]]:
         place = shown.index(at)
         name, value = model.names[place], significant(float(model.values[place]), 3)
         if fitted.x[at] == parameter.neutral:
-            warnings.append(f"{name} ends at {value}, its bound: these data show no {effect.title}.")
+            # A second parameter without influence, such as a rounding, says nothing about the effect.
+            if parameter in effect.parameters[: effect.size_count]:
+                warnings.append(f"{name} ends at {value}, its bound: these data show no {effect.title}.")
             continue
         added[place, place] = (size[place] * (high - low)) ** 2 / 12.0
         warnings.append(

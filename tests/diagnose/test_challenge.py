@@ -7,18 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rovid.diagnose.candidate_fits import bic_score
+from rovid.diagnose.candidate_fits import bic_score, value_at_score
 from rovid.diagnose.challenge import challenge, challenging_fits, closest_challengers
 from rovid.diagnose.cross_validation import cv_pieces
 from rovid.diagnose.selection import Selection
 from rovid.diagnose.stepwise import StepwiseSearch
 from rovid.diagnose.thresholds import THRESHOLDS
-from rovid.effects import Effect, effect_named
+from rovid.effects import Effect, bias_torque, effect_named
 from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
 from tests import synthetic
 from tests.predictions import BIAS, biased
 
+EACH = bias_torque.for_trials(("run", "walk"))
 BEND, UNEQUAL, DRAG = map(effect_named, ("drag_curvature", "thrust_asymmetry", "drag_asymmetry"))
 
 
@@ -63,6 +64,32 @@ def test_the_closest_other_sets_are_listed_with_what_they_lose(base: FitResult) 
         assert one.log_likelihood_difference == found.model.value - fitted.value
         assert one.score_difference == pytest.approx(bic_score(fitted) - bic_score(found.model))
         assert BIAS not in one.effects
+
+
+@pytest.mark.parametrize(("gain", "effects"), [(3.0, (BIAS,)), (60.0, (EACH,))])
+def test_one_common_size_takes_the_place_of_equal_sizes_in_each_trial(
+    base: FitResult, gain: float, effects: tuple[Effect, ...]
+) -> None:
+    selection = selected(base, EACH)
+    common = selected(base, BIAS).model
+    # As if the sizes by trial were better by so much, at their higher price.
+    value = value_at_score(bic_score(common) + gain, selection.model.objective)
+    model = replace(selection.model, value=value, remaining_gain=0.0)
+    selection.search.cache.fits[model.key] = model
+    assert challenge(replace(selection, model=model)).model.effects == effects
+
+
+def test_a_set_within_the_margin_is_a_rival(base: FitResult) -> None:
+    """One cause explains the logs nearly as well as the selected two."""
+    selection = selected(base, UNEQUAL, BEND)
+    single = selected(base, DRAG).model
+    near = replace(single, value=value_at_score(bic_score(selection.model) - 1.0, single.objective))
+    selection.search.cache.challengers[selection.model.key] = [near]
+    cause = selection.search.cause(selection.model, UNEQUAL)
+    assert DRAG in selection.indistinguishable(cause)
+    far = replace(near, value=near.value + 60.0)
+    selection.search.cache.challengers[selection.model.key] = [far]
+    assert DRAG not in selection.indistinguishable(cause)
 
 
 def test_a_cause_that_failed_a_test_takes_no_place(base: FitResult) -> None:

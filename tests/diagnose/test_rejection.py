@@ -10,14 +10,17 @@ import pytest
 
 from rovid.diagnose import rejection
 from rovid.diagnose.algorithm import validate
+from rovid.diagnose.candidate_fits import Alternative
 from rovid.diagnose.cross_validation import HeldOutScores
 from rovid.diagnose.rejection import first_rejection, raises_disturbance, simulates_worse
 from rovid.diagnose.selection import Selection
 from rovid.diagnose.thresholds import THRESHOLDS
-from rovid.effects import EffectParameter
-from rovid.estimate.fit_result import FitResult
+from rovid.effects import EffectParameter, effect_named
+from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
 from tests.predictions import BIAS
+
+UNEQUAL = effect_named("thrust_asymmetry")
 
 
 def passing(
@@ -104,6 +107,27 @@ def test_an_effect_that_is_nothing_on_all_data_is_rejected(
     sizes = {id(selection.model): 10.0, id(full): 0.4}
     monkeypatch.setattr(rejection, "significance", lambda fitted, _: sizes[id(fitted)])
     assert reason_of(selection) == "differs from zero by only 0.4 standard errors on all data"
+
+
+@pytest.mark.parametrize(("gain", "banned", "fails"), [(5.0, True, True), (-5.0, True, False), (5.0, False, False)])
+def test_no_cause_takes_the_place_of_a_better_one_that_failed(
+    selection: Selection, monkeypatch: pytest.MonkeyPatch, gain: float, *, banned: bool, fails: bool
+) -> None:
+    passing(monkeypatch)
+    cause = selection.cause(BIAS)
+    other = Alternative(UNEQUAL, cause.bic_gain + gain, selection.model)
+    monkeypatch.setattr(Selection, "cause", lambda *_: replace(cause, alternatives=(other,)))
+    tested = selection.ban(UNEQUAL) if banned else selection
+    assert ("gains less than" in reason_of(tested)) is fails
+
+
+def test_the_weakest_effect_is_rejected_first(selection: Selection, monkeypatch: pytest.MonkeyPatch) -> None:
+    passing(monkeypatch, gain=-1.0)
+    objective = selection.base.objective.with_effects((BIAS, UNEQUAL))
+    both = fit(objective, np.concatenate((selection.model.x, UNEQUAL.initial_values[0])))
+    rejected = first_rejection(replace(selection, model=both))
+    assert rejected is not None
+    assert rejected.effect is UNEQUAL
 
 
 @pytest.mark.parametrize(("high", "fails"), [(0.7, True), (0.71, False)])
