@@ -25,6 +25,7 @@ from rovid.present.documents.fits import (
     all_warnings,
     axis_document,
     fault_documents,
+    fields,
     guess_document,
     parameter_document,
     position_errors,
@@ -114,12 +115,8 @@ def _detectable(diagnosis: Diagnosis, axis: Axis) -> Document:
 def _table_diagnosis(diagnosis: TableDiagnosis) -> Document:
     """Predictions of the plain model, and the effects that would or would not explain the tables alone."""
     predictions = [
-        {
-            "trial": row.trial,
-            "inertia": row.inertia,
-            "inertia_method": row.method,
-            "peak_yaw_rate": {"measured": row.measured, "predicted": row.predicted, "unit": "rad/s"},
-        }
+        fields(row, "trial", "inertia", inertia_method="method")
+        | {"peak_yaw_rate": fields(row, "measured", "predicted") | {"unit": "rad/s"}}
         for row in diagnosis.predictions
     ]
     explanations = []
@@ -173,11 +170,8 @@ def _finding(finding: Finding) -> Document:
         "effect": effect.id,
         "form": effect.form or None,
         "parameters": parameters,
-        "log_likelihood_gain": finding.gain,
+        **fields(finding, "held_out_gain", "standard_errors", "evidence", log_likelihood_gain="gain"),
         "held_out_log_likelihood_gain": finding.held_out_gain,
-        "held_out_gain": finding.held_out_gain,
-        "standard_errors": finding.standard_errors,
-        "evidence": finding.evidence,
         "runner_up": {"effect": others[0].effect.id, "gain": others[0].bic_gain} if others else None,
         "confidence": finding.probability,
         "cannot_be_told_from": [other.id for other in finding.indistinguishable],
@@ -225,13 +219,8 @@ def comparison_document(comparison: Comparison, guess: Assumptions, warnings: Se
             {
                 "what": change.candidate.name,
                 "parameters": list(map(document_key, change.candidate.parameters)),
-                "ratio": change.ratio,
-                "standard_error": change.standard_error,
-                "log_likelihood_gain": change.bic_score,
-                "confidence": change.confidence,
-                "established": change.established,
-                "standard_errors": change.standard_errors,
-                "evidence": change.evidence,
+                **fields(change, "ratio", "standard_error", "confidence", log_likelihood_gain="bic_score"),
+                **fields(change, "established", "standard_errors", "evidence"),
                 "cannot_be_told_from": [other.name for other in change.indistinguishable],
                 "words": change_sentence(comparison, change),
             }
@@ -281,19 +270,14 @@ def _compared_parameters(comparison: Comparison, guess: Assumptions) -> Document
             document[change.candidate.name] = {
                 "a": value_document(1.0, "1", 0.0),
                 "b": value_document(change.ratio, "1", change.standard_error),
-                "ratio": change.ratio,
-                "standard_error": change.standard_error,
-                "confidence": change.confidence,
+                **fields(change, "ratio", "standard_error", "confidence"),
             }
     return document
 
 
 def _cross_prediction(prediction: CrossPrediction | None, axis: Axis) -> Document:
     """How well a model predicts a campaign's runs; None values where there are no logs."""
+    names = {f"{axis.rate_signal}_{name}": f"rate_{name}" for name in ("r2", "rmse")}
     if prediction is None:
-        return {f"{axis.rate_signal}_r2": None, f"{axis.rate_signal}_rmse": None}
-    return {
-        f"{axis.rate_signal}_r2": prediction.rate_r2,
-        f"{axis.rate_signal}_rmse": prediction.rate_rmse,
-        **position_errors(prediction.position_errors, axis),
-    }
+        return dict.fromkeys(names)
+    return fields(prediction, **names) | position_errors(prediction.position_errors, axis)

@@ -33,6 +33,16 @@ def value_document(value: float | None, unit: str, error: float | None = None) -
     return {"value": value, "standard_error": error, "unit": unit}
 
 
+def fields(source: object, *names: str, **renamed: str) -> Document:
+    """Fields of a record by their own names, and by other keys."""
+    return {key: getattr(source, name) for key, name in (*zip(names, names, strict=True), *renamed.items())}
+
+
+def marked_value(guess: Assumptions, value: float, unit: str, error: float) -> Document:
+    """A value with its standard error, marked where it depends on a guess."""
+    return value_document(value, unit, error) | ({"placeholder": True} if guess.is_placeholder(unit) else {})
+
+
 def parameter_document(estimate: Estimate) -> Document:
     """Each determined parameter with value, standard error, unit and 95 % interval."""
     document = {}
@@ -139,17 +149,8 @@ def drag_document(fit: DragFit, study: Study) -> Document:
 
 def _steady_point(point: SteadyPoint, axis: Axis) -> Document:
     """A steady state: times in s, torque in N m and rate in rad/s, or force in N and rate in m/s."""
-    return {
-        "source": point.source,
-        "start": point.start,
-        "stop": point.stop,
-        "command": list(point.command),
-        axis.force_name: point.torque,
-        axis.rate_signal: point.rate,
-        f"{axis.rate_signal}_error": point.rate_error,
-        "drift": point.drift,
-        "drift_error": point.drift_error,
-    }
+    names = {axis.force_name: "torque", axis.rate_signal: "rate", f"{axis.rate_signal}_error": "rate_error"}
+    return fields(point, "source", "start", "stop", "command", **names, drift="drift", drift_error="drift_error")
 
 
 def inertia_document(fit: InertiaFit, study: Study) -> Document:

@@ -22,10 +22,11 @@ from rovid.present.documents.fits import (
     all_warnings,
     axis_document,
     fault_documents,
+    fields,
     guess_document,
+    marked_value,
     position_errors,
     simulation_units,
-    value_document,
 )
 from rovid.store.parameter_file import Parameters
 from rovid.trial.assumptions import Assumptions
@@ -40,11 +41,10 @@ def simulation_document(
 ) -> Document:
     """The document of `rovid simulate --json`; position errors in rad or m."""
     axis = parameters.axis
-    entries = {}
-    for name, entry in parameters.entries.items():
-        entries[name] = value_document(entry.value, entry.unit, entry.standard_error)
-        if guess.is_placeholder(entry.unit):
-            entries[name]["placeholder"] = True
+    entries = {
+        name: marked_value(guess, entry.value, entry.unit, entry.standard_error)
+        for name, entry in parameters.entries.items()
+    }
     trials = [
         {
             "name": item.run.trial.name,
@@ -68,8 +68,7 @@ def simulation_document(
 
 
 def _fit_measures(fit: FitMeasures, axis: Axis) -> Document:
-    rate = axis.rate_signal
-    return {f"{rate}_r2": fit.r2, f"{rate}_fit_percent": fit.fit_percent, f"{rate}_rmse": fit.rmse}
+    return {f"{axis.rate_signal}_{name}": getattr(fit, name) for name in ("r2", "fit_percent", "rmse")}
 
 
 def plan_document(
@@ -87,13 +86,7 @@ def plan_document(
         "narrow": plan.parameter or None,
         "decides": plan.is_decisive,
         "runs": [
-            {
-                "run": best.run.name,
-                "seconds": best.run.seconds,
-                "gain": best.gain,
-                "gain_per_minute": best.gain_per_minute,
-            }
-            for best in plan.runs
+            fields(best.run, "seconds", run="name") | fields(best, "gain", "gain_per_minute") for best in plan.runs
         ],
         "gain": gain,
         "command_file": command_file,
@@ -110,15 +103,11 @@ def control_document(design: ControllerDesign, warnings: Sequence[str], guess: A
     lag = {"total": design.lag, "delay": design.conditions.delay, "period": law.period, "rate_filter": law.rate_filter}
     return {
         "schema": "rovid-control/1",
-        "gains": {"kp": law.kp, "kd": law.kd},
+        "gains": fields(law, "kp", "kd"),
         "damping_ratio": design.damping,
         "bandwidth": design.bandwidth,
-        "margins": {"gain_db": margins.gain_db, "phase_deg": margins.phase_deg, "delay_s": margins.delay_s},
-        "stable": margins.stable,
-        "gain_down_db": margins.gain_down_db,
-        "lag_margin_s": margins.lag_s,
-        "crossover": margins.crossover,
-        "sensitivity_peak": margins.sensitivity_peak,
+        "margins": fields(margins, "gain_db", "phase_deg", "delay_s"),
+        **fields(margins, "stable", "gain_down_db", "crossover", "sensitivity_peak", lag_margin_s="lag_s"),
         "lag": lag,
         "torque_limits": [law.lowest, law.highest],
         "torque_in_use": design.conditions.torque_in_use,
@@ -133,13 +122,7 @@ def control_document(design: ControllerDesign, warnings: Sequence[str], guess: A
 
 def _closed_run(run: ClosedLoopResult) -> Document:
     """A closed-loop run: times in s, angles in deg, effort in N m."""
-    return {
-        "name": run.name,
-        "effects": list(run.effects),
-        "model_aid": run.model_aid,
-        "effects_known": run.effects_known,
-        **asdict(run.metrics),
-    }
+    return fields(run, "name", "effects", "model_aid", "effects_known") | asdict(run.metrics)
 
 
 def export_document(name: str, file: str, made: VerifiedExport, guess: Assumptions) -> Document:
@@ -150,17 +133,14 @@ def export_document(name: str, file: str, made: VerifiedExport, guess: Assumptio
         "file": file,
         "mismatch": _mismatch(made.mismatch),
         "mismatch_of_what_is_held": _mismatch(made.kept_mismatch),
-        "not_held": [
-            {"what": loss.what, "why": loss.why, "yaw_rate_percent_of_range": loss.percent_of_range}
-            for loss in made.losses
-        ],
+        "not_held": [fields(loss, "what", "why", yaw_rate_percent_of_range="percent_of_range") for loss in made.losses],
         **guess_document(guess),
         "warnings": all_warnings(guess, made.warnings),
     }
 
 
 def _mismatch(mismatch: Mismatch) -> Document:
-    return {"yaw_rate_percent_of_range": mismatch.percent_of_range, "rms": mismatch.rms, "unit": "rad/s"}
+    return fields(mismatch, "rms", yaw_rate_percent_of_range="percent_of_range") | {"unit": "rad/s"}
 
 
 def survey_document(survey: LogSurvey, written: Sequence[Path]) -> Document:
@@ -197,19 +177,9 @@ def _guessed_signals(mapping: ColumnMapping) -> Document:
 
 def _guessed_commands(mapping: ColumnMapping) -> list[Document]:
     return [
-        {
-            "name": guess.name,
-            "source": guess.source,
-            "turns": guess.direction,
-            "arm": guess.arm or None,
-            "why": guess.reason,
-            "told": guess.direction_known,
-            "lowest": guess.lowest,
-            "highest": guess.highest,
-            "rests_at": guess.neutral,
-            "standard_errors": guess.observed.t_statistic,
-            "share": guess.observed.explained_share,
-        }
+        fields(guess, "name", "source", "lowest", "highest", why="reason", rests_at="neutral")
+        | {"turns": guess.direction, "told": guess.direction_known, "arm": guess.arm or None}
+        | fields(guess.observed, standard_errors="t_statistic", share="explained_share")
         for guess in mapping.commands
     ]
 
@@ -235,13 +205,9 @@ def check_document(checked: LogCheck, vehicle: Vehicle) -> Document:
 def _thruster_document(thruster: ThrusterCheck) -> Document:
     """Direction and strength of a thruster as the logs show them."""
     observed = thruster.observed
-    return {
-        "name": thruster.name,
-        "way": observed.direction,
-        "standard_errors": observed.t_statistic,
-        "share": observed.explained_share,
-        "strength": {"value": thruster.strength, "standard_error": thruster.error},
-    }
+    strength = {"strength": fields(thruster, value="strength", standard_error="error")}
+    shown = fields(observed, way="direction", standard_errors="t_statistic", share="explained_share")
+    return {"name": thruster.name, **shown, **strength}
 
 
 def _clock_document(clock: ClockOffset) -> Document:

@@ -9,7 +9,7 @@ from pathlib import Path
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.experiment_design import commands_by_name
 from rovid.present.documents.diagnosis import diagnosis_document
-from rovid.present.documents.fits import Document, likelihood_document, parameter_document
+from rovid.present.documents.fits import Document, fields, likelihood_document, parameter_document
 from rovid.watch.folder_monitor import Problem
 from rovid.watch.session import Event, LogsChanged, LogsDiagnosed, ModelFitted, NextRun, SessionEnded
 from rovid.watch.stop_criteria import CriterionStatus, StopCriterion, relative_half_width
@@ -56,10 +56,8 @@ def _log_documents(event: LogsChanged) -> list[Document]:
 def _log_document(action: str, log: WatchedLog) -> Document:
     return {
         "action": action,
-        "name": log.name,
+        **fields(log, "name", "samples", "seconds"),
         "path": str(log.path),
-        "samples": log.samples,
-        "seconds": log.seconds,
         "cut": bool(log.cut),
         "remarks": [remark.text for trial in log.trials for remark in trial.remarks],
     }
@@ -110,11 +108,8 @@ def _suspects_document(event: LogsDiagnosed) -> Document:
     document, extended = diagnosis_document(event.diagnosis, event.study), event.diagnosis.extended
     return {
         "logs": _trial_names(event),
-        "verdict": document["verdict"],
-        "findings": document["findings"],
-        "suspects": document["suspects"],
+        **{key: document[key] for key in ("verdict", "findings", "suspects", "next_experiment")},
         "parameters": {} if extended is None else parameters_with_previous(extended.estimate, None),
-        "next_experiment": document["next_experiment"],
         "until": _criteria(event.criteria),
     }
 
