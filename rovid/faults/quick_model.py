@@ -21,6 +21,8 @@ from rovid.trial.vehicle import Vehicle
 _MIN_SAMPLES = 50
 # Number of passes: in the first ones the time constant settles, in the others the weights.
 _SETTLING, _PASSES = 3, 6
+# Share of the median RMS torque that a log needs: another log says nothing.
+_EXCITED = 0.02
 # Share of the torque's RMS over which the sign of the motion changes.
 _SIGN_WIDTH = 0.05
 # Bins of the residuals' spectrum (of twice the length) that the fit of a log takes out.
@@ -32,6 +34,10 @@ _FAR, _FOREIGN = 13.8, 50.0
 # Scatter of the deviations of one vehicle's logs: least, usual with its weight in logs, and the range, relative.
 _LEAST_SCATTER, _USUAL_SCATTER, _USUAL_LOGS = 0.03, 0.06, 3
 _SCATTERS = np.geomspace(_LEAST_SCATTER, 2.0, 40)
+# Weight of a log in a median, over the median weight, at most: one log is no majority.
+_MOST_WEIGHT = 2.0
+# Relative deviation of the centre at least: the parameters stay positive.
+_LEAST_CENTRE = -0.9
 # Median of a chi-square of two degrees of freedom.
 _MEDIAN = 1.386
 
@@ -103,11 +109,19 @@ def fit_quick_model(runs: Sequence[Run], vehicle: Vehicle) -> QuickModel | None:
     for run in runs:
         if int(run.valid.sum()) >= _MIN_SAMPLES:
             parts.setdefault(log_name(run), []).append(run)
+    size = {
+        name: float(np.sqrt(np.mean(np.concatenate([run.torque for run in own]) ** 2))) for name, own in parts.items()
+    }
+    least = _EXCITED * float(np.median(list(size.values()))) if size else 0.0
+    parts = {name: own for name, own in parts.items() if size[name] > least}
     used = [run for own in parts.values() for run in own]
     scale = float(np.sqrt(np.mean([np.mean(run.torque**2) for run in used]))) if used else 0.0
     if vehicle.axis.self_righting or not scale > 0.0:
         return None
-    tau, weights, moments = 1.0, np.ones(len(parts)), list[LogMoments]()
+    # A log with more thrust than the others counts as much as one of them.
+    powers = np.array([sum(float(np.sum(run.torque**2)) for run in own) for own in parts.values()])
+    base = np.minimum(1.0, np.median(powers) / powers.clip(1e-300))
+    tau, weights, moments = 1.0, base, list[LogMoments]()
     for count in range(_PASSES):
         if count < _SETTLING:
             logs = [_Log(name, own, vehicle, tau, scale) for name, own in parts.items()]
@@ -123,9 +137,14 @@ def fit_quick_model(runs: Sequence[Run], vehicle: Vehicle) -> QuickModel | None:
             longest = max(run.trial.duration for run in used)
             tau = float(np.clip(values[0] / drag, used[0].rates.kernel.period, longest))
         if count >= _SETTLING - 1:
-            moments = _with_distances(_moments(logs, values), values)
+            found = _moments(logs, values)
+            if not moments:
+                # From the median of all logs: one foreign log with more thrust than the others is no majority.
+                values = values + _directions(values) @ np.maximum(_centre(found), _LEAST_CENTRE)
+                found = _moments(logs, values)
+            moments = _with_distances(found, values)
             far = np.array([log.distance for log in moments]).clip(_FAR)
-            weights = np.where(far < _FOREIGN, _FAR / far, 0.0)
+            weights = base * np.where(far < _FOREIGN, _FAR / far, 0.0)
             if not weights.any():
                 return None
     return QuickModel(values=values, time_constant=tau, logs=tuple(moments))
@@ -180,7 +199,7 @@ def _moments_of(log: _Log, values: FloatArray, shares: FloatArray) -> LogMoments
 
 def _with_distances(logs: Sequence[LogMoments], values: FloatArray) -> list[LogMoments]:
     """The logs with their distances from the median deviation, with the scatter of the other logs."""
-    centre = np.array([_weighted_median([(log.deviation[k], log.standard_errors[k]) for log in logs]) for k in (0, 1)])
+    centre = _centre(logs)
     distances = np.array([_distances(log, _SCATTERS, centre, values) for log in logs])
     found = []
     for at, log in enumerate(logs):
@@ -192,6 +211,11 @@ def _with_distances(logs: Sequence[LogMoments], values: FloatArray) -> list[LogM
         used = np.array([max(float(scatter), own)])
         found.append(replace(log, distance=float(_distances(log, used, centre, values)[0])))
     return found
+
+
+def _centre(logs: Sequence[LogMoments]) -> FloatArray:
+    """(2,) weighted median of the deviations."""
+    return np.array([_weighted_median([(log.deviation[k], log.standard_errors[k]) for log in logs]) for k in (0, 1)])
 
 
 def _distances(log: LogMoments, scatters: FloatArray, centre: FloatArray, values: FloatArray) -> FloatArray:
@@ -245,5 +269,6 @@ def _covariance(z: FloatArray, rest: FloatArray) -> FloatArray:
 def _weighted_median(pairs: Sequence[tuple[float, float]]) -> float:
     """Median of values with standard errors."""
     values, errors = np.array(sorted(pairs)).T
-    weights = np.cumsum(1.0 / errors.clip(_LEAST_SCATTER) ** 2)
+    weights = 1.0 / errors.clip(_LEAST_SCATTER) ** 2
+    weights = np.cumsum(weights.clip(max=_MOST_WEIGHT * np.median(weights)))
     return float(values[np.searchsorted(weights, 0.5 * weights[-1])])
