@@ -232,33 +232,27 @@ class StepwiseSearch:
         return current
 
     def _exchange(self, current: FitResult) -> FitResult:
-        """Replace one effect by another form or another effect with a better BIC score."""
+        """Replace one effect or two by another form or another effect with a better BIC score."""
         if self._ends():
             return current
-        for effect in current.effects:
-            rest = self.without(current, effect)
-            other = self._best(self.replacements(current, effect), rest)
-            is_better = bic_score(other) > bic_score(current) + THRESHOLDS.exchange_gain
-            if is_better and other.key not in self.progress.exchanged:
-                self.progress.exchanged.add(current.key)
-                return self._loosen(self._eliminate(other))
-        return self._merge(current)
-
-    def _merge(self, current: FitResult) -> FitResult:
-        """Replace two effects by one of any cause with a better BIC score, which may be a form of either of the two."""
-        for pair in combinations(current.effects, 2):
-            rest = self.without(current, *pair)
-            if rest.key not in self.cache.extensions:
-                forms = [form for form in self.candidates if form.id in {effect.id for effect in pair}]
-                fits = self._fit_extensions(rest, score_tests(rest, forms))
-            else:
-                fits = self.extensions(rest)
-            other = self._best(fits, rest)
+        for dropped in (*((effect,) for effect in current.effects), *combinations(current.effects, 2)):
+            rest = self.without(current, *dropped)
+            other = self._best(self._substitutes(current, dropped), rest)
             is_better = bic_score(other) > bic_score(current) + THRESHOLDS.exchange_gain
             if is_better and other.key not in self.progress.exchanged:
                 self.progress.exchanged.add(current.key)
                 return self._loosen(self._eliminate(other))
         return current
+
+    def _substitutes(self, current: FitResult, dropped: Sequence[Effect]) -> list[FitResult]:
+        """Fits with one form in the place of ``dropped`` effects; two effects may become another form of either."""
+        rest = self.without(current, *dropped)
+        if len(dropped) == 1:
+            return self.replacements(current, dropped[0])
+        if rest.key in self.cache.extensions:
+            return self.extensions(rest)
+        forms = [form for form in self.candidates if form.id in {effect.id for effect in dropped}]
+        return self._fit_extensions(rest, score_tests(rest, forms))
 
     def _best(self, fits: Sequence[FitResult], default: FitResult) -> FitResult:
         """The best named effect, or a signal regressor that gains clearly more."""

@@ -138,6 +138,9 @@ def add_effects(base: FitResult, effects: tuple[Effect, ...]) -> FitResult:
     reweighted = best.objective.reweighted(best.model)
     if reweighted is not best.objective:
         best = fit(reweighted, best.x)
+        plain = fit(reweighted.with_effects(base.effects, reweighted.mask), base.x)
+        if plain.value < best.value:
+            best = fit_with_effects(plain, effects)
     return loosen_limit(best)
 
 
