@@ -46,18 +46,26 @@ def programme(time_constant: float, rng: np.random.Generator) -> dict[str, tuple
 
 
 def day(
-    vehicle: str, seed: int, others: dict[str, Model] | None = None, *, disturbance: float = 0.02, still: str = ""
+    vehicle: str,
+    seed: int,
+    others: dict[str, Model] | None = None,
+    *,
+    disturbance: float = 0.02,
+    still: str = "",
+    thrust: dict[str, float] | None = None,
 ) -> list[Run]:
     """Runs of a day; ``others``: log -> model of another vehicle; ``still``: a log without motion.
 
-    ``disturbance``: share of the full torque, with a memory of two time constants.
+    ``disturbance``: share of the full torque, with a memory of two time constants. ``thrust``: log -> factor of its
+    torque.
     """
     rng = np.random.default_rng(seed)
     model, full = VEHICLES[vehicle]
     rate = np.sqrt(full / model.quadratic_drag)
     tau = model.inertia / (model.quadratic_drag * rate + model.linear_drag)
     runs = []
-    for number, (name, (interval, torque)) in enumerate(programme(tau, rng).items()):
+    for number, (name, (interval, planned)) in enumerate(programme(tau, rng).items()):
+        torque = (thrust or {}).get(name, 1.0) * planned
         time = interval * np.arange(len(torque), dtype=np.float64)
         own = gauss_markov(len(time), interval, disturbance * full, 2.0 * tau, rng)
         noise = rng.normal(0.0, np.deg2rad(0.05), len(time))

@@ -27,6 +27,16 @@ def model(vehicle: str) -> Model:
     return VEHICLES[vehicle][0]
 
 
+def test_a_foreign_log_with_most_of_the_thrust_is_no_majority() -> None:
+    """Five logs: the foreign one has four times the thrust of the others, and one has hardly any."""
+    others = {"steps.csv": scaled(model("small"), 0.4, 0.5)}
+    names = ["hold_0.csv", "hold_1.csv", "sine_1.csv", "random.csv"]
+    weak = {"hold_0.csv": 1e-4, "hold_1.csv": 0.25, "sine_1.csv": 0.25, "random.csv": 0.25, "hold_3.csv": 0.25}
+    kept, faults = found([run for run in day("small", 1, others, thrust=weak) if run.trial.name in {*weak, *others}])
+    assert [fault.logs for fault in faults] == [("steps.csv",)]
+    assert set(names) <= set(kept)
+
+
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("vehicle", VEHICLES)
 @pytest.mark.parametrize("factors", [(2.9, 2.6), (0.4, 0.5), (1.0, 1.8), (1.8, 1.8)])
