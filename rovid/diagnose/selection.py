@@ -46,6 +46,17 @@ class Selection:
         return not self.search.progress.stops & {SearchStop.CUT_SHORT, SearchStop.OUT_OF_TIME}
 
     @property
+    def max_suspect_probability(self) -> float:
+        """Largest probability of a suspect: only what passes every test is established.
+
+        If there was no time to fit each promising cause, one of these may act as well.
+        """
+        left_out = self.search.budget.not_tried
+        if any(candidate.id in left_out for candidate in self.search.candidates):
+            return math.nextafter(THRESHOLDS.likely, 0.0)
+        return THRESHOLDS.max_suspect_probability
+
+    @property
     def is_out_of_time(self) -> bool:
         """Whether something was left out at the end of the budget."""
         return bool(self.search.budget.not_tried)

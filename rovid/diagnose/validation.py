@@ -158,8 +158,7 @@ def suspects(selection: Selection) -> list[Suspected]:
         probability = posterior([one, *others], max(own - gain, 0.0), cap)
         if not white:
             probability = min(probability, outlier_probability(one.fitted, one.effect))
-        # Only what passes every test is established.
-        stated = min(recalibrated(probability, white=white), THRESHOLDS.max_suspect_probability)
+        stated = min(recalibrated(probability, white=white), selection.max_suspect_probability)
         if stated >= THRESHOLDS.possible:
             found.append(Suspected(one, stated, gain, tuple(others)))
     return sorted(found, key=lambda one: -one.probability)

@@ -6,9 +6,12 @@ from dataclasses import replace
 
 import pytest
 
+from rovid.core.budget import Budget
 from rovid.diagnose.evidence import CANNOT_TELL, DEFINITIONS, Evidence, confirming_gain, grade
 from rovid.diagnose.posterior import probability_not_a_stand_in
 from rovid.diagnose.result import Diagnosis
+from rovid.diagnose.selection import Selection
+from rovid.diagnose.stepwise import StepwiseSearch
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import effect_named
 from tests.present.test_sentences import LAG
@@ -66,3 +69,15 @@ def test_causes_stand_in_the_order_of_their_evidence() -> None:
 def test_each_word_has_one_sentence() -> None:
     assert list(DEFINITIONS) == [*Evidence, CANNOT_TELL]
     assert all(sentence.endswith(".") and sentence.count(". ") == 0 for sentence in DEFINITIONS.values())
+
+
+def test_a_suspect_is_possible_at_most_where_a_promising_cause_was_not_fitted() -> None:
+    lag, bias = effect_named("thruster_lag"), effect_named("bias_torque")
+    search = StepwiseSearch([lag, bias], Budget())
+    selection = Selection.__new__(Selection)
+    object.__setattr__(selection, "search", search)
+    assert selection.max_suspect_probability == THRESHOLDS.max_suspect_probability
+    search.budget.leave_out("challengers")
+    assert selection.max_suspect_probability == THRESHOLDS.max_suspect_probability
+    search.budget.leave_out(lag.id)
+    assert grade(selection.max_suspect_probability, 1e3, 1e2, white=True) is Evidence.POSSIBLE
