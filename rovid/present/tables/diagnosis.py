@@ -137,7 +137,7 @@ def _held_out_rows(
 
 def challengers_table(diagnosis: Diagnosis, axis: Axis) -> ResultTable:
     """Other sets of causes, and by how much the log-likelihood of each is lower at the same price of a parameter."""
-    columns = text_column("explanation"), number_column("worse by"), number_column("of which price of parameters")
+    columns = text_column("explanation"), number_column("worse by"), number_column("part of it for parameters")
     table = ResultTable("Simpler or other explanations that were tried", *columns)
     for one in diagnosis.challengers:
         titles = join_words([axis.reword(effect.title) for effect in one.effects]) or "no cause"
