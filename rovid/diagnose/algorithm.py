@@ -48,30 +48,12 @@ from rovid.diagnose.search_progress import SearchStop
 from rovid.diagnose.selection import Selection
 from rovid.diagnose.stepwise import StepwiseSearch, StopRule
 from rovid.diagnose.thresholds import THRESHOLDS
-from rovid.diagnose.validation import drop_inconsistent, drop_likely, report_remainder
+from rovid.diagnose.validation import drop_inconsistent, drop_likely, report_remainder, search_warnings
 from rovid.estimate.fit_result import FitResult
 from rovid.estimate.maximum_likelihood import require_swing
 from rovid.estimate.output_error import fit_output_error
 from rovid.signals.preprocessing import PreparedRuns
 from rovid.trial.vehicle import Vehicle
-
-_MULTI_STEP = (
-    "The innovations are not white, or the disturbance is at its limit: one-step predictions are too noisy to find "
-    "causes. So the diagnosis used predictions from half to eight time constants ahead. Gains are of their "
-    "log-likelihood, with correlated errors counted once."
-)
-_CUT_SHORT = (
-    "The search ended before it was complete, because each addition asked for another one. The effects found may stand "
-    "in for other causes."
-)
-_OUT_OF_TIME = (
-    "The budget of {:.0f} s was used up before the search came to its end. What was found is likely at most. Give a "
-    "larger --budget."
-)
-_INCONSISTENT = (
-    "{} improves multi-step predictions, but one-step predictions show less of it, as where commands respond to waves: "
-    "it is not claimed."
-)
 
 
 def diagnose(
@@ -257,14 +239,7 @@ def select_by_predictions(problem: SearchProblem) -> Iterator[Selection]:
 
 def conclude(selection: Selection, notes: Sequence[str]) -> Diagnosis:
     """The result: established causes, suspects (further causes with a probability of `possible`, 0.2), and warnings."""
-    # Drop the notes on trials cut into parts: multi-step predictions are of whole trials.
-    warnings = [_MULTI_STEP] if selection.multi_step else list(notes)
-    if SearchStop.CUT_SHORT in selection.search.progress.stops:
-        warnings.append(_CUT_SHORT)
-    if selection.is_out_of_time:
-        warnings.append(_OUT_OF_TIME.format(selection.search.budget.seconds))
-    warnings += [_INCONSISTENT.format(effect.title) for effect in selection.inconsistent]
-    warnings += selection.messages
+    warnings = search_warnings(selection, notes)
     try:
         require_swing(selection.model)
         return build_diagnosis(selection, warnings)

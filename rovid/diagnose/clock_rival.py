@@ -12,9 +12,11 @@ from dataclasses import replace
 
 from rovid.core.budget import Budget, ProgressCallback
 from rovid.core.formatting import plus_minus
+from rovid.diagnose.candidate_fits import Challenger
 from rovid.diagnose.foreign_rival import diagnose_majority
 from rovid.diagnose.objectives import preload
 from rovid.diagnose.result import Diagnosis, Finding
+from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects.clock_offset import CLOCKS_APART
 from rovid.signals.preprocessing import PreparedRuns, Run, prepare
 from rovid.signals.rates import highest_cutoff
@@ -80,6 +82,9 @@ def _without_offset(diagnosis: Diagnosis, runs: Sequence[Run]) -> Diagnosis:
         rivals = (*delay.indistinguishable, CLOCKS_APART)
         suspects.insert(0, replace(delay, indistinguishable=rivals, probability=_EVEN * delay.probability))
         faults.append(_delay_fault(delay, runs))
+        # The offset explains the logs exactly as the delay does, at the same price.
+        challenger = Challenger((*(finding.effect for finding in findings), CLOCKS_APART), 0.0, 0.0)
+        diagnosis = replace(diagnosis, challengers=(challenger, *diagnosis.challengers)[: THRESHOLDS.challengers_shown])
     verdict = diagnosis.verdict
     if verdict in {"found", "suspected"} and not findings:
         verdict = "suspected" if suspects else "nothing_found"

@@ -5,7 +5,7 @@ All functions take a `Selection` and return a new one; `rovid.diagnose.algorithm
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -22,10 +22,29 @@ from rovid.diagnose.posterior import (
     significance,
 )
 from rovid.diagnose.rejection import first_rejection
+from rovid.diagnose.search_progress import SearchStop
 from rovid.diagnose.selection import Selection
 from rovid.diagnose.signal_regressors import is_signal
 from rovid.diagnose.stepwise import StepwiseSearch
 from rovid.diagnose.thresholds import THRESHOLDS
+
+_MULTI_STEP = (
+    "The innovations are not white, or the disturbance is at its limit: one-step predictions are too noisy to find "
+    "causes. So the diagnosis used predictions from half to eight time constants ahead. Gains are of their "
+    "log-likelihood, with correlated errors counted once."
+)
+_CUT_SHORT = (
+    "The search ended before it was complete, because each addition asked for another one. The effects found may stand "
+    "in for other causes."
+)
+_OUT_OF_TIME = (
+    "The budget of {:.0f} s was used up before the search came to its end. What was found is likely at most. Give a "
+    "larger --budget."
+)
+_INCONSISTENT = (
+    "{} improves multi-step predictions, but one-step predictions show less of it, as where commands respond to waves: "
+    "it is not claimed."
+)
 
 
 def resolve_ties(selection: Selection) -> Selection:
@@ -92,6 +111,19 @@ def report_remainder(selection: Selection) -> Selection:
     else:
         why = "The gain is small and may only reflect that the equations of the other effects are approximate."
     return selection.with_message(f"{effect.title} would gain a log-likelihood of {gain:.0f}. {why} It is not claimed.")
+
+
+def search_warnings(selection: Selection, notes: Sequence[str]) -> list[str]:
+    """Warnings about the search that selected the model; ``notes`` are those of one-step predictions."""
+    # Drop the notes on trials cut into parts: multi-step predictions are of whole trials.
+    warnings = [_MULTI_STEP] if selection.multi_step else list(notes)
+    if SearchStop.CUT_SHORT in selection.search.progress.stops:
+        warnings.append(_CUT_SHORT)
+    if selection.is_out_of_time:
+        warnings.append(_OUT_OF_TIME.format(selection.search.budget.seconds))
+    warnings += [_INCONSISTENT.format(effect.title) for effect in selection.inconsistent]
+    warnings += selection.messages
+    return warnings
 
 
 @dataclass(frozen=True, eq=False)
