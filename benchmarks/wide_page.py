@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import statistics
+import textwrap
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from benchmarks.wide_scores import OUTCOMES, OUTCOMES_NOTHING, score
-from tools.wide.causes import ALL
+from tools.wide.causes import ALL, FORMS
 
 Record = dict[str, Any]
 BEGIN, END = "<!-- wide: begin -->", "<!-- wide: end -->"
@@ -114,7 +115,9 @@ def section(records: Sequence[Record]) -> str:
     clearly = [r for r in visible if r["truth"]["evidence"] >= EVIDENCE]
     rows = [_counts("visible causes", visible, OUTCOMES)] if visible else []
     rows += [_counts("visible, with evidence", clearly, OUTCOMES)] if clearly else []
-    rows += _grouped(visible, lambda r: f"changes the rate by {_size(r)}")
+    for size in ("3 to 10 %", "10 to 30 %", "30 % or more"):
+        some = [r for r in visible if _size(r) == size]
+        rows += [_counts(f"changes the rate by {size}", some, OUTCOMES)] if some else []
     head = ["campaigns", "number", *OUTCOMES]
     starts = {"rest": "at rest", "step": "at a step", "under_way": "under way"}
     by_start = _grouped(
@@ -127,6 +130,7 @@ def section(records: Sequence[Record]) -> str:
         else "time constant 1 to 10 s" if r["truth"]["time_constant"] < 10.0 else "time constant 10 to 60 s",
     )  # fmt: skip
     failures = _failures(records)
+    absent = sorted(set(FORMS) - {r["truth"]["effect"] for r in visible})
     introduction = (
         f"{len(records)} campaigns, seed {seeds}, drawn by `python -m benchmarks.wide`: {len(visible)} with a visible "
         f"cause, {invisible} with a cause that is not visible, {len(nothing)} without a cause. The vehicles have "
@@ -147,7 +151,9 @@ def section(records: Sequence[Record]) -> str:
         "(two lags in series: delay; smooth dead band, or sag that follows the load: shape of the thrust curve; tether "
         "with a fixed slack heading: torque that depends on heading);\n"
         "- suspect first: nothing was established, and the hidden cause is the first suspect;\n"
-        "- extra, wrong: a false cause was established, with or without the hidden one."
+        "- extra, wrong: a false cause was established, with or without the hidden one.\n\n"
+        "A delay in joined files (`csv_pair`, mcap) cannot be distinguished from an offset between the clocks. It is "
+        "reported as a suspect together with this fault."
     )
     parts = [
         "## Wide campaigns",
@@ -158,6 +164,7 @@ def section(records: Sequence[Record]) -> str:
         if nothing else "",
         "### Wide campaigns by cause and kind of log",
         _table(head, [*_grouped(visible, lambda r: r["truth"]["effect"]), *by_tau, *by_start, *by_format]),
+        f"No visible cause among: {', '.join(absent)}." if absent else "",
         "### Errors in wide campaigns",
         "Errors in standard errors, where the law leaves the true value defined.",
         _table(["parameter", "number", "median", "within 1.96", "within 4", "largest"], _errors(records)),
@@ -165,7 +172,21 @@ def section(records: Sequence[Record]) -> str:
         "Seed and index of each; `python -m tools.wide FOLDER --seed S --start N` writes the campaign.",
         "\n".join(failures) or "None.",
     ]  # fmt: skip
-    return "\n\n".join(part for part in parts if part)
+    return "\n\n".join(_wrapped(part) for part in parts if part)
+
+
+def _wrapped(part: str) -> str:
+    """A paragraph or list with lines of 116 characters; tables and headings as they are."""
+    if part.startswith(("|", "#")):
+        return part
+    lines = part.split("\n")
+    return "\n".join(
+        textwrap.fill(
+            line, 116, subsequent_indent="  " if line[:2] in {"- ", "* "} else "", break_long_words=False,
+            break_on_hyphens=False,
+        )
+        for line in lines
+    )  # fmt: skip
 
 
 def marked_section(path: Path) -> str:
