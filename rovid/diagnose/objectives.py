@@ -28,9 +28,9 @@ from rovid.effects.clock_offset import CLOCKS_APART
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.maximum_likelihood import (
-    DISTURBANCE_LIMITS,
     INNOVATIONS_R2,
     NOTHING_R2,
+    REAL_DISTURBANCE_LIMIT,
     fit_innovations,
     loosen_limit,
 )
@@ -164,7 +164,7 @@ class InnovationObjective:
         objective, x = self._start(self.screening_data, found, found)
         if objective.key not in self._adequate:
             # An adequate model is close to ``found``, and adequate within the widest limit.
-            near = fit_coarse(objective.with_limit(max(DISTURBANCE_LIMITS)), x, THRESHOLDS.adequacy_iterations)
+            near = fit_coarse(objective.with_limit(REAL_DISTURBANCE_LIMIT), x, THRESHOLDS.adequacy_iterations)
             self._adequate[objective.key] = near.is_white and not near.at_limit
         return self._adequate[objective.key]
 

@@ -30,6 +30,8 @@ from rovid.trial.vehicle import Vehicle
 # Upper limits of the disturbance, as shares of the torque in use. Without a limit the disturbance takes up whatever the
 # model misses, and the parameters become arbitrary.
 DISTURBANCE_LIMITS = (0.05, 0.02, 0.01, 0.005)
+# Upper limit, likewise, of a disturbance that makes a model with effects adequate. Convention: 2.5 times the widest.
+REAL_DISTURBANCE_LIMIT = 0.125
 # Least free-running R^2 of the plain model for the innovation likelihood. Below it the model is so incomplete that no
 # limit of the disturbance is right, and multi-step predictions are fitted instead.
 INNOVATIONS_R2 = 0.93
@@ -145,11 +147,20 @@ def add_effects(base: FitResult, effects: tuple[Effect, ...]) -> FitResult:
 
 
 def loosen_limit(fitted: FitResult) -> FitResult:
-    """Fit anew under the widest limit of the disturbance at which the free-running simulation stays as good."""
+    """Fit anew under the widest limit of the disturbance at which the free-running simulation stays as good.
+
+    A larger disturbance is real, and no sign of missing physics, where it makes a model with effects adequate.
+    """
+    least = fitted.simulated_r2 - _MAX_R2_LOSS
     wider = [limit for limit in DISTURBANCE_LIMITS if limit > fitted.objective.limit]
     for limit in wider:
         loose = fit(fitted.objective.with_limit(limit), fitted.x)
-        if loose.simulated_r2 >= fitted.simulated_r2 - _MAX_R2_LOSS:
+        if loose.simulated_r2 >= least:
+            fitted = loose
+            break
+    if fitted.effects and fitted.at_limit and fitted.objective.limit == max(DISTURBANCE_LIMITS):
+        loose = fit(fitted.objective.with_limit(REAL_DISTURBANCE_LIMIT), fitted.x)
+        if loose.is_adequate and loose.simulated_r2 >= least:
             return loose
     return fitted
 
