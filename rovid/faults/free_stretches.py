@@ -13,7 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from rovid.core.array_types import BoolArray, FloatArray
+from rovid.core.array_types import BoolArray, FloatArray, IntArray
 from rovid.core.errors import DataError
 from rovid.faults.quick_model import QuickModel, first_order, fit_quick_model, log_name
 from rovid.signals.preprocessing import Run, prepare_trials
@@ -29,8 +29,9 @@ _NEUTRAL = 0.02
 _HAND = 5.0
 # Share of a hand's largest unexplained torque from which a hand is at work.
 _AT_WORK = 0.15
-# Time constants of rest that stay next to a test; the rest shows the trim and the disturbances.
-_KEPT = 3.0
+# Time constants, and periods of the cut-off, of rest that stay next to a test; the rest shows the trim and the
+# disturbances. At an end of a run the rates are unknown for two periods: of less rest, nothing would be known.
+_KEPT, _KEPT_PERIODS = 3.0, 10.0
 # Share of the run's largest rate below which the vehicle is at rest, if the disturbances are not larger.
 _REST = 0.05
 
@@ -98,11 +99,18 @@ class FreeMotion:
             end=float(time[-1]),
             first=begin == 0,
             last=end == len(run.rates.time),
-            rest=float(time[at_rest[0]]) if at_rest.size else np.inf,
+            rest=_first_rest(time, known, at_rest),
             hand=hand,
             rate=float(speed[int(torque.argmax())]) if hand else 0.0,
-            kept=_KEPT * tau,
+            kept=max(_KEPT * tau, _KEPT_PERIODS / run.rates.kernel.cutoff),
         )
+
+
+def _first_rest(time: FloatArray, known: BoolArray, at_rest: IntArray) -> float:
+    """First instant at rest: the first one of ``time`` where the vehicle rests as soon as its rate is known."""
+    if not at_rest.size:
+        return np.inf
+    return float(time[0 if at_rest[0] == np.argmax(known) else at_rest[0]])
 
 
 @lru_cache(maxsize=1)

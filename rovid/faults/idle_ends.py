@@ -78,6 +78,6 @@ FAULT = FaultKind(
     title="Rest or handling at an end of a log",
     stage="runs",
     detect=_detect,
-    false_alarms="rest beyond 15 time constants, a quarter of the log and 4 % of all logs is no test; handling as in "
-    "several_releases.",
+    false_alarms="rest beyond 15 time constants, 50 periods of the cut-off, a quarter of the log and 4 % of all logs "
+    "is no test; handling as in several_releases.",
 )
