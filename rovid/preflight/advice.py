@@ -29,7 +29,7 @@ Weight = Literal["grave", "care", "aside"]
 # Requirements on a campaign: levels each way, sine periods, cycles of each; time with one thruster alone and time of
 # coasting, in periods of the cut-off.
 _LEVELS, _SINES, _CYCLES, _ALONE, _COAST = 4, 2, 5, 16.0, 16.0
-# Readings of all logs below which logs without a valid regression are too short rather than wrong; decision.
+# Readings of all logs below which logs without a change of command are too short rather than wrong; decision.
 _FEWEST = 100
 # Levels that differ by less than this share of the largest count as one.
 _SAME_LEVEL = 0.1
@@ -265,10 +265,12 @@ def _undetermined(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[Advice]:
         try:
             fit_likelihood(runs, vehicle)
         except RovidError as error:
-            if (count := sum(int(run.trial.measured.sum()) for run in runs)) < _FEWEST:
+            count = sum(int(run.trial.measured.sum()) for run in runs)
+            if count < _FEWEST and not any(np.ptp(run.trial.commands, axis=0).any() for run in runs):
                 seconds = sum(run.trial.duration for run in runs)
                 raise DataError(
-                    f"the logs last {seconds:.1f} s in all with {count} readings, too short to determine the inertia.",
+                    f"the logs last {seconds:.1f} s in all with {count} readings and no change of a command, "
+                    "too short to determine the inertia.",
                     where=shortened_list([run.trial.name for run in runs]),
                     mend=f"Give logs of {_FEWEST} readings or more, in which commands change the "
                     f"{vehicle.axis.rate_words}.",
