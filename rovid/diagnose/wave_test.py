@@ -84,9 +84,9 @@ def run_wave_test(data: InnovationData, beside: FitResult, wave: Effect | None, 
     bic_gain = bic_score(with_waves) - bic_score(plain)
     if not is_plausible(with_waves) or bic_gain <= 0.0:
         return WaveTest(plain, pieces)
-    # Coloured innovations overstate the gain: its scatter between blocks of time limits it.
+    # Coloured innovations overstate the gain: its scatter over time limits it.
     return WaveTest(
-        plain, pieces, with_waves, plain.value - with_waves.value, min(bic_gain, _gain_over_blocks(with_waves, plain))
+        plain, pieces, with_waves, plain.value - with_waves.value, min(bic_gain, _supported_gain(with_waves, plain))
     )
 
 
@@ -118,13 +118,33 @@ def _fit_with_waves(plain: FitResult, wave: Effect) -> FitResult:
     return fit_coarse(objective, best.x, THRESHOLDS.close_iterations)
 
 
-def _gain_over_blocks(better: FitResult, plain: FitResult) -> float:
-    """Log-likelihood gain that the scatter of the gain between blocks of time supports (Vuong 1989)."""
-    block = plain.data.block_index
+def _supported_gain(better: FitResult, plain: FitResult) -> float:
+    """Log-likelihood gain that the scatter of the gain over time supports (Vuong 1989)."""
     difference: FloatArray = plain.objective.contributions(plain.x) - better.objective.contributions(better.x)
-    gains = np.bincount(block, weights=difference)[np.bincount(block) > 0]
+    # Gains less than a time constant apart concern the same motion.
+    block = plain.data.blocks_of(plain.data.usual_time)
+    gains: FloatArray = np.bincount(block, weights=difference).astype(np.float64)
+    return supported_gain(gains[np.bincount(block) > 0])
+
+
+def supported_gain(gains: FloatArray) -> float:
+    """Gain in nats that the scatter of the (n,) ``gains`` of successive blocks of time supports.
+
+    The variance of the sum includes the autocorrelation between blocks, by Bartlett's weights with the bandwidth of
+    Andrews (1991). Its degrees of freedom are 1.5 times the blocks over the bandwidth. Negative autocorrelation does
+    not count: it would make the sum more certain than independent blocks do.
+    """
     count = len(gains)
-    spread = float(np.std(gains, ddof=1)) * math.sqrt(count) if count > 1 else math.inf
-    away = float(gains.sum()) / max(spread, 1e-300)
-    # Student's distribution, because the scatter comes from a few blocks.
-    return math.copysign(0.5 * count * math.log1p(away**2 / count), away)
+    if count < 2:
+        return 0.0
+    rest = gains - gains.mean()
+    square = max(float(rest @ rest), 1e-300)
+    first = max(float(rest[1:] @ rest[:-1]) / square, 0.0)
+    bandwidth = max(1.1447 * (4.0 * (first / (1.0 - first**2)) ** 2 * count) ** (1.0 / 3.0), 1.0)
+    lags = range(1, min(math.ceil(bandwidth), count))
+    both = 2.0 * sum((1.0 - lag / bandwidth) * float(rest[lag:] @ rest[:-lag]) for lag in lags)
+    freedom = max(min(1.5 * count / bandwidth, count) - 1.0, 1.0)
+    variance = (square + max(both, 0.0)) * count / (count - 1)
+    away = float(gains.sum()) / math.sqrt(variance)
+    # Student's distribution, because the scatter comes from the gains themselves.
+    return math.copysign(0.5 * (freedom + 1.0) * math.log1p(away**2 / (freedom + 1.0)), away)

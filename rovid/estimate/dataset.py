@@ -86,10 +86,13 @@ class FitData(ABC):
     @cached_property
     def block_index(self) -> IntArray:
         """(N,) number of the block of each innovation."""
-        length = self.block_seconds
+        return self.blocks_of(self.block_seconds)
+
+    def blocks_of(self, seconds: float) -> IntArray:
+        """(N,) number of the block of each innovation, for blocks of a length in s."""
         blocks, before = [], 0
         for begin, _ in self.innovation_spans:
-            block = (begin / length).astype(np.intp)
+            block = (begin / seconds).astype(np.intp)
             blocks.append(block + before)
             before += int(block.max(initial=0)) + 1
         return np.concatenate(blocks)
