@@ -193,12 +193,14 @@ def sandwich_covariance(bread: FloatArray, scores: FloatArray) -> FloatArray:
 def whitening_gain(series: Sequence[FloatArray]) -> float:
     """Log-likelihood gain of an autoregression of ``series``, which a model with white innovations gains at least.
 
-    Half the count times the logarithm of the variance ratio (Ljung 1999, section 16.4).
+    Half the count times the logarithm of the variance ratio (Ljung 1999, section 16.4). 0 where the model diverges: an
+    autoregression of such innovations shows nothing.
     """
     from scipy import linalg
 
-    power = np.array([_lagged_product(series, lag) for lag in range(_LAGS + 1)])
-    if power[0] <= 0.0:
+    with np.errstate(over="ignore", invalid="ignore"):
+        power = np.array([_lagged_product(series, lag) for lag in range(_LAGS + 1)])
+    if power[0] <= 0.0 or not np.isfinite(power).all():
         return 0.0
     # A little white noise keeps the equations of an exactly periodic series solvable.
     noise = 1e-9 * power[0] * (np.arange(_LAGS) == 0)

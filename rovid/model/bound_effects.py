@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple, TypeVar
 
@@ -64,8 +65,11 @@ class Equation(NamedTuple):
     start: float
 
 
-def pack_terms(effects: Sequence[tuple[Effect, FloatArray]], fastest: float) -> PackedTerms:
-    """Pack effects with their parameters; ``fastest`` in 1/s is the rate of the motion itself."""
+def pack_terms(effects: Sequence[tuple[Effect, FloatArray]], fastest: float, inertia: float = math.inf) -> PackedTerms:
+    """Pack effects with their parameters; ``fastest`` in 1/s is the rate of the motion itself.
+
+    Water that is heavy against the ``inertia`` in kg m^2 or kg makes the motion follow it faster than it follows alone.
+    """
     rows = sorted(
         ((effect, effect.acts, numbers) for effect, numbers in effects if isinstance(effect.acts, Term)),
         key=lambda row: (row[1].entrained_rate is None, not row[1].states),
@@ -80,7 +84,9 @@ def pack_terms(effects: Sequence[tuple[Effect, FloatArray]], fastest: float) -> 
         if term.oscillatory:
             oscillatory = at
         if term.fastest is not None:
-            fastest = max(fastest, term.fastest(effect.values(numbers)))
+            values = effect.values(numbers)
+            added = term.added_inertia(values) if term.added_inertia else 0.0
+            fastest = max(fastest, term.fastest(values) * (1.0 + max(added, 0.0) / inertia))
     return PackedTerms(
         kinds=np.array([TERM_EFFECTS.index(effect) for effect, _, _ in rows], dtype=np.int64),
         parameters=parameters,

@@ -100,7 +100,7 @@ class Model:
     @cached_property
     def terms(self) -> PackedTerms:
         """Terms of the equation of motion for compiled loops."""
-        return pack_terms(self.bound_effects, self.natural_frequency)
+        return pack_terms(self.bound_effects, self.natural_frequency, self.inertia)
 
     def equation(self, start: float) -> Equation:
         """Equation of motion for a trial that starts at position ``start`` in rad or m."""

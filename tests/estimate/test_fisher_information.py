@@ -101,4 +101,5 @@ def test_the_whitening_gain_of_a_first_order_autoregression() -> None:
     assert whitening_gain([series]) == pytest.approx(-0.5 * count * math.log(1.0 - memory**2), rel=0.03)
     assert whitening_gain([rng.normal(size=count)]) < 30.0
     assert whitening_gain([np.zeros(50)]) == 0.0
+    assert whitening_gain([np.array([1.0] + 60 * [np.nan])]) == 0.0
     assert math.isfinite(whitening_gain([np.ones(50)]))

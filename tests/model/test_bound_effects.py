@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from rovid.effects import TERM_EFFECTS, effect_named
 from rovid.effects.base import TERM_PARAMETERS
@@ -26,3 +27,8 @@ def test_the_fastest_rate_is_at_least_that_of_the_motion() -> None:
     assert pack_terms([], 0.5).fastest == 0.5
     assert pack_terms([acting("tank_seiche", 0.1, 3.0, 0.05)], 0.5).fastest == 3.0
     assert pack_terms([acting("tank_seiche", 0.1, 0.2, 0.05)], 0.5).fastest == 0.5
+
+
+def test_heavy_water_is_integrated_at_the_rate_of_motion_and_water_together() -> None:
+    memory = acting("added_mass_memory", 9.0, 0.5)
+    assert pack_terms([memory], 0.1, 3.0).fastest == pytest.approx((1.0 + 9.0 / 3.0) / 0.5)
