@@ -43,8 +43,9 @@ STAGES = {
     "rovid.diagnose.stepwise.fit_candidates": CLIMBS,
     "rovid.estimate.fit_result.minimize": CLIMBS,
     "rovid.diagnose.algorithm.first_rejection": "validation",
+    "rovid.diagnose.algorithm.challenge": "challenge",
     "rovid.diagnose.algorithm.validate": "validation",
-    "rovid.diagnose.validation.cross_validate": "cross-validation",
+    "rovid.diagnose.selection.cross_validate": "cross-validation",
     "rovid.diagnose.wave_test.cross_validate": "cross-validation",
     "rovid.diagnose.algorithm.build_diagnosis": "conclusion",
 }
