@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 
 import numpy as np
@@ -80,4 +80,6 @@ def assert_same_trial(one: Trial, other: Trial) -> None:
         mine, theirs = (getattr(each, item.name) for each in (one, other))
         if isinstance(mine, Mapping):
             mine, theirs = dict(mine), dict(theirs)
+        if is_dataclass(mine) and is_dataclass(theirs):
+            mine, theirs = vars(mine), vars(theirs)
         np.testing.assert_equal(mine, theirs, item.name)

@@ -165,11 +165,7 @@ class _Lines:
         limits = np.quantile(usual, _MEETS, axis=1, keepdims=True)
         if np.any(self.meet(np.array([first]), np.array([gap + 1])) > limits):
             return 1.0
-        # Both differences at once; where no pair of lines has both, as if they were independent.
-        meets, count = others <= limits, others.shape[1]
-        if both := int(np.all(meets, axis=0).sum()):
-            return float((1 + both) / (1 + count))
-        return float(np.prod((1.0 + meets.sum(axis=1)) / (1.0 + count)))
+        return float((1 + np.all(others <= limits, axis=0).sum()) / (1 + others.shape[1]))
 
 
 def _chances(data: ClockData, gaps: IntArray) -> list[float]:

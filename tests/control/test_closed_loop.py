@@ -61,7 +61,8 @@ def test_recorded_commands_reproduce_the_heading_in_open_loop(effect: Effect) ->
     """The torque step by step equals that of all commands together."""
     model = example(effect)
     course = closed(model, law(900.0, 3000.0), seconds=90.0)
-    drive = model.torque_input(VEHICLE, course.trial())
+    # The drives of the loop are settled at its first command.
+    drive = model.actuators.torque_input(VEHICLE, course.trial())
     differs = float(np.max(np.abs(drive.torque - course.drive.torque)[:-1]))
     # What an effect remembers from before the window of 20 s.
     assert differs <= 1e-4 * np.max(np.abs(drive.torque))
@@ -98,7 +99,7 @@ def test_parallel_loops_equal_separate_ones(model: Model, period: float) -> None
         (alone,) = simulate_loops([loop])
         for name in ("heading", "rate", "torque", "commands", "external_torque"):
             assert getattr(together, name) == pytest.approx(getattr(alone, name), rel=1e-9, abs=1e-9), name
-        drive = model.torque_input(VEHICLE, together.trial())
+        drive = model.actuators.torque_input(VEHICLE, together.trial())
         for name in ("torque", "timing_moment", "effect_inputs"):
             found, by_itself, whole = (getattr(one, name) for one in (together.drive, alone.drive, drive))
             assert found == pytest.approx(by_itself, rel=1e-9, abs=1e-9), name
@@ -110,5 +111,5 @@ def test_parallel_loops_equal_separate_ones(model: Model, period: float) -> None
 def test_a_long_memory_extends_the_window() -> None:
     model = with_effect("supply_sag", 3.0, 60.0)
     course = closed(model, law(900.0, 3000.0), seconds=200.0)
-    whole = model.torque_input(VEHICLE, course.trial()).torque
+    whole = model.actuators.torque_input(VEHICLE, course.trial()).torque
     assert np.max(np.abs(whole - course.drive.torque)[:-1]) <= 1e-4 * np.max(np.abs(whole))
