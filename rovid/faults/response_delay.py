@@ -20,7 +20,7 @@ from rovid.signals.preprocessing import Run
 _STEP, _LONGEST, _SHARE, _MAX_SAMPLES = 0.1, 8.0, 0.04, 20_000
 # Length of a jackknife block in periods of the cut-off; the least number of blocks in which the torque varies, and its
 # least share of the mean square. The steps of one block alone have no error.
-_BLOCK, _MIN_BLOCKS, _VARIES = 16.0, 5, 1e-3
+_BLOCK, _MIN_BLOCKS, _VARIES = 8.0, 5, 1e-3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
