@@ -23,8 +23,8 @@ from rovid.trial.fault import Fault
 _MOST_STEPS, _LEAST_APART = 20, 10
 # Readings before and after a step back over which its advance is counted.
 _REACH = 200
-# Usual intervals by which a gap must exceed the usual interval to be tested as a step ahead: stamps of arrival scatter by
-# a few intervals.
+# Usual intervals by which a gap must exceed the usual interval to be tested as a step ahead: stamps of arrival scatter
+# by a few intervals.
 _LEAST_INTERVALS = 5.0
 # Readings on each side of a gap through which a line is drawn: few for fast vehicles, more for noisy headings.
 _LINES = (3, 6)
