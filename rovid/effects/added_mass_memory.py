@@ -13,6 +13,8 @@ from rovid.effects.base import REFERENCE_RATE, Effect, EffectParameter, Instant,
 # Smallest time constant of water in a frame over that of the vehicle at the same relative rate, which keeps the
 # integration stable.
 _SHORTEST = 0.02
+# s; smallest time constant that the integration resolves. It bounds the steps, and is far below that of any vehicle.
+_RESOLVED = 1e-3
 
 
 @compiled
@@ -31,12 +33,12 @@ def _porous(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
 
 
 def _fastest(values: Values) -> float:
-    return 1.0 / values["time_constant"]
+    return 1.0 / max(values["time_constant"], _RESOLVED)
 
 
 def _fastest_in_frame(values: Values) -> float:
     """Rate at twice the reference rate."""
-    return 2.0 / values["time_constant"]
+    return 2.0 / max(values["time_constant"], _RESOLVED)
 
 
 def _added(values: Values) -> float:
