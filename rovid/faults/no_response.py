@@ -24,8 +24,6 @@ _FULL = 0.3
 # Rate per torque as a share of the median, below which a log does not respond: the vehicle would have 400 times the
 # quadratic drag, or 20 times the linear drag and inertia.
 _NONE = 0.05
-# Periods of the cut-off, where the other logs determine no time constant: it is 1.2 to 7.5 of them in 15 campaigns.
-_TIME_CONSTANT = 4.0
 
 
 def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
@@ -37,7 +35,10 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
     usual = float(np.median(list(rates.values()))) if rates else 0.0
     moving = [run for name, runs in parts.items() if rates[name] > _NONE * usual for run in runs]
     model = fit_quick_model(moving, data.vehicle)
-    tau = model.time_constant if model else _TIME_CONSTANT / max(data.runs[0].rates.kernel.cutoff, 1e-300)
+    if model is None:
+        # The other logs show no response to compare with.
+        return
+    tau = model.time_constant
     torques = {name: _rms([_torque(run, tau) for run in runs]) for name, runs in parts.items()}
     pushed = {name: torque for name, torque in torques.items() if torque > 0.0}
     for name, torque in pushed.items():

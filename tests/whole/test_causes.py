@@ -251,9 +251,10 @@ def test_a_dead_band_is_found_in_a_real_dive(tmp_path: Path, rovid: Rovid) -> No
 
 def test_a_dead_band_explains_a_real_dive(tmp_path: Path, rovid: Rovid) -> None:
     dive = with_linear_thrust(tmp_path / "dive")
-    plain = rovid("fit", dive, "--json").document
+    plain = rovid("fit", dive, "--json")
+    # The plain model misses so much that the inertia is lost in its error.
+    assert (plain.code, "inertia cannot be determined" in plain.err) == (2, True)
     found = rovid("fit", dive, "--effect", "thruster_deadband", "--json").document
-    assert plain["free_run_r2"]["this_fit"] < 0.5
     assert found["free_run_r2"]["this_fit"] > 0.8
     deadband = found["parameters"]["thruster_deadband.deadband"]
     assert abs(deadband["value"] - as_if_straight()) < 2.5 * deadband["standard_error"]
