@@ -187,9 +187,10 @@ def _not_distinguishable(points: Sequence[SteadyPoint], names: Sequence[str], ax
 
 
 def _too_few(points: Sequence[SteadyPoint], balance: TorqueBalance, axis: Axis) -> DataError:
-    unknowns = int(balance.free.sum())
+    unknowns, states = int(balance.free.sum()), _states(axis)
+    few = f"1 {states.removesuffix('s')} is" if len(points) == 1 else f"{len(points)} {states} are"
     return DataError(
-        f"{len(points)} {_states(axis)} are too few for {unknowns} unknowns: a disturbance that outlasts a hold shows "
+        f"{few} too few for {unknowns} unknown{'s' * (unknowns > 1)}: a disturbance that outlasts a hold shows "
         f"only in the scatter between holds, so the errors would be unknown. At least {unknowns + _MIN_FREEDOM} "
         "steady holds were expected.",
         mend=_ADVICE.format(axis.motion_verb),
