@@ -10,7 +10,7 @@ import pandas as pd
 
 # Columns of a log that no scaling changes: angles, and a voltage.
 _UNCHANGED = {"heading_deg", "roll_deg", "pitch_deg", "supply_V"}
-_BASES = re.compile(r"(N m|kg m\^2|command|s|h)(?:\^(\d))?(?![a-zA-Z])")
+_BASES = re.compile(r"(N m|kg m\^2|kg|N|command|s|h)(?:\^([\d.]+))?(?![a-zA-Z])")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,11 +24,13 @@ class Scaling:
     def factor(self, unit: str) -> float:
         """Factor on a parameter with this ``unit``."""
         inertia = self.torque * self.time**2
-        sizes = {"N m": self.torque, "kg m^2": inertia, "command": self.command, "s": self.time, "h": self.time}
+        # Lengths keep their size.
+        sizes = {"N m": self.torque, "N": self.torque, "kg m^2": inertia, "kg": inertia, "command": self.command}
+        sizes |= {"s": self.time, "h": self.time}
         factor = 1.0
         for part, sign in zip(unit.split("/"), (1, -1), strict=False):
             for name, power in _BASES.findall(part):
-                factor *= sizes[name] ** (sign * int(power or 1))
+                factor *= sizes[name] ** (sign * float(power or 1))
         return factor
 
 

@@ -50,7 +50,7 @@ EFFECT: Effect = Effect(
     title="added mass with memory",
     parameters=(
         EffectParameter(
-            name="inertia", unit="kg m^2", neutral=0.0, low=-3.0, high=20.0, initial_values=(1.0,), scale="torque/rate"
+            name="inertia", unit="kg m^2", neutral=0.0, low=-0.5, high=4.0, initial_values=(0.2,), scale="inertia"
         ),
         EffectParameter(
             name="time_constant",
@@ -79,9 +79,9 @@ FORMS: tuple[Effect, ...] = (
                 unit="kg m^2",
                 neutral=0.0,
                 low=0.0,
-                high=20.0,
-                initial_values=(1.0,),
-                scale="torque/rate",
+                high=4.0,
+                initial_values=(0.2,),
+                scale="inertia",
             ),
             # At a relative rate of 0.3 rad/s; three times as long at 0.1.
             EffectParameter(

@@ -191,8 +191,13 @@ class Scales:
 
     def unit_size(self, parameter: EffectParameter) -> float:
         """Scale of ``parameter``."""
-        at_reference = self.time * self.rate / REFERENCE_RATE
-        sizes = {"one": 1.0, **vars(self), "command": 0.01 * self.command, "time_at_reference": at_reference}
+        sizes = {
+            "one": 1.0,
+            **vars(self),
+            "command": 0.01 * self.command,
+            "inertia": self.torque * self.time / self.rate,
+            "time_at_reference": self.time * self.rate / REFERENCE_RATE,
+        }
         first, *others = parameter.scale.split("/")
         return float(sizes[first] / math.prod(sizes[name] for name in others))
 
