@@ -194,8 +194,8 @@ def _parameters(scores: list[dict[str, Any]]) -> str:
         "share within two standard errors of the true value; the share within two standard errors of the best "
         "fit. The best fit is a fit to the heading with the true cause and the true waves, and with the true "
         "rotors if a lag or delay was named. Inertia and drag can absorb a cause that reduces the heading error "
-        "by less than a tenth. Heading data do not reveal this bias, and the standard errors do not include it.\n\n"
-        + _table(head, rows)
+        "by less than a tenth. Heading data do not reveal this bias, and the standard errors in these records do "
+        "not include it.\n\n" + _table(head, rows)
     )
 
 

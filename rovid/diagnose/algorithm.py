@@ -6,14 +6,14 @@ logged signal, become candidates. Six stages follow:
 1. *Screen*: score tests predict the log-likelihood gain of each candidate next to one model, without a fit.
 2. *Select*: candidates with the largest predicted gains are fitted, and the best one is added. Effects are removed and
    exchanged until the model no longer changes. Each model on the way is screened.
-3. *Challenge*: each single cause, each subset, and the model with one effect replaced are fitted where they may come
+3. *Challenge*: single causes, pairs, subsets, and the model with one effect replaced are fitted where they may come
    close. A better one takes the place of the model, and the search continues from there.
 4. *Validate*: an effect that fails one of the rules is banned, and the search continues without it. A likely effect
    keeps its place until the end. After `max_rejections` bans the model is tested only if likely effects are dropped.
 5. *Decide*: the search by one-step predictions (innovations) comes first. Multi-step predictions choose a new start for
-   it if the plain model fits poorly, no cause dominates, waves change the result, an effect is rejected, or the result
-   is not adequate (white innovations, disturbance within its limit). The first adequate and validated one-step model is
-   reported. If there is none, the multi-step model is validated and reported.
+   it if no model with at most one cause fits, no cause dominates, waves change the result, an effect is rejected, or
+   the result is not adequate (white innovations, disturbance within its limit). The first adequate, validated one-step
+   model is reported. If there is none, the multi-step model is validated and reported.
 6. *Conclude*: the effects that are left are established. Their parameters are fitted to all data. Further causes with
    enough probability are suspects.
 

@@ -18,6 +18,7 @@ from rovid.diagnose.objectives import preload
 from rovid.diagnose.result import Diagnosis, Finding
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects.clock_offset import CLOCKS_APART
+from rovid.faults.base import named
 from rovid.signals.preprocessing import PreparedRuns, Run, prepare
 from rovid.signals.rates import highest_cutoff
 from rovid.signals.shift import shift_commands
@@ -51,9 +52,13 @@ def _diagnose(prepared: PreparedRuns, vehicle: Vehicle, report: ProgressCallback
     offset = _clock_offset(diagnosis.findings)
     if offset is None:
         return _without_offset(diagnosis, prepared.items)
-    fault = _fault(offset, prepared.items, "The commands were moved by it.")
     lead = offset.estimate.value(_LEAD)
     long = [run.trial for run in prepared.items if run.trial.duration > 2.0 * lead]
+    if not long:
+        return _without_offset(diagnosis, prepared.items)
+    short = [run.trial.name for run in prepared.items if run.trial.duration <= 2.0 * lead]
+    left_out = f" {named(short)} {'is' if len(short) == 1 else 'are'} too short for that: left out." if short else ""
+    fault = _fault(offset, prepared.items, f"The commands were moved by it.{left_out}")
     trials = tuple(shift_commands(trial, -lead) for trial in long)
     corrected = prepare(
         Campaign(trials=trials, sources=()), vehicle, cutoff=min(prepared.cutoff, highest_cutoff(trials))

@@ -41,18 +41,20 @@ def diagnose_majority(
     doubted = [(finding, logs) for finding in diagnosis.findings if (logs := few_logs(finding, len(names)))]
     if not doubted:
         return diagnosis
-    finding, logs = doubted[0]
-    kept = tuple(run for run in prepared.items if not {run.trial.parent, run.trial.name} & set(logs))
-    if len(names) >= _MIN_LOGS and not (budget and budget.skips("foreign_log")):
-        report(f"Repeating the diagnosis without {' and '.join(logs)} …")
+    remaining, remedy = diagnosis, "none"
+    few = dict.fromkeys(name for _, logs in doubted for name in logs)
+    if len(names) >= _MIN_LOGS and 2 * len(few) < len(names) and not (budget and budget.skips("foreign_log")):
+        report(f"Repeating the diagnosis without {' and '.join(few)} …")
+        kept = tuple(run for run in prepared.items if not {run.trial.parent, run.trial.name} & few.keys())
         others = diagnose(replace(prepared, items=kept), vehicle, report, budget)
-        if finding.effect.id in {one.effect.id for one in others.findings}:
-            return diagnosis
-        if others.verdict != "too_little_data":
-            fault = _fault(finding, logs, "set_aside")
-            return _with_suspect(others, finding, fault)
-    findings = tuple(one for one in diagnosis.findings if one is not finding)
-    return _with_suspect(replace(diagnosis, findings=findings), finding, _fault(finding, logs, "none"))
+        shown = {finding.effect.id for finding in others.findings}
+        doubted = [(finding, logs) for finding, logs in doubted if finding.effect.id not in shown]
+        if doubted and others.verdict != "too_little_data":
+            remaining, remedy = others, "set_aside"
+    for finding, logs in doubted:
+        findings = tuple(one for one in remaining.findings if one is not finding)
+        remaining = _with_suspect(replace(remaining, findings=findings), finding, _fault(finding, logs, remedy))
+    return remaining
 
 
 def few_logs(finding: Finding, count: int) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from rovid.effects import Effect, EffectParameter
 from rovid.effects.actuator_inputs import SPEEDS, ActuatorInputs
 from rovid.effects.base import OnTorque, Values
 from rovid.effects.catalogue import CATALOGUE
-from rovid.estimate.dataset import FitData, time_constant
+from rovid.estimate.dataset import FitData
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.fisher_information import NormalEquations
 from rovid.estimate.fit_result import FitResult
@@ -131,7 +131,7 @@ def _kinds(fitted: FitResult) -> list[Effect]:
 
 def _acceleration(data: FitData) -> Effect | None:
     """A torque that follows the acceleration in sway; None where that is constant."""
-    width = 0.5 * time_constant(data.initial_model, data.rms_rate)
+    width = 0.5 * data.usual_time
     rates = {run.trial.name: _smooth_derivative(run.trial.time, run.trial.extras[_SWAY], width) for run in data.runs}
     spread = float(np.std(np.concatenate(list(rates.values()))))
     if not spread > 0.0:

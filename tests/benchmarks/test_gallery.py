@@ -285,7 +285,9 @@ def test_the_page_says_of_the_ardusub_samples_what_rovid_does(one: RealSet, rovi
 
 @pytest.mark.parametrize("one", [CAR, LOOP, MOTOR], ids=lambda one: one.key)
 def test_logs_of_other_fields_are_read_as_they_are_and_give_no_false_cause(one: RealSet, rovid: Rovid) -> None:
-    """Every claim is right, or its error is said to be too large to decide; no cause is named that does not act."""
+    """Every claim is judged as expected, and no cause is named that is known not to act."""
+    # The motor's dead time is missing in the plain model: the error of its time constant is too large to decide.
+    expected = UNDECIDED if one is MOTOR else RIGHT
     Path(one.key).mkdir()
     for log in SAMPLES.glob(one.logs):
         shutil.copy(log, one.key)
@@ -296,7 +298,7 @@ def test_logs_of_other_fields_are_read_as_they_are_and_give_no_false_cause(one: 
         said = answer(done.document if done.code == 0 else None, done.code, done.err.strip())
         for claim in (claim for claim in one.claims if claim.step == step.name):
             judgement = claim.judged(said)
-            assert judgement.word in {RIGHT, UNDECIDED}, judgement.said
+            assert (judgement.word, judgement.said) == (expected, judgement.said)
         if step.name == "diagnose" and said.document is not None:
             for found, established in (("findings", True), ("suspects", False)):
                 for named_cause in said.document[found]:
