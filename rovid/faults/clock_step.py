@@ -93,7 +93,8 @@ def _steps(data: ClockData) -> list[ClockStep]:
     rows = np.array(sorted(confidence), dtype=np.int64)
     apart = np.minimum(np.diff(rows, prepend=-1), np.diff(rows, append=len(advance)))
     rows = rows[apart >= _LEAST_APART]
-    error = max(float(np.std(advance[np.abs(advance - interval) < interval])), _LEAST_ERROR * interval)
+    usual = advance[np.abs(advance - interval) < interval]
+    error = max(float(np.std(usual)) if usual.size else 0.0, _LEAST_ERROR * interval)
     sizes = advance[rows] - interval
     taken = np.cumsum(sizes) - sizes
     return [

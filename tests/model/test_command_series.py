@@ -64,8 +64,10 @@ def test_instants_in_a_held_command_may_be_left_out(effect: Effect) -> None:
     places = [np.searchsorted(here, steps) for here, steps in zip(at, STEPS, strict=True)]
     over_all = model.actuators.torque_inputs(every, every.intervals_between(STEPS))
     over_few = model.actuators.torque_inputs(few, few.intervals_between(places))
-    # A drop that follows the load or the clock is the mean of what is held in between.
-    np.testing.assert_allclose(over_few.torque, over_all.torque, rtol=1e-3, atol=1e-3)
+    for found, wanted in zip(over_few.by_trial, over_all.by_trial, strict=True):
+        # The last step has no next one: its mean ends at the next instant of the series, whichever that is. A drop
+        # that follows the clock is the mean of what is held in between.
+        np.testing.assert_allclose(found.torque[:-1], wanted.torque[:-1], rtol=1e-4, atol=1e-4)
 
 
 def test_means_of_selected_samples_ignore_nan() -> None:
