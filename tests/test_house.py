@@ -24,6 +24,7 @@ HOUSE = [
     "model",
     "estimate",
     "diagnose",
+    "planar",
     "store",
     "compare",
     "watch",

@@ -21,6 +21,7 @@ from rovid.effects.stages import (
     Acts,
     Actuating,
     Body,
+    Coupling,
     Instant,
     Numbers,
     OnCommand,
@@ -29,6 +30,7 @@ from rovid.effects.stages import (
     OnTorque,
     Term,
     Values,
+    WaterCurrent,
     WaveTorque,
     drag,
 )
@@ -44,6 +46,7 @@ __all__ = [
     "Actuating",
     "ActuatorInputs",
     "Body",
+    "Coupling",
     "Effect",
     "EffectParameter",
     "Instant",
@@ -55,6 +58,7 @@ __all__ = [
     "Scales",
     "Term",
     "Values",
+    "WaterCurrent",
     "WaveTorque",
     "canonical_phases",
     "compiled",
@@ -86,7 +90,8 @@ class EffectParameter:
     #: Typical size: ``one``; ``command``, a hundredth of the largest command from neutral; ``torque``, ``rate``,
     #: ``wash``, ``sqrt_thrust``, ``surge`` and ``sway``, the RMS over all logs; ``load``, the largest share of full
     #: thrust; ``longest``, hours of the longest log; ``day``, hours from the first log's start to the last one's end;
-    #: ``time``, time constant of the vehicle; ``time_at_reference``, time for the same angle at the reference rate.
+    #: ``surge_force`` and ``sway_force``, RMS in the planar model; ``time``, time constant of the vehicle;
+    #: ``time_at_reference``, time for the same angle at the reference rate.
     #: Quotients are written as ``torque/surge/rate``.
     scale: str = "one"
     #: Relative step of difference quotients. A threshold makes the likelihood piecewise constant: with a small step its
@@ -188,6 +193,9 @@ class Scales:
     longest: float = 1.0
     day: float = 1.0
     time: float = 1.0
+    #: ``surge_force``, ``sway_force``: N, of the planar model.
+    surge_force: float = 1.0
+    sway_force: float = 1.0
 
     def unit_size(self, parameter: EffectParameter) -> float:
         """Scale of ``parameter``."""

@@ -9,6 +9,7 @@ from rovid.core.array_types import FloatArray
 from rovid.effects import per_trial
 from rovid.effects.base import (
     ActuatorInputs,
+    Coupling,
     Effect,
     EffectParameter,
     Instant,
@@ -23,6 +24,12 @@ from rovid.effects.base import (
 @compiled
 def _term(at: Instant, p: Numbers) -> float:
     return p[0]
+
+
+@compiled
+def planar_forces(u: float, v: float, r: float, p: Numbers) -> tuple[float, float, float]:
+    """Constant forces ahead and to starboard, and a constant torque."""
+    return p[0], p[1], p[2]
 
 
 EFFECT: Effect = Effect(
@@ -42,6 +49,25 @@ EFFECT: Effect = Effect(
     acts=Term(_term),
 )
 FORMS: tuple[Effect, ...] = (EFFECT,)
+_TORQUE = EFFECT.parameters[0]
+PLANAR_FORMS: tuple[Effect, ...] = (
+    replace(
+        EFFECT,
+        form="planar",
+        title="constant forces",
+        axes=("planar",),
+        parameters=(
+            replace(_TORQUE, name="surge", unit="N", scale="surge_force"),
+            replace(_TORQUE, name="sway", unit="N", scale="sway_force"),
+            replace(_TORQUE, name="yaw"),
+        ),
+        size_count=3,
+        equation="X + b_x, Y + b_y, N + b_n",
+        fingerprint="slow drift and rotation without command, in body axes",
+        rivals=("current", "thrust_asymmetry"),
+        acts=Coupling(planar_forces),
+    ),
+)
 
 
 def for_trials(names: Sequence[str]) -> Effect:

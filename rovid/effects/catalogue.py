@@ -70,7 +70,6 @@ SYNONYMS = {
     "radiation": "added_mass_memory",
     "cable": "tether_torsion",
     "umbilical": "tether_torsion",
-    "current": "heading_dependent_torque",
     "swell": "wave_torque",
     "waves": "wave_torque",
     "sloshing": "tank_seiche",
@@ -82,6 +81,11 @@ SYNONYMS = {
 }
 # All forms of all effects, the plain form of each effect first.
 FORMS: tuple[Effect, ...] = tuple(form for name in EFFECTS for form in import_module(f"rovid.effects.{name}").FORMS)
+# Ids of the effects with forms of the planar model, `Coupling` and `WaterCurrent`, and these forms.
+PLANAR_EFFECTS = ("current", "sway_yaw_damping", "cross_flow_drag", "speed_dependent_damping", "bias_torque")
+PLANAR_FORMS: tuple[Effect, ...] = tuple(
+    form for name in PLANAR_EFFECTS for form in import_module(f"rovid.effects.{name}").PLANAR_FORMS
+)
 # The plain forms.
 CATALOGUE: tuple[Effect, ...] = tuple(effect for effect in FORMS if not effect.form)
 # Restoring torque or force by weight and buoyancy, part of the base model of these axes.
@@ -161,7 +165,7 @@ def effect_named(name: str) -> Effect:
     ConfigError
         There is none. The message offers the nearest ids.
     """
-    for effect in (*FORMS, CLOCKS_APART):
+    for effect in (*FORMS, *PLANAR_FORMS, CLOCKS_APART):
         if effect.key == name and not effect.per_thruster:
             return effect
     key, _, form = name.partition(":")

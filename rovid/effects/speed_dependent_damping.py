@@ -6,7 +6,18 @@ from dataclasses import replace
 
 from rovid.core.array_types import FloatArray
 from rovid.effects.actuator_dynamics import speed_of_thrust
-from rovid.effects.base import SPEEDS, ActuatorInputs, Effect, EffectParameter, Instant, Numbers, Term, Values, compiled
+from rovid.effects.base import (
+    SPEEDS,
+    ActuatorInputs,
+    Coupling,
+    Effect,
+    EffectParameter,
+    Instant,
+    Numbers,
+    Term,
+    Values,
+    compiled,
+)
 
 
 @compiled
@@ -23,6 +34,18 @@ def _quadratic(at: Instant, p: Numbers) -> float:
 def _both(at: Instant, p: Numbers) -> float:
     speed = abs(at.surge)
     return -(p[0] + p[1] * speed) * speed * at.relative_rate
+
+
+@compiled
+def coupled_forces(u: float, v: float, r: float, p: Numbers) -> tuple[float, float, float]:
+    """Damping of yaw and of sway in proportion to the speed ahead."""
+    return 0.0, -p[1] * abs(u) * v, -p[0] * abs(u) * r
+
+
+@compiled
+def coupled_quadratic_forces(u: float, v: float, r: float, p: Numbers) -> tuple[float, float, float]:
+    """Damping of yaw and of sway in proportion to the square of the speed ahead."""
+    return 0.0, -p[1] * u * u * v, -p[0] * u * u * r
 
 
 def _surge_from_thrust(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
@@ -81,5 +104,33 @@ FORMS: tuple[Effect, ...] = (
         experiment="the speed ahead in the log; the same turns with large thrust ahead and without it",
         needs=(),
         acts=Term(_linear, surge_from_thrust=_surge_from_thrust),
+    ),
+)
+# Of the planar model, whose speed ahead is a state.
+_PLANAR = replace(
+    EFFECT,
+    form="planar",
+    axes=("planar",),
+    parameters=(
+        replace(_LINEAR, name="yaw"),
+        replace(_LINEAR, name="sway", unit="N s^2/m^2", scale="sway_force/surge/sway"),
+    ),
+    size_count=2,
+    equation="N − a·|u|·r, Y − b·|u|·v",
+    fingerprint="residual torque and side force in proportion to the speed ahead; zero at zero speed",
+    needs=(),
+    acts=Coupling(coupled_forces),
+)
+PLANAR_FORMS: tuple[Effect, ...] = (
+    _PLANAR,
+    replace(
+        _PLANAR,
+        form="planar_quadratic",
+        parameters=(
+            replace(_QUADRATIC, name="yaw"),
+            replace(_QUADRATIC, name="sway", unit="N s^3/m^3", scale="sway_force/surge/surge/sway"),
+        ),
+        equation="N − a·u²·r, Y − b·u²·v",
+        acts=Coupling(coupled_quadratic_forces),
     ),
 )

@@ -150,6 +150,27 @@ class WaveTorque:
     """A torque of random phase, for which a filter has two states. Parameters: amplitude, frequency and damping."""
 
 
+@dataclass(frozen=True, eq=False)
+class Coupling:
+    """Forces that couple surge, sway and yaw; only the planar model has them.
+
+    ``forces`` is compiled, ``(u, v, r, p) -> (X, Y, N)``: forces in N and torque in N m at speeds through the water in
+    m/s and rad/s, for the parameters ``p`` in their order.
+    """
+
+    forces: Callable[..., tuple[float, float, float]]
+
+
+@dataclass(frozen=True, eq=False)
+class WaterCurrent:
+    """A uniform current: the planar model's speeds are relative to it. Parameters: speed and direction.
+
+    With ``wanders`` further parameters are the standard deviation and the correlation time of its change.
+    """
+
+    wanders: bool = False
+
+
 # Stages between command and torque.
 Actuating = OnCommand | OnThrust | OnTorque
-Acts = Actuating | Term | OnHeading | WaveTorque
+Acts = Actuating | Term | OnHeading | WaveTorque | Coupling | WaterCurrent

@@ -13,6 +13,22 @@ UNITS = {
     "quadratic_drag": "N m s^2/rad^2",
     "linear_drag": "N m s/rad",
 }
+# Parameters of the planar model's base -> unit. docs/planar.md.
+PLANAR_UNITS = {
+    "surge.inertia": "kg",
+    "sway.inertia": "kg",
+    "yaw.inertia": "kg m^2",
+    "sway_yaw.inertia": "kg m",
+    "surge.linear_drag": "N s/m",
+    "sway.linear_drag": "N s/m",
+    "yaw.linear_drag": "N m s/rad",
+    "surge.quadratic_drag": "N s^2/m^2",
+    "sway.quadratic_drag": "N s^2/m^2",
+    "yaw.quadratic_drag": "N m s^2/rad^2",
+}
+# Parameters of a rudder, ``rudder.NAME.lift``: last word -> unit.
+RUDDER_UNITS = {"lift": "N s^2/m^2", "slipstream": "m^2/(N s^2)"}
+_RUDDER = "rudder."
 
 
 def base_names(axis: Axis) -> tuple[str, ...]:
@@ -32,6 +48,10 @@ def unit_of(name: str, axis: Axis = YAW) -> str:
     key, _, parameter = name.rpartition(".")
     if name in UNITS:
         return axis.unit(UNITS[name])
+    if name in PLANAR_UNITS:
+        return PLANAR_UNITS[name]
+    if name.startswith(_RUDDER):
+        return RUDDER_UNITS[parameter]
     effect = effect_named(key) if key else restoring_effect(axis)
     unit = next((p.unit for p in (effect.parameters if effect else ()) if p.name == parameter), "")
     return unit if parameter.endswith("frequency") else axis.unit(unit)
@@ -39,7 +59,8 @@ def unit_of(name: str, axis: Axis = YAW) -> str:
 
 def effect_ids(names: Iterable[str]) -> list[str]:
     """Keys of the effects in parameter names, without repetition."""
-    return list(dict.fromkeys(name.rpartition(".")[0] for name in names if "." in name))
+    known = (name for name in names if "." in name and name not in PLANAR_UNITS and not name.startswith(_RUDDER))
+    return list(dict.fromkeys(name.rpartition(".")[0] for name in known))
 
 
 def without_form(name: str) -> str:

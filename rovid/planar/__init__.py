@@ -1,0 +1,1 @@
+"""Surge, sway and yaw together, in a current."""
