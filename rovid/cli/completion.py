@@ -10,7 +10,7 @@ import typer
 from rovid.core.errors import RovidError
 from rovid.core.toml import read_toml
 from rovid.export import FORMATS
-from rovid.trial.axis import AXES, YAW
+from rovid.trial.axis import AXES, PLANAR, YAW
 
 # The same as `rovid.estimate.thrust_curve.THRUST_UNITS`, which a test checks.
 THRUST_UNITS = ("N", "kN", "kgf", "gf", "lbf")
@@ -22,6 +22,11 @@ _CATALOGUE = Path(__file__).parents[1] / "effects" / "catalogue.py"
 def axes() -> list[str]:
     """Names for --axis."""
     return list(AXES)
+
+
+def axis_sets() -> list[str]:
+    """Names for --axes."""
+    return [PLANAR.name]
 
 
 def formats() -> list[str]:

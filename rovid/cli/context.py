@@ -50,8 +50,15 @@ def parameters_at(path: Path | None, axis: str | None, *, force: bool = False) -
 def existing_parameters(path: Path | None, axis: str | None = None) -> Parameters:
     """The parameter file, which has to exist and to be of this axis."""
     from rovid.store.load import read_parameters
+    from rovid.trial.axis import PLANAR
 
     stored = read_parameters(_parameter_path(path, axis))
+    if stored.axis is PLANAR:
+        raise ConfigError(
+            "holds the parameters of surge, sway and yaw together.",
+            where=stored.path,
+            mend="Give --axes planar where the command has it, or the file of one axis with -p.",
+        )
     if axis and stored.axis.name != axis:
         raise ConfigError(
             f"holds the parameters of {stored.axis.name}, but --axis is {axis}.",

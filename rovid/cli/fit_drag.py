@@ -5,7 +5,8 @@ from __future__ import annotations
 from rovid.cli.context import fit_and_store, open_session
 from rovid.cli.fit_inertia import estimate_inertia
 from rovid.cli.help_format import Page
-from rovid.cli.options import AxisName, Cutoff, Force, Json, Logs, ParameterFile
+from rovid.cli.options import AxesRefused, AxisName, Cutoff, Force, Json, Logs, ParameterFile
+from rovid.cli.planar_session import refuse_planar
 
 PAGE = Page(
     text="""
@@ -33,6 +34,7 @@ def fit_drag(
     logs: Logs,
     *,
     axis: AxisName = None,
+    axes: AxesRefused = None,
     parameters: ParameterFile = None,
     cutoff: Cutoff = None,
     force: Force = False,
@@ -42,6 +44,7 @@ def fit_drag(
     from rovid.present.documents.fits import drag_document
     from rovid.present.terminal.results import show_drag
 
+    refuse_planar(axes)
     session = open_session(logs, parameters, axis, cutoff, force=force)
     if session.stored.axis.self_righting:
         # Under a constant torque such an axis comes to rest, so drag is found together with the inertia.

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from rovid.cli.context import FitSession, fit_and_store, open_session
 from rovid.cli.help_format import Page
-from rovid.cli.options import AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile
+from rovid.cli.options import AxesRefused, AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile
+from rovid.cli.planar_session import refuse_planar
 
 PAGE = Page(
     text="""
@@ -31,12 +32,14 @@ def fit_inertia(
     logs: OptionalLogs = None,
     *,
     axis: AxisName = None,
+    axes: AxesRefused = None,
     parameters: ParameterFile = None,
     cutoff: Cutoff = None,
     force: Force = False,
     json: Json = False,
 ) -> None:
     """Fit inertia from sines by four methods."""
+    refuse_planar(axes)
     estimate_inertia(open_session(logs, parameters, axis, cutoff, force=force), json=json)
 
 

@@ -29,7 +29,8 @@ ParameterFile = Annotated[
     Path | None,
     option(
         "FILE",
-        "Parameter file. Default: parameters.toml, or parameters_AXIS.toml for an axis other than yaw.",
+        "Parameter file. Default: parameters.toml, or parameters_AXIS.toml for an axis other than yaw; "
+        "parameters_planar.toml with --axes planar.",
         "--parameters",
         "-p",
     ),
@@ -42,6 +43,15 @@ AxisName = Annotated[
         autocompletion=completion.axes,
     ),
 ]
+Axes = Annotated[
+    str | None,
+    option(
+        "AXES",
+        "Degrees of freedom in one coupled model: planar, for surge, sway and yaw in a current.",
+        autocompletion=completion.axis_sets,
+    ),
+]
+AxesRefused = Annotated[str | None, typer.Option("--axes", hidden=True)]
 Cutoff = Annotated[
     float | None,
     option("HZ", "Cut-off frequency of the low-pass filter for rates, in Hz. Default: chosen from the data.", min=1e-3),

@@ -21,10 +21,10 @@ PLANAR_UNITS = {
     "sway_yaw.inertia": "kg m",
     "surge.linear_drag": "N s/m",
     "sway.linear_drag": "N s/m",
-    "yaw.linear_drag": "N m s/rad",
+    "yaw.linear_drag": "N m s",
     "surge.quadratic_drag": "N s^2/m^2",
     "sway.quadratic_drag": "N s^2/m^2",
-    "yaw.quadratic_drag": "N m s^2/rad^2",
+    "yaw.quadratic_drag": "N m s^2",
 }
 # Parameters of a rudder, ``rudder.NAME.lift``: last word -> unit.
 RUDDER_UNITS = {"lift": "N s^2/m^2", "slipstream": "m^2/(N s^2)"}
@@ -59,8 +59,13 @@ def unit_of(name: str, axis: Axis = YAW) -> str:
 
 def effect_ids(names: Iterable[str]) -> list[str]:
     """Keys of the effects in parameter names, without repetition."""
-    known = (name for name in names if "." in name and name not in PLANAR_UNITS and not name.startswith(_RUDDER))
-    return list(dict.fromkeys(name.rpartition(".")[0] for name in known))
+    of_effects = (name for name in names if "." in name and not is_planar_base(name))
+    return list(dict.fromkeys(name.rpartition(".")[0] for name in of_effects))
+
+
+def is_planar_base(name: str) -> bool:
+    """Whether ``name`` is a parameter of the planar model's base, or of a rudder."""
+    return name in PLANAR_UNITS or name.startswith(_RUDDER)
 
 
 def without_form(name: str) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations_with_replacement
 from pathlib import Path
 from typing import Any
@@ -17,13 +17,15 @@ from rovid.core.errors import ConfigError
 from rovid.core.paths import require_regular
 from rovid.core.signatures import PARAMETERS
 from rovid.core.toml import LARGEST, SMALLEST, expected_number, read_toml
-from rovid.model.parameter_names import base_names
-from rovid.store.parameter_file import SCHEMA, SCHEMA_VERSION, Entry, Parameters, Source
-from rovid.trial.axis import YAW, axis_named
+from rovid.model.parameter_names import PLANAR_UNITS, base_names, is_planar_base
+from rovid.store.parameter_file import SCHEMA, SCHEMA_VERSION, Entry, OpenCombination, Parameters, Source
+from rovid.trial.axis import PLANAR, YAW, Axis, parameter_axis
 from rovid.trial.config_fingerprint import ConfigFingerprint
 
 # Tolerance of correlations: accepts numbers that a user rounded to three digits.
 _ROUNDING = 1e-3
+# Product of inertia of sway and yaw, the only parameter of the planar model's base with either sign.
+_COUPLED = "sway_yaw.inertia"
 _AGAIN = "Put it back, or delete it and run `rovid fit-drag LOGS` again."
 _ANOTHER = "Give a parameter file, or the name of a new one, with -p."
 
@@ -70,18 +72,50 @@ def parse_parameters(path: Path, document: Mapping[str, Any]) -> Parameters:
 
 
 def _parse(path: Path, document: Mapping[str, Any]) -> Parameters:
+    axis = parameter_axis(str(document.get("axis", YAW.name)))
     entries = {name: _entry(name, written) for name, written in document["parameters"].items()}
+    assumed = {name: _number(value, name) for name, value in document.get("assumed", {}).items()}
+    _check_names({**entries, **assumed}, axis)
+    if axis is PLANAR:
+        _check_planar({name: entry.value for name, entry in entries.items()} | assumed)
     covariance = document["covariance"]
     return Parameters(
         path=path,
         vehicle=str(document.get("vehicle", "")),
-        axis=axis_named(str(document.get("axis", YAW.name))),
+        axis=axis,
         logs=tuple((path.parent / str(item)).resolve() for item in document["logs"]),
         entries=entries,
         covariance=_covariance(covariance["names"], covariance["matrix"], entries),
         sources=tuple(_source(written, path.parent) for written in document["sources"]),
         settings=_settings(document.get("rests_on")),
+        assumed=assumed,
+        undetermined=tuple(map(_undetermined, document.get("undetermined", []))),
     )
+
+
+def _check_names(names: Iterable[str], axis: Axis) -> None:
+    """Refuse parameters of the coupled model in another file, and the other way round."""
+    for name in names:
+        if is_planar_base(name) and axis is not PLANAR:
+            raise ValueError(f"{name} is a parameter of the coupled model, and the file is of {axis.name}")
+        if axis is PLANAR and "." not in name:
+            raise ValueError(f"{name} is no parameter of the coupled model")
+
+
+def _check_planar(values: Mapping[str, float]) -> None:
+    """Refuse a mass matrix that is not positive definite, and negative drag."""
+    for name in filter(PLANAR_UNITS.__contains__, values):
+        least = SMALLEST if name.endswith(".inertia") else 0.0
+        if name != _COUPLED and values[name] < least:
+            raise ValueError(f"{name} is {values[name]:g}, which is not possible")
+    sway, yaw, coupled = (values.get(name, math.nan) for name in ("sway.inertia", "yaw.inertia", _COUPLED))
+    if coupled**2 >= sway * yaw:
+        raise ValueError("the mass matrix of sway and yaw is not positive definite")
+
+
+def _undetermined(written: Mapping[str, Any]) -> OpenCombination:
+    combination = {str(name): _number(weight, str(name)) for name, weight in written["combination"].items()}
+    return OpenCombination(combination=combination, text=str(written["text"]))
 
 
 def _entry(name: str, written: Mapping[str, Any]) -> Entry:

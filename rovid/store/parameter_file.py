@@ -25,7 +25,7 @@ from rovid.estimate.estimate import PER_INERTIA, Estimate
 from rovid.model.model import Model
 from rovid.model.parameter_names import base_names, effect_ids
 from rovid.trial.assumptions import Assumptions
-from rovid.trial.axis import YAW, Axis
+from rovid.trial.axis import PLANAR, YAW, Axis
 from rovid.trial.config_fingerprint import ConfigFingerprint
 
 # Largest decay rate of a motion in 1/s; faster decay is implausible and could not be integrated. A decision.
@@ -43,6 +43,14 @@ class Entry:
     unit: str
     method: str
     options: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class OpenCombination:
+    """A combination of parameters that the logs of a coupled fit do not determine."""
+
+    combination: Mapping[str, float]  #: Parameter -> its share, relative to the largest.
+    text: str  #: A sentence for people.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,14 +89,20 @@ class Parameters:
     axis: Axis = YAW
     #: Fingerprint of the rovid.toml of the fits; None if unknown, as in a file of rovid 0.2.
     settings: ConfigFingerprint | None = None
+    #: ``undetermined``, ``assumed``: of the coupled model, what the logs do not determine; and the values of the
+    #: parameters in it that a simulation uses, which the logs neither support nor contradict.
+    undetermined: tuple[OpenCombination, ...] = ()
+    assumed: Mapping[str, float] = field(default_factory=dict)
 
     def cleared(self) -> Parameters:
         """A copy without parameters; the paths of the logs stay."""
-        return replace(self, entries={}, covariance={}, sources=(), settings=None)
+        return replace(self, entries={}, covariance={}, sources=(), settings=None, undetermined=(), assumed={})
 
     def with_estimate(self, estimate: Estimate, provenance: Provenance | None = None) -> Parameters:
         """A copy with the parameters of ``estimate`` added or replaced."""
         replaced = set(estimate.names)
+        if self.axis is PLANAR:  # All parameters of the coupled model come from one fit.
+            replaced.update(self.entries)
         covariance = {pair: value for pair, value in self.covariance.items() if replaced.isdisjoint(pair)}
         # Effects belong to the fit that found them: another fit of the inertia removes them or fits them again.
         if "inertia" in estimate.names:
@@ -253,6 +267,8 @@ class Parameters:
             **axis,
             "logs": [_relative(path, self.path.parent) for path in self.logs],
             "parameters": {name: self._written(self.entries[name]) for name in names},
+            **({"assumed": dict(self.assumed)} if self.assumed else {}),
+            **({"undetermined": list(map(asdict, self.undetermined))} if self.undetermined else {}),
             "covariance": {"names": names, "matrix": self._matrix(names)},
             **({} if self.settings is None else {"rests_on": asdict(self.settings)}),
             "sources": [_written(source, self.path.parent) for source in self.sources],

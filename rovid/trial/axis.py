@@ -27,7 +27,7 @@ class Axis:
 
     def __reduce__(self) -> tuple[Callable[[str], Axis], tuple[str]]:
         # Unpickling returns the one instance of each axis: axes are compared by identity.
-        return axis_named, (self.name,)
+        return parameter_axis, (self.name,)
 
     @property
     def position_signal(self) -> str:
@@ -110,6 +110,9 @@ class Axis:
 _LINEAR_UNITS: Mapping[str, str] = {"kg m^2": "kg", "kg m²": "kg", "N m": "N", "(N)^": "N^", "rad": "m", "deg": "m"}
 
 YAW = Axis(name="yaw", position_signals=("heading",), rate_signal="yaw_rate", arm_key="yaw_arm", angular=True)
+#: Surge, sway and yaw together, for --axes planar: marks the parameter file of the coupled model. Logs are read along
+#: yaw.
+PLANAR = Axis(name="planar", position_signals=("heading",), rate_signal="yaw_rate", arm_key="yaw_arm", angular=True)
 
 
 def _linear(name: str, *positions: str, fix: tuple[str, ...] = ()) -> Axis:
@@ -139,10 +142,18 @@ _SYNONYMS = {"heading": "yaw", "ahead": "surge", "sideways": "sway", "depth": "h
 
 def axis_named(name: str) -> Axis:
     """The axis of this name; `ConfigError` if there is none."""
+    if name == PLANAR.name:
+        text = "is 'planar', which is no single degree of freedom."
+        raise ConfigError(text, where="--axis", mend="Give --axes planar.")
     if name not in AXES:
         text = f"is {name!r}; one of {', '.join(AXES)} was expected."
         raise ConfigError(text, where="--axis", mend=suggestion(name, AXES, _SYNONYMS))
     return AXES[name]
+
+
+def parameter_axis(name: str) -> Axis:
+    """The axis of a parameter file: one degree of freedom, or `PLANAR`; `ConfigError` if there is none."""
+    return PLANAR if name == PLANAR.name else axis_named(name)
 
 
 def other_axes(signals: Collection[str], keys: Collection[str]) -> list[str]:
