@@ -169,6 +169,8 @@ class HeldOutScores:
     #: ``rate_r2``, ``rate_rmse``: of the free-running simulation.
     rate_r2: float
     rate_rmse: float
+    #: (p,) mean square error of the rate in each piece, in the order of the folds; NaN where none is known.
+    rate_squares: FloatArray
     #: Horizon in s -> RMS position error that far after a restart; None where no trial is as long.
     position_errors: dict[float, float | None]
 
@@ -250,7 +252,8 @@ def simulate_folds(fitted: FitResult, folds: Sequence[Fold]) -> HeldOutScores:
         return item.simulated, item.position_errors
 
     rates, errors = zip(*parallel_map(simulate, pairs), strict=True)
-    measures = fit_measures(np.concatenate([run.rates.rate for run, _ in pairs]), np.concatenate(rates))
+    measured = [run.rates.rate for run, _ in pairs]
+    measures = fit_measures(np.concatenate(measured), np.concatenate(rates))
     position_errors: dict[float, float | None] = {}
     for horizon in HORIZON_SECONDS:
         known = [one[horizon] for one in errors if one[horizon] is not None]
@@ -259,24 +262,40 @@ def simulate_folds(fitted: FitResult, folds: Sequence[Fold]) -> HeldOutScores:
         log_likelihood=held_out_log_likelihood(folds),
         rate_r2=measures.r2,
         rate_rmse=measures.rmse,
+        rate_squares=np.array([fit_measures(*one).rmse ** 2 for one in zip(measured, rates, strict=True)]),
         position_errors=position_errors,
     )
 
 
 def horizon_errors(fitted: FitResult, folds: Sequence[Fold], pieces: Sequence[CvPiece]) -> FloatArray:
     """(q,) RMS position error over each of `HORIZONS`, each piece by the fit to the others; NaN without predictions."""
+    squares, count = _horizon_squares(fitted, folds, pieces)
+    return np.sqrt(_ratio(squares.sum(axis=0), count.sum(axis=0)))
+
+
+def horizon_squares(fitted: FitResult, folds: Sequence[Fold], pieces: Sequence[CvPiece]) -> FloatArray:
+    """(p, q) mean square position error of each piece over each of `HORIZONS`; NaN without predictions."""
+    return _ratio(*_horizon_squares(fitted, folds, pieces))
+
+
+def _horizon_squares(
+    fitted: FitResult, folds: Sequence[Fold], pieces: Sequence[CvPiece]
+) -> tuple[FloatArray, FloatArray]:
+    """(p, q) sums of squared position errors of each piece, by the fit to the others, and their numbers."""
     data = MultiStepData.from_data(fitted.data, fitted.data.initial_model)
-    piece = _piece_index(data, pieces)
-    squares, count = np.zeros(len(HORIZONS)), np.zeros(len(HORIZONS))
+    piece, shape = _piece_index(data, pieces), (len(pieces), len(HORIZONS))
+    squares, count = np.zeros(shape), np.zeros(shape)
     for fold in folds:
         model = fitted.objective.parametrization.model(fold.x)
         own = np.isin(piece, [pieces.index(one) for one in fold.pieces])
-        horizon = data.horizon[own]
-        errors = prediction_errors(data, model)[own]
-        squares += np.bincount(horizon, weights=errors**2, minlength=len(HORIZONS))
-        count += np.bincount(horizon, minlength=len(HORIZONS))
-    mean = np.where(count > 0, squares / np.maximum(count, 1), np.nan)
-    return np.asarray(np.sqrt(mean))
+        at = piece[own], data.horizon[own]
+        np.add.at(squares, at, prediction_errors(data, model)[own] ** 2)
+        np.add.at(count, at, 1.0)
+    return squares, count
+
+
+def _ratio(total: FloatArray, count: FloatArray) -> FloatArray:
+    return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan))
 
 
 # Doublings of a short step in the transition matrix: longer backward steps overflow.

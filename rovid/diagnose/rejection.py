@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from rovid.core.array_types import FloatArray
+from rovid.core.stats import t_quantile
 from rovid.diagnose.candidate_fits import bic_score, has_parameter_at_bound, is_at_bound
-from rovid.diagnose.cross_validation import horizon_errors, simulate_folds
+from rovid.diagnose.cross_validation import horizon_squares, simulate_folds
 from rovid.diagnose.posterior import significance
 from rovid.diagnose.selection import Selection
 from rovid.diagnose.signal_regressors import is_signal
@@ -97,14 +98,16 @@ def at_bound_on_all_data(selection: Selection, effect: Effect) -> str:
 
 
 def simulates_worse(selection: Selection, effect: Effect) -> str:
-    """The effect makes the errors of rate or of position larger on held-out trials."""
+    """The effect makes the errors of rate or of position larger on held-out trials.
+
+    The pieces of the trials are compared in pairs: one piece that goes wrong has one vote.
+    """
     models = selection.model, selection.search.without(selection.model, effect)
     folds = [selection.folds(one) for one in models]
-    positions = [horizon_errors(one, own, selection.pieces) for one, own in zip(models, folds, strict=True)]
-    rates = [np.array([simulate_folds(one, own).rate_rmse]) for one, own in zip(models, folds, strict=True)]
+    positions = [horizon_squares(one, own, selection.pieces) for one, own in zip(models, folds, strict=True)]
+    rates = [simulate_folds(one, own).rate_squares[:, np.newaxis] for one, own in zip(models, folds, strict=True)]
     for name, (own, without) in {"position": positions, "rate": rates}.items():
-        # A cause that makes positions worse does so at every horizon; a single one is worse by chance.
-        growth = _least_growth(own, without)
+        growth = certain_growth(own, without)
         if growth > THRESHOLDS.held_out_growth:
             return f"makes the {name} errors on held-out trials {100.0 * growth:.0f} % larger"
     return ""
@@ -161,7 +164,18 @@ def _too_small(selection: Selection, fitted: FitResult, effect: Effect) -> str:
     return f"differs from zero by only {size:.1f} standard errors" if size < least else ""
 
 
-def _least_growth(own: FloatArray, without: FloatArray) -> float:
-    """The least relative growth of the known errors; 0 where none is known."""
-    known = np.isfinite(own) & np.isfinite(without) & (without > 0.0)
-    return float(np.min(own[known] / without[known])) - 1.0 if known.any() else 0.0
+def certain_growth(own: FloatArray, without: FloatArray) -> float:
+    """Mean relative growth of the RMS errors; 0 where it may be chance.
+
+    ``own`` and ``without``: (p, q) mean square errors of p pieces over q horizons, which count alike. The mean of the
+    logarithm of the ratio is tested by Student's t, one-sided, over the pieces with a known error.
+    """
+    known = np.isfinite(own) & np.isfinite(without) & (own > 0.0) & (without > 0.0)
+    count = known.sum(axis=1)
+    logs = 0.5 * np.log(np.where(known, own, 1.0) / np.where(known, without, 1.0))
+    growths = logs.sum(axis=1)[count > 0] / count[count > 0]
+    if len(growths) < 2:
+        return 0.0
+    mean, error = float(growths.mean()), float(growths.std(ddof=1)) / math.sqrt(len(growths))
+    least = t_quantile(1.0 - THRESHOLDS.held_out_growth_level, len(growths) - 1) * error
+    return math.expm1(mean) if mean > least else 0.0

@@ -222,10 +222,13 @@ class Thresholds:
     """Nats. An effect must gain more on trials that were not fitted. Set: theory (cross-validation). Cannot be halved
     or doubled."""
     held_out_growth: float = 0.02
-    """Ratio less one. An effect is dropped that makes position errors on held-out trials larger by more at every
-    horizon. Set: 200 predictions count at most (`docs/method.md`), and an RMS of 200 has an error of 5 %, of which two
+    """Ratio less one. An effect is dropped that makes the errors on held-out trials larger by more, as a mean over the
+    pieces. Set: 200 predictions count at most (`docs/method.md`), and an RMS of 200 has an error of 5 %, of which two
     models on the same predictions share more than nine tenths. Halved: true effects whose gain is in the noise are
     dropped; doubled: stand-ins that predict worse stay."""
+    held_out_growth_level: float = 0.05
+    """Level of the one-sided t test of that growth over the pieces. Set: convention (5 %). Halved: stand-ins that
+    predict worse stay; doubled: true effects are dropped for one piece that goes wrong."""
     disturbance_growth: float = 2.0
     """Standard errors. An effect that leaves a disturbance larger by more is dropped. Set: convention (5 %). Halved:
     effects are dropped by chance; doubled: stand-ins stay."""

@@ -15,8 +15,10 @@ from rovid.diagnose.cross_validation import (
     cv_pieces,
     held_out_log_likelihood,
     horizon_errors,
+    horizon_squares,
     missing_data,
     position_std_after,
+    simulate_folds,
 )
 from rovid.effects import effect_named
 from rovid.estimate.filter_data import InnovationData
@@ -105,6 +107,11 @@ def test_cross_validation_shows_the_gain_of_a_cause() -> None:
     assert held_out_log_likelihood(gained) > held_out_log_likelihood(folds) + 10.0
     before, after = horizon_errors(fitted, folds, pieces), horizon_errors(with_bias, gained, pieces)
     assert (after[2:] < 0.5 * before[2:]).all()
+    squares, single = horizon_squares(fitted, folds, pieces), simulate_folds(fitted, folds)
+    assert squares.shape == (8, len(before))
+    # Pieces are about as long as each other, so that the pooled error is close to the mean over pieces.
+    assert np.sqrt(np.nanmean(squares, axis=0)) == pytest.approx(before, rel=0.2, nan_ok=True)
+    assert math.sqrt(float(np.mean(single.rate_squares))) == pytest.approx(single.rate_rmse, rel=0.2)
 
 
 def test_a_parameter_that_the_training_data_do_not_determine_is_neutral() -> None:

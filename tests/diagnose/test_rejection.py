@@ -145,34 +145,64 @@ def test_no_parameter_may_be_at_the_limit_of_its_range(
     assert bool(rejection.at_bound_on_all_data(selection, late)) is fails
 
 
+def with_growths(monkeypatch: pytest.MonkeyPatch, growths: dict[str, np.ndarray]) -> None:
+    """The RMS errors of "position", (p, q), and "rate", (p,), of the pieces grow by these shares with an effect."""
+
+    def squares(name: str, fitted: FitResult) -> np.ndarray:
+        growth = np.array(growths[name])
+        return 1e-4 * (1.0 + growth * bool(fitted.effects)) ** 2
+
+    def scores(fitted: FitResult, _: object) -> HeldOutScores:
+        own = squares("rate", fitted)
+        return HeldOutScores(log_likelihood=0.0, rate_r2=0.0, rate_rmse=0.0, rate_squares=own, position_errors={})
+
+    monkeypatch.setattr(rejection, "horizon_squares", lambda fitted, *_: squares("position", fitted))
+    monkeypatch.setattr(rejection, "simulate_folds", scores)
+
+
 @pytest.mark.parametrize("quantity", ["position", "rate"])
 @pytest.mark.parametrize(("growth", "fails"), [(0.06, True), (0.019, False), (-0.3, False)])
 def test_an_effect_must_make_neither_held_out_rate_nor_position_worse(
     selection: Selection, monkeypatch: pytest.MonkeyPatch, quantity: str, growth: float, *, fails: bool
 ) -> None:
     passing(monkeypatch)
-    growths = {"position": -0.5, "rate": -0.5, quantity: growth}
-
-    def errors(name: str, fitted: FitResult) -> float:
-        return 1.0 + growths[name] * bool(fitted.effects)
-
-    def scores(fitted: FitResult, _: object) -> HeldOutScores:
-        return HeldOutScores(log_likelihood=0.0, rate_r2=0.0, rate_rmse=errors("rate", fitted), position_errors={})
-
-    monkeypatch.setattr(
-        rejection, "horizon_errors", lambda fitted, *_: np.array([math.nan, errors("position", fitted)])
-    )
-    monkeypatch.setattr(rejection, "simulate_folds", scores)
+    growths = {"position": np.full((8, 2), -0.5), "rate": np.full(8, -0.5)}
+    growths[quantity] = np.full_like(growths[quantity], growth)
+    growths["position"][3, 0] = math.nan
+    with_growths(monkeypatch, growths)
     assert (f"makes the {quantity} errors on held-out trials 6 % larger" == reason_of(selection)) is fails
 
 
-def test_a_position_error_that_grows_at_one_horizon_alone_is_chance(
+@pytest.mark.parametrize("quantity", ["position", "rate"])
+@pytest.mark.parametrize(
+    ("pieces", "fails"),
+    [
+        ([-0.1] * 7 + [3.0], False),
+        ([0.1] * 7 + [-0.02], True),
+        ([0.3, -0.2, 0.25, -0.15, 0.2, -0.1, 0.1, 0.0], False),
+    ],
+    ids=["one goes wrong", "one does not", "scatter"],
+)
+def test_held_out_pieces_are_compared_in_pairs(
+    selection: Selection, monkeypatch: pytest.MonkeyPatch, quantity: str, pieces: list[float], *, fails: bool
+) -> None:
+    """Pooled, the piece that goes wrong outweighs the seven that improve: the mean square error grows to 2.7 times."""
+    growths = {"position": np.full((8, 2), -0.5), "rate": np.full(8, -0.5)}
+    growths[quantity] = np.array(pieces) if quantity == "rate" else np.array(pieces)[:, np.newaxis] * np.ones(2)
+    with_growths(monkeypatch, growths)
+    assert bool(simulates_worse(selection, BIAS)) is fails
+
+
+def test_chance_makes_held_out_errors_worse_at_the_stated_level(
     selection: Selection, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(
-        rejection, "horizon_errors", lambda fitted, *_: np.array([1.2, 0.9] if fitted.effects else [1.0, 1.0])
-    )
-    assert simulates_worse(selection, BIAS) == ""
+    """Of effects that change nothing in the mean, one in twenty is rejected."""
+    rng = np.random.default_rng(1)
+    monkeypatch.setattr(rejection, "THRESHOLDS", replace(THRESHOLDS, held_out_growth=0.0))
+    without = np.ones((8, 1))
+    drawn = (rejection.certain_growth(np.exp(rng.normal(0.0, 0.2, (8, 1))), without) for _ in range(4000))
+    share = float(np.mean([growth > 0.0 for growth in drawn]))
+    assert share == pytest.approx(THRESHOLDS.held_out_growth_level, abs=4.0 * math.sqrt(0.05 * 0.95 / 4000))
 
 
 @pytest.mark.parametrize(

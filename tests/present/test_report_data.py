@@ -24,7 +24,7 @@ from tests.present.conftest import staged, study_of
 
 def side(day: ReportData, model: Model) -> ModelAssessment:
     """A side of which the model alone matters."""
-    held = HeldOutScores(log_likelihood=0.0, rate_r2=1.0, rate_rmse=0.0, position_errors={})
+    held = HeldOutScores(log_likelihood=0.0, rate_r2=1.0, rate_rmse=0.0, rate_squares=np.zeros(0), position_errors={})
     none = np.empty(0)
     estimate = Estimate(
         names=(), axis=day.axis, values=none, covariance=none.reshape(0, 0), method="", samples=0, warnings=()
