@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from tests.conftest import slow
 from tools.wide import FORMS, Campaign, after_refit, draw, truth_of, write_campaign
 from tools.wide.campaign import VISIBLE, Run, deviation, simulated
 from tools.wide.motion import Floats, Physics, Pilot, simulate
@@ -18,6 +19,14 @@ from tools.wide.truth import whitening
 SEED = 7
 QUICK = 12  # index of a small campaign
 ALL_FORMS = [(effect, form) for effect, forms in FORMS.items() for form in forms]
+QUICK_FORMS = {
+    ("command_hysteresis", "play"),
+    ("thrust_asymmetry", "growing"),
+    ("thruster_lag", "torque"),
+    ("drag_curvature", "exponent"),
+    ("tether_torsion", "stiffening"),
+    ("heading_deviation", "two cycles"),
+}
 
 
 def small(effect: str, form: str | None = None, first: int = 0) -> Campaign:
@@ -95,7 +104,8 @@ def test_without_a_cause_runs_follow_the_plain_equation(first: int) -> None:
     )
 
 
-@pytest.mark.parametrize(("effect", "form"), ALL_FORMS)
+# One form of each stage, between command and heading; `make test-slow` takes all of them.
+@pytest.mark.parametrize(("effect", "form"), [one if one in QUICK_FORMS else slow(*one) for one in ALL_FORMS])
 def test_every_form_shows_and_is_integrated_finely(effect: str, form: str) -> None:
     campaign = small(effect, form)
     truth = truth_of(campaign)
