@@ -47,6 +47,7 @@ STAGES = {
     "rovid.diagnose.algorithm.validate": "validation",
     "rovid.diagnose.selection.cross_validate": "cross-validation",
     "rovid.diagnose.wave_test.cross_validate": "cross-validation",
+    "rovid.diagnose.algorithm.state": "conclusion",
     "rovid.diagnose.algorithm.build_diagnosis": "conclusion",
 }
 # What asks the model, and how often by what it is given: once a set of parameters.

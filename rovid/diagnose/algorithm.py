@@ -14,8 +14,9 @@ logged signal, become candidates. Six stages follow:
    it if no model with at most one cause fits, no cause dominates, waves change the result, an effect is rejected, or
    the result is not adequate (white innovations, disturbance within its limit). The first adequate, validated one-step
    model is reported. If there is none, the multi-step model is validated and reported.
-6. *Conclude*: the effects that are left are established. Their parameters are fitted to all data. Further causes with
-   enough probability are suspects.
+6. *Conclude*: the parameters are fitted to all data, and their errors include what the model lacks. An effect that
+   differs too little from nothing by these errors is dropped. The effects that are left are established. Further causes
+   with enough probability are suspects.
 
 Thresholds such as `max_rejections` stand in `rovid.diagnose.thresholds`.
 """
@@ -46,11 +47,11 @@ from rovid.diagnose.rejection import first_rejection
 from rovid.diagnose.result import Diagnosis
 from rovid.diagnose.search_progress import SearchStop
 from rovid.diagnose.selection import Selection
+from rovid.diagnose.stated_selection import state
 from rovid.diagnose.stepwise import StepwiseSearch, StopRule
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.diagnose.validation import drop_inconsistent, drop_likely, report_remainder, search_warnings
 from rovid.estimate.fit_result import FitResult
-from rovid.estimate.maximum_likelihood import require_swing
 from rovid.estimate.output_error import fit_output_error
 from rovid.signals.preprocessing import PreparedRuns
 from rovid.trial.vehicle import Vehicle
@@ -239,9 +240,9 @@ def select_by_predictions(problem: SearchProblem) -> Iterator[Selection]:
 
 def conclude(selection: Selection, notes: Sequence[str]) -> Diagnosis:
     """The result: established causes, suspects (further causes with a probability of `possible`, 0.2), and warnings."""
-    warnings = search_warnings(selection, notes)
     try:
-        require_swing(selection.model)
-        return build_diagnosis(selection, warnings)
+        stated = state(selection)
     except DataError as error:
-        return Diagnosis(verdict="too_little_data", missing=str(error), warnings=tuple(warnings))
+        missing, warnings = str(error), tuple(search_warnings(selection, notes))
+        return Diagnosis(verdict="too_little_data", missing=missing, warnings=warnings)
+    return build_diagnosis(stated, search_warnings(stated.selection, notes))

@@ -9,10 +9,9 @@ from itertools import combinations
 
 import numpy as np
 
-from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
 from rovid.core.spmd import parallel_map
-from rovid.diagnose.candidate_fits import Cause, bic_score, is_plausible
+from rovid.diagnose.candidate_fits import Cause
 from rovid.diagnose.challenge import closest_challengers
 from rovid.diagnose.cross_validation import (
     held_out_log_likelihood,
@@ -26,48 +25,26 @@ from rovid.diagnose.result import Diagnosis, Finding, HorizonErrors, ModelAssess
 from rovid.diagnose.score_test import ScoreTest, bic_penalty
 from rovid.diagnose.selection import Selection
 from rovid.diagnose.signal_regressors import is_signal
+from rovid.diagnose.stated_selection import StatedSelection, is_established, model_estimate, of_effect, size_in_errors
 from rovid.diagnose.thresholds import THRESHOLDS
-from rovid.diagnose.validation import Suspected, suspects
+from rovid.diagnose.validation import Suspected
 from rovid.effects import CATALOGUE, Effect, EffectParameter
 from rovid.estimate.candidate_runs import RunLimits
 from rovid.estimate.dataset import time_constant
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.experiment_design import CandidateModel, ExperimentPlan, plan_experiment
 from rovid.estimate.fit_result import FitResult
-from rovid.estimate.instrumental_variables import require_inertia
-from rovid.estimate.maximum_likelihood import INNOVATIONS_R2, misspecification_covariance
-from rovid.estimate.missing_torque import include_missing_torque
-from rovid.estimate.output_error import MIN_INERTIA_SIGMAS
+from rovid.estimate.maximum_likelihood import INNOVATIONS_R2
 from rovid.estimate.restart_grid import HORIZONS
 from rovid.model.model import Model
-from rovid.model.parameter_names import without_form
 from rovid.model.simulation import HORIZONS as HORIZON_SECONDS
 
 
-def build_diagnosis(selection: Selection, warnings: list[str]) -> Diagnosis:
-    """Result from a validated ``selection``; ``warnings`` grow.
-
-    Raises
-    ------
-    DataError
-        The inertia is not determined.
-    """
-    causes = [selection.cause(effect) for effect in selection.model.effects]
-    base, model, suspected = (
-        selection.full_data(selection.base),
-        selection.full_data(selection.model),
-        suspects(selection),
-    )
-    estimate = _average_over_forms(selection, _estimate(model, white=model.is_white))
-    base_estimate = _estimate(base, white=base.is_white)
-    # Missing effects make one of the estimates uncertain; where both are, the vehicle was not excited.
-    surer = min(base_estimate, estimate, key=lambda one: one.standard_error("inertia") / one.value("inertia"))
-    require_inertia(surer, MIN_INERTIA_SIGMAS)
-    estimate = include_missing_torque(estimate, model.canonical())
-    base_estimate = include_missing_torque(base_estimate, base.canonical()) if model.effects else estimate
-    estimate = average_over_suspects(estimate.with_thrust_scale_uncertainty(model.thrust_scale_uncertainty), suspected)
-    if not model.effects:
-        base_estimate = estimate
+def build_diagnosis(stated: StatedSelection, warnings: list[str]) -> Diagnosis:
+    """Result from a validated selection as it is ``stated``; ``warnings`` grow."""
+    selection, causes, suspected = stated.selection, stated.causes, stated.suspected
+    base, model = selection.full_data(selection.base), selection.full_data(selection.model)
+    estimate, base_estimate = stated.estimate, stated.base_estimate
     warnings.extend(estimate.warnings)
     findings = [_finding(selection, cause, estimate) for cause in causes if not is_signal(cause.effect)]
     signals = tuple((cause.effect, cause.bic_gain) for cause in causes if is_signal(cause.effect))
@@ -79,7 +56,7 @@ def build_diagnosis(selection: Selection, warnings: list[str]) -> Diagnosis:
     possible = [_suspect_finding(selection, one) for one in suspected]
     extended = _assess(selection, selection.model, model, estimate, selection.model)
     waves = _wave_finding(selection)
-    if waves is not None and waves.probability >= THRESHOLDS.established:
+    if waves is not None and is_established(waves):
         findings.append(waves)
         extended = _with_waves(extended, waves)
     elif waves is not None:
@@ -121,101 +98,17 @@ def _assess(
     return ModelAssessment(model=full.model, estimate=estimate, held_out=held_out)
 
 
-def _estimate(fitted: FitResult, *, white: bool) -> Estimate:
-    """Parameters of the vehicle with their covariance; coefficients of signal regressors are left out."""
-    fitted = fitted.canonical()
-    names = fitted.model.names
-    added, warnings = misspecification_covariance(fitted)
-    signals = {effect.key for effect in fitted.effects if is_signal(effect)}
-    at = [k for k, name in enumerate(names) if _effect_key(name) not in signals]
-    covariance = fitted.covariance(sandwich=not white) + added
-    estimate = Estimate(
-        names=tuple(names[k] for k in at),
-        values=fitted.model.values[at],
-        covariance=covariance[np.ix_(at, at)],
-        axis=fitted.data.axis,
-        method=fitted.objective.method,
-        samples=len(fitted.data.run_index),
-        warnings=tuple(warnings),
-    )
-    return estimate if fitted.data.has_actuators else estimate.normalised_by_inertia()
-
-
-def _average_over_forms(selection: Selection, estimate: Estimate) -> Estimate:
-    """Add to the covariance that between models with another form or effect (Hoeting et al. 1999).
-
-    The weights follow from the likelihoods where the innovations are white. Otherwise no form is exact, and all models
-    that gain nearly as much have equal weight.
-    """
-    model, search = selection.model, selection.search
-    deviations, weights = [], []
-    for effect in model.effects:
-        rest = search.without(model, effect)
-        gain = bic_score(model) - bic_score(rest)
-        for fitted in search.replacements(model, effect):
-            if not is_plausible(fitted) or is_signal(fitted.effects[-1]) or fitted.key == model.key:
-                continue
-            weight = math.exp(min(bic_score(fitted) - bic_score(model), 0.0))
-            if not model.is_white and bic_score(fitted) - bic_score(rest) >= THRESHOLDS.equivalent_form_share * gain:
-                weight = 1.0
-            weights.append(weight)
-            deviations.append(_deviation(estimate, fitted))
-    away = np.array(deviations).reshape(-1, len(estimate.names))
-    share = np.array(weights) / (1.0 + sum(weights))
-    return replace(estimate, covariance=estimate.covariance + _between(away, share))
-
-
-def average_over_suspects(estimate: Estimate, suspected: Sequence[Suspected]) -> Estimate:
-    """Add to the covariance that between the model and models with a suspect, by their probabilities."""
-    if not suspected:
-        return estimate
-    probabilities = np.array([one.probability for one in suspected])
-    away = np.array([_deviation(estimate, one.alternative.fitted) for one in suspected])
-    share = probabilities / max(1.0, float(probabilities.sum()))
-    names = " or ".join(dict.fromkeys(one.alternative.effect.title for one in suspected))
-    return replace(
-        estimate,
-        covariance=estimate.covariance + _between(away, share),
-        warnings=(*estimate.warnings, f"The standard errors include what {names} would change, if it acts."),
-    )
-
-
-def _between(away: FloatArray, share: FloatArray) -> FloatArray:
-    """(p, p) covariance between models with (m, p) deviations and (m,) probabilities."""
-    return np.asarray(away.T @ (away * share[:, np.newaxis]))
-
-
-def _deviation(estimate: Estimate, fitted: FitResult) -> FloatArray:
-    """(p,) difference of each parameter between ``fitted`` and ``estimate``; zero without a common parameter."""
-    model = fitted.canonical().model
-    there = dict(zip(_common_names(model.names, fitted.effects), model.values.tolist(), strict=True))
-    here = zip(_common_names(estimate.names, fitted.effects), estimate.values.tolist(), strict=True)
-    return np.array([there.get(name, value) - value for name, value in here])
-
-
-def _common_names(names: Sequence[str], effects: Sequence[Effect]) -> list[str]:
-    """Parameter names without the form where all forms of an effect share the parameter."""
-    specific = {effect.key for effect in effects if effect.per_thruster}
-    return [name if _effect_key(name) in specific else without_form(name) for name in names]
-
-
-def _effect_key(name: str) -> str:
-    """Key of the effect in a parameter name; empty for a parameter of the base model."""
-    key, _, _ = name.rpartition(".")
-    return key
-
-
 def _finding(selection: Selection, cause: Cause, estimate: Estimate) -> Finding:
     """Established cause, with the runs that distinguish it from others where that is open."""
     effect, held_out_gain = cause.effect, selection.held_out_gain(cause.effect)
-    probability, own = selection.probability(cause, held_out_gain), _of_effect(estimate, effect)
+    probability, own = selection.probability(cause, held_out_gain), of_effect(estimate, effect)
     finding = Finding(
         effect=effect,
         estimate=own,
         gain=cause.gain,
         bic_gain=cause.bic_gain,
         held_out_gain=held_out_gain,
-        standard_errors=_size_in_errors(selection, effect, own),
+        standard_errors=size_in_errors(selection, effect, own),
         probability=recalibrated(probability, white=selection.model.is_white),
         alternatives=cause.alternatives,
         indistinguishable=(*selection.indistinguishable(cause), *_without_signal(selection, effect)),
@@ -228,7 +121,7 @@ def _finding(selection: Selection, cause: Cause, estimate: Estimate) -> Finding:
 def _suspect_finding(selection: Selection, suspected: Suspected) -> Finding:
     """Suspect with its size in the model that it extends."""
     one, fitted = suspected.alternative, selection.full_data(suspected.alternative.fitted)
-    own = _of_effect(_estimate(fitted, white=False), one.effect)
+    own = of_effect(model_estimate(fitted, white=False), one.effect)
     further = selection.search.further_causes(selection.model)
     others = [other.effect for other in suspected.others]
     excluded = {one.effect.id, *(effect.id for effect in selection.inconsistent)}
@@ -238,7 +131,7 @@ def _suspect_finding(selection: Selection, suspected: Suspected) -> Finding:
         gain=selection.model.value - one.fitted.value,
         bic_gain=one.bic_gain,
         held_out_gain=suspected.held_out_gain,
-        standard_errors=_size_in_errors(selection, one.effect, own),
+        standard_errors=size_in_errors(selection, one.effect, own),
         probability=suspected.probability,
         alternatives=tuple(other for other in further if other.effect.id not in excluded),
         indistinguishable=(*others, *_without_signal(selection, one.effect)),
@@ -253,14 +146,14 @@ def _wave_finding(selection: Selection) -> Finding | None:
     if waves is None or waves.fitted is None or waves.probability < THRESHOLDS.possible:
         return None
     effect = waves.fitted.effects[-1]
-    own = _of_effect(_estimate(waves.fitted, white=False), effect)
+    own = of_effect(model_estimate(waves.fitted, white=False), effect)
     return Finding(
         effect=effect,
         estimate=own,
         gain=waves.gain,
         bic_gain=waves.bic_gain,
         held_out_gain=waves.held_out_gain,
-        standard_errors=_size_in_errors(selection, effect, own),
+        standard_errors=size_in_errors(selection, effect, own),
         probability=waves.probability,
         alternatives=(),
         indistinguishable=(),
@@ -279,23 +172,6 @@ def _without_signal(selection: Selection, effect: Effect) -> tuple[Effect, ...]:
         if imitates and (not other.axes or axis in other.axes):
             untested.append(other)
     return tuple(untested)
-
-
-def _of_effect(estimate: Estimate, effect: Effect) -> Estimate:
-    """The parameters of ``effect`` alone."""
-    at = [estimate.names.index(f"{effect.key}.{parameter.name}") for parameter in effect.parameters]
-    names, covariance = tuple(estimate.names[k] for k in at), estimate.covariance[np.ix_(at, at)]
-    return replace(estimate, names=names, values=estimate.values[at], covariance=covariance)
-
-
-def _size_in_errors(selection: Selection, effect: Effect, own: Estimate) -> float:
-    """Mahalanobis distance of the sizes of ``effect``, with the estimate ``own``, from their neutral values."""
-    sizes, scales = effect.parameters[: effect.size_count], selection.data.scales
-    # A size whose neutral value is infinite is as far from it, in errors, as from zero.
-    neutral = [0.0 if size.neutral_at_infinity else size.neutral * scales.unit_size(size) for size in sizes]
-    away = own.values[: len(sizes)] - neutral
-    covariance = own.covariance[: len(sizes), : len(sizes)]
-    return math.sqrt(max(float(away @ np.linalg.lstsq(covariance, away, rcond=None)[0]), 0.0))
 
 
 def _with_waves(side: ModelAssessment, waves: Finding) -> ModelAssessment:

@@ -239,6 +239,9 @@ class Thresholds:
     """The same for multi-step predictions, which count as few. Set: not recorded. Halved or doubled: likewise."""
     min_standard_errors_suspect: float = 1.0
     """Standard errors. Smaller effects are no suspects. Set: convention. Halved: more suspects; doubled: fewer."""
+    min_stated_errors: float = 3.0
+    """Standard errors, as stated: with other forms, suspects and torques that the model lacks. Smaller effects are
+    suspects at most. Set: convention. Halved: more false effects; doubled: weak effects are dropped."""
     established: float = 0.95
     """Probability. A cause is established from here on. It must stay below `max_probability`. Set: convention;
     `docs/hard.md` counts 98 % right. Halved: likely causes are stated as established; doubled: impossible."""

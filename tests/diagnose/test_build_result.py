@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rovid.diagnose.build_result import average_over_suspects, subsets
+from rovid.diagnose.build_result import subsets
 from rovid.diagnose.candidate_fits import Alternative
+from rovid.diagnose.stated_selection import average_over_suspects
 from rovid.diagnose.validation import Suspected
 from rovid.effects import CATALOGUE
 from rovid.estimate.estimate import Estimate

@@ -1,0 +1,195 @@
+"""What is stated of a selected model: its parameters with all errors, and which of its causes these errors allow.
+
+Validation tests the size of a cause by the error of its fit. The error that is stated also includes other forms,
+suspects, and torques that the model lacks: `state` drops what differs too little from nothing by that error.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rovid.core.array_types import FloatArray
+from rovid.diagnose.candidate_fits import Cause, bic_score, is_plausible
+from rovid.diagnose.result import Finding
+from rovid.diagnose.selection import Selection
+from rovid.diagnose.signal_regressors import is_signal
+from rovid.diagnose.thresholds import THRESHOLDS
+from rovid.diagnose.validation import Suspected, drop_likely, suspects
+from rovid.effects import Effect
+from rovid.estimate.estimate import Estimate
+from rovid.estimate.fit_result import FitResult
+from rovid.estimate.instrumental_variables import require_inertia
+from rovid.estimate.maximum_likelihood import misspecification_covariance, require_swing
+from rovid.estimate.missing_torque import include_missing_torque
+from rovid.estimate.output_error import MIN_INERTIA_SIGMAS
+from rovid.model.parameter_names import without_form
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StatedSelection:
+    """A validated selection with its estimates, whose errors include everything that is known to be missing."""
+
+    selection: Selection
+    causes: list[Cause]  # one for each effect of the model
+    suspected: list[Suspected]
+    estimate: Estimate  # of the selected model
+    base_estimate: Estimate  # of the model without effects
+
+    def size_in_errors(self, effect: Effect) -> float:
+        """Size of an ``effect`` of the model in the standard errors that are stated."""
+        return size_in_errors(self.selection, effect, of_effect(self.estimate, effect))
+
+
+def state(selection: Selection) -> StatedSelection:
+    """The ``selection`` as it is stated, without effects whose size the stated errors leave open.
+
+    Raises
+    ------
+    DataError
+        The inertia is not determined.
+    """
+    while True:
+        require_swing(selection.model)
+        stated = _state(selection)
+        sizes = [(stated.size_in_errors(one), one) for one in selection.model.effects if not is_signal(one)]
+        size, weakest = min(sizes, key=lambda one: one[0], default=(math.inf, None))
+        if weakest is None or size >= THRESHOLDS.min_stated_errors:
+            return stated
+        reason = f"differs from zero by only {size:.1f} of the standard errors that include what the model lacks"
+        selection = selection.with_message(f"{weakest.title} {reason}: it is not claimed.").ban(weakest)
+        selection = drop_likely(selection, [weakest.key])
+        if not selection.model.effects:
+            selection = replace(selection, model=selection.base)
+
+
+def is_established(finding: Finding) -> bool:
+    """Whether a cause is established by its probability and by its size in the errors that are stated."""
+    is_large = finding.standard_errors >= THRESHOLDS.min_stated_errors
+    return finding.probability >= THRESHOLDS.established and is_large
+
+
+def _state(selection: Selection) -> StatedSelection:
+    causes = [selection.cause(effect) for effect in selection.model.effects]
+    base, model, suspected = (
+        selection.full_data(selection.base),
+        selection.full_data(selection.model),
+        suspects(selection),
+    )
+    estimate = _average_over_forms(selection, model_estimate(model, white=model.is_white))
+    base_estimate = model_estimate(base, white=base.is_white)
+    # Missing effects make one of the estimates uncertain; where both are, the vehicle was not excited.
+    surer = min(base_estimate, estimate, key=lambda one: one.standard_error("inertia") / one.value("inertia"))
+    require_inertia(surer, MIN_INERTIA_SIGMAS)
+    estimate = include_missing_torque(estimate, model.canonical())
+    base_estimate = include_missing_torque(base_estimate, base.canonical()) if model.effects else estimate
+    estimate = average_over_suspects(estimate.with_thrust_scale_uncertainty(model.thrust_scale_uncertainty), suspected)
+    if not model.effects:
+        base_estimate = estimate
+    return StatedSelection(
+        selection=selection, causes=causes, suspected=suspected, estimate=estimate, base_estimate=base_estimate
+    )
+
+
+def model_estimate(fitted: FitResult, *, white: bool) -> Estimate:
+    """Parameters of the vehicle with their covariance; coefficients of signal regressors are left out."""
+    fitted = fitted.canonical()
+    names = fitted.model.names
+    added, warnings = misspecification_covariance(fitted)
+    signals = {effect.key for effect in fitted.effects if is_signal(effect)}
+    at = [k for k, name in enumerate(names) if _effect_key(name) not in signals]
+    covariance = fitted.covariance(sandwich=not white) + added
+    estimate = Estimate(
+        names=tuple(names[k] for k in at),
+        values=fitted.model.values[at],
+        covariance=covariance[np.ix_(at, at)],
+        axis=fitted.data.axis,
+        method=fitted.objective.method,
+        samples=len(fitted.data.run_index),
+        warnings=tuple(warnings),
+    )
+    return estimate if fitted.data.has_actuators else estimate.normalised_by_inertia()
+
+
+def _average_over_forms(selection: Selection, estimate: Estimate) -> Estimate:
+    """Add to the covariance that between models with another form or effect (Hoeting et al. 1999).
+
+    The weights follow from the likelihoods where the innovations are white. Otherwise no form is exact, and all models
+    that gain nearly as much have equal weight.
+    """
+    model, search = selection.model, selection.search
+    deviations, weights = [], []
+    for effect in model.effects:
+        rest = search.without(model, effect)
+        gain = bic_score(model) - bic_score(rest)
+        for fitted in search.replacements(model, effect):
+            if not is_plausible(fitted) or is_signal(fitted.effects[-1]) or fitted.key == model.key:
+                continue
+            weight = math.exp(min(bic_score(fitted) - bic_score(model), 0.0))
+            if not model.is_white and bic_score(fitted) - bic_score(rest) >= THRESHOLDS.equivalent_form_share * gain:
+                weight = 1.0
+            weights.append(weight)
+            deviations.append(_deviation(estimate, fitted))
+    away = np.array(deviations).reshape(-1, len(estimate.names))
+    share = np.array(weights) / (1.0 + sum(weights))
+    return replace(estimate, covariance=estimate.covariance + _between(away, share))
+
+
+def average_over_suspects(estimate: Estimate, suspected: Sequence[Suspected]) -> Estimate:
+    """Add to the covariance that between the model and models with a suspect, by their probabilities."""
+    if not suspected:
+        return estimate
+    probabilities = np.array([one.probability for one in suspected])
+    away = np.array([_deviation(estimate, one.alternative.fitted) for one in suspected])
+    share = probabilities / max(1.0, float(probabilities.sum()))
+    names = " or ".join(dict.fromkeys(one.alternative.effect.title for one in suspected))
+    return replace(
+        estimate,
+        covariance=estimate.covariance + _between(away, share),
+        warnings=(*estimate.warnings, f"The standard errors include what {names} would change, if it acts."),
+    )
+
+
+def _between(away: FloatArray, share: FloatArray) -> FloatArray:
+    """(p, p) covariance between models with (m, p) deviations and (m,) probabilities."""
+    return np.asarray(away.T @ (away * share[:, np.newaxis]))
+
+
+def _deviation(estimate: Estimate, fitted: FitResult) -> FloatArray:
+    """(p,) difference of each parameter between ``fitted`` and ``estimate``; zero without a common parameter."""
+    model = fitted.canonical().model
+    there = dict(zip(_common_names(model.names, fitted.effects), model.values.tolist(), strict=True))
+    here = zip(_common_names(estimate.names, fitted.effects), estimate.values.tolist(), strict=True)
+    return np.array([there.get(name, value) - value for name, value in here])
+
+
+def _common_names(names: Sequence[str], effects: Sequence[Effect]) -> list[str]:
+    """Parameter names without the form where all forms of an effect share the parameter."""
+    specific = {effect.key for effect in effects if effect.per_thruster}
+    return [name if _effect_key(name) in specific else without_form(name) for name in names]
+
+
+def _effect_key(name: str) -> str:
+    """Key of the effect in a parameter name; empty for a parameter of the base model."""
+    key, _, _ = name.rpartition(".")
+    return key
+
+
+def of_effect(estimate: Estimate, effect: Effect) -> Estimate:
+    """The parameters of ``effect`` alone."""
+    at = [estimate.names.index(f"{effect.key}.{parameter.name}") for parameter in effect.parameters]
+    names, covariance = tuple(estimate.names[k] for k in at), estimate.covariance[np.ix_(at, at)]
+    return replace(estimate, names=names, values=estimate.values[at], covariance=covariance)
+
+
+def size_in_errors(selection: Selection, effect: Effect, own: Estimate) -> float:
+    """Mahalanobis distance of the sizes of ``effect``, with the estimate ``own``, from their neutral values."""
+    sizes, scales = effect.parameters[: effect.size_count], selection.data.scales
+    # A size whose neutral value is infinite is as far from it, in errors, as from zero.
+    neutral = [0.0 if size.neutral_at_infinity else size.neutral * scales.unit_size(size) for size in sizes]
+    away = own.values[: len(sizes)] - neutral
+    covariance = own.covariance[: len(sizes), : len(sizes)]
+    return math.sqrt(max(float(away @ np.linalg.lstsq(covariance, away, rcond=None)[0]), 0.0))
