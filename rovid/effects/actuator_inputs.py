@@ -107,7 +107,9 @@ class ActuatorInputs:
         return np.concatenate([function(self.time[one.rows], series[one.rows], *numbers) for one in self.trials])
 
     def weighted_sum(self, thrust: FloatArray, weights: FloatArray) -> FloatArray:
-        """(n,) sum of (n, k) thrust times (k,) weights."""
+        """(n,) sum of (n, k) thrust times (k,) or (n, k) weights."""
+        if weights.ndim > 1:
+            return np.asarray((thrust * weights).sum(axis=1))
         # By trial: for all rows at once BLAS would start threads on every core.
         return np.concatenate([thrust[one.rows] @ weights for one in self.trials])
 

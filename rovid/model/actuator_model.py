@@ -84,6 +84,23 @@ class ActuatorModel:
             return TorqueInput.held(inputs.without_past(torque), *further, inputs.logged_offsets)
         return TorqueInput.averaged_over(intervals, torque, effect_inputs, variance)
 
+    def mean_forces(self, commands: CommandSeries, weights: Sequence[FloatArray]) -> list[FloatArray]:
+        """Weighted sums of the thrusts, after all effects, as means over the intervals between the log's instants.
+
+        (n,) N for each of ``weights``, which are (k,), or (m, k) at the instants of ``commands.inputs``.
+        """
+        inputs, found = commands.inputs, []
+        thrust, _ = self._thrust(commands, self.effects)
+        for each in weights:
+            force = inputs.weighted_sum(thrust, each)
+            for one, act in effects_at(self.effects, OnTorque):
+                force = act.change(inputs, force, one.values)
+            if commands.intervals is None:
+                found.append(inputs.without_past(force))
+            else:
+                found.append(TorqueInput.averaged_over(commands.intervals, force).torque)
+        return found
+
     def _dependencies(self) -> Iterator[Hashable]:
         """Effects on which the torque input depends, with their parameters if it depends on these too."""
         for one in self.effects:

@@ -12,7 +12,7 @@ together with the heading.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -35,11 +35,12 @@ from rovid.faults.base import (
 )
 from rovid.faults.catalogue import fault_kinds
 from rovid.readers.cleaning import ANGLE, DISTANCE, SPEED_KIND, TURN, TURNING, Kind, clean
+from rovid.readers.planar_readings import planar_readings
 from rovid.readers.raw_log import ANGLES, Channel, RawLog
 from rovid.readers.time_base import TimeBase, TimedSeries, cumulative, integral
 from rovid.readers.timestamps import make_monotonic, timed_rows
 from rovid.readers.unit_checks import gyro_confirms_unit, refuse_wrong_heading
-from rovid.signals.intervals import subsampled_median
+from rovid.signals.intervals import merged_intervals, subsampled_median
 from rovid.trial.axis import YAW
 from rovid.trial.config import Config
 from rovid.trial.fault import Fault
@@ -51,8 +52,6 @@ _Data = TypeVar("_Data", ClockData, SignalData, CommandData, TrialData)
 _MIN_READINGS = 10
 # s; median intervals outside these limits show no dynamics: the unit of time is probably wrong.
 _MAX_INTERVAL, _MIN_INTERVAL = 10.0, 2e-4
-# s; intervals that overlap by less only touch.
-_TOUCH = 1e-6
 # s; a later start of the trial is remarked upon.
 _LATE_START = 1.0
 
@@ -129,6 +128,8 @@ class _Builder:
             for command, thruster in zip(commands, self.config.vehicle.thrusters, strict=True)
         ])  # fmt: skip
         start = float(base.time[0])
+        readings, remarks = planar_readings(series, base.time, wanted=self.config.vehicle.planar)
+        self.remarks += remarks
         trial = Trial(
             name=self.name,
             path=self.path,
@@ -139,7 +140,7 @@ class _Builder:
             extras=extras,
             remarks=tuple(self.remarks),
             cuts=tuple(sorted(cut - start for cut in self.cuts)),
-            unknown=_merged([(begin - start, end - start) for begin, end in self.unknown]),
+            unknown=merged_intervals([(begin - start, end - start) for begin, end in self.unknown]),
             rate=rate,
             roll=continuous.get("roll"),
             pitch=continuous.get("pitch"),
@@ -147,6 +148,7 @@ class _Builder:
             rate_only=self.rate_only,
             start_epoch=None if self.raw.epoch is None else self.raw.epoch + float(base.time[0]),
             companion_files=self.raw.companion_files,
+            readings=readings,
             separate_clocks=all(series[one.name].time is not clock for one in self.config.commands),
         )
         resets = tuple((at - start, size) for at, size in self.raw.resets)
@@ -382,14 +384,3 @@ class _Builder:
         except LogError as error:
             fault = Fault(fault="scaled_heading", logs=(self.name,), text=str(error), stops=True)
             self.faults.append(resolve(fault, self.config.faults))
-
-
-def _merged(intervals: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
-    """The union of ``intervals`` that overlap, in order; a sample lies between two that touch."""
-    union: list[tuple[float, float]] = []
-    for begin, end in sorted(intervals):
-        if union and begin < union[-1][1] - _TOUCH:
-            union[-1] = union[-1][0], max(end, union[-1][1])
-        else:
-            union.append((begin, end))
-    return tuple(union)

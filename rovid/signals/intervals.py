@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from rovid.core.array_types import FloatArray
@@ -11,6 +13,8 @@ _GAP_INTERVALS = 5.0
 # s and multiples of the rest of the log; a clock set while recording (GPS fix, NTP) leaps by more than both. Clocks are
 # set by hours, whatever the vehicle.
 _LEAP, _LEAP_RATIO = 3600.0, 10.0
+# s; intervals that overlap by less only touch.
+_TOUCH = 1e-6
 
 
 def subsampled_median(values: FloatArray) -> float:
@@ -36,3 +40,14 @@ def find_leap(time: FloatArray) -> int | None:
     at = int(np.argmax(steps))
     rest = float(steps[(steps <= _LEAP) & (steps > 0.0)].sum())
     return at if steps[at] > max(_LEAP, _LEAP_RATIO * rest) else None
+
+
+def merged_intervals(intervals: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
+    """The union of ``intervals`` that overlap, in order; a sample lies between two that touch."""
+    union: list[tuple[float, float]] = []
+    for begin, end in sorted(intervals):
+        if union and begin < union[-1][1] - _TOUCH:
+            union[-1] = union[-1][0], max(end, union[-1][1])
+        else:
+            union.append((begin, end))
+    return tuple(union)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -16,8 +15,19 @@ from rovid.trial.axis import AXES, YAW, Axis, other_axes
 from rovid.trial.config_fingerprint import ConfigFingerprint, config_fingerprint
 from rovid.trial.cutting import Exclusion
 from rovid.trial.drives import MOTOR_KEYS, REPLACED, RUDDER_KEYS, constant_of, logged_drive, motor_curve, steered
-from rovid.trial.fault import FAULT_IDS, FaultOverrides
+from rovid.trial.fault import FaultOverrides
+from rovid.trial.geometry import (
+    GEOMETRY_KEYS,
+    PLANAR_LEVERS,
+    RUDDER_GEOMETRY_KEYS,
+    azimuth_of,
+    planar_rudder,
+    position_of,
+    propeller_diameters,
+    with_levers,
+)
 from rovid.trial.log_files import KINDS, Join
+from rovid.trial.log_tables import exclusions, join, kept_faults
 from rovid.trial.signal_names import ANGLE_UNITS, DEFAULT_UNIT, SIGNAL_UNITS, STANDARD_SOURCES, TIME_UNITS, Signal
 from rovid.trial.tables import read_curve
 from rovid.trial.vehicle import Thruster, Vehicle
@@ -31,10 +41,8 @@ _GUESSED = "_guessed"
 # First bytes of a rovid.toml of rovid 0.2, which did not mark guesses.
 _UNMARKED_GUESSES = b"# Written by `rovid init`, which looked at "
 _THRUSTER_KEYS = ("name", *_ARMS, "curve", "command", "outside", *(key + _GUESSED for key in (*_ARMS, "curve")))
-_THRUSTER_KEYS += MOTOR_KEYS
+_THRUSTER_KEYS += (*MOTOR_KEYS, *GEOMETRY_KEYS)
 _TABLES = ("vehicle", "thrusters", "rudders", "signals", "leave_out", "join", "faults")
-_JOIN_KEYS = ("parts", "offset", "drift", "time")
-_EXCLUSION_KEYS = ("log", "from", "to", "reason")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,6 +146,18 @@ def load_config(path: Path, axis: Axis = YAW) -> Config:
     return _Parser(path, axis).config(document)
 
 
+def load_planar_config(path: Path) -> Config:
+    """Read and check the rovid.toml at ``path`` for surge, sway and yaw together.
+
+    The vehicle has every actuator that acts on any of the three. The logs are read along yaw: heading, or yaw rate, is
+    required. A `ConfigError` names the place in the file.
+    """
+    document = read_toml(path)
+    if path.read_bytes().startswith(_UNMARKED_GUESSES):
+        _mark_guesses(document)
+    return _Parser(path, YAW, planar=True).config(document)
+
+
 def _mark_guesses(document: Mapping[str, Any]) -> None:
     """Mark unchanged guesses of `rovid init` before 0.3."""
     blocks = document.get("thrusters", [])
@@ -161,9 +181,12 @@ def vehicle_without_thrusters(paths: Sequence[Path]) -> Vehicle:
 class _Parser:
     """Checks a document; each error names the place inside the file."""
 
-    def __init__(self, path: Path, axis: Axis) -> None:
+    def __init__(self, path: Path, axis: Axis, *, planar: bool = False) -> None:
         self.path = path
         self.axis = axis
+        self.planar = planar
+        # Keys of a thruster, one of which it has if it acts along the axis.
+        self.levers = PLANAR_LEVERS if planar else (axis.arm_key,)
 
     def error(self, place: str, message: str, mend: str = "") -> ConfigError:
         return ConfigError(message, where=f"{self.path}: {place}", mend=mend)
@@ -224,9 +247,9 @@ class _Parser:
             signals=signals,
             commands=tuple(commands),
             measured_signal=measured_signal,
-            exclusions=tuple(self.exclusions(document)),
-            join=self.join(self.table(document, "join")),
-            faults=self.faults(self.table(document, "faults")),
+            exclusions=tuple(exclusions(document, self)),
+            join=join(document, self),
+            faults=kept_faults(document, self),
         )
 
     def vehicle(self, table: Mapping[str, Any], thrusters: tuple[Thruster, ...]) -> Vehicle:
@@ -234,7 +257,7 @@ class _Parser:
         given = [key for key in _VEHICLE_NUMBERS if key in table]
         numbers = {key: self.number(table[key], f"[vehicle] {key}", positive=True) for key in given}
         name = self.name(table.get("name", "vehicle"), "[vehicle] name")
-        return Vehicle(name=name, thrusters=thrusters, axis=self.axis, **numbers)
+        return Vehicle(name=name, thrusters=thrusters, axis=self.axis, planar=self.planar, **numbers)
 
     def signal(self, name: str, value: Any, place: str, *, like: str = "") -> Signal:
         """The signal of this ``value``; in the units of the signal ``like`` if that is given."""
@@ -282,48 +305,63 @@ class _Parser:
         self, blocks: Sequence[Any], rudders: Sequence[Any], signals: dict[str, Signal]
     ) -> tuple[list[Thruster], list[Signal]]:
         """Actuators along the axis and their commands; a logged drive is removed from ``signals``."""
-        pairs = list(filter(None, map(self.thruster, range(len(blocks)), blocks)))
+        pairs = [pair for index, block in enumerate(blocks) for pair in self.thruster(index, block)]
+        diameters = propeller_diameters(blocks, self)
         for index, block in enumerate(rudders):
             place = f"[[rudders]] number {index + 1}"
-            self.require_block(block, "rudders", place, RUDDER_KEYS)
+            self.require_block(block, "rudders", place, (*RUDDER_KEYS, *RUDDER_GEOMETRY_KEYS))
             name = self.name(block.get("name", f"rudder_{index + 1}"), f"{place} name")
-            thruster = steered(block, name, signals, self)
+            if self.planar:
+                thruster = planar_rudder(block, name, diameters, self)
+            else:
+                thruster = steered(block, name, signals, self)
             angle = self.signal(f"command.{name}", block["angle"], f"[[rudders]] {name!r} angle", like="heading")
             pairs.append((thruster, angle))
         if (drive := logged_drive(signals, self, alone=not pairs)) is not None:
             pairs = [(drive, signals.pop(drive.name))]
         return [thruster for thruster, _ in pairs], [command for _, command in pairs]
 
-    def thruster(self, index: int, block: Mapping[str, Any]) -> tuple[Thruster, Signal] | None:
-        """The thruster and its command; None for a thruster that does not act along the axis."""
+    def thruster(self, index: int, block: Mapping[str, Any]) -> list[tuple[Thruster, Signal]]:
+        """The thruster and its command, and its azimuth angle; nothing if it does not act along the axis."""
         place = f"[[thrusters]] number {index + 1}"
         self.require_block(block, "thrusters", place, _THRUSTER_KEYS)
         name = self.name(block.get("name", f"thruster_{index + 1}"), f"{place} name")
         place = f"[[thrusters]] {name!r}"
-        arm_key = self.axis.arm_key
-        if arm_key not in block and any(other in block for other in _ARMS):
-            return None
+        block = with_levers(block, place, self)
+        acts = [key for key in self.levers if key in block]
+        if not acts and any(other in block for other in _ARMS):
+            return []
         constant = constant_of(block)
-        examples = {arm_key: _example_arm(self.axis), "curve": '"thrust_curve.csv"', "command": '{ csv = "…" }'}
-        for key in REPLACED.get(constant, ()):
-            del examples[key if key == "curve" else arm_key]
-        for key, example in examples.items():
-            if key not in block:
+        arm_key = self.axis.arm_key
+        replaced = REPLACED.get(constant, ())
+        if not acts and "arm" not in replaced:
+            expected = " or ".join([", ".join(self.levers[:-1]), self.levers[-1]][not self.levers[:-1] :])
+            raise self.error(place, f"has no {expected}.", f"Add {arm_key} = {_example_arm(self.axis)}.")
+        for key, example in {"curve": '"thrust_curve.csv"', "command": '{ csv = "…" }'}.items():
+            if key not in block and key not in replaced:
                 raise self.error(place, f"has no {key}.", f"Add {key} = {example}.")
         outside = block.get("outside", "refuse")
         if outside not in {"refuse", "clamp"}:
             raise self.error(f"{place} outside", f'is {outside!r}; "refuse" or "clamp" was expected.')
+        lever = {key: self.number(block.get(key, 0.0), f"{place} {key}") for key in (*PLANAR_LEVERS, arm_key)}
         thruster = Thruster(
             name=name,
             clamp=outside == "clamp",
-            arm=self.number(block.get(arm_key, 1.0), f"{place} {arm_key}"),
+            arm=lever[arm_key] if arm_key in block or acts else 1.0,
             curve=motor_curve(block, place, self) if constant else read_curve(self.path.parent / str(block["curve"])),
             scale_key=constant if constant == "torque_constant" else "",
-            surge_share=self.number(block.get("surge", 0.0), f"{place} surge"),
-            arm_guessed=self.is_guessed(block, constant or arm_key, place),
+            surge_share=lever["surge"],
+            sway_share=lever["sway"] if self.planar else 0.0,
+            position=position_of(block, place, self) if "position" in block else None,
+            arm_guessed=any(self.is_guessed(block, key, place) for key in ([constant] if constant else acts)),
             curve_guessed=not constant and self.is_guessed(block, "curve", place),
         )
-        return thruster, self.signal(f"command.{name}", block["command"], f"{place} command")
+        pairs = [(thruster, self.signal(f"command.{name}", block["command"], f"{place} command"))]
+        if "azimuth" in block:
+            turning = azimuth_of(thruster)
+            angle = self.signal(f"command.{turning.name}", block["azimuth"], f"{place} azimuth", like="heading")
+            pairs.append((turning, angle))
+        return pairs
 
     def is_guessed(self, block: Mapping[str, Any], key: str, place: str) -> bool:
         """Whether a value is marked as a guess: by true, or by the guessed value as long as it is unchanged."""
@@ -346,51 +384,6 @@ class _Parser:
         names = [thruster.name for thruster in thrusters]
         if len(set(names)) < len(names):
             raise self.error("[[thrusters]]", f"two have the same name among {names}.", "Name each differently.")
-
-    def exclusions(self, document: Mapping[str, Any]) -> Iterator[Exclusion]:
-        for index, block in enumerate(self.blocks(document, "leave_out")):
-            place = f"[[leave_out]] number {index + 1}"
-            self.require_block(block, "leave_out", place, _EXCLUSION_KEYS)
-            if not isinstance(block.get("log"), str) or not isinstance(block.get("reason", ""), str):
-                raise self.error(place, "has no log and reason that are text.", 'Add log = "hold_03.csv".')
-            begin = self.number(block.get("from", 0.0), f"{place} from")
-            end = self.number(block["to"], f"{place} to") if "to" in block else math.inf
-            if not end > begin:
-                raise self.error(place, f"ends at {end:g} s and begins at {begin:g} s.", "Give from and to in s.")
-            log, reason = self.name(block["log"], f"{place} log"), self.name(block.get("reason", ""), f"{place} reason")
-            yield Exclusion(log=log, begin=begin, end=end, reason=reason)
-
-    def join(self, table: Mapping[str, Any]) -> Join | None:
-        if not table:
-            return None
-        self.require_known(table, _JOIN_KEYS, "[join]")
-        parts = table.get("parts")
-        if not isinstance(parts, list) or len(parts) < 2 or not all(isinstance(part, str) for part in parts):
-            raise self.error("[join]", "has no parts: two words or more were expected.", 'Add parts = ["ins", "thr"].')
-        times = self.table(table, "time")
-        self.require_known(times, parts, "[join] time")
-        clocks = {}
-        for part, value in times.items():
-            signal = self.signal("time", value, f"[join] time {part}")
-            clocks[part] = next(iter(signal.sources.values()), ""), signal.unit
-        offset, drift = (self.clock_corrections(table, key, parts) for key in ("offset", "drift"))
-        return Join(parts=tuple(parts), offset=offset, drift=drift, time=clocks)
-
-    def faults(self, table: Mapping[str, Any]) -> FaultOverrides:
-        self.require_known(table, FAULT_IDS, "[faults]")
-        kept = {}
-        for fault, value in table.items():
-            logs = ["*"] if value == "keep" else value
-            if not isinstance(logs, list) or not all(isinstance(log, str) for log in logs):
-                raise self.error(f"[faults] {fault}", f'is {value!r}; "keep" or a list of logs was expected.')
-            kept[fault] = tuple(logs)
-        return FaultOverrides(kept=kept)
-
-    def clock_corrections(self, table: Mapping[str, Any], key: str, parts: Sequence[str]) -> dict[str, float]:
-        """Numbers by part, or by file name or pattern, which has a dot, a star or a slash in it."""
-        entries = self.table(table, key)
-        self.require_known([name for name in entries if not {".", "*", "/"} & set(name)], parts, f"[join] {key}")
-        return {name: self.number(value, f"[join] {key} {name}") for name, value in entries.items()}
 
 
 def _example_arm(axis: Axis) -> str:

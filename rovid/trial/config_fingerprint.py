@@ -62,6 +62,13 @@ def config_fingerprint(vehicle: Vehicle, signals: Mapping[str, str], further: Ma
             key = "wheelbase" if steering.wheels else "coefficient"
             drive[f"{key} of {thruster.name}"] = f"{steering.size:.12g}, with {steering.speed}"
             continue
+        if (rudder := thruster.rudder) is not None:
+            drive[f"position of {thruster.name}"] = f"{list(rudder.position)}"
+            drive[f"rudder of {thruster.name}"] = f"lift {rudder.lift}, behind {rudder.behind or 'nothing'}"
+            continue
+        if thruster.turns:
+            drive[f"azimuth of {thruster.turns}"] = "logged"
+            continue
         if thruster.curve is None:
             drive[thruster.name if thruster.is_rate_order else axis.force_name] = "logged"
             continue
@@ -72,4 +79,6 @@ def config_fingerprint(vehicle: Vehicle, signals: Mapping[str, str], further: Ma
         drive[f"outside of {thruster.name}"] = "clamp" if thruster.clamp else "refuse"
         if thruster.surge_share:
             drive[f"surge of {thruster.name}"] = f"{thruster.surge_share:.12g}"
+        if vehicle.planar:
+            drive[f"sway of {thruster.name}"] = f"{thruster.sway_share:.12g}"
     return ConfigFingerprint(drive=drive, signals=signals, further=further, guessed=vehicle.assumptions.items)

@@ -139,7 +139,7 @@ def _without_unknown(trial: Trial) -> tuple[Trial, BoolArray]:
     # Rows of another clock may lie at the ticks.
     is_new = np.minimum(np.abs(time[rows] - added), np.abs(added - time[rows - 1])) > _TICK * interval
     rows = rows[is_new]
-    return _with_rows(moved, added[is_new], held[is_new], rows), np.insert(excluded, rows, False)
+    return with_rows(moved, added[is_new], held[is_new], rows), np.insert(excluded, rows, False)
 
 
 def _changes(time: FloatArray, commands: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -152,7 +152,7 @@ def _changes(time: FloatArray, commands: FloatArray) -> tuple[FloatArray, FloatA
     return ticks, usual
 
 
-def _with_rows(trial: Trial, instants: FloatArray, commands: FloatArray, at: IntArray) -> Trial:
+def with_rows(trial: Trial, instants: FloatArray, commands: FloatArray, at: IntArray) -> Trial:
     """``trial`` with rows at the (n,) ``instants`` in s, before its rows ``at``, with the (n, k) ``commands``."""
     unmeasured = dict.fromkeys(("position", "rate"), np.nan)
     rows = {

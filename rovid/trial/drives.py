@@ -24,6 +24,7 @@ class ValueParser(Protocol):
     """Checks of single values in rovid.toml."""
 
     axis: Axis
+    planar: bool  #: Whether surge, sway and yaw are read together.
 
     def error(self, place: str, message: str, mend: str = "") -> ConfigError:
         """The error at this place of the file."""
@@ -114,4 +115,7 @@ def logged_drive(signals: Collection[str], parser: ValueParser, *, alone: bool) 
         others = "[[thrusters]]" if not alone else names[1]
         text = f"is given in addition to {others}; the {axis.force_name} must come from one of them."
         raise parser.error(f"[signals] {names[0]}", text, "Delete one.")
+    if parser.planar and names[0] != axis.force_name:
+        text = "is an order to a controller; surge, sway and yaw together need thrusters or rudders."
+        raise parser.error(f"[signals] {names[0]}", text, "Leave --axes planar out.")
     return Thruster(name=names[0], arm=1.0, curve=None, is_rate_order=names[0] != axis.force_name)

@@ -54,6 +54,23 @@ class Past:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class Readings:
+    """What one sensor measured, at its own instants: neither held nor interpolated."""
+
+    time: FloatArray  #: (m,) s from the trial's start, strictly increasing.
+    values: FloatArray  #: (m,) SI, rad.
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "time", read_only(self.time))
+        object.__setattr__(self, "values", read_only(self.values))
+
+    def between(self, begin: float, end: float) -> Self:
+        """Readings from ``begin`` to ``end`` in s, with time from ``begin``."""
+        rows = slice(*np.searchsorted(self.time, (begin, np.nextafter(end, np.inf))).tolist())
+        return type(self)(time=self.time[rows] - begin, values=self.values[rows])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Trial:
     """One run of the vehicle.
 
@@ -77,6 +94,9 @@ class Trial:
     pitch: FloatArray | None = None
     #: Further mapped channels, (n,), held, in the unit of the log.
     extras: Mapping[str, FloatArray] = field(default_factory=dict)
+    #: Of the coupled model: yaw_rate, surge_velocity, sway_velocity, north and east, as far as they are logged. Empty
+    #: where one axis is read.
+    readings: Mapping[str, Readings] = field(default_factory=dict)
     #: Median of each further channel over the whole campaign.
     reference: Mapping[str, float] = field(default_factory=dict)
     remarks: tuple[Remark, ...] = ()  #: Remarks of the reader.
@@ -98,6 +118,7 @@ class Trial:
             object.__setattr__(self, name, read_only(values))
         extras = {name: read_only(values) for name, values in self.extras.items()}
         object.__setattr__(self, "extras", MappingProxyType(extras))
+        object.__setattr__(self, "readings", MappingProxyType(dict(self.readings)))
         if self.commands.ndim != 2 or not len(self.commands) == len(self.time) == len(self.position):
             msg = f"{self.name}: time {self.time.shape}, position {self.position.shape}, {self.commands.shape}"
             raise ValueError(msg)
@@ -105,7 +126,7 @@ class Trial:
     def __reduce__(self) -> tuple[Callable[[], Self], tuple[()]]:
         # The constructor makes the arrays read-only again: unpickled arrays are writeable.
         given = {item.name: getattr(self, item.name) for item in fields(self)}
-        return partial(type(self), **given | {"extras": dict(self.extras)}), ()
+        return partial(type(self), **given | {"extras": dict(self.extras), "readings": dict(self.readings)}), ()
 
     @classmethod
     def from_commands(
@@ -140,6 +161,7 @@ class Trial:
             name=name,
             parent=self.parent or self.name,
             extras={channel: values[rows] for channel, values in self.extras.items()},
+            readings={name: one.between(start, float(self.time[rows][-1])) for name, one in self.readings.items()},
             start_epoch=None if self.start_epoch is None else self.start_epoch + start,
             campaign_time=self.campaign_time + start,
             past=self._past_of(rows.indices(len(self.time))[0], known_from),

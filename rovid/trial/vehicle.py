@@ -100,9 +100,32 @@ class Steering:
         return np.asarray(self.size * speed * np.abs(speed) * angle)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Rudder:
+    """A rudder of the coupled model: its command is its angle in rad, its force a function of the motion.
+
+    The angle is positive with the trailing edge to starboard, which turns the bow of a vehicle to starboard if it moves
+    ahead and its rudder is aft. `rovid.planar.actuators` holds the equation.
+    """
+
+    position: tuple[float, float]  #: m, x ahead and y to starboard of the origin.
+    #: N s^2/(m^2 rad); slope of the normal force at small angles over the square of the inflow speed; None where it is
+    #: to be estimated from nothing.
+    lift: float | None = None
+    behind: str = ""  #: Name of the thruster in whose slipstream the rudder stands; empty for a free rudder.
+    #: m^2/(s^2 N); square of the speed that the slipstream adds, over its thrust; None where it is unknown.
+    slipstream: float | None = None
+    stall: float | None = None  #: rad, angle of attack beyond which the lift no longer grows; None where unknown.
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Thruster:
-    """One actuator: ``torque = arm * curve(command)``; a positive torque increases the position."""
+    """One actuator: ``torque = arm * curve(command)``; a positive torque increases the position.
+
+    In the coupled model the three of ``surge_share``, ``sway_share`` and ``arm`` are known: force ahead, force to
+    starboard and torque of 1 N of thrust. An azimuth angle a, the command of an actuator that ``turns`` this one, turns
+    the force by a, positive to starboard, at the ``position``.
+    """
 
     name: str
     arm: float  #: m; along a linear axis the share of the thrust, and the torque is a force.
@@ -110,12 +133,21 @@ class Thruster:
     clamp: bool = False  #: Whether commands outside the curve are allowed, at the curve's end values.
     max_logged_torque: float = 1.0  #: N m, largest magnitude of a logged torque.
     surge_share: float = 0.0  #: Share of the thrust that drives the vehicle ahead; 0 where unknown.
+    sway_share: float = 0.0  #: Share of the thrust that drives the vehicle to starboard; read for the coupled model.
+    position: tuple[float, float] | None = None  #: m, x ahead and y to starboard of the origin; None where not given.
+    turns: str = ""  #: Of an azimuth angle in rad: name of the thruster that it turns.
+    rudder: Rudder | None = None  #: Of a rudder in the coupled model, with the angle in rad as its command.
     #: ``arm_guessed``, ``curve_guessed``: whether the value is an unconfirmed guess of `rovid init`.
     arm_guessed: bool = False
     curve_guessed: bool = False
     scale_key: str = ""  #: Key of rovid.toml that scales the torque in place of the arm.
     steering: Steering | None = None  #: Of a rudder or of steered wheels: its command is computed from an angle.
     is_rate_order: bool = False  #: Whether the command is the rate that a controller is ordered to keep, in SI.
+
+    @property
+    def is_angle(self) -> bool:
+        """Whether the command is an angle in rad that turns a force, rather than a thrust."""
+        return bool(self.turns) or self.rudder is not None
 
     @property
     def full_thrust(self) -> float:
@@ -153,6 +185,8 @@ class Vehicle:
     #: a uniform box of the vehicle's mass and size.
     rigid_body_inertia: float | None = None
     axis: Axis = YAW  #: The degree of freedom.
+    #: Whether surge, sway and yaw are coupled: ``thrusters`` are all that act on any of the three. ``axis`` is yaw.
+    planar: bool = False
 
     def __post_init__(self) -> None:
         if self.axis is not YAW or self.rigid_body_inertia is None:
@@ -239,8 +273,23 @@ class Vehicle:
         for thruster, command in zip(self.thrusters, trial.commands.T, strict=True):
             if thruster.curve is not None and not thruster.clamp and thruster.curve.excess(command):
                 raise _outside(trial, thruster, thruster.curve, command)
-            total += thruster.torque(command)
+            azimuth = self._azimuth_of(thruster, trial)
+            if azimuth is None:
+                total += thruster.torque(command)
+            else:
+                ahead, starboard = thruster.surge_share, thruster.sway_share
+                x, y = thruster.position or (0.0, 0.0)
+                cos, sin = np.cos(azimuth), np.sin(azimuth)
+                arm = x * (starboard * cos + ahead * sin) - y * (ahead * cos - starboard * sin)
+                total += arm * self.thrust(trial.commands)[:, self.thrusters.index(thruster)]
         return total
+
+    def _azimuth_of(self, thruster: Thruster, trial: Trial) -> FloatArray | None:
+        """(n,) rad; None for a thruster that no command turns."""
+        for one, command in zip(self.thrusters, trial.commands.T, strict=True):
+            if one.turns and one.turns == thruster.name:
+                return np.asarray(command)
+        return None
 
 
 def box_inertia(mass: float, length: float, width: float) -> float:
