@@ -11,7 +11,7 @@ import numpy as np
 
 from rovid.core.errors import DataError
 from rovid.core.spmd import parallel_map
-from rovid.diagnose.candidate_fits import Cause
+from rovid.diagnose.candidate_fits import Alternative, Cause
 from rovid.diagnose.challenge import closest_challengers
 from rovid.diagnose.cross_validation import (
     held_out_log_likelihood,
@@ -206,7 +206,7 @@ def _discriminating_plan(selection: Selection, finding: Finding) -> ExperimentPl
     """Runs that distinguish ``finding`` from the nearest alternative; None without such runs."""
     nearest = finding.indistinguishable[0]
     alternative = next((one for one in finding.alternatives if one.effect is nearest), None)
-    if alternative is None:
+    if not isinstance(alternative, Alternative):
         return None  # it was not tested, because its signal is not logged
     models = {finding.effect.title: selection.model, alternative.effect.title: alternative.fitted}
     if any(is_signal(effect) for fitted in models.values() for effect in fitted.effects):

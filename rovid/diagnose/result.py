@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 from rovid.core.budget import BudgetUse
-from rovid.diagnose.candidate_fits import Challenger
+from rovid.diagnose.candidate_fits import Alternative, Challenger
 from rovid.diagnose.cross_validation import HeldOutScores
 from rovid.diagnose.evidence import Evidence, grade
 from rovid.diagnose.signal_regressors import signal_name
@@ -48,16 +48,12 @@ DISCRIMINATING_RUNS = {
 }
 
 
-class OtherCause(Protocol):
-    """Another effect in the place of a cause."""
+@dataclass(frozen=True, eq=False)
+class OtherCause:
+    """Another effect in the place of a cause, in its best form, with its BIC gain there; without its fit."""
 
-    @property
-    def effect(self) -> Effect:
-        """The effect, in its best form."""
-
-    @property
-    def bic_gain(self) -> float:
-        """Its gain in log-likelihood less the BIC penalty, in nats."""
+    effect: Effect
+    bic_gain: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -74,7 +70,7 @@ class Finding:
     #: Distance of the size from its value without the effect: in standard errors; of several sizes, Mahalanobis'.
     standard_errors: float
     probability: float  #: Probability that the cause, or an indistinguishable one, acts.
-    alternatives: tuple[OtherCause, ...]  #: Other causes in its place, best first.
+    alternatives: tuple[Alternative | OtherCause, ...]  #: Other causes in its place, best first.
     #: Causes that these data do not rule out, including those that could not be tested without a logged signal.
     indistinguishable: tuple[Effect, ...]
     #: Runs that distinguish the cause from the first of those; None where it is decided.

@@ -15,6 +15,7 @@ from rovid.diagnose.result import (
     Diagnosis,
     Finding,
     ModelAssessment,
+    OtherCause,
     unidentifiable_parameters,
 )
 from rovid.diagnose.signal_regressors import is_signal
@@ -46,7 +47,7 @@ def indistinguishable_names(finding: Finding) -> str:
     return join_words([axis.reword(effect.title) for effect in finding.indistinguishable], "or")
 
 
-def alternative_status(finding: Finding, alternative: Alternative) -> str:
+def alternative_status(finding: Finding, alternative: Alternative | OtherCause) -> str:
     """Whether the data rule out an alternative cause."""
     if is_signal(alternative.effect):
         return "depends on a signal"
