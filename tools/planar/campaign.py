@@ -85,11 +85,15 @@ def draw(
     instruments = draw_sensors(rng, vehicle, sensors)
     taus = vehicle.time_constants
     used = [tau for tau, acts in zip(taus, vehicle.axes, strict=True) if acts]
+    if vehicle.ship.length:  # lengths of the ship in a second
+        used = [vehicle.length / vehicle.full[0]]
     scale, short = max(used), min(used)
     count = int(rng.integers(2, 9))
     fastest = max(sensor.rate for sensor in instruments)
     total = min(log_uniform(rng, 150.0, 400.0) * scale, _MOST_SAMPLES / fastest)
     lengths = np.round(total / count * rng.uniform(0.7, 1.3, count), 2)
+    if vehicle.ship.length:  # two to four periods of a zigzag
+        lengths = np.round(scale * rng.uniform(25.0, 45.0, count), 2)
     rates = [rate for rate in RATES if 5.0 / short <= rate <= 60.0 / short] or [RATES[-1]]
     command_hz = float(rng.choice(rates))
     n_force = forces(vehicle)
@@ -134,7 +138,8 @@ def _planned(
     before = max(before, late)
     time = np.round(np.arange(int((before + length) * command_hz) + 1) / command_hz, 6)
     if vehicle.ship.length:
-        kind = "zigzag"
+        kind = "ship zigzag"
+        before = late
     else:
         kind = "steps" if number == 0 else str(rng.choice(KINDS, p=[0.25, 0.15, 0.15, 0.15, 0.15, 0.15]))
     programme = plan(rng, vehicle, kind, time)
@@ -240,7 +245,8 @@ def simulated(
         state = np.zeros(N_STATE + len(vehicle.actuators))
         state[2] = run.heading
         if vehicle.ship.length:
-            state[3] = vehicle.full[0]
+            # The thrust, and so the speed, of the programme's start on a straight course.
+            state[3] = vehicle.full[0] * math.sqrt(run.demands[0, 0])
         if offsets is not None:
             state[:N_STATE] += offsets
         record = np.zeros((spans[-1], 6))

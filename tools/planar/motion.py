@@ -114,6 +114,7 @@ class Pilot(NamedTuple):
     damping: float = 0.0  # share for each rad/s
     angle: float = 0.0  # rad
     demand: float = 0.0  # share of full yaw demand in a zigzag
+    first: float = 1.0  # a zigzag's first turn: 1 to starboard, -1 to port
 
 
 @numba.njit(cache=True)
@@ -332,7 +333,7 @@ def simulate(
     n = state.size
     k1, k2, k3, k4 = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
     trial, water = np.empty(n), np.empty(5)
-    sense = np.array([1.0])
+    sense = np.array([pilot.first])
     active = np.zeros(commands.shape[1])
     interval = 0.0
     now, previous, begun = times[0], times[0], False

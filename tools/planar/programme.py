@@ -54,8 +54,24 @@ def _wander(rng: np.random.Generator, time: Floats, memory: float, middle: float
     return result
 
 
+def _ship(rng: np.random.Generator, kind: str, time: Floats) -> Programme:
+    """Zigzag of a ship: "ship zigzag" or "ship zigzag 20" (deg), or "ship turn 35", with the propeller held."""
+    demands, words = np.zeros((time.size, 3)), kind.split()
+    demands[:, 0] = float(rng.uniform(0.6, 1.0))
+    angle = float(words[2]) if len(words) > 2 else float(rng.choice([5.0, 10.0, 10.0]))
+    first = float(rng.choice([-1.0, 1.0]))
+    pilot = Pilot()
+    if words[1] == "turn":
+        demands[:, 2] = first * angle / 35.0
+    else:
+        pilot = Pilot(kind=2, angle=np.radians(angle), demand=angle / 35.0, first=first)
+    return Programme(kind=kind, demands=demands, setpoints=np.zeros(time.size), pilot=pilot)
+
+
 def plan(rng: np.random.Generator, vehicle: Vehicle, kind: str, time: Floats) -> Programme:
     """A programme of one kind; the size of everything is drawn."""
+    if kind.startswith("ship "):
+        return _ship(rng, kind, time)
     taus = vehicle.time_constants
     scale = max(taus[0], taus[2], taus[1] if vehicle.axes[1] else 0.0)
     ahead_only = not vehicle.axes[1]

@@ -281,4 +281,167 @@ def _rate(hull: Hull, torque: float) -> float:
     return (-b + math.sqrt(b * b + 4.0 * a * torque)) / (2.0 * a)
 
 
-FAMILIES: Mapping[str, Callable[[np.random.Generator], Vehicle]] = {"rov": box_rov, "usv": twin_usv}
+def lateral_auv(rng: np.random.Generator) -> Vehicle:
+    """Torpedo with a stern propeller and two tunnel thrusters, without fins."""
+    size, mass, speed = _torpedo(rng)
+    hull, rigid = _hull(rng, size, mass, _TORPEDO, speed)
+    push = _drag(hull.surge_linear, hull.surge_quadratic, speed)
+    sway = 0.15 * speed
+    aside = 0.5 * _drag(hull.sway_linear, hull.sway_quadratic, sway)
+    x = float(rng.uniform(0.25, 0.4)) * size[0]
+    weak = float(rng.uniform(0.6, 0.9))
+    actuators = (
+        Actuator(name="propeller", kind=FIXED, x=-0.5 * size[0], forward=push, backward=weak * push),
+        Actuator(name="bow_tunnel", kind=FIXED, x=x, direction=0.5 * math.pi, forward=aside, backward=aside),
+        Actuator(name="stern_tunnel", kind=FIXED, x=-x, direction=0.5 * math.pi, forward=aside, backward=aside),
+    )
+    full = (speed, sway, _rate(hull, 2.0 * x * aside))
+    return _finished(rng, "auv_lateral", size, mass, hull, rigid, actuators, (True, True, True), full)
+
+
+_TORPEDO = {"added_surge": 0.06, "added_sway": 0.95, "added_yaw": 0.8, "surge_drag": 0.3, "sway_drag": 1.0,
+            "sway_share": 0.2, "coupling": 0.1}  # fmt: skip
+
+
+def _torpedo(rng: np.random.Generator) -> tuple[tuple[float, float, float], float, float]:
+    """Length, diameter twice (m), mass (kg) and full speed (m/s) of a neutrally buoyant torpedo."""
+    length = log_uniform(rng, 1.0, 5.0)
+    diameter = length / float(rng.uniform(6.0, 10.0))
+    return (length, diameter, diameter), RHO * math.pi / 4.0 * diameter**2 * length * 0.85, float(rng.uniform(0.8, 2.0))
+
+
+def rudder_auv(rng: np.random.Generator) -> Vehicle:
+    """Torpedo with fixed fins and a rudder behind its propeller; the base model lacks the lift of the fins."""
+    size, mass, speed = _torpedo(rng)
+    hull, rigid = _hull(rng, size, mass, _TORPEDO, speed)
+    push = _drag(hull.surge_linear, hull.surge_quadratic, speed)
+    length, diameter, _ = size
+    area = float(rng.uniform(0.04, 0.08)) * length * diameter
+    x, fin = -0.47 * length, 0.5 * RHO * float(rng.uniform(0.08, 0.14)) * length * diameter * 3.0
+    # Fins far aft: a force against the flow aside there (Fossen 2011, section 7.3: lift).
+    hull = hull._replace(Y_uv=fin, Y_ur=-fin * x, N_uv=-fin * x, N_ur=fin * x * x)
+    disk = math.pi / 4.0 * (0.8 * diameter) ** 2
+    actuators = (
+        Actuator(name="propeller", kind=FIXED, x=-0.45 * length, forward=push, backward=0.7 * push),
+        Actuator(name="rudder", kind=RUDDER, x=x, behind="propeller", area=area, slipstream=2.0 / (RHO * disk)),
+    )
+    # At 25 deg, against the lift of the fins in the turn.
+    torque = 0.5 * RHO * area * 2.6 * math.sin(math.radians(25.0)) * 1.5 * speed**2 * -x
+    turn = torque / (hull.yaw_linear + hull.N_ur * speed)
+    hull_turn = min(turn, 1.2 * speed / length)
+    return _finished(
+        rng, "auv_rudder", size, mass, hull, rigid, actuators, (True, False, True),
+        (speed, 0.15 * speed, hull_turn), rudder_rate=float(rng.uniform(20.0, 60.0)),
+    )  # fmt: skip
+
+
+def azimuth_vessel(rng: np.random.Generator) -> Vehicle:
+    """Workboat with two azimuth thrusters astern, or with one and a tunnel thruster in the bow."""
+    length = log_uniform(rng, 1.5, 12.0)
+    size = (length, length * float(rng.uniform(0.25, 0.4)), length * float(rng.uniform(0.08, 0.14)))
+    mass = RHO * size[0] * size[1] * size[2] * float(rng.uniform(0.55, 0.8))
+    shape = {"added_surge": 0.1, "added_sway": 0.8, "added_yaw": 0.7, "surge_drag": 0.3, "sway_drag": 0.9,
+             "sway_share": 0.3, "coupling": 0.25}  # fmt: skip
+    speed = float(rng.uniform(0.7, 1.1)) * math.sqrt(length)
+    hull, rigid = _hull(rng, size, mass, shape, speed)
+    push = _drag(hull.surge_linear, hull.surge_quadratic, speed)
+    sway = 0.15 * speed
+    x = -0.42 * length
+    weak = float(rng.uniform(0.5, 0.8))
+    if rng.random() < 0.5:
+        y = 0.25 * size[1]
+        actuators = tuple(
+            Actuator(name=name, kind=AZIMUTH, x=x, y=py, forward=0.5 * push, backward=0.5 * weak * push)
+            for name, py in (("port", -y), ("starboard", y))
+        )
+    else:
+        aside = 0.5 * push
+        actuators = (
+            Actuator(name="pod", kind=AZIMUTH, x=x, forward=push, backward=weak * push),
+            Actuator(name="tunnel", kind=FIXED, x=0.38 * length, direction=0.5 * math.pi, forward=aside,
+                     backward=aside),
+        )  # fmt: skip
+    turn = min(_rate(hull, 0.35 * length * push), 0.8 * speed / length)
+    tau = hull.yaw_inertia / (hull.yaw_linear + 2.0 * hull.yaw_quadratic * turn)
+    return _finished(
+        rng, "azimuth", size, mass, hull, rigid, actuators, (True, True, True), (speed, sway, turn),
+        azimuth_rate=180.0 / tau,
+    )  # fmt: skip
+
+
+def tanker(rng: np.random.Generator) -> Vehicle:
+    """Free-running model, or the ship itself, like KVLCC2: derivatives of Yasukawa and Yoshimura (2015), varied."""
+    length = log_uniform(rng, 2.0, 8.0) if rng.random() < 0.8 else 320.0
+    ship, revolutions = kvlcc2(length, rng)
+    speed = 1.179 * math.sqrt(length / 7.0)
+    area = 0.5 * RHO * length * ship.draught
+    total_n = ship.i_z + ship.x_g**2 * ship.mass + ship.j_z
+    # Of the linear derivatives: what sets time constants and the size of the disturbance.
+    hull = Hull(
+        ship.mass + ship.m_x, ship.mass + ship.m_y, ship.x_g * ship.mass, total_n, 0.0, area * ship.R0,
+        -area * speed * ship.Y_v, 0.0, -area * length**2 * speed * ship.N_r, 0.0,
+    )  # fmt: skip
+    thrust = area * ship.R0 * speed**2
+    actuators = (
+        Actuator(name="propeller", kind=FIXED, x=ship.x_p * length, forward=thrust, backward=thrust),
+        Actuator(name="rudder", kind=RUDDER, x=ship.x_r * length, behind="propeller", area=ship.rudder_area,
+                 slipstream=8.0 / (RHO * math.pi * ship.propeller**2)),
+    )  # fmt: skip
+    shares = np.linspace(-1.0, 1.0, 41) * 1.3
+    return Vehicle(
+        family="tanker", length=length, width=0.181 * length, mass=ship.mass, rigid_inertia=ship.i_z, hull=hull,
+        ship=ship, actuators=actuators, channels=("propeller", "rudder"), unit="rpm", rest=0.0,
+        span=60.0 * revolutions, commands=np.tile(60.0 * revolutions * shares, (2, 1)),
+        thrusts=np.tile(thrust * shares * np.abs(shares), (2, 1)),
+        allocation=np.array([[1.0 / 1.69, 0, 0, 0, 0, 0], [0, 0, 1.0, 0, 0, 0]]),
+        limits=np.array([[0.0, 0.0], [35.0, 2.34 * math.sqrt(320.0 / length)]]),
+        decimals=np.array([2, 2], dtype=np.int64), full=(speed, 0.25 * speed, 0.35 * speed / length),
+        axes=(True, False, True),
+    )  # fmt: skip
+
+
+def kvlcc2(length: float, rng: np.random.Generator | None = None) -> tuple[Ship, float]:
+    """KVLCC2 of a length between perpendiculars in m, and the revolutions (1/s) at 15.5 kn of the ship.
+
+    The L-7 model of Yasukawa and Yoshimura (2015), tables 1 to 5; with ``rng`` each derivative within 10 %.
+    """
+
+    def near(value: float) -> float:
+        return value * (float(rng.uniform(0.9, 1.1)) if rng else 1.0)
+
+    scale = length / 7.0
+    draught, mass = 0.46 * scale, RHO * 3.27 * scale**3
+    force = 0.5 * RHO * length**2 * draught
+    ship = Ship(
+        length=length, draught=draught, mass=mass, x_g=0.25 * scale, m_x=near(0.022) * force, m_y=near(0.223) * force,
+        j_z=near(0.011) * force * length**2, i_z=mass * (0.25 * length) ** 2, R0=near(0.022), X_vv=near(-0.040),
+        X_vr=near(0.002), X_rr=near(0.011), X_vvvv=near(0.771), Y_v=near(-0.315), Y_r=near(0.083), Y_vvv=near(-1.607),
+        Y_vvr=near(0.379), Y_vrr=near(-0.391), Y_rrr=near(0.008), N_v=near(-0.137), N_r=near(-0.049),
+        N_vvv=near(-0.030), N_vvr=near(-0.294), N_vrr=near(0.055), N_rrr=near(-0.013), propeller=0.216 * scale,
+        t_p=0.220, w_p0=0.40, x_p=-0.48, k0=0.2931, k1=-0.2753, k2=-0.1385, c1=2.0, c2_plus=1.6, c2_minus=1.1,
+        rudder_area=near(0.0539) * scale**2, rudder_slope=near(2.747), t_r=0.387, a_h=near(0.312), x_h=-0.464,
+        x_r=-0.5, gamma_minus=0.395, gamma_plus=0.640, l_r=-0.710, epsilon=1.09, kappa=0.50, eta=0.626,
+    )  # fmt: skip
+    # Revolutions at which the propeller overcomes the resistance on a straight course.
+    speed = 1.179 * math.sqrt(scale)
+    need = 0.5 * RHO * length * draught * ship.R0 * speed**2 / (1.0 - ship.t_p)
+    low, high = 0.1 / math.sqrt(scale), 60.0 / math.sqrt(scale)
+    for _ in range(80):
+        middle = 0.5 * (low + high)
+        advance = speed * (1.0 - ship.w_p0) / (middle * ship.propeller)
+        k_t = ship.k0 + ship.k1 * advance + ship.k2 * advance**2
+        if RHO * middle**2 * ship.propeller**4 * k_t < need:
+            low = middle
+        else:
+            high = middle
+    return ship, high
+
+
+FAMILIES: Mapping[str, Callable[[np.random.Generator], Vehicle]] = {
+    "rov": box_rov,
+    "usv": twin_usv,
+    "auv_lateral": lateral_auv,
+    "auv_rudder": rudder_auv,
+    "azimuth": azimuth_vessel,
+    "tanker": tanker,
+}
