@@ -32,8 +32,9 @@ COUPLING_INDEX: Mapping[str, int] = {form.key: BASE_COUNT + sum(_COUNTS[:at]) fo
 # Index of the current's north and east parts in m/s, and of its wander: standard deviation in m/s, correlation time.
 CURRENT_INDEX = BASE_COUNT + sum(_COUNTS)
 RUDDER_INDEX = CURRENT_INDEX + 4
-# Coefficients of a rudder: position in m ahead, lift in N s^2/m^2, stall angle in rad, slipstream in m^2/(N s^2).
-RUDDER_COUNT = 4
+# Coefficients of a rudder: position in m ahead and to starboard, lift in N s^2/m^2, stall angle in rad, slipstream in
+# m^2/(N s^2).
+RUDDER_COUNT = 5
 # Columns of the inputs before those of the rudders (angle, thrust ahead of it): forces X, Y, N.
 INPUT_COUNT = 3
 RUDDER_INPUTS = 2
@@ -44,7 +45,7 @@ class RudderModel:
     """A rudder with its coefficients."""
 
     name: str
-    position: float  #: m ahead of the origin; negative at the stern.
+    position: tuple[float, float]  #: m ahead of the origin, negative at the stern, and to starboard.
     lift: float = 0.0  #: N s^2/m^2; side force over squared inflow and sine of the angle of attack.
     stall: float = 0.6  #: rad; the side force grows no further beyond this angle of attack.
     slipstream: float = 0.0  #: m^2/(N s^2); squared inflow by thrust of the propeller ahead of it.
@@ -123,7 +124,7 @@ class PlanarModel:
                     numbers[CURRENT_INDEX + 2 : CURRENT_INDEX + 4] = wander
         for at, rudder in enumerate(self.rudders):
             first = RUDDER_INDEX + RUDDER_COUNT * at
-            numbers[first : first + RUDDER_COUNT] = rudder.position, rudder.lift, rudder.stall, rudder.slipstream
+            numbers[first : first + RUDDER_COUNT] = *rudder.position, rudder.lift, rudder.stall, rudder.slipstream
         return numbers
 
     @property

@@ -1,0 +1,257 @@
+"""Scaled coordinates of a planar fit: order, bounds, and the map to model and noise."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+
+from rovid.core.array_types import BoolArray, FloatArray
+from rovid.effects import Effect, EffectParameter
+from rovid.effects.base import Coupling, Scales, WaterCurrent
+from rovid.model.bound_effects import BoundEffect
+from rovid.planar.kernels import NOISE_COUNT, NOISE_SENSOR, SENSORS
+from rovid.planar.model import BASE_COUNT, PlanarModel, RudderModel, from_log_cholesky, log_cholesky
+
+# Half range of the log inertias about their start; the inertia of sway and yaw as half logarithms.
+_INERTIA_RANGE = np.array([4.0, 2.0, 2.0, 3.0])
+# Range of the log disturbance below its limit, and its start below it.
+_DISTURBANCE_RANGE, _FIRST_DISTURBANCE = 9.0, 0.7
+# Bounds of the disturbance's correlation time in time constants, and its start.
+_MEMORY_BOUNDS, _FIRST_MEMORY = (0.05, 100.0), 1.0
+# Range of the log noise of a sensor about its start.
+_NOISE_RANGE = 4.0
+# Least noise of a heading in rad: an instrument resolves no more.
+_HEADING_FLOOR = 1e-5
+# Difference step of scaled coordinates. That of effects is relative, to this share of the initial value at least.
+_STEP, _LEAST_SIZE = 1e-5, 0.1
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlanarSizes:
+    """Typical sizes of a campaign."""
+
+    force: FloatArray  #: (3,) N, N, N m; RMS along each axis.
+    speed: FloatArray  #: (3,) m/s, m/s, rad/s; RMS.
+    time: FloatArray  #: (3,) s; time constants.
+    effects: Scales  #: Of the parameters of effects.
+    noise: dict[str, float]  #: Sensor -> standard deviation of its noise at the start.
+
+    @property
+    def inertia(self) -> FloatArray:
+        """(3,) typical inertias."""
+        return np.asarray(self.force * self.time / self.speed)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlanarCoordinates:
+    """Coordinates x: log-Cholesky inertias (4), drags (6), rudders, effects, log disturbances and times, log noises."""
+
+    sizes: PlanarSizes
+    rudders: tuple[RudderModel, ...]
+    effects: tuple[Effect, ...]
+    sensors: tuple[str, ...]
+    units: FloatArray  #: (p,) SI size of one unit of the coordinates of drags, rudders and effects; 1 for logarithms.
+    low: FloatArray  #: (p,) bounds; equal ones fix a coordinate.
+    high: FloatArray
+
+    @classmethod
+    def of(
+        cls,
+        start: PlanarModel,
+        sizes: PlanarSizes,
+        sensors: tuple[str, ...],
+        effects: Sequence[Effect],
+        limit: float,
+        *,
+        yaw_only: bool,
+    ) -> Self:
+        """Coordinates around ``start``, with disturbances of at most ``limit`` times the usual forces."""
+        drags = np.concatenate((sizes.force / sizes.speed, sizes.force / sizes.speed**2))
+        centre = log_cholesky(start.mass_matrix, sizes.inertia)
+        low, high = [*(centre - _INERTIA_RANGE), *np.zeros(6)], [*(centre + _INERTIA_RANGE), *np.full(6, np.inf)]
+        units = [1.0, 1.0, 1.0, 1.0, *drags]
+        for rudder in start.rudders:
+            arm = max(math.hypot(*rudder.position), 1e-9)
+            units += [
+                float(max(sizes.force[1], sizes.force[2] / arm) / sizes.speed[0] ** 2),
+                rudder.slipstream or 1.0,
+            ]
+            free = 1e3 if rudder.slipstream > 0.0 else 0.0
+            low, high = [*low, 0.0, 0.0], [*high, np.inf, free]
+        for parameter in _parameters(effects):
+            units.append(sizes.effects.unit_size(parameter))
+            low.append(parameter.low)
+            high.append(parameter.high)
+        for axis in range(3):
+            top = math.log(limit * sizes.force[axis])
+            low.append(top - _DISTURBANCE_RANGE)
+            high.append(top)
+        for axis in range(3):
+            low.append(math.log(_MEMORY_BOUNDS[0] * sizes.time[axis]))
+            high.append(math.log(_MEMORY_BOUNDS[1] * sizes.time[axis]))
+        for name in sensors:
+            first = math.log(sizes.noise[name])
+            low.append(
+                max(first - _NOISE_RANGE, math.log(_HEADING_FLOOR)) if name == "heading" else first - _NOISE_RANGE
+            )
+            high.append(max(first + _NOISE_RANGE, low[-1]))
+            units += []
+        units += [1.0] * (6 + len(sensors))
+        found = cls(
+            sizes=sizes,
+            rudders=start.rudders,
+            effects=tuple(effects),
+            sensors=sensors,
+            units=np.array(units, dtype=np.float64),
+            low=np.array(low, dtype=np.float64),
+            high=np.array(high, dtype=np.float64),
+        )
+        if yaw_only:
+            found._fix_all_but_yaw(centre)
+        return found
+
+    def _fix_all_but_yaw(self, centre: FloatArray) -> None:
+        for at in (0, 1, 3):
+            self.low[at] = self.high[at] = centre[at] if at != 3 else 0.0
+        for at in (4, 5, 7, 8):
+            self.low[at] = self.high[at] = 0.0
+        for at in (0, 1, 3, 4):
+            self.low[self.noise_begin + at] = self.high[self.noise_begin + at]
+
+    def with_effect(self, effect: Effect) -> Self:
+        """The same coordinates with those of one more effect before the disturbance."""
+        at = self.noise_begin
+        units = [self.sizes.effects.unit_size(parameter) for parameter in effect.parameters]
+        low, high = ([getattr(one, side) for one in effect.parameters] for side in ("low", "high"))
+        return replace(
+            self,
+            effects=(*self.effects, effect),
+            units=np.insert(self.units, at, units),
+            low=np.insert(self.low, at, low),
+            high=np.insert(self.high, at, high),
+        )
+
+    def with_limit(self, limit: float) -> Self:
+        """The same coordinates with disturbances of at most ``limit`` times the usual forces."""
+        high, at = self.high.copy(), self.noise_begin
+        tops = np.log(limit * self.sizes.force)
+        high[at : at + 3] = np.where(self.free[at : at + 3], tops, high[at : at + 3])
+        low = np.where(self.free, np.minimum(self.low, high), high)
+        return replace(self, low=low, high=high)
+
+    @cached_property
+    def effects_begin(self) -> int:
+        """Number of coordinates before those of effects."""
+        return BASE_COUNT + 2 * len(self.rudders)
+
+    @cached_property
+    def noise_begin(self) -> int:
+        """Number of coordinates before those of disturbance and noise: the model parameters."""
+        return self.effects_begin + len(_parameters(self.effects))
+
+    @property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """(p,) lower and upper bounds."""
+        return self.low, self.high
+
+    @property
+    def free(self) -> BoolArray:
+        """(p,) whether a coordinate is not fixed by its bounds."""
+        return np.asarray(self.low < self.high)
+
+    def initial(self, start: PlanarModel, effect_values: Sequence[FloatArray]) -> FloatArray:
+        """(p,) coordinates of ``start`` with the ``effect_values`` in SI, and the first disturbance and noise."""
+        values = np.concatenate(
+            (start.base[4:], *[[one.lift, one.slipstream] for one in start.rudders], *effect_values)
+        )
+        drag = values / self.units[4 : self.noise_begin]
+        tops = self.high[self.noise_begin : self.noise_begin + 3] - _FIRST_DISTURBANCE
+        times = np.log(_FIRST_MEMORY * self.sizes.time)
+        noises = np.log([self.sizes.noise[name] for name in self.sensors])
+        x = np.concatenate((log_cholesky(start.mass_matrix, self.sizes.inertia), drag, tops, times, noises))
+        return np.clip(x, self.low, self.high)
+
+    def values(self, x: FloatArray) -> FloatArray:
+        """(q,) model parameters in SI at ``x``, in the order of `PlanarModel.values`."""
+        rest = x[4 : self.noise_begin] * self.units[4 : self.noise_begin]
+        return np.concatenate((from_log_cholesky(x[:4], self.sizes.inertia), rest))
+
+    def model(self, x: FloatArray) -> PlanarModel:
+        """The model at (p,) ``x``."""
+        effects = tuple(BoundEffect(effect, np.zeros(len(effect.parameters))) for effect in self.effects)
+        empty = PlanarModel(base=np.zeros(BASE_COUNT), effects=effects, rudders=self.rudders)
+        return empty.with_values(self.values(x))
+
+    def value_jacobian(self, x: FloatArray) -> FloatArray:
+        """(q, noise_begin) derivatives of the model parameters by the coordinates."""
+        jacobian = np.diag(self.units[: self.noise_begin].copy())
+        for at in range(4):
+            step = 1e-6 * (np.arange(4) == at)
+            ahead, behind = (from_log_cholesky(x[:4] + s * step, self.sizes.inertia) for s in (1.0, -1.0))
+            jacobian[:4, at] = (ahead - behind) / 2e-6
+        return jacobian
+
+    def noise(self, x: FloatArray) -> FloatArray:
+        """(12,) disturbance and noise as `rovid.planar.kernels` reads them."""
+        numbers = np.ones(NOISE_COUNT)
+        own = np.exp(x[self.noise_begin :])
+        numbers[:NOISE_SENSOR] = own[:NOISE_SENSOR]
+        for name, value in zip(self.sensors, own[NOISE_SENSOR:], strict=True):
+            numbers[NOISE_SENSOR + SENSORS.index(name)] = value
+        return numbers
+
+    def steps(self, x: FloatArray) -> FloatArray:
+        """(p,) positive difference steps at ``x``."""
+        step = np.full(len(x), _STEP)
+        for at, parameter in enumerate(_parameters(self.effects), start=self.effects_begin):
+            first = abs(parameter.initial_values[0]) or 1.0
+            step[at] = parameter.step * max(abs(x[at]), _LEAST_SIZE * first)
+        return step
+
+    def projected(self, x: FloatArray) -> FloatArray:
+        """``x`` within its bounds and with dissipative linear damping.
+
+        The symmetric part of the linear damping of sway and yaw is made positive semidefinite, and the cross-flow drag
+        no larger than the quadratic drags that contain it.
+        """
+        x = np.clip(x, self.low, self.high)
+        values = self.values(x)
+        at = self.effects_begin
+        for effect in self.effects:
+            if effect.key == "sway_yaw_damping":
+                most = 2.0 * math.sqrt(max(values[5] * values[6], 0.0))
+                total = values[at] + values[at + 1]
+                if abs(total) > most:
+                    excess = 0.5 * (total - math.copysign(most, total))
+                    x[at] -= excess / self.units[at]
+                    x[at + 1] -= excess / self.units[at + 1]
+            if effect.key == "cross_flow_drag":
+                length = max(values[at + 1], 1e-9)
+                most = min(values[8] / length, 32.0 * values[9] / length**4)
+                x[at] = min(x[at], most / self.units[at])
+            at += len(effect.parameters)
+        return x
+
+    def canonical(self, x: FloatArray) -> FloatArray:
+        """Equivalent coordinates with currents of 0 or more."""
+        tidy, at = x.copy(), self.effects_begin
+        for effect in self.effects:
+            own = slice(at, at + len(effect.parameters))
+            if effect.canonical is not None:
+                tidy[own] = effect.canonical(x[own] * self.units[own]) / self.units[own]
+            at = own.stop
+        return tidy
+
+
+def _parameters(effects: Sequence[Effect]) -> list[EffectParameter]:
+    return [parameter for effect in effects for parameter in effect.parameters]
+
+
+def is_of_actuators(effect: Effect) -> bool:
+    """Whether an effect of the planar model acts between command and thrust."""
+    return not isinstance(effect.acts, Coupling | WaterCurrent)

@@ -1,0 +1,140 @@
+"""Compiled equations of motion of the planar model. `rovid.planar.reference` has the same in plain numpy."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from rovid.effects.bias_torque import planar_forces
+from rovid.effects.cross_flow_drag import strip_forces
+from rovid.effects.speed_dependent_damping import coupled_forces, coupled_quadratic_forces
+from rovid.effects.sway_yaw_damping import lift_forces, linear_forces
+from rovid.jit.decorators import compiled
+from rovid.planar.model import (
+    BASE_COUNT,
+    COUPLING_INDEX,
+    CURRENT_INDEX,
+    INPUT_COUNT,
+    RUDDER_COUNT,
+    RUDDER_INDEX,
+    RUDDER_INPUTS,
+)
+
+_LINEAR = COUPLING_INDEX["sway_yaw_damping"]
+_LIFT = COUPLING_INDEX["sway_yaw_damping:lift"]
+_STRIPS = COUPLING_INDEX["cross_flow_drag"]
+_SPEED = COUPLING_INDEX["speed_dependent_damping:planar"]
+_SPEED_SQUARED = COUPLING_INDEX["speed_dependent_damping:planar_quadratic"]
+_BIAS = COUPLING_INDEX["bias_torque:planar"]
+# Step of the difference quotients of forces without an analytic derivative, in shares of typical speeds.
+_DIFFERENCE = 1e-6
+
+
+@compiled
+def has_couplings(c: Any) -> bool:
+    """Whether forces beyond the base model act, with the coefficients ``c``."""
+    if len(c) > RUDDER_INDEX:
+        return True
+    found = False
+    for at in range(BASE_COUNT, CURRENT_INDEX):
+        found = found or c[at] != 0.0
+    return found
+
+
+@compiled
+def coupling_forces(c: Any, held: Any, u: float, v: float, r: float) -> tuple[float, float, float]:
+    """X, Y, N of all couplings and rudders, at speeds through the water; ``held`` are the inputs."""
+    x, y, n = 0.0, 0.0, 0.0
+    if c[_LINEAR] != 0.0 or c[_LINEAR + 1] != 0.0:
+        fx, fy, fn = linear_forces(u, v, r, c[_LINEAR : _LINEAR + 2])
+        x, y, n = x + fx, y + fy, n + fn
+    if c[_LIFT] != 0.0 or c[_LIFT + 1] != 0.0:
+        fx, fy, fn = lift_forces(u, v, r, c[_LIFT : _LIFT + 2])
+        x, y, n = x + fx, y + fy, n + fn
+    if c[_STRIPS] != 0.0:
+        fx, fy, fn = strip_forces(u, v, r, c[_STRIPS : _STRIPS + 2])
+        x, y, n = x + fx, y + fy, n + fn
+    if c[_SPEED] != 0.0 or c[_SPEED + 1] != 0.0:
+        fx, fy, fn = coupled_forces(u, v, r, c[_SPEED : _SPEED + 2])
+        x, y, n = x + fx, y + fy, n + fn
+    if c[_SPEED_SQUARED] != 0.0 or c[_SPEED_SQUARED + 1] != 0.0:
+        fx, fy, fn = coupled_quadratic_forces(u, v, r, c[_SPEED_SQUARED : _SPEED_SQUARED + 2])
+        x, y, n = x + fx, y + fy, n + fn
+    if c[_BIAS] != 0.0 or c[_BIAS + 1] != 0.0 or c[_BIAS + 2] != 0.0:
+        fx, fy, fn = planar_forces(u, v, r, c[_BIAS : _BIAS + 3])
+        x, y, n = x + fx, y + fy, n + fn
+    for number in range((len(c) - RUDDER_INDEX) // RUDDER_COUNT):
+        first, column = RUDDER_INDEX + RUDDER_COUNT * number, INPUT_COUNT + RUDDER_INPUTS * number
+        fx, fy, fn = _rudder_forces(c[first : first + RUDDER_COUNT], held[column], held[column + 1], u, v, r)
+        x, y, n = x + fx, y + fy, n + fn
+    return x, y, n
+
+
+@compiled
+def _rudder_forces(p: Any, angle: float, thrust: float, u: float, v: float, r: float) -> tuple[float, float, float]:
+    """Forces of a rudder at ``angle`` in rad behind ``thrust`` in N (Fossen 2011, section 9.5)."""
+    along, across = u - p[1] * r, v + p[0] * r
+    ahead = along * abs(along) + p[4] * max(thrust, 0.0)
+    sign = 1.0 if ahead >= 0.0 else -1.0
+    attack = sign * angle + math.atan2(across, math.sqrt(abs(ahead)))
+    attack = min(max(attack, -p[3]), p[3])
+    normal = p[2] * (abs(ahead) + across * across) * math.sin(attack)
+    # Normal to the blade, whatever the stream.
+    x, y = -normal * math.sin(angle), -normal * math.cos(angle)
+    return x, y, p[0] * y - p[1] * x
+
+
+@compiled
+def slopes(
+    c: Any, coupled: bool, held: Any, u: float, v: float, r: float, x: float, y: float, n: float
+) -> tuple[float, float, float]:
+    """Derivatives of u, v, r through the water under the disturbances ``x``, ``y``, ``n``."""
+    across = c[1] * v + c[3] * r
+    fx = held[0] + x + across * r - (c[4] + c[7] * abs(u)) * u
+    fy = held[1] + y - c[0] * u * r - (c[5] + c[8] * abs(v)) * v
+    fn = held[2] + n - across * u + c[0] * u * v - (c[6] + c[9] * abs(r)) * r
+    if coupled:
+        cx, cy, cn = coupling_forces(c, held, u, v, r)
+        fx, fy, fn = fx + cx, fy + cy, fn + cn
+    scale = 1.0 / (c[1] * c[2] - c[3] * c[3])
+    return fx / c[0], (c[2] * fy - c[3] * fn) * scale, (c[1] * fn - c[3] * fy) * scale
+
+
+@compiled
+def speed_jacobian(
+    c: Any, coupled: bool, held: Any, speed_scale: Any, u: float, v: float, r: float, jacobian: Any
+) -> None:
+    """Write the (3, 3) derivatives of `slopes` by u, v, r."""
+    across = c[1] * v + c[3] * r
+    xu, xv, xr = -c[4] - 2.0 * c[7] * abs(u), c[1] * r, across + c[3] * r
+    yu, yv, yr = -c[0] * r, -c[5] - 2.0 * c[8] * abs(v), -c[0] * u
+    nu, nv, nr = c[0] * v - across, (c[0] - c[1]) * u, -c[3] * u - c[6] - 2.0 * c[9] * abs(r)
+    if coupled:
+        x0, y0, n0 = coupling_forces(c, held, u, v, r)
+        h = _DIFFERENCE * speed_scale[0]
+        x1, y1, n1 = coupling_forces(c, held, u + h, v, r)
+        xu, yu, nu = xu + (x1 - x0) / h, yu + (y1 - y0) / h, nu + (n1 - n0) / h
+        h = _DIFFERENCE * speed_scale[1]
+        x1, y1, n1 = coupling_forces(c, held, u, v + h, r)
+        xv, yv, nv = xv + (x1 - x0) / h, yv + (y1 - y0) / h, nv + (n1 - n0) / h
+        h = _DIFFERENCE * speed_scale[2]
+        x1, y1, n1 = coupling_forces(c, held, u, v, r + h)
+        xr, yr, nr = xr + (x1 - x0) / h, yr + (y1 - y0) / h, nr + (n1 - n0) / h
+    scale = 1.0 / (c[1] * c[2] - c[3] * c[3])
+    jacobian[0, 0], jacobian[0, 1], jacobian[0, 2] = xu / c[0], xv / c[0], xr / c[0]
+    jacobian[1, 0], jacobian[2, 0] = (c[2] * yu - c[3] * nu) * scale, (c[1] * nu - c[3] * yu) * scale
+    jacobian[1, 1], jacobian[2, 1] = (c[2] * yv - c[3] * nv) * scale, (c[1] * nv - c[3] * yv) * scale
+    jacobian[1, 2], jacobian[2, 2] = (c[2] * yr - c[3] * nr) * scale, (c[1] * nr - c[3] * yr) * scale
+
+
+@compiled
+def fastest(c: Any, jacobian: Any, yaw_only: bool) -> float:
+    """1/s; largest absolute row sum of the (3, 3) ``jacobian`` in speeds scaled to equal momenta."""
+    if yaw_only:
+        return float(abs(jacobian[2, 2]))
+    # m/s per rad/s.
+    radius = math.sqrt(c[2] / c[1])
+    first = abs(jacobian[0, 0]) + abs(jacobian[0, 1]) + abs(jacobian[0, 2]) / radius
+    second = abs(jacobian[1, 0]) + abs(jacobian[1, 1]) + abs(jacobian[1, 2]) / radius
+    third = (abs(jacobian[2, 0]) + abs(jacobian[2, 1])) * radius + abs(jacobian[2, 2])
+    return float(max(first, second, third))

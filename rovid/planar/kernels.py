@@ -1,0 +1,417 @@
+"""Compiled extended Kalman filter and free-running simulation of the planar model.
+
+State: heading; u, v, r through the water; disturbances X, Y, N; change of the current to north and to east; position to
+north and to east. The matrices have room for all of them. Rows that are not in use stay zero.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from rovid.core.array_types import FloatArray
+from rovid.jit.decorators import compiled
+from rovid.planar.equations import fastest, has_couplings, slopes, speed_jacobian
+from rovid.planar.model import CURRENT_INDEX
+
+# Room for the states, a whole number of SIMD vectors.
+STATES = 12
+HEADING, SURGE, YAW, FORCE, CURRENT, NORTH = 0, 1, 3, 4, 7, 9
+# Sensors by their index in the events.
+SENSORS = ("heading", "yaw_rate", "surge_velocity", "sway_velocity", "north", "east")
+# Entries of ``noise``: standard deviations of the disturbances in N and N m, their correlation times in s, and the
+# standard deviation of each sensor.
+NOISE_STD, NOISE_TIME, NOISE_SENSOR = 0, 3, 6
+NOISE_COUNT = NOISE_SENSOR + len(SENSORS)
+# Step in shares of the shortest time constant; the transition matrix is a series of fourth order.
+_STEP_SHARE = 0.4
+_MAX_SUBSTEPS = 200
+
+
+@compiled
+def filter_runs(
+    offsets: Any,
+    time: Any,
+    inputs: Any,
+    event_offsets: Any,
+    sensors: Any,
+    values: Any,
+    starts: Any,
+    start_std: Any,
+    speed_scale: Any,
+    yaw_only: bool,
+    c: Any,
+    noise: Any,
+    error: Any,
+    variance: Any,
+    states: Any,
+) -> None:
+    """Filter one run after the other; write the innovations and their variances.
+
+    Parameters
+    ----------
+    offsets
+        (runs + 1,) first instant of each run.
+    time, inputs
+        (n,) s; (n, k) inputs from each instant to the next.
+    event_offsets, sensors, values
+        (n + 1,) first measurement at each instant; (m,) sensor and value of each measurement.
+    starts, start_std
+        (runs, 6) first heading, u, v over ground, r, north, east; their standard deviations, for heading and position
+        beyond the sensor's noise.
+    c, noise
+        Coefficients of `rovid.planar.model`, and `NOISE_STD` and so on.
+    error, variance
+        (m,) written.
+    states
+        (n, 12) filtered states, written if it has rows.
+    """
+    p, t, f = np.zeros((STATES, STATES)), np.zeros((STATES, STATES)), np.zeros((STATES, STATES))
+    column, x = np.zeros(STATES), np.zeros(STATES)
+    jacobian, decays = np.zeros((3, 3)), np.ones((2, 4))
+    coupled, wander = has_couplings(c), c[CURRENT_INDEX + 2]
+    leak = max(1.0 / noise[NOISE_TIME], 1.0 / noise[NOISE_TIME + 1], 1.0 / noise[NOISE_TIME + 2])
+    north, east, last_h = c[CURRENT_INDEX], c[CURRENT_INDEX + 1], -1.0
+    keep = len(states) > 0
+    for run in range(len(offsets) - 1):
+        p[:] = 0.0
+        x[:] = 0.0
+        cosine, sine = math.cos(starts[run, 0]), math.sin(starts[run, 0])
+        x[HEADING], x[YAW] = starts[run, 0], starts[run, 3]
+        p[HEADING, HEADING] = noise[NOISE_SENSOR] ** 2 + start_std[run, 0] ** 2
+        p[YAW, YAW] = start_std[run, 3] ** 2
+        p[FORCE + 2, FORCE + 2] = noise[2] ** 2
+        if not yaw_only:
+            x[SURGE] = starts[run, 1] - north * cosine - east * sine
+            x[SURGE + 1] = starts[run, 2] + north * sine - east * cosine
+            x[NORTH], x[NORTH + 1] = starts[run, 4], starts[run, 5]
+            for k in range(2):
+                p[SURGE + k, SURGE + k] = start_std[run, 1 + k] ** 2
+                p[NORTH + k, NORTH + k] = noise[NOISE_SENSOR + 4 + k] ** 2 + start_std[run, 4 + k] ** 2
+                p[FORCE + k, FORCE + k] = noise[k] ** 2
+                p[CURRENT + k, CURRENT + k] = wander**2
+        speed_jacobian(c, coupled, inputs[offsets[run]], speed_scale, x[1], x[2], x[3], jacobian)
+        for k in range(offsets[run], offsets[run + 1]):
+            if k > offsets[run]:
+                interval, held = time[k] - time[k - 1], inputs[k - 1]
+                rate = max(fastest(c, jacobian, yaw_only), leak)
+                steps = min(int(interval * rate / _STEP_SHARE) + 1, _MAX_SUBSTEPS)
+                h = interval / steps
+                if abs(h - last_h) > 1e-9 * h:
+                    last_h = h
+                    for axis in range(3):
+                        decays[0, axis] = math.exp(-0.5 * h / noise[NOISE_TIME + axis])
+                        decays[1, axis] = decays[0, axis] ** 2
+                    decays[1, 3] = math.exp(-h / c[CURRENT_INDEX + 3])
+                for _ in range(steps):
+                    _step(c, coupled, yaw_only, held, speed_scale, noise, decays, h, x, jacobian, f)
+                    _propagate(f, p, t)
+                    _add_noise(c, yaw_only, noise, decays, h, x[HEADING], jacobian, p)
+                    add = (1.0 - decays[1, 3] ** 2) * wander**2
+                    p[CURRENT, CURRENT] += add
+                    p[CURRENT + 1, CURRENT + 1] += add
+            for m in range(event_offsets[k], event_offsets[k + 1]):
+                error[m], variance[m] = _update(north, east, noise, sensors[m], values[m], x, p, column)
+            if keep:
+                for j in range(STATES):
+                    states[k, j] = x[j]
+
+
+@compiled
+def _step(  # noqa: PLR0915 - one step, from top to bottom
+    c: Any,
+    coupled: bool,
+    yaw_only: bool,
+    held: Any,
+    speed_scale: Any,
+    noise: Any,
+    decays: Any,
+    h: float,
+    x: Any,
+    jacobian: Any,
+    f: Any,
+) -> None:
+    """Advance the state ``x`` by ``h`` s, and write its transition matrix ``f``."""
+    psi, u, v, r = x[0], x[1], x[2], x[3]
+    north, east = c[CURRENT_INDEX] + x[CURRENT], c[CURRENT_INDEX + 1] + x[CURRENT + 1]
+    advance_state(c, coupled, yaw_only, held, decays, h, north, east, x)
+    for k in range(3):
+        x[FORCE + k] *= decays[1, k]
+    for k in range(2):
+        x[CURRENT + k] *= decays[1, 3]
+    um, vm, rm, pm = 0.5 * (u + x[1]), 0.5 * (v + x[2]), 0.5 * (r + x[3]), 0.5 * (psi + x[0])
+    speed_jacobian(c, coupled, held, speed_scale, um, vm, rm, jacobian)
+    if yaw_only:
+        jacobian[0], jacobian[1] = 0.0, 0.0
+        jacobian[2, 0], jacobian[2, 1] = 0.0, 0.0
+    j = jacobian
+    # Powers of the Jacobian, and the series of exp(J h), its integral and its second integral.
+    f[HEADING, HEADING] = 1.0
+    cosine, sine = math.cos(pm), math.sin(pm)
+    if not yaw_only:
+        f[NORTH, HEADING] = h * (-um * sine - vm * cosine)
+        f[NORTH + 1, HEADING] = h * (um * cosine - vm * sine)
+        f[NORTH, NORTH], f[NORTH + 1, NORTH + 1] = 1.0, 1.0
+        f[NORTH, CURRENT], f[NORTH + 1, CURRENT + 1] = h, h
+        f[CURRENT, CURRENT], f[CURRENT + 1, CURRENT + 1] = decays[1, 3], decays[1, 3]
+    for b in range(3):
+        # Column b of J^2, J^3 and J^4.
+        a0, a1, a2 = j[0, b], j[1, b], j[2, b]
+        b0 = j[0, 0] * a0 + j[0, 1] * a1 + j[0, 2] * a2
+        b1 = j[1, 0] * a0 + j[1, 1] * a1 + j[1, 2] * a2
+        b2 = j[2, 0] * a0 + j[2, 1] * a1 + j[2, 2] * a2
+        c0 = j[0, 0] * b0 + j[0, 1] * b1 + j[0, 2] * b2
+        c1 = j[1, 0] * b0 + j[1, 1] * b1 + j[1, 2] * b2
+        c2 = j[2, 0] * b0 + j[2, 1] * b1 + j[2, 2] * b2
+        d0 = j[0, 0] * c0 + j[0, 1] * c1 + j[0, 2] * c2
+        d1 = j[1, 0] * c0 + j[1, 1] * c1 + j[1, 2] * c2
+        d2 = j[2, 0] * c0 + j[2, 1] * c1 + j[2, 2] * c2
+        f[1, 1 + b] = h * (a0 + h / 2.0 * (b0 + h / 3.0 * (c0 + h / 4.0 * d0)))
+        f[2, 1 + b] = h * (a1 + h / 2.0 * (b1 + h / 3.0 * (c1 + h / 4.0 * d1)))
+        f[3, 1 + b] = h * (a2 + h / 2.0 * (b2 + h / 3.0 * (c2 + h / 4.0 * d2)))
+        f[HEADING, 1 + b] = h * h / 2.0 * (a2 + h / 3.0 * (b2 + h / 4.0 * c2))
+        if not yaw_only:
+            x0, x1 = h * h / 2.0 * (a0 + h / 3.0 * b0), h * h / 2.0 * (a1 + h / 3.0 * b1)
+            f[NORTH, 1 + b] = x0 * cosine - x1 * sine
+            f[NORTH + 1, 1 + b] = x0 * sine + x1 * cosine
+        f[1 + b, 1 + b] += 1.0
+    f[HEADING, 3] += h
+    if not yaw_only:
+        turn = h * h / 2.0
+        f[NORTH, 1] += h * cosine
+        f[NORTH, 2] -= h * sine
+        f[NORTH + 1, 1] += h * sine
+        f[NORTH + 1, 2] += h * cosine
+        f[NORTH, 3] += turn * (-um * sine - vm * cosine)
+        f[NORTH + 1, 3] += turn * (um * cosine - vm * sine)
+    scale = 1.0 / (c[1] * c[2] - c[3] * c[3])
+    for b in range(3):
+        if yaw_only and b < 2:
+            continue
+        a0, a1, a2 = _response(c, scale, yaw_only, b)
+        leak = -1.0 / noise[NOISE_TIME + b]
+        b0 = j[0, 0] * a0 + j[0, 1] * a1 + j[0, 2] * a2
+        b1 = j[1, 0] * a0 + j[1, 1] * a1 + j[1, 2] * a2
+        b2 = j[2, 0] * a0 + j[2, 1] * a1 + j[2, 2] * a2
+        c0 = j[0, 0] * b0 + j[0, 1] * b1 + j[0, 2] * b2
+        c1 = j[1, 0] * b0 + j[1, 1] * b1 + j[1, 2] * b2
+        c2 = j[2, 0] * b0 + j[2, 1] * b1 + j[2, 2] * b2
+        d0 = j[0, 0] * c0 + j[0, 1] * c1 + j[0, 2] * c2
+        d1 = j[1, 0] * c0 + j[1, 1] * c1 + j[1, 2] * c2
+        d2 = j[2, 0] * c0 + j[2, 1] * c1 + j[2, 2] * c2
+        # Forces decay: each power of J comes with the lower powers of the decay rate.
+        b0, b1, b2 = b0 + leak * a0, b1 + leak * a1, b2 + leak * a2
+        c0, c1, c2 = c0 + leak * b0, c1 + leak * b1, c2 + leak * b2
+        d0, d1, d2 = d0 + leak * c0, d1 + leak * c1, d2 + leak * c2
+        f[1, 4 + b] = h * (a0 + h / 2.0 * (b0 + h / 3.0 * (c0 + h / 4.0 * d0)))
+        f[2, 4 + b] = h * (a1 + h / 2.0 * (b1 + h / 3.0 * (c1 + h / 4.0 * d1)))
+        f[3, 4 + b] = h * (a2 + h / 2.0 * (b2 + h / 3.0 * (c2 + h / 4.0 * d2)))
+        f[HEADING, 4 + b] = h * h / 2.0 * (a2 + h / 3.0 * (b2 + h / 4.0 * c2))
+        if not yaw_only:
+            x0, x1 = h * h / 2.0 * (a0 + h / 3.0 * b0), h * h / 2.0 * (a1 + h / 3.0 * b1)
+            f[NORTH, 4 + b] = x0 * cosine - x1 * sine
+            f[NORTH + 1, 4 + b] = x0 * sine + x1 * cosine
+        f[4 + b, 4 + b] = decays[1, b]
+
+
+@compiled
+def _response(c: Any, scale: float, yaw_only: bool, axis: int) -> tuple[float, float, float]:
+    """Accelerations by a unit force along ``axis``: a column of the inverse mass matrix."""
+    if axis == 0:
+        return 1.0 / c[0], 0.0, 0.0
+    if axis == 1:
+        return 0.0, c[2] * scale, -c[3] * scale
+    if yaw_only:
+        return 0.0, 0.0, 1.0 / c[2]
+    return 0.0, -c[3] * scale, c[1] * scale
+
+
+@compiled
+def advance_state(
+    c: Any, coupled: bool, yaw_only: bool, held: Any, decays: Any, h: float, north: float, east: float, x: Any
+) -> None:
+    """Runge-Kutta step of heading, speeds and position of ``x`` over ``h`` s in a current to ``north`` and ``east``."""
+    psi, u, v, r = x[0], x[1], x[2], x[3]
+    dx, dy, dn = x[FORCE], x[FORCE + 1], x[FORCE + 2]
+    if yaw_only:
+        inverse, linear, quadratic, torque = 1.0 / c[2], c[6], c[9], held[2]
+        a1 = (torque + dn - (linear + quadratic * abs(r)) * r) * inverse
+        r2 = r + 0.5 * h * a1
+        a2 = (torque + dn * decays[0, 2] - (linear + quadratic * abs(r2)) * r2) * inverse
+        r3 = r + 0.5 * h * a2
+        a3 = (torque + dn * decays[0, 2] - (linear + quadratic * abs(r3)) * r3) * inverse
+        r4 = r + h * a3
+        a4 = (torque + dn * decays[1, 2] - (linear + quadratic * abs(r4)) * r4) * inverse
+        x[0] = psi + h / 6.0 * (r + 2.0 * r2 + 2.0 * r3 + r4)
+        x[3] = r + h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
+        return
+    mx, my, mn = dx * decays[0, 0], dy * decays[0, 1], dn * decays[0, 2]
+    au1, av1, ar1 = slopes(c, coupled, held, u, v, r, dx, dy, dn)
+    u2, v2, r2 = u + 0.5 * h * au1, v + 0.5 * h * av1, r + 0.5 * h * ar1
+    au2, av2, ar2 = slopes(c, coupled, held, u2, v2, r2, mx, my, mn)
+    u3, v3, r3 = u + 0.5 * h * au2, v + 0.5 * h * av2, r + 0.5 * h * ar2
+    au3, av3, ar3 = slopes(c, coupled, held, u3, v3, r3, mx, my, mn)
+    u4, v4, r4 = u + h * au3, v + h * av3, r + h * ar3
+    au4, av4, ar4 = slopes(c, coupled, held, u4, v4, r4, dx * decays[1, 0], dy * decays[1, 1], dn * decays[1, 2])
+    x[0] = psi + h / 6.0 * (r + 2.0 * r2 + 2.0 * r3 + r4)
+    x[1] = u + h / 6.0 * (au1 + 2.0 * au2 + 2.0 * au3 + au4)
+    x[2] = v + h / 6.0 * (av1 + 2.0 * av2 + 2.0 * av3 + av4)
+    x[3] = r + h / 6.0 * (ar1 + 2.0 * ar2 + 2.0 * ar3 + ar4)
+    # Simpson's rule for the position; heading and speeds in the middle of the step are those of the cubic through both
+    # ends.
+    um = 0.5 * (u + x[1]) + h / 8.0 * (au1 - au4)
+    vm = 0.5 * (v + x[2]) + h / 8.0 * (av1 - av4)
+    pm = 0.5 * (psi + x[0]) + h / 8.0 * (r - x[3])
+    c0, s0, c1, s1, c2, s2 = math.cos(psi), math.sin(psi), math.cos(pm), math.sin(pm), math.cos(x[0]), math.sin(x[0])
+    x[NORTH] += h * north + h / 6.0 * (u * c0 - v * s0 + 4.0 * (um * c1 - vm * s1) + x[1] * c2 - x[2] * s2)
+    x[NORTH + 1] += h * east + h / 6.0 * (u * s0 + v * c0 + 4.0 * (um * s1 + vm * c1) + x[1] * s2 + x[2] * c2)
+
+
+@compiled
+def _propagate(f: Any, p: Any, t: Any) -> None:
+    """``p`` = f p f', by its rows; ``t`` is overwritten."""
+    _rows_product(f, p, t)
+    # The transpose of f p is p f'.
+    for i in range(STATES):
+        for k in range(i):
+            t[i, k], t[k, i] = t[k, i], t[i, k]
+    _rows_product(f, t, p)
+
+
+@compiled
+def _rows_product(f: Any, p: Any, t: Any) -> None:
+    """``t`` = f p, with the zeros of the transition matrix left out."""
+    for k in range(STATES):
+        forces = f[0, 4] * p[4, k] + f[0, 5] * p[5, k] + f[0, 6] * p[6, k]
+        t[0, k] = p[0, k] + f[0, 1] * p[1, k] + f[0, 2] * p[2, k] + f[0, 3] * p[3, k] + forces
+    for i in range(1, 4):
+        for k in range(STATES):
+            forces = f[i, 4] * p[4, k] + f[i, 5] * p[5, k] + f[i, 6] * p[6, k]
+            t[i, k] = f[i, 1] * p[1, k] + f[i, 2] * p[2, k] + f[i, 3] * p[3, k] + forces
+    for i in range(4, 9):
+        for k in range(STATES):
+            t[i, k] = f[i, i] * p[i, k]
+    for i in range(9, 11):
+        for k in range(STATES):
+            forces = f[i, 4] * p[4, k] + f[i, 5] * p[5, k] + f[i, 6] * p[6, k]
+            motion = f[i, 0] * p[0, k] + f[i, 1] * p[1, k] + f[i, 2] * p[2, k] + f[i, 3] * p[3, k]
+            t[i, k] = p[i, k] + motion + forces + f[i, i - 2] * p[i - 2, k]
+
+
+@compiled
+def _add_noise(c: Any, yaw_only: bool, noise: Any, decays: Any, h: float, psi: float, jacobian: Any, p: Any) -> None:
+    """Add the covariance of the disturbances' white noise over a step, by Simpson's rule over the response to it."""
+    j = jacobian
+    cosine, sine = math.cos(psi), math.sin(psi)
+    scale = 1.0 / (c[1] * c[2] - c[3] * c[3])
+    for b in range(3):
+        if yaw_only and b < 2:
+            continue
+        a0, a1, a2 = _response(c, scale, yaw_only, b)
+        leak = -1.0 / noise[NOISE_TIME + b]
+        b0 = j[0, 0] * a0 + j[0, 1] * a1 + j[0, 2] * a2 + leak * a0
+        b1 = j[1, 0] * a0 + j[1, 1] * a1 + j[1, 2] * a2 + leak * a1
+        b2 = j[2, 0] * a0 + j[2, 1] * a1 + j[2, 2] * a2 + leak * a2
+        power = 2.0 * noise[b] ** 2 / noise[NOISE_TIME + b]
+        for part in range(3):
+            s = 0.5 * h * part
+            weight = power * h / 6.0 * (4.0 if part == 1 else 1.0)
+            u, v, r = s * (a0 + s / 2.0 * b0), s * (a1 + s / 2.0 * b1), s * (a2 + s / 2.0 * b2)
+            e = 1.0 if part == 0 else decays[part - 1, b]
+            half = s * s / 2.0
+            q0 = half * (a2 + s / 3.0 * b2)
+            k = FORCE + b
+            p[k, k] += weight * e * e
+            for row in range(4):
+                value = q0 if row == 0 else (u if row == 1 else (v if row == 2 else r))
+                p[k, row] += weight * e * value
+                p[row, k] += weight * e * value
+                p[row, 0] += weight * value * q0
+                p[row, 1] += weight * value * u
+                p[row, 2] += weight * value * v
+                p[row, 3] += weight * value * r
+            if not yaw_only:
+                x, y = half * (a0 * cosine - a1 * sine), half * (a0 * sine + a1 * cosine)
+                for row in range(4):
+                    value = q0 if row == 0 else (u if row == 1 else (v if row == 2 else r))
+                    p[row, 9] += weight * value * x
+                    p[9, row] += weight * value * x
+                    p[row, 10] += weight * value * y
+                    p[10, row] += weight * value * y
+                p[k, 9] += weight * e * x
+                p[9, k] += weight * e * x
+                p[k, 10] += weight * e * y
+                p[10, k] += weight * e * y
+                p[9, 9] += weight * x * x
+                p[9, 10] += weight * x * y
+                p[10, 9] += weight * x * y
+                p[10, 10] += weight * y * y
+
+
+@compiled
+def _update(
+    north: float, east: float, noise: Any, sensor: int, value: float, x: Any, p: Any, column: Any
+) -> tuple[float, float]:
+    """Update state and covariance with one measurement; its innovation and variance."""
+    if sensor < 2 or sensor > 3:
+        at = HEADING if sensor == 0 else (YAW if sensor == 1 else NORTH + sensor - 4)
+        predicted = x[at]
+        for k in range(STATES):
+            column[k] = p[at, k]
+        spread = column[at]
+    else:
+        cosine, sine = math.cos(x[HEADING]), math.sin(x[HEADING])
+        vn, ve = north + x[CURRENT], east + x[CURRENT + 1]
+        ahead, across = vn * cosine + ve * sine, -vn * sine + ve * cosine
+        if sensor == 2:
+            at, predicted, by_heading, by_north, by_east = 1, x[1] + ahead, across, cosine, sine
+        else:
+            at, predicted, by_heading, by_north, by_east = 2, x[2] + across, -ahead, -sine, cosine
+        for k in range(STATES):
+            column[k] = p[at, k] + by_heading * p[0, k] + by_north * p[CURRENT, k] + by_east * p[CURRENT + 1, k]
+        spread = column[at] + by_heading * column[0] + by_north * column[CURRENT] + by_east * column[CURRENT + 1]
+    error, variance = value - predicted, spread + noise[NOISE_SENSOR + sensor] ** 2
+    gain = error / variance
+    for i in range(STATES):
+        x[i] += column[i] * gain
+        scaled = column[i] / variance
+        for k in range(STATES):
+            p[i, k] -= scaled * column[k]
+    return error, variance
+
+
+@compiled
+def simulate_runs(
+    offsets: Any, time: Any, inputs: Any, starts: Any, speed_scale: Any, yaw_only: bool, c: Any, states: Any
+) -> None:
+    """Free-running simulation of one run after the other, from (runs, 6) ``starts`` as in `filter_runs`.
+
+    Writes (n, 12) ``states``; the forces of the disturbance stay zero.
+    """
+    x, decays, jacobian = np.zeros(STATES), np.ones((2, 4)), np.zeros((3, 3))
+    coupled = has_couplings(c)
+    north, east = c[CURRENT_INDEX], c[CURRENT_INDEX + 1]
+    for run in range(len(offsets) - 1):
+        x[:] = 0.0
+        cosine, sine = math.cos(starts[run, 0]), math.sin(starts[run, 0])
+        x[HEADING], x[YAW] = starts[run, 0], starts[run, 3]
+        if not yaw_only:
+            x[SURGE] = starts[run, 1] - north * cosine - east * sine
+            x[SURGE + 1] = starts[run, 2] + north * sine - east * cosine
+            x[NORTH], x[NORTH + 1] = starts[run, 4], starts[run, 5]
+        for k in range(offsets[run], offsets[run + 1]):
+            if k > offsets[run]:
+                interval, held = time[k] - time[k - 1], inputs[k - 1]
+                speed_jacobian(c, coupled, held, speed_scale, x[1], x[2], x[3], jacobian)
+                steps = min(int(interval * fastest(c, jacobian, yaw_only) / _STEP_SHARE) + 1, _MAX_SUBSTEPS)
+                for _ in range(steps):
+                    advance_state(c, coupled, yaw_only, held, decays, interval / steps, north, east, x)
+            for j in range(STATES):
+                states[k, j] = x[j]
+
+
+def empty_states() -> FloatArray:
+    """(0, 12): no states are kept."""
+    return np.zeros((0, STATES))

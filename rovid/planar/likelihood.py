@@ -1,0 +1,217 @@
+"""Innovation likelihood of the planar model: runs as the arrays of the compiled loops, and their evaluation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+
+from rovid.core.array_types import BoolArray, FloatArray, IntArray
+from rovid.core.threads import thread_map
+from rovid.estimate.fisher_information import (
+    Innovations,
+    Jacobian,
+    NormalEquations,
+    jacobian_chunks,
+    total_negative_log_likelihood,
+)
+from rovid.planar.coordinates import PlanarCoordinates, is_of_actuators
+from rovid.planar.kernels import SENSORS, empty_states, filter_runs
+from rovid.planar.model import PlanarModel
+from rovid.planar.smoothing import run_inputs
+
+if TYPE_CHECKING:
+    from rovid.planar.dataset import PlanarData, PlanarRun
+
+# Sensors with a first reading that starts the filter and has no innovation.
+_STARTING = [SENSORS.index(name) for name in ("heading", "north", "east")]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlanarGrid:
+    """Runs as the compiled loops read them; n instants and m readings of all runs."""
+
+    runs: tuple[PlanarRun, ...]
+    kept: tuple[IntArray, ...]  #: Of each run: indices of its instants that are steps of the filter.
+    offsets: IntArray  #: (runs + 1,) first instant of each run.
+    time: FloatArray  #: (n,) s.
+    event_offsets: IntArray  #: (n + 1,) first reading at each instant.
+    sensors: IntArray  #: (m,) index in `SENSORS`.
+    values: FloatArray  #: (m,) SI, rad.
+    used: BoolArray  #: (m,) whether the reading has an innovation that counts.
+    run_index: IntArray  #: (m,) number of the run of each reading.
+    starts: FloatArray  #: (runs, 6) as in `rovid.planar.kernels.filter_runs`.
+    start_std: FloatArray  #: (runs, 6) likewise.
+    speed: FloatArray  #: (3,) typical speeds.
+    yaw_only: bool  #: Whether only heading or yaw rate is measured.
+
+    @classmethod
+    def of(
+        cls,
+        data: PlanarData,
+        starts: FloatArray,
+        start_std: FloatArray,
+        speed: FloatArray,
+        *,
+        yaw_only: bool,
+        interval: float = 0.0,
+    ) -> Self:
+        """The runs of ``data``; of each sensor one reading in ``interval`` s."""
+        kept, times, offsets, sensors, values, used, numbers = [], [], [], [], [], [], []
+        count = 0
+        for number, run in enumerate(data.runs):
+            index, sensor, value = run.event_index, run.event_sensor, run.event_value
+            if interval > 0.0:
+                chosen = _thinned(run, interval)
+                index, sensor, value = index[chosen], sensor[chosen], value[chosen]
+                steps = np.unique(np.concatenate(([0], index)))
+                index = np.searchsorted(steps, index)
+            else:
+                steps = np.arange(len(run.time))
+            counts = np.bincount(index, minlength=len(steps))
+            offsets.append(count + np.concatenate(([0], np.cumsum(counts)[:-1])))
+            count += len(index)
+            first = np.ones(len(index), dtype=bool)
+            for one in _STARTING:
+                at = np.flatnonzero(sensor == one)[:1]
+                first[at] = False
+            kept.append(steps)
+            times.append(run.time[steps])
+            sensors.append(sensor)
+            values.append(value)
+            used.append(first)
+            numbers.append(np.full(len(index), number))
+        return cls(
+            runs=data.runs,
+            kept=tuple(kept),
+            offsets=np.cumsum([0, *map(len, times)]),
+            time=np.concatenate(times),
+            event_offsets=np.concatenate((*offsets, [count])).astype(np.intp),
+            sensors=np.concatenate(sensors).astype(np.intp),
+            values=np.concatenate(values),
+            used=np.concatenate(used),
+            run_index=np.concatenate(numbers),
+            starts=starts,
+            start_std=start_std,
+            speed=speed,
+            yaw_only=yaw_only,
+        )
+
+    @cached_property
+    def event_time(self) -> FloatArray:
+        """(m,) s of each reading."""
+        return np.repeat(self.time, np.diff(self.event_offsets))
+
+    def inputs(self, model: PlanarModel) -> FloatArray:
+        """(n, k) inputs of ``model``: means from each instant to the next."""
+        effects = tuple(one for one in model.effects if is_of_actuators(one.effect))
+        columns = []
+        for run, steps in zip(self.runs, self.kept, strict=True):
+            held = run_inputs(run, effects)
+            if len(steps) == len(run.time):
+                columns.append(held)
+                continue
+            lengths = np.diff(run.time, append=run.time[-1])
+            area = np.add.reduceat(held * lengths[:, None], steps, axis=0)
+            span = np.add.reduceat(lengths, steps)
+            columns.append(np.where(span[:, None] > 0.0, area / np.maximum(span, 1e-300)[:, None], held[steps]))
+        return np.ascontiguousarray(np.concatenate(columns))
+
+    @cached_property
+    def plain_inputs(self) -> FloatArray:
+        """(n, k) inputs without effects of the actuators."""
+        return self.inputs(PlanarModel(base=np.ones(10)))
+
+
+def _thinned(run: PlanarRun, interval: float) -> BoolArray:
+    """(m,) readings of which each sensor has one in an interval: the first."""
+    cell = np.floor(run.time[run.event_index] / interval + 1e-9).astype(np.intp)
+    chosen = np.zeros(len(cell), dtype=bool)
+    for sensor in np.unique(run.event_sensor):
+        own = np.flatnonzero(run.event_sensor == sensor)
+        chosen[own[np.unique(cell[own], return_index=True)[1]]] = True
+    return chosen
+
+
+@dataclass(frozen=True, eq=False)
+class PlanarLikelihood:
+    """Negative log-likelihood of each reading, predicted from all readings before it; docs/method.md, (12)."""
+
+    grid: PlanarGrid
+    coordinates: PlanarCoordinates
+
+    @property
+    def has_actuator_effects(self) -> bool:
+        """Whether the inputs depend on the coordinates."""
+        return any(is_of_actuators(effect) for effect in self.coordinates.effects)
+
+    def evaluate(self, x: FloatArray) -> Innovations:
+        """(N,) innovations that count, in SI and rad, and their variances."""
+        return self.filtered(x)[0]
+
+    def filtered(self, x: FloatArray, *, keep: bool = False) -> tuple[Innovations, FloatArray]:
+        """Innovations that count, and (n, 12) filtered states if asked for."""
+        grid, model = self.grid, self.coordinates.model(x)
+        inputs = grid.inputs(model) if self.has_actuator_effects else grid.plain_inputs
+        error, variance = np.empty((2, len(grid.values)))
+        states = np.zeros((len(grid.time), empty_states().shape[1])) if keep else empty_states()
+        filter_runs(
+            grid.offsets,
+            grid.time,
+            inputs,
+            grid.event_offsets,
+            grid.sensors,
+            grid.values,
+            grid.starts,
+            grid.start_std,
+            grid.speed,
+            grid.yaw_only,
+            model.coefficients,
+            self.coordinates.noise(x),
+            error,
+            variance,
+            states,
+        )
+        return Innovations(error[grid.used], variance[grid.used]), states
+
+    def value_of(self, innovations: Innovations) -> float:
+        """Negative log-likelihood of ``innovations``."""
+        return total_negative_log_likelihood(innovations, 1.0)
+
+    def value(self, x: FloatArray) -> float:
+        """Negative log-likelihood at ``x``."""
+        return self.value_of(self.evaluate(x))
+
+    def values(self, points: Sequence[FloatArray]) -> list[float]:
+        """Negative log-likelihood at each of the ``points``, on all cores."""
+        return thread_map(self.value, points)
+
+    def jacobian(self, x: FloatArray, centre: Innovations | None = None) -> tuple[BoolArray, list[Jacobian]]:
+        """(p,) free coordinates, and Jacobians by these; ``centre`` are the innovations at ``x`` where known."""
+        free = self.coordinates.free
+        steps = self.coordinates.steps(x)
+        # Differences go inwards at an upper bound.
+        steps = np.where(x + steps > self.coordinates.high, -steps, steps)
+        points = [x + np.where(np.arange(len(x)) == at, steps, 0.0) for at in np.flatnonzero(free)]
+        if centre is None:
+            points.append(x)
+        found = thread_map(self.evaluate, points)
+        if centre is None:
+            centre = found.pop()
+        return free, list(jacobian_chunks(centre, found, steps[free], 1.0))
+
+    def equations(self, x: FloatArray, centre: Innovations | None = None) -> NormalEquations:
+        """(p,) gradient and (p, p) Fisher information; zeros for fixed coordinates."""
+        free, pieces = self.jacobian(x, centre)
+        own = NormalEquations.from_jacobians(pieces)
+        gradient, information = np.zeros(len(x)), np.zeros((len(x), len(x)))
+        gradient[free] = own.gradient
+        information[np.ix_(free, free)] = own.information
+        return NormalEquations(gradient, information)
+
+    def with_coordinates(self, coordinates: PlanarCoordinates) -> Self:
+        """The same data with other coordinates."""
+        return replace(self, coordinates=coordinates)

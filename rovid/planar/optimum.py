@@ -1,0 +1,205 @@
+"""A fitted planar model: optimisation, nested fits with effects, covariance and free-running simulation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+
+from rovid.core.array_types import BoolArray, FloatArray, IntArray
+from rovid.effects import Effect
+from rovid.estimate.fisher_information import (
+    NormalEquations,
+    grouped_scores,
+    inverse_information,
+    is_white,
+    sandwich_covariance,
+)
+from rovid.estimate.levenberg_marquardt import bounded_step, updated_damping, with_bfgs_updates
+from rovid.planar.coordinates import PlanarCoordinates
+from rovid.planar.kernels import SENSORS
+from rovid.planar.likelihood import PlanarLikelihood
+from rovid.planar.model import PlanarModel
+
+# Steps, least gain of log-likelihood (nats) for which another step is taken, and the damping: first, largest, factor.
+_ITERATIONS, _TOLERANCE = 40, 0.02
+_FIRST_DAMPING, _MAX_DAMPING, _MORE_DAMPING = 1e-3, 1e7, 10.0
+# Dampings that are tried at once, and largest change of a coordinate in one step, in units of its scale.
+_AT_ONCE, _MAX_CHANGE = 2, 1.0
+_BFGS_PAIRS = 8
+# Length of a block in time constants, usual number of blocks in all runs, and the least number.
+_BLOCK, _USUAL_BLOCKS, _BLOCKS = 8.0, 60, 12
+_MIN_RUNS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class PlanarOptimum:
+    """Coordinates with the least negative log-likelihood."""
+
+    likelihood: PlanarLikelihood
+    x: FloatArray  #: (p,)
+    value: float  #: Negative log-likelihood.
+
+    @classmethod
+    def fit(cls, likelihood: PlanarLikelihood, start: FloatArray, iterations: int = _ITERATIONS) -> Self:
+        """Minimise from (p,) ``start`` by Fisher scoring; `rovid.estimate.levenberg_marquardt` explains the step."""
+        coordinates = likelihood.coordinates
+        x = coordinates.projected(start)
+        innovations = likelihood.evaluate(x)
+        value, damping = likelihood.value_of(innovations), _FIRST_DAMPING
+        history: list[tuple[FloatArray, FloatArray]] = []
+        small = 0
+        for _ in range(iterations):
+            gradient, information = likelihood.equations(x, innovations)
+            if not np.isfinite(information).all():
+                break
+            history = [*history, (x, gradient)][-_BFGS_PAIRS - 1 :]
+            corrected = with_bfgs_updates(information, history)
+            found = _step(likelihood, x, value, gradient, corrected, damping)
+            if found is None:
+                break
+            gained = value - found[1]
+            x, value, damping, innovations = found
+            small = small + 1 if gained < _TOLERANCE else 0
+            if small > 1:
+                break
+        return cls(likelihood, x, value)
+
+    @property
+    def coordinates(self) -> PlanarCoordinates:
+        """The coordinates of ``x``."""
+        return self.likelihood.coordinates
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """The effects, in the order of their parameters."""
+        return self.coordinates.effects
+
+    @cached_property
+    def model(self) -> PlanarModel:
+        """The model in SI."""
+        return self.coordinates.model(self.x)
+
+    def canonical(self) -> Self:
+        """The same model with a current of 0 or more."""
+        return replace(self, x=self.coordinates.canonical(self.x))
+
+    @cached_property
+    def innovations(self) -> tuple[FloatArray, FloatArray]:
+        """(N,) innovations that count, and their variances."""
+        error, variance = self.likelihood.evaluate(self.x)
+        return error, variance
+
+    @cached_property
+    def is_white(self) -> bool:
+        """Whether the normalised innovations of each sensor and run are white and without heavy tails."""
+        error, variance = self.innovations
+        grid = self.likelihood.grid
+        z, run, sensor = error / np.sqrt(variance), grid.run_index[grid.used], grid.sensors[grid.used]
+        for number in range(len(SENSORS)):
+            own = [z[(run == at) & (sensor == number)] for at in np.unique(run)]
+            if sum(map(len, own)) > 0 and not is_white(own):
+                return False
+        return True
+
+    @property
+    def limited(self) -> BoolArray:
+        """(3,) whether the disturbance of each axis is at its upper limit."""
+        first = self.coordinates.noise_begin
+        own = slice(first, first + 3)
+        return np.asarray((self.x[own] > self.coordinates.high[own] - 1e-3) & self.coordinates.free[own])
+
+    def blocks(self) -> IntArray:
+        """(N,) number of the block of each innovation: eight time constants or longer, less in short runs."""
+        grid = self.likelihood.grid
+        time, run = grid.event_time[grid.used], grid.run_index[grid.used]
+        total = sum(one.duration for one in grid.runs)
+        usual = float(np.max(self.coordinates.sizes.time[2:] if grid.yaw_only else self.coordinates.sizes.time))
+        seconds = min(max(_BLOCK * usual, total / _USUAL_BLOCKS), total / _BLOCKS)
+        longest = int(max(one.duration for one in grid.runs) / seconds) + 2
+        return np.asarray(run * longest + np.floor(time / seconds).astype(np.intp))
+
+    @cached_property
+    def equations(self) -> NormalEquations:
+        """Gradient and Fisher information."""
+        return self.likelihood.equations(self.x)
+
+    @cached_property
+    def coordinate_covariance(self) -> FloatArray:
+        """(p, p) of the coordinates: inverse information, or the sandwich of blocks where innovations are not white."""
+        free, pieces = self.likelihood.jacobian(self.x)
+        grid = self.likelihood.grid
+        groupings = [] if self.is_white else [self.blocks(), grid.run_index[grid.used]]
+        information, scores = grouped_scores(pieces, groupings)
+        full = np.zeros((len(self.x), len(self.x)))
+        if not np.isfinite(information).all():
+            full[np.ix_(free, free)] = np.diag(np.full(int(free.sum()), math.inf))
+            return full
+        plain = covariance = inverse_information(information)
+        if scores:
+            covariance = sandwich_covariance(plain, scores[0])
+            if len(scores[1]) >= _MIN_RUNS:
+                by_run = np.diag(sandwich_covariance(plain, scores[1]))
+                factor = np.sqrt(np.maximum(by_run / np.maximum(np.diag(covariance), 1e-300), 1.0))
+                covariance = covariance * np.outer(factor, factor)
+            # Few blocks scatter too little by chance; the curvature is what independent innovations give at least.
+            grow = np.sqrt(np.maximum(np.diag(plain) / np.maximum(np.diag(covariance), 1e-300), 1.0))
+            covariance = covariance * np.outer(grow, grow)
+        full[np.ix_(free, free)] = covariance
+        return full
+
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """(q, q) of the model parameters in SI."""
+        jacobian, count = self.coordinates.value_jacobian(self.x), self.coordinates.noise_begin
+        return np.asarray(jacobian @ self.coordinate_covariance[:count, :count] @ jacobian.T)
+
+    def with_effect(self, effect: Effect, unit_values: Sequence[FloatArray] = (), iterations: int = _ITERATIONS) -> Self:
+        """The best fit with one more effect, from each of its initial values, or from ``unit_values`` in its units."""
+        coordinates = self.coordinates.with_effect(effect)
+        likelihood = self.likelihood.with_coordinates(coordinates)
+        at = self.coordinates.noise_begin
+        starts = [np.concatenate((self.x[:at], own, self.x[at:])) for own in unit_values or effect.initial_values]
+        starts = [coordinates.projected(start) for start in starts]
+        if len(starts) > 1:
+            values = likelihood.values(starts)
+            # A few steps from each start tell which valley is deepest.
+            order = np.argsort(values)[:3]
+            tried = [type(self).fit(likelihood, starts[number], iterations=3) for number in order.tolist()]
+            best = min(tried, key=lambda one: one.value)
+            return type(self).fit(likelihood, best.x, iterations)
+        return type(self).fit(likelihood, starts[0], iterations)
+
+
+def _step(
+    likelihood: PlanarLikelihood,
+    x: FloatArray,
+    value: float,
+    gradient: FloatArray,
+    information: FloatArray,
+    damping: float,
+) -> tuple[FloatArray, float, float, object] | None:
+    """Next point, its value, damping and innovations; None where no step is worth taking."""
+    from rovid.core.threads import thread_map
+
+    coordinates = likelihood.coordinates
+    while damping < _MAX_DAMPING:
+        dampings = [damping * _MORE_DAMPING**more for more in range(_AT_ONCE)]
+        steps = [bounded_step(x, gradient, information, one, coordinates.bounds) for one in dampings]
+        steps = [step * min(1.0, _MAX_CHANGE / max(float(np.abs(step).max()), 1e-300)) for step in steps]
+        points = [coordinates.projected(x + step) for step in steps]
+        found = thread_map(likelihood.evaluate, points)
+        values = [likelihood.value_of(one) for one in found]
+        at = int(np.argmin(values))
+        if values[at] < value:
+            expected = -float(gradient @ steps[at]) - 0.5 * float(steps[at] @ information @ steps[at])
+            ratio = (value - values[at]) / max(expected, 1e-300)
+            return points[at], values[at], updated_damping(dampings[at], ratio), found[at]
+        if -float(gradient @ steps[-1]) < _TOLERANCE:
+            return None
+        damping = dampings[-1] * _MORE_DAMPING
+    return None

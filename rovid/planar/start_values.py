@@ -1,0 +1,234 @@
+"""Start values of the planar fit: regression of inverse dynamics on smoothed speeds. docs/planar.md."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from rovid.core.array_types import FloatArray
+from rovid.core.errors import DataError
+from rovid.planar.model import BASE_COUNT, INPUT_COUNT, RUDDER_INPUTS, PlanarModel, RudderModel
+from rovid.planar.smoothing import SmoothRun, measured_axes, sensor_noise, smooth_run
+
+if TYPE_CHECKING:
+    from rovid.planar.dataset import PlanarData
+
+# Widths of the smoothing kernel in intervals of the slowest sensor.
+_WIDTHS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
+# Stall angle of a rudder where rovid.toml gives none.
+_STALL = math.radians(35.0)
+# Currents of the search: speeds in shares of the RMS speed, and number of directions.
+_CURRENT_SHARES, _CURRENT_DIRECTIONS = (0.15, 0.4, 0.8, 1.5), 12
+# Least share of the smoothed points of all runs for a width, and largest coupling of sway and yaw in the inertia.
+_MAX_COUPLING = 0.8
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StartValues:
+    """A start of the fit."""
+
+    model: PlanarModel
+    current: tuple[float, float]  #: m/s to north and to east; zeros unless searched for.
+    #: ``force``, ``speed``, ``time``: (3,) typical sizes: RMS of the forces, RMS of the speeds, and time constants.
+    force: FloatArray
+    speed: FloatArray
+    time: FloatArray
+    residual: float  #: Share of the variance of the forces that the regression leaves.
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Smoothed runs, stacked."""
+
+    heading: FloatArray
+    speeds: FloatArray
+    accelerations: FloatArray
+    inputs: FloatArray
+
+    @classmethod
+    def of(cls, runs: Sequence[SmoothRun]) -> _Rows:
+        names = ("heading", "speeds", "accelerations", "inputs")
+        return cls(*(np.concatenate([getattr(run, name) for run in runs]) for name in names))
+
+    def in_current(self, north: float, east: float) -> _Rows:
+        """The same with speeds and accelerations relative to a current."""
+        cosine, sine, r = np.cos(self.heading), np.sin(self.heading), self.speeds[:, 2]
+        ahead, across = north * cosine + east * sine, east * cosine - north * sine
+        zero = np.zeros(len(r))
+        speeds = self.speeds - np.column_stack((ahead, across, zero))
+        accelerations = self.accelerations - np.column_stack((across * r, -ahead * r, zero))
+        return replace(self, speeds=speeds, accelerations=accelerations)
+
+
+def planar_rudders(data: PlanarData) -> tuple[RudderModel, ...]:
+    """The rudders of the vehicle, with what rovid.toml gives of them."""
+    found = []
+    for name, rudder in zip(data.actuators.rudder_names, data.actuators.rudders, strict=True):
+        stall = _STALL if rudder.stall is None else rudder.stall
+        lift, slipstream = rudder.lift or 0.0, rudder.slipstream or 0.0
+        found.append(RudderModel(name=name, position=rudder.position, stall=stall, lift=lift, slipstream=slipstream))
+    return tuple(found)
+
+
+def start_values(data: PlanarData, *, with_current: bool) -> list[StartValues]:
+    """Starts of the fit by several widths of the smoothing, the best regression first.
+
+    Raises
+    ------
+    DataError
+        The runs are too short, or nothing moves.
+    """
+    intervals = [
+        float(np.median(np.diff(run.readings(name).time)))
+        for run in data.runs
+        for name in run.sensors
+        if len(run.readings(name).time) > 2
+    ]
+    if not intervals:
+        raise DataError("no run has three readings of one sensor.", mend="Give longer logs.")
+    found = []
+    for width in _WIDTHS:
+        runs = [smooth for run in data.runs if (smooth := smooth_run(run, width * max(intervals))) is not None]
+        if sum(len(run.time) for run in runs) < 4 * BASE_COUNT:
+            break
+        found.append(_start(data, _Rows.of(runs), with_current=with_current))
+    if not found:
+        raise DataError(
+            f"the runs are too short: {max(run.duration for run in data.runs):.1f} s at most.",
+            mend="Give longer logs, or readings at a higher rate.",
+        )
+    return found
+
+
+def _start(data: PlanarData, rows: _Rows, *, with_current: bool) -> StartValues:
+    axes = np.array(measured_axes(data.sensors))
+    rudders = planar_rudders(data)
+    speed = np.sqrt(np.mean(rows.speeds**2, axis=0))
+    if not speed[2] > 0.0 and not speed[:2].any():
+        raise DataError("the vehicle does not move in these logs.", mend="Give logs of runs with commands.")
+    best, values, slipstreams, current = math.inf, np.zeros(0), np.zeros(len(rudders)), (0.0, 0.0)
+    currents = [(0.0, 0.0)]
+    if with_current and axes[:2].all():
+        size = math.hypot(speed[0], speed[1])
+        angles = np.arange(_CURRENT_DIRECTIONS) * 2.0 * math.pi / _CURRENT_DIRECTIONS
+        currents += [(size * s * math.cos(a), size * s * math.sin(a)) for s in _CURRENT_SHARES for a in angles]
+    for here in currents:
+        for slips in _slipstreams(rudders, rows):
+            residual, fitted = _regression(rows.in_current(*here), axes, rudders, slips)
+            if residual < best:
+                best, values, slipstreams, current = residual, fitted, slips, here
+    relative = rows.in_current(*current)
+    base, force, time = _plausible(values[:BASE_COUNT], relative, axes)
+    speed = np.sqrt(np.mean(relative.speeds**2, axis=0))
+    speed = np.where(speed > 0.0, speed, max(speed.max(), 1e-6))
+    model = PlanarModel(
+        base=base,
+        rudders=tuple(
+            replace(rudder, lift=float(max(lift, 0.0)) or rudder.lift, slipstream=float(slip))
+            for rudder, lift, slip in zip(rudders, values[BASE_COUNT:], slipstreams, strict=True)
+        ),
+    )
+    return StartValues(model=model, current=current, force=force, speed=speed, time=time, residual=best)
+
+
+def _slipstreams(rudders: tuple[RudderModel, ...], rows: _Rows) -> list[FloatArray]:
+    """Slipstream factors to try: the given ones, or those that add a share of the squared speed."""
+    thrust = rows.inputs[:, INPUT_COUNT + 1 :: RUDDER_INPUTS]
+    if not rudders or not thrust.any():
+        return [np.array([rudder.slipstream for rudder in rudders])]
+    squared = float(np.mean(rows.speeds[:, 0] ** 2))
+    usual = np.sqrt(np.mean(thrust**2, axis=0))
+    given = np.array([rudder.slipstream for rudder in rudders])
+    free = np.where(usual > 0.0, squared / np.maximum(usual, 1e-300), 0.0)
+    return [np.where(given > 0.0, given, share * free) for share in (0.0, 0.5, 1.5)]
+
+
+def _regression(
+    rows: _Rows, axes: FloatArray, rudders: tuple[RudderModel, ...], slipstreams: FloatArray
+) -> tuple[float, FloatArray]:
+    """Share of the variance left, and (10 + rudders,) base parameters and lifts, by bounded least squares."""
+    u, v, r = rows.speeds.T
+    du, dv, dr = rows.accelerations.T
+    zero = np.zeros(len(u))
+    # Columns: inertias of surge, sway, yaw, sway_yaw; linear drags; quadratic drags. Fossen 2011, equation 6.57.
+    surge = [du, -v * r, zero, -r * r, u, zero, zero, np.abs(u) * u, zero, zero]
+    sway = [u * r, dv, zero, dr, zero, v, zero, zero, np.abs(v) * v, zero]
+    yaw = [-u * v, u * v, dr, dv + u * r, zero, zero, r, zero, zero, np.abs(r) * r]
+    columns = [np.column_stack(one) for one in (surge, sway, yaw)]
+    for at, rudder in enumerate(rudders):
+        unit = _unit_rudder_forces(rudder, float(slipstreams[at]), rows, at)
+        columns = [np.column_stack((one, -unit[:, axis])) for axis, one in enumerate(columns)]
+    forces = rows.inputs[:, :INPUT_COUNT]
+    size = np.sqrt(np.mean(forces**2, axis=0))
+    coriolis = np.array([0.0, np.mean((u * r) ** 2) ** 0.5, 0.0])
+    matrix, right = [], []
+    for axis in range(3):
+        if axes[axis]:
+            # An axis without an actuator is weighted by a mass of one in a turn; with one, by its force.
+            weight = 1.0 / max(size[axis], 1e-3 * size.max(), coriolis[axis], 1e-300)
+            matrix.append(weight * columns[axis])
+            right.append(weight * forces[:, axis])
+    stacked, target = np.vstack(matrix), np.concatenate(right)
+    scale = np.sqrt(np.mean(stacked**2, axis=0))
+    used = scale > 1e-9 * scale.max()
+    used[:3] &= axes
+    low = np.full(stacked.shape[1], 0.0)
+    low[3] = -np.inf
+    values = np.zeros(stacked.shape[1])
+    solved = lsq_linear(stacked[:, used] / scale[used], target, (low[used], np.full(used.sum(), np.inf)))
+    values[used] = solved.x / scale[used]
+    power = float(target @ target)
+    return 2.0 * float(solved.cost) / max(power, 1e-300), values
+
+
+def _unit_rudder_forces(rudder: RudderModel, slipstream: float, rows: _Rows, number: int) -> FloatArray:
+    """(g, 3) forces of a rudder with a lift of 1; as `rovid.planar.reference.forces`."""
+    u, v, r = rows.speeds.T
+    angle, thrust = rows.inputs[:, INPUT_COUNT + RUDDER_INPUTS * number :][:, :RUDDER_INPUTS].T
+    x, y = rudder.position
+    along, across = u - y * r, v + x * r
+    ahead = along * np.abs(along) + slipstream * np.maximum(thrust, 0.0)
+    attack = np.sign(ahead) * angle + np.arctan2(across, np.sqrt(np.abs(ahead)))
+    normal = (np.abs(ahead) + across**2) * np.sin(np.clip(attack, -rudder.stall, rudder.stall))
+    fx, fy = -normal * np.sin(angle), -normal * np.cos(angle)
+    return np.column_stack((fx, fy, x * fy - y * fx))
+
+
+def _plausible(base: FloatArray, rows: _Rows, axes: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Base parameters with positive inertia, (3,) RMS forces and (3,) time constants."""
+    base = base.copy()
+    speed = np.sqrt(np.mean(rows.speeds**2, axis=0))
+    change = np.sqrt(np.mean(rows.accelerations**2, axis=0))
+    forces = np.sqrt(np.mean(rows.inputs[:, :INPUT_COUNT] ** 2, axis=0))
+    for axis in range(3):
+        least = 0.05 * forces[axis] / max(change[axis], 1e-300) if change[axis] > 0.0 else 0.0
+        base[axis] = max(base[axis], least)
+    # An inertia without any information takes that of another axis.
+    known = base[:2].max()
+    base[:2] = np.where(base[:2] > 1e-6 * known, base[:2], known if known > 0.0 else 1.0)
+    if not base[2] > 0.0:
+        base[2] = max(base[:2].max() * (speed[:2].max() / max(speed[2], 1e-9)) ** 2 * 0.1, 1e-9)
+    most = _MAX_COUPLING * math.sqrt(base[1] * base[2])
+    base[3] = min(max(base[3], -most), most) if axes[1] else 0.0
+    u, v, r = rows.speeds.T
+    across = base[1] * v + base[3] * r
+    inertial = np.column_stack((across * r, base[0] * u * r, across * u - base[0] * u * v))
+    inertial += rows.accelerations * base[:3]
+    force = np.sqrt(np.mean(inertial**2, axis=0) + forces**2)
+    force = np.where(force > 0.0, force, max(force.max(), 1e-9))
+    usual = np.where(speed > 0.0, speed, 1.0)
+    damping = base[4:7] + 2.0 * base[7:10] * usual
+    time = base[:3] / np.maximum(damping, 1e-2 * base[:3] * change / usual + 1e-300)
+    return base, force, np.clip(time, 1e-3, 1e6)
+
+
+def first_noise(data: PlanarData, name: str) -> float:
+    """Median standard deviation of the noise of a sensor over all runs; NaN where it has too few readings."""
+    values = [sensor_noise(run, name) for run in data.runs if name in run.sensors]
+    finite = [value for value in values if math.isfinite(value)]
+    return float(np.median(finite)) if finite else math.nan
