@@ -174,7 +174,7 @@ class PlanarCoordinates:
         times = np.log(_FIRST_MEMORY * self.sizes.time)
         noises = np.log([self.sizes.noise[name] for name in self.sensors])
         x = np.concatenate((log_cholesky(start.mass_matrix, self.sizes.inertia), drag, tops, times, noises))
-        return np.clip(x, self.low, self.high)
+        return np.asarray(np.clip(x, self.low, self.high))
 
     def values(self, x: FloatArray) -> FloatArray:
         """(q,) model parameters in SI at ``x``, in the order of `PlanarModel.values`."""

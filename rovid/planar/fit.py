@@ -1,25 +1,46 @@
-"""Fit of the planar model to runs."""
+"""Fit of the planar model to runs: maximum likelihood of the innovations of an extended Kalman filter."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rovid.core.array_types import FloatArray
+from rovid.core.errors import DataError
+from rovid.core.formatting import significant
 from rovid.effects import Effect
+from rovid.effects.base import Coupling, Scales, WaterCurrent
+from rovid.estimate.dataset import effect_scales
 from rovid.estimate.estimate import Estimate
-from rovid.planar.model import PlanarModel
+from rovid.estimate.maximum_likelihood import DISTURBANCE_LIMITS, INNOVATIONS_R2
+from rovid.planar.coordinates import PlanarCoordinates, PlanarSizes
+from rovid.planar.dataset import PlanarData
+from rovid.planar.kernels import NOISE_SENSOR, NOISE_TIME, SENSORS
+from rovid.planar.likelihood import PlanarGrid, PlanarLikelihood
+from rovid.planar.model import AXIS_NAMES, BASE_COUNT, PlanarModel
+from rovid.planar.optimum import PlanarOptimum
+from rovid.planar.simulation import free_run_r2
+from rovid.planar.smoothing import measured_axes, smooth_run
+from rovid.planar.start_values import StartValues, first_noise, start_values
+from rovid.planar.undetermined import Undetermined, undetermined_directions
 
-
-@dataclass(frozen=True, kw_only=True)
-class Undetermined:
-    """A combination of parameters that the data do not determine."""
-
-    combination: Mapping[str, float]  #: Parameter -> its share, in relative changes; the largest is 1.
-    text: str  #: A sentence for people.
+# Interval between the readings of a search in shares of the shortest time constant.
+_SEARCH_SHARE = 0.08
+# Starts that are tried for some steps, and these steps.
+_STARTS, _FIRST_ITERATIONS = 2, 4
+# Steps with all readings, after the search.
+_LAST_ITERATIONS = 12
+# Factor on the limit of an active disturbance, for the effect of the limit on the parameters.
+_LOOSER = 2.5
+# Noise of a sensor at the start where its readings do not show it, in shares of the typical speed or time constant.
+_DEFAULT_NOISE = 0.02
+# Standard deviation of the speeds at the start of a run, in typical speeds.
+_START_STD = 0.5
+# Least rigid-body share of an inertia that is no warning: the thrust curve may be off.
+_LEAST_RIGID = 0.9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -36,7 +57,7 @@ class PlanarFit:
     at_limit: tuple[str, ...] = ()  #: Axes with a disturbance at its upper limit.
     white: bool = True  #: Whether the normalised innovations are white.
     multi_step: bool = False  #: Whether multi-step predictions were fitted instead of innovations.
-    #: Sensor -> R^2 of the free-running simulation.
+    #: Axis -> R^2 of the free-running speed.
     free_run_r2: Mapping[str, float]
 
     @property
@@ -45,40 +66,231 @@ class PlanarFit:
         return self.estimate.warnings
 
 
-def fit_planar(data: Any, effects: Sequence[Effect] = ()) -> PlanarFit:
+def fit_planar(data: PlanarData, effects: Sequence[Effect] = ()) -> PlanarFit:
     """Estimate the base model and ``effects`` from the innovations of an extended Kalman filter.
 
     Raises
     ------
     DataError
-        The vehicle was not excited, or no sensor measures its motion.
+        The runs are too short, nothing moves, or no sensor measures what an effect needs.
     """
-    raise NotImplementedError
+    best = fit_base(data, with_current=any(isinstance(effect.acts, WaterCurrent) for effect in effects))
+    for effect in effects:
+        best = add_effect(best, effect, data)
+    return planar_result(data, refined(best, data))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PlanarMotion:
-    """Free-running simulation of a run at the instants of its ``time``."""
+def fit_base(data: PlanarData, *, with_current: bool = False) -> PlanarOptimum:
+    """Fit without effects to thinned readings, from the best of several starts; `refined` takes all readings.
 
-    time: FloatArray  #: (n,) s.
-    heading: FloatArray  #: (n,) rad.
-    #: ``surge_velocity``, ``sway_velocity``: (n,) m/s over ground, in body axes; ``yaw_rate``: (n,) rad/s.
-    surge_velocity: FloatArray
-    sway_velocity: FloatArray
-    yaw_rate: FloatArray
-    #: ``north``, ``east``: (n,) m.
-    north: FloatArray
-    east: FloatArray
-
-
-def simulate_planar(model: PlanarModel, run: Any, start: FloatArray | None = None) -> PlanarMotion:
-    """Free-running simulation of ``run`` from its smoothed first state, or from (6,) ``start``.
-
-    ``start`` is heading, u, v through the water, r, north, east in SI and rad.
+    ``with_current``: the starts allow for a current, whose effect is to be added.
     """
-    raise NotImplementedError
+    starts = start_values(data, with_current=with_current)
+    sizes = _sizes(data, min(starts, key=lambda one: one.residual))
+    yaw_only = not any(measured_axes(data.sensors)[:2])
+    grid = _grid(data, sizes, yaw_only=yaw_only, interval=_SEARCH_SHARE * float(sizes.time.min()))
+    pairs = []
+    for start in starts:
+        coordinates = PlanarCoordinates.of(
+            start.model, sizes, data.sensors, (), DISTURBANCE_LIMITS[0], yaw_only=yaw_only
+        )
+        likelihood = PlanarLikelihood(grid, coordinates)
+        pairs.append((likelihood, coordinates.projected(coordinates.initial(start.model, ()))))
+    pairs.sort(key=lambda pair: pair[0].value(pair[1]))
+    tried = [PlanarOptimum.fit(likelihood, x, _FIRST_ITERATIONS) for likelihood, x in pairs[:_STARTS]]
+    best = min(tried, key=lambda one: one.value)
+    return PlanarOptimum.fit(best.likelihood, best.x)
 
 
-def sensor_values(motion: PlanarMotion, sensor: str) -> FloatArray:
-    """(n,) noise-free values of a ``sensor``, by its name."""
-    return np.asarray(getattr(motion, sensor))
+def add_effect(base: PlanarOptimum, effect: Effect, data: PlanarData) -> PlanarOptimum:
+    """The best fit with one more effect, from each of its initial values.
+
+    Raises
+    ------
+    DataError
+        The effect couples surge and sway, and neither is measured.
+    """
+    if base.likelihood.grid.yaw_only and isinstance(effect.acts, Coupling | WaterCurrent):
+        raise DataError(
+            "these logs measure the heading alone.",
+            where=effect.key,
+            mend="Map surge_velocity and sway_velocity, or north and east, in [signals] of rovid.toml.",
+        )
+    starts: list[FloatArray] = []
+    if isinstance(effect.acts, WaterCurrent):
+        starts = _current_starts(base, effect, data)
+    return base.with_effect(effect, starts)
+
+
+def _current_starts(base: PlanarOptimum, effect: Effect, data: PlanarData) -> list[FloatArray]:
+    """Initial values of a current in its units: the catalogue's, and those of the regressions."""
+    starts = list(effect.initial_values)
+    speed = base.coordinates.sizes.effects.unit_size(effect.parameters[0])
+    for start in start_values(data, with_current=True):
+        north, east = start.current
+        if north or east:
+            own = effect.initial_values[0].copy()
+            own[:2] = math.hypot(north, east) / speed, math.atan2(east, north)
+            starts.append(own)
+    return starts
+
+
+def refined(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
+    """The fit to all readings, from a fit to thinned ones."""
+    grid = best.likelihood.grid
+    full = _grid(data, best.coordinates.sizes, yaw_only=grid.yaw_only, interval=0.0)
+    likelihood = PlanarLikelihood(full, best.coordinates)
+    return PlanarOptimum.fit(likelihood, best.x, _LAST_ITERATIONS).canonical()
+
+
+def planar_result(data: PlanarData, best: PlanarOptimum) -> PlanarFit:
+    """The fitted model with standard errors and with what the data cannot determine."""
+    model, coordinates = best.model, best.coordinates
+    covariance = best.covariance
+    limited = tuple(name for name, at in zip(AXIS_NAMES, best.limited.tolist(), strict=True) if at)
+    if limited:
+        # The limit is a choice: the errors include the change of the parameters under a looser one.
+        looser = coordinates.with_limit(_LOOSER * DISTURBANCE_LIMITS[0])
+        other = PlanarOptimum.fit(best.likelihood.with_coordinates(looser), best.x, _LAST_ITERATIONS)
+        shift = other.model.values - model.values
+        covariance = covariance + np.outer(shift, shift)
+    free = coordinates.free[: coordinates.noise_begin]
+    names, scale = model.names, _parameter_scale(best)
+    undetermined, unknown = undetermined_directions(names, covariance, scale, free)
+    refused = dict.fromkeys(unknown, "these runs do not determine it apart from other parameters")
+    axes = measured_axes(data.sensors)
+    for at, name in enumerate(names):
+        if not free[at]:
+            refused[name] = _reason(name, axes)
+    r2 = free_run_r2(model, data, best.likelihood.grid.starts, yaw_only=best.likelihood.grid.yaw_only)
+    estimate = Estimate(
+        names=names,
+        values=model.values,
+        covariance=np.where(np.isfinite(covariance), covariance, 0.0),
+        method="maximum likelihood of the innovations of an extended Kalman filter, surge, sway and yaw together",
+        samples=int(best.likelihood.grid.used.sum()),
+        refused=refused,
+        warnings=tuple(_warnings(data, best, limited, r2, refused)),
+    )
+    numbers = coordinates.noise(best.x)
+    disturbance = {
+        name: (float(numbers[at]), float(numbers[NOISE_TIME + at]))
+        for at, name in enumerate(AXIS_NAMES)
+        if at == 2 or not best.likelihood.grid.yaw_only
+    }
+    return PlanarFit(
+        model=model,
+        estimate=estimate,
+        log_likelihood=-best.value,
+        undetermined=undetermined,
+        noise={name: float(numbers[NOISE_SENSOR + SENSORS.index(name)]) for name in coordinates.sensors},
+        disturbance=disturbance,
+        at_limit=limited,
+        white=best.is_white,
+        free_run_r2=r2,
+    )
+
+
+def _reason(name: str, axes: tuple[bool, bool, bool]) -> str:
+    axis = name.partition(".")[0]
+    if name.startswith("rudder"):
+        return "the rudder is free, without a propeller ahead of it"
+    missing = [one for one, known in zip(AXIS_NAMES, axes, strict=True) if one in axis and not known]
+    return f"neither a {missing[0]} velocity nor a position is measured" if missing else "it is fixed"
+
+
+def _warnings(
+    data: PlanarData,
+    best: PlanarOptimum,
+    limited: tuple[str, ...],
+    r2: Mapping[str, float],
+    refused: Mapping[str, str],
+) -> Iterator[str]:
+    for name in limited:
+        yield (
+            f"The disturbance in {name} would exceed its limit of {100 * DISTURBANCE_LIMITS[0]:.2g} % of the forces in "
+            "use: the model misses an effect that these data show. The standard errors include the change of the "
+            f"parameters under a limit {_LOOSER:g} times as high."
+        )
+    if not best.is_white:
+        yield (
+            "The innovations are not white. The standard errors come from the scatter between blocks of the logs, not "
+            "from the curvature of the likelihood."
+        )
+    poor = [name for name, value in r2.items() if value < INNOVATIONS_R2]
+    if poor:
+        shares = ", ".join(f"{name} {r2[name]:.2f}" for name in poor)
+        yield f"R^2 of the free-running simulation is low: {shares}. The model misses something in these runs."
+    mass, base = data.vehicle.mass, best.model.base
+    for at, name in enumerate(("surge.inertia", "sway.inertia")):
+        if mass is not None and name not in refused and base[at] < _LEAST_RIGID * mass:
+            yield (
+                f"{name} is {significant(float(base[at]), 3)} kg, less than the vehicle's mass of "
+                f"{significant(mass, 3)} kg: the thrust curves promise less force than acts, or the mass is wrong."
+            )
+
+
+def _parameter_scale(best: PlanarOptimum) -> FloatArray:
+    """(q,) sizes of the model parameters at which each would matter as much as all forces of its axis."""
+    coordinates, base = best.coordinates, best.model.base
+    scale = coordinates.units[: coordinates.noise_begin].copy()
+    # Of an inertia its own size. Of a drag the total damping of its axis at the usual speed.
+    scale[:3] = base[:3]
+    scale[3] = math.sqrt(base[1] * base[2])
+    speed = coordinates.sizes.speed
+    damping = base[4:7] + base[7:10] * speed
+    scale[4:7] = np.where(damping > 0.0, damping, scale[4:7])
+    scale[7:10] = np.where(damping > 0.0, damping / speed, scale[7:10])
+    own = np.abs(coordinates.values(best.x))
+    # Of a rudder and of an effect its own size, if that is larger than the scale.
+    scale[BASE_COUNT:] = np.maximum(scale[BASE_COUNT:], own[BASE_COUNT:])
+    return scale
+
+
+def _sizes(data: PlanarData, start: StartValues) -> PlanarSizes:
+    longest = max(run.duration for run in data.runs)
+    shortest = min(float(np.median(np.diff(run.time))) for run in data.runs)
+    time = np.clip(start.time, shortest, max(longest, 2.0 * shortest))
+    noise = {}
+    for name in data.sensors:
+        found = first_noise(data, name)
+        axis = {"surge_velocity": 0, "sway_velocity": 1, "north": 0, "east": 0}.get(name, 2)
+        usual = start.speed[axis] * (1.0 if name.endswith(("velocity", "rate")) else time[axis])
+        noise[name] = found if found > 1e-6 * usual else _DEFAULT_NOISE * usual
+    return PlanarSizes(
+        force=start.force, speed=start.speed, time=time, effects=_effect_scales(data, start, time), noise=noise
+    )
+
+
+def _effect_scales(data: PlanarData, start: StartValues, time: FloatArray) -> Scales:
+    columns = data.actuators.thruster_columns
+    trials = [replace(run.trial, commands=run.trial.commands[:, columns], past=None) for run in data.runs]
+    force, speed = start.force, start.speed
+    thrusters = data.actuators.thrusters
+    scales = effect_scales(
+        trials, thrusters if len(columns) else None, float(force[2]), float(speed[2]), float(time[2])
+    )
+    return replace(
+        scales,
+        surge=float(speed[0]),
+        sway=float(speed[1]),
+        surge_force=float(force[0]),
+        sway_force=float(force[1]),
+    )
+
+
+def _grid(data: PlanarData, sizes: PlanarSizes, *, yaw_only: bool, interval: float) -> PlanarGrid:
+    starts = np.zeros((len(data.runs), 6))
+    stds = np.zeros((len(data.runs), 6))
+    stds[:, 1:4] = _START_STD * sizes.speed
+    for number, run in enumerate(data.runs):
+        smooth = smooth_run(run, max(0.3 * float(sizes.time.min()), 3.0 * float(np.median(np.diff(run.time)))))
+        if smooth is not None:
+            starts[number, 1:4] = smooth.speeds[0]
+        for at, name, rate in ((0, "heading", 3), (4, "north", 1), (5, "east", 1)):
+            if name in run.sensors:
+                first = run.readings(name)
+                starts[number, at] = first.values[0]
+                # Without a reading at the start the position there is uncertain by what the vehicle moves until then.
+                stds[number, at] = sizes.speed[rate - 1] * float(first.time[0])
+    return PlanarGrid.of(data, starts, stds, sizes.speed, yaw_only=yaw_only, interval=interval)

@@ -11,8 +11,10 @@ from typing import Self
 import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
+from rovid.core.threads import thread_map
 from rovid.effects import Effect
 from rovid.estimate.fisher_information import (
+    Innovations,
     NormalEquations,
     grouped_scores,
     inverse_information,
@@ -158,7 +160,9 @@ class PlanarOptimum:
         jacobian, count = self.coordinates.value_jacobian(self.x), self.coordinates.noise_begin
         return np.asarray(jacobian @ self.coordinate_covariance[:count, :count] @ jacobian.T)
 
-    def with_effect(self, effect: Effect, unit_values: Sequence[FloatArray] = (), iterations: int = _ITERATIONS) -> Self:
+    def with_effect(
+        self, effect: Effect, unit_values: Sequence[FloatArray] = (), iterations: int = _ITERATIONS
+    ) -> Self:
         """The best fit with one more effect, from each of its initial values, or from ``unit_values`` in its units."""
         coordinates = self.coordinates.with_effect(effect)
         likelihood = self.likelihood.with_coordinates(coordinates)
@@ -182,10 +186,8 @@ def _step(
     gradient: FloatArray,
     information: FloatArray,
     damping: float,
-) -> tuple[FloatArray, float, float, object] | None:
+) -> tuple[FloatArray, float, float, Innovations] | None:
     """Next point, its value, damping and innovations; None where no step is worth taking."""
-    from rovid.core.threads import thread_map
-
     coordinates = likelihood.coordinates
     while damping < _MAX_DAMPING:
         dampings = [damping * _MORE_DAMPING**more for more in range(_AT_ONCE)]

@@ -1,0 +1,117 @@
+"""Free-running simulation of runs, and how well it explains the measured speeds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from rovid.core.array_types import FloatArray
+from rovid.estimate.estimate import r_squared
+from rovid.planar.coordinates import is_of_actuators
+from rovid.planar.dataset import PlanarData, PlanarRun
+from rovid.planar.kernels import CURRENT, HEADING, NORTH, STATES, SURGE, simulate_runs
+from rovid.planar.model import AXIS_NAMES, PlanarModel
+from rovid.planar.smoothing import measured_axes, run_inputs, smooth_run
+
+# Width of the smoothing of measured speeds, in intervals of the slowest sensor.
+_WIDTH = 2.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlanarMotion:
+    """Free-running simulation of a run at the instants of its ``time``."""
+
+    time: FloatArray  #: (n,) s.
+    heading: FloatArray  #: (n,) rad.
+    #: ``surge_velocity``, ``sway_velocity``: (n,) m/s over ground, in body axes; ``yaw_rate``: (n,) rad/s.
+    surge_velocity: FloatArray
+    sway_velocity: FloatArray
+    yaw_rate: FloatArray
+    #: ``north``, ``east``: (n,) m.
+    north: FloatArray
+    east: FloatArray
+    #: (n, 3) u, v, r through the water.
+    through_water: FloatArray
+
+    @classmethod
+    def of_states(cls, time: FloatArray, states: FloatArray, current: tuple[float, float]) -> PlanarMotion:
+        """The motion of (n, 12) states of `rovid.planar.kernels`, in a current to north and east in m/s."""
+        heading = states[:, HEADING]
+        cosine, sine = np.cos(heading), np.sin(heading)
+        north, east = current[0] + states[:, CURRENT], current[1] + states[:, CURRENT + 1]
+        return cls(
+            time=time,
+            heading=heading,
+            surge_velocity=states[:, SURGE] + north * cosine + east * sine,
+            sway_velocity=states[:, SURGE + 1] + east * cosine - north * sine,
+            yaw_rate=states[:, SURGE + 2],
+            north=states[:, NORTH],
+            east=states[:, NORTH + 1],
+            through_water=states[:, SURGE : SURGE + 3],
+        )
+
+    def sensor(self, name: str) -> FloatArray:
+        """(n,) noise-free readings of a sensor, by its name."""
+        return np.asarray(getattr(self, name))
+
+
+def simulate_planar(
+    model: PlanarModel, run: PlanarRun, start: FloatArray | None = None, *, yaw_only: bool = False
+) -> PlanarMotion:
+    """Free-running simulation of ``run``.
+
+    Parameters
+    ----------
+    start
+        (6,) heading, u and v over ground, r, north and east at the first instant; by default from the readings.
+    yaw_only
+        Whether surge and sway are left out.
+    """
+    inputs = run_inputs(run, tuple(one for one in model.effects if is_of_actuators(one.effect)))
+    first = measured_start(run) if start is None else np.asarray(start, dtype=np.float64)
+    states = np.zeros((len(run.time), STATES))
+    speed = np.maximum(np.abs(first[1:4]), 0.1)
+    offsets = np.array([0, len(run.time)])
+    simulate_runs(offsets, run.time, inputs, first[None], speed, yaw_only, model.coefficients, states)
+    return PlanarMotion.of_states(run.time, states, model.current)
+
+
+def measured_start(run: PlanarRun) -> FloatArray:
+    """(6,) heading, u and v over ground, r, north and east at the first instant, by the readings; zeros where none."""
+    start = np.zeros(6)
+    smooth = smooth_run(run, _WIDTH * _slowest(run))
+    if smooth is not None:
+        start[1:4] = smooth.speeds[0]
+    for at, name in ((0, "heading"), (4, "north"), (5, "east")):
+        if name in run.sensors:
+            start[at] = run.readings(name).values[0]
+    return start
+
+
+def _slowest(run: PlanarRun) -> float:
+    """Interval in s between the readings of the slowest sensor."""
+    stamps = [run.readings(name).time for name in run.sensors]
+    return max(float(np.median(np.diff(time))) for time in stamps if len(time) > 1)
+
+
+def free_run_r2(
+    model: PlanarModel, data: PlanarData, starts: FloatArray, *, yaw_only: bool = False
+) -> Mapping[str, float]:
+    """Axis -> R^2 of the free-running speed against the smoothed speed; axes that are not measured are left out."""
+    measured: list[FloatArray] = []
+    simulated: list[FloatArray] = []
+    for run, start in zip(data.runs, starts, strict=True):
+        smooth = smooth_run(run, _WIDTH * _slowest(run))
+        if smooth is None:
+            continue
+        motion = simulate_planar(model, run, start, yaw_only=yaw_only)
+        speeds = (motion.surge_velocity, motion.sway_velocity, motion.yaw_rate)
+        measured.append(smooth.speeds)
+        simulated.append(np.column_stack([np.interp(smooth.time, run.time, one) for one in speeds]))
+    if not measured:
+        return {}
+    whole, rest = np.concatenate(measured), np.concatenate(measured) - np.concatenate(simulated)
+    known = measured_axes(data.sensors)
+    return {name: r_squared(whole[:, at], rest[:, at]) for at, name in enumerate(AXIS_NAMES) if known[at]}
