@@ -15,6 +15,7 @@ import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray
 from rovid.faults.base import ClockData, Detection, FaultKind, Intervals
+from rovid.signals.intervals import subsampled_median
 from rovid.trial.fault import Fault
 
 # Holes, and share of lost rows, up to which a loss is usual: sensors and recorders lose single rows, and seldom several
@@ -33,6 +34,8 @@ _NEAR = 0.3
 _OFF_GRID, _ON_GRID = 0.15, 0.95
 # Standard deviation of the rows between holes over that of chance, above which they are at random.
 _AT_RANDOM = 0.5
+# Share of the rows with a reading of the measured signal, below which a table joins several sensors.
+_FULL = 0.8
 # Share of readings that repeat all values of the one before: below it a command may be published on change.
 _REPEATED = 0.1
 # Share of the changes of a signal that are one step of its resolution: above it the signal is logged on change.
@@ -43,24 +46,17 @@ def _detect(data: ClockData) -> Iterator[Detection[ClockData]]:
     if len(data.time) < _FEWEST or not data.interval > 0.0:
         return
     time = np.sort(data.time) if data.sortable else data.time
-    advance = np.diff(time)
-    near = advance[np.abs(advance - data.interval) < _NEAR * data.interval]
-    if advance.min() < 0.0 or not near.size:
+    found = _losses(time)
+    if found is None or _on_change(data):
         return
-    interval = float(near.mean())  # To a precision that the median of rounded stamps lacks.
-    ticks = np.rint(advance / interval)
-    holes = (ticks > 1.0) & (ticks < _GAP)
-    lost = int(
-        (ticks[ticks < _GAP] - 1.0).sum()
-    )  # A reading that comes late shortens the next interval: nothing is lost.
-    total = lost + len(data.time)
-    longer = int((ticks[holes & (ticks > 2.0)] - 1.0).sum())
-    losses = [(lost, _USUAL_SHARE * total), (longer, _USUAL_LONGER * total)]
-    if holes.sum() < _LEAST_HOLES or all(count < usual + _DEVIATIONS * np.sqrt(usual) for count, usual in losses):
+    # Where a table joins several sensors, its rows are as irregular as their stamps. Rows lost at random would be
+    # missing among those of each sensor, too.
+    of_measured = np.isfinite(data.values[data.measured]) if data.measured in data.values else np.ones(len(time), bool)
+    if not data.sortable and _FEWEST <= of_measured.sum() < _FULL * len(time) and _losses(time[of_measured]) is None:
         return
-    on_grid = np.abs(advance - ticks * interval) < _OFF_GRID * interval
-    if min(np.mean(on_grid), np.mean(on_grid[holes])) < _ON_GRID or not _at_random(holes) or _on_change(data):
-        return
+    ticks, holes = found
+    lost = int((ticks[ticks < _GAP] - 1.0).sum())
+    total = lost + len(time)
     share = lost / total
     fault = Fault(
         fault="lost_rows",
@@ -74,6 +70,31 @@ def _detect(data: ClockData) -> Iterator[Detection[ClockData]]:
     unknown = tuple(zip(time[rows].tolist(), time[rows + 1].tolist(), strict=True)) if data.commands else ()
     done = "The commands within the holes are taken as unknown." if data.commands else "Nothing needs to be done."
     yield Detection(fault=fault, done=done, repair=partial(_unknown, intervals=unknown))
+
+
+def _losses(time: FloatArray) -> tuple[FloatArray, BoolArray] | None:
+    """(n-1,) usual intervals that each interval of the (n,) ``time`` in s lasts, and where rows are lost; None if none.
+
+    A reading that comes late shortens the next interval: nothing is lost.
+    """
+    advance = np.diff(time)
+    median = subsampled_median(advance[advance > 0.0])
+    near = advance[np.abs(advance - median) < _NEAR * median]
+    if advance.min() < 0.0 or not near.size:
+        return None
+    interval = float(near.mean())  # To a precision that the median of rounded stamps lacks.
+    ticks = np.rint(advance / interval)
+    holes = (ticks > 1.0) & (ticks < _GAP)
+    lost = int((ticks[ticks < _GAP] - 1.0).sum())
+    total = lost + len(time)
+    longer = int((ticks[holes & (ticks > 2.0)] - 1.0).sum())
+    losses = [(lost, _USUAL_SHARE * total), (longer, _USUAL_LONGER * total)]
+    if holes.sum() < _LEAST_HOLES or all(count < usual + _DEVIATIONS * np.sqrt(usual) for count, usual in losses):
+        return None
+    on_grid = np.abs(advance - ticks * interval) < _OFF_GRID * interval
+    if min(np.mean(on_grid), np.mean(on_grid[holes])) < _ON_GRID or not _at_random(holes):
+        return None
+    return ticks, holes
 
 
 def _at_random(holes: BoolArray) -> bool:

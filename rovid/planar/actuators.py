@@ -5,15 +5,15 @@ motion; `PlanarForces` holds their angles and the thrusts in whose slipstream th
 the rest. For a rudder at (x, y) with the angle delta, in water in which the vehicle has the velocity (u, v, r):
 
     u_R = u - y r,  v_R = v + x r                                       velocity of the rudder through the water
-    U^2 = u_R^2 + s max(T, 0),  or u_R^2 alone where u_R < 0 or T < 0    T thrust of the propeller ahead of it
-    alpha = delta + atan2(v_R, U)                                       angle of attack
-    F = lift U^2 sin(alpha), |alpha| <= stall; beyond, lift U^2 sin(stall) sign(alpha)
+    a^2 = max(u_R, 0)^2 + s max(T, 0)                                   T thrust of the propeller ahead of it
+    alpha = delta + atan2(v_R, a)                                       angle of attack, within +-stall
+    F = lift (a^2 + v_R^2) sin(alpha)
     X = -F sin(delta),  Y = -F cos(delta),  N = x Y - y X
 
-(Soeding 1998; Yasukawa and Yoshimura 2015, eqs. 7, 14 and 21, with a flow straightening of 1.) Astern, where u_R < 0, F
-changes its sign. ``lift``, ``slipstream`` s and ``stall`` are parameters of the model; `Rudder` holds what rovid.toml
-says of them, None where nothing is known. By momentum theory s is 2/(rho A), A the area of the propeller's disc, for
-the slipstream far behind the propeller, and about two thirds of that where a rudder stands.
+(Soeding 1998; Yasukawa and Yoshimura 2015, eqs. 7, 14 and 21, with a flow straightening of 1.) ``lift``,
+``slipstream`` s and ``stall`` are parameters of the model; `Rudder` holds what rovid.toml says of them, None where
+nothing is known. By momentum theory s is 2/(rho A), A the area of the propeller's disc, for the slipstream far behind
+the propeller, and about two thirds of that where a rudder stands.
 """
 
 from __future__ import annotations

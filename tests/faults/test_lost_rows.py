@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from rovid.core.array_types import FloatArray
+from rovid.core.array_types import BoolArray, FloatArray
+from rovid.faults.base import ClockData
 from tests.faults.clocks import COMMANDS, TIME_CONSTANTS, clock, examined, motion, undamaged
 
 
@@ -101,3 +102,24 @@ def test_gaps_are_not_lost_rows() -> None:
     for at in range(100, 1000, 150):
         kept[at : at + 40] = False
     assert examined(clock(time[kept], heading=heading[kept], fore=command[kept]))[1] == ()
+
+
+def test_a_table_that_joins_sensors_loses_no_rows() -> None:
+    # Commands at 50 Hz, a heading and a speed at 20 Hz, each with rows of its own.
+    stamps = [0.0099 + 0.02 * np.arange(3000), 0.05 * np.arange(1200), 0.02 + 0.05 * np.arange(1200)]
+    time: FloatArray = np.unique(np.round(np.concatenate(stamps), 4)).astype(np.float64)
+    assert examined(sparse(time, np.isin(time, np.round(stamps[1], 4))))[1] == ()
+
+
+def test_a_table_with_a_slow_sensor_may_lose_rows() -> None:
+    time: FloatArray = 0.02 * np.arange(6000, dtype=np.float64)
+    slow, kept = np.arange(len(time)) % 5 == 0, np.random.default_rng(2).random(len(time)) > 0.12
+    (fault,) = examined(sparse(time[kept], slow[kept]))[1]
+    assert fault.fault == "lost_rows"
+
+
+def sparse(time: FloatArray, has_heading: BoolArray) -> ClockData:
+    noise = np.random.default_rng(3).normal(0.0, 0.01, len(time))
+    heading = np.where(has_heading, 1.0 + 0.3 * time + noise, np.nan)
+    command: FloatArray = np.round(np.sin(0.3 * np.floor(time / 2.0)), 2).astype(np.float64)
+    return clock(time, heading=heading, fore=command)

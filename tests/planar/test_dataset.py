@@ -1,0 +1,210 @@
+"""Runs of the coupled model: readings at their own stamps through readers, faults and cuts; forces of all actuators."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rovid.core.errors import ConfigError
+from rovid.effects.catalogue import effect_named
+from rovid.model.bound_effects import BoundEffect
+from rovid.planar.dataset import SENSORS
+from rovid.trial.config import load_config, load_planar_config
+from tests.planar.campaign import CURVE, PORT_AND_STARBOARD, SIGNALS, Motion, read, stamps_of, write_campaign
+
+SHARES = """
+[[thrusters]]
+name = "bow"
+surge = 0.5
+sway = 0.8660254037844386
+yaw_arm = 0.2660254037844386
+curve = "curve.csv"
+command = "a"
+"""
+POSITION = """
+[[thrusters]]
+name = "bow"
+position = [0.4, 0.16076951545867364]
+direction = 60
+curve = "curve.csv"
+command = "a"
+"""
+POD = """
+[[thrusters]]
+name = "pod"
+position = [-1.5, 0.25]
+azimuth = { csv = "b", unit = "rad" }
+curve = "curve.csv"
+command = "a"
+"""
+SHIP = """
+[[thrusters]]
+name = "screw"
+surge = 1.0
+thrust_constant = 3.0
+thrust_constant_guessed = 3.0
+max_command = 20
+diameter = 0.1
+command = "a"
+[[rudders]]
+name = "helm"
+position = [-1.5, 0.0]
+area = 0.01
+behind = "screw"
+angle = { csv = "b", unit = "rad" }
+"""
+
+
+def configured(folder: Path, actuators: str, signals: str = SIGNALS) -> Path:
+    (folder / "curve.csv").write_text(CURVE)
+    path = folder / "rovid.toml"
+    path.write_text(actuators + signals)
+    return path
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    made = tmp_path_factory.mktemp("planar")
+    write_campaign(made)
+    return made
+
+
+def test_every_reading_stands_at_its_own_stamp(folder: Path) -> None:
+    data, motion = read(folder), Motion(seed=0)
+    run = data.runs[0]
+    assert data.sensors == SENSORS
+    assert np.all(np.diff(run.time) > 0.0)
+    assert np.all(np.diff(run.event_index) >= 0)
+    for name, column, unit in (("heading", "hdg", math.pi / 180), ("surge_velocity", "u", 1.0), ("east", "e", 1.0),
+                               ("sway_velocity", "v", 0.01), ("yaw_rate", "gyro", math.pi / 180)):  # fmt: skip
+        stamps = stamps_of({"east": "north", "yaw_rate": "heading"}.get(name, name.replace("sway", "surge")), 120.0)
+        if "velocity" in name:
+            stamps = stamps[(stamps < 40.0) | (stamps >= 55.0)]
+        readings = run.readings(name)
+        # Stamps are rounded to 0.1 ms in the log, and closer ones share an instant.
+        np.testing.assert_allclose(readings.time, stamps, atol=1.1e-4)
+        np.testing.assert_allclose(readings.values, motion.at(column, stamps) * unit, atol=1e-4)
+
+
+def test_readings_follow_a_cut(folder: Path, tmp_path: Path) -> None:
+    excluded = '\n[[leave_out]]\nlog = "run_0.csv"\nfrom = 60.0\nto = 70.0\n'
+    write_campaign(tmp_path, signals=SIGNALS + excluded, logs=1)
+    whole, (before, after) = read(folder).runs[0], read(tmp_path).runs
+    for name in SENSORS:
+        complete, late = whole.readings(name), after.readings(name)
+        start = 70.05  # s; the first heading after the interval
+        kept = complete.time >= start
+        assert len(late.time) == kept.sum()
+        np.testing.assert_allclose(late.time + start, complete.time[kept], atol=1e-9)
+        np.testing.assert_array_equal(late.values, complete.values[kept])
+        assert before.readings(name).time.max() < 60.0
+
+
+def test_readings_follow_a_clock_that_is_set_back(tmp_path: Path) -> None:
+    write_campaign(tmp_path, logs=1)
+    path = tmp_path / "run_0.csv"
+    header, *rows = path.read_text().splitlines()
+    shifted = []
+    for row in rows:
+        stamp, rest = row.split(",", 1)
+        shifted.append(f"{float(stamp) - (0.9 if float(stamp) >= 80.0 else 0.0):.4f},{rest}")
+    path.write_text("\n".join([header, *shifted]) + "\n")
+    runs, motion = read(tmp_path).runs, Motion(seed=0)
+    assert len(runs) == 2
+    for name, column in (("surge_velocity", "u"), ("north", "n")):
+        late = runs[1].readings(name)
+        expected = stamps_of(name, 120.0)
+        expected = expected[expected >= 80.0]
+        np.testing.assert_allclose(late.values, motion.at(column, expected), atol=1e-4)
+        np.testing.assert_allclose(np.diff(late.time), np.diff(expected), atol=2.1e-4)  # stamps of 0.1 ms
+
+
+def test_position_and_direction_are_shares_and_an_arm(tmp_path: Path) -> None:
+    vehicles = [load_planar_config(configured(tmp_path, text)).vehicle.thrusters[0] for text in (SHARES, POSITION)]
+    for key in ("surge_share", "sway_share", "arm"):
+        assert getattr(vehicles[0], key) == pytest.approx(getattr(vehicles[1], key), rel=1e-12)
+    on_yaw = load_config(configured(tmp_path, POSITION)).vehicle.thrusters[0]
+    assert on_yaw.arm == pytest.approx(vehicles[0].arm, rel=1e-12)
+    ahead = POSITION.replace("= 60", "= 0").replace("0.16076951545867364", "0")
+    with pytest.raises(ConfigError, match="none has yaw_arm"):  # A thruster on the centre line does not act in yaw.
+        load_config(configured(tmp_path, ahead))
+
+
+def test_a_pod_pushes_where_it_points(tmp_path: Path) -> None:
+    write_campaign(tmp_path, POD, logs=1)
+    run = read(tmp_path).runs[0]
+    command, azimuth = run.trial.commands.T
+    thrust = 40.0 * command
+    ahead, starboard = thrust * np.cos(azimuth), thrust * np.sin(azimuth)
+    expected = np.column_stack((ahead, starboard, -1.5 * starboard - 0.25 * ahead))
+    np.testing.assert_allclose(run.forces().force, expected, atol=1e-12)
+    with pytest.raises(ConfigError, match=r"azimuth: turns the thrust, .* Give --axes planar"):
+        load_config(tmp_path / "rovid.toml")
+
+
+def test_a_rudder_keeps_its_angle_and_knows_its_screw(tmp_path: Path) -> None:
+    signals = "\n".join(line for line in SIGNALS.splitlines() if not line.startswith(("surge", "sway")))
+    write_campaign(tmp_path, SHIP, signals, logs=1)
+    data = read(tmp_path)  # No speed is logged.
+    run, rudder = data.runs[0], data.actuators.rudders[0]
+    forces, (revolutions, angle) = run.forces(), run.trial.commands.T
+    np.testing.assert_allclose(forces.thrust[:, 0], 3.0 * np.abs(revolutions) * revolutions, atol=0.1)  # curve's points
+    np.testing.assert_allclose(forces.angle[:, 0], angle, atol=1e-12)
+    np.testing.assert_array_equal(forces.slipstream_thrust, forces.thrust)
+    np.testing.assert_array_equal(forces.force[:, 1:], 0.0)
+    assert (rudder.position, rudder.behind, rudder.stall) == ((-1.5, 0.0), "screw", None)
+    assert rudder.lift == pytest.approx(0.5 * 1000.0 * 0.01 * 2.45)
+    assert rudder.slipstream == pytest.approx(2.0 / (1000.0 * math.pi * 0.05**2))
+
+
+@pytest.mark.parametrize("effect", ["thruster_lag", "command_delay", "thruster_deadband", "slew_limit"])
+def test_an_effect_acts_on_each_thruster_as_on_one_axis(effect: str, folder: Path) -> None:
+    data, values = (
+        read(folder),
+        {"thruster_lag": 0.7, "command_delay": 0.33, "thruster_deadband": 0.2, "slew_limit": 0.5},
+    )
+    run, bound = data.runs[0], BoundEffect(effect_named(effect), np.array([values[effect]]))
+    forces, plain = run.forces([bound]), run.forces()
+    turning = bound_torque(run.trial, data.vehicle, bound)
+    np.testing.assert_allclose(forces.force[:, 2], turning, atol=2e-3 * np.abs(turning).max())  # parts of an interval
+    assert np.abs(forces.force - plain.force).max() > 1.0
+
+
+def bound_torque(trial: object, vehicle: object, bound: BoundEffect) -> np.ndarray:
+    from rovid.model.actuator_model import ActuatorModel
+
+    return ActuatorModel((bound,)).torque_input(vehicle, trial).torque  # type: ignore[arg-type]  # as in yaw alone
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("surge = 1.0\nyaw_arm = 0.3\n", "", r"'port': has no surge, sway or yaw_arm\."),
+        ("surge = 1.0\nyaw_arm = 0.3\n", "position = [0.1, 0.2]\n", r"'port': has a position and no direction"),
+        ("surge = 1.0\nyaw_arm = 0.3\n", "position = 0.1\n", r"'port': has a position and no direction"),
+        ("yaw_arm = 0.3\n", "position = 0.1\n", r"'port' position: is 0\.1; two numbers in m"),
+        ("yaw_arm = 0.3\n", "direction = 0\n", r"'port': has direction and surge; one of them"),
+        ("surge = 1.0\nyaw_arm = 0.3\n", 'azimuth = "b"\n', r"'port': has an azimuth and no position"),
+    ],
+)
+def test_a_thruster_without_a_place_is_refused(old: str, new: str, message: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=message):
+        load_planar_config(configured(tmp_path, PORT_AND_STARBOARD.replace(old, new, 1)))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('angle = { csv = "b", unit = "rad" }\n', "", "'helm': has no angle"),
+        ("position = [-1.5, 0.0]\n", "", "'helm': has no position"),
+        ('behind = "screw"', 'behind = "skrew"', "'helm' behind: is 'skrew'; the name of a thruster .*: screw"),
+        ("area = 0.01", "area = -1", "'helm' area: is -1"),
+        ("area = 0.01", "wheelbase = 1", "'helm': is steered wheels"),
+    ],
+)
+def test_a_rudder_without_a_place_is_refused(old: str, new: str, message: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=message):
+        load_planar_config(configured(tmp_path, SHIP.replace(old, new)))
