@@ -39,7 +39,7 @@ class Cause:
 FORMS: Mapping[str, tuple[str, ...]] = {
     "current": ("constant", "wandering"),
     "sway_yaw_damping": ("linear", "lift"),
-    "cross_flow_drag": ("strips",),
+    "cross_flow_drag": ("strips", "offset"),
     "speed_dependent_damping": ("linear", "quadratic"),
     "thruster_lag": ("thrust",),
     "command_delay": ("constant",),
@@ -102,19 +102,24 @@ def _sway_yaw_damping(s: Scene) -> dict[str, Any]:
     else:
         size = s.sign * (0.1 + 0.6 * s.k) * 2.0 * largest / s.vehicle.full[0]
         values = {"Y_ur": size, "N_uv": size * float(s.rng.uniform(0.5, 1.0))}
-    return {"hull": values, "parameters": values}
+    resisting = {"yaw_by_sway": -values.get("N_v", values.get("N_uv", 0.0)),
+                 "sway_by_yaw": -values.get("Y_r", values.get("Y_ur", 0.0))}  # fmt: skip
+    return {"hull": values, "parameters": resisting}
 
 
 def _cross_flow_drag(s: Scene) -> dict[str, Any]:
-    # Most of the quadratic damping of sway and yaw moves into the strips. They lie unevenly about the origin.
+    # Most of the quadratic damping of sway and yaw moves into the strips, which may lie unevenly about the origin.
     hull, length = s.vehicle.hull, s.vehicle.length
     share = 0.5 + 0.4 * min(s.k, 1.0)
+    strip = share * hull.sway_quadratic / length * float(s.rng.uniform(0.8, 1.25))
     values = {
-        "strip": share * hull.sway_quadratic / length * float(s.rng.uniform(0.8, 1.25)), "strip_length": length,
-        "strip_centre": s.sign * (0.05 + 0.2 * s.k) * length, "sway_quadratic": (1.0 - share) * hull.sway_quadratic,
+        "strip": strip, "strip_length": length, "sway_quadratic": (1.0 - share) * hull.sway_quadratic,
         "yaw_quadratic": (1.0 - share) * hull.yaw_quadratic,
     }  # fmt: skip
-    return {"hull": values, "replaces": ("sway.quadratic_drag", "yaw.quadratic_drag")}
+    if s.form == "offset":
+        values["strip_centre"] = s.sign * (0.05 + 0.2 * s.k) * length
+        return {"hull": values, "replaces": ("sway.quadratic_drag", "yaw.quadratic_drag")}
+    return {"hull": values, "parameters": {"coefficient": strip, "length": length}}
 
 
 def _speed_dependent_damping(s: Scene) -> dict[str, Any]:
@@ -122,11 +127,12 @@ def _speed_dependent_damping(s: Scene) -> dict[str, Any]:
     _, y_force, n_force = forces(s.vehicle)
     size = (0.2 + 1.5 * s.k) * float(s.rng.uniform(0.8, 1.25))
     if s.form == "quadratic":
-        return {"hull": {"N_uur": size * n_force / r / u**2}}
+        value = size * n_force / r / u**2
+        return {"hull": {"N_uur": value}, "parameters": {"yaw": value, "sway": 0.0}}
     values = {"N_ur": size * n_force / r / u}
     if s.rng.random() < 0.5:
         values["Y_uv"] = size * y_force / v / u
-    return {"hull": values}
+    return {"hull": values, "parameters": {"yaw": values["N_ur"], "sway": values.get("Y_uv", 0.0)}}
 
 
 def _thruster_lag(s: Scene) -> dict[str, Any]:
@@ -162,7 +168,8 @@ def _bias(s: Scene) -> dict[str, Any]:
     attribute, size = {"yaw": ("bias_n", n_force), "sway": ("bias_y", 0.5 * y_force),
                        "surge": ("bias_x", 0.5 * x_force)}[s.form]  # fmt: skip
     value = s.sign * (0.02 + 0.25 * s.k) * size
-    return {"hull": {attribute: value}, "parameters": {"torque" if s.form == "yaw" else "force": value}}
+    others = dict.fromkeys(("surge", "sway", "yaw"), 0.0)
+    return {"hull": {attribute: value}, "parameters": others | {s.form: value}}
 
 
 _MAKERS: Mapping[str, Callable[[Scene], dict[str, Any]]] = {

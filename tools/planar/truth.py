@@ -25,6 +25,9 @@ def truth_of(campaign: Campaign) -> dict[str, Any]:
     # In these families the base model of docs/planar.md is exact but for the disturbance and the cause.
     exact = vehicle.ship.length == 0.0 and vehicle.family != "auv_rudder"
     values = {name: float(getattr(hull, attribute)) for name, attribute in BASE.items()}
+    # The strips' drag in pure sway and in pure yaw is part of the quadratic drags.
+    values["sway.quadratic_drag"] += hull.strip * hull.strip_length
+    values["yaw.quadratic_drag"] += hull.strip * hull.strip_length**4 / 32.0
     errors = relative_errors(campaign) if vehicle.ship.length == 0.0 else {}
     replaced = set(cause.replaces) if cause else set()
     return {
