@@ -150,7 +150,8 @@ def page(records: Sequence[Record]) -> str:
 
 Written by `python -m benchmarks.planar`. A program that shares no code with rovid simulates vehicles in surge, sway and
 yaw. rovid reads only the files. There are {len(records)} campaigns, seeds {seeds}. In {len(exact)} of them the base
-model is exact up to the disturbance and the hidden cause. The other vehicles have fins, or are tankers of the MMG model.
+model is exact up to the disturbance and the hidden cause. The other vehicles have fins, or are tankers with the hull of
+the MMG model.
 """
     z: dict[str, list[float]] = {}
     for record in exact:

@@ -70,9 +70,12 @@ class Campaign:
 
 def draw(
     seed: int, index: int, hidden: str | None = None, family: str | None = None,
-    *, sensors: tuple[str, ...] | None = None, log_format: str | None = None,
+    *, sensors: tuple[str, ...] | None = None, log_format: str | None = None, kinds: tuple[str, ...] = (),
 ) -> Campaign:  # fmt: skip
-    """Draw a campaign; ``hidden`` is "none", an effect or "effect:form", by default a random one or nothing."""
+    """Draw a campaign; ``hidden`` is "none", an effect or "effect:form", by default a random one or nothing.
+
+    ``kinds`` are the programmes of the runs, as in `programme.plan`. The vehicle depends on seed, index and family.
+    """
     rng = np.random.default_rng([seed, index, zlib.crc32(b"planar")])
     family = family or str(rng.choice(list(FAMILIES)))
     vehicle = FAMILIES[family](rng)
@@ -89,6 +92,7 @@ def draw(
         used = [vehicle.length / vehicle.full[0]]
     scale, short = max(used), min(used)
     count = int(rng.integers(2, 9))
+    count = len(kinds) or count
     fastest = max(sensor.rate for sensor in instruments)
     total = min(log_uniform(rng, 150.0, 400.0) * scale, _MOST_SAMPLES / fastest)
     lengths = np.round(total / count * rng.uniform(0.7, 1.3, count), 2)
@@ -112,7 +116,7 @@ def draw(
         _planned(
             np.random.default_rng([seed, index, number, 7]), vehicle, instruments, number,
             length=float(lengths[number]), day=float(days[number]), command_hz=command_hz, scale=scale, size=size,
-            memory=memory, waves=waves,
+            memory=memory, waves=waves, kind=kinds[number] if kinds else "",
         )
         for number in range(count)
     )  # fmt: skip
@@ -131,6 +135,7 @@ def draw(
 def _planned(
     rng: np.random.Generator, vehicle: Vehicle, sensors: tuple[Sensor, ...], number: int, *, length: float, day: float,
     command_hz: float, scale: float, size: tuple[float, float, float], memory: float, waves: float,
+    kind: str = "",
 ) -> Run:  # fmt: skip
     """A run with all its chance drawn, before it is simulated."""
     before = round(scale * float(rng.uniform(3.0, 8.0)), 2) if rng.random() < 0.3 else 0.0
@@ -138,10 +143,11 @@ def _planned(
     before = max(before, late)
     time = np.round(np.arange(int((before + length) * command_hz) + 1) / command_hz, 6)
     if vehicle.ship.length:
-        kind = "ship zigzag"
+        kind = kind or "ship zigzag"
         before = late
     else:
-        kind = "steps" if number == 0 else str(rng.choice(KINDS, p=[0.25, 0.15, 0.15, 0.15, 0.15, 0.15]))
+        drawn = "steps" if number == 0 else str(rng.choice(KINDS, p=[0.25, 0.15, 0.15, 0.15, 0.15, 0.15]))
+        kind = kind or drawn
     programme = plan(rng, vehicle, kind, time)
     heading_noise = sensors[0].noise
     errors = rng.normal(0.0, 1.0, (time.size, 2)) * (heading_noise, 0.02 * vehicle.full[2])
