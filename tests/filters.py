@@ -45,6 +45,7 @@ def filter_data(*logs: Log) -> FilterData:
         start_position=np.array([log.start for log in logs]),
         initial_rate=np.array([log.first for log in logs]),
         output_index=np.arange(2 * sum(counts)).reshape(-1, 2),
+        states=np.zeros((len(logs), 0)),
     )
 
 

@@ -11,7 +11,7 @@ from functools import cache
 
 import numpy as np
 
-from rovid.diagnose.candidate_fits import Alternative, bic_score
+from rovid.diagnose.candidate_fits import Alternative, bic_score, has_parameter_at_bound, is_plausible
 from rovid.diagnose.cross_validation import held_out_log_likelihood
 from rovid.diagnose.posterior import (
     has_consistent_size,
@@ -99,7 +99,11 @@ def drop_inconsistent(selection: Selection) -> Selection:
 
 
 def report_remainder(selection: Selection) -> Selection:
-    """Add a message on the next effect, where its gain is notable but may come from approximate equations."""
+    """Add a message on the next effect, where its gain is notable but it is not claimed.
+
+    It may come from approximate equations, or need a parameter at the limit of its range.
+    """
+    selection = _report_limited(selection)
     following = selection.search.best_extension(selection.model)
     if following is None or bic_score(following) - bic_score(selection.model) < selection.search.threshold:
         return selection
@@ -111,6 +115,26 @@ def report_remainder(selection: Selection) -> Selection:
     else:
         why = "The gain is small and may only reflect that the equations of the other effects are approximate."
     return selection.with_message(f"{effect.title} would gain a log-likelihood of {gain:.0f}. {why} It is not claimed.")
+
+
+def _report_limited(selection: Selection) -> Selection:
+    """Add a message on an effect with a parameter at its limit that gains more than any other further effect."""
+    model, search = selection.model, selection.search
+    limited, best = [], bic_score(model) + search.threshold
+    for fitted in search.extensions(model):
+        effect = fitted.effects[-1]
+        if is_plausible(fitted):
+            best = max(best, bic_score(fitted))
+        elif has_parameter_at_bound(fitted, effect) and search.is_allowed(effect) and not is_signal(effect):
+            limited.append(fitted)
+    leading = max(limited, key=bic_score, default=None)
+    if leading is None or bic_score(leading) <= best:
+        return selection
+    effect, gain = leading.effects[-1], model.value - leading.value
+    return selection.with_message(
+        f"{effect.title} would gain a log-likelihood of {gain:.0f} with a size or time at the limit of its range. "
+        "It is not claimed: look for a fault, or for a cause that the catalogue lacks."
+    )
 
 
 def search_warnings(selection: Selection, notes: Sequence[str]) -> list[str]:

@@ -45,6 +45,11 @@ def _added(values: Values) -> float:
     return values["inertia"]
 
 
+def _unknown_start(values: Values, rate: float, acceleration: float) -> tuple[float, ...]:
+    """The water moves as fast as the vehicle."""
+    return (rate,)
+
+
 EFFECT: Effect = Effect(
     id="added_mass_memory",
     title="added mass with memory",
@@ -66,7 +71,7 @@ EFFECT: Effect = Effect(
     fingerprint="inertia that falls with frequency; an exponential tail after steps",
     experiment="sines over a decade of periods",
     rivals=("thruster_lag", "oscillatory_drag", "entrained_swirl"),
-    acts=Term(_linear, states=1, fastest=_fastest, added_inertia=_added),
+    acts=Term(_linear, states=1, fastest=_fastest, added_inertia=_added, unknown_start=_unknown_start),
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,
@@ -95,6 +100,6 @@ FORMS: tuple[Effect, ...] = (
             ),
         ),
         equation="− Im·dw/dt, τ·r0·dw/dt = |r − w|·(r − w), r0 = 0.3 rad/s: water in a frame with holes",
-        acts=Term(_porous, states=1, fastest=_fastest_in_frame, added_inertia=_added),
+        acts=Term(_porous, states=1, fastest=_fastest_in_frame, added_inertia=_added, unknown_start=_unknown_start),
     ),
 )

@@ -50,6 +50,11 @@ def _fastest(values: Values) -> float:
     return 1.0 / values["time_constant"]
 
 
+def _unknown_start(values: Values, rate: float, acceleration: float) -> tuple[float, ...]:
+    """The state of the water is a rate of the vehicle."""
+    return (rate,)
+
+
 EFFECT: Effect = Effect(
     id="entrained_swirl",
     axes=("yaw",),
@@ -70,7 +75,7 @@ EFFECT: Effect = Effect(
     fingerprint="a rate that creeps up in long holds; rotation that continues after a stop; more drag at a reversal",
     experiment="several turns in one direction, rest, and the same turns back",
     rivals=("tether_torsion", "oscillatory_drag", "added_mass_memory"),
-    acts=Term(_linear, states=1, fastest=_fastest, entrained_rate=_share),
+    acts=Term(_linear, states=1, fastest=_fastest, entrained_rate=_share, unknown_start=_unknown_start),
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,
@@ -78,6 +83,6 @@ FORMS: tuple[Effect, ...] = (
         EFFECT,
         form="annulus",
         equation="all drag of r − w in place of r, If·dw/dt = drag − C·|w|·w; s = w/r and τ as at r = 0.3 rad/s",
-        acts=Term(_annulus, states=1, fastest=_fastest, entrained_rate=_state),
+        acts=Term(_annulus, states=1, fastest=_fastest, entrained_rate=_state, unknown_start=_unknown_start),
     ),
 )

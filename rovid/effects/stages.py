@@ -122,6 +122,9 @@ class Term:
     entrained_rate: Callable[[Numbers, Numbers], float] | None = None
     #: (parameter values) -> inertia in kg m^2 that the term adds in slow motion.
     added_inertia: Callable[[Values], float] | None = None
+    #: (parameter values, rate in rad/s, acceleration in rad/s^2) -> standard deviation of each state at the first
+    #: sample of a log that begins in motion of this size. None: the term forgets within a swing.
+    unknown_start: Callable[[Values, float, float], tuple[float, ...]] | None = None
     uses_wash: bool = False  #: Whether the term depends on ``at.wash``.
     #: (n, k) thrusts in N -> (n,) values for ``at.surge``, each the mean until the next instant, for a form that does
     #: without a logged speed.

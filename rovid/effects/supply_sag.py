@@ -16,9 +16,11 @@ _CHANNEL = "supply_voltage"
 _HOUR = 3600.0
 # Ratios of a voltage to the reference are clipped to these: others are faults of the log.
 _RATIOS = (0.3, 3.0)
-# Bounds of the loss of thrust, as a share, at the largest load or over the whole time. A supply would trip before a
+# Bounds of the loss of thrust, as a share: at the largest load, or of the gain over time. A supply would trip before a
 # larger loss. A gain, as by a battery that warms up, is small.
 _MAX_LOSS, _MAX_GAIN = 0.6, -0.2
+# The same over a whole log, in which a battery may go flat.
+_MAX_FADE = 0.95
 
 
 def _with_load(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
@@ -50,7 +52,7 @@ def _with_voltage(inputs: ActuatorInputs, thrust: FloatArray, values: Values) ->
 
 
 _DRIFT = EffectParameter(
-    name="drift", unit="1/h", neutral=0.0, low=_MAX_GAIN, high=_MAX_LOSS, initial_values=(0.05,), scale="one/longest"
+    name="drift", unit="1/h", neutral=0.0, low=_MAX_GAIN, high=_MAX_FADE, initial_values=(0.05,), scale="one/longest"
 )
 # Rivals of thrust with another size in some trials.
 _RIVALS_PER_TRIAL = ("thrust_asymmetry", "thruster_imbalance", "bias_torque")

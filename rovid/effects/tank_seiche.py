@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, Values, compiled
@@ -36,6 +37,23 @@ def _fastest(values: Values) -> float:
     return values["frequency"]
 
 
+def _ringing(values: Values, excitation: float) -> tuple[float, float]:
+    """Standard deviations of both states after an excitation of this size that varies as fast as the mode.
+
+    A mode with the damping ratio ζ has the variance of the excitation, as a static load, times 1/(4ζ).
+    """
+    frequency, growth = values["frequency"], 0.5 / math.sqrt(values["damping"])
+    return growth * excitation / frequency**2, growth * excitation / frequency
+
+
+def _after_motion(values: Values, rate: float, acceleration: float) -> tuple[float, float]:
+    return _ringing(values, rate)
+
+
+def _after_thrust(values: Values, rate: float, acceleration: float) -> tuple[float, float]:
+    return _ringing(values, acceleration)
+
+
 # Over the time constant of the vehicle. A weakly damped mode has an effect only near its frequency, so many initial
 # values are needed.
 _FREQUENCIES = tuple(0.2 * 1.12**k for k in range(36))
@@ -65,7 +83,7 @@ EFFECT: Effect = Effect(
     fingerprint="an oscillation of one frequency that decays after each start and stop, whatever the rate",
     experiment="stops from full speed, then no command until the water is still; the same at depth",
     rivals=("wave_torque", "added_mass_memory"),
-    acts=Term(_term, states=2, fastest=_fastest, oscillatory=True),
+    acts=Term(_term, states=2, fastest=_fastest, oscillatory=True, unknown_start=_after_motion),
 )
 FORMS: tuple[Effect, ...] = (
     EFFECT,
@@ -73,13 +91,13 @@ FORMS: tuple[Effect, ...] = (
         EFFECT,
         form="following",
         equation="− g·I·ω²·q, q as above: water that follows the vehicle and acts by its acceleration",
-        acts=Term(_following, states=2, fastest=_fastest, oscillatory=True),
+        acts=Term(_following, states=2, fastest=_fastest, oscillatory=True, unknown_start=_after_motion),
     ),
     replace(
         EFFECT,
         form="thrust",
         equation="− g·I·ω·dq/dt, d²q/dt² + 2ζω·dq/dt + ω²·q = T/I: excited by the jets",
         # Not `oscillatory`, because the known thrust alone excites the mode: a filter need not estimate its states.
-        acts=Term(_by_thrust, states=2, fastest=_fastest),
+        acts=Term(_by_thrust, states=2, fastest=_fastest, unknown_start=_after_thrust),
     ),
 )

@@ -166,6 +166,7 @@ class InnovationData(FitData):
             start_position=np.array([run.trial.first_position for run in self.runs[place]]),
             initial_rate=np.array([(rate, rate_error) for rate in self.initial_rates[place]], dtype=float),
             output_index=row.reshape(-1, 2),
+            states=np.zeros((len(times), 0)),
         )
         inputs = self.inputs.subset(place)
         return DataChunk(
@@ -182,23 +183,22 @@ class InnovationData(FitData):
     def _unknown_pasts(self, inputs: InputCache, data: FilterData) -> UnknownPasts | None:
         """Those of the runs of ``inputs``, whose readings are ``data``."""
         trials = [run.trial for run in inputs.runs]
-        numbers = [at for at, trial in enumerate(trials) if trial.past is not None and trial.past.estimated]
+        # A run without a past begins at rest.
+        numbers = [at for at, trial in enumerate(trials) if trial.past is not None]
         if self.vehicle is None or not numbers:
             return None
         moved = [with_moved_past(trials[at], self.vehicle) for at in numbers]
         runs = [replace(inputs.runs[at], trial=trial) for at, (trial, _) in zip(numbers, moved, strict=True)]
-        changes = np.array([change for _, change in moved])
         steps = None if inputs.steps is None else [inputs.steps[at] for at in numbers]
-        known = np.flatnonzero(changes)
-        if not known.size:
-            return None
         return UnknownPasts(
-            runs=np.array(numbers)[known],
+            runs=np.array(numbers),
             data=data,
-            inputs=inputs.of([runs[at] for at in known], None if steps is None else [steps[at] for at in known]),
-            changes=changes[known],
+            inputs=inputs.of(runs, steps),
+            changes=np.array([change for _, change in moved]),
             std=self._accelerating_torque,
             memory=_FORGOTTEN * self.usual_time,
+            rate=self.rms_rate,
+            torque=self.rms_torque,
         )
 
     @cached_property

@@ -1,7 +1,8 @@
-"""The unknown state of the drives at a log's first sample, as one more state of the Kalman filter."""
+"""The unknown state of drives and water at a log's first sample, as more states of the Kalman filter."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -9,8 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
+from rovid.effects.base import TERM_STATES
 from rovid.estimate.input_cache import InputCache
 from rovid.jit.decorators import compiled
+from rovid.model.bound_effects import term_values
 from rovid.model.filter_batch import FilterData, FilterInputs, ParameterBatch
 from rovid.model.model import Model
 from rovid.model.torque_input import TorqueInput
@@ -22,7 +25,7 @@ _DURATION_FACTOR = 2.0
 
 
 class _Beginnings(NamedTuple):
-    """The first samples of the runs with an unknown past."""
+    """The first samples of the runs that do not begin at rest."""
 
     data: FilterData
     among_all: IntArray  #: (n,) index of each filter step among those of all runs.
@@ -33,19 +36,22 @@ class _Beginnings(NamedTuple):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class UnknownPasts:
-    """Runs whose commands before the first sample are estimated, see `rovid.model.past`; docs/method.md, (12a).
+    """Runs that do not begin at rest, see `rovid.model.past`; docs/method.md, (12a).
 
-    The error of the torque before the first sample is a constant state. Innovations are linear in it. The filter
-    without it and a second one, with another torque before, give the innovations and variances of the filter with that
-    state (Friedland 1969).
+    The error of the torque before the first sample, and the states of water in motion at the first sample, are further
+    states. Innovations are linear in them. The filter without them, and one with another value of each, give the
+    innovations and variances of the filter with these states (Friedland 1969).
     """
 
     runs: IntArray  #: (r,) numbers of the runs in the chunk.
     data: FilterData  #: Of all runs of the chunk.
-    inputs: InputCache  #: Of these r runs, with other commands before the first sample.
+    inputs: InputCache  #: Of these r runs, with other commands before the first sample where these are estimated.
     changes: FloatArray  #: (r,) N m, change of the torque before by these commands.
     std: float  #: N m, standard deviation of the torque before.
     memory: float  #: s, time in which the motion forgets its state.
+    #: ``rate``, ``torque``: RMS rate in rad/s and torque in N m of the data: what moved the water.
+    rate: float
+    torque: float
     _beginnings: dict[float, _Beginnings] = field(default_factory=dict)
 
     def correct(
@@ -57,24 +63,58 @@ class UnknownPasts:
         angles: Sequence[FloatArray],
         found: tuple[FloatArray, FloatArray],
     ) -> None:
-        """Add the unknown state to the (LANES, N) innovations and variances ``found`` by ``kernel``, in place."""
-        if all(model.actuators.is_plain for model in models):
+        """Add the unknown states to the (LANES, N) innovations and variances ``found`` by ``kernel``, in place."""
+        drives = not all(model.actuators.is_plain for model in models) and bool(np.any(self.changes))
+        water = self._water(models)
+        if not (drives or water):
             return
-        moved = [self.inputs.between_steps(model) for model in models]
-        distinct = {id(one): (given, one) for given, one in zip(torque_inputs, moved, strict=True)}
-        duration = max(self._duration(given, one) for given, one in distinct.values())
+        moved = [self.inputs.between_steps(model) for model in models] if drives else []
+        duration = math.inf
+        if not water:
+            distinct = {id(one): (given, one) for given, one in zip(torque_inputs, moved, strict=True)}
+            duration = max(self._duration(given, one) for given, one in distinct.values())
         if not duration > 0.0:
             return
         early = self._early(duration)
-        inputs = FilterInputs.stack(
-            _each(moved, lambda one: one.rows(early.among_own)), _each(angles, lambda one: one[early.among_all])
-        )
         errors, variances = found
-        shifted, _ = kernel(early.data, inputs, batch)
-        change = np.repeat(self.changes, np.diff(early.offsets))
-        sensitivity = (errors[:, early.innovations] - shifted) / change
-        for error, variance, own in zip(errors, variances, sensitivity, strict=True):
-            _update(error, variance, early.innovations, own, early.offsets, self.std**2)
+        first = errors[:, early.innovations]
+        own_angles = _each(angles, lambda one: one[early.among_all])
+        counts = np.diff(early.offsets)
+        unknowns = []
+        if drives:
+            inputs = FilterInputs.stack(_each(moved, lambda one: one.rows(early.among_own)), own_angles)
+            change = np.where(self.changes == 0.0, math.inf, self.changes)
+            shifted, _ = kernel(early.data, inputs, batch)
+            unknowns.append(((first - shifted) / np.repeat(change, counts), np.full(len(models), self.std)))
+        if water:
+            inputs = FilterInputs.stack(_each(torque_inputs, lambda one: one.rows(early.among_all)), own_angles)
+        for row, stds in water:
+            # Water that a turn has moved turns the same way.
+            step = np.mean(stds) * np.where(early.data.initial_rate[:, 0] < 0.0, -1.0, 1.0)
+            states = np.zeros((len(self.runs), row + 1))
+            states[:, row] = step
+            shifted, _ = kernel(early.data._replace(states=states), inputs, batch)
+            unknowns.append(((first - shifted) / np.repeat(step, counts), stds))
+        sensitivity, std = np.array([one for one, _ in unknowns]), np.array([one for _, one in unknowns])
+        sensitivity[~np.isfinite(sensitivity)] = 0.0
+        for lane, (error, variance) in enumerate(zip(errors, variances, strict=True)):
+            own = np.ascontiguousarray(sensitivity[:, lane])
+            _update(error, variance, early.innovations, own, early.offsets, std[:, lane] ** 2)
+
+    def _water(self, models: Sequence[Model]) -> list[tuple[int, FloatArray]]:
+        """Index among the states of all terms, and (LANES,) standard deviation, of each unknown state of water."""
+        lanes = [term_values(model.terms) for model in models]
+        found = []
+        for at, each in enumerate(zip(*lanes, strict=True)):
+            term, _ = each[0]
+            if term.unknown_start is None:
+                continue
+            rows = []
+            for (_, values), model in zip(each, models, strict=True):
+                rows.append(term.unknown_start(values, self.rate, self.torque / model.inertia))
+            stds = np.array(rows).T
+            found += [(TERM_STATES * at + state, own) for state, own in enumerate(stds) if own.all()]
+        return found
 
     def _duration(self, given: TorqueInput, moved: TorqueInput) -> float:
         """Time in s after which the torque before has no influence on the torque."""
@@ -118,6 +158,7 @@ class UnknownPasts:
             start_position=data.start_position[self.runs],
             initial_rate=data.initial_rate[self.runs],
             output_index=index,
+            states=np.zeros((len(self.runs), 0)),
         )
         innovations = data.output_index[rows][used]
         return _Beginnings(beginnings, rows, np.concatenate(own_steps), innovations, np.cumsum([0, *counts]))
@@ -132,15 +173,32 @@ def _each(series: Sequence[Any], function: Callable[[Any], Any]) -> list[Any]:
 
 @compiled
 def _update(
-    error: FloatArray, variance: FloatArray, rows: IntArray, sensitivity: FloatArray, offsets: IntArray, prior: float
+    error: FloatArray,
+    variance: FloatArray,
+    rows: IntArray,
+    sensitivity: FloatArray,
+    offsets: IntArray,
+    prior: FloatArray,
 ) -> None:
-    """Recursive least squares of the state of each run, with its ``prior`` variance; docs/method.md, (12a)."""
+    """Recursive least squares of the states of each run, with their (k,) ``prior`` variances; docs/method.md, (12a)."""
+    count = len(prior)
+    mean, spread, cross = np.zeros(count), np.zeros((count, count)), np.zeros(count)
     for run in range(len(offsets) - 1):
-        mean, spread = 0.0, prior
+        for i in range(count):
+            mean[i] = 0.0
+            for j in range(count):
+                spread[i, j] = prior[i] if i == j else 0.0
         for k in range(offsets[run], offsets[run + 1]):
-            at, slope = rows[k], sensitivity[k]
-            error[at] -= slope * mean
-            variance[at] += slope * slope * spread
-            gain = spread * slope / variance[at]
-            mean += gain * error[at]
-            spread -= gain * slope * spread
+            at = rows[k]
+            for i in range(count):
+                cross[i] = 0.0
+                for j in range(count):
+                    cross[i] += spread[i, j] * sensitivity[j, k]
+                error[at] -= sensitivity[i, k] * mean[i]
+            for i in range(count):
+                variance[at] += sensitivity[i, k] * cross[i]
+            for i in range(count):
+                gain = cross[i] / variance[at]
+                mean[i] += gain * error[at]
+                for j in range(count):
+                    spread[i, j] -= gain * cross[j]

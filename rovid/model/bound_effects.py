@@ -54,6 +54,16 @@ class PackedTerms(NamedTuple):
     oscillatory: int  #: Index of the oscillatory term, 0 if there is none.
 
 
+def term_values(terms: PackedTerms) -> list[tuple[Term, Values]]:
+    """Each of the terms of one model with the parameter values of its effect."""
+    found = []
+    for at, kind in enumerate(terms.kinds.tolist()):
+        effect, first = TERM_EFFECTS[kind], TERM_PARAMETERS * at
+        assert isinstance(effect.acts, Term)  # noqa: S101 - all of them are
+        found.append((effect.acts, effect.values(terms.parameters[first : first + len(effect.parameters), 0])))
+    return found
+
+
 class Equation(NamedTuple):
     """``inertia*rdot = torque - drag + terms``; ``start`` is the position in rad or m at the start of the trial.
 

@@ -25,6 +25,7 @@ class FilterData(NamedTuple):
     start_position: FloatArray  #: (m,) rad, the position at the start of each trial.
     initial_rate: FloatArray  #: (m, 2) rate in rad/s at the first instant, and its standard deviation.
     output_index: IntArray  #: (n, 2) places of the innovations of angle and rate in the filter's output; -1 for none.
+    states: FloatArray  #: (m, s) the first s states of the terms at the first instant of each trial; others are zero.
 
 
 class FilterInputs(NamedTuple):

@@ -68,10 +68,13 @@ def with_past(trial: Trial, body: Body, vehicle: Vehicle) -> Trial:
 
 
 def with_moved_past(trial: Trial, vehicle: Vehicle) -> tuple[Trial, float]:
-    """``trial`` with another estimated command before its first one, and the change of its torque in N m."""
+    """``trial`` with another estimated command before its first one, and the change of its torque in N m.
+
+    Where the commands before are known, the trial itself and 0.
+    """
     past = trial.past
-    assert past is not None  # noqa: S101 - the caller asks for trials with an estimated past
-    assert past.estimated  # noqa: S101 - likewise
+    if past is None or not past.estimated:
+        return trial, 0.0
     torques = vehicle.torque(trial)
     before = float(_torques(past.commands[:1], vehicle)[0])
     move = _MOVE * float(np.max(np.abs(torques)))

@@ -136,3 +136,20 @@ def test_a_further_effect_with_a_notable_gain_is_reported(selection: Selection) 
     assert message.startswith("constant torque would gain a log-likelihood of")
     shown = replace(without, inconsistent=(BIAS,))
     assert report_remainder(shown).messages == ()
+
+
+@pytest.mark.parametrize(("share", "limited"), [(1.0, True), (0.5, False)])
+def test_a_gain_with_a_parameter_at_its_limit_is_told(
+    selection: Selection, monkeypatch: pytest.MonkeyPatch, share: float, *, limited: bool
+) -> None:
+    """Such an effect is never selected, but what it gains is not passed over."""
+    x = selection.model.x.copy()
+    x[-1] = share * BIAS.parameters[0].high
+    extended = replace(selection.model, x=x)
+    without = selection.drop(BIAS)
+    monkeypatch.setattr(StepwiseSearch, "extensions", lambda *_: [extended])
+    messages = [one for one in report_remainder(without).messages if "at the limit of its range" in one]
+    assert bool(messages) is limited
+    if limited:
+        gain = without.model.value - extended.value
+        assert messages[0].startswith(f"constant torque would gain a log-likelihood of {gain:.0f} with a size")

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
+from scipy.linalg import expm, solve_continuous_lyapunov
 
 from rovid.core.array_types import FloatArray
 from rovid.effects import Effect, effect_named
+from rovid.effects.base import Term
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.innovation_likelihood import InnovationLikelihood
@@ -89,6 +92,86 @@ def test_the_unknown_torque_is_one_more_state(effect: Effect, values: tuple[floa
     # Drag is quadratic, and the unknown torque is large: linearised around the mean without it, or with it.
     np.testing.assert_allclose(found.error, innovation[1:, 0], rtol=0.0, atol=0.02 * np.sqrt(found.variance).max())
     np.testing.assert_allclose(found.variance, variance[1:, 0], rtol=0.02)
+
+
+MEMORY_TIME, ADDED = 6.0, 600.0
+GAIN, FREQUENCY, DAMPING = 0.1, 0.8, 0.05
+RINGING = np.array([[0.0, 1.0], [-(FREQUENCY**2), -2.0 * DAMPING * FREQUENCY]])
+
+
+def left_by_memory(time: FloatArray) -> FloatArray:
+    """N m that water with the rate 1 rad/s at first exerts after it, beside what the motion does to it."""
+    return np.asarray(ADDED / MEMORY_TIME * np.exp(-time / MEMORY_TIME))
+
+
+def left_by_seiche(time: FloatArray) -> FloatArray:
+    """N m of a mode whose second state was 1 at first."""
+    states = np.array([expm(RINGING * t)[:, 1] for t in time])
+    return np.asarray(-GAIN * MOTION.inertia * FREQUENCY * (states @ RINGING[1]))
+
+
+@pytest.mark.parametrize(
+    ("effect", "values", "left", "state"),
+    [
+        (effect_named("added_mass_memory"), (ADDED, MEMORY_TIME), left_by_memory, 0),
+        (effect_named("tank_seiche"), (GAIN, FREQUENCY, DAMPING), left_by_seiche, 1),
+    ],
+    ids=["three states", "five states"],
+)
+def test_the_unknown_water_is_one_more_state(
+    effect: Effect, values: tuple[float, ...], left: Callable[[FloatArray], FloatArray], state: int
+) -> None:
+    """Water is linear: what it was at first acts as a torque beside the motion."""
+    term, std = effect.acts, 0.05
+    assert isinstance(term, Term)
+    usual = term.unknown_start
+    # The reference has one unknown state.
+    object.__setattr__(term, "unknown_start", lambda *_: tuple(std * (at == state) for at in range(term.states)))
+    try:
+        given = data((60.0,))
+        objective, x = at(given, effect, *values)
+        found = objective.innovations(x)
+    finally:
+        object.__setattr__(term, "unknown_start", usual)
+    (chunk,) = given.chunks
+    model = objective.parametrization.model(x)
+    middle = given.times[0] + 0.5 * PERIOD
+    noise = FilterNoise(disturbance=2.0, correlation_time=4.0, angle=3e-4, rate=1.0)
+    measured = np.column_stack((given.angles[0], np.full(len(given.angles[0]), np.nan)))
+    first = tuple(chunk.filter_data.initial_rate[0].tolist())
+    innovation, variance = ExtendedKalmanFilter(model, noise, chunk.filter_data.start_position[0]).innovations(
+        given.times[0], chunk.inputs.between_steps(model), measured, first, (left(middle), std)
+    )
+    unknown = chunk.unknown_pasts
+    object.__setattr__(chunk, "unknown_pasts", None)
+    at_rest = objective.innovations(x)
+    object.__setattr__(chunk, "unknown_pasts", unknown)
+    changed = np.abs(at_rest.error - found.error).max()
+    assert changed > 0.2 * np.sqrt(found.variance).max()
+    np.testing.assert_allclose(found.error, innovation[1:, 0], rtol=0.0, atol=0.1 * changed)
+    np.testing.assert_allclose(found.variance, variance[1:, 0], rtol=0.02)
+
+
+@pytest.mark.parametrize("form", ["", ":following", ":thrust"])
+def test_a_seiche_rings_before_a_log_as_after_a_broad_excitation(form: str) -> None:
+    """A mode under white noise of the intensity of a rate that varies as fast as the mode: eq. of Lyapunov."""
+    term = effect_named(f"tank_seiche{form}").acts
+    assert isinstance(term, Term)
+    assert term.unknown_start is not None
+    values = {"gain": GAIN, "frequency": FREQUENCY, "damping": DAMPING}
+    found = term.unknown_start(values, 0.3, 0.7)
+    size = 0.7 if form == ":thrust" else 0.3
+    # Intensity of a process of that size with the correlation time 1/(2ω), as white noise at the frequency of the mode.
+    intensity = size**2 / FREQUENCY
+    covariance = solve_continuous_lyapunov(RINGING, -np.diag([0.0, intensity]))
+    assert found == pytest.approx(np.sqrt(np.diag(covariance)))
+
+
+def test_water_is_at_rest_where_the_vehicle_is() -> None:
+    still = [synthetic.run(TIME, torque * (TIME > 2.0), MOTION) for torque in (levels(1),)]
+    given = InnovationData(still, synthetic.LOGGED, MOTION)
+    (chunk,) = given.chunks
+    assert chunk.unknown_pasts is None
 
 
 def test_a_model_without_memory_is_not_affected() -> None:

@@ -14,7 +14,7 @@ from rovid.jit.simd import LANES, broadcast, exp, extract, load, maximum, minimu
 from rovid.model.bound_effects import Equation
 from rovid.model.kernels.effect_terms import SCRATCH_ROWS
 from rovid.model.kernels.rk4 import MAX_STEPS, drag_damping, drag_slopes, plain_step, rk4_step, state_substeps
-from rovid.model.kernels.simd_io import clear_rows, gather, gather_effect_inputs, load_body, store_column
+from rovid.model.kernels.simd_io import clear_rows, fill_rows, gather, gather_effect_inputs, load_body, store_column
 from rovid.model.kernels.warmup import warmed_up
 
 # Step of the covariance in shares of the shortest time constant: the transition of fourth order is then exact to 1e-4.
@@ -102,6 +102,7 @@ def _filter(  # noqa: PLR0915 - one filter, from top to bottom
     limits, zero = step_limits(body, decay_rate), broadcast(0.0)
     for run in range(len(data.offsets) - 1):
         clear_rows(state)
+        fill_rows(state, data.states, run)
         begin, end = data.offsets[run], data.offsets[run + 1]
         equation = Equation(body, terms, broadcast(data.start_position[run]))
         origin, damping = gather(inputs.angles, inputs.angle_index, begin), slopes[1]

@@ -32,7 +32,7 @@ from rovid.model.kernels.covariance5 import (
 from rovid.model.kernels.effect_terms import SCRATCH_ROWS, call_sum_terms
 from rovid.model.kernels.ekf3 import SAME, filter_step_count, step_limits
 from rovid.model.kernels.rk4 import drag_slopes, plain_step, rk4_step, state_substeps
-from rovid.model.kernels.simd_io import clear_rows, gather, gather_effect_inputs, load_body, store_column
+from rovid.model.kernels.simd_io import clear_rows, fill_rows, gather, gather_effect_inputs, load_body, store_column
 from rovid.model.kernels.warmup import warmed_up
 
 # Step in shares of the shortest time constant: the transition of sixth order is then exact to 1e-4.
@@ -95,6 +95,7 @@ def _filter(  # noqa: PLR0912, PLR0915 - one filter, from top to bottom
     h, table, oldest = 0.0, tables[0], 0
     for run in range(len(data.offsets) - 1):
         clear_rows(state)
+        fill_rows(state, data.states, run)
         begin, end = data.offsets[run], data.offsets[run + 1]
         equation = Equation(body, terms, broadcast(data.start_position[run]))
         origin, damping = gather(inputs.angles, inputs.angle_index, begin), drag[1]

@@ -67,6 +67,13 @@ def clear_rows(rows: Any) -> None:
 
 
 @njit_inline
+def fill_rows(rows: Any, numbers: Any, at: int) -> None:
+    """Write the numbers of row ``at`` of an (m, n) table to the first n rows, the same in all lanes."""
+    for j in range(numbers.shape[1]):
+        store(rows, j, broadcast(numbers[at, j]))
+
+
+@njit_inline
 def copy_rows(count: int, source: Any, target: Any) -> None:
     """Copy the first ``count`` rows."""
     for j in range(count):

@@ -101,7 +101,7 @@ def slow_calls() -> dict[str, Callable[[], object]]:
     body, terms, torque = Body(1.0, 1.0, 1.0), pack_terms([], 1.0), TorqueInput.held(np.zeros(2))
     offsets, one, two = np.array([0, 2]), np.ones(1), np.arange(2.0)
     grid = torque.torque, torque.effect_inputs, two, two, np.zeros((2, 0))
-    data = FilterData(offsets, two, two, one, np.ones((1, 2)), np.arange(4).reshape(2, 2))
+    data = FilterData(offsets, two, two, one, np.ones((1, 2)), np.arange(4).reshape(2, 2), np.zeros((1, 0)))
     inputs = FilterInputs.stack([torque] * LANES, [two] * LANES)
     models = ParameterBatch(np.ones((5, LANES)), terms, np.ones((4, LANES)), np.ones((3, LANES)))
     restart = offsets[:1].copy(), offsets[1:].copy(), one
