@@ -12,13 +12,14 @@ from scipy.signal import lfilter
 
 from tools.planar.causes import FORMS, NOTHING, Cause, forces, make, rows_with, suits
 from tools.planar.motion import ARRIVE, N_STATE, RECORD, SEND, Floats, Hull, Ints, Pilot, simulate
-from tools.planar.programme import KINDS, plan
+from tools.planar.programme import KINDS, POOR, limited, plan
 from tools.planar.sensors import RATES, Sensor, draw_sensors
 from tools.planar.vehicles import FAMILIES, Vehicle, log_uniform
 
 FORMATS = ("csv", "csv_parts", "mcap")
 CLOCKS = ("relative", "epoch", "iso8601")
 _SHARE_NOTHING = 0.3
+_SHARE_POOR = 0.3
 _LEAST, _MOST = 8.0, 45.0  # per cent: how far a hidden cause changes the velocities
 _MOST_SAMPLES = 40_000
 
@@ -109,6 +110,9 @@ def draw(
     waves = 2.0 * math.pi / (short * float(rng.uniform(0.4, 2.0))) if rng.random() < 0.25 else 0.0
     days = np.concatenate([[0.0], np.cumsum(lengths[:-1] + rng.uniform(5.0, 60.0, count - 1) * scale)])
     cause_seed, strength = int(rng.integers(2**31)), float(rng.uniform(0.2, 0.8))
+    # A share of the campaigns without a cause has poor programmes, which leave parameters undetermined.
+    poor = effect == NOTHING and not kinds and not vehicle.ship.length and rng.random() < _SHARE_POOR
+    limits = str(rng.choice(POOR)) if poor else ""
     settings = {"seed": seed, "index": index, "vehicle": vehicle, "sensors": instruments, "command_hz": command_hz,
                 "format": log_format or str(rng.choice(FORMATS, p=[0.6, 0.2, 0.2])), "clock": str(rng.choice(CLOCKS)),
                 "disturbance": size, "memory": memory, "waves": waves}  # fmt: skip
@@ -116,7 +120,7 @@ def draw(
         _planned(
             np.random.default_rng([seed, index, number, 7]), vehicle, instruments, number,
             length=float(lengths[number]), day=float(days[number]), command_hz=command_hz, scale=scale, size=size,
-            memory=memory, waves=waves, kind=kinds[number] if kinds else "",
+            memory=memory, waves=waves, kind=kinds[number] if kinds else "", limits=limits,
         )
         for number in range(count)
     )  # fmt: skip
@@ -135,7 +139,7 @@ def draw(
 def _planned(
     rng: np.random.Generator, vehicle: Vehicle, sensors: tuple[Sensor, ...], number: int, *, length: float, day: float,
     command_hz: float, scale: float, size: tuple[float, float, float], memory: float, waves: float,
-    kind: str = "",
+    kind: str, limits: str,
 ) -> Run:  # fmt: skip
     """A run with all its chance drawn, before it is simulated."""
     before = round(scale * float(rng.uniform(3.0, 8.0)), 2) if rng.random() < 0.3 else 0.0
@@ -148,7 +152,7 @@ def _planned(
     else:
         drawn = "steps" if number == 0 else str(rng.choice(KINDS, p=[0.25, 0.15, 0.15, 0.15, 0.15, 0.15]))
         kind = kind or drawn
-    programme = plan(rng, vehicle, kind, time)
+    programme = limited(plan(rng, vehicle, kind, time), limits)
     heading_noise = sensors[0].noise
     errors = rng.normal(0.0, 1.0, (time.size, 2)) * (heading_noise, 0.02 * vehicle.full[2])
     start = float(rng.uniform(-np.pi, np.pi))
@@ -163,7 +167,7 @@ def _planned(
             parts = [_coloured(rng, points, step, 8.0 / waves) for _ in range(2)]
             series[:, axis] += size[axis] * (parts[0] * np.sin(waves * at) + parts[1] * np.cos(waves * at))
     return Run(
-        kind=kind, day=day, length=length, before=before, heading=start, sent=time, demands=programme.demands,
+        kind=programme.kind, day=day, length=length, before=before, heading=start, sent=time, demands=programme.demands,
         setpoints=programme.setpoints + start, errors=errors, pilot=programme.pilot,
         commands=np.zeros((time.size, len(vehicle.channels))),
         stamps=tuple(sensor.stamps(length, rng) for sensor in sensors), step=step, series=series,

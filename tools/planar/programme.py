@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.signal import lfilter
@@ -10,6 +10,8 @@ from scipy.signal import lfilter
 from tools.planar.motion import Floats, Pilot
 from tools.planar.vehicles import Vehicle
 
+# Poor programmes: turns on the spot, straight runs, turns at one thrust ahead.
+POOR = ("turns", "ahead", "steady")
 KINDS = ("steps", "sines", "zigzag", "circles", "random", "feedback")
 
 
@@ -103,3 +105,16 @@ def plan(rng: np.random.Generator, vehicle: Vehicle, kind: str, time: Floats) ->
         pilot = Pilot(kind=2, angle=min(angle, 0.7), demand=float(rng.uniform(0.3, 1.0)))
         demands[:, 0] = _levels(rng, time, (15.0 * scale, 30.0 * scale), 0.3, 1.0)
     return Programme(kind=kind, demands=demands, setpoints=setpoints, pilot=pilot)
+
+
+def limited(programme: Programme, limits: str) -> Programme:
+    """A programme that moves the vehicle only as one of `POOR` says; "" changes nothing."""
+    if not limits:
+        return programme
+    demands = (
+        programme.demands * {"turns": (0.0, 0.0, 1.0), "ahead": (1.0, 0.0, 0.0), "steady": (0.0, 0.0, 1.0)}[limits]
+    )
+    if limits == "steady":
+        demands[:, 0] = 0.6
+    pilot = Pilot() if limits == "ahead" else programme.pilot
+    return replace(programme, kind=f"{programme.kind}, {limits}", demands=demands, pilot=pilot)
