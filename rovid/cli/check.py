@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from rovid.cli.context import announce_compilation, console, named_axis, print_json
 from rovid.cli.help_format import Page
-from rovid.cli.options import AxisName, Json, Logs
+from rovid.cli.options import Axes, AxisName, Json, Logs
+from rovid.cli.planar_session import is_planar
 from rovid.core.errors import DataError
 
 PAGE = Page(
@@ -13,20 +16,27 @@ PAGE = Page(
     actions, the content of each log, and further remarks: runs that a fit still needs, feedback by an autopilot or a
     pilot, clock offsets, saturated thrusters, gaps. Writes nothing.
 
+    With --axes planar it lists what each sensor measures (rate, noise, gaps, latency), which motions the logs hold, and
+    what surge, sway and yaw together still need.
+
     Use it before a fit, best while the vehicle is still in the water. If a log cannot be used, the command checks all
     other logs and ends with exit status 2.
     """,
     examples=(
         ("All logs of a folder", "rovid check my_logs"),
         ("Motion along surge instead of yaw", "rovid check surge_logs --axis surge"),
+        ("Surge, sway and yaw together", "rovid check my_logs --axes planar"),
         ("One log, as JSON for a program", "rovid check my_logs/steps.mcap --json"),
     ),
     see=("rovid init", "rovid fit-drag", "rovid plan"),
 )
 
 
-def check(logs: Logs, *, axis: AxisName = None, json: Json = False) -> None:
+def check(logs: Logs, *, axis: AxisName = None, axes: Axes = None, json: Json = False) -> None:
     """Check the logs and list their content and problems."""
+    if is_planar(axes, axis):
+        _check_planar(logs, json=json)
+        return
     from rovid.preflight.check import check_logs
     from rovid.present.console import show_caution
     from rovid.present.documents.results import check_document
@@ -41,8 +51,31 @@ def check(logs: Logs, *, axis: AxisName = None, json: Json = False) -> None:
     else:
         show_caution(console(), config.vehicle.assumptions)
         show_check(console(), checked)
-    if checked.problems:
-        name, problem = next(iter(checked.problems.items()))
-        bad = len(checked.problems)
-        lead = f"{bad} of {bad + len(checked.rows)} logs cannot be used. " if name in problem else f"{name}: "
+    _refuse_problems(checked.problems, len(checked.rows))
+
+
+def _check_planar(logs: Logs, *, json: bool) -> None:
+    """Check the logs for surge, sway and yaw together."""
+    from rovid.preflight.planar_check import check_planar
+    from rovid.present.console import show_caution
+    from rovid.present.documents.planar_check import planar_check_document
+    from rovid.present.terminal.planar_check import show_planar_check
+    from rovid.trial.config import find_config, load_planar_config
+
+    config = load_planar_config(find_config(logs))
+    checked = check_planar(logs, config)
+    if json:
+        print_json(planar_check_document(checked, config.vehicle))
+    else:
+        show_caution(console(), config.vehicle.assumptions)
+        show_planar_check(console(), checked)
+    _refuse_problems(checked.problems, len(checked.trials))
+
+
+def _refuse_problems(problems: Mapping[str, str], usable: int) -> None:
+    """Raise `DataError` for logs that cannot be used, with the number of the others."""
+    if problems:
+        name, problem = next(iter(problems.items()))
+        bad = len(problems)
+        lead = f"{bad} of {bad + usable} logs cannot be used. " if name in problem else f"{name}: "
         raise DataError(f"{lead}{problem}")

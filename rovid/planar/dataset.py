@@ -8,10 +8,8 @@ steps.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -30,10 +28,6 @@ SENSORS = ("heading", "yaw_rate", "surge_velocity", "sway_velocity", "north", "e
 _SAME_INSTANT = 1e-4
 # Number of latest forces that a run remembers.
 _REMEMBERED = 8
-# s; interval over which velocities are taken from positions, for scales.
-_DIFFERENCE = 2.0
-# m; distance at which yaw moves as fast as surge and sway, where these are not measured. Only a scale.
-_UNIT_LENGTH = 1.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -103,16 +97,6 @@ class PlanarRun:
         return self._known[key]
 
 
-@dataclass(frozen=True, kw_only=True)
-class PlanarScales:
-    """Typical sizes of surge, sway and yaw, in this order; a fit begins there and counts in these units."""
-
-    force: tuple[float, float, float]  #: N, N, N m; RMS of the forces in use.
-    velocity: tuple[float, float, float]  #: m/s, m/s, rad/s; RMS.
-    #: Whether each velocity was measured, or follows from measured positions; otherwise its scale is a guess.
-    velocity_measured: tuple[bool, bool, bool]
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlanarData:
     """The runs of one campaign."""
@@ -125,12 +109,6 @@ class PlanarData:
     def sensors(self) -> tuple[str, ...]:
         """Names of the sensors with readings in any run, in the order of `SENSORS`."""
         return tuple(name for name in SENSORS if any(name in run.sensors for run in self.runs))
-
-    @cached_property
-    def scales(self) -> PlanarScales:
-        """Typical sizes."""
-        velocity, measured = _velocity_scales(self.runs)
-        return PlanarScales(force=_force_scales(self.runs), velocity=velocity, velocity_measured=measured)
 
     def subset(self, numbers: Sequence[int]) -> Self:
         """The data of some runs, in this order."""
@@ -174,54 +152,3 @@ def _with_instants(trial: Trial, stamps: Sequence[FloatArray]) -> Trial:
 def _nearest(time: FloatArray, stamps: FloatArray) -> IntArray:
     after = np.clip(np.searchsorted(time, stamps), 1, len(time) - 1)
     return np.where(stamps - time[after - 1] <= time[after] - stamps, after - 1, after)
-
-
-def _force_scales(runs: Sequence[PlanarRun]) -> tuple[float, float, float]:
-    """RMS of the nonzero forces; where an axis has none, as with a rudder alone, the largest of the others."""
-    force = np.concatenate([run.forces().force for run in runs])
-    sizes = []
-    for column in force.T:
-        used = column[np.abs(column) > 0.0]
-        sizes.append(float(np.sqrt(np.mean(used**2))) if used.size else math.nan)
-    spare = float(np.nanmax(sizes)) if np.isfinite(sizes).any() else 1.0
-    first, second, third = (size if math.isfinite(size) else spare for size in sizes)
-    return first, second, third
-
-
-def _velocity_scales(
-    runs: Sequence[PlanarRun],
-) -> tuple[tuple[float, float, float], tuple[bool, bool, bool]]:
-    squares: dict[int, list[FloatArray]] = {0: [], 1: [], 2: []}
-    for run in runs:
-        for axis, values in _velocities(run).items():
-            squares[axis].append(values**2)
-    sizes = []
-    for axis in range(3):
-        values = np.concatenate(squares[axis]) if squares[axis] else np.zeros(0)
-        sizes.append(float(np.sqrt(np.mean(values))) if values.size else math.nan)
-    measured = [math.isfinite(size) and size > 0.0 for size in sizes]
-    yaw = sizes[2] if measured[2] else 1.0
-    first, second = (size if known else _UNIT_LENGTH * yaw for size, known in zip(sizes[:2], measured[:2], strict=True))
-    return (first, second, yaw), (measured[0], measured[1], measured[2])
-
-
-def _velocities(run: PlanarRun) -> Mapping[int, FloatArray]:
-    """Axis -> velocities, as measured or from positions a few seconds apart."""
-    found = {}
-    for axis, name in enumerate(("surge_velocity", "sway_velocity", "yaw_rate")):
-        if name in run.sensors:
-            found[axis] = run.readings(name).values
-    grid = np.arange(0.0, run.duration, _DIFFERENCE)
-    if len(grid) < 2 or "heading" not in run.sensors:
-        return found
-    heading = run.readings("heading")
-    course = np.interp(grid, heading.time, heading.values)
-    if 2 not in found:
-        found[2] = np.diff(course) / _DIFFERENCE
-    if {"north", "east"} <= set(run.sensors) and not {0, 1} & found.keys():
-        north, east = run.readings("north"), run.readings("east")
-        speed = np.diff(np.interp(grid, north.time, north.values)), np.diff(np.interp(grid, east.time, east.values))
-        middle = 0.5 * (course[1:] + course[:-1])
-        found[0] = (speed[0] * np.cos(middle) + speed[1] * np.sin(middle)) / _DIFFERENCE
-        found[1] = (speed[1] * np.cos(middle) - speed[0] * np.sin(middle)) / _DIFFERENCE
-    return found

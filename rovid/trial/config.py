@@ -349,7 +349,7 @@ class _Parser:
             clamp=outside == "clamp",
             arm=lever[arm_key] if arm_key in block or acts else 1.0,
             curve=motor_curve(block, place, self) if constant else read_curve(self.path.parent / str(block["curve"])),
-            scale_key=constant if constant == "torque_constant" else "",
+            scale_key=constant if constant == "torque_constant" or self.planar else "",
             surge_share=lever["surge"],
             sway_share=lever["sway"] if self.planar else 0.0,
             position=position_of(block, place, self) if "position" in block else None,

@@ -128,4 +128,4 @@ def planar_rudder(
     stall = math.radians(numbers["stall"]) if "stall" in numbers else None
     rudder = Rudder(position=(x, y), lift=lift, behind=behind, slipstream=slipstream, stall=stall)
     # In place of a torque, which depends on the speed: its sense, for detectors of faults.
-    return Thruster(name=name, arm=-x * (lift or 1.0), curve=None, rudder=rudder, arm_guessed=True, scale_key="lift")
+    return Thruster(name=name, arm=-x * (lift or 1.0), curve=None, rudder=rudder)

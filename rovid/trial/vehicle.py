@@ -210,6 +210,8 @@ class Vehicle:
         """Guessed values of the thrusters."""
         items: list[str] = []
         for thruster in self.thrusters:
+            if thruster.rudder is not None:  # The fit estimates its lift.
+                continue
             key = thruster.scale_key or self.axis.arm_key
             items += [f"{key} of {thruster.name}"] * thruster.arm_guessed
             items += [f"curve of {thruster.name}"] * thruster.curve_guessed
@@ -242,8 +244,8 @@ class Vehicle:
 
     @property
     def reference_inertia(self) -> float | None:
-        """Rigid-body inertia to compare a fitted inertia with; None where arms or curves are guessed."""
-        if self.assumptions:
+        """Rigid-body inertia to compare a fitted inertia with; None where arms, curves or a rudder are guessed."""
+        if self.assumptions or any(thruster.rudder is not None for thruster in self.thrusters):
             return None
         return self.rigid_body_inertia
 

@@ -35,7 +35,7 @@ def show_check(console: Console, checked: LogCheck) -> None:
         console.print(_logs_table(checked))
         if any(thruster.observed.direction for thruster in checked.thrusters):
             console.print(_thrusters_table(checked))
-    problems = _merged_problems(checked.problems)
+    problems = merged_problems(checked.problems)
     if len(problems) > 1:
         show_warnings(console, problems)
     _show_tasks(console, tasks[_FIRST_TASKS:], _FIRST_TASKS + 1)
@@ -52,7 +52,7 @@ def check_notes(checked: LogCheck) -> list[str]:
 def check_tasks(checked: LogCheck) -> Iterator[str]:
     """Tasks before a fit, the most serious first."""
     yield from fault_texts(checked.faults)
-    problems, bad = _merged_problems(checked.problems), len(checked.problems)
+    problems, bad = merged_problems(checked.problems), len(checked.problems)
     count = f"{bad} of {bad + len(checked.rows)} logs cannot be used"
     if len(problems) == 1:
         yield f"{count}. {problems[0]}" if bad > 1 else problems[0]
@@ -61,7 +61,7 @@ def check_tasks(checked: LogCheck) -> Iterator[str]:
     yield from (advice.text for advice in checked.advice if advice.weight != "aside")
 
 
-def _merged_problems(problems: Mapping[str, str]) -> list[str]:
+def merged_problems(problems: Mapping[str, str]) -> list[str]:
     """Each reason why logs cannot be used, led by the logs, and lines, with this fault."""
     places: dict[str, list[str]] = {}
     for name, problem in problems.items():

@@ -1,0 +1,265 @@
+"""`rovid check --axes planar`: what each sensor measures, which motions the logs hold, and which runs are missing."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from rovid.core.array_types import FloatArray
+from rovid.core.errors import RovidError
+from rovid.core.formatting import plus_minus
+from rovid.planar.dataset import PlanarData, planar_data
+from rovid.planar.smoothing import SmoothRun, measured_axes, sensor_noise, smooth_run
+from rovid.preflight.advice import Advice
+from rovid.preflight.sensor_lag import SensorLag, sensor_lags
+from rovid.readers import find_logs, read_trials
+from rovid.readers.campaign import examine_campaign
+from rovid.signals.intervals import gap_limit
+from rovid.trial.config import Config
+from rovid.trial.fault import Fault, stopping
+from rovid.trial.trial import Campaign, Remark, Trial
+
+AXES = ("surge", "sway", "yaw")
+# Smoothing of the motion, in intervals of the slowest sensor.
+_WIDTH = 4.0
+# Share of a term's variance that the other terms must leave: below it, errors grow more than fivefold.
+_OWN_SHARE = 0.04
+# Least share of smoothed points that a check of the motions needs, in all.
+_FEWEST_POINTS = 40
+# deg; spread of headings under way that separates a current from a steady force.
+_HEADING_SPREAD = 90.0
+# Standard errors, and s, from which a latency is reported; scales between sensors that units or signs explain.
+_SIGMAS, _LEAST_LAG, _SCALES = 4.0, 0.03, (0.8, 1.25)
+# Correlation of two sensors below which their agreement says nothing.
+_CORRELATED = 0.7
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorCheck:
+    """One sensor over all logs."""
+
+    name: str
+    logs: int  #: Number of logs, or parts of logs, with readings.
+    readings: int
+    rate: float  #: Hz, by the median interval.
+    noise: float  #: SI, standard deviation of the white noise; NaN where unknown.
+    gaps: int  #: Intervals longer than five usual ones.
+    longest_gap: float  #: s; 0 without a gap.
+
+
+@dataclass(frozen=True, kw_only=True)
+class AxisCheck:
+    """One degree of freedom over all logs."""
+
+    axis: str
+    measured: bool  #: As a velocity or as a position.
+    actuators: tuple[str, ...]  #: Names of those that act along it.
+    force: float  #: N or N m; RMS of the forces of thrusters. Rudders are not counted.
+    velocity: float  #: m/s or rad/s; RMS over ground. NaN where not measured.
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanarCheck:
+    """Facts of the logs for the coupled model; ``advice`` is sorted by severity."""
+
+    trials: tuple[Trial, ...]
+    problems: dict[str, str]
+    remarks: tuple[Remark, ...]
+    faults: tuple[Fault, ...]
+    sensors: tuple[SensorCheck, ...] = ()
+    axes: tuple[AxisCheck, ...] = ()
+    lags: tuple[SensorLag, ...] = ()
+    advice: tuple[Advice, ...] = ()
+
+    @property
+    def verdict(self) -> Literal["go", "care", "no_go"]:
+        """Whether the logs are ready for a fit."""
+        weights = {one.weight for one in self.advice}
+        if self.problems or not self.trials or "grave" in weights or stopping(self.faults):
+            return "no_go"
+        return "care" if "care" in weights or self.faults else "go"
+
+
+def check_planar(paths: Sequence[Path], config: Config) -> PlanarCheck:
+    """Check all logs for the coupled model; ``config`` is of `load_planar_config`."""
+    found, remarks = find_logs(paths, config)
+    every: list[Trial] = []
+    problems = {}
+    for name, path in found:
+        try:
+            every += read_trials(path, config, name, remarks)
+        except RovidError as error:
+            problems[name] = str(error)
+    trials, faults = examine_campaign(every, config)
+    if stopping(faults) or not trials:
+        return PlanarCheck(trials=tuple(trials), problems=problems, remarks=tuple(remarks), faults=faults)
+    usable = []
+    for trial in trials:
+        try:
+            config.vehicle.torque(trial)
+            usable.append(trial)
+        except RovidError as error:
+            problems[trial.parent or trial.name] = str(error)
+    if not usable:
+        return PlanarCheck(trials=(), problems=problems, remarks=tuple(remarks), faults=faults)
+    data = planar_data(Campaign(trials=tuple(usable), sources=()), config.vehicle)
+    lags = tuple(sensor_lags(data.runs))
+    smooth = _smoothed(data)
+    axes = tuple(_axes(data, smooth))
+    advice = [*_guesses(config), *_disagreements(lags), *_unmeasured(axes), *_missing_runs(data, smooth)]
+    order = ("grave", "care", "aside")
+    return PlanarCheck(
+        trials=tuple(usable),
+        problems=problems,
+        remarks=tuple(remarks),
+        faults=faults,
+        sensors=tuple(_sensor(data, name) for name in data.sensors),
+        axes=axes,
+        lags=lags,
+        advice=tuple(sorted(advice, key=lambda one: order.index(one.weight))),
+    )
+
+
+def _sensor(data: PlanarData, name: str) -> SensorCheck:
+    runs = [run for run in data.runs if name in run.sensors]
+    intervals = [np.diff(run.readings(name).time) for run in runs]
+    every = np.concatenate(intervals)
+    gaps = every[every > gap_limit(every)] if every.size else every
+    noise = [value for run in runs if math.isfinite(value := sensor_noise(run, name))]
+    return SensorCheck(
+        name=name,
+        logs=len(runs),
+        readings=sum(len(one) + 1 for one in intervals),
+        rate=1.0 / float(np.median(every)) if every.size else 0.0,
+        noise=float(np.median(noise)) if noise else math.nan,
+        gaps=len(gaps),
+        longest_gap=float(gaps.max(initial=0.0)),
+    )
+
+
+def _smoothed(data: PlanarData) -> list[SmoothRun]:
+    interval = max(
+        float(np.median(np.diff(run.readings(name).time)))
+        for run in data.runs
+        for name in run.sensors
+        if len(run.readings(name).time) > 1
+    )
+    return [smooth for run in data.runs if (smooth := smooth_run(run, _WIDTH * interval)) is not None]
+
+
+def _axes(data: PlanarData, smooth: Sequence[SmoothRun]) -> Iterator[AxisCheck]:
+    force = np.concatenate([run.forces().force for run in data.runs])
+    speeds = np.concatenate([run.speeds for run in smooth]) if smooth else np.zeros((0, 3))
+    thrusters = data.actuators.thrusters.thrusters
+    turned = {one.turns for one in data.vehicle.thrusters}
+    for at, (axis, measured) in enumerate(zip(AXES, measured_axes(data.sensors), strict=True)):
+        row = zip(thrusters, data.actuators.matrix[at].tolist(), strict=True)
+        names = [one.name for one, lever in row if lever or one.name in turned]
+        yield AxisCheck(
+            axis=axis,
+            measured=measured,
+            actuators=(*names, *data.actuators.rudder_names),
+            force=float(np.sqrt(np.mean(force[:, at] ** 2))),
+            velocity=float(np.sqrt(np.mean(speeds[:, at] ** 2))) if measured and len(speeds) else math.nan,
+        )
+
+
+def _guesses(config: Config) -> Iterator[Advice]:
+    assumptions = config.vehicle.assumptions
+    if assumptions:
+        text = f"Measure {assumptions.listing}, and put it into rovid.toml, where there is a guess."
+        yield Advice(kind="guessed", text=text)
+
+
+def _disagreements(lags: Sequence[SensorLag]) -> Iterator[Advice]:
+    """Latencies that show, and sensors that differ in sign or unit."""
+    for one in lags:
+        if abs(one.correlation) < _CORRELATED:
+            continue
+        if not _SCALES[0] < one.scale < _SCALES[1]:
+            fault = "of the other sign" if one.scale < 0.0 else f"{one.scale:.2f} times as large"
+            text = f"Correct sign or unit in rovid.toml: the changes of the {one.late} are {fault} as the {one.against}"
+            text += " gives them." if one.scale > 0.0 else ", compared to what the signals should give."
+            yield Advice(kind="sensors_disagree", text=text, weight="grave")
+        elif abs(one.seconds) > max(_SIGMAS * one.standard_error, _LEAST_LAG):
+            late, early = (one.late, one.against) if one.seconds > 0.0 else (one.against, one.late)
+            size = plus_minus(abs(one.seconds), one.standard_error)
+            text = f"The {late} is {size} s late against the {early}. The fit estimates such a latency."
+            yield Advice(kind="latency", text=text.replace("_", " "), weight="aside")
+
+
+def _unmeasured(axes: Sequence[AxisCheck]) -> Iterator[Advice]:
+    names = [one.axis for one in axes if not one.measured]
+    if names:
+        signals = " and ".join(f"{name}_velocity" for name in names)
+        text = f"Log {signals} (a DVL), or north and east: without them {' and '.join(names)} cannot be determined."
+        yield Advice(kind="unmeasured", text=text)
+
+
+def _missing_runs(data: PlanarData, smooth: Sequence[SmoothRun]) -> Iterator[Advice]:
+    """Terms of the equation that the logs do not tell apart, each group with the run that would."""
+    points = sum(len(run.time) for run in smooth)
+    if points < _FEWEST_POINTS:
+        text = "Record longer runs: these are too short for their motions to be compared."
+        yield Advice(kind="short", text=text)
+        return
+    speeds = np.concatenate([run.speeds for run in smooth])
+    accelerations = np.concatenate([run.accelerations for run in smooth])
+    measured = measured_axes(data.sensors)
+    for at, axis in enumerate(AXES):
+        if not measured[at]:
+            continue
+        rate, change = speeds[:, at], accelerations[:, at]
+        terms = {"inertia": change, "linear_drag": rate, "quadratic_drag": np.abs(rate) * rate}
+        weak = _confused(terms)
+        if weak:
+            listed = " and ".join(f"{axis}.{name}" for name in weak)
+            text = f"{_RUNS[axis, 'inertia' in weak]} Without it {listed} cannot be told apart by these logs."
+            yield Advice(kind="missing_run", text=text)
+    if measured[0] and measured[1]:
+        yield from _coupling_advice(data, speeds, np.concatenate([run.heading for run in smooth]))
+
+
+def _coupling_advice(data: PlanarData, speeds: FloatArray, heading: FloatArray) -> Iterator[Advice]:
+    if _confused({"sway": speeds[:, 1], "yaw": speeds[:, 2]}):
+        has_side_thrust = bool(np.any(data.actuators.matrix[1]))
+        run = "Move sideways without turning, and turn on the spot." if has_side_thrust else _TURNS
+        text = f"{run} In these logs the sway velocity follows the yaw rate, and damping of sway by yaw shows in both."
+        yield Advice(kind="missing_run", text=text)
+    moving = np.hypot(speeds[:, 0], speeds[:, 1]) > 0.3 * np.sqrt(np.mean(speeds[:, 0] ** 2 + speeds[:, 1] ** 2))
+    if moving.any() and _spread(heading[moving]) < _HEADING_SPREAD:
+        text = "Run the same leg in opposite directions: with one heading a current cannot be told from a steady force."
+        yield Advice(kind="missing_run", text=text)
+
+
+_TURNS = "Log turns at two or more speeds ahead: turning circles or zigzags, slow and fast."
+_LEVELS = "Log steady runs at several speeds, slow and fast, "
+_STEPS = "Log steps of the thrust, 3 to 10 s a level, "
+_ALONG = {"surge": "ahead and astern.", "sway": "to both sides.", "yaw": "turning to both sides."}
+# (axis, whether the inertia is among the terms) -> the run that tells its terms apart.
+_RUNS = {(axis, step): f"{_STEPS if step else _LEVELS}{where}" for axis, where in _ALONG.items() for step in (0, 1)}
+
+
+def _confused(terms: dict[str, FloatArray]) -> list[str]:
+    """Names of the ``terms`` that the others reproduce but for a small share of their variance."""
+    columns = np.column_stack(list(terms.values()))
+    size = np.sqrt(np.mean(columns**2, axis=0))
+    if not size.all():
+        return [name for name, one in zip(terms, size.tolist(), strict=True) if not one]
+    # The inverse of the correlation matrix has 1/(1 - R^2) on its diagonal.
+    gram = (columns / size).T @ (columns / size) / len(columns)
+    own = 1.0 / np.diag(np.linalg.pinv(gram + 1e-9 * np.eye(len(size))))
+    return [name for name, share in zip(terms, own.tolist(), strict=True) if share < _OWN_SHARE]
+
+
+def _spread(heading: FloatArray) -> float:
+    """deg; smallest arc that holds nearly all of the headings."""
+    angles = np.sort(np.mod(np.degrees(heading), 360.0))
+    angles = angles[:: len(angles) // 2000 + 1]
+    free = np.diff(np.append(angles, angles[0] + 360.0))
+    return 360.0 - float(free.max())
