@@ -42,7 +42,7 @@ class StartValues:
 
 
 @dataclass(frozen=True, eq=False)
-class _Rows:
+class _StackedRuns:
     """Smoothed runs, stacked."""
 
     heading: FloatArray
@@ -51,11 +51,11 @@ class _Rows:
     inputs: FloatArray
 
     @classmethod
-    def of(cls, runs: Sequence[SmoothRun]) -> _Rows:
+    def of(cls, runs: Sequence[SmoothRun]) -> _StackedRuns:
         names = ("heading", "speeds", "accelerations", "inputs")
         return cls(*(np.concatenate([getattr(run, name) for run in runs]) for name in names))
 
-    def in_current(self, north: float, east: float) -> _Rows:
+    def in_current(self, north: float, east: float) -> _StackedRuns:
         """The same with speeds and accelerations relative to a current."""
         cosine, sine, r = np.cos(self.heading), np.sin(self.heading), self.speeds[:, 2]
         ahead, across = north * cosine + east * sine, east * cosine - north * sine
@@ -96,7 +96,7 @@ def start_values(data: PlanarData, *, with_current: bool) -> list[StartValues]:
         runs = [smooth for run in data.runs if (smooth := smooth_run(run, width * max(intervals))) is not None]
         if sum(len(run.time) for run in runs) < 4 * BASE_COUNT:
             break
-        found.append(_start(data, _Rows.of(runs), with_current=with_current))
+        found.append(_start(data, _StackedRuns.of(runs), with_current=with_current))
     if not found:
         raise DataError(
             f"the runs are too short: {max(run.duration for run in data.runs):.1f} s at most.",
@@ -105,7 +105,7 @@ def start_values(data: PlanarData, *, with_current: bool) -> list[StartValues]:
     return found
 
 
-def _start(data: PlanarData, rows: _Rows, *, with_current: bool) -> StartValues:
+def _start(data: PlanarData, rows: _StackedRuns, *, with_current: bool) -> StartValues:
     axes = np.array(measured_axes(data.sensors))
     rudders = planar_rudders(data)
     speed = np.sqrt(np.mean(rows.speeds**2, axis=0))
@@ -136,7 +136,7 @@ def _start(data: PlanarData, rows: _Rows, *, with_current: bool) -> StartValues:
     return StartValues(model=model, current=current, force=force, speed=speed, time=time, residual=best)
 
 
-def _slipstreams(rudders: tuple[RudderModel, ...], rows: _Rows) -> list[FloatArray]:
+def _slipstreams(rudders: tuple[RudderModel, ...], rows: _StackedRuns) -> list[FloatArray]:
     """Slipstream factors to try: the given ones, or those that add a share of the squared speed."""
     thrust = rows.inputs[:, INPUT_COUNT + 1 :: RUDDER_INPUTS]
     if not rudders or not thrust.any():
@@ -149,7 +149,7 @@ def _slipstreams(rudders: tuple[RudderModel, ...], rows: _Rows) -> list[FloatArr
 
 
 def _regression(
-    rows: _Rows, axes: FloatArray, rudders: tuple[RudderModel, ...], slipstreams: FloatArray
+    rows: _StackedRuns, axes: FloatArray, rudders: tuple[RudderModel, ...], slipstreams: FloatArray
 ) -> tuple[float, FloatArray]:
     """Share of the variance left, and (10 + rudders,) base parameters and lifts, by bounded least squares."""
     u, v, r = rows.speeds.T
@@ -186,7 +186,7 @@ def _regression(
     return 2.0 * float(solved.cost) / max(power, 1e-300), values
 
 
-def _unit_rudder_forces(rudder: RudderModel, slipstream: float, rows: _Rows, number: int) -> FloatArray:
+def _unit_rudder_forces(rudder: RudderModel, slipstream: float, rows: _StackedRuns, number: int) -> FloatArray:
     """(g, 3) forces of a rudder with a lift of 1; as `rovid.planar.reference.forces`."""
     u, v, r = rows.speeds.T
     angle, thrust = rows.inputs[:, INPUT_COUNT + RUDDER_INPUTS * number :][:, :RUDDER_INPUTS].T
@@ -199,7 +199,7 @@ def _unit_rudder_forces(rudder: RudderModel, slipstream: float, rows: _Rows, num
     return np.column_stack((fx, fy, x * fy - y * fx))
 
 
-def _plausible(base: FloatArray, rows: _Rows, axes: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _plausible(base: FloatArray, rows: _StackedRuns, axes: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Base parameters with positive inertia, (3,) RMS forces and (3,) time constants."""
     base = base.copy()
     speed = np.sqrt(np.mean(rows.speeds**2, axis=0))

@@ -108,7 +108,7 @@ def campaign(truth: Truth, *, runs: int, levels: int, hold: float, seed: int) ->
             commands = np.column_stack((commands, rng.uniform(-0.5, 0.5, levels)))
         start = np.array([rng.uniform(-3.0, 3.0), 0.0, 0.0, 0.0, 0.0, 0.0])
         states = simulate(truth, commands, hold, start, seed * 100 + number)
-        time = 0.05 * np.arange(len(states))
+        time = 0.05 * np.arange(len(states), dtype=np.float64)
         psi = states[:, 0]
         north, east = truth.current
         values = {
