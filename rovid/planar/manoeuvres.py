@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rovid.core.array_types import FloatArray
+from rovid.jit.decorators import compiled
 
 # Share of a turn, over whose last part a steady turn is averaged: the last quarter, as in ITTC 7.5-02-06-01.
 _STEADY_PART = 0.25
@@ -218,15 +219,17 @@ def nomoto(track: Track) -> Measures:
     return measures
 
 
+@compiled
 def _nomoto_columns(time: FloatArray, steering: FloatArray, constant: float) -> FloatArray:
     """(n, 3) responses of the rate to the steering (held between samples), to one, and to the initial rate."""
-    fades = np.exp(-np.diff(time, prepend=time[0]) / constant)
-    response, one, start = np.zeros(len(time)), np.zeros(len(time)), np.ones(len(time))
+    columns = np.zeros((len(time), 3))
+    columns[0, 2] = 1.0
     for k in range(1, len(time)):
-        response[k] = fades[k] * response[k - 1] + (1.0 - fades[k]) * steering[k - 1]
-        one[k] = fades[k] * one[k - 1] + (1.0 - fades[k])
-        start[k] = fades[k] * start[k - 1]
-    return np.column_stack((response, one, start))
+        fade = np.exp((time[k - 1] - time[k]) / constant)
+        columns[k, 0] = fade * columns[k - 1, 0] + (1.0 - fade) * steering[k - 1]
+        columns[k, 1] = fade * columns[k - 1, 1] + (1.0 - fade)
+        columns[k, 2] = fade * columns[k - 1, 2]
+    return columns
 
 
 def _nomoto_fit(
