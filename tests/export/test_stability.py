@@ -1,0 +1,155 @@
+"""The verdict on stability against integration to rest by this file's own step, on random models."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rovid.core.array_types import FloatArray
+from rovid.export.body_equation import BodyEquation, Scheme
+from rovid.export.stability import judge_stability
+
+MODELS = 50
+# Number of random speeds in the envelope for the check.
+STARTS = 60
+
+
+def random_equation(random: np.random.Generator) -> tuple[BodyEquation, FloatArray]:
+    """A vehicle between a small robot and a workboat, a scheme, and a step around the limit of stability."""
+    size = 10.0 ** random.uniform(0.8, 3.5)
+    length = (size / 300.0) ** (1.0 / 3.0) * random.uniform(1.5, 4.0)
+    mass = size * np.diag([random.uniform(1.0, 1.3), random.uniform(1.3, 2.5), length**2 * random.uniform(0.06, 0.2)])
+    mass[1, 2] = mass[2, 1] = random.uniform(-0.3, 0.3) * np.sqrt(mass[1, 1] * mass[2, 2])
+    envelope = np.array([random.uniform(0.3, 2.0), random.uniform(0.1, 0.8), random.uniform(0.1, 0.8)])
+    slowest = random.uniform(2.0, 20.0, 3)
+    share = random.uniform(0.1, 1.0, 3)
+    linear = np.diag(np.diag(mass) / slowest * share)
+    quadratic = np.diag(mass) / slowest * (1.0 - share) / envelope
+    absolute = np.zeros((3, 3, 3))
+    for axis in range(3):
+        absolute[axis, axis, axis] = quadratic[axis]
+    scheme = Scheme(int(random.integers(0, 4)))
+    lagged, weight = np.zeros((3, 3)), 1.0
+    if scheme is Scheme.WORLD_EULER:
+        weight = 0.3
+        body = np.diag([mass[0, 0], mass[0, 0], mass[2, 2]]) * 10.0 ** random.uniform(-1.2, 0.0)
+        mass, lagged = body, mass - body
+    step = 10.0 ** random.uniform(-1.5, 1.7)
+    equation = BodyEquation(
+        mass=mass, linear=linear, absolute=absolute, lagged=lagged, filter_weight=weight, step=step, scheme=scheme
+    )
+    return equation, envelope
+
+
+def comes_to_rest(equation: BodyEquation, envelope: FloatArray, step: float, seconds: float) -> bool:
+    """Whether all speeds of the envelope decay to a sixth within ``seconds``, and stay so; plain numpy."""
+    random = np.random.default_rng(1)
+    nu = (envelope * random.uniform(-1.0, 1.0, (STARTS, 3))).T
+    total = equation.mass + equation.lagged
+    first = np.einsum("im,ij,jm->m", nu, total, nu)
+    filtered = before = np.zeros((3, STARTS))
+    inverse = np.linalg.inv(equation.mass)
+
+    def damping(x: FloatArray) -> FloatArray:
+        return np.asarray(equation.linear @ x + np.einsum("ijk,jm,km->im", equation.absolute, x, np.abs(x)))
+
+    def acceleration(x: FloatArray, late: FloatArray) -> FloatArray:
+        p = total @ x
+        turning = np.array([-p[1] * x[2], p[0] * x[2], p[1] * x[0] - p[0] * x[1]])
+        return np.asarray(inverse @ (-damping(x) - turning - equation.lagged @ late))
+
+    with np.errstate(all="ignore"):
+        for _ in range(max(round(seconds / step), 60)):
+            filtered = (1.0 - equation.filter_weight) * filtered + equation.filter_weight * before
+            if equation.scheme is Scheme.RUNGE_KUTTA:
+                a = acceleration(nu, filtered)
+                b = acceleration(nu + 0.5 * step * a, filtered)
+                c = acceleration(nu + 0.5 * step * b, filtered)
+                d = acceleration(nu + step * c, filtered)
+                nu = nu + step / 6.0 * (a + 2.0 * b + 2.0 * c + d)
+                continue
+            change = acceleration(nu, filtered)
+            if equation.scheme is Scheme.WORLD_IMPLICIT:
+                diagonal = np.einsum("iii->i", equation.absolute)[:, None] * np.abs(nu)
+                for m in range(STARTS):
+                    matrix = equation.mass + step * (equation.linear + 2.0 * np.diag(diagonal[:, m]))
+                    change[:, m] = np.linalg.solve(matrix, equation.mass @ change[:, m])
+            before = change
+            if equation.scheme is Scheme.BODY_EULER:
+                nu = nu + step * change
+                continue
+            # The velocity in axes of the world is integrated, then the body turns.
+            u = nu[0] + step * (change[0] - nu[2] * nu[1])
+            v = nu[1] + step * (change[1] + nu[2] * nu[0])
+            r = nu[2] + step * change[2]
+            turn = step * r
+            nu = np.array([np.cos(turn) * u + np.sin(turn) * v, -np.sin(turn) * u + np.cos(turn) * v, r])
+        energy = np.einsum("im,ij,jm->m", nu, total, nu)
+    return bool(np.all(energy < first / 36.0))
+
+
+def test_the_verdict_is_that_of_integration_to_rest() -> None:
+    random = np.random.default_rng(54)
+    verdicts = []
+    for _ in range(MODELS):
+        equation, envelope = random_equation(random)
+        found = judge_stability(equation, envelope)
+        assert found.rest_time is not None  # damping along all axes, and none that feeds energy
+        seconds = 3.0 * found.rest_time
+        verdicts.append(found.stable)
+        if found.largest_stable_step is None:
+            # The loop through the acceleration of the step before: no step helps.
+            assert not comes_to_rest(equation, envelope, 0.01 * equation.step, 3.0 * equation.step)
+            continue
+        assert found.stable == (equation.step <= found.largest_stable_step)
+        assert comes_to_rest(equation, envelope, min(0.8 * found.largest_stable_step, equation.step), seconds)
+        if equation.step > 1.3 * found.largest_stable_step:
+            assert not comes_to_rest(equation, envelope, equation.step, seconds)
+    # Both answers occur often.
+    assert 10 < sum(verdicts) < 40
+
+
+def test_a_known_limit_is_found() -> None:
+    # Explicit Euler on linear damping alone: stable below 2 m / d, here 2 s in the fastest axis.
+    equation = BodyEquation(
+        mass=np.diag([10.0, 20.0, 5.0]),
+        linear=np.diag([10.0, 5.0, 1.0]),
+        absolute=np.zeros((3, 3, 3)),
+        step=0.1,
+        scheme=Scheme.BODY_EULER,
+    )
+    found = judge_stability(equation, np.array([1.0, 0.0, 0.0]))
+    assert found.stable
+    assert found.largest_stable_step == pytest.approx(2.0, rel=0.06)  # two digits, rounded down
+    assert found.rest_time == pytest.approx(np.log(10.0), rel=0.05)  # the tenth of the speed
+
+
+def test_added_mass_through_the_step_before_has_no_stable_step_beyond_its_ratio() -> None:
+    # Filter of weight 0.3: 0.7 - 0.3 * ratio > -1, so a ratio of 17/3 is the limit.
+    for ratio, stable in ((5.5, True), (5.8, False)):
+        equation = BodyEquation(
+            mass=np.eye(3),
+            lagged=ratio * np.eye(3),
+            filter_weight=0.3,
+            linear=0.5 * np.eye(3),
+            absolute=np.zeros((3, 3, 3)),
+            step=0.002,
+            scheme=Scheme.WORLD_EULER,
+        )
+        found = judge_stability(equation, np.array([1.0, 0.5, 0.3]))
+        assert found.stable == stable
+        assert (found.largest_stable_step is None) == (not stable)
+
+
+def test_a_model_without_drag_is_not_called_stable() -> None:
+    equation = BodyEquation(
+        mass=np.diag([10.0, 20.0, 5.0]),
+        linear=np.diag([10.0, 0.0, 1.0]),
+        absolute=np.zeros((3, 3, 3)),
+        step=0.001,
+        scheme=Scheme.BODY_EULER,
+    )
+    found = judge_stability(equation, np.array([1.0, 1.0, 0.3]))
+    assert not found.stable
+    assert found.largest_stable_step is None
+    assert "itself does not come to rest" in found.text
