@@ -19,6 +19,10 @@ from rovid.jit.decorators import compiled
 
 # Share of the initial kinetic energy at which a vehicle counts as at rest: a tenth of the speed.
 AT_REST = 0.01
+# The same, at which an integration ends: below it the drag is linear.
+_ENDS = 1e-5
+# The same for a motion that has diverged.
+_DIVERGED = 1e6
 
 
 class Scheme(IntEnum):
@@ -317,8 +321,10 @@ def _decay(
             energy = _energy(state, energy_mass)
             if not energy < AT_REST * first:
                 last = k + 1
-            if not energy < 1e6 * first:
+            if not energy < _DIVERGED * first:
                 energy = np.inf
+                break
+            if energy < _ENDS * first:
                 break
         found[at, 0], found[at, 1] = energy / first, float(last)
     return found

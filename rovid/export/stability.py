@@ -18,14 +18,20 @@ from rovid.core.array_types import FloatArray
 from rovid.export.body_equation import AT_REST, BodyEquation, Scheme
 
 # Share of the initial kinetic energy for a simulator, after `_PATIENCE` times the time to rest of the exact equation.
-_SIMULATED_REST, _PATIENCE = 0.02, 1.5
+_SIMULATED_REST, _PATIENCE = 0.02, 4.0
+# Least number of steps of one integration: close to the limit a motion rings for long.
+_LEAST_STEPS = 200
 # Tolerance of eigenvalues: with quadratic drag alone they are exactly 1 at rest.
 _ROUNDING = 1e-9
 # Largest number of steps of one integration. A longer one takes larger steps, far below the fastest time constant.
 _MOST_STEPS = 100_000
 # Steps of the exact equation in its fastest time constant, and the longest integration in those time constants.
-_FINE, _LONGEST = 20.0, 5_000.0
+_FINE, _LONGEST = 10.0, 5_000.0
 _BISECTIONS, _DOUBLINGS = 12, 24
+# Number of random speeds inside the envelope, half of which are mirror images.
+_INSIDE = 32
+# A step counts as stable only with these shares of it: beyond the limit there are islands of chance stability.
+_SHARES = (1.0, 0.85, 0.7)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,10 +47,15 @@ class Stability:
 
 
 def envelope_starts(envelope: FloatArray) -> FloatArray:
-    """(m, 3) velocities all over the envelope: its corners, faces and edges, and the same at half of it."""
-    grid = np.array([one for one in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(one)])
-    used = grid[np.any((grid != 0.0) & (envelope > 0.0), axis=1)]
-    starts = np.concatenate((used, 0.5 * used)) * envelope
+    """(m, 3) velocities all over the envelope: corners, edges and faces, the same at half of it, and random ones.
+
+    Port and starboard are alike: the first of sway and yaw that is not zero is positive.
+    """
+    grid = np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=3)))
+    inside = np.random.default_rng(0).uniform(-1.0, 1.0, (_INSIDE, 3))
+    shares = np.concatenate((grid, 0.5 * grid, inside))
+    shares = shares[(shares[:, 1] > 0.0) | ((shares[:, 1] == 0.0) & (shares[:, 2] >= 0.0))]
+    starts = shares * envelope
     return np.unique(starts[np.any(starts != 0.0, axis=1)], axis=0)
 
 
@@ -63,7 +74,7 @@ def judge_stability(equation: BodyEquation, envelope: FloatArray) -> Stability:
         )
 
     def is_stable(step: float) -> bool:
-        return _is_stable(equation, starts, step, rest)
+        return all(_is_stable(equation, starts, share * step, rest) for share in _SHARES)
 
     stable = is_stable(equation.step)
     largest = _largest_step(is_stable, equation.step, stable, rest)
@@ -135,7 +146,7 @@ def _time_to_rest(equation: BodyEquation, starts: FloatArray) -> float | None:
 def _is_stable(equation: BodyEquation, starts: FloatArray, step: float, rest: float) -> bool:
     if _spectral_radius(equation, step) > 1.0 + _ROUNDING:
         return False
-    count = max(math.ceil(_PATIENCE * rest / step), 2)
+    count = max(math.ceil(_PATIENCE * rest / step), _LEAST_STEPS)
     if count > _MOST_STEPS:
         step, count = _PATIENCE * rest / _MOST_STEPS, _MOST_STEPS
     ends = equation.decay(starts, step, count)[:, 0]
@@ -168,12 +179,12 @@ def _largest_step(is_stable: Callable[[float], bool], step: float, stable: bool,
     low = high = step
     for _ in range(_DOUBLINGS):
         if stable:
-            high = 2.0 * low
-            if high > rest:
-                return min(low, rest)
+            high = min(2.0 * low, max(rest, low))
             if not is_stable(high):
                 break
             low = high
+            if low >= rest:
+                return low
         else:
             low = 0.5 * high
             if is_stable(low):
@@ -187,7 +198,9 @@ def _largest_step(is_stable: Callable[[float], bool], step: float, stable: bool,
             low = middle
         else:
             high = middle
-        if high < 1.01 * low:
+        if high < 1.03 * low:
             break
+    # Two digits, rounded down; never below a stable step of the simulator.
     digits = 10.0 ** (math.floor(math.log10(low)) - 1)
-    return math.floor(low / digits + 1e-9) * digits
+    rounded = math.floor(low / digits + 1e-9) * digits
+    return max(rounded, step) if stable else rounded
