@@ -42,3 +42,14 @@ ALIASES: Mapping[str, str] = {
     "fossen": "python-vehicle-simulator",
     "python": "python-vehicle-simulator",
 }
+# Formats that can hold surge, sway and yaw together -> module and name of the exporter.
+PLANAR_FORMATS: Mapping[str, tuple[str, str]] = {
+    "gz-sim": ("planar_gazebo", "export_gz_sim"),
+    "uuv": ("planar_gazebo", "export_uuv"),
+    "vrx": ("planar_gazebo", "export_vrx"),
+    "mujoco": ("planar_mujoco", "export"),
+    "ros2": ("planar_tables", "export_ros2"),
+    "matlab": ("planar_tables", "export_matlab"),
+    "json": ("planar_tables", "export_json"),
+    "python-vehicle-simulator": ("planar_python", "export"),
+}

@@ -11,11 +11,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.jit.decorators import compiled
+from rovid.planar.equations import slopes
+from rovid.planar.model import COUPLING_INDEX, INPUT_COUNT, RUDDER_COUNT, RUDDER_INDEX
+
+# Index of the constant forces among the coefficients of the planar model.
+_BIAS = COUPLING_INDEX["bias_torque:planar"]
 
 # Share of the initial kinetic energy at which a vehicle counts as at rest: a tenth of the speed.
 AT_REST = 0.01
@@ -47,6 +53,8 @@ class BodyEquation:
     current: FloatArray = field(default_factory=lambda: np.zeros(2))  #: (2,) m/s to north and east.
     #: Whether inertia and Coriolis force are those of the velocity through the water; else over ground.
     inertia_in_water: bool = True
+    #: Coefficients of the planar model, whose equation then stands in place of mass and damping; else empty.
+    coefficients: FloatArray = field(default_factory=lambda: np.zeros(0))
     step: float  #: s.
     scheme: Scheme
 
@@ -61,36 +69,44 @@ class BodyEquation:
         ``forces`` (n, 3): X, Y in N and N in N m in each step of `step` s.
         """
         start = np.array([heading, 0.0, 0.0, 0.0])
-        return _run(start, np.ascontiguousarray(forces), every, *self._numbers(self.step))
+        rows: FloatArray = _run(start, np.ascontiguousarray(forces), every, self._numbers(self.step, still=False))
+        return rows
 
     def decay(self, starts: FloatArray, step: float, count: int) -> FloatArray:
         """(m, 2) kinetic energy at the end over the initial one, and number of steps to rest; in still water.
 
         ``starts``: (m, 3) velocities; ``count`` steps of ``step`` s.
         """
-        numbers = list(self._numbers(step))
-        numbers[5:7] = np.zeros(3), np.zeros(2)
-        return _decay(np.ascontiguousarray(starts), count, self.total_mass, *numbers)
+        found: FloatArray = _decay(
+            np.ascontiguousarray(starts), count, self.total_mass, self._numbers(step, still=True)
+        )
+        return found
 
-    def _numbers(self, step: float) -> tuple[object, ...]:
+    def _numbers(self, step: float, *, still: bool) -> tuple[Any, ...]:
+        share = 0.0 if still else 1.0
+        coefficients = self.coefficients.copy()
+        if len(coefficients) and still:
+            coefficients[_BIAS : _BIAS + 3] = 0.0
         return (
             np.linalg.inv(self.mass),
             self.total_mass,
             np.ascontiguousarray(self.linear),
             np.ascontiguousarray(self.absolute),
             np.ascontiguousarray(self.lagged),
-            np.asarray(self.constant, dtype=np.float64),
-            np.asarray(self.current, dtype=np.float64),
+            share * np.asarray(self.constant, dtype=np.float64),
+            share * np.asarray(self.current, dtype=np.float64),
             self.filter_weight,
             self.inertia_in_water,
             step,
             int(self.scheme),
             np.ascontiguousarray(self.mass),
+            coefficients,
+            np.zeros(INPUT_COUNT + 2 * max((len(coefficients) - RUDDER_INDEX) // RUDDER_COUNT, 0)),
         )
 
 
 @compiled
-def _damping(nu: FloatArray, linear: FloatArray, absolute: FloatArray, out: FloatArray) -> None:
+def _damping(nu: Any, linear: Any, absolute: Any, out: Any) -> None:
     for i in range(3):
         total = 0.0
         for j in range(3):
@@ -102,7 +118,7 @@ def _damping(nu: FloatArray, linear: FloatArray, absolute: FloatArray, out: Floa
 
 
 @compiled
-def _coriolis(nu: FloatArray, mass: FloatArray, out: FloatArray) -> None:
+def _coriolis(nu: Any, mass: Any, out: Any) -> None:
     """C(nu) nu of a symmetric mass matrix."""
     ahead = mass[0, 0] * nu[0] + mass[0, 1] * nu[1] + mass[0, 2] * nu[2]
     across = mass[1, 0] * nu[0] + mass[1, 1] * nu[1] + mass[1, 2] * nu[2]
@@ -110,34 +126,25 @@ def _coriolis(nu: FloatArray, mass: FloatArray, out: FloatArray) -> None:
 
 
 @compiled
-def _slope(
-    state: FloatArray,
-    force: FloatArray,
-    filtered: FloatArray,
-    inverse: FloatArray,
-    total_mass: FloatArray,
-    linear: FloatArray,
-    absolute: FloatArray,
-    lagged: FloatArray,
-    constant: FloatArray,
-    current: FloatArray,
-    in_water: bool,
-    out: FloatArray,
-) -> None:
+def _slope(state: Any, force: Any, filtered: Any, numbers: Any, out: Any) -> None:
     """Derivatives of the velocities over ground in body axes."""
+    inverse, total, linear, absolute, lagged, constant, current, _, in_water, _, _, _, coefficients, held = numbers
     cosine, sine = np.cos(state[0]), np.sin(state[0])
     ahead, side = cosine * current[0] + sine * current[1], -sine * current[0] + cosine * current[1]
     nu = np.array([state[1] - ahead, state[2] - side, state[3]])
-    drag, inertia = np.empty(3), np.empty(3)
-    _damping(nu, linear, absolute, drag)
-    _coriolis(nu if in_water else state[1:4], total_mass, inertia)
-    right = np.empty(3)
-    for i in range(3):
-        right[i] = force[i] + constant[i] - drag[i] - inertia[i]
-        for j in range(3):
-            right[i] -= lagged[i, j] * filtered[j]
-    for i in range(3):
-        out[i] = inverse[i, 0] * right[0] + inverse[i, 1] * right[1] + inverse[i, 2] * right[2]
+    if len(coefficients) > 0:
+        held[:3] = force
+        out[0], out[1], out[2] = slopes(coefficients, True, held, nu[0], nu[1], nu[2], 0.0, 0.0, 0.0)
+    else:
+        drag, inertia, right = np.empty(3), np.empty(3), np.empty(3)
+        _damping(nu, linear, absolute, drag)
+        _coriolis(nu if in_water else state[1:4].copy(), total, inertia)
+        for i in range(3):
+            right[i] = force[i] + constant[i] - drag[i] - inertia[i]
+            for j in range(3):
+                right[i] -= lagged[i, j] * filtered[j]
+        for i in range(3):
+            out[i] = inverse[i, 0] * right[0] + inverse[i, 1] * right[1] + inverse[i, 2] * right[2]
     if in_water:
         # The uniform current turns in body axes.
         out[0] += state[3] * side
@@ -145,64 +152,35 @@ def _slope(
 
 
 @compiled
-def _advance(
-    state: FloatArray,
-    filtered: FloatArray,
-    before: FloatArray,
-    force: FloatArray,
-    inverse: FloatArray,
-    total_mass: FloatArray,
-    linear: FloatArray,
-    absolute: FloatArray,
-    lagged: FloatArray,
-    constant: FloatArray,
-    current: FloatArray,
-    weight: float,
-    in_water: bool,
-    step: float,
-    scheme: int,
-    mass: FloatArray,
-) -> None:
+def _runge_kutta(state: Any, slope: Any, force: Any, filtered: Any, numbers: Any, step: float) -> None:
+    """The rest of a Runge-Kutta step that begins with ``slope``."""
+    sums, middle = np.empty(4), np.empty(4)
+    sums[0], sums[1:] = state[3], slope
+    for stage in range(3):
+        part, factor = (step, 1.0) if stage == 2 else (0.5 * step, 2.0)
+        middle[0] = state[0] + part * (state[3] if stage == 0 else middle[3])
+        middle[1:] = state[1:] + part * slope
+        _slope(middle, force, filtered, numbers, slope)
+        sums[0] += factor * middle[3]
+        sums[1:] += factor * slope
+    state += step / 6.0 * sums
+
+
+@compiled
+def _advance(state: Any, filtered: Any, before: Any, force: Any, numbers: Any) -> None:
     """One step of ``state`` (heading, velocities over ground) in place."""
+    _, _, linear, absolute, _, _, current, weight, _, step, scheme, mass, _, _ = numbers
     for i in range(3):
         filtered[i] = (1.0 - weight) * filtered[i] + weight * before[i]
     slope = np.empty(3)
-    _slope(state, force, filtered, inverse, total_mass, linear, absolute, lagged, constant, current, in_water, slope)
+    _slope(state, force, filtered, numbers, slope)
     if scheme == 3:
-        sum_nu, sum_heading = slope.copy(), state[3]
-        middle = np.empty(4)
-        for stage in range(3):
-            part = step if stage == 2 else 0.5 * step
-            middle[0] = state[0] + part * (state[3] if stage == 0 else middle[3])
-            for i in range(3):
-                middle[i + 1] = state[i + 1] + part * slope[i]
-            _slope(
-                middle,
-                force,
-                filtered,
-                inverse,
-                total_mass,
-                linear,
-                absolute,
-                lagged,
-                constant,
-                current,
-                in_water,
-                slope,
-            )
-            factor = 1.0 if stage == 2 else 2.0
-            sum_heading += factor * middle[3]
-            for i in range(3):
-                sum_nu[i] += factor * slope[i]
-        state[0] += step * sum_heading / 6.0
-        for i in range(3):
-            state[i + 1] += step * sum_nu[i] / 6.0
+        _runge_kutta(state, slope, force, filtered, numbers, step)
         return
     if scheme == 2:
         # One Newton step of the damping: (M + h dD/dnu) nu' = forces.
-        drag, later, nu = np.empty(3), np.empty(3), state[1:4].copy()
+        drag, later, nu, matrix = np.empty(3), np.empty(3), state[1:4].copy(), mass.copy()
         _damping(nu, linear, absolute, drag)
-        matrix = mass.copy()
         for j in range(3):
             nudge = 1e-6 * max(abs(nu[j]), 1e-3)
             nu[j] += nudge
@@ -210,8 +188,8 @@ def _advance(
             nu[j] -= nudge
             for i in range(3):
                 matrix[i, j] += step * (later[i] - drag[i]) / nudge
-        slope = np.linalg.solve(matrix, mass @ slope)
-    # Velocity of the water in the acceleration through the water: it turns in body axes.
+        slope[:] = np.linalg.solve(matrix, mass @ slope)
+    # The acceleration through the water: the water turns in body axes.
     cosine, sine = np.cos(state[0]), np.sin(state[0])
     ahead, side = cosine * current[0] + sine * current[1], -sine * current[0] + cosine * current[1]
     before[0], before[1], before[2] = slope[0] - state[3] * side, slope[1] + state[3] * ahead, slope[2]
@@ -220,104 +198,36 @@ def _advance(
             state[i + 1] += step * slope[i]
         state[0] += step * state[3]
         return
-    across = slope[1] + state[3] * state[1]
-    along = slope[0] - state[3] * state[2]
-    u, v = state[1] + step * along, state[2] + step * across
+    u = state[1] + step * (slope[0] - state[3] * state[2])
+    v = state[2] + step * (slope[1] + state[3] * state[1])
     state[3] += step * slope[2]
-    state[0] += step * state[3]
+    turn = step * state[3]
+    state[0] += turn
     # The velocity in axes of the world stays, and the body turns.
-    turn_cosine, turn_sine = np.cos(step * state[3]), np.sin(step * state[3])
-    state[1], state[2] = turn_cosine * u + turn_sine * v, -turn_sine * u + turn_cosine * v
+    state[1], state[2] = np.cos(turn) * u + np.sin(turn) * v, -np.sin(turn) * u + np.cos(turn) * v
 
 
 @compiled
-def _run(
-    start: FloatArray,
-    forces: FloatArray,
-    every: int,
-    inverse: FloatArray,
-    total_mass: FloatArray,
-    linear: FloatArray,
-    absolute: FloatArray,
-    lagged: FloatArray,
-    constant: FloatArray,
-    current: FloatArray,
-    weight: float,
-    in_water: bool,
-    step: float,
-    scheme: int,
-    mass: FloatArray,
-) -> FloatArray:
+def _run(start: Any, forces: Any, every: int, numbers: Any) -> Any:
     state, filtered, before = start.copy(), np.zeros(3), np.zeros(3)
     rows = np.empty((len(forces) // every, 4))
     for k in range(len(rows) * every):
         if k % every == 0:
             rows[k // every] = state
-        _advance(
-            state,
-            filtered,
-            before,
-            forces[k],
-            inverse,
-            total_mass,
-            linear,
-            absolute,
-            lagged,
-            constant,
-            current,
-            weight,
-            in_water,
-            step,
-            scheme,
-            mass,
-        )
+        _advance(state, filtered, before, forces[k], numbers)
     return rows
 
 
 @compiled
-def _decay(
-    starts: FloatArray,
-    count: int,
-    energy_mass: FloatArray,
-    inverse: FloatArray,
-    total_mass: FloatArray,
-    linear: FloatArray,
-    absolute: FloatArray,
-    lagged: FloatArray,
-    constant: FloatArray,
-    current: FloatArray,
-    weight: float,
-    in_water: bool,
-    step: float,
-    scheme: int,
-    mass: FloatArray,
-) -> FloatArray:
-    found = np.empty((len(starts), 2))
-    force = np.zeros(3)
+def _decay(starts: Any, count: int, energy_mass: Any, numbers: Any) -> Any:
+    found, force = np.empty((len(starts), 2)), np.zeros(3)
     for at in range(len(starts)):
         state, filtered, before = np.zeros(4), np.zeros(3), np.zeros(3)
         state[1:] = starts[at]
         first = energy = _energy(state, energy_mass)
         last = 0
         for k in range(count):
-            _advance(
-                state,
-                filtered,
-                before,
-                force,
-                inverse,
-                total_mass,
-                linear,
-                absolute,
-                lagged,
-                constant,
-                current,
-                weight,
-                in_water,
-                step,
-                scheme,
-                mass,
-            )
+            _advance(state, filtered, before, force, numbers)
             energy = _energy(state, energy_mass)
             if not energy < AT_REST * first:
                 last = k + 1
@@ -331,7 +241,7 @@ def _decay(
 
 
 @compiled
-def _energy(state: FloatArray, mass: FloatArray) -> float:
+def _energy(state: Any, mass: Any) -> float:
     total = 0.0
     for i in range(3):
         for j in range(3):

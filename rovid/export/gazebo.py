@@ -22,9 +22,9 @@ from rovid.export.resimulation import integrate_rate, thrust_torque
 from rovid.export.thruster_curves import ThrusterCurve, curve_comment, curve_effect_keys, thruster_curves
 from rovid.trial.trial import Trial
 
-_NEWTONS = "Thruster takes newtons: the curves in the file turn commands into them, effects of the curve included."
+NEWTONS = "Thruster takes newtons: the curves in the file turn commands into them, effects of the curve included."
 # s, integration steps of gz-sim with DART (semi-implicit Euler) and of VRX's worlds.
-_STEP, _VRX_STEP = 0.001, 0.004
+GZ_STEP, VRX_STEP = 0.001, 0.004
 # VRX: N m, default limit of the hydrodynamic torque, and its limit relative to the largest drag in the logs.
 _EFFORT, _EFFORT_FACTOR = 10_000.0, 10.0
 # Number of points of a curve behind a dead band.
@@ -43,13 +43,13 @@ def export_gz_sim(subject: ExportInput) -> ExportResult:
 
     def advance(rate: float, _: float, torque: float) -> float:
         drag = (-model.linear_drag - model.quadratic_drag * abs(rate)) * rate
-        return rate + _STEP * (torque + drag) / (body + added)
+        return rate + GZ_STEP * (torque + drag) / (body + added)
 
     notes = (
         "The added inertia stands in <fluid_added_mass>, which DART alone honours; <nDotR> would count it twice.",
         "<nRabsR> needs a gz-sim that has it (its pull request 1888); older ones give <nR> the opposite sign.",
     )
-    return _model("gz-sim", subject, body, fluid, hydrodynamics, advance, _STEP, notes)
+    return _model("gz-sim", subject, body, fluid, hydrodynamics, advance, GZ_STEP, notes)
 
 
 def export_vrx(subject: ExportInput) -> ExportResult:
@@ -66,7 +66,7 @@ def export_vrx(subject: ExportInput) -> ExportResult:
 
     def advance(rate: float, _: float, torque: float) -> float:
         drag = -(model.linear_drag + model.quadratic_drag * abs(rate)) * rate
-        return rate + _VRX_STEP * (torque + min(max(drag, -effort), effort)) / model.inertia
+        return rate + VRX_STEP * (torque + min(max(drag, -effort), effort)) / model.inertia
 
     ratio = subject.added_inertia / subject.rigid_inertia
     inertia_note = (
@@ -77,7 +77,7 @@ def export_vrx(subject: ExportInput) -> ExportResult:
         inertia_note,
         "What is not written keeps SimpleHydrodynamics' defaults, which are not zero (xU, yV 20): set your own.",
     )
-    return _model("vrx", subject, model.inertia, "", hydrodynamics, advance, _VRX_STEP, notes)
+    return _model("vrx", subject, model.inertia, "", hydrodynamics, advance, VRX_STEP, notes)
 
 
 def _model(
@@ -92,8 +92,12 @@ def _model(
 ) -> ExportResult:
     """An SDF model with one link, its thrusters and these hydrodynamics; ``advance`` integrates in FLU axes."""
     curves = thruster_curves(subject)
-    bands = [_deadband_thrust(subject, index) for index in range(len(curves))]
-    thrusters = [_thruster(curve, band) for curve, band in zip(curves, bands, strict=True) if curve.side]
+    bands = [deadband_thrust(subject, index) for index in range(len(curves))]
+    thrusters = []
+    for curve, band in zip(curves, bands, strict=True):
+        x, side = curve.place
+        if curve.side:
+            thrusters.append(thruster_xml(curve, band, f"{x:.10g} 0", f"0 {side:g}"))
     content = f"""<?xml version="1.0"?>
 <!-- {export_mark(name)}.
      {xml_comment(subject.vehicle.name)}: yaw identified by rovid; z up, a yaw rate is minus the heading's. -->
@@ -110,14 +114,14 @@ def _model(
 {"".join(thrusters)}  </model>
 </sdf>
 """
-    banded = [_with_deadband(curve, band) for curve, band in zip(curves, bands, strict=True)]
+    banded = [with_deadband(curve, band) for curve, band in zip(curves, bands, strict=True)]
 
     def simulate(commands: FloatArray) -> FloatArray:
         return -integrate_rate(-thrust_torque(banded, commands, step), advance, step)
 
     kept = curve_effect_keys(subject)
     return ExportResult(
-        content=content, simulate=simulate, kept_effects=kept, notes=(*frame_notes(subject), _NEWTONS, *notes)
+        content=content, simulate=simulate, kept_effects=kept, notes=(*frame_notes(subject), NEWTONS, *notes)
     )
 
 
@@ -143,7 +147,7 @@ def frame_notes(subject: ExportInput) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _deadband_thrust(subject: ExportInput, index: int) -> float:
+def deadband_thrust(subject: ExportInput, index: int) -> float:
     """Thrust in N at the edge of a thruster's dead band, if thrust sets in with a jump; else 0."""
     values = subject.effects.get("thruster_deadband:jump")
     if values is None:
@@ -156,7 +160,7 @@ def _deadband_thrust(subject: ExportInput, index: int) -> float:
     return min(abs(float(end)) for end in ends)
 
 
-def _with_deadband(curve: ThrusterCurve, band: float) -> ThrusterCurve:
+def with_deadband(curve: ThrusterCurve, band: float) -> ThrusterCurve:
     """The curve without thrusts below ``band`` in N."""
     if band <= 0.0:
         return curve
@@ -165,12 +169,13 @@ def _with_deadband(curve: ThrusterCurve, band: float) -> ThrusterCurve:
     return replace(curve, command=command, thrust=np.where(np.abs(thrust) < band, 0.0, thrust))
 
 
-def _thruster(curve: ThrusterCurve, band: float) -> str:
-    name, (x, direction) = curve.identifier, curve.place
+def thruster_xml(curve: ThrusterCurve, band: float, place: str, direction: str) -> str:
+    """A thruster at ``place`` and along ``direction``, both as x and y in FLU axes; ``band`` in N."""
+    name = curve.identifier
     deadband = f"\n      <deadband>{band:.10g}</deadband>" if band > 0.0 else ""
     return f"""    <!-- {curve_comment(curve)} -->
     <link name="{name}_link">
-      <pose>{x:.10g} 0 0 0 0 0</pose>
+      <pose>{place} 0 0 0 0</pose>
       <inertial>
         <mass>1e-3</mass>
         <inertia><ixx>1e-6</ixx><iyy>1e-6</iyy><izz>1e-6</izz></inertia>
@@ -179,7 +184,7 @@ def _thruster(curve: ThrusterCurve, band: float) -> str:
     <joint name="{name}_joint" type="revolute">
       <parent>base_link</parent>
       <child>{name}_link</child>
-      <axis><xyz>0 {direction:g} 0</xyz></axis>
+      <axis><xyz>{direction} 0</xyz></axis>
     </joint>
     <plugin filename="gz-sim-thruster-system" name="gz::sim::systems::Thruster">
       <joint_name>{name}_joint</joint_name>

@@ -30,19 +30,20 @@ def export_ros2(subject: ExportInput) -> ExportResult:
     base, keys = _base_parameters(subject), _field_names(subject)
     names = ", ".join(toml_text(thruster.name) for thruster in subject.vehicle.thrusters)
     lines = [f"# {export_mark('ros2')}.", f"# {_EQUATION}", f"# {_AXES}", "/**:", "  ros__parameters:"]
-    lines += [*_yaml_lines("    ", base), f"    thruster_names: [{names}]"]
+    lines += [*yaml_lines("    ", base), f"    thruster_names: [{names}]"]
     for index, thruster in enumerate(_thruster_entries(subject, list)):
         lines.append(f"    thruster_{index}:")
-        lines += _yaml_lines("      ", {name: thruster[name] for name in ("yaw_arm", "command", "thrust")})
+        lines += yaml_lines("      ", {name: thruster[name] for name in ("yaw_arm", "command", "thrust")})
     lines.append(f"    effect_names: [{', '.join(map(toml_text, subject.effects))}]")
     if subject.effects:
         lines.append("    effects:")
     for key, values in subject.effects.items():
-        lines += [f"      {keys[key]}:", *_yaml_lines("        ", values)]
+        lines += [f"      {keys[key]}:", *yaml_lines("        ", values)]
     return _result(subject, "\n".join(lines) + "\n", base, subject.effects)
 
 
-def _yaml_lines(indent: str, values: Mapping[str, Any]) -> list[str]:
+def yaml_lines(indent: str, values: Mapping[str, Any]) -> list[str]:
+    """Lines of a YAML mapping from names to numbers or lists of numbers."""
     return [f"{indent}{name}: {_yaml(value)}" for name, value in values.items()]
 
 

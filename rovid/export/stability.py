@@ -25,6 +25,8 @@ _LEAST_STEPS = 200
 _ROUNDING = 1e-9
 # Largest number of steps of one integration. A longer one takes larger steps, far below the fastest time constant.
 _MOST_STEPS = 100_000
+# Step that follows the exact equation, in shares of its fastest time constant.
+_RESOLVED = 0.02
 # Steps of the exact equation in its fastest time constant, and the longest integration in those time constants.
 _FINE, _LONGEST = 10.0, 5_000.0
 _BISECTIONS, _DOUBLINGS = 12, 24
@@ -119,7 +121,7 @@ def _acceleration(equation: BodyEquation, nu: FloatArray) -> FloatArray:
     drag = equation.linear @ nu + np.einsum("ijk,j,k", equation.absolute, nu, np.abs(nu))
     momentum = mass @ nu
     turning = np.array([-momentum[1] * nu[2], momentum[0] * nu[2], momentum[1] * nu[0] - momentum[0] * nu[1]])
-    return np.linalg.solve(mass, -drag - turning)
+    return np.asarray(np.linalg.solve(mass, -drag - turning), dtype=np.float64)
 
 
 def _fastest(equation: BodyEquation, starts: FloatArray) -> float:
@@ -146,6 +148,9 @@ def _time_to_rest(equation: BodyEquation, starts: FloatArray) -> float | None:
 def _is_stable(equation: BodyEquation, starts: FloatArray, step: float, rest: float) -> bool:
     if _spectral_radius(equation, step) > 1.0 + _ROUNDING:
         return False
+    if not np.any(equation.lagged):
+        # A much smaller step follows the exact equation as closely as this one.
+        step = max(step, _RESOLVED / _fastest(equation, starts))
     count = max(math.ceil(_PATIENCE * rest / step), _LEAST_STEPS)
     if count > _MOST_STEPS:
         step, count = _PATIENCE * rest / _MOST_STEPS, _MOST_STEPS
@@ -161,7 +166,7 @@ def _spectral_radius(equation: BodyEquation, step: float) -> float:
         x = -step * np.linalg.inv(equation.total_mass) @ damping
         return _radius(identity + x + x @ x / 2.0 + x @ x @ x / 6.0 + x @ x @ x @ x / 24.0)
     if equation.scheme is Scheme.WORLD_IMPLICIT:
-        return _radius(np.linalg.solve(equation.mass + step * damping, equation.mass))
+        return _radius(np.asarray(np.linalg.solve(equation.mass + step * damping, equation.mass), dtype=np.float64))
     weight = equation.filter_weight
     # x = (nu, acceleration of the step before, filtered acceleration).
     filtered = np.hstack((np.zeros((3, 3)), weight * identity, (1.0 - weight) * identity))

@@ -27,8 +27,8 @@ from rovid.export.thruster_curves import (
     thruster_lag,
 )
 
-_STEP = 0.002  # s, of uuv_simulator's worlds
-_FILTER = 0.3
+STEP = 0.002  # s, of uuv_simulator's worlds
+FILTER = 0.3
 # Share of the range. The filtered acceleration is late by 1/0.3 steps. With the added share of the inertia in it, the
 # rate is off by at most 1/e of delay over settling time. Above this limit the added inertia joins the rigid one.
 _VISIBLE = 3e-4
@@ -46,7 +46,9 @@ def export(subject: ExportInput) -> ExportResult:
     thrusters = ""
     for index, (curve, table) in enumerate(zip(inputs, curves, strict=True)):
         if curve.side:
-            thrusters += _thruster(name, index, curve, table, lag.time_constant)
+            x, direction = curve.place
+            angle = direction * math.pi / 2.0
+            thrusters += thruster_joint(name, index, curve, table, lag.time_constant, f"{x:.10g} 0 0", angle)
     return ExportResult(
         content=_xacro(subject, name, body, added, thrusters),
         simulate=_simulator(subject, body, added, curves, lag),
@@ -82,7 +84,7 @@ def export_yaml(subject: ExportInput) -> ExportResult:
 def _split_inertia(subject: ExportInput) -> tuple[float, float, str]:
     """Yaw inertia in kg m^2 of the link and of <added_mass>, and a note."""
     body, added = subject.rigid_inertia, subject.added_inertia
-    late = _STEP / _FILTER * added / subject.model.inertia / settling_time(subject) / math.e
+    late = STEP / FILTER * added / subject.model.inertia / settling_time(subject) / math.e
     if added <= _STABLE * body and late < _VISIBLE:
         return body, added, "The added inertia stands in <added_mass>, the body's in <inertia>."
     note = (
@@ -102,13 +104,13 @@ def _simulator(
 
         def advance(rate: float, _: float, torque: float) -> float:
             nonlocal filtered, before
-            filtered = (1.0 - _FILTER) * filtered + _FILTER * before
+            filtered = (1.0 - FILTER) * filtered + FILTER * before
             drag = -(model.linear_drag + model.quadratic_drag * abs(rate)) * rate
             before = (torque + drag - added * filtered) / body
-            return rate + _STEP * before
+            return rate + STEP * before
 
-        torque = thrust_torque(curves, commands, _STEP, lag)
-        return -integrate_rate(-torque, advance, _STEP)
+        torque = thrust_torque(curves, commands, STEP, lag)
+        return -integrate_rate(-torque, advance, STEP)
 
     return simulate
 
@@ -147,15 +149,17 @@ def _xacro(subject: ExportInput, name: str, body: float, added: float, thrusters
 """
 
 
-def _thruster(name: str, index: int, curve: ThrusterCurve, table: ThrusterCurve, lag: float) -> str:
-    x, direction = curve.place
+def thruster_joint(
+    name: str, index: int, curve: ThrusterCurve, table: ThrusterCurve, lag: float, place: str, direction: float
+) -> str:
+    """A thruster at ``place`` that pushes along ``direction`` in rad about z, in FLU axes."""
     link = f"{name}/thruster_{index}"
     dynamics = "<type>ZeroOrder</type>"
     if lag > 0:
         dynamics = f"<type>FirstOrder</type><timeConstant>{lag:.10g}</timeConstant>"
     return f"""  <!-- {curve_comment(table)} -->
   <joint name="{link}_joint" type="continuous">
-    <origin xyz="{x:.10g} 0 0" rpy="0 0 {direction * math.pi / 2.0:.16g}"/>
+    <origin xyz="{place}" rpy="0 0 {direction:.16g}"/>
     <axis xyz="1 0 0"/>
     <parent link="{name}/base_link"/>
     <child link="{link}"/>

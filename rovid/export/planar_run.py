@@ -1,0 +1,150 @@
+"""Export of the coupled model: exporters, verification by re-simulation, and the verdict on stability."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+
+from rovid.core.array_types import FloatArray
+from rovid.core.atomic_write import OutputFile
+from rovid.core.errors import ConfigError, suggestion
+from rovid.core.signatures import export_mark, export_signature
+from rovid.export import ALIASES, FORMATS, PLANAR_FORMATS
+from rovid.export.planar_input import PlanarInput, rovid_motion, verification_shares
+from rovid.export.planar_result import PlanarExportResult
+from rovid.export.stability import Stability, judge_stability
+from rovid.planar.model import PlanarModel
+
+# Names of the velocities in messages and JSON, and their units.
+VELOCITIES = {"surge_velocity": "m/s", "sway_velocity": "m/s", "yaw_rate": "rad/s"}
+# Least range of a velocity in percentages, as a share of the envelope of the logs.
+_LEAST_RANGE = 0.05
+
+PlanarExporter = Callable[[PlanarInput], PlanarExportResult]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanarMismatch:
+    """Difference between the velocities of a simulator and of rovid, by the names of `VELOCITIES`."""
+
+    percent_of_range: Mapping[str, float]  #: Largest difference relative to the range of rovid's.
+    rms: Mapping[str, float]  #: m/s and rad/s.
+
+    @property
+    def largest(self) -> float:
+        """Largest percentage."""
+        return max(self.percent_of_range.values())
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanarLoss:
+    """Part of the model that a file cannot represent, with its effect on each velocity in percent of the range."""
+
+    what: str
+    why: str
+    percent_of_range: Mapping[str, float]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class VerifiedPlanarExport:
+    """Content of a file with its mismatch against rovid's model: the whole, and the part that the file represents."""
+
+    content: str | bytes
+    mismatch: PlanarMismatch
+    kept_mismatch: PlanarMismatch
+    losses: tuple[PlanarLoss, ...]
+    stability: Stability
+    warnings: tuple[str, ...]
+
+
+def select_planar_exporter(name: str, path: Path | None) -> tuple[PlanarExporter, OutputFile]:
+    """Exporter of the format ``name`` for the coupled model, and the file to write.
+
+    Raises
+    ------
+    ConfigError
+        There is no such format, or it cannot hold the coupled model.
+    """
+    if name not in FORMATS:
+        raise ConfigError(f"is {name!r}. {suggestion(name, FORMATS, ALIASES)}", where="FORMAT")
+    if name not in PLANAR_FORMATS:
+        raise ConfigError(
+            f"is {name!r}, which cannot hold surge, sway and yaw together: its drag and added mass follow from meshes.",
+            where="FORMAT",
+            mend=f"Give one of {', '.join(PLANAR_FORMATS)}.",
+        )
+    module, function = PLANAR_FORMATS[name]
+    exporter = cast("PlanarExporter", getattr(import_module(f"rovid.export.{module}"), function))
+    return exporter, OutputFile(path or Path(FORMATS[name].file), export_signature(name))
+
+
+def verified_planar_export(exporter: PlanarExporter, subject: PlanarInput) -> VerifiedPlanarExport:
+    """Export ``subject``, compare the simulator's equation with rovid's, and judge its stability."""
+    result = exporter(subject)
+    commands = subject.commands_at(verification_shares(subject))
+    whole = rovid_motion(subject, subject.model, commands)
+    kept_model, kept_commands = subject.with_effects(result.kept_effects), commands
+    losses = []
+
+    def lose(what: str, why: str, other: FloatArray) -> None:
+        percent = compare_motions(subject, whole, other).percent_of_range
+        losses.append(PlanarLoss(what=what, why=why, percent_of_range=percent))
+
+    for one in subject.model.effects:
+        if one.effect.key not in result.kept_effects:
+            others = subject.with_effects(frozenset(subject.effects) - {one.effect.key})
+            why = f"the format has nothing for {one.effect.title} ({one.effect.equation})"
+            lose(one.effect.key, why, rovid_motion(subject, others, commands))
+    if not result.keeps_angles:
+        for column, actuator in enumerate(subject.vehicle.thrusters):
+            if not actuator.is_angle:
+                continue
+            kept_commands = kept_commands.copy()
+            kept_commands[:, column] = 0.0
+            without, straight = subject.model, commands.copy()
+            straight[:, column] = 0.0
+            if actuator.rudder is not None:
+                own = f"rudder.{actuator.name}.lift"
+                without = _with_value(without, own, 0.0)
+                kept_model = _with_value(kept_model, own, 0.0)
+            what = "rudder" if actuator.rudder is not None else "azimuth angle"
+            lose(actuator.name, f"the file has no {what}", rovid_motion(subject, without, straight))
+    theirs = result.simulate(commands)
+    kept_mismatch = compare_motions(subject, rovid_motion(subject, kept_model, kept_commands), theirs)
+    for what, why in result.base_losses:
+        losses.append(PlanarLoss(what=what, why=why, percent_of_range=kept_mismatch.percent_of_range))
+    content = result.content
+    if subject.guess and isinstance(content, str):
+        # The notice follows the mark of the author. JSON and MATLAB files have their own.
+        content = re.sub(rf"{export_mark('')}[^.\n]*\.", rf"\g<0> {subject.guess.file_notice}", content, count=1)
+    return VerifiedPlanarExport(
+        content=content,
+        mismatch=compare_motions(subject, whole, theirs),
+        kept_mismatch=kept_mismatch,
+        losses=tuple(losses),
+        stability=judge_stability(result.equation, subject.envelope),
+        warnings=(*subject.notes, *result.notes),
+    )
+
+
+def _with_value(model: PlanarModel, name: str, value: float) -> PlanarModel:
+    return model.with_values(np.where(np.array(model.names) == name, value, model.values))
+
+
+def compare_motions(subject: PlanarInput, rovid: FloatArray, other: FloatArray) -> PlanarMismatch:
+    """Mismatch of the (n, 4) motion ``other``: heading, and the velocities that are compared."""
+    percents, sizes = {}, {}
+    for axis, name in enumerate(VELOCITIES, start=1):
+        error = np.abs(other[:, axis] - rovid[:, axis])
+        span = max(float(np.ptp(rovid[:, axis])), _LEAST_RANGE * float(subject.envelope[axis - 1]), 1e-12)
+        percents[name] = 100.0 * float(np.max(error)) / span if np.all(np.isfinite(error)) else float("inf")
+        # The square of an unstable solution would overflow.
+        scale = float(np.max(error)) or 1.0
+        sizes[name] = scale * float(np.sqrt(np.mean((error / scale) ** 2))) if np.isfinite(scale) else float("inf")
+    return PlanarMismatch(percent_of_range=percents, rms=sizes)
