@@ -117,7 +117,8 @@ def export_matlab(subject: PlanarInput) -> PlanarExportResult:
     # The file begins with 116 bytes of text.
     title = f"MATLAB 5.0 MAT-file. {export_mark('matlab')}. {subject.guess.file_notice}".ljust(116)
     content = title.encode() + stream.getvalue()[116:]
-    read = loadmat(io.BytesIO(content), simplify_cells=True)["rovid"]["parameters"]
+    written: Any = io.BytesIO(content)
+    read = loadmat(written, simplify_cells=True)["rovid"]["parameters"]
     return _result(subject, content, {name: float(read[keys[name]]) for name in subject.model.names})
 
 
