@@ -90,11 +90,14 @@ class PlanarRun:
     def forces(self, effects: Sequence[BoundEffect] = ()) -> PlanarForces:
         """Forces from each instant to the next, with the ``effects`` between command and thrust."""
         key = tuple(part for one in effects for part in (one.effect, *one.parameters.tolist()))
-        if key not in self._known:
-            if len(self._known) >= _REMEMBERED:
-                del self._known[next(iter(self._known))]
-            self._known[key] = self.actuators.forces(self.commands, effects)
-        return self._known[key]
+        known = self._known.get(key)
+        if known is None:
+            # Other threads may do the same at any time.
+            known = self.actuators.forces(self.commands, effects)
+            for oldest in list(self._known)[: 1 - _REMEMBERED]:
+                self._known.pop(oldest, None)
+            self._known[key] = known
+        return known
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,27 +1,44 @@
-"""Diagnosis of the planar model: named causes of what it predicts wrongly."""
+"""Diagnosis of the planar model: named causes of what it predicts wrongly.
+
+The base model is fitted to the innovations. Score tests screen all forms that couple surge, sway and yaw, or that act
+between command and thrust. The best ones are fitted, and added while they gain enough; other sets of causes challenge
+the result. Each cause then has to pass the held-out gate of `_rejection`. One that fails is banned, and the search goes
+on without it. Thresholds are those of `rovid.diagnose.thresholds`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
 
 from rovid.core.budget import Budget, BudgetUse, ProgressCallback
+from rovid.core.errors import DataError
 from rovid.diagnose.candidate_fits import Challenger
-from rovid.diagnose.result import Finding
+from rovid.diagnose.posterior import posterior_probability, probability_not_a_stand_in, recalibrated
+from rovid.diagnose.rejection import certain_growth
+from rovid.diagnose.result import Finding, OtherCause
+from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect
+from rovid.estimate.estimate import Estimate
+from rovid.estimate.maximum_likelihood import INNOVATIONS_R2
 from rovid.planar.dataset import PlanarData
-from rovid.planar.fit import PlanarFit
-from rovid.trial.fault import Fault
+from rovid.planar.fit import PlanarFit, fit_base, planar_result, refined
+from rovid.planar.held_out import HeldOut, Parts, PlanarScores, held_out, noise_floors
+from rovid.planar.model import AXIS_NAMES
+from rovid.planar.optimum import PlanarOptimum
+from rovid.planar.search import PlanarSearch, planar_candidates
+from rovid.trial.fault import Fault, fault_texts, stopping
 
-
-@dataclass(frozen=True, kw_only=True)
-class PlanarScores:
-    """Errors of a model on held-out parts of the logs, each predicted by a fit to the others."""
-
-    log_likelihood: float  #: Of the innovations, in nats.
-    #: surge_velocity, sway_velocity (m/s), yaw_rate (rad/s) -> RMS error of the free-running simulation.
-    rmse: Mapping[str, float]
-    heading_errors: Mapping[float, float]  #: Horizon in s -> RMS heading error in rad that far after a restart.
+# Most suspects of a result.
+_MOST_SUSPECTS = 3
+# Share of the time constants' sum below which logs are too short: see `THRESHOLDS.part_time_constants_min`.
+_OUT_OF_TIME = (
+    "The budget of {:.0f} s was used up before the search came to its end. What was found is likely at most. Give a "
+    "larger --budget."
+)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -56,10 +73,319 @@ class PlanarDiagnosis:
     budget: BudgetUse | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class _Tested:
+    """One cause of a model with what the tests say of it."""
+
+    effect: Effect
+    gain: float
+    bic_gain: float
+    held_out_gain: float
+    standard_errors: float
+    growth: float  #: Certain relative growth of the errors of free-running simulations on held-out parts.
+    probability: float
+    others: tuple[OtherCause, ...]
+    equivalent: tuple[Effect, ...]
+
+
 def diagnose_planar(
     data: PlanarData,
     report: ProgressCallback = lambda _: None,
     budget: Budget | None = None,
+    faults: Sequence[Fault] = (),
 ) -> PlanarDiagnosis:
-    """Find the causes that the planar base model misses, within the ``budget``; ``report`` is called with each step."""
-    raise NotImplementedError
+    """Find the causes that the planar base model misses, within the ``budget``; ``report`` is called with each step.
+
+    Logs with one of the ``faults`` that no fit survives are not diagnosed.
+    """
+    if stopping(faults):
+        return PlanarDiagnosis(verdict="bad_logs", missing=" ".join(fault_texts(stopping(faults))))
+    own = replace(budget or Budget(), report=report)
+    if missing := _missing(data):
+        return PlanarDiagnosis(verdict="too_little_data", missing=missing)
+    report("Fitting surge, sway and yaw together …")
+    try:
+        base = fit_base(data)
+    except DataError as error:
+        return PlanarDiagnosis(verdict="too_little_data", missing=str(error))
+    parts = Parts(data, base)
+    if missing := _too_short(data, parts, base):
+        return PlanarDiagnosis(verdict="too_little_data", missing=missing)
+    search = PlanarSearch(data, base, planar_candidates(data), own)
+    report("Searching for causes …")
+    model = search.challenged(search.run(base))
+    report("Validating on held-out parts …")
+    model, tested, messages = _validated(search, _Gate(search, parts), model)
+    return _result(search, parts, model, tested, messages)
+
+
+def _missing(data: PlanarData) -> str:
+    """Message on what the logs lack before any fit; empty if nothing."""
+    forces = np.concatenate([run.forces().force for run in data.runs])
+    if not np.any(forces != 0.0) and not data.actuators.rudders:
+        return "no thruster ever runs: there is no force to explain the motion with. Log a run under thrust."
+    return ""
+
+
+def _too_short(data: PlanarData, parts: Parts, base: PlanarOptimum) -> str:
+    """Message on logs too short to hold parts out; empty if long enough."""
+    times = base.coordinates.sizes.time
+    constant = float(times[2] if base.likelihood.grid.yaw_only else times.min())
+    least = THRESHOLDS.part_time_constants_min * constant
+    if parts.count >= THRESHOLDS.min_trials and parts.shortest >= least:
+        return ""
+    seconds = sum(run.duration for run in data.runs)
+    return (
+        f"there are {len(data.runs)} trials, {seconds:.0f} s in all: too little for {THRESHOLDS.min_trials} parts of "
+        f"{least:.0f} s, of which some are held out for validation. Record more runs of other kinds (straight runs at "
+        "two speeds, sideways runs, turns both ways, a zigzag)."
+    )
+
+
+# --- Validation -------------------------------------------------------------------------------------------------------
+
+
+class _Gate:
+    """Held-out predictions of models, computed once."""
+
+    def __init__(self, search: PlanarSearch, parts: Parts) -> None:
+        self.search, self.parts = search, parts
+        self._known: dict[frozenset[str], tuple[PlanarOptimum, HeldOut]] = {}
+
+    def held_out(self, fitted: PlanarOptimum) -> HeldOut:
+        """Held-out predictions of a model."""
+        key = frozenset(effect.key for effect in fitted.effects)
+        known = self._known.get(key)
+        if known is None or known[0] is not fitted:
+            known = self._known[key] = fitted, held_out(self.parts, fitted, self.search.line(fitted))
+        return known[1]
+
+    def tested(self, model: PlanarOptimum, effect: Effect) -> _Tested:
+        """What the tests say of one ``effect`` of the ``model``."""
+        search = self.search
+        rest = search.without(model, effect)
+        gain, bic_gain = rest.value - model.value, search.score(model) - search.score(rest)
+        with_it, without = self.held_out(model), self.held_out(rest)
+        held_out_gain = with_it.log_likelihood - without.log_likelihood
+        errors = size_in_errors(model, effect)
+        others = _others(search, model, effect, rest)
+        margin = THRESHOLDS.tie_margin + min(THRESHOLDS.tie_share * max(bic_gain, 0.0), THRESHOLDS.tie_cap)
+        equivalent = tuple(one.effect for one in others if one.bic_gain > bic_gain - margin)
+        # Correlated innovations count as fewer: by the sandwich errors, the gain is half the square of the distance.
+        robust = bic_gain if model.is_white else min(bic_gain, 0.5 * errors**2)
+        gains = {effect.id: robust} | {one.effect.id: one.bic_gain + robust - bic_gain for one in others}
+        cap = probability_not_a_stand_in(held_out_gain, robust, white=model.is_white)
+        names = [effect.id, *(one.id for one in equivalent)]
+        probability = recalibrated(
+            posterior_probability(gains, names, search.causes_tried, cap=cap), white=model.is_white
+        )
+        return _Tested(
+            effect,
+            gain,
+            bic_gain,
+            held_out_gain,
+            errors,
+            certain_growth(with_it.by_part, without.by_part),
+            min(probability, THRESHOLDS.max_probability),
+            others,
+            equivalent,
+        )
+
+
+def _others(search: PlanarSearch, model: PlanarOptimum, effect: Effect, rest: PlanarOptimum) -> tuple[OtherCause, ...]:
+    """Other causes in the place of ``effect``, best first."""
+    found: dict[str, OtherCause] = {}
+    for one in search.replacements(model, effect):
+        other = one.effects[-1]
+        if other.id != effect.id and not search.is_banned(one):
+            found.setdefault(other.id, OtherCause(other, search.score(one) - search.score(rest)))
+    return tuple(found.values())
+
+
+def size_in_errors(fitted: PlanarOptimum, effect: Effect) -> float:
+    """Mahalanobis distance of the sizes of ``effect`` from their neutral values."""
+    model, sizes = fitted.model, effect.parameters[: effect.size_count]
+    at = [model.names.index(f"{effect.key}.{size.name}") for size in sizes]
+    scales = fitted.coordinates.sizes.effects
+    neutral = [0.0 if size.neutral_at_infinity else size.neutral * scales.unit_size(size) for size in sizes]
+    away, covariance = model.values[at] - neutral, fitted.covariance[np.ix_(at, at)]
+    if not np.isfinite(covariance).all():
+        return 0.0
+    return math.sqrt(max(float(away @ np.linalg.lstsq(covariance, away, rcond=None)[0]), 0.0))
+
+
+def _is_at_bound(fitted: PlanarOptimum, effect: Effect) -> bool:
+    """Whether a parameter of ``effect`` is at a bound that is not its neutral value."""
+    coordinates, at = fitted.coordinates, fitted.coordinates.effects_begin
+    for one in coordinates.effects:
+        if one.key == effect.key:
+            break
+        at += len(one.parameters)
+    for number, parameter in enumerate(effect.parameters):
+        value, span = float(fitted.x[at + number]), 1e-3 * (parameter.high - parameter.low)
+        for bound in (parameter.low, parameter.high):
+            if abs(value - bound) <= min(span, 1e-3 * max(abs(bound), 1e-3)) and bound != parameter.neutral:
+                return True
+    return False
+
+
+def _rejection(fitted: PlanarOptimum, tested: _Tested) -> str:
+    """Why a cause is never claimed; empty where it passes."""
+    if tested.held_out_gain <= THRESHOLDS.min_held_out_gain:
+        return f"fits these logs but predicts held-out parts worse (log-likelihood {tested.held_out_gain:.1f})"
+    if _is_at_bound(fitted, tested.effect):
+        return "would be larger than is physically plausible"
+    if tested.standard_errors < THRESHOLDS.min_standard_errors:
+        return f"differs from nothing by only {tested.standard_errors:.1f} standard errors"
+    if tested.growth > THRESHOLDS.held_out_growth:
+        return f"makes the errors of held-out simulations {100.0 * tested.growth:.0f} % larger"
+    if tested.probability < THRESHOLDS.likely:
+        return "is possible, but not established"
+    return ""
+
+
+def _validated(
+    search: PlanarSearch, gate: _Gate, model: PlanarOptimum
+) -> tuple[PlanarOptimum, list[_Tested], list[str]]:
+    """The model with causes that pass the gate, the tests of them and of those that were likely at most, messages."""
+    messages: list[str] = []
+    for _ in range(THRESHOLDS.max_rejections):
+        tested = sorted((gate.tested(model, effect) for effect in model.effects), key=lambda one: one.bic_gain)
+        failed = next(((one, why) for one in tested if (why := _rejection(model, one))), None)
+        if failed is None:
+            return model, tested, messages
+        one, why = failed
+        messages.append(f"{one.effect.title} {why}: it is not claimed.")
+        search.banned.add(one.effect.key)
+        rest = search.without(model, one.effect)
+        model = rest if search.budget.is_late else search.challenged(search.run(search.polish(rest)))
+    for effect in model.effects:
+        one = gate.tested(model, effect)
+        if why := _rejection(model, one):
+            messages.append(f"{effect.title} {why}: it is not claimed.")
+            model = search.polish(search.without(model, effect))
+    return model, [gate.tested(model, effect) for effect in model.effects], messages
+
+
+# --- Result -----------------------------------------------------------------------------------------------------------
+
+
+def _result(
+    search: PlanarSearch, parts: Parts, model: PlanarOptimum, tested: Sequence[_Tested], messages: Sequence[str]
+) -> PlanarDiagnosis:
+    gate, data = _Gate(search, parts), search.data
+    late = bool(search.budget.not_tried)
+    established = [one for one in tested if one.probability >= THRESHOLDS.established and not late]
+    final = model
+    for one in tested:
+        if one not in established:
+            final = search.polish(search.without(final, one.effect))
+    search.budget.report("Fitting all readings …")
+    fit = planar_result(data, refined(final, data))
+    base_fit = fit if not final.effects else planar_result(data, search.base)
+    findings, suspects = [], []
+    for one in established:
+        if _is_refused(fit, one.effect):
+            messages = [*messages, f"{one.effect.title} shows, but these logs do not determine its size."]
+        findings.append(_finding(one, fit.estimate, model, is_complete=not late))
+    likely = planar_result(data, model).estimate if len(established) < len(tested) else fit.estimate
+    for one in tested:
+        if one not in established:
+            probability = min(one.probability, THRESHOLDS.max_suspect_probability)
+            suspects.append(_finding(replace(one, probability=probability), likely, model, is_complete=not late))
+    suspects += _further(search, gate, model, {one.effect.id for one in tested})
+    floors = noise_floors(parts, final)
+    scores = gate.held_out(final).scores
+    base = PlanarAssessment(fit=base_fit, held_out=gate.held_out(search.base).scores)
+    verdict = "nothing_found"
+    if findings:
+        verdict = "found"
+    elif suspects:
+        verdict = "suspected"
+    elif fit.at_limit or any(value < INNOVATIONS_R2 for value in fit.free_run_r2.values()):
+        verdict = "unexplained"
+    warnings = [*fit.warnings, *messages]
+    if late:
+        warnings.append(_OUT_OF_TIME.format(search.budget.seconds))
+    return PlanarDiagnosis(
+        verdict=verdict,
+        base=base,
+        extended=PlanarAssessment(fit=fit, held_out=scores),
+        findings=tuple(sorted(findings, key=lambda one: -one.gain)),
+        suspects=tuple(sorted(suspects, key=lambda one: -one.probability)[:_MOST_SUSPECTS]),
+        challengers=search.challengers(final),
+        unexplained_shares=_unexplained(fit, final),
+        noise_floors=floors.rmse,
+        heading_floors=floors.heading_errors,
+        detectable=_detectable(search, final),
+        warnings=tuple(warnings),
+        budget=search.budget.use,
+    )
+
+
+def _is_refused(fit: PlanarFit, effect: Effect) -> bool:
+    return any(f"{effect.key}.{one.name}" in fit.estimate.refused for one in effect.parameters[: effect.size_count])
+
+
+def _of_effect(estimate: Estimate, effect: Effect) -> Estimate:
+    """The parameters of ``effect`` alone."""
+    at = [estimate.names.index(f"{effect.key}.{parameter.name}") for parameter in effect.parameters]
+    names, covariance = tuple(estimate.names[k] for k in at), estimate.covariance[np.ix_(at, at)]
+    return replace(estimate, names=names, values=estimate.values[at], covariance=covariance)
+
+
+def _finding(one: _Tested, estimate: Estimate, model: PlanarOptimum, *, is_complete: bool) -> Finding:
+    return Finding(
+        effect=one.effect,
+        estimate=_of_effect(estimate, one.effect),
+        gain=one.gain,
+        bic_gain=one.bic_gain,
+        held_out_gain=one.held_out_gain,
+        standard_errors=one.standard_errors,
+        probability=one.probability,
+        alternatives=one.others,
+        indistinguishable=one.equivalent,
+        white=model.is_white,
+        is_complete=is_complete,
+    )
+
+
+def _further(search: PlanarSearch, gate: _Gate, model: PlanarOptimum, known: Collection[str]) -> list[Finding]:
+    """Suspects next to the model: causes that gain too little to be added, or failed a test."""
+    found: list[Finding] = []
+    if search.budget.is_late:
+        return found
+    for fitted in search.extensions(model):
+        effect = fitted.effects[-1]
+        if effect.id in known or effect.id in {one.effect.id for one in found}:
+            continue
+        if search.score(fitted) - search.score(model) <= 0.0:
+            break
+        one = gate.tested(fitted, effect)
+        probability = min(one.probability, THRESHOLDS.max_suspect_probability)
+        if probability < THRESHOLDS.possible or one.standard_errors < THRESHOLDS.min_standard_errors_suspect:
+            continue
+        if one.held_out_gain <= THRESHOLDS.min_held_out_gain or _is_at_bound(fitted, effect):
+            continue
+        estimate = planar_result(search.data, fitted).estimate
+        found.append(_finding(replace(one, probability=probability), estimate, fitted, is_complete=True))
+    return found
+
+
+def _unexplained(fit: PlanarFit, model: PlanarOptimum) -> dict[str, float]:
+    shares = {}
+    for name, (size, _) in fit.disturbance.items():
+        force = float(model.coordinates.sizes.force[AXIS_NAMES.index(name)])
+        shares[name] = size**2 / (size**2 + force**2)
+    return shares
+
+
+def _detectable(search: PlanarSearch, model: PlanarOptimum) -> tuple[tuple[Effect, float], ...]:
+    """Each effect that is not in the ``model``, with the smallest size of its best form that would be added."""
+    taken = {effect.id for effect in model.effects}
+    best: dict[str, tuple[Effect, float]] = {}
+    for test in search.screen(model):
+        known = best.get(test.effect.id)
+        if test.effect.id not in taken and (known is None or not test.effect.form):
+            best[test.effect.id] = test.effect, test.detectable
+    return tuple(best.values())

@@ -1,0 +1,287 @@
+"""Held-out tests of planar models: predictions of parts of the logs by fits to the other parts.
+
+Parts are whole runs if there are four or more, and otherwise equal pieces of the runs. A fold is every fourth part. The
+filter always runs through whole logs: a part is held out by leaving its readings out of the likelihood of the fit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from rovid.core.array_types import FloatArray, IntArray
+from rovid.diagnose.thresholds import THRESHOLDS
+from rovid.estimate.fisher_information import negative_log_likelihoods
+from rovid.planar.chord_fit import Linearisation, chord_fit
+from rovid.planar.dataset import PlanarData
+from rovid.planar.kernels import CURRENT, HEADING, NORTH, STATES, SURGE, simulate_runs
+from rovid.planar.model import CURRENT_INDEX, INPUT_COUNT
+from rovid.planar.optimum import PlanarOptimum
+from rovid.planar.smoothing import measured_axes, smooth_run
+
+# Horizons of heading errors in s; the longer one is the length of a free-running simulation.
+HORIZONS = (10.0, 60.0)
+# Steps of a fit without a fold, from the fit to all readings.
+_FOLD_STEPS = 4
+_FOLDS = 4
+# Least time between two restarts in s, most restarts, and the width of the smoothing in intervals of readings.
+_RESTART, _MOST_WINDOWS, _WIDTH = 15.0, 200, 2.0
+_SPEEDS = ("surge_velocity", "sway_velocity", "yaw_rate")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanarScores:
+    """Errors of a model on held-out parts of the logs, each predicted by a fit to the others."""
+
+    log_likelihood: float  #: Of the innovations, in nats.
+    #: surge_velocity, sway_velocity (m/s), yaw_rate (rad/s) -> RMS error of free-running simulations of 60 s.
+    rmse: Mapping[str, float]
+    heading_errors: Mapping[float, float]  #: Horizon in s -> RMS heading error in rad that far after a restart.
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """Parts of the logs, and windows of free-running simulations."""
+
+    data: PlanarData
+    optimum: PlanarOptimum  #: Any model of the search; its grid is that of all of them.
+
+    @cached_property
+    def count(self) -> int:
+        """Number of parts."""
+        return int(self.part_of_run[-1][1])
+
+    @cached_property
+    def part_of_run(self) -> list[tuple[int, int]]:
+        """First part of each run, and the part after its last one."""
+        runs = self.data.runs
+        if len(runs) >= THRESHOLDS.min_trials:
+            return [(number, number + 1) for number in range(len(runs))]
+        total, first, found = sum(run.duration for run in runs), 0, []
+        for run in runs:
+            last = first + max(1, round(THRESHOLDS.parts * run.duration / total))
+            found.append((first, last))
+            first = last
+        return found
+
+    def part(self, run: IntArray, time: FloatArray) -> IntArray:
+        """Part of each instant ``time`` of the runs with the numbers ``run``."""
+        first, last = np.array(self.part_of_run).T
+        duration = np.array([one.duration for one in self.data.runs])
+        share = np.minimum(time / duration[run], 1.0 - 1e-9)
+        return np.asarray(first[run] + np.floor(share * (last - first)[run]).astype(np.intp))
+
+    @cached_property
+    def of_innovations(self) -> IntArray:
+        """(N,) part of each innovation."""
+        grid = self.optimum.likelihood.grid
+        return self.part(grid.run_index[grid.used], grid.event_time[grid.used])
+
+    @cached_property
+    def shortest(self) -> float:
+        """Length of the shortest part in s."""
+        pairs = zip(self.data.runs, self.part_of_run, strict=True)
+        return min(run.duration / (last - first) for run, (first, last) in pairs)
+
+    @cached_property
+    def windows(self) -> list[tuple[int, int, int, int]]:
+        """Run, part, and the slice of the grid's instants of each window; windows stay within their part."""
+        grid, found = self.optimum.likelihood.grid, []
+        total = sum(run.duration for run in self.data.runs)
+        spacing = max(_RESTART, total / _MOST_WINDOWS)
+        for number in range(len(self.data.runs)):
+            begin, end = int(grid.offsets[number]), int(grid.offsets[number + 1])
+            time = grid.time[begin:end]
+            parts = self.part(np.full(len(time), number), time)
+            for part in np.unique(parts).tolist():
+                own = np.flatnonzero(parts == part)
+                # The filter has to settle after the start of a run.
+                first = max(float(time[own[0]]), 0.1 * HORIZONS[0])
+                for start in np.arange(first, float(time[own[-1]]) - HORIZONS[0], spacing).tolist():
+                    here = int(np.searchsorted(time, start))
+                    last = int(np.searchsorted(time, min(start + HORIZONS[1], float(time[own[-1]])), side="right"))
+                    if last - here > 1:
+                        found.append((number, part, begin + here, begin + last))
+        return found
+
+    @cached_property
+    def measured(self) -> FloatArray:
+        """(n, 4) heading, and surge, sway and yaw speeds over ground, smoothed, at the grid's instants; NaN unknown."""
+        grid = self.optimum.likelihood.grid
+        found = np.full((len(grid.time), 4), np.nan)
+        axes = measured_axes(self.data.sensors)
+        for number, run in enumerate(self.data.runs):
+            own = slice(int(grid.offsets[number]), int(grid.offsets[number + 1]))
+            slowest = max(float(np.median(np.diff(run.readings(name).time))) for name in run.sensors)
+            smooth = smooth_run(run, _WIDTH * slowest)
+            if smooth is None:
+                continue
+            time = grid.time[own]
+            for axis in range(3):
+                if axes[axis]:
+                    found[own, 1 + axis] = np.interp(time, smooth.time, smooth.speeds[:, axis], np.nan, np.nan)
+            if "heading" in run.sensors:
+                heading = run.readings("heading")
+                found[own, 0] = np.interp(time, heading.time, heading.values)
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """Predictions of all parts by one model."""
+
+    parts: Parts
+    points: list[FloatArray]  #: Coordinates of each fold, fitted without it.
+    gains: FloatArray  #: (parts,) log-likelihood of each part.
+    squares: FloatArray  #: (windows, 5) mean square errors of the speeds, and square heading errors at the horizons.
+
+    @property
+    def log_likelihood(self) -> float:
+        """Of all parts."""
+        return float(self.gains.sum())
+
+    @property
+    def scores(self) -> PlanarScores:
+        """RMS errors over all windows."""
+        root = [
+            math.sqrt(float(np.mean(one[np.isfinite(one)]))) if np.isfinite(one).any() else math.nan
+            for one in self.squares.T
+        ]
+        return PlanarScores(
+            log_likelihood=self.log_likelihood,
+            rmse={name: value for name, value in zip(_SPEEDS, root[:3], strict=True) if math.isfinite(value)},
+            heading_errors={s: value for s, value in zip(HORIZONS, root[3:], strict=True) if math.isfinite(value)},
+        )
+
+    @cached_property
+    def by_part(self) -> FloatArray:
+        """(parts, 5) mean of ``squares`` in each part; NaN where unknown."""
+        found = np.full((self.parts.count, self.squares.shape[1]), np.nan)
+        owner = np.array([part for _, part, _, _ in self.parts.windows], dtype=np.intp)
+        for part in range(self.parts.count):
+            own = self.squares[owner == part]
+            known = np.isfinite(own)
+            count = known.sum(axis=0)
+            total = np.where(known, own, 0.0).sum(axis=0)
+            found[part] = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+        return found
+
+
+def held_out(parts: Parts, fitted: PlanarOptimum, line: Linearisation) -> HeldOut:
+    """Predictions of all ``parts`` by the model ``fitted``, whose linearisation is ``line``."""
+    number = parts.of_innovations
+    folds = [np.arange(fold, parts.count, _FOLDS) for fold in range(min(_FOLDS, parts.count))]
+    points, gains = [], np.zeros(parts.count)
+    squares = np.full((len(parts.windows), 3 + len(HORIZONS)), np.nan)
+    for fold in folds:
+        rows = ~np.isin(number, fold)
+        own = chord_fit(fitted.likelihood, fitted.x, line.matrix.copy(), rows, steps=_FOLD_STEPS)
+        innovations, states = fitted.likelihood.filtered(own.x, keep=True)
+        each = -negative_log_likelihoods(innovations.error, innovations.variance)
+        for part in fold.tolist():
+            gains[part] = float(each[number == part].sum())
+        chosen = [at for at, (_, part, _, _) in enumerate(parts.windows) if part in fold]
+        squares[chosen] = window_errors(parts, PlanarOptimum(fitted.likelihood, own.x, own.value), states, chosen)
+        points.append(own.x)
+    return HeldOut(parts, points, gains, squares)
+
+
+def window_errors(
+    parts: Parts,
+    model: PlanarOptimum,
+    states: FloatArray,
+    chosen: Sequence[int],
+    disturbed: bool = False,
+) -> FloatArray:
+    """(windows, 5) squares as in `HeldOut`, of simulations from the filtered (n, 12) ``states``.
+
+    With ``disturbed`` the errors are those of a perfect model: the change of the simulation by a random disturbance of
+    the fitted size.
+    """
+    grid, planar = model.likelihood.grid, model.model
+    found = np.full((len(chosen), 3 + len(HORIZONS)), np.nan)
+    windows = [parts.windows[at] for at in chosen]
+    if not windows:
+        return found
+    every = np.concatenate([np.arange(begin, end) for _, _, begin, end in windows])
+    offsets = np.cumsum([0, *(end - begin for _, _, begin, end in windows)])
+    inputs = grid.inputs(planar)[every]
+    first = states[[begin for _, _, begin, _ in windows]]
+    starts = _over_ground(first, planar.current)
+    coefficients = planar.coefficients
+
+    def simulated(forces: FloatArray) -> FloatArray:
+        result = np.zeros((len(every), STATES))
+        simulate_runs(offsets, grid.time[every], forces, starts, grid.speed, grid.yaw_only, coefficients, result)
+        north, east = coefficients[CURRENT_INDEX : CURRENT_INDEX + 2]
+        cosine, sine = np.cos(result[:, HEADING]), np.sin(result[:, HEADING])
+        surge = result[:, SURGE] + north * cosine + east * sine
+        sway = result[:, SURGE + 1] + east * cosine - north * sine
+        return np.column_stack((result[:, HEADING], surge, sway, result[:, SURGE + 2]))
+
+    motion = simulated(inputs)
+    reference = (
+        simulated(inputs + _random_forces(model, grid.time[every], offsets, inputs.shape))
+        if disturbed
+        else (parts.measured[every])
+    )
+    with np.errstate(invalid="ignore", over="ignore"):
+        error = motion - reference
+        error[:, 0] = np.angle(np.exp(1j * error[:, 0])) if disturbed is False else error[:, 0]
+    for at in range(len(windows)):
+        own = slice(int(offsets[at]), int(offsets[at + 1]))
+        time = grid.time[every[own]] - grid.time[every[own][0]]
+        for axis in range(3):
+            known = error[own, 1 + axis]
+            known = known[np.isfinite(known)]
+            if known.size:
+                found[at, axis] = float(np.mean(known**2))
+        for number, horizon in enumerate(HORIZONS):
+            if time[-1] >= 0.98 * horizon:
+                found[at, 3 + number] = float(error[own, 0][int(np.argmin(np.abs(time - horizon)))] ** 2)
+    return found
+
+
+def _over_ground(states: FloatArray, current: tuple[float, float]) -> FloatArray:
+    """(w, 6) starts of simulations from filtered states; the change of a wandering current counts as speed."""
+    north, east = current[0] + states[:, CURRENT], current[1] + states[:, CURRENT + 1]
+    cosine, sine = np.cos(states[:, HEADING]), np.sin(states[:, HEADING])
+    return np.column_stack(
+        (
+            states[:, HEADING],
+            states[:, SURGE] + north * cosine + east * sine,
+            states[:, SURGE + 1] + east * cosine - north * sine,
+            states[:, SURGE + 2],
+            states[:, NORTH],
+            states[:, NORTH + 1],
+        )
+    )
+
+
+def _random_forces(model: PlanarOptimum, time: FloatArray, offsets: IntArray, shape: tuple[int, ...]) -> FloatArray:
+    """Gauss-Markov forces of the fitted disturbance; zeros in the columns of rudders."""
+    generator, forces = np.random.default_rng(0), np.zeros(shape)
+    numbers = model.coordinates.noise(model.x)
+    for axis in range(INPUT_COUNT):
+        size, memory = float(numbers[axis]), float(numbers[INPUT_COUNT + axis])
+        white = generator.standard_normal(len(time))
+        for begin, end in zip(offsets[:-1].tolist(), offsets[1:].tolist(), strict=True):
+            value = size * white[begin]
+            for at in range(begin, end):
+                if at > begin:
+                    decay = math.exp(-(time[at] - time[at - 1]) / memory)
+                    value = decay * value + size * math.sqrt(1.0 - decay * decay) * white[at]
+                forces[at, axis] = value
+    return forces
+
+
+def noise_floors(parts: Parts, fitted: PlanarOptimum) -> PlanarScores:
+    """Errors of a perfect model: what the disturbance of the fitted size moves in the same windows."""
+    _, states = fitted.likelihood.filtered(fitted.x, keep=True)
+    every = list(range(len(parts.windows)))
+    squares = window_errors(parts, fitted, states, every, disturbed=True)
+    return HeldOut(parts, [], np.zeros(parts.count), squares).scores

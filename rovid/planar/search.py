@@ -1,0 +1,366 @@
+"""Search for causes in the planar model: candidates, score tests, fits of candidates, stepwise selection, challenge.
+
+A candidate is fitted by the chord method: the Jacobian of the model that it extends is kept, gets a column for each new
+parameter, and is corrected by Broyden's update after each step. A fit then takes some ten passes of the filter instead
+of some ten for each parameter. Every fit begins at the model that it extends, and never ends less likely.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+
+import numpy as np
+
+from rovid.core.array_types import FloatArray, IntArray
+from rovid.core.budget import Budget
+from rovid.core.threads import thread_map
+from rovid.diagnose.candidate_fits import Challenger
+from rovid.diagnose.thresholds import THRESHOLDS
+from rovid.effects import PLANAR_FORMS, Effect, forms_for
+from rovid.effects.base import OnCommand, OnThrust, OnTorque, WaterCurrent
+from rovid.estimate.fisher_information import inverse_information
+from rovid.planar.chord_fit import Linearisation, change_between, chord_fit, residual_of
+from rovid.planar.coordinates import PlanarCoordinates
+from rovid.planar.dataset import PlanarData
+from rovid.planar.fit import add_effect
+from rovid.planar.optimum import PlanarOptimum
+
+# Share of the way from the neutral value to an initial value at which a score test takes its difference quotient.
+_PROBE = 0.05
+# Steps with a complete Jacobian, after a chord fit that is kept.
+_POLISH = 6
+# Forms of one cause, and causes, that are fitted after a screening.
+_FORMS, _CAUSES = 2, 5
+# Least share of the best predicted gain for a fit. Score tests are good to a factor of a few.
+_SHARE = 0.1
+
+Key = frozenset[str]
+
+
+def planar_candidates(data: PlanarData) -> tuple[Effect, ...]:
+    """All forms that the planar model can hold and these logs can show."""
+    thrusters = data.actuators.thrusters
+    channels = set.intersection(*(set(run.trial.extras) for run in data.runs))
+    acting = forms_for(thrusters, channels, [run.name for run in data.runs])
+    actuators = [form for form in acting if isinstance(form.acts, OnCommand | OnThrust | OnTorque)]
+    if not {"surge_velocity", "sway_velocity", "north", "east"} & set(data.sensors):
+        return tuple(actuators)
+    return (*PLANAR_FORMS, *actuators)
+
+
+@dataclass(frozen=True, eq=False)
+class PlanarScoreTest:
+    """Predicted gain of one form next to a model, by the score test (Rao 1948)."""
+
+    effect: Effect
+    gain: float  #: Nats.
+    start: FloatArray  #: (k,) initial values of a fit, in units of the scales.
+    detectable: float  #: Smallest distance of the first size from its neutral value that a search would add, SI.
+
+
+def neutral_values(effect: Effect, start: FloatArray) -> FloatArray:
+    """(k,) values without the effect, in units of the scales: neutral sizes, the rest as at ``start``."""
+    values = start.copy()
+    for at, parameter in enumerate(effect.parameters[: effect.size_count]):
+        # A size whose neutral value is infinite has nearly no effect far from its start.
+        values[at] = 20.0 * start[at] if parameter.neutral_at_infinity else parameter.neutral
+    return values
+
+
+@dataclass(eq=False)
+class PlanarSearch:
+    """Stepwise selection of causes by BIC, with all fits remembered."""
+
+    data: PlanarData
+    base: PlanarOptimum
+    candidates: tuple[Effect, ...]
+    budget: Budget
+    banned: set[str] = field(default_factory=set)
+    #: Effect keys -> fit; the best form of an exchanged cause has a key of its own.
+    fits: dict[Key, PlanarOptimum] = field(default_factory=dict)
+    _lines: dict[Key, Linearisation] = field(default_factory=dict)
+    _tests: dict[Key, list[PlanarScoreTest]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.fits[frozenset()] = self.base
+
+    @property
+    def causes_tried(self) -> int:
+        """Number of different effects among the candidates."""
+        return len({effect.id for effect in self.candidates})
+
+    @property
+    def penalty(self) -> float:
+        """BIC penalty of one parameter in nats (Schwarz 1978)."""
+        return 0.5 * math.log(max(float(self.base.likelihood.grid.used.sum()), 1.0))
+
+    @property
+    def threshold(self) -> float:
+        """BIC gain in nats that a further cause needs."""
+        return THRESHOLDS.bic_margin + math.log(max(self.causes_tried, 1))
+
+    def score(self, fitted: PlanarOptimum) -> float:
+        """Log-likelihood less the BIC penalty of all parameters of effects."""
+        return -fitted.value - self.penalty * sum(len(effect.parameters) for effect in fitted.effects)
+
+    def line(self, fitted: PlanarOptimum) -> Linearisation:
+        """Linearisation of a model; the last few are remembered."""
+        key = _key(fitted.effects)
+        known = self._lines.get(key)
+        if known is None or known.optimum is not fitted:
+            while len(self._lines) > 3:
+                del self._lines[next(iter(self._lines))]
+            known = self._lines[key] = Linearisation.of(fitted)
+        return known
+
+    # --- Screening ----------------------------------------------------------------------------------------------------
+
+    def screen(self, fitted: PlanarOptimum) -> list[PlanarScoreTest]:
+        """Score tests of all candidates next to a model, the largest predicted gain first."""
+        key = _key(fitted.effects)
+        if key not in self._tests:
+            line = self.line(fitted)
+            taken = {effect.id for effect in fitted.effects}
+            forms = [one for one in self.candidates if one.id not in taken and one.key not in self.banned]
+            information = line.matrix.T @ line.matrix
+            inverse = inverse_information(information)
+            gradient = line.matrix.T @ residual_of(line.innovations)
+            found = thread_map(lambda form: self._test(line, form, inverse, gradient), forms)
+            tests = [test for test in found if test is not None]
+            self._tests[key] = sorted(tests, key=lambda test: -test.gain)
+        return [test for test in self._tests[key] if test.effect.key not in self.banned]
+
+    def _test(
+        self, line: Linearisation, effect: Effect, inverse: FloatArray, gradient: FloatArray
+    ) -> PlanarScoreTest | None:
+        likelihood = line.optimum.likelihood.with_coordinates(line.optimum.coordinates.with_effect(effect))
+        at, residual = line.optimum.coordinates.noise_begin, residual_of(line.innovations)
+        best: PlanarScoreTest | None = None
+        starts = effect.initial_values
+        for start in starts[:2] if isinstance(effect.acts, WaterCurrent) else starts:
+            neutral = neutral_values(effect, start)
+            step = next((p.step for p in effect.parameters if p.piecewise_constant), _PROBE)
+            share = max(step, _PROBE) if step <= 1e-2 else 1.0
+            columns, sizes = [], []
+            for number in range(effect.size_count):
+                own = neutral.copy()
+                own[number] += share * (start[number] - neutral[number])
+                point = np.concatenate((line.optimum.x[:at], own, line.optimum.x[at:]))
+                columns.append(change_between(line.innovations, likelihood.evaluate(point)) / share)
+                sizes.append(start[number] - neutral[number])
+            matrix = np.column_stack(columns)
+            cross = line.matrix.T @ matrix
+            score = matrix.T @ residual - cross.T @ (inverse @ gradient)
+            power = matrix.T @ matrix - cross.T @ inverse @ cross
+            power[np.diag_indices_from(power)] *= 1.0 + 1e-9
+            shift = -np.linalg.lstsq(power, score, rcond=1e-12)[0]
+            gain = -0.5 * float(score @ shift)
+            if not math.isfinite(gain) or (best is not None and gain <= best.gain):
+                continue
+            begin = neutral.copy()
+            for number, size in enumerate(sizes):
+                begin[number] = neutral[number] + size * float(np.clip(shift[number], -5.0, 5.0))
+            low = np.array([one.low for one in effect.parameters])
+            high = np.array([one.high for one in effect.parameters])
+            needed = 2.0 * (self.threshold + self.penalty * len(start))
+            unit = line.optimum.coordinates.sizes.effects.unit_size(effect.parameters[0])
+            least = abs(sizes[0]) * math.sqrt(needed / max(float(power[0, 0]), 1e-300)) * unit
+            best = PlanarScoreTest(effect, gain, np.clip(begin, low, high), least)
+        return best
+
+    # --- Fits ---------------------------------------------------------------------------------------------------------
+
+    def extended(self, fitted: PlanarOptimum, test: PlanarScoreTest) -> PlanarOptimum:
+        """The best fit of a model with one more effect."""
+        key = _key((*fitted.effects, test.effect))
+        if key not in self.fits:
+            self.fits[key] = self._extend(fitted, test)
+        return self.fits[key]
+
+    def _extend(self, fitted: PlanarOptimum, test: PlanarScoreTest) -> PlanarOptimum:
+        effect = test.effect
+        if isinstance(effect.acts, WaterCurrent):
+            return add_effect(fitted, effect, self.data)
+        coordinates, at = fitted.coordinates.with_effect(effect), fitted.coordinates.noise_begin
+        likelihood, line = fitted.likelihood.with_coordinates(coordinates), self.line(fitted)
+
+        def point(own: FloatArray) -> FloatArray:
+            return coordinates.projected(np.concatenate((fitted.x[:at], own, fitted.x[at:])))
+
+        neutral = neutral_values(effect, test.start)
+        starts = [test.start, *(neutral + share * (test.start - neutral) for share in (0.3, 0.1))]
+        starts += effect.initial_values
+        values = likelihood.values([point(one) for one in starts])
+        start = point(starts[int(np.argmin(values))])
+        begin = start[at : at + len(effect.parameters)]
+        # Derivatives by the form's parameters at the start, those of the other parameters at the model.
+        here = likelihood.evaluate(start)
+        steps = coordinates.steps(start)
+        columns = []
+        for number in range(at, at + len(begin)):
+            size = max(float(steps[number]), 1e-3 * max(abs(float(start[number])), 1e-3))
+            size = -size if start[number] + size > coordinates.high[number] else size
+            ahead = likelihood.evaluate(start + size * (np.arange(len(start)) == number))
+            columns.append(change_between(here, ahead) / size)
+        matrix = np.hstack((line.matrix[:, :at], np.column_stack(columns), line.matrix[:, at:]))
+        best = chord_fit(likelihood, start, matrix)
+        if best.value < fitted.value + THRESHOLDS.search_tolerance:
+            return best
+        # Never less likely than the nested model.
+        nested = point(neutral)
+        value = likelihood.value(nested)
+        return best if best.value <= value else PlanarOptimum(likelihood, nested, value)
+
+    def without(self, fitted: PlanarOptimum, effect: Effect) -> PlanarOptimum:
+        """The fit of a model without one of its effects."""
+        left = tuple(one for one in fitted.effects if one.key != effect.key)
+        key = _key(left)
+        if key not in self.fits:
+            coordinates, x, columns = _removed(fitted, effect)
+            likelihood = fitted.likelihood.with_coordinates(coordinates)
+            self.fits[key] = chord_fit(
+                likelihood, coordinates.projected(x), self.line(fitted).matrix[:, columns].copy()
+            )
+        return self.fits[key]
+
+    def polish(self, fitted: PlanarOptimum) -> PlanarOptimum:
+        """The model after some steps with complete Jacobians."""
+        better = PlanarOptimum.fit(fitted.likelihood, fitted.x, _POLISH)
+        self.fits[_key(fitted.effects)] = better
+        return better
+
+    # --- Selection ----------------------------------------------------------------------------------------------------
+
+    def extensions(self, fitted: PlanarOptimum, *, needed: float | None = None) -> list[PlanarOptimum]:
+        """Fits of the most promising causes next to a model, the best score first."""
+        tests = self.screen(fitted)
+        groups: dict[str, list[PlanarScoreTest]] = {}
+        for test in tests:
+            least = THRESHOLDS.screening_share * (self.penalty * len(test.effect.parameters) + self.threshold)
+            if needed is not None:
+                least = THRESHOLDS.challenger_share * needed
+            if test.gain >= max(least, _SHARE * tests[0].gain):
+                groups.setdefault(test.effect.id, []).append(test)
+        found = []
+        since = self.budget.clock()
+        chosen = list(groups.values())[:_CAUSES]
+        for done, group in enumerate(chosen):
+            if self.budget.skips(group[0].effect.id):
+                continue
+            self.budget.tell("Fitting", done, len(chosen), since)
+            found += [self.extended(fitted, test) for test in group[:_FORMS]]
+        return sorted(found, key=lambda one: -self.score(one))
+
+    def run(self, start: PlanarOptimum) -> PlanarOptimum:
+        """Add and remove causes from ``start`` on, until the model no longer changes."""
+        model = start
+        for _ in range(THRESHOLDS.max_effects):
+            if len(model.effects) >= THRESHOLDS.max_effects or self.budget.is_over:
+                break
+            better = next(iter(self.extensions(model)), None)
+            if better is None or self.score(better) - self.score(model) < self.allowance(model):
+                break
+            model = self.eliminated(self.polish(better))
+        return model
+
+    def allowance(self, model: PlanarOptimum) -> float:
+        """Gain that a further cause needs: the threshold, and what approximate equations of the others may explain."""
+        own = THRESHOLDS.misspecification_share * (self.score(model) - self.score(self.base))
+        return max(self.threshold, min(own, THRESHOLDS.misspecification_cap))
+
+    def eliminated(self, model: PlanarOptimum) -> PlanarOptimum:
+        """The model without causes that lost their gain."""
+        while model.effects:
+            weakest = max(model.effects, key=lambda one: self.score(self.without(model, one)))
+            rest = self.without(model, weakest)
+            if self.score(model) - self.score(rest) >= self.threshold:
+                break
+            model = self.polish(rest)
+        return model
+
+    # --- Challenge ----------------------------------------------------------------------------------------------------
+
+    def challenged(self, model: PlanarOptimum) -> PlanarOptimum:
+        """The model, or a better set of causes in its place; see `rovid.diagnose.challenge`."""
+        for _ in range(THRESHOLDS.max_challenges):
+            if not model.effects or self.budget.skips("the final challenge"):
+                break
+            rivals = [one for one in self._rivals(model) if not self.is_banned(one)]
+            required = {
+                id(one): self.score(model)
+                + self.threshold * max(len(one.effects) - len(model.effects), 0)
+                + THRESHOLDS.exchange_gain
+                for one in rivals
+            }
+            better = [one for one in rivals if self.score(one) > required[id(one)]]
+            if not better:
+                break
+            model = self.run(self.eliminated(self.polish(max(better, key=self.score))))
+        return model
+
+    def _rivals(self, model: PlanarOptimum) -> Iterator[PlanarOptimum]:
+        own = _key(model.effects)
+        singles = self.extensions(self.base)
+        yield from (one for one in singles if _key(one.effects) != own)
+        best = [one for one in singles if one.effects][:3]
+        for first, second in combinations(best, 2):
+            if first.effects[0].id == second.effects[0].id or self.budget.is_late:
+                continue
+            test = next((t for t in self.screen(first) if t.effect.key == second.effects[0].key), None)
+            if test is not None and _key((*first.effects, test.effect)) != own:
+                yield self.extended(first, test)
+        for effect in model.effects:
+            rest = self.without(model, effect)
+            if rest.effects:
+                yield rest
+            yield from self.replacements(model, effect)
+
+    def replacements(self, model: PlanarOptimum, effect: Effect) -> list[PlanarOptimum]:
+        """Fits with another cause in the place of ``effect``, the best score first."""
+        rest = self.without(model, effect)
+        lost = rest.value - model.value
+        found = self.extensions(rest, needed=lost)
+        return [one for one in found if _key(one.effects) != _key(model.effects)]
+
+    def is_banned(self, fitted: PlanarOptimum) -> bool:
+        """Whether a model has a banned effect."""
+        return any(effect.key in self.banned for effect in fitted.effects)
+
+    def challengers(self, model: PlanarOptimum) -> tuple[Challenger, ...]:
+        """Other fitted sets of causes, the closest to the ``model`` first."""
+        found = []
+        for fitted in self.fits.values():
+            if fitted.effects and _key(fitted.effects) != _key(model.effects):
+                gain = model.value - fitted.value
+                found.append(Challenger(fitted.effects, gain, gain - (self.score(fitted) - self.score(model))))
+        found.sort(key=lambda one: -one.score_difference)
+        shown: dict[Collection[str], Challenger] = {}
+        for one in found:
+            shown.setdefault(frozenset(one.causes), one)
+        return tuple(shown.values())[: THRESHOLDS.challengers_shown]
+
+
+def _key(effects: Sequence[Effect]) -> Key:
+    return frozenset(effect.key for effect in effects)
+
+
+def _removed(fitted: PlanarOptimum, effect: Effect) -> tuple[PlanarCoordinates, FloatArray, IntArray]:
+    """Coordinates without one effect, their values, and the kept columns."""
+    coordinates, at = fitted.coordinates, fitted.coordinates.effects_begin
+    for one in coordinates.effects:
+        if one.key == effect.key:
+            break
+        at += len(one.parameters)
+    columns = np.delete(np.arange(len(fitted.x)), np.arange(at, at + len(effect.parameters)))
+    left = tuple(one for one in coordinates.effects if one.key != effect.key)
+    kept = replace(
+        coordinates,
+        effects=left,
+        units=coordinates.units[columns],
+        low=coordinates.low[columns],
+        high=coordinates.high[columns],
+    )
+    return kept, fitted.x[columns], columns
