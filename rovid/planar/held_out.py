@@ -21,7 +21,7 @@ from rovid.planar.dataset import PlanarData
 from rovid.planar.kernels import CURRENT, HEADING, NORTH, STATES, SURGE, simulate_runs
 from rovid.planar.model import CURRENT_INDEX, INPUT_COUNT
 from rovid.planar.optimum import PlanarOptimum
-from rovid.planar.smoothing import measured_axes, smooth_run
+from rovid.planar.smoothing import measured_axes, slowest_interval, smooth_run
 
 # Horizons of heading errors in s; the longer one is the length of a free-running simulation.
 HORIZONS = (10.0, 60.0)
@@ -116,8 +116,7 @@ class Parts:
         axes = measured_axes(self.data.sensors)
         for number, run in enumerate(self.data.runs):
             own = slice(int(grid.offsets[number]), int(grid.offsets[number + 1]))
-            slowest = max(float(np.median(np.diff(run.readings(name).time))) for name in run.sensors)
-            smooth = smooth_run(run, _WIDTH * slowest)
+            smooth = smooth_run(run, _WIDTH * slowest_interval(run))
             if smooth is None:
                 continue
             time = grid.time[own]

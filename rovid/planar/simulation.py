@@ -13,7 +13,7 @@ from rovid.planar.coordinates import is_of_actuators
 from rovid.planar.dataset import PlanarData, PlanarRun
 from rovid.planar.kernels import CURRENT, HEADING, NORTH, STATES, SURGE, simulate_runs
 from rovid.planar.model import AXIS_NAMES, PlanarModel
-from rovid.planar.smoothing import measured_axes, run_inputs, smooth_run
+from rovid.planar.smoothing import measured_axes, run_inputs, slowest_interval, smooth_run
 
 # Width of the smoothing of measured speeds, in intervals of the slowest sensor.
 _WIDTH = 2.0
@@ -81,19 +81,13 @@ def simulate_planar(
 def measured_start(run: PlanarRun) -> FloatArray:
     """(6,) heading, u and v over ground, r, north and east at the first instant, by the readings; zeros where none."""
     start = np.zeros(6)
-    smooth = smooth_run(run, _WIDTH * _slowest(run))
+    smooth = smooth_run(run, _WIDTH * slowest_interval(run))
     if smooth is not None:
         start[1:4] = smooth.speeds[0]
     for at, name in ((0, "heading"), (4, "north"), (5, "east")):
         if name in run.sensors:
             start[at] = run.readings(name).values[0]
     return start
-
-
-def _slowest(run: PlanarRun) -> float:
-    """Interval in s between the readings of the slowest sensor."""
-    stamps = [run.readings(name).time for name in run.sensors]
-    return max(float(np.median(np.diff(time))) for time in stamps if len(time) > 1)
 
 
 def free_run_r2(
@@ -103,7 +97,7 @@ def free_run_r2(
     measured: list[FloatArray] = []
     simulated: list[FloatArray] = []
     for run, start in zip(data.runs, starts, strict=True):
-        smooth = smooth_run(run, _WIDTH * _slowest(run))
+        smooth = smooth_run(run, _WIDTH * slowest_interval(run))
         if smooth is None:
             continue
         motion = simulate_planar(model, run, start, yaw_only=yaw_only)

@@ -102,6 +102,15 @@ def _convolved(values: FloatArray, step: float) -> tuple[FloatArray, FloatArray]
     return np.convolve(padded, kernel, mode="valid"), np.convolve(padded, slope[::1], mode="valid") / step
 
 
+def slowest_interval(run: PlanarRun) -> float:
+    """Interval in s between the readings of the slowest sensor from which `smooth_run` takes a speed."""
+    used = set(run.sensors)
+    if {"surge_velocity", "sway_velocity"} <= used:
+        used -= {"north", "east"}
+    stamps = [run.readings(name).time for name in used]
+    return max(float(np.median(np.diff(time))) for time in stamps if len(time) > 1)
+
+
 def sensor_noise(run: PlanarRun, name: str) -> float:
     """Standard deviation of the white noise of a sensor, from the median second difference of its readings."""
     values = run.readings(name).values
