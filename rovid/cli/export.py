@@ -16,7 +16,8 @@ from rovid.cli.context import (
     yaw_parameters,
 )
 from rovid.cli.help_format import Page
-from rovid.cli.options import ForceGuess, Json, ParameterFile, argument, option
+from rovid.cli.options import Axes, ForceGuess, Json, ParameterFile, argument, option
+from rovid.cli.planar_session import is_planar, planar_parameters
 from rovid.cli.progress import progress
 from rovid.export import FORMATS
 
@@ -24,7 +25,11 @@ PAGE = Page(
     text="""
     Reads the parameter file and writes the model in a simulator's own format. Then rovid simulates the written numbers
     with that simulator's equation, signs and time step, and prints the largest difference from its own model, in
-    percent of the range of the yaw rate. Effects that the format cannot hold are listed with their size. Yaw only.
+    percent of the range of the yaw rate. Effects that the format cannot hold are listed with their size. Yaw only, or
+    surge, sway and yaw together with --axes planar.
+
+    With --axes planar rovid also says whether the exported model comes to rest at the simulator's time step from every
+    speed in the logs, and the largest stable step.
 
     Thrusters and the largest rate come from the logs named in the parameter file, if they exist. A parameter file that
     is out of date is refused. One that depends on guessed arms or thrust curves is refused without --force.
@@ -32,6 +37,7 @@ PAGE = Page(
     examples=(
         ("For Gazebo", "rovid export gz-sim -o model.sdf"),
         ("For uuv_simulator, as YAML", "rovid export uuv -o uuv.yaml"),
+        ("Surge, sway and yaw, for Gazebo", "rovid export gz-sim --axes planar -o model.sdf"),
         ("As JSON, from another parameter file", "rovid export json -p tables.toml -o tables.json"),
     ),
     see=("rovid fit", "rovid control", "rovid help export"),
@@ -52,11 +58,15 @@ def export(
             "-o",
         ),
     ] = None,
+    axes: Axes = None,
     parameters: ParameterFile = None,
     force: ForceGuess = False,
     json: Json = False,
 ) -> None:
     """Write the model in the format of a simulator."""
+    if is_planar(axes, None):
+        _export_planar(format, output, parameters, force=force, json=json)
+        return
     from rovid.export.interface import export_input
     from rovid.export.run_export import select_exporter, verified_export
     from rovid.present.console import show_caution
@@ -81,3 +91,32 @@ def export(
     else:
         show_caution(console(), assumptions)
         show_export(console(), target.path, exported)
+
+
+def _export_planar(name: str, output: Path | None, parameters: Path | None, *, force: bool, json: bool) -> None:
+    from rovid.export.planar_input import planar_input
+    from rovid.export.planar_run import select_planar_exporter, verified_planar_export
+    from rovid.planar.dataset import planar_data
+    from rovid.present.console import show_caution
+    from rovid.present.documents.planar_export import planar_export_document
+    from rovid.present.terminal.planar_export import show_planar_export
+    from rovid.readers.campaign import read_campaign
+    from rovid.trial.config import find_config, load_planar_config
+
+    exporter, target = select_planar_exporter(name, output)
+    stored = planar_parameters(parameters)
+    outputs = reserve_outputs([target], stored.logs, stored.path, force=force)
+    data = None
+    if stored.logs and all(path.exists() for path in stored.logs):
+        config = load_planar_config(find_config(stored.logs))
+        data = planar_data(read_campaign(stored.logs, config), config.vehicle)
+    remarks, assumptions = require_usable(stored, None, force=force)
+    with progress("Simulating …"):
+        exported = verified_planar_export(exporter, replace(planar_input(stored, data), guess=assumptions))
+    exported = replace(exported, warnings=(*exported.warnings, *remarks))
+    outputs.write({target: exported.content})
+    if json:
+        print_json(planar_export_document(name, str(target.path), exported, assumptions))
+    else:
+        show_caution(console(), assumptions)
+        show_planar_export(console(), target.path, exported)
