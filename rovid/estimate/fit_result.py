@@ -9,7 +9,7 @@ from typing import Self
 
 import numpy as np
 
-from rovid.core.array_types import FloatArray
+from rovid.core.array_types import BoolArray, FloatArray
 from rovid.effects import Effect
 from rovid.estimate.dataset import FitData
 from rovid.estimate.fisher_information import (
@@ -166,25 +166,27 @@ class FitResult:
             # A model that diverges within a difference step leaves the covariance unknown.
             return np.diag(np.full(len(size), math.inf))
         plain = covariance = inverse_information(information)
+        flat = np.diag(information) == 0.0
         if sandwich:
             covariance = _sandwich_by_runs(plain, *scores)
             # A coordinate without derivatives has no scores, which does not make it certain.
-            flat = np.diag(information) == 0.0
             covariance = np.where(flat | flat[:, np.newaxis], plain, covariance)
         inflation = float(np.median(np.sqrt(np.diag(covariance)[:3] / np.diag(plain)[:3])))
-        covariance = self._with_piecewise_constant(covariance, inflation)
+        covariance = self._with_piecewise_constant(covariance, inflation, flat)
         fixed = parametrization.fixed()
         covariance = np.where(fixed | fixed[:, np.newaxis], 0.0, covariance)
         return np.asarray(covariance[np.ix_(shown, shown)] * np.outer(size, size))
 
-    def _with_piecewise_constant(self, covariance: FloatArray, inflation: float) -> FloatArray:
+    def _with_piecewise_constant(self, covariance: FloatArray, inflation: float, flat: BoolArray) -> FloatArray:
         """``covariance`` with the variances of coordinates along which the likelihood is piecewise constant.
 
-        Their standard error is the distance at which half a unit of log-likelihood is lost, times the ``inflation`` of
-        the other errors by the sandwich, and at least that of a uniform distribution over the difference step.
+        That includes effect parameters along which it is ``flat`` here, such as a threshold between two commands. Their
+        standard error is the distance at which half a unit of log-likelihood is lost, times the ``inflation`` of the
+        other errors by the sandwich, and at least that of a uniform distribution over the difference step.
         """
         parametrization = self.objective.parametrization
-        for at in parametrization.piecewise_constant():
+        among_effects = np.arange(len(self.x)) >= COMMON
+        for at in {*parametrization.piecewise_constant(), *np.flatnonzero(flat & among_effects).tolist()}:
             reach = self._reach(at)
             if reach is None:
                 continue

@@ -48,3 +48,25 @@ def test_covariance_is_infinite_where_a_neighbour_diverges(plain: FitResult, mon
     monkeypatch.setattr(InnovationLikelihood, "robust_jacobian", lambda *_: [first, *others])
     for sandwich in (False, True):
         assert np.isinf(np.diag(plain.covariance(sandwich=sandwich))).all()
+
+
+def test_a_threshold_between_two_commands_has_the_error_of_the_gap_between_them() -> None:
+    """The likelihood has no slope there, and loses much at the nearest commands: 20 N m starts nothing, 100 does."""
+    switch = effect_named("command_hysteresis:schmitt")
+    time = synthetic.clock(400.0, 5.0)
+    levels = np.tile([20.0, 0.0, 100.0, 0.0, -20.0, 0.0, -160.0, 0.0, 160.0, 0.0], 4)
+    commanded = np.repeat(levels, 50)[: len(time)]
+    commanded = np.append(commanded, np.zeros(len(time) - len(commanded)))
+    acting = np.where(np.abs(commanded) > 50.0, commanded, 0.0)
+    noise = np.random.default_rng(3).normal(0.0, 3e-4, len(time))
+    runs = [synthetic.run(time, commanded, disturbance=acting - commanded, noise=noise)]
+    objective = InnovationLikelihood(InnovationData(runs, synthetic.LOGGED, synthetic.ROSUB), 0.05, (switch,))
+    start = objective.parametrization.initial()
+    width = 60.0
+    start[-1] = width / objective.parametrization.units[-1]
+    found = fit(objective, start)
+    assert found.model.values[-1] == pytest.approx(width)
+    error, wider = (float(np.sqrt(found.covariance(sandwich=one)[-1, -1])) for one in (False, True))
+    # Up to the ramp of the switch the gap is 20 to 100 N m; errors grow by a factor until the likelihood falls.
+    assert 0.2 * (width - 20.0) < error < 2.0 * (100.0 - width)
+    assert error <= wider < 10.0 * error
