@@ -9,7 +9,8 @@ import typer
 from rovid.cli import completion
 from rovid.cli.context import console, named_axis, print_json
 from rovid.cli.help_format import Page
-from rovid.cli.options import AxisName, Json, Logs, option
+from rovid.cli.options import Axes, AxisName, Json, Logs, option
+from rovid.cli.planar_session import is_planar
 
 PAGE = Page(
     text="""
@@ -21,6 +22,9 @@ PAGE = Page(
     If the logs contain an autopilot's parameters (ArduPilot, PX4), these show which outputs are thrusters. For a known
     type of vehicle, recognised there or given by --vehicle, rovid fills in published arms, mass and thrust curve.
 
+    With --axes planar it also writes the velocities and positions that it finds, and the share of each thrust along
+    surge and sway with the sign that the logs show. Otherwise these lines are comments.
+
     Use it first on a new folder of logs. Then read rovid.toml, enter measured values, and delete the marks.
     """,
     examples=(
@@ -29,6 +33,7 @@ PAGE = Page(
             "With the type of vehicle and the commands given",
             "rovid init my_logs --vehicle tunnel-rov --command fore_V,aft_V --force",
         ),
+        ("For surge, sway and yaw together", "rovid init my_logs --axes planar"),
         ("From one log only, replacing the existing file", "rovid init my_logs/hold_01.csv --force"),
     ),
     see=("rovid check", "rovid help logs (formats)", "rovid help files (rovid.toml)"),
@@ -53,6 +58,7 @@ def init(
         str | None, option("COLUMN,…", "Columns or topics of the thruster commands, separated by commas.")
     ] = None,
     axis: AxisName = None,
+    axes: Axes = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing rovid.toml.")] = False,
     json: Json = False,
 ) -> None:
@@ -67,7 +73,10 @@ def init(
     OutputSet([output_files(logs)[0]], force=force)
     commands = tuple(part.strip() for part in (command or "").split(",") if part.strip())
     headings = (heading,) if heading else ()
-    options = SurveyOptions(axis=named_axis(axis), headings=headings, commands=commands, vehicle=vehicle or "")
+    planar = is_planar(axes, axis)
+    options = SurveyOptions(
+        axis=named_axis(axis), headings=headings, commands=commands, vehicle=vehicle or "", planar=planar
+    )
     found, written = write_config(survey(logs, options), logs, force=force)
     if json:
         print_json(survey_document(found, written))

@@ -15,6 +15,7 @@ from rovid.core.escaping import toml_key, toml_text
 from rovid.core.signatures import GUESSED_CURVE as GUESSED
 from rovid.preflight.drive_guess import RudderGuess
 from rovid.preflight.log_survey import FULL_THRUST, GUESSED_CURVE, LogSurvey, all_commands, output_files
+from rovid.preflight.planar_guess import share_lines
 from rovid.preflight.raw_columns import SignalGuess
 from rovid.preflight.thruster_guess import ThrusterCommand
 from rovid.readers import read_campaign
@@ -144,7 +145,7 @@ def _thrusters(survey: LogSurvey) -> Iterator[str]:
     turning = {command.name for command in all_commands(survey.mappings) if command.direction}
     for name, commands in _by_name(survey).items():
         # If some are known to turn the vehicle, the others are left to the user.
-        mark = "# " if turning and name not in turning else ""
+        mark = "# " if turning and name not in turning and not survey.with_planar else ""
         yield ""
         yield from _reasons(commands)
         yield f"{mark}[[thrusters]]"
@@ -152,6 +153,9 @@ def _thrusters(survey: LogSurvey) -> Iterator[str]:
         if _is_motor(commands):
             yield from _motor(commands)
             continue
+        if survey.with_planar:
+            source = next(iter(commands.values())).source
+            yield from share_lines(source, list(survey.planar.values()))
         yield from (f"{mark}{line}" for line in _arm(survey, commands))
         yield f"{mark}curve = {toml_text(survey.curve)}"
         if survey.curve_guessed:
@@ -205,6 +209,9 @@ def _rudder_blocks(survey: LogSurvey) -> Iterator[str]:
         yield f"name = {toml_text(name)}"
         yield f"angle = {_source_table(angles)}"
         yield f"speed = {toml_text(rudder.speed)}"
+        mark = "" if survey.with_planar else "# "
+        yield f"{mark}position = [-1.0, 0.0]    # m ahead and to starboard; of surge, sway and yaw together: a guess"
+        yield '# behind = "NAME"              # the thruster in whose slipstream it stands'
         if rudder.wheelbase is None:
             yield "# coefficient =       # N m s^2/(m^2 rad): not in the logs; times and ratios hold without it"
         else:
@@ -262,13 +269,30 @@ def _signals(survey: LogSurvey) -> Iterator[str]:
     for name, guesses in named.items():
         yield from _reasons(guesses)
         yield f"{toml_key(name)} = {_source_table(guesses)}"
+    yield from _planar_signals(survey)
     if survey.axis.position_signal in survey.unrecognised:
         unit_name = "deg" if survey.axis.angular else "m"
         yield f'# {survey.axis.position_signal} = {{ {next(iter(survey.mappings))} = "COLUMN", unit = "{unit_name}" }}'
     for kind, mapping in survey.mappings.items():
-        if mapping.unused:
-            names = [display_text(source, LINE_LENGTH) for source in mapping.unused]
+        known = {one.source for one in survey.planar[kind].signals.values()} if kind in survey.planar else set()
+        if unused := [source for source in mapping.unused if source not in known]:
+            names = [display_text(source, LINE_LENGTH) for source in unused]
             yield f"# {kind}: not used: {', '.join(names[:_MAX_UNUSED])}{', …' if len(names) > _MAX_UNUSED else ''}"
+
+
+def _planar_signals(survey: LogSurvey) -> Iterator[str]:
+    """Velocities and positions, as comments unless surge, sway and yaw are wanted together."""
+    named: dict[str, dict[str, SignalGuess]] = {}
+    for kind, guess in survey.planar.items():
+        for name, signal in guess.signals.items():
+            named.setdefault(name, {})[kind] = signal
+    mark = "" if survey.with_planar else "# "
+    if named and mark:
+        yield "# For surge, sway and yaw together (--axes planar), give surge and sway, the shares of the thrust, of"
+        yield "# each thruster, and these signals. `rovid init LOGS --axes planar --force` guesses all of them:"
+    for name, guesses in named.items():
+        yield from _reasons(guesses)
+        yield f"{mark}{toml_key(name)} = {_source_table(guesses)}"
 
 
 def _join(survey: LogSurvey) -> Iterator[str]:

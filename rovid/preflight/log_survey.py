@@ -17,6 +17,7 @@ from rovid.core.signatures import GUESSED_CURVE as GUESSED
 from rovid.preflight.autopilot import thruster_outputs, vehicle_type
 from rovid.preflight.clock_alignment import ClockOffsets
 from rovid.preflight.log_reading import LogsRead, folder_of, is_thrust_curve, read_logs, resolve_source
+from rovid.preflight.planar_guess import PlanarGuess, guess_planar
 from rovid.preflight.raw_columns import SignalGuess
 from rovid.preflight.signal_guess import UNNAMED, ColumnMapping, map_columns
 from rovid.preflight.thruster_guess import GuessHints, ThrusterCommand
@@ -116,6 +117,9 @@ class LogSurvey:
     #: Files that are no logs or cannot be read, contradictions, and logs without a mapped signal.
     warnings: tuple[str, ...] = ()
     overrides: UserOverrides = field(default_factory=UserOverrides)
+    #: Format -> what surge and sway together with yaw need besides.
+    planar: Mapping[str, PlanarGuess] = field(default_factory=dict)
+    with_planar: bool = False  #: Whether the file is to be written for surge, sway and yaw together.
 
     @property
     def unrecognised(self) -> tuple[str, ...]:
@@ -142,6 +146,7 @@ class SurveyOptions:
     vehicle: str = ""  #: Type of vehicle.
     #: Whether the user can still name columns: logs without a recognised column are then accepted.
     interactive: bool = False
+    planar: bool = False  #: Whether surge, sway and yaw are wanted together.
 
 
 def survey(paths: Sequence[Path], options: SurveyOptions | None = None) -> LogSurvey:
@@ -209,7 +214,18 @@ def survey_read_logs(
             *_incomplete_logs(read, mappings),
         ),
         overrides=overrides or UserOverrides(),
+        planar=_planar(read, mappings) if options.axis is YAW else {},
+        with_planar=options.planar,
     )
+
+
+def _planar(read: LogsRead, mappings: Mapping[str, ColumnMapping]) -> dict[str, PlanarGuess]:
+    found = {}
+    for kind, mapping in mappings.items():
+        guess = guess_planar(read.logs[kind], set(mapping.sources), mapping.commands)
+        taken = mapping.signals.keys() & guess.signals.keys()
+        found[kind] = replace(guess, signals={name: one for name, one in guess.signals.items() if name not in taken})
+    return found
 
 
 def _map_formats(read: LogsRead, options: SurveyOptions, profile: VehiclePreset | None) -> dict[str, ColumnMapping]:

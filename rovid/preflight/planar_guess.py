@@ -1,0 +1,94 @@
+"""Guess the signals and the directions of thrust that surge, sway and yaw together need besides those of yaw."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from rovid.preflight.axis_guess import axis_signals
+from rovid.preflight.command_effects import CommandEffect, command_effects
+from rovid.preflight.raw_columns import (
+    COMMAND,
+    MIN_SAMPLES,
+    RawColumn,
+    SignalGuess,
+    ending_unit,
+    finite_values,
+    word_list,
+)
+from rovid.preflight.thruster_guess import Columns, ThrusterCommand
+from rovid.trial.axis import AXES
+from rovid.trial.signal_names import LENGTH_UNITS, name_words
+
+Log = Mapping[str, RawColumn]
+# Words of a position on the map.
+_MAP = {"north": {"north", "northing", "nord", "norte", "n"}, "east": {"east", "easting", "ost", "est", "este", "e"}}
+# Words of a thruster across the vehicle.
+_SIDEWAYS = word_list("axis", "sway") | {"tunnel", "querstrahlruder"}
+# Words of velocities, accelerations and errors.
+_NOT_POSITION = COMMAND | {"v", "vel", "velocity", "speed", "rate", "acc", "std", "sigma", "err", "error", "wind"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanarGuess:
+    """Findings in the logs of one format."""
+
+    signals: Mapping[str, SignalGuess] = field(default_factory=dict)  #: Name in rovid.toml -> column.
+    #: Axis (surge, sway) -> source of a command -> its effect along that axis.
+    effects: Mapping[str, Mapping[str, CommandEffect]] = field(default_factory=dict)
+
+
+def guess_planar(logs: Sequence[Log], taken: set[str], commands: Sequence[ThrusterCommand]) -> PlanarGuess:
+    """Velocities and positions in columns that are not ``taken``, and the effects of the ``commands`` on the former."""
+    columns: dict[str, list[RawColumn]] = {}
+    for log in logs:
+        for source, column in log.items():
+            columns.setdefault(source, []).append(column)
+    free = {source: found for source, found in columns.items() if len(found) == len(logs) and source not in taken}
+    signals: dict[str, SignalGuess] = {}
+    effects = {}
+    for name in ("surge", "sway"):
+        axis = AXES[name]
+        guess = axis_signals(axis, free, free, "").get(axis.rate_signal)
+        if guess is not None:
+            signals[axis.rate_signal] = guess
+            neutral = {command.source: command.neutral for command in commands}
+            effects[name] = command_effects(neutral, logs, guess) if neutral else {}
+    positions = {name: guess for name in _MAP if (guess := _position(name, free)) is not None}
+    if len(positions) == len(_MAP):
+        signals |= positions
+    return PlanarGuess(signals=signals, effects=effects)
+
+
+def _position(name: str, columns: Columns) -> SignalGuess | None:
+    """North or east in a unit of length, by the name of the column."""
+    for source, logged in columns.items():
+        words, unit, values = name_words(source), ending_unit(source), finite_values(logged)
+        if not words & _MAP[name] or words & _NOT_POSITION or (unit and unit not in LENGTH_UNITS):
+            continue
+        if len(values) >= MIN_SAMPLES and np.ptp(values) > 0.0:
+            reason = f"named so; {values.min():.4g} to {values.max():.4g}"
+            return SignalGuess(source=source, unit=unit or "m", reason=reason)
+    return None
+
+
+def share_lines(source: str, guesses: Sequence[PlanarGuess]) -> Iterator[str]:
+    """Lines of rovid.toml for the shares of a thruster along surge and sway, each marked as a guess.
+
+    A thruster that the logs show along neither is taken to push ahead; by its name to starboard.
+    """
+    shown: dict[str, CommandEffect] = {}
+    for axis in ("surge", "sway"):
+        for effect in (guess.effects[axis].get(source) for guess in guesses if axis in guess.effects):
+            if effect is not None and effect.direction:
+                shown[axis] = effect
+    if not shown:
+        axis = "sway" if name_words(source) & _SIDEWAYS else "surge"
+        yield f"{axis} = 1.0            # share of the thrust along {axis}: an assumption, the logs do not show it"
+        yield f"{axis}_guessed = 1.0    # a guess as long as both are equal; 0 if it does not push along {axis}"
+    for axis, effect in shown.items():
+        share = f"{effect.direction:.1f}"
+        yield f"{axis} = {share}            # share of the thrust along {axis}: the sign is that of the logs"
+        yield f"{axis}_guessed = {share}    # a guess as long as both are equal ({effect.text})"
