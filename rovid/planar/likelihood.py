@@ -19,7 +19,8 @@ from rovid.estimate.fisher_information import (
     total_negative_log_likelihood,
 )
 from rovid.planar.coordinates import PlanarCoordinates, is_of_actuators
-from rovid.planar.kernels import SENSORS, empty_states, filter_runs
+from rovid.planar.integration import STATES
+from rovid.planar.kernels import SENSORS, filter_runs
 from rovid.planar.model import PlanarModel
 from rovid.planar.smoothing import run_inputs
 
@@ -157,7 +158,7 @@ class PlanarLikelihood:
         grid, model = self.grid, self.coordinates.model(x)
         inputs = grid.inputs(model) if self.has_actuator_effects else grid.plain_inputs
         error, variance = np.empty((2, len(grid.values)))
-        states = np.zeros((len(grid.time), empty_states().shape[1])) if keep else empty_states()
+        states = np.zeros((len(grid.time) if keep else 0, STATES))
         filter_runs(
             grid.offsets,
             grid.time,

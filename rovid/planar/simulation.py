@@ -11,7 +11,7 @@ from rovid.core.array_types import FloatArray
 from rovid.estimate.estimate import r_squared
 from rovid.planar.coordinates import is_of_actuators
 from rovid.planar.dataset import PlanarData, PlanarRun
-from rovid.planar.kernels import CURRENT, HEADING, NORTH, STATES, SURGE, simulate_runs
+from rovid.planar.integration import CURRENT, HEADING, NORTH, STATES, SURGE, simulate_runs
 from rovid.planar.model import AXIS_NAMES, PlanarModel
 from rovid.planar.smoothing import measured_axes, run_inputs, slowest_interval, smooth_run
 

@@ -24,7 +24,7 @@ _WIDTHS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
 _STALL = math.radians(35.0)
 # Currents of the search: speeds in shares of the RMS speed, and number of directions.
 _CURRENT_SHARES, _CURRENT_DIRECTIONS = (0.15, 0.4, 0.8, 1.5), 12
-# Least share of the smoothed points of all runs for a width, and largest coupling of sway and yaw in the inertia.
+# Largest coupling of sway and yaw in the inertia.
 _MAX_COUPLING = 0.8
 
 
@@ -151,39 +151,59 @@ def _slipstreams(rudders: tuple[RudderModel, ...], rows: _StackedRuns) -> list[F
 def _regression(
     rows: _StackedRuns, axes: FloatArray, rudders: tuple[RudderModel, ...], slipstreams: FloatArray
 ) -> tuple[float, FloatArray]:
-    """Share of the variance left, and (10 + rudders,) base parameters and lifts, by bounded least squares."""
+    """Share of the variance left, and (10 + rudders,) base parameters and lifts, by bounded least squares.
+
+    One equation after the other, each with what the equations before it gave: an axis without an actuator, as sway
+    often is, takes its scale from the centripetal force of surge. Fossen 2011, equation 6.57.
+    """
     u, v, r = rows.speeds.T
     du, dv, dr = rows.accelerations.T
-    zero = np.zeros(len(u))
-    # Columns: inertias of surge, sway, yaw, sway_yaw; linear drags; quadratic drags. Fossen 2011, equation 6.57.
-    surge = [du, -v * r, zero, -r * r, u, zero, zero, np.abs(u) * u, zero, zero]
-    sway = [u * r, dv, zero, dr, zero, v, zero, zero, np.abs(v) * v, zero]
-    yaw = [-u * v, u * v, dr, dv + u * r, zero, zero, r, zero, zero, np.abs(r) * r]
-    columns = [np.column_stack(one) for one in (surge, sway, yaw)]
-    for at, rudder in enumerate(rudders):
-        unit = _unit_rudder_forces(rudder, float(slipstreams[at]), rows, at)
-        columns = [np.column_stack((one, -unit[:, axis])) for axis, one in enumerate(columns)]
     forces = rows.inputs[:, :INPUT_COUNT]
-    size = np.sqrt(np.mean(forces**2, axis=0))
-    coriolis = np.array([0.0, np.mean((u * r) ** 2) ** 0.5, 0.0])
-    matrix, right = [], []
-    for axis in range(3):
-        if axes[axis]:
-            # An axis without an actuator is weighted by a mass of one in a turn; with one, by its force.
-            weight = 1.0 / max(size[axis], 1e-3 * size.max(), coriolis[axis], 1e-300)
-            matrix.append(weight * columns[axis])
-            right.append(weight * forces[:, axis])
-    stacked, target = np.vstack(matrix), np.concatenate(right)
-    scale = np.sqrt(np.mean(stacked**2, axis=0))
-    used = scale > 1e-9 * scale.max()
-    used[:3] &= axes
-    low = np.full(stacked.shape[1], 0.0)
-    low[3] = -np.inf
-    values = np.zeros(stacked.shape[1])
-    solved = lsq_linear(stacked[:, used] / scale[used], target, (low[used], np.full(used.sum(), np.inf)))
-    values[used] = solved.x / scale[used]
-    power = float(target @ target)
-    return 2.0 * float(solved.cost) / max(power, 1e-300), values
+    units = [_unit_rudder_forces(rudder, float(slipstreams[at]), rows, at) for at, rudder in enumerate(rudders)]
+    values = np.zeros(BASE_COUNT + len(rudders))
+    values[BASE_COUNT:] = [rudder.lift for rudder in rudders]
+    left = []
+    if axes[0]:
+        # The inertia and damping of surge; what the sway and the turn add is left to its own coefficients.
+        columns = [du, u, np.abs(u) * u, -v * r, -r * r, *[-unit[:, 0] for unit in units]]
+        found, share = _bounded(columns, forces[:, 0], free=(3, 4))
+        values[[0, 4, 7]] = found[:3]
+        left.append(share)
+    if axes[1]:
+        columns = [dv, v, np.abs(v) * v, dr, *[-unit[:, 1] for unit in units]]
+        found, share = _bounded(columns, forces[:, 1] - values[0] * u * r, free=(3,))
+        values[[1, 5, 8, 3]] = found[:4]
+        if not forces[:, 2].any():
+            values[BASE_COUNT:] = np.where(values[BASE_COUNT:] > 0.0, values[BASE_COUNT:], found[4:])
+        left.append(share)
+    munk = (values[0] - values[1]) * u * v - values[3] * (dv + u * r)
+    known = sum((lift * unit[:, 2] for lift, unit in zip(values[BASE_COUNT:], units, strict=True)), np.zeros(len(u)))
+    columns = [dr, r, np.abs(r) * r]
+    if forces[:, 2].any():
+        columns += [-unit[:, 2] for unit in units]
+        known = np.zeros(len(u))
+    found, share = _bounded(columns, forces[:, 2] + munk + known, free=())
+    values[[2, 6, 9]] = found[:3]
+    if len(found) > 3:
+        values[BASE_COUNT:] = found[3:]
+    left.append(share)
+    return float(np.mean(left)), values
+
+
+def _bounded(columns: Sequence[FloatArray], target: FloatArray, free: tuple[int, ...]) -> tuple[FloatArray, float]:
+    """Coefficients of 0 or more, ``free`` ones of either sign, and the share of the target's power that is left."""
+    matrix = np.column_stack(columns)
+    scale = np.sqrt(np.mean(matrix**2, axis=0))
+    used = scale > 1e-12 * max(float(scale.max()), 1e-300)
+    low = np.zeros(len(scale))
+    low[list(free)] = -np.inf
+    values, power = np.zeros(len(scale)), float(target @ target)
+    if not power > 0.0 or not used.any():
+        return values, 1.0
+    size = math.sqrt(power / len(target))
+    solved = lsq_linear(matrix[:, used] / scale[used], target / size, (low[used], np.full(int(used.sum()), np.inf)))
+    values[used] = solved.x * size / scale[used]
+    return values, 2.0 * float(solved.cost) * size**2 / power
 
 
 def _unit_rudder_forces(rudder: RudderModel, slipstream: float, rows: _StackedRuns, number: int) -> FloatArray:

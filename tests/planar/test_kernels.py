@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from rovid.core.array_types import FloatArray
 from rovid.effects import PLANAR_FORMS, effect_named
 from rovid.model.bound_effects import BoundEffect
-from rovid.planar import kernels, reference
+from rovid.planar import integration, kernels, reference
 from rovid.planar.model import PlanarModel, RudderModel, from_log_cholesky, log_cholesky
 
 BASE = np.array([30.0, 45.0, 3.0, 2.0, 10.0, 20.0, 2.0, 15.0, 40.0, 4.0])
@@ -60,8 +60,8 @@ def test_free_run_agrees_with_scipy(case: str) -> None:
     model, columns = case_model(case)
     time, inputs = np.arange(400) * 0.1, held_inputs(400, columns)
     start = np.array([0.3, 0.6, -0.05, 0.02, 1.0, 2.0])
-    states = np.zeros((400, kernels.STATES))
-    kernels.simulate_runs(np.array([0, 400]), time, inputs, start[None], SPEEDS, False, model.coefficients, states)
+    states = np.zeros((400, integration.STATES))
+    integration.simulate_runs(np.array([0, 400]), time, inputs, start[None], SPEEDS, False, model.coefficients, states)
     current = np.array(model.current)
     rotated = np.array([[np.cos(0.3), np.sin(0.3)], [-np.sin(0.3), np.cos(0.3)]]) @ current
 
@@ -108,7 +108,7 @@ def test_filter_agrees_with_the_reference(case: str) -> None:
     sensors = np.array([kernels.SENSORS.index(name) for each in events for name, _ in each])
     values = np.array([value for each in events for _, value in each])
     error, variance = np.zeros((2, len(values)))
-    states = np.zeros((count, kernels.STATES))
+    states = np.zeros((count, integration.STATES))
     stds = np.array([0.0, *start_std, 0.0, 0.0])
     grid = np.array([0, count]), time, inputs, offsets, sensors, values, start[None], stds[None], SPEEDS, False
     kernels.filter_runs(*grid, model.coefficients, numbers, error, variance, states)
