@@ -21,7 +21,7 @@ from rovid.model.bound_effects import BoundEffect
 from rovid.model.model import Model
 from rovid.planar.actuators import PlanarActuators, PlanarCommands
 from rovid.planar.dataset import PlanarData
-from rovid.planar.kernels import STATES, SURGE, simulate_runs
+from rovid.planar.integration import STATES, SURGE, simulate_runs
 from rovid.planar.model import BASE_NAMES, PlanarModel, RudderModel
 from rovid.store.parameter_file import Entry, Parameters
 from rovid.trial.assumptions import Assumptions

@@ -18,7 +18,7 @@ from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.estimate.fisher_information import negative_log_likelihoods
 from rovid.planar.chord_fit import Linearisation, chord_fit
 from rovid.planar.dataset import PlanarData
-from rovid.planar.kernels import CURRENT, HEADING, NORTH, STATES, SURGE, simulate_runs
+from rovid.planar.integration import CURRENT, HEADING, NORTH, STATES, SURGE, simulate_runs
 from rovid.planar.model import CURRENT_INDEX, INPUT_COUNT
 from rovid.planar.optimum import PlanarOptimum
 from rovid.planar.smoothing import measured_axes, slowest_interval, smooth_run
