@@ -72,7 +72,7 @@ def spec_of(truth: dict[str, Any]) -> str:
 
 def judged(seed: int, index: int, options: argparse.Namespace) -> dict[str, Any]:
     """One campaign: drawn, written, fitted with the true cause, diagnosed, and fitted along yaw alone."""
-    campaign = draw(seed, index, options.hidden, options.family)
+    campaign = draw(seed, index, options.hidden, options.family, samples=options.samples)
     truth = truth_of(campaign)
     with tempfile.TemporaryDirectory() as room:
         folder = (options.keep or Path(room)) / f"planar_{seed}_{index:04d}"
@@ -110,6 +110,7 @@ def main() -> None:
     parser.add_argument("--family", choices=list(FAMILIES), help="random by default")
     parser.add_argument("--commands", nargs="*", default=["diagnose", "yaw"], choices=["diagnose", "yaw"],
                         help="besides the planar fit")  # fmt: skip
+    parser.add_argument("--samples", type=int, default=20_000, help="largest number of readings of a sensor")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--timeout", type=float, default=300.0, help="seconds that a command may take")
     parser.add_argument("--state", type=Path, help="a file of JSON lines, added to")

@@ -24,11 +24,12 @@ def main() -> None:
     parser.add_argument("--hidden", metavar="none|ID|ID:FORM", help="what is hidden; random by default")
     parser.add_argument("--sensors", nargs="+", choices=list(SIGNALS), help="compass first; random by default")
     parser.add_argument("--format", choices=["csv", "csv_parts", "mcap"], help="random by default")
+    parser.add_argument("--samples", type=int, default=20_000, help="largest number of readings of a sensor")
     options = parser.parse_args()
     sensors = tuple(options.sensors) if options.sensors else None
     for index in range(options.start, options.start + options.count):
         campaign = draw(options.seed, index, options.hidden, options.family, sensors=sensors,
-                        log_format=options.format)  # fmt: skip
+                        log_format=options.format, samples=options.samples)  # fmt: skip
         folder = options.out / f"planar_{options.seed}_{index:04d}"
         write_campaign(folder, campaign)
         folder.with_suffix(".truth.json").write_text(json.dumps(truth_of(campaign), indent=1) + "\n", encoding="utf-8")

@@ -21,7 +21,6 @@ CLOCKS = ("relative", "epoch", "iso8601")
 _SHARE_NOTHING = 0.3
 _SHARE_POOR = 0.3
 _LEAST, _MOST = 8.0, 45.0  # per cent: how far a hidden cause changes the velocities
-_MOST_SAMPLES = 40_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,10 +71,12 @@ class Campaign:
 def draw(
     seed: int, index: int, hidden: str | None = None, family: str | None = None,
     *, sensors: tuple[str, ...] | None = None, log_format: str | None = None, kinds: tuple[str, ...] = (),
+    samples: int = 20_000,
 ) -> Campaign:  # fmt: skip
     """Draw a campaign; ``hidden`` is "none", an effect or "effect:form", by default a random one or nothing.
 
-    ``kinds`` are the programmes of the runs, as in `programme.plan`. The vehicle depends on seed, index and family.
+    ``kinds`` are the programmes of the runs, as in `programme.plan`. ``samples`` bounds the readings of a sensor. The
+    vehicle depends on seed, index and family.
     """
     rng = np.random.default_rng([seed, index, zlib.crc32(b"planar")])
     family = family or str(rng.choice(list(FAMILIES)))
@@ -95,7 +96,7 @@ def draw(
     count = int(rng.integers(2, 9))
     count = len(kinds) or count
     fastest = max(sensor.rate for sensor in instruments)
-    total = min(log_uniform(rng, 150.0, 400.0) * scale, _MOST_SAMPLES / fastest)
+    total = min(log_uniform(rng, 150.0, 400.0) * scale, samples / fastest)
     lengths = np.round(total / count * rng.uniform(0.7, 1.3, count), 2)
     if vehicle.ship.length:  # two to four periods of a zigzag
         lengths = np.round(scale * rng.uniform(25.0, 45.0, count), 2)
