@@ -207,7 +207,7 @@ def _measures(records: Sequence[Record], exact: Sequence[Record]) -> list[tuple[
         ("nothing hidden, a false cause", _share(calm.count("false"), len(calm))),
         ("undetermined parameters refused, or with a large error", _share(right, right + wrong)),
         ("parameters refused that the logs determine within 5 %", str(vain)),
-        ("time of the fit", _seconds(records, "fit")),
-        ("time of the diagnosis", _seconds(records, "diagnose")),
+        ("processor time of the fit, on one core", _seconds(records, "fit")),
+        ("processor time of the diagnosis, on one core", _seconds(records, "diagnose")),
         ("commands without an answer", str(failed)),
     ]  # fmt: skip
