@@ -69,11 +69,11 @@ def init(
     from rovid.present.documents.results import survey_document
     from rovid.present.terminal.results import show_survey
 
+    planar = is_planar(axes, axis)
     # An existing file is an error before the logs are read.
     OutputSet([output_files(logs)[0]], force=force)
     commands = tuple(part.strip() for part in (command or "").split(",") if part.strip())
     headings = (heading,) if heading else ()
-    planar = is_planar(axes, axis)
     options = SurveyOptions(
         axis=named_axis(axis), headings=headings, commands=commands, vehicle=vehicle or "", planar=planar
     )

@@ -218,8 +218,9 @@ def _missing_runs(data: PlanarData, smooth: Sequence[SmoothRun]) -> Iterator[Adv
         terms = {"inertia": change, "linear_drag": rate, "quadratic_drag": np.abs(rate) * rate}
         weak = _confused(terms)
         if weak:
-            listed = " and ".join(f"{axis}.{name}" for name in weak)
-            text = f"{_RUNS[axis, 'inertia' in weak]} Without it {listed} cannot be told apart by these logs."
+            *others, last = [f"{axis}.{name}" for name in weak]
+            listed = f"{', '.join(others)} and {last}" if others else last
+            text = f"{_RUNS[axis, 'inertia' in weak]} These logs do not determine {listed} one by one."
             yield Advice(kind="missing_run", text=text)
     if measured[0] and measured[1]:
         yield from _coupling_advice(data, speeds, np.concatenate([run.heading for run in smooth]))

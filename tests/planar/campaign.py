@@ -59,10 +59,10 @@ class Motion:
         for k in range(len(time) - 1):
             u[k + 1] = u[k] + step * (force[k, 0] - 60.0 * u[k]) / 50.0
             r[k + 1] = r[k] + step * (force[k, 1] - 20.0 * r[k]) / 8.0
-        heading = 1.0 + np.cumsum(r) * step
+        heading = 1.0 + _integral(r, step)
         v = 0.1 * u
-        north = np.cumsum(u * np.cos(heading) - v * np.sin(heading)) * step
-        east = np.cumsum(u * np.sin(heading) + v * np.cos(heading)) * step
+        north = _integral(u * np.cos(heading) - v * np.sin(heading), step)
+        east = _integral(u * np.sin(heading) + v * np.cos(heading), step)
         columns = {"hdg": np.degrees(heading), "gyro": np.degrees(r), "u": u, "v": 100.0 * v, "n": north, "e": east}
         object.__setattr__(self, "time", time)
         object.__setattr__(self, "columns", columns)
@@ -75,6 +75,10 @@ class Motion:
     def at(self, name: str, stamps: FloatArray) -> FloatArray:
         """Values of a column at ``stamps`` in s."""
         return np.interp(stamps, self.time, self.columns[name])
+
+
+def _integral(rate: FloatArray, step: float) -> FloatArray:
+    return np.concatenate(([0.0], np.cumsum(0.5 * step * (rate[1:] + rate[:-1]))))
 
 
 def stamps_of(sensor: str, seconds: float) -> FloatArray:

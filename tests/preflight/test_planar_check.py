@@ -1,0 +1,121 @@
+"""`rovid check` and `rovid init` for surge, sway and yaw together."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rovid.preflight.planar_check import PlanarCheck, check_planar
+from rovid.trial.config import load_planar_config
+from tests.conftest import Rovid
+from tests.planar.campaign import PORT_AND_STARBOARD, SIGNALS, Motion, write_campaign, write_log
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    made = tmp_path_factory.mktemp("planar")
+    write_campaign(made)
+    return made
+
+
+def checked(folder: Path) -> PlanarCheck:
+    return check_planar([folder], load_planar_config(folder / "rovid.toml"))
+
+
+def test_a_check_has_rate_and_gaps_of_each_sensor(folder: Path, rovid: Rovid) -> None:
+    document = rovid("check", folder, "--axes", "planar", "--json").document
+    assert (document["schema"], document["axes"]) == ("rovid-check/1", "planar")
+    sensors = {sensor["name"]: sensor for sensor in document["sensors"]}
+    for name, (rate, gaps) in {"heading": (20.0, 0), "surge_velocity": (5.0, 2), "east": (1.0, 0)}.items():
+        assert sensors[name]["rate"] == pytest.approx(rate, rel=1e-3)
+        assert (sensors[name]["gaps"], sensors[name]["logs"]) == (gaps, 2)
+    assert sensors["sway_velocity"]["longest_gap"] == pytest.approx(15.2, abs=0.21)  # 15 s without, and an interval
+    surge, sway, yaw = document["degrees_of_freedom"]
+    assert (surge["actuators"], sway["actuators"], yaw["actuators"]) == (
+        ["port", "starboard"],
+        [],
+        ["port", "starboard"],
+    )
+    assert sway["force"] == 0.0
+    assert 0.0 < sway["velocity"] < surge["velocity"]
+    assert "sway" in rovid("check", folder, "--axes", "planar").out
+
+
+def test_a_latency_and_a_sign_show(tmp_path: Path) -> None:
+    late = 0.25
+    for number in range(2):
+        motion = Motion(seed=number)
+        # A position reports where the vehicle was.
+        motion.columns["n"], motion.columns["e"] = (
+            np.interp(motion.time - late, motion.time, motion.columns[name]) for name in ("n", "e")
+        )
+        write_log(tmp_path / f"run_{number}.csv", motion)
+    write_campaign(tmp_path, logs=0)
+    check = checked(tmp_path)
+    (lag,) = (one for one in check.lags if one.late == "position")
+    # The speed is interpolated over 0.2 s, and the latencies tried are 0.025 s apart.
+    assert lag.seconds == pytest.approx(late, abs=0.01)
+    assert lag.scale == pytest.approx(1.0, abs=0.02)
+    assert any(one.kind == "latency" and "position is 0.2" in one.text for one in check.advice)
+    (gyro,) = (one for one in check.lags if one.late == "heading")
+    assert abs(gyro.seconds) < 0.01
+    astern = SIGNALS.replace('{ csv = "u" }', '{ csv = "u", sign = -1 }')
+    (tmp_path / "rovid.toml").write_text(PORT_AND_STARBOARD + astern)
+    assert any(one.kind == "sensors_disagree" and one.weight == "grave" for one in checked(tmp_path).advice)
+    assert checked(tmp_path).verdict == "no_go"
+
+
+def test_a_check_names_what_is_not_measured(folder: Path, tmp_path: Path) -> None:
+    for path in folder.glob("*.c*"):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    kept = [line for line in SIGNALS.splitlines() if not line.startswith(("surge", "sway", "north", "east"))]
+    (tmp_path / "rovid.toml").write_text(PORT_AND_STARBOARD + "\n".join(kept))
+    check = checked(tmp_path)
+    assert [axis.measured for axis in check.axes] == [False, False, True]
+    assert math.isnan(check.axes[0].velocity)
+    assert any(one.kind == "unmeasured" and "surge and sway cannot" in one.text for one in check.advice)
+
+
+def test_a_check_names_the_runs_that_are_missing(tmp_path: Path) -> None:
+    write_campaign(tmp_path, logs=0)
+    motion = Motion(seed=0)
+    speed = 0.5 * np.tanh(motion.time / 3.0) + 1e-4 * np.sin(motion.time)
+    motion.columns["u"], motion.columns["v"] = speed, 100.0 * 0.05 * np.radians(motion.columns["gyro"])
+    write_log(tmp_path / "run.csv", motion)
+    signals = "\n".join(line for line in SIGNALS.splitlines() if not line.startswith(("north", "east")))
+    (tmp_path / "rovid.toml").write_text(PORT_AND_STARBOARD + signals)
+    texts = [one.text for one in checked(tmp_path).advice if one.kind == "missing_run"]
+    assert any("ahead and astern" in text and "surge.linear_drag and surge.quadratic_drag" in text for text in texts)
+    assert any("turns at two or more speeds ahead" in text for text in texts)  # Sway follows yaw.
+
+
+def test_init_writes_the_shares_that_the_logs_show(folder: Path, tmp_path: Path, rovid: Rovid) -> None:
+    for path in folder.glob("run*.csv"):
+        text = path.read_text()
+        names = {"a": "port_cmd", "b": "starboard_cmd", "u": "u_m_s", "v": "v_cm_s", "n": "north_m", "e": "east_m"}
+        header, rest = text.split("\n", 1)
+        columns = [names.get(name, name) for name in header.replace("hdg", "heading_deg").split(",")]
+        (tmp_path / path.name).write_text(",".join(columns).replace("t,", "time_s,", 1) + "\n" + rest)
+    plain = rovid("init", tmp_path, "--json")
+    assert plain.code == 0, plain.err
+    text = (tmp_path / "rovid.toml").read_text()
+    assert '# surge_velocity = { csv = "u_m_s", unit = "m/s" }' in text
+    assert "surge = " not in text
+    assert rovid("init", tmp_path, "--axes", "planar", "--force", "--json").code == 0
+    config = load_planar_config(tmp_path / "rovid.toml")
+    assert {"surge_velocity", "sway_velocity", "north", "east"} <= config.signals.keys()
+    port, starboard = config.vehicle.thrusters
+    assert (port.surge_share, starboard.surge_share) == (1.0, 1.0)
+    assert (port.arm, starboard.arm) == (1.0, -1.0)
+    assert port.arm_guessed
+    assert rovid("check", tmp_path, "--axes", "planar").code == 0
+
+
+def test_planar_and_a_single_axis_exclude_each_other(folder: Path, rovid: Rovid) -> None:
+    for command in ("check", "init"):
+        done = rovid(command, folder, "--axes", "planar", "--axis", "surge")
+        assert done.code == 2
+        assert "--axes" in done.err
