@@ -42,7 +42,6 @@ class PlanarForces:
     """Means from each of n instants to the next; the last value is held."""
 
     force: FloatArray  #: (n, 3) N, N, N m; of all thrusters along surge, sway and yaw.
-    thrust: FloatArray  #: (n, k) N; of each thruster, N m for a logged torque.
     angle: FloatArray  #: (n, p) rad; of each rudder.
     slipstream_thrust: FloatArray  #: (n, p) N; of the thruster ahead of each rudder, zero for a free rudder.
 
@@ -110,20 +109,27 @@ class PlanarActuators:
         Effects of time (delay, lag, clock offset) act on angles, too. All others act on thrusters alone.
         """
         thrusts, angles = ActuatorModel(tuple(effects)), ActuatorModel(tuple(e for e in effects if _is_of_time(e)))
-        of_thrusts = commands.of_thrusts(_parts(thrusts))
-        count = len(self.thrusters.thrusters)
-        thrust = _columns(thrusts.mean_forces(of_thrusts, list(np.eye(count))), commands.count)
-        force = thrust @ self.matrix.T
+        # Thrusts that are needed by themselves, and the rows of forces that any other thruster drives.
+        alone = sorted({number for number, _ in self._turned} | {at for at in self._behind if at >= 0})
+        fixed = self.matrix.copy()
+        fixed[:, [number for number, _ in self._turned]] = 0.0
+        driven = np.flatnonzero(fixed.any(axis=1)).tolist()
+        weights = [*fixed[driven], *np.eye(fixed.shape[1])[alone]]
+        found = thrusts.mean_forces(commands.of_thrusts(_parts(thrusts)), weights)
+        force = np.zeros((commands.count, 3))
+        for axis, series in zip(driven, found, strict=False):
+            force[:, axis] = series
+        thrust = dict(zip(alone, found[len(driven) :], strict=True))
         angle = np.zeros((commands.count, 0))
         if len(self.angle_columns):
             of_angles = commands.of_angles(_parts(angles))
             angle = _columns(angles.mean_forces(of_angles, list(np.eye(len(self.angle_columns)))), commands.count)
             # Azimuth angles are slow beside thrust: their means turn the mean thrust.
             for number, at in self._turned:
-                force += _turned_force(self.thrusters, number, thrust[:, number], angle[:, at])
+                force += _turned_force(self.thrusters, number, thrust[number], angle[:, at])
         is_rudder = [one.rudder is not None for one in self.angles.thrusters]
-        behind = [thrust[:, at] if at >= 0 else np.zeros(commands.count) for at in self._behind]
-        return PlanarForces(force, thrust, angle[:, is_rudder], _columns(behind, commands.count))
+        behind = [thrust[at] if at >= 0 else np.zeros(commands.count) for at in self._behind]
+        return PlanarForces(force, angle[:, is_rudder], _columns(behind, commands.count))
 
 
 class PlanarCommands:
@@ -179,11 +185,11 @@ def _with_columns(trial: Trial, columns: IntArray, *, unwrapped: bool = False) -
 
 
 def _turned_force(vehicle: Vehicle, number: int, thrust: FloatArray, azimuth: FloatArray) -> FloatArray:
-    """(n, 3) by which the azimuth changes the force of a thruster with (n,) ``thrust`` in N."""
+    """(n, 3) force of a thruster with (n,) ``thrust`` in N at (n,) ``azimuth`` in rad."""
     one = vehicle.thrusters[number]
     x, y = one.position or (0.0, 0.0)
     cos, sin = np.cos(azimuth), np.sin(azimuth)
     ahead = one.surge_share * cos - one.sway_share * sin
     starboard = one.surge_share * sin + one.sway_share * cos
     turned = np.column_stack((ahead, starboard, x * starboard - y * ahead))
-    return np.asarray(thrust[:, None] * (turned - np.array([one.surge_share, one.sway_share, one.arm])))
+    return np.asarray(thrust[:, None] * turned)

@@ -151,9 +151,9 @@ def test_a_rudder_keeps_its_angle_and_knows_its_screw(tmp_path: Path) -> None:
     data = read(tmp_path)  # No speed is logged.
     run, rudder = data.runs[0], data.actuators.rudders[0]
     forces, (revolutions, angle) = run.forces(), run.trial.commands.T
-    np.testing.assert_allclose(forces.thrust[:, 0], 3.0 * np.abs(revolutions) * revolutions, atol=0.1)  # curve's points
+    np.testing.assert_allclose(forces.force[:, 0], 3.0 * np.abs(revolutions) * revolutions, atol=0.1)  # curve's points
     np.testing.assert_allclose(forces.angle[:, 0], angle, atol=1e-12)
-    np.testing.assert_array_equal(forces.slipstream_thrust, forces.thrust)
+    np.testing.assert_array_equal(forces.slipstream_thrust[:, 0], forces.force[:, 0])
     np.testing.assert_array_equal(forces.force[:, 1:], 0.0)
     assert (rudder.position, rudder.behind, rudder.stall) == ((-1.5, 0.0), "screw", None)
     assert rudder.lift == pytest.approx(0.5 * 1000.0 * 0.01 * 2.45)
