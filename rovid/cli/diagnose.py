@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 from rovid.cli.context import (
     compile_in_background,
@@ -14,7 +16,8 @@ from rovid.cli.context import (
     store_estimate,
 )
 from rovid.cli.help_format import Page
-from rovid.cli.options import AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile, TimeBudget
+from rovid.cli.options import Axes, AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile, TimeBudget
+from rovid.cli.planar_session import is_planar, open_planar_session, store_planar_fit
 from rovid.cli.progress import progress
 
 PAGE = Page(
@@ -24,6 +27,8 @@ PAGE = Page(
     that were not fitted; the error that stays unexplained; the parameters that the data do not determine; and the next
     run to make. Writes the final model to the parameter file.
 
+    With --axes planar, surge, sway and yaw are diagnosed together. Couplings and a current then are causes, too.
+
     Use it after fit-drag and fit-inertia, or directly. It takes seconds, and a minute at most for each hour of logs.
     With --budget it ends earlier or later, and says what it did not try. With four or more trials, the tests leave out
     whole trials.
@@ -32,6 +37,7 @@ PAGE = Page(
         ("The logs named in the parameter file", "rovid diagnose"),
         ("A folder of logs, into another parameter file", "rovid diagnose my_logs -p tank.toml"),
         ("Motion along surge", "rovid diagnose surge_logs --axis surge"),
+        ("Surge, sway and yaw together", "rovid diagnose planar_logs --axes planar"),
         ("Published tables", "rovid diagnose my_tables -p tables.toml"),
     ),
     see=("rovid fit --effect", "rovid plan", "rovid report", "rovid help confusion"),
@@ -42,6 +48,7 @@ def diagnose(
     logs: OptionalLogs = None,
     *,
     axis: AxisName = None,
+    axes: Axes = None,
     parameters: ParameterFile = None,
     cutoff: Cutoff = None,
     budget: TimeBudget = None,
@@ -49,6 +56,9 @@ def diagnose(
     json: Json = False,
 ) -> None:
     """Find the errors of the simulation and their causes."""
+    if is_planar(axes, axis, cutoff=cutoff):
+        _diagnose_planar(logs, parameters, budget, force=force, json=json)
+        return
     with prefetch_logs(logs, parameters, axis, force=force) as prefetch:
         if compile_in_background():
             # The compilation already uses the second core.
@@ -78,3 +88,30 @@ def diagnose(
         show_warnings(console(), [*study.remarks(), *diagnosis.warnings])
         if diagnosis.extended is not None:
             print_text(console(), f"written to {session.stored.path}")
+
+
+def _diagnose_planar(
+    logs: Sequence[Path] | None, parameters: Path | None, budget: float | None, *, force: bool, json: bool
+) -> None:
+    """Diagnose surge, sway and yaw together."""
+    from rovid.present.console import print_text, show_caution, show_faults, show_warnings
+    from rovid.present.documents.planar_diagnosis import planar_diagnosis_document, planar_faults
+    from rovid.present.terminal.planar_diagnosis import show_planar_diagnosis
+
+    session = open_planar_session(logs, parameters, force=force, require_sound=False)
+    study = session.study
+    with progress("Diagnosing …") as report:
+        diagnosis = study.diagnosis(report, force=force, budget=budget)
+    diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, *session.notes))
+    if diagnosis.extended is not None:
+        store_planar_fit(session, diagnosis.extended.fit)
+    if json:
+        print_json(planar_diagnosis_document(diagnosis, study))
+        return
+    guess = study.vehicle.assumptions
+    show_caution(console(), guess)
+    show_faults(console(), planar_faults(diagnosis, study))
+    show_planar_diagnosis(console(), diagnosis, guess)
+    show_warnings(console(), [*study.remarks(), *diagnosis.warnings])
+    if diagnosis.extended is not None:
+        print_text(console(), f"written to {session.stored.path}")

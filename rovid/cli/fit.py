@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from rovid.cli import completion
-from rovid.cli.context import compile_in_background, fit_and_store, open_session
+from rovid.cli.context import compile_in_background, console, fit_and_store, open_session, print_json
 from rovid.cli.help_format import Page
-from rovid.cli.options import AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile, option
+from rovid.cli.options import Axes, AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile, option
+from rovid.cli.planar_session import is_planar, open_planar_session, store_planar_fit
+from rovid.cli.progress import progress
 
 PAGE = Page(
     text="""
     Reads any logs and fits inertia, drag, disturbance and noise together, by maximum likelihood of the Kalman filter's
     innovations. Writes all parameters with their covariance to the parameter file. --effect adds a physical effect to
     the model and fits its parameters with the rest. Effects in the parameter file that are not given are removed.
+
+    With --axes planar, surge, sway and yaw are fitted together in a current, with all measured speeds and positions;
+    the parameters go to parameters_planar.toml. Combinations that the logs do not determine are named.
 
     Use it for the most precise parameters, and always if an autopilot was active, because feedback biases the simpler
     methods. Use diagnose to find out which effect is missing.
@@ -27,6 +35,7 @@ PAGE = Page(
             "With one form of an effect, and one more effect",
             "rovid fit --effect thruster_lag:rotor --effect bias_torque",
         ),
+        ("Surge, sway and yaw together", "rovid fit planar_logs --axes planar"),
         ("A dive with an active autopilot", "rovid fit rov_logs/dive.csv -p dive.toml"),
     ),
     see=("rovid diagnose", "rovid simulate", "rovid help effects"),
@@ -44,12 +53,16 @@ def fit(
         bool, typer.Option("--gyro", help="Also fit the logged rates, if they come from a gyro of their own.")
     ] = False,
     axis: AxisName = None,
+    axes: Axes = None,
     parameters: ParameterFile = None,
     cutoff: Cutoff = None,
     force: Force = False,
     json: Json = False,
 ) -> None:
     """Fit all parameters by maximum likelihood."""
+    if is_planar(axes, axis, gyro=gyro, cutoff=cutoff):
+        _fit_planar(logs, effect or [], parameters, force=force, json=json)
+        return
     compile_in_background()
     from rovid.effects import effect_named
     from rovid.present.documents.fits import likelihood_document
@@ -66,3 +79,24 @@ def fit(
         *["--gyro"] * gyro,
         json=json,
     )
+
+
+def _fit_planar(
+    logs: Sequence[Path] | None, effects: Sequence[str], parameters: Path | None, *, force: bool, json: bool
+) -> None:
+    """Fit surge, sway and yaw together, store the parameters and print them."""
+    from rovid.present.documents.planar import planar_fit_document
+    from rovid.present.terminal.planar import show_planar_fit
+    from rovid.store.planar_study import planar_effect
+
+    chosen = tuple(dict.fromkeys(map(planar_effect, effects)))
+    session = open_planar_session(logs, parameters, force=force)
+    with progress("Fitting surge, sway and yaw …"):
+        fit = session.study.fit(chosen)
+    warnings = (*fit.estimate.warnings, *session.notes)
+    fit = replace(fit, estimate=replace(fit.estimate, warnings=warnings))
+    stored = store_planar_fit(session, fit)
+    if json:
+        print_json(planar_fit_document(fit, session.study))
+    else:
+        show_planar_fit(console(), fit, session.study, stored)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -17,7 +18,8 @@ from rovid.cli.context import (
     write_missing_config,
 )
 from rovid.cli.help_format import Page
-from rovid.cli.options import AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile, TimeBudget, option
+from rovid.cli.options import Axes, AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile, TimeBudget, option
+from rovid.cli.planar_session import is_planar, open_planar_session, store_planar_fit
 from rovid.cli.progress import progress
 
 PAGE = Page(
@@ -28,12 +30,16 @@ PAGE = Page(
     be switched on and off. All results, trials, controller and exports are those of the final model, next to the model
     without the causes. Prints the page's first sentence and its path.
 
+    With --axes planar, the page has the tracks over the measured positions, the three speeds with and without the
+    causes, and the measures of turning circles and zigzags.
+
     Use it last, or directly on a new folder of logs. The diagnosis takes most of the time. With --no-diagnosis the
     parameters of the file are used if they are up to date, and missing ones are fitted.
     """,
     examples=(
         ("The logs named in the parameter file, into report/", "rovid report"),
         ("A folder of logs, into another folder", "rovid report my_logs -p tank.toml -o tank_report"),
+        ("Surge, sway and yaw together, into report_planar/", "rovid report planar_logs --axes planar"),
         ("Also as PDF, for the trial record", "rovid report --pdf"),
         ("Quickly: only fits and simulation", "rovid report --no-diagnosis --no-control --no-export"),
     ),
@@ -45,12 +51,13 @@ def report(
     logs: OptionalLogs = None,
     *,
     axis: AxisName = None,
+    axes: Axes = None,
     parameters: ParameterFile = None,
     output: Annotated[
         Path | None,
         option(
             "FOLDER",
-            "Folder for page and plots. Default: report, or report_AXIS for an axis other than yaw.",
+            "Folder for page and plots. Default: report, or report_AXIS for another axis, or report_planar.",
             "--output",
             "-o",
         ),
@@ -69,6 +76,12 @@ def report(
     json: Json = False,
 ) -> None:
     """Write all results on one page."""
+    if is_planar(axes, axis, cutoff=cutoff):
+        _report_planar(
+            logs, parameters, output or Path("report_planar"), diagnosed=diagnosis, pdf=pdf, budget=budget, force=force,
+            json=json,
+        )  # fmt: skip
+        return
     compile_in_background()
     from rovid.present.console import show_caution, show_faults, show_warnings
     from rovid.present.documents.fits import all_warnings, axis_document, fault_documents, guess_document
@@ -114,5 +127,55 @@ def report(
     show_faults(console(), study.faults)
     show_warnings(console(), notes)
     console().print(answer, highlight=False)
+    for path in files.values():
+        console().print(path, highlight=False, soft_wrap=True)
+
+
+def _report_planar(
+    logs: Sequence[Path] | None,
+    parameters: Path | None,
+    folder: Path,
+    *,
+    diagnosed: bool,
+    pdf: bool,
+    budget: float | None,
+    force: bool,
+    json: bool,
+) -> None:
+    """Write the page of the coupled model."""
+    from rovid.present.console import show_caution, show_faults, show_warnings
+    from rovid.present.documents.fits import all_warnings, fault_documents, guess_document
+    from rovid.present.page.planar import build_planar_report
+
+    session = open_planar_session(logs, parameters, force=force)
+    study = session.study
+    with progress("Fitting surge, sway and yaw …") as show_progress:
+        page, report = build_planar_report(
+            study,
+            session.stored,
+            folder,
+            lambda fit: store_planar_fit(session, fit),
+            diagnosed=diagnosed,
+            budget=budget,
+            pdf=pdf,
+            force=force,
+            report=show_progress,
+        )
+    files = {"page": str(page)} | ({"pdf": str(page.with_name("report.pdf"))} if pdf else {})
+    faults, guess, notes = study.logs.faults, study.vehicle.assumptions, [*session.notes, *report.notes]
+    if json:
+        document: dict[str, Any] = {
+            "schema": "rovid-report/1",
+            "axes": "planar",
+            "verdict": None if report.diagnosis is None else report.diagnosis.verdict,
+            "answer": report.headline,
+        }
+        document |= {**files, "parameters": str(session.stored.path), "faults": fault_documents(faults)}
+        print_json(document | guess_document(guess) | {"warnings": all_warnings(guess, notes)})
+        return
+    show_caution(console(), guess)
+    show_faults(console(), faults)
+    show_warnings(console(), notes)
+    console().print(report.headline, highlight=False)
     for path in files.values():
         console().print(path, highlight=False, soft_wrap=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -16,7 +17,8 @@ from rovid.cli.context import (
     stored_logs,
 )
 from rovid.cli.help_format import Page
-from rovid.cli.options import AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile, option
+from rovid.cli.options import Axes, AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile, option
+from rovid.cli.planar_session import is_planar, planar_logs, planar_parameters
 from rovid.cli.progress import progress
 from rovid.core.errors import DataError
 
@@ -26,6 +28,8 @@ PAGE = Page(
     commands as input, and prints R^2, fit % and root mean square error of the rate, and the error of the heading after
     10 s and 60 s. --mcap writes measurement, simulation and residual as recordings.
 
+    With --axes planar, the error of each measured speed and of the track are printed as well.
+
     A parameter file that is out of date, because rovid.toml, a thrust curve or a log changed, is refused.
 
     Use it to judge a model. Give LOGS that the fit did not use for an independent test.
@@ -33,6 +37,7 @@ PAGE = Page(
     examples=(
         ("The logs named in the parameter file", "rovid simulate"),
         ("One log, with a recording", "rovid simulate my_logs/steps.mcap --mcap simulated.mcap"),
+        ("Surge, sway and yaw together", "rovid simulate --axes planar"),
         ("With recordings of all runs, in a folder", "rovid simulate --mcap simulated"),
     ),
     see=("rovid diagnose", "rovid report", "rovid help logs"),
@@ -43,6 +48,7 @@ def simulate(
     logs: OptionalLogs = None,
     *,
     axis: AxisName = None,
+    axes: Axes = None,
     parameters: ParameterFile = None,
     cutoff: Cutoff = None,
     mcap: Annotated[
@@ -53,6 +59,9 @@ def simulate(
     json: Json = False,
 ) -> None:
     """Simulate the runs and compare with the logs."""
+    if is_planar(axes, axis, cutoff=cutoff, mcap=mcap):
+        _simulate_planar(logs, parameters, json=json)
+        return
     from rovid.model.simulation import simulate_runs
     from rovid.present.console import show_caution, show_warnings
     from rovid.present.documents.results import simulation_document
@@ -81,3 +90,23 @@ def simulate(
         show_caution(console(), assumptions)
         simulation_table(simulations).print(console(), assumptions)
         show_warnings(console(), warnings)
+
+
+def _simulate_planar(logs: Sequence[Path] | None, parameters: Path | None, *, json: bool) -> None:
+    """Simulate surge, sway and yaw together."""
+    from rovid.present.documents.planar import planar_simulation_document
+    from rovid.present.terminal.planar import show_planar_simulation
+    from rovid.store.planar_study import open_planar_study
+    from rovid.trial.fault import fault_texts
+
+    stored = planar_parameters(parameters)
+    study = open_planar_study(logs or planar_logs(stored))
+    remarks, assumptions = require_fresh(stored, study.logs), model_assumptions(stored, study.logs)
+    model = study.model(stored)
+    with progress("Simulating …"):
+        simulations = study.simulate(model)
+    warnings = [*fault_texts(study.logs.faults), *study.remarks(), *remarks]
+    if json:
+        print_json(planar_simulation_document(stored, simulations, warnings, assumptions))
+    else:
+        show_planar_simulation(console(), simulations, assumptions, warnings)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -141,19 +141,19 @@ class Diagnosis:
 
     @property
     def causes(self) -> tuple[Finding, ...]:
-        """Findings and suspects by their evidence, the best first; then the larger gain on held-out trials."""
-        grades = list(Evidence)
-        return tuple(
-            sorted(
-                (*self.findings, *self.suspects),
-                key=lambda one: (grades.index(one.evidence), -one.held_out_gain, -one.standard_errors),
-            )
-        )
+        """Findings and suspects by their evidence."""
+        return by_evidence((*self.findings, *self.suspects))
 
     @property
     def detectable_sizes(self) -> dict[str, float]:
         """Effect id -> smallest detectable size, of the effects that were not found."""
         return {effect.id: size for effect, size in self.detectable}
+
+
+def by_evidence(causes: Iterable[Finding]) -> tuple[Finding, ...]:
+    """``causes`` by their evidence, the best first; then the larger gain on held-out trials."""
+    grades = list(Evidence)
+    return tuple(sorted(causes, key=lambda one: (grades.index(one.evidence), -one.held_out_gain, -one.standard_errors)))
 
 
 def unidentifiable_parameters(vehicle: Vehicle) -> tuple[str, ...]:

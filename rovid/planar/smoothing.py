@@ -42,8 +42,11 @@ def run_inputs(run: PlanarRun, effects: tuple[object, ...] = ()) -> FloatArray:
     return np.ascontiguousarray(np.hstack((held.force, pairs)), dtype=np.float64)
 
 
-def smooth_run(run: PlanarRun, width: float) -> SmoothRun | None:
-    """Motion of ``run`` through a kernel with a standard deviation of ``width`` s; None for too short a run."""
+def smooth_run(run: PlanarRun, width: float, effects: tuple[object, ...] = ()) -> SmoothRun | None:
+    """Motion of ``run`` through a kernel with a standard deviation of ``width`` s; None for too short a run.
+
+    ``effects`` are those between command and thrust, for the inputs.
+    """
     time = run.time
     step = width / _POINTS
     count = int((time[-1] - time[0]) / step)
@@ -82,7 +85,7 @@ def smooth_run(run: PlanarRun, width: float) -> SmoothRun | None:
     for axis, name in enumerate(("surge_velocity", "sway_velocity")):
         if name in readings:
             speeds[:, axis], accelerations[:, axis] = smoothed(name)
-    inputs = run_inputs(run)
+    inputs = run_inputs(run, effects)
     area = np.vstack((np.zeros(inputs.shape[1]), np.cumsum(inputs[:-1] * np.diff(time)[:, None], axis=0)))
     means = [np.diff(np.interp(edges, time, column)) / step for column in area.T]
     forced = np.column_stack([_convolved(mean, step)[0] for mean in means])

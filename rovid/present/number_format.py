@@ -31,6 +31,8 @@ _UNITS = {
     "N m s^3/rad^3": "N m s³/rad³",
     "(N m)^0.5 s/rad": "√(N m) s/rad",
     "N^0.5 s/m": "√N s/m",
+    "N m s^2": "N m s²",
+    "N s^2/m": "N s²/m",
     "N s^2/m^2": "N s²/m²",
     "N s^3/m^3": "N s³/m³",
 }

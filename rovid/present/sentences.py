@@ -11,8 +11,9 @@ from rovid.compare.difference_tests import ParameterChange
 from rovid.core.formatting import plus_minus, significant
 from rovid.diagnose.evidence import CANNOT_TELL, DEFINITIONS
 from rovid.diagnose.result import UNIDENTIFIABLE, Diagnosis, Finding
-from rovid.effects import CATALOGUE, Effect, effect_named
+from rovid.effects import CATALOGUE, PLANAR_FORMS, Effect, effect_named
 from rovid.model.parameter_names import without_form
+from rovid.planar.diagnosis import PlanarDiagnosis
 from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import YAW, Axis
 
@@ -36,7 +37,7 @@ def effect_title(effect: Effect, axis: Axis = YAW) -> str:
 
 def cause_title(effect_id: str) -> str:
     """The title of the effect with this id; the id itself where the catalogue has none."""
-    titles = {effect.id: effect.title for effect in CATALOGUE}
+    titles = {effect.id: effect.title for effect in (*PLANAR_FORMS, *CATALOGUE)}
     return titles.get(effect_id, effect_id)
 
 
@@ -46,7 +47,7 @@ def cause_name(finding: Finding) -> str:
     return join_words([finding.estimate.axis.reword(effect.title) for effect in effects], "or")
 
 
-def verdict_sentence(diagnosis: Diagnosis, guess: Assumptions) -> str:
+def verdict_sentence(diagnosis: Diagnosis | PlanarDiagnosis, guess: Assumptions) -> str:
     """The result of a diagnosis in one sentence."""
     model = f"The plain model{guess.curve_clause}"
     if diagnosis.verdict == "found":

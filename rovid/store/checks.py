@@ -15,7 +15,8 @@ from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
 from rovid.model.parameter_names import effect_ids
 from rovid.store.parameter_file import Entry, Parameters, Provenance, Source, sha256
-from rovid.trial.config import find_config, load_config
+from rovid.trial.axis import PLANAR
+from rovid.trial.config import find_config, load_config, load_planar_config
 from rovid.trial.config_fingerprint import ConfigFingerprint
 
 # Joint standard errors beyond which two methods disagree; a decision.
@@ -56,7 +57,9 @@ def _current_settings(stored: Parameters) -> ConfigFingerprint | None:
     if not stored.logs:
         return None
     try:
-        return load_config(find_config(stored.logs), stored.axis).fingerprint
+        path = find_config(stored.logs)
+        config = load_planar_config(path) if stored.axis is PLANAR else load_config(path, stored.axis)
+        return config.fingerprint
     except RovidError:
         return None
 

@@ -50,8 +50,8 @@ def diagnosis_document(diagnosis: Diagnosis, study: Study) -> Document:
         **axis_document(axis),
         "verdict": diagnosis.verdict,
         "base": _assessment(diagnosis.base, axis),
-        "findings": list(map(_finding, diagnosis.findings)),
-        "suspects": list(map(_finding, diagnosis.suspects)),
+        "findings": list(map(finding_document, diagnosis.findings)),
+        "suspects": list(map(finding_document, diagnosis.suspects)),
         "challengers": [
             {
                 "effects": list(one.causes),
@@ -161,7 +161,8 @@ def _without_forms(estimate: Estimate) -> Document:
     return {without_form(name): value for name, value in parameter_document(estimate).items()}
 
 
-def _finding(finding: Finding) -> Document:
+def finding_document(finding: Finding) -> Document:
+    """A cause with its parameters, its evidence and its rivals."""
     effect = finding.effect
     # Without the effect's name before that of the parameter.
     parameters = {name.rpartition(".")[2]: value for name, value in _without_forms(finding.estimate).items()}

@@ -34,7 +34,7 @@ from rovid.trial.fault import Fault
 LARGE_PLOTS, FAULT_PLOTS = 40, 8
 # File names of the plots of any report.
 _FILE_NAMES = re.compile(
-    r"(fault_\d\d|thrust_curves|steady_\w+|inertia|residuals|diagnosis_gain|diagnosis_residuals|closed_loop|rivals_\w+|missing_\w+"
+    r"(fault_\d\d|thrust_curves|steady_\w+|inertia|residuals|diagnosis_gain|diagnosis_residuals|closed_loop|rivals_\w+|missing_\w+|planar_\w+"
     r"|(sine_runs|overview)(_\d\d+)?|trial_\d\d+_\w*)\.(png|svg)"
 )
 _T = TypeVar("_T")

@@ -67,7 +67,7 @@ def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> 
         if diagnosis.from_tables.ruled_out:
             print_text(console, f"would not explain the tables alone: {ruled_out_names(diagnosis.from_tables)}")
     for finding in diagnosis.causes:
-        _show_finding(console, finding)
+        show_finding(console, finding)
     for sentence in evidence_definitions(diagnosis.causes):
         print_text(console, sentence)
     if diagnosis.challengers:
@@ -97,7 +97,7 @@ def _size_words(share: float) -> str:
     return f"{comparison} {100.0 * _SMALL_SHARE:.0f} %"
 
 
-def _show_finding(console: Console, finding: Finding) -> None:
+def show_finding(console: Console, finding: Finding) -> None:
     """Print a cause with its parameters, its evidence, and the run that decides between alternatives."""
     effect, estimate = finding.effect, finding.estimate
     sizes = []

@@ -1,0 +1,266 @@
+"""The page of the coupled model: tracks, speeds, missing forces, manoeuvres and parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rovid import __version__
+from rovid.core.array_types import FloatArray
+from rovid.core.atomic_write import OutputFile, OutputSet
+from rovid.core.formatting import plus_minus
+from rovid.core.signatures import PAGE, png_signature, svg_signature
+from rovid.diagnose.result import Finding, by_evidence
+from rovid.planar.diagnosis import PlanarDiagnosis
+from rovid.planar.fit import PlanarFit
+from rovid.planar.trial_simulation import PlanarTrialSimulation, is_yaw_only, missing_forces, worst_run
+from rovid.present.number_format import format_number, unit_symbol
+from rovid.present.page.build import pdf_output
+from rovid.present.page.figures import FigureDraft, ReportFigure, existing_plots
+from rovid.present.page.pdf import print_pdf, require_browser
+from rovid.present.page.templating import long_date, template_environment
+from rovid.present.plots import canvas
+from rovid.present.plots import planar as plots
+from rovid.present.sentences import cause_name, evidence_definitions, evidence_words, verdict_sentence
+from rovid.present.tables.manoeuvres import manoeuvre_tables
+from rovid.present.tables.planar import planar_parameters_table, planar_simulation_table
+from rovid.present.tables.table import ResultTable
+from rovid.present.terminal.planar import criterion_sentence, fit_sentence, simulation_sentence
+from rovid.present.terminal.planar_diagnosis import planar_held_out_table
+from rovid.store.parameter_file import Parameters
+from rovid.store.planar_study import PlanarStudy, planar_effect
+from rovid.store.study import input_files
+from rovid.trial.assumptions import Assumptions
+from rovid.trial.fault import fault_texts
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MissingForces:
+    """Smoothed forces that the models miss in one run: axis -> (m,) N or N m at the ``time`` in s."""
+
+    run: str
+    time: FloatArray
+    base: Mapping[str, FloatArray]
+    full: Mapping[str, FloatArray]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlanarReport:
+    """The contents of the page. ``base`` and ``full`` are the same object where no cause was found."""
+
+    study: PlanarStudy
+    stored: Parameters
+    #: ``base``, ``full``: the model without, and with the causes; each with all runs simulated.
+    base: PlanarFit
+    full: PlanarFit
+    before: Sequence[PlanarTrialSimulation]
+    after: Sequence[PlanarTrialSimulation]
+    missing: MissingForces | None
+    headline: str  #: The result in one sentence or two.
+    diagnosis: PlanarDiagnosis | None = None
+    notes: Sequence[str] = ()
+
+
+def build_planar_report(
+    study: PlanarStudy,
+    stored: Parameters,
+    folder: Path,
+    store: Callable[[PlanarFit], Parameters],
+    *,
+    diagnosed: bool,
+    budget: float | None,
+    pdf: bool,
+    force: bool,
+    report: Callable[[str], None],
+) -> tuple[Path, PlanarReport]:
+    """Fit, diagnose and simulate the logs, and write the page; return the page and its contents.
+
+    Parameters
+    ----------
+    store
+        Writes the report's model to the parameter file, and returns its new content.
+    diagnosed, budget
+        Whether to look for causes, and for how many seconds; otherwise the model has the effects of ``stored``.
+    pdf, force
+        Whether to print the page too, and whether to replace files of other programs.
+
+    Raises
+    ------
+    OutputError
+        The folder or the parameter file cannot be written.
+    """
+    inputs = [*input_files(study.logs.paths), stored.path]
+    claim = _claim(folder, force=force, protected=inputs)
+    browser = require_browser() if pdf else ""
+    paper = OutputSet([pdf_output(folder)] if pdf else [], force=force, protected=inputs)
+    diagnosis = study.diagnosis(report, budget=budget) if diagnosed else None
+    if diagnosis is not None and diagnosis.base is not None and diagnosis.extended is not None:
+        base, full = diagnosis.base.fit, diagnosis.extended.fit
+    else:
+        base = study.fit()
+        effects = tuple(map(planar_effect, stored.effects))
+        full = study.fit(effects) if effects else base
+    if not full.model.effects:
+        full = base
+    report("Simulating and drawing …")
+    before = study.simulate(base.model)
+    contents = PlanarReport(
+        study=study,
+        stored=store(full),
+        base=base,
+        full=full,
+        before=before,
+        after=before if full is base else study.simulate(full.model),
+        missing=_missing(study, before, base, full),
+        headline=fit_sentence(full) if diagnosis is None else verdict_sentence(diagnosis, study.vehicle.assumptions),
+        diagnosis=diagnosis,
+    )
+    page = _write(folder, contents, claim)
+    if pdf:
+        report("Printing the page …")
+        paper.write({pdf_output(folder): print_pdf(page, browser)})
+    return page, contents
+
+
+def _missing(
+    study: PlanarStudy, before: Sequence[PlanarTrialSimulation], base: PlanarFit, full: PlanarFit
+) -> MissingForces | None:
+    """Forces that both models miss in the worst run."""
+    run = study.data.runs[worst_run(before)]
+    without, rest = missing_forces(base.model, run), missing_forces(full.model, run)
+    if without is None or rest is None:
+        return None
+    (time, forces), (other_time, others) = without, rest
+    held = {axis: np.asarray(np.interp(time, other_time, force)) for axis, force in others.items()}
+    return MissingForces(run=run.name, time=time, base=forces, full=forces if full is base else held)
+
+
+def _claim(folder: Path, *, force: bool, protected: Iterable[Path]) -> OutputSet:
+    """Permission to write the page and its plots into ``folder``."""
+    plots_folder = folder / "plots"
+    first = OutputFile(plots_folder / "planar_tracks.png", png_signature("report"))
+    outputs = dict.fromkeys((OutputFile(folder / "index.html", PAGE), *existing_plots(plots_folder), first))
+    return OutputSet(list(outputs), force=force, protected=protected)
+
+
+def _write(folder: Path, report: PlanarReport, claim: OutputSet) -> Path:
+    """Write ``folder``/index.html and the plots; return the page."""
+    figures = {draft.name: _rendered(draft, report.study.vehicle.assumptions) for draft in _drafts(report)}
+    page = OutputFile(folder / "index.html", PAGE)
+    files: dict[OutputFile, str | bytes | Callable[[], str | bytes]] = {}
+    for figure in figures.values():
+        files[OutputFile(folder / "plots" / f"{figure.name}.png", png_signature("report"))] = figure.png
+        files[OutputFile(folder / "plots" / f"{figure.name}.svg", svg_signature("report"))] = figure.svg
+    older = [plot for plot in existing_plots(folder / "plots") if plot not in files]
+    stale = [plot.path for plot in older if plot.path.is_file() and plot.signature.matches(plot.path)]
+    claim.write({**files, page: _render(report, figures)}, stale=stale)
+    return page.path
+
+
+def _drafts(report: PlanarReport) -> Iterator[FigureDraft]:
+    before, after = report.before, report.after
+    worst = worst_run(before)
+    chosen = _shown(after, worst)
+    two = report.base is not report.full
+    models = "dashed: base model; black: with the causes" if two else "black: simulated"
+    if not is_yaw_only(report.study.data):
+        yield FigureDraft(
+            "planar_tracks",
+            plots.plot_tracks([before[at] for at in chosen], [after[at] for at in chosen]),
+            caption=f"Tracks, simulated freely from the first sample. Pale: measured; {models}. Dots: equal times.",
+            alt=f"North against east of {len(chosen)} runs.",
+        )
+    for number, at in enumerate(chosen, 1):
+        yield FigureDraft(
+            f"planar_speeds_{number:02d}",
+            plots.plot_speeds(before[at], after[at]),
+            caption=f"{after[at].name}: speeds over ground in body axes. Pale: measured; {models}.",
+            alt=f"Surge, sway and yaw rate of {after[at].name}: {_error_words(after[at])}.",
+        )
+    if report.missing is not None:
+        lost = report.missing
+        yield FigureDraft(
+            "planar_missing",
+            plots.plot_missing_forces(lost.run, lost.time, lost.base, lost.full),
+            caption=f"{lost.run}: forces that each model misses along each axis, from the smoothed motion.",
+            alt=f"Missing forces of {lost.run} against time.",
+        )
+
+
+def _rendered(draft: FigureDraft, guess: Assumptions) -> ReportFigure:
+    figure = canvas.mark_guessed(draft.figure, guess)
+    png, svg = canvas.render_png(figure), canvas.render_svg(figure)
+    return ReportFigure(name=draft.name, caption=draft.caption, alt=draft.alt, png=png, svg=svg)
+
+
+def _shown(items: Sequence[PlanarTrialSimulation], worst: int) -> list[int]:
+    """Indices of the runs that are drawn: the worst first, then the others in their order."""
+    others = [at for at in range(len(items)) if at != worst]
+    return [worst, *others][: plots.TRACKS_SHOWN]
+
+
+def _error_words(item: PlanarTrialSimulation) -> str:
+    parts = [f"{speed.replace('_', ' ')} R² {format_number(fit.r2, '.3f')}" for speed, fit in item.fits.items()]
+    return ", ".join(parts)
+
+
+def _cause_words(finding: Finding) -> str:
+    """A cause with its parameters and its evidence."""
+    estimate = finding.estimate
+    sizes = [
+        f"{name.rpartition('.')[2].replace('_', ' ')} {plus_minus(estimate.value(name), estimate.standard_error(name))}"
+        f" {unit_symbol(estimate.unit(name))}".rstrip()
+        for name in estimate.names
+    ]
+    name = cause_name(finding)
+    return f"{name[:1].upper()}{name[1:]}: {', '.join(sizes)}. {evidence_words(finding).capitalize()}."
+
+
+def _gain_table(diagnosis: PlanarDiagnosis | None) -> ResultTable | None:
+    """Errors on held-out trials without and with the causes."""
+    if diagnosis is None or diagnosis.base is None or diagnosis.extended is None:
+        return None
+    return planar_held_out_table(diagnosis, diagnosis.base, diagnosis.extended)
+
+
+def _render(report: PlanarReport, figures: Mapping[str, ReportFigure]) -> str:
+    study, fit = report.study, report.full
+    guess = study.vehicle.assumptions
+    environment = template_environment()
+    environment.globals["guess"] = guess
+    speeds = [figure for name, figure in figures.items() if name.startswith("planar_speeds")]
+    found = report.diagnosis
+    causes = () if found is None else by_evidence((*found.findings, *found.suspects))
+    manoeuvres = manoeuvre_tables(report.after, fit.model.current)
+    context: dict[str, Any] = {
+        "vehicle": study.vehicle,
+        "minutes": sum(run.duration for run in study.data.runs) / 60.0,
+        "runs": len(study.data.runs),
+        "headline": report.headline,
+        "fit_sentence": fit_sentence(fit) if report.diagnosis else "",
+        "simulation_sentence": simulation_sentence(report.after),
+        "criterion": criterion_sentence(fit),
+        "causes": [_cause_words(finding) for finding in causes],
+        "definitions": evidence_definitions(causes),
+        "gain": _gain_table(report.diagnosis),
+        "undetermined": fit.undetermined,
+        "tracks": [figure for name, figure in figures.items() if name == "planar_tracks"],
+        "worst": speeds[:1],
+        "others": speeds[1:],
+        "missing": [figure for name, figure in figures.items() if name == "planar_missing"],
+        "manoeuvres": manoeuvres,
+        "parameters": planar_parameters_table(report.stored),
+        "without": planar_simulation_table(report.before) if report.base is not fit else None,
+        "simulations": planar_simulation_table(report.after),
+        "faults": fault_texts(study.logs.faults),
+        "warnings": [*study.remarks(), *fit.warnings, *report.notes],
+        "sources": report.stored.sources,
+        "today": long_date(datetime.now(UTC).date()),
+        "version": __version__,
+    }
+    return environment.get_template("planar.html.j2").render(context)

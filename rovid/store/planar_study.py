@@ -1,0 +1,168 @@
+"""A study of surge, sway and yaw together: the logs of a folder, and the coupled model of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from rovid.core.budget import Budget, ProgressCallback
+from rovid.core.errors import ConfigError, suggestion
+from rovid.effects import FORMS, PLANAR_FORMS, Effect, effect_named
+from rovid.effects.stages import OnCommand, OnThrust
+from rovid.faults.catalogue import examine_runs
+from rovid.model.bound_effects import BoundEffect
+from rovid.planar.dataset import PlanarData, planar_data
+from rovid.planar.diagnosis import PlanarDiagnosis, diagnose_planar
+from rovid.planar.fit import PlanarFit, fit_planar
+from rovid.planar.model import BASE_COUNT, PlanarModel
+from rovid.planar.start_values import planar_rudders
+from rovid.planar.trial_simulation import PlanarTrialSimulation, simulate_planar_trials
+from rovid.readers import read_campaign
+from rovid.signals.preprocessing import prepare
+from rovid.store.parameter_file import OpenCombination, Parameters, Provenance
+from rovid.store.study import Study
+from rovid.trial.config import find_config, load_planar_config
+from rovid.trial.fault import fault_texts, stopping
+from rovid.trial.vehicle import Vehicle
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlanarStudy:
+    """A campaign of logs with its planar runs."""
+
+    logs: Study  #: The same logs along yaw, with their faults and remarks.
+    data: PlanarData
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """The vehicle, with every actuator that acts on surge, sway or yaw."""
+        return self.data.vehicle
+
+    @property
+    def provenance(self) -> Provenance:
+        """Origin of an estimate from this study."""
+        return replace(self.logs.provenance, options="")
+
+    def remarks(self) -> list[str]:
+        """Remarks on the logs, including everything that was dropped."""
+        return self.logs.remarks()
+
+    def fit(self, effects: Sequence[Effect] = ()) -> PlanarFit:
+        """Fit of the coupled model with ``effects``; see `fit_planar`.
+
+        Raises
+        ------
+        DataError
+            The logs do not excite the vehicle.
+        """
+        fit = fit_planar(self.data, effects)
+        assumptions = self.vehicle.assumptions
+        warnings = tuple(map(assumptions.mark_sentence, fit.estimate.warnings))
+        return replace(fit, estimate=replace(fit.estimate, assumptions=assumptions, warnings=warnings))
+
+    def diagnosis(
+        self, report: ProgressCallback = lambda _: None, *, force: bool = False, budget: float | None = None
+    ) -> PlanarDiagnosis:
+        """Errors of the coupled model and their causes.
+
+        Parameters
+        ----------
+        report
+            Called with progress messages.
+        force
+            Diagnose logs with a fault that no fit survives, too.
+        budget
+            Time in s after which the diagnosis answers with what it has; None: the default of these logs.
+        """
+        faults = stopping(self.logs.faults)
+        if faults and not force:
+            return PlanarDiagnosis(verdict="bad_logs", missing=" ".join(fault_texts(faults)))
+        seconds = self.logs.default_budget if budget is None else budget
+        return diagnose_planar(self.data, report, Budget(seconds))
+
+    def simulate(self, model: PlanarModel) -> list[PlanarTrialSimulation]:
+        """Every run simulated freely by ``model``."""
+        return simulate_planar_trials(model, self.data)
+
+    def model(self, stored: Parameters) -> PlanarModel:
+        """The model with the values of a parameter file.
+
+        Raises
+        ------
+        ConfigError
+            A parameter is missing.
+        """
+        values = {name: entry.value for name, entry in stored.entries.items()} | dict(stored.assumed)
+        effects = tuple(map(planar_effect, stored.effects))
+        bound = tuple(BoundEffect(effect, np.zeros(len(effect.parameters))) for effect in effects)
+        empty = PlanarModel(base=np.ones(BASE_COUNT), effects=bound, rudders=planar_rudders(self.data))
+        for name in empty.names:
+            if name not in values:
+                mend = "Run `rovid fit --axes planar LOGS`."
+                raise ConfigError(f"holds no {name}.", where=stored.path, mend=mend)
+        return empty.with_values(np.array([values[name] for name in empty.names]))
+
+
+def planar_effect(name: str) -> Effect:
+    """The form of an effect in the coupled model; without a form the first one.
+
+    Raises
+    ------
+    ConfigError
+        There is no such effect, or the coupled model does not have it.
+    """
+    for form in PLANAR_FORMS:
+        if name in {form.key, form.id}:
+            return form
+    effect = effect_named(name)
+    if not isinstance(effect.acts, OnCommand | OnThrust):
+        known = dict.fromkeys(form.id for form in PLANAR_FORMS)
+        of_thrusters = dict.fromkeys(form.id for form in FORMS if isinstance(form.acts, OnCommand | OnThrust))
+        if effect.id == "sideslip_moment":
+            mend = "Leave it out: the base model has the Munk moment, and sway_yaw_damping has N_v."
+        else:
+            mend = suggestion(name, [*known, *of_thrusters])
+        raise ConfigError("is not an effect of the coupled model.", where=name, mend=mend)
+    return effect
+
+
+def with_fit(stored: Parameters, fit: PlanarFit, provenance: Provenance) -> Parameters:
+    """``stored`` with the parameters of ``fit`` in place of all earlier ones."""
+    estimate = fit.estimate
+    open_combinations = [OpenCombination(combination=one.combination, text=one.text) for one in fit.undetermined]
+    return replace(
+        stored.with_estimate(estimate, provenance),
+        undetermined=tuple(open_combinations),
+        assumed={name: estimate.value(name) for name in estimate.names if name in estimate.refused},
+    )
+
+
+def open_planar_study(paths: Sequence[Path]) -> PlanarStudy:
+    """Read the logs in ``paths`` for surge, sway and yaw together.
+
+    Raises
+    ------
+    RovidError
+        The logs or rovid.toml cannot be read.
+    """
+    config = load_planar_config(find_config(paths))
+    campaign = read_campaign(paths, config)
+    vehicle = config.vehicle.with_logged_torque(campaign.trials)
+    if stopping(campaign.faults):
+        vehicle = vehicle.clamped()  # Commands of another unit than the curve are outside it.
+    runs = prepare(campaign, vehicle, cutoff=None)
+    items, faults = examine_runs(runs.items, vehicle, config.faults)
+    campaign = replace(campaign, trials=tuple(run.trial for run in items))
+    logs = Study(
+        paths=tuple(paths),
+        vehicle=vehicle,
+        campaign=campaign,
+        runs=replace(runs, items=items),
+        faults=(*campaign.faults, *faults),
+        overrides=config.faults,
+        settings=config.fingerprint,
+    )
+    return PlanarStudy(logs=logs, data=planar_data(campaign, vehicle))
