@@ -50,7 +50,9 @@ def undetermined_directions(
         largest = max(shares, key=lambda name: abs(shares[name]))
         listed = {name: share / shares[largest] for name, share in shares.items()}
         listed = {name: share for name, share in listed.items() if abs(share) >= _LEAST_SHARE}
-        found.append(Undetermined(combination=listed, text=_text(listed)))
+        # Many small errors may add up in a direction although each parameter is known well enough.
+        if not set(refused).isdisjoint(listed):
+            found.append(Undetermined(combination=listed, text=_text(listed)))
     return tuple(found), refused
 
 
