@@ -21,10 +21,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
+from rovid.effects.base import OnCommand
 from rovid.model.actuator_model import ActuatorModel
 from rovid.model.bound_effects import BoundEffect
 from rovid.model.command_series import CommandSeries
@@ -33,6 +35,8 @@ from rovid.trial.vehicle import Rudder, Vehicle
 
 # Effects of time, which act on angles as on thrusts: they have no parameter in the unit of a command or of a thrust.
 _OF_TIME = ("clock_offset", "command_delay", "thruster_lag")
+# Changes of thrusters' commands over those of angles, below which a vehicle is steered by angles.
+_STEERED = 0.05
 # Longest part in s of an interval within which thrust is held, and most parts of one interval.
 _PART, _MOST_PARTS = 0.02, 8
 
@@ -51,6 +55,17 @@ class PlanarActuators:
     """The actuators of a vehicle, sorted into thrusters, azimuth angles and rudders."""
 
     vehicle: Vehicle
+    #: Whether the vehicle is steered by its angles, with thrusters that hardly change: effects on commands, such as a
+    #: slew limit, then act on the angles and have parameters in rad. Otherwise they act on the thrusters.
+    steered: bool = False
+
+    @classmethod
+    def of(cls, vehicle: Vehicle, trials: Sequence[Trial]) -> Self:
+        """The actuators of ``vehicle``, as they are used in ``trials``."""
+        changes = sum(np.count_nonzero(np.diff(trial.commands, axis=0), axis=0) for trial in trials)
+        is_angle = np.array([one.is_angle for one in vehicle.thrusters])
+        of_angles, of_thrusts = np.sum(changes * is_angle), np.sum(changes * ~is_angle)
+        return cls(vehicle, steered=bool(of_thrusts < _STEERED * of_angles))
 
     @cached_property
     def thruster_columns(self) -> IntArray:
@@ -103,12 +118,18 @@ class PlanarActuators:
         names = [one.name for one in self.thrusters.thrusters]
         return [(names.index(one.turns), at) for at, one in enumerate(self.angles.thrusters) if one.turns]
 
+    def _is_of_steering(self, one: BoundEffect) -> bool:
+        return self.steered and isinstance(one.effect.acts, OnCommand) and not _is_of_time(one)
+
     def forces(self, commands: PlanarCommands, effects: Sequence[BoundEffect] = ()) -> PlanarForces:
         """Forces of one trial, with the ``effects`` between command and thrust.
 
-        Effects of time (delay, lag, clock offset) act on angles, too. All others act on thrusters alone.
+        Effects of time (delay, lag, clock offset) act on angles, too; effects on commands where the vehicle is
+        ``steered``. All others act on thrusters alone.
         """
-        thrusts, angles = ActuatorModel(tuple(effects)), ActuatorModel(tuple(e for e in effects if _is_of_time(e)))
+        on_angles = [one for one in effects if _is_of_time(one) or self._is_of_steering(one)]
+        on_thrusts = [one for one in effects if not self._is_of_steering(one)]
+        thrusts, angles = ActuatorModel(tuple(on_thrusts)), ActuatorModel(tuple(on_angles))
         # Thrusts that are needed by themselves, and the rows of forces that any other thruster drives.
         alone = sorted({number for number, _ in self._turned} | {at for at in self._behind if at >= 0})
         fixed = self.matrix.copy()

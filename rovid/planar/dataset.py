@@ -131,7 +131,7 @@ def planar_data(campaign: Campaign, vehicle: Vehicle) -> PlanarData:
     vehicle = vehicle.with_logged_torque(campaign.trials)
     for trial in campaign.trials:
         vehicle.torque(trial)  # Refuses commands outside the bench curves.
-    actuators = PlanarActuators(vehicle)
+    actuators = PlanarActuators.of(vehicle, campaign.trials)
     runs = tuple(PlanarRun.of(trial, actuators) for trial in campaign.trials)
     return PlanarData(runs=runs, vehicle=vehicle, actuators=actuators)
 

@@ -270,6 +270,9 @@ def _effect_scales(data: PlanarData, start: StartValues, time: FloatArray) -> Sc
     scales = effect_scales(
         trials, thrusters if len(columns) else None, float(force[2]), float(speed[2]), float(time[2])
     )
+    if data.actuators.steered:  # Effects on commands act on the angles.
+        angles = [run.trial.commands[:, data.actuators.angle_columns] for run in data.runs]
+        scales = replace(scales, command=max(float(np.max(np.abs(angle))) for angle in angles) or scales.command)
     return replace(
         scales,
         surge=float(speed[0]),

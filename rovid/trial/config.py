@@ -296,7 +296,7 @@ class _Parser:
             expected = f"{' or '.join(axis.position_signals)} and no {axis.rate_signal}"
         line = f'{axis.position_signal} = {{ csv = "<column>", unit = "{DEFAULT_UNIT[axis.position_signal]}" }}'
         others = other_axes(signals, {key for block in blocks if isinstance(block, dict) for key in block})
-        if axis is YAW and others:  # Yaw is the default axis.
+        if axis is YAW and others and not self.planar:  # Yaw is the default axis.
             mend = f"These logs describe {' and '.join(others)}: give --axis {others[0]}, or for yaw add {line}."
             raise self.error("[signals]", f"has no {expected}.", mend)
         raise self.error("[signals]", f"has no {expected}.", f"Add {line}.")

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from rovid.core.array_types import FloatArray
 from rovid.core.errors import ConfigError
 from rovid.effects.catalogue import effect_named
 from rovid.model.bound_effects import BoundEffect
 from rovid.planar.dataset import SENSORS
 from rovid.trial.config import load_config, load_planar_config
-from tests.planar.campaign import CURVE, PORT_AND_STARBOARD, SIGNALS, Motion, read, stamps_of, write_campaign
+from tests.planar.campaign import CURVE, PORT_AND_STARBOARD, SIGNALS, Motion, read, stamps_of, write_campaign, write_log
 
 SHARES = """
 [[thrusters]]
@@ -158,6 +160,44 @@ def test_a_rudder_keeps_its_angle_and_knows_its_screw(tmp_path: Path) -> None:
     assert (rudder.position, rudder.behind, rudder.stall) == ((-1.5, 0.0), "screw", None)
     assert rudder.lift == pytest.approx(0.5 * 1000.0 * 0.01 * 2.45)
     assert rudder.slipstream == pytest.approx(2.0 / (1000.0 * math.pi * 0.05**2))
+
+
+@pytest.mark.parametrize(
+    ("effect", "size", "expected"),
+    [
+        ("slew_limit", 0.05, lambda time, angle: np.minimum(angle, 0.05 * np.maximum(time, 0.0))),
+        ("command_delay", 0.5, lambda time, angle: np.where(time < 0.5, 0.0, angle)),
+        ("thruster_lag", 2.0, lambda time, angle: angle * (1.0 - np.exp(-np.maximum(time, 0.0) / 2.0))),
+    ],
+)
+def test_the_gear_of_a_rudder_is_slow(
+    effect: str, size: float, expected: Callable[..., FloatArray], tmp_path: Path
+) -> None:
+    motion = Motion(seed=0)
+    motion.commands["a"][:] = 1.0
+    motion.commands["b"][:] = np.where(motion.time < 60.0, 0.0, 0.4)
+    write_campaign(tmp_path, SHIP, logs=0)
+    write_log(tmp_path / "run.csv", motion)
+    data = read(tmp_path)
+    assert data.actuators.steered
+    run = data.runs[0]
+    forces = run.forces([BoundEffect(effect_named(effect), np.array([size]))])
+    # Means over intervals of 50 ms at most.
+    middle = 0.5 * (run.time[:-1] + run.time[1:]) - 60.0
+    away = np.abs(middle - (size if effect == "command_delay" else 0.0)) > 0.1
+    angle = expected(middle, np.where(middle < 0.0, 0.0, 0.4))
+    np.testing.assert_allclose(forces.angle[:-1, 0][away], angle[away], atol=1e-3)
+    assert np.ptp(forces.force[:, 0]) < 1e-9
+
+
+def test_a_yaw_rate_stands_in_for_a_heading(tmp_path: Path) -> None:
+    signals = "\n".join(line for line in SIGNALS.splitlines() if not line.startswith("heading"))
+    write_campaign(tmp_path, signals=signals, logs=1)
+    run = read(tmp_path).runs[0]
+    assert run.sensors == SENSORS[1:]
+    assert len(run.readings("yaw_rate").time) == len(stamps_of("heading", 120.0))
+    with pytest.raises(ConfigError, match="has no heading"):
+        load_planar_config(configured(tmp_path, PORT_AND_STARBOARD, signals.replace("yaw_rate", "gyro")))
 
 
 @pytest.mark.parametrize("effect", ["thruster_lag", "command_delay", "thruster_deadband", "slew_limit"])
