@@ -103,7 +103,8 @@ def draw(
     rates = [rate for rate in RATES if 5.0 / short <= rate <= 60.0 / short] or [RATES[-1]]
     command_hz = float(rng.choice(rates))
     n_force = forces(vehicle)
-    share = log_uniform(rng, 0.01, 0.1)
+    # In a basin, where ships' models are tested, the water is calmer.
+    share = log_uniform(rng, 0.01, 0.1) * (0.15 if vehicle.ship.length else 1.0)
     each = rng.uniform(0.6, 1.4, 3)
     # The typical force of a programme is about 0.4 of the force at full speed; aside, where nothing pushes, half of it.
     size = (0.4 * share * n_force[0] * each[0], 0.3 * share * n_force[1] * each[1], 0.4 * share * n_force[2] * each[2])
