@@ -102,6 +102,7 @@ class BodyEquation:
             np.ascontiguousarray(self.mass),
             coefficients,
             np.zeros(INPUT_COUNT + 2 * max((len(coefficients) - RUDDER_INDEX) // RUDDER_COUNT, 0)),
+            np.empty((7, 4)),  # vectors of the compiled loops, which allocate none
         )
 
 
@@ -128,17 +129,17 @@ def _coriolis(nu: Any, mass: Any, out: Any) -> None:
 @compiled
 def _slope(state: Any, force: Any, filtered: Any, numbers: Any, out: Any) -> None:
     """Derivatives of the velocities over ground in body axes."""
-    inverse, total, linear, absolute, lagged, constant, current, _, in_water, _, _, _, coefficients, held = numbers
+    inverse, total, linear, absolute, lagged, constant, current, _, in_water, _, _, _, coefficients, held, work = numbers
     cosine, sine = np.cos(state[0]), np.sin(state[0])
     ahead, side = cosine * current[0] + sine * current[1], -sine * current[0] + cosine * current[1]
-    nu = np.array([state[1] - ahead, state[2] - side, state[3]])
+    nu, drag, inertia, right = work[0, :3], work[1, :3], work[2, :3], work[3, :3]
+    nu[0], nu[1], nu[2] = state[1] - ahead, state[2] - side, state[3]
     if len(coefficients) > 0:
         held[:3] = force
         out[0], out[1], out[2] = slopes(coefficients, True, held, nu[0], nu[1], nu[2], 0.0, 0.0, 0.0)
     else:
-        drag, inertia, right = np.empty(3), np.empty(3), np.empty(3)
         _damping(nu, linear, absolute, drag)
-        _coriolis(nu if in_water else state[1:4].copy(), total, inertia)
+        _coriolis(nu if in_water else state[1:4], total, inertia)
         for i in range(3):
             right[i] = force[i] + constant[i] - drag[i] - inertia[i]
             for j in range(3):
@@ -154,25 +155,30 @@ def _slope(state: Any, force: Any, filtered: Any, numbers: Any, out: Any) -> Non
 @compiled
 def _runge_kutta(state: Any, slope: Any, force: Any, filtered: Any, numbers: Any, step: float) -> None:
     """The rest of a Runge-Kutta step that begins with ``slope``."""
-    sums, middle = np.empty(4), np.empty(4)
-    sums[0], sums[1:] = state[3], slope
+    sums, middle = numbers[-1][4], numbers[-1][5]
+    sums[0] = state[3]
+    for i in range(3):
+        sums[i + 1] = slope[i]
     for stage in range(3):
         part, factor = (step, 1.0) if stage == 2 else (0.5 * step, 2.0)
         middle[0] = state[0] + part * (state[3] if stage == 0 else middle[3])
-        middle[1:] = state[1:] + part * slope
+        for i in range(3):
+            middle[i + 1] = state[i + 1] + part * slope[i]
         _slope(middle, force, filtered, numbers, slope)
         sums[0] += factor * middle[3]
-        sums[1:] += factor * slope
-    state += step / 6.0 * sums
+        for i in range(3):
+            sums[i + 1] += factor * slope[i]
+    for i in range(4):
+        state[i] += step / 6.0 * sums[i]
 
 
 @compiled
 def _advance(state: Any, filtered: Any, before: Any, force: Any, numbers: Any) -> None:
     """One step of ``state`` (heading, velocities over ground) in place."""
-    _, _, linear, absolute, _, _, current, weight, _, step, scheme, mass, _, _ = numbers
+    _, _, linear, absolute, _, _, current, weight, _, step, scheme, mass, _, _, work = numbers
     for i in range(3):
         filtered[i] = (1.0 - weight) * filtered[i] + weight * before[i]
-    slope = np.empty(3)
+    slope = work[6, :3]
     _slope(state, force, filtered, numbers, slope)
     if scheme == 3:
         _runge_kutta(state, slope, force, filtered, numbers, step)

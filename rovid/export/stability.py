@@ -28,7 +28,7 @@ _MOST_STEPS = 100_000
 # Step that follows the exact equation, in shares of its fastest time constant.
 _RESOLVED = 0.02
 # Steps of the exact equation in its fastest time constant, and the longest integration in those time constants.
-_FINE, _LONGEST = 10.0, 5_000.0
+_FINE, _LONGEST = 10.0, 2_000.0
 _BISECTIONS, _DOUBLINGS = 12, 24
 # Number of random speeds inside the envelope, half of which are mirror images.
 _INSIDE = 32
