@@ -129,7 +129,9 @@ def _coriolis(nu: Any, mass: Any, out: Any) -> None:
 @compiled
 def _slope(state: Any, force: Any, filtered: Any, numbers: Any, out: Any) -> None:
     """Derivatives of the velocities over ground in body axes."""
-    inverse, total, linear, absolute, lagged, constant, current, _, in_water, _, _, _, coefficients, held, work = numbers
+    inverse, total, linear, absolute, lagged, constant, current, _, in_water, _, _, _, coefficients, held, work = (
+        numbers
+    )
     cosine, sine = np.cos(state[0]), np.sin(state[0])
     ahead, side = cosine * current[0] + sine * current[1], -sine * current[0] + cosine * current[1]
     nu, drag, inertia, right = work[0, :3], work[1, :3], work[2, :3], work[3, :3]

@@ -177,14 +177,15 @@ def _peak(values: FloatArray, top: int) -> float:
 # ---- Nomoto's model
 
 
-def nomoto(track: Track) -> Measures:
+def nomoto(track: Track, unit: str = "1/s") -> Measures:
     """K and T of T*rdot + r = K*(steering - offset) by output error on the yaw rate, with standard errors.
 
     The simulated rate is linear in K, the offset and the initial rate, for a given T: separable least squares over T.
     The standard errors are those of least squares with correlated residuals (Ljung 1999, sect. 9.4): the covariance is
     multiplied by the residuals' correlation time in samples.
 
-    Returns no measures where the rate or the steering does not change.
+    ``unit`` is that of K: 1/s for a rudder, rad/s for a share of the largest torque. Returns no measures where the rate
+    or the steering does not change.
     """
     use = np.isfinite(track.yaw_rate) & np.isfinite(track.steering)
     time, rate, steering = track.time[use], track.yaw_rate[use], track.steering[use]
@@ -206,10 +207,9 @@ def nomoto(track: Track) -> Measures:
         return {}
     variance = float(residual @ residual) / max(len(rate) - 4, 1) * _correlation_length(residual)
     errors = np.sqrt(variance * np.diag(np.linalg.inv(normal)))
-    gain_unit = "1/s"
     gain, offset = float(solution[0]), float(solution[1])
     measures = {
-        "K": ManoeuvreMeasure(value=gain, unit=gain_unit, standard_error=float(errors[0])),
+        "K": ManoeuvreMeasure(value=gain, unit=unit, standard_error=float(errors[0])),
         "T": ManoeuvreMeasure(value=constant, unit="s", standard_error=float(errors[3])),
     }
     if gain != 0.0:

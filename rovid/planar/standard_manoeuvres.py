@@ -1,0 +1,335 @@
+"""Turning circles and zigzags of the planar model and in the runs, with their measures and errors.
+
+A simulated manoeuvre starts on a straight course at the steady speed of a constant thrust ahead (MSC.137(76), annex,
+5.1). The steering is a rudder's angle, or a torque with the side force that comes with it in the runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rovid.core.array_types import FloatArray
+from rovid.core.errors import DataError
+from rovid.planar.dataset import PlanarData, PlanarRun
+from rovid.planar.fit import PlanarFit
+from rovid.planar.integration import HEADING, NORTH, STATES, SURGE, simulate_runs
+from rovid.planar.manoeuvres import (
+    ManoeuvreMeasure,
+    Measures,
+    Track,
+    nomoto,
+    recognise,
+    turning_circle,
+    with_errors,
+    zigzag,
+)
+from rovid.planar.model import INPUT_COUNT, RUDDER_INPUTS, PlanarModel
+from rovid.planar.simulation import measured_start, simulate_planar
+from rovid.planar.smoothing import measured_axes, slowest_interval, smooth_run
+
+# Quantile of the speeds ahead in the runs that is the approach speed.
+_APPROACH = 0.75
+# Angle of a rudder in rad in a turning circle, and of a zigzag with its change of heading: MSC.137(76), annex, 5.
+_TURN_ANGLE, _ZIGZAG_ANGLES = np.radians(35.0), (np.radians(10.0), np.radians(20.0))
+# Time constants of a simulated manoeuvre at most, samples in a time constant, and sections of a zigzag.
+_LONGEST, _SAMPLES, _SECTIONS = 60.0, 50.0, 5
+# Attempts at a turning circle, each with an interval four times as long.
+_COARSER = 3
+# Relative change of a parameter that is not determined, and change of a measure, in shares, that then counts.
+_DOUBT, _SENSITIVE = 0.2, 0.01
+# Width of the smoothing of measured speeds, in intervals of the slowest sensor.
+_WIDTH = 2.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class SteeringSystem:
+    """How the vehicle of the runs is driven ahead and turned."""
+
+    approach_speed: float  #: m/s.
+    rudders: int  #: Number of rudders, which steer where there are any; else the torque of the thrusters.
+    largest: float  #: Largest angle in rad, or torque in N m, in the runs.
+    side_force: float  #: N for each N m of torque.
+    slipstream: float  #: N of thrust ahead of each rudder for each N ahead.
+
+    @classmethod
+    def of(cls, data: PlanarData, model: PlanarModel) -> SteeringSystem:
+        """The steering of the runs.
+
+        Raises
+        ------
+        DataError
+            The vehicle neither moves ahead nor turns in the runs.
+        """
+        held = [run.forces() for run in data.runs]
+        force = np.concatenate([one.force for one in held])
+        angle = np.concatenate([one.angle for one in held])
+        thrust = np.concatenate([one.slipstream_thrust for one in held])
+        ahead = np.concatenate([simulate_planar(model, run).through_water[:, 0] for run in data.runs])
+        speed = float(np.quantile(np.abs(ahead), _APPROACH))
+        rudders = angle.shape[1]
+        size = np.abs(force[:, 2])
+        largest = float(np.max(np.abs(angle))) if rudders else float(np.max(size))
+        if speed <= 0.0 or largest <= 0.0:
+            raise DataError("the runs hold no motion ahead, or no steering: there is nothing to simulate a turn with.")
+        strong = size >= 0.5 * np.max(size)
+        side = float(np.sum(force[strong, 1] * force[strong, 2]) / max(np.sum(force[strong, 2] ** 2), 1e-300))
+        pushing = force[:, 0] > 0.5 * np.max(force[:, 0])
+        slipstream = 0.0
+        if rudders and pushing.any():
+            slipstream = float(np.sum(thrust[pushing].mean(axis=1)) / np.sum(force[pushing, 0]))
+        return cls(approach_speed=speed, rudders=rudders, largest=largest, side_force=side, slipstream=slipstream)
+
+    @property
+    def gain_unit(self) -> str:
+        """Unit of Nomoto's K."""
+        return "1/s" if self.rudders else "rad/s"
+
+    def inputs(self, model: PlanarModel, steering: FloatArray) -> FloatArray:
+        """(n, k) inputs of the equations for (n,) ``steering``: angle in rad, or share of the largest torque."""
+        held = np.zeros((len(steering), INPUT_COUNT + RUDDER_INPUTS * self.rudders))
+        speed = self.approach_speed
+        held[:, 0] = (model.base[4] + model.base[7] * speed) * speed
+        if self.rudders:
+            for at in range(self.rudders):
+                held[:, INPUT_COUNT + RUDDER_INPUTS * at] = steering
+                held[:, INPUT_COUNT + RUDDER_INPUTS * at + 1] = self.slipstream * held[:, 0]
+        else:
+            held[:, 2] = self.largest * steering
+            held[:, 1] = self.side_force * held[:, 2]
+        return held
+
+    def steering(self, run: PlanarRun) -> FloatArray:
+        """(n,) steering of ``run``: mean angle of the rudders in rad, or share of the largest torque."""
+        held = run.forces()
+        return np.asarray(held.angle.mean(axis=1) if self.rudders else held.force[:, 2] / self.largest)
+
+
+def simulate_turning_circle(model: PlanarModel, system: SteeringSystem, order: float) -> Track:
+    """A turn at a steady ``order`` from a straight course, until two turns or `_LONGEST` time constants."""
+    step, count = _step(model), int(_LONGEST * _SAMPLES)
+    for _ in range(_COARSER):
+        track = _simulated(model, system, np.zeros(6), np.full(count, order), step)
+        turned = np.flatnonzero(np.abs(track.heading) >= 4.0 * np.pi)
+        if turned.size:
+            return track.part(0, int(turned[0]) + 1)
+        step *= 4.0
+    return track
+
+
+def simulate_zigzag(model: PlanarModel, system: SteeringSystem, order: float, threshold: float) -> Track:
+    """A zigzag that reverses ``order`` when the heading has changed by ``threshold`` rad, for five sections."""
+    step, start = _step(model), np.zeros(6)
+    parts: list[Track] = []
+    count = int(0.5 * _LONGEST * _SAMPLES)
+    for section in range(_SECTIONS):
+        steering = order * (-1.0) ** section
+        track = _simulated(model, system, start, np.full(count, steering), step)
+        side = np.sign(order) * (-1.0) ** section
+        passed = np.flatnonzero(track.heading * side >= threshold)
+        last = int(passed[0]) if passed.size else count - 1
+        time = track.time + (parts[-1].time[-1] + step if parts else 0.0)
+        parts.append(replace(track, time=time).part(0, last if section < _SECTIONS - 1 else last + 1))
+        if not passed.size:
+            break
+        start = np.array([getattr(track, name)[last] for name in ("heading", "surge", "sway")] + [0.0] * 3)
+        start[3:] = track.yaw_rate[last], track.north[last], track.east[last]
+    joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])}
+    return Track(**joined)
+
+
+def _step(model: PlanarModel) -> float:
+    """Sampling interval in s: a part of the time constant of the yaw rate, and of a length travelled."""
+    drag = model.base[6] + model.base[9] * 0.1
+    return float(min(model.base[2] / max(drag, 1e-9), model.base[0] / max(model.base[4], 1e-9), 60.0) / _SAMPLES)
+
+
+def _simulated(
+    model: PlanarModel, system: SteeringSystem, start: FloatArray, steering: FloatArray, step: float
+) -> Track:
+    """Motion from (6,) ``start`` (heading, u, v, r, north, east; u is set on a straight course), in still water."""
+    still = replace(model, effects=tuple(one for one in model.effects if one.effect.id != "current"))
+    first = start.copy()
+    if not first[1:4].any():
+        first[1] = system.approach_speed
+    time = step * np.arange(len(steering), dtype=np.float64)
+    states = np.zeros((len(time), STATES))
+    scale = np.array([system.approach_speed, system.approach_speed, 0.1])
+    offsets = np.array([0, len(time)])
+    held = system.inputs(still, steering)
+    simulate_runs(offsets, time, held, first[None], scale, False, still.coefficients, states)
+    return Track(
+        time=time,
+        heading=states[:, HEADING],
+        yaw_rate=states[:, SURGE + 2],
+        steering=steering,
+        north=states[:, NORTH],
+        east=states[:, NORTH + 1],
+        surge=states[:, SURGE],
+        sway=states[:, SURGE + 1],
+    )
+
+
+# ---- measures
+
+
+def model_measures(model: PlanarModel, system: SteeringSystem) -> Measures:
+    """Measures of a turning circle to each side and of the 10/10 and 20/20 zigzags; names as "circle.advance"."""
+    largest = system.largest if system.rudders else 1.0
+    order = min(_TURN_ANGLE, largest) if system.rudders else largest
+    found: dict[str, ManoeuvreMeasure] = {}
+    for side, name in ((1.0, "starboard"), (-1.0, "port")):
+        track = simulate_turning_circle(model, system, side * order)
+        found |= {f"circle_{name}.{key}": one for key, one in turning_circle(track).items()}
+    for angle in _ZIGZAG_ANGLES:
+        given = angle if system.rudders else largest * angle / _ZIGZAG_ANGLES[-1]
+        track = simulate_zigzag(model, system, given, angle)
+        name = f"zigzag_{np.degrees(angle):.0f}"
+        found |= {f"{name}.{key}": one for key, one in zigzag(track).items()}
+        if f"{name}.period" in found:
+            # The error of K and T is that of the parameters: the simulated rate has no noise.
+            fitted = {key: one for key, one in nomoto(track, system.gain_unit).items() if key in {"K", "T"}}
+            found |= {f"{name}.{key}": replace(one, standard_error=None) for key, one in fitted.items()}
+    return found
+
+
+def model_manoeuvres(fit: PlanarFit, data: PlanarData) -> Measures:
+    """`model_measures` of a fit with standard errors by the delta method.
+
+    A measure that depends on a parameter that the runs do not determine is left out.
+    """
+    system = SteeringSystem.of(data, fit.model)
+    names, estimate = fit.model.names, fit.estimate
+
+    def measure(values: FloatArray) -> Measures:
+        return model_measures(fit.model.with_values(values), system)
+
+    values = fit.model.values
+    covariance = np.zeros((len(names), len(names)))
+    known = [name for name in names if name in estimate.names and name not in estimate.refused]
+    own, theirs = [names.index(name) for name in known], [estimate.names.index(name) for name in known]
+    covariance[np.ix_(own, own)] = estimate.covariance[np.ix_(theirs, theirs)]
+    found = with_errors(measure, values, covariance)
+    for name in set(names) & set(estimate.refused):
+        at = names.index(name)
+        changed = values.copy()
+        changed[at] *= 1.0 + _DOUBT
+        other = measure(changed)
+        found = {
+            key: one
+            for key, one in found.items()
+            if key in other and abs(other[key].value - one.value) <= _SENSITIVE * abs(one.value)
+        }
+    return found
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunManoeuvre:
+    """A manoeuvre that was recognised in a run, as measured and as simulated freely from its start."""
+
+    run: str
+    kind: str  #: "turning_circle" or "zigzag".
+    begin: float  #: s from the start of the run.
+    end: float  #: s.
+    steering: float  #: First order: rad, or share of the largest torque.
+    measured: Measures
+    simulated: Measures
+
+
+def run_manoeuvres(model: PlanarModel, data: PlanarData) -> list[RunManoeuvre]:
+    """Manoeuvres in the runs; none where the vehicle neither moves ahead nor turns."""
+    try:
+        system = SteeringSystem.of(data, model)
+    except DataError:
+        return []
+    found = []
+    for run in data.runs:
+        tracks = _run_tracks(model, system, run, data.sensors)
+        if tracks is None:
+            continue
+        for one in recognise(tracks[0]):
+            measured, simulated = (_measures(track.part(one.first, one.last), one.kind, system) for track in tracks)
+            begin, end = tracks[0].time[[one.first, one.last - 1]].tolist()
+            found.append(
+                RunManoeuvre(
+                    run=run.name,
+                    kind=one.kind,
+                    begin=begin,
+                    end=end,
+                    steering=one.steering,
+                    measured=measured,
+                    simulated=simulated,
+                )
+            )
+    return found
+
+
+def _measures(track: Track, kind: str, system: SteeringSystem) -> Measures:
+    if kind == "turning_circle":
+        return turning_circle(track)
+    return {**zigzag(track), **nomoto(track, system.gain_unit)}
+
+
+def _run_tracks(
+    model: PlanarModel, system: SteeringSystem, run: PlanarRun, sensors: Sequence[str]
+) -> tuple[Track, Track] | None:
+    """The measured and the simulated track through the water of a run; None for a run that is too short."""
+    smooth = smooth_run(run, _WIDTH * slowest_interval(run))
+    if smooth is None:
+        return None
+    time, heading = smooth.time, smooth.heading
+    north, east = model.current
+    measured = measured_axes(tuple(sensors))
+    ahead = smooth.speeds[:, 0] - north * np.cos(heading) - east * np.sin(heading)
+    side = smooth.speeds[:, 1] - east * np.cos(heading) + north * np.sin(heading)
+    ahead, side = (
+        one if known else np.full(len(time), np.nan) for one, known in zip((ahead, side), measured[:2], strict=True)
+    )
+    # Held orders: the last one at or before each instant.
+    rows = np.clip(np.searchsorted(run.time, time, side="right") - 1, 0, len(run.time) - 1)
+    steering = system.steering(run)[rows]
+    motion = simulate_planar(model, run, measured_start(run))
+    through = [np.interp(time, run.time, column) for column in motion.through_water.T]
+    turned = np.interp(time, run.time, motion.heading)
+    return (
+        _track(time, heading, steering, ahead, side, smooth.speeds[:, 2]),
+        _track(time, turned, steering, *through),
+    )
+
+
+def _track(
+    time: FloatArray, heading: FloatArray, steering: FloatArray, ahead: FloatArray, side: FloatArray, rate: FloatArray
+) -> Track:
+    """The track with positions by integration of the velocities through the water."""
+    cosine, sine = np.cos(heading), np.sin(heading)
+    positions = []
+    for speed in (ahead * cosine - side * sine, ahead * sine + side * cosine):
+        steps = 0.5 * (speed[1:] + speed[:-1]) * np.diff(time)
+        positions.append(np.concatenate(([0.0], np.cumsum(steps))))
+    return Track(
+        time=time,
+        heading=heading,
+        yaw_rate=rate,
+        steering=steering,
+        north=positions[0],
+        east=positions[1],
+        surge=ahead,
+        sway=side,
+    )
+
+
+def turning_curve(model: PlanarModel, system: SteeringSystem, length: float, points: int = 9) -> FloatArray:
+    """(points, 2) steering and r' = r L/U of steady turns: the r'-delta' curve (ITTC 7.5-02-06-01, spiral tests).
+
+    ``length`` is L in m. The middle of the curve is unreliable for a vehicle that is not stable on a straight course.
+    """
+    largest = min(_TURN_ANGLE, system.largest) if system.rudders else 1.0
+    rows = []
+    for order in np.linspace(-largest, largest, points):
+        count = int(_LONGEST * _SAMPLES)
+        track = _simulated(model, system, np.zeros(6), np.full(count, order), _step(model))
+        speed = float(np.hypot(track.surge[-1], track.sway[-1]))
+        rows.append((float(order), float(track.yaw_rate[-1]) * length / max(speed, 1e-9)))
+    return np.array(rows)

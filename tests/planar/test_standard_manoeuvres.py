@@ -1,0 +1,125 @@
+"""Turning circles and zigzags of models with known measures, and in simulated runs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import fsolve
+
+from rovid.core.array_types import FloatArray
+from rovid.estimate.estimate import Estimate
+from rovid.planar.dataset import PlanarData, planar_data
+from rovid.planar.fit import PlanarFit
+from rovid.planar.model import BASE_NAMES, PlanarModel, RudderModel
+from rovid.planar.reference import accelerations
+from rovid.planar.standard_manoeuvres import (
+    SteeringSystem,
+    model_manoeuvres,
+    model_measures,
+    run_manoeuvres,
+    turning_curve,
+)
+from rovid.trial.trial import Campaign
+from tests.planar.vehicles import Truth, campaign, simulate
+
+# Equal inertias ahead and sideways: no Munk moment. Yaw is Nomoto's model with T = 30/15 s and K = 12/15 rad/s.
+YAW_ALONE = np.array([60.0, 60.0, 30.0, 0.0, 40.0, 80.0, 15.0, 0.0, 0.0, 0.0])
+SYSTEM = SteeringSystem(approach_speed=1.0, rudders=0, largest=12.0, side_force=0.0, slipstream=0.0)
+
+
+def test_a_vehicle_whose_yaw_is_alone_has_nomotos_gain_and_time_constant() -> None:
+    found = model_measures(PlanarModel(base=YAW_ALONE), SYSTEM)
+    assert found["zigzag_20.T"].value == pytest.approx(2.0, rel=1e-3)
+    assert found["zigzag_20.K"].value == pytest.approx(0.8, rel=1e-3)
+    assert found["zigzag_20.K"].unit == "rad/s"
+    assert found["circle_starboard.steady_yaw_rate"].value == pytest.approx(0.8, rel=1e-3)
+    assert found["circle_port.steady_yaw_rate"].value == pytest.approx(-0.8, rel=1e-3)
+
+
+def test_a_steady_turn_solves_the_equations() -> None:
+    base = np.array([35.0, 62.0, 9.0, 3.0, 2.0, 20.0, 8.0, 5.0, 90.0, 20.0])
+    rudder = RudderModel(name="rudder", position=(-0.9, 0.0), lift=25.0)
+    model = PlanarModel(base=base, rudders=(rudder,))
+    system = SteeringSystem(approach_speed=1.5, rudders=1, largest=0.5, side_force=0.0, slipstream=0.0)
+    thrust = (2.0 + 5.0 * 1.5) * 1.5
+    held = np.array([thrust, 0.0, 0.0, 0.5, 0.0])
+
+    def unbalanced(nu: FloatArray) -> FloatArray:
+        return accelerations(model, nu, held, np.zeros(3))
+
+    u, v, r = fsolve(unbalanced, np.array([1.2, -0.2, 0.3]))
+    found = model_measures(model, system)
+    # The last quarter of two turns is not entirely steady.
+    assert found["circle_starboard.steady_diameter"].value == pytest.approx(2.0 * np.hypot(u, v) / r, rel=0.01)
+    assert found["circle_starboard.steady_drift_angle"].value == pytest.approx(np.arctan2(-v, u), rel=0.02)
+    curve = turning_curve(model, system, length=2.0, points=3)
+    assert curve[-1] == pytest.approx([0.5, r * 2.0 / np.hypot(u, v)], rel=1e-3)
+    assert curve[1, 1] == pytest.approx(0.0, abs=1e-9)
+
+
+def data_of(truth: Truth, commands: FloatArray, hold: float) -> PlanarData:
+    """One run under given commands, with the readings of a campaign."""
+    given = campaign(truth, runs=1, levels=len(commands), hold=hold, seed=3)
+    states = simulate(truth, commands, hold, np.zeros(6), 3)
+    run = given.runs[0].trial
+    readings = {}
+    for name, column in (("surge_velocity", 1), ("sway_velocity", 2)):
+        time = run.readings[name].time
+        readings[name] = replace(run.readings[name], values=np.interp(time, run.time, states[:, column]))
+    held = np.repeat(commands, round(hold / 0.05), axis=0)
+    trial = replace(
+        run, position=states[:, 0], commands=np.vstack((held, held[-1:])), readings=readings, name="turns.csv"
+    )
+    return planar_data(Campaign(trials=(trial,), sources=()), given.vehicle)
+
+
+NOISE = {"heading": (0.0, 0.05), "surge_velocity": (0.0, 0.2), "sway_velocity": (0.0, 0.2)}
+TORPEDO = Truth(
+    base=(35.0, 62.0, 9.0, 3.0, 2.0, 20.0, 8.0, 5.0, 90.0, 20.0),
+    levers=((14.0, 0.0, 0.0),),
+    rudder=(-0.9, 25.0),
+    noise=NOISE,
+)
+
+
+def test_a_turning_circle_in_a_run_is_found_and_measured() -> None:
+    commands = np.column_stack((np.ones(10), [0.0, 0.0, *[0.4] * 8]))
+    data = data_of(TORPEDO, commands, 5.0)
+    rudder = RudderModel(name="rudder", position=(-0.9, 0.0), lift=25.0, stall=1.5)
+    model = PlanarModel(base=np.array(TORPEDO.base), rudders=(rudder,))
+    (found,) = run_manoeuvres(model, data)
+    assert (found.run, found.kind) == ("turns.csv", "turning_circle")
+    assert found.steering == pytest.approx(0.4)
+    assert found.begin == pytest.approx(10.0, abs=0.5)  # smoothed over two intervals of 0.2 s
+    for name in ("advance", "tactical_diameter", "steady_diameter"):
+        # The smoothed velocities of the run cut its corners.
+        assert found.measured[name].value == pytest.approx(found.simulated[name].value, rel=0.05)
+
+
+def test_errors_follow_the_parameters_and_undetermined_ones_refuse_their_measures() -> None:
+    covariance = np.zeros((10, 10))
+    covariance[2, 2] = 0.3**2  # 1 % of the yaw inertia, and so of T
+    data = data_of(
+        Truth(base=tuple(YAW_ALONE.tolist()), levers=((40.0, 0.0, 0.0), (0.0, 0.0, 12.0)), noise=NOISE),
+        np.array([[1.0, 0.0], [1.0, 1.0], [1.0, -1.0], [1.0, 0.0]]),
+        5.0,
+    )
+    estimate = Estimate(
+        names=BASE_NAMES, values=YAW_ALONE, covariance=covariance, method="test", samples=100, refused={}
+    )
+    fit = PlanarFit(
+        model=PlanarModel(base=YAW_ALONE),
+        estimate=estimate,
+        log_likelihood=0.0,
+        noise={},
+        disturbance={},
+        free_run_r2={},
+    )
+    found = model_manoeuvres(fit, data)
+    assert found["zigzag_20.T"].standard_error == pytest.approx(0.02, rel=0.05)  # second order of the delta method
+    refusing = replace(fit, estimate=replace(estimate, refused={"yaw.inertia": "not excited"}))
+    refused = model_manoeuvres(refusing, data)
+    assert "zigzag_20.T" not in refused
+    assert "circle_starboard.steady_yaw_rate" in refused
