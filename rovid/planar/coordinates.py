@@ -17,8 +17,9 @@ from rovid.model.bound_effects import BoundEffect
 from rovid.planar.kernels import NOISE_COUNT, NOISE_SENSOR, SENSORS
 from rovid.planar.model import BASE_COUNT, PlanarModel, RudderModel, from_log_cholesky, log_cholesky
 
-# Half range of the log inertias about their start; the inertia of sway and yaw as half logarithms.
-_INERTIA_RANGE = np.array([4.0, 2.0, 2.0, 3.0])
+# Half range of the log inertias about those of the best regression: a factor of 30. Those of sway and yaw are half
+# logarithms. The last is that of their coupling.
+_INERTIA_RANGE = np.array([3.4, 1.7, 1.7, 3.0])
 # Range of the log disturbance below its limit, and its start below it.
 _DISTURBANCE_RANGE, _FIRST_DISTURBANCE = 9.0, 0.7
 # Bounds of the disturbance's correlation time in time constants, and its start.
@@ -40,11 +41,7 @@ class PlanarSizes:
     time: FloatArray  #: (3,) s; time constants.
     effects: Scales  #: Of the parameters of effects.
     noise: dict[str, float]  #: Sensor -> standard deviation of its noise at the start.
-
-    @property
-    def inertia(self) -> FloatArray:
-        """(3,) typical inertias."""
-        return np.asarray(self.force * self.time / self.speed)
+    inertia: FloatArray  #: (3,) kg, kg, kg m^2; of the best regression.
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -72,8 +69,7 @@ class PlanarCoordinates:
     ) -> Self:
         """Coordinates around ``start``, with disturbances of at most ``limit`` times the usual forces."""
         drags = np.concatenate((sizes.force / sizes.speed, sizes.force / sizes.speed**2))
-        centre = log_cholesky(start.mass_matrix, sizes.inertia)
-        low, high = [*(centre - _INERTIA_RANGE), *np.zeros(6)], [*(centre + _INERTIA_RANGE), *np.full(6, np.inf)]
+        low, high = [*-_INERTIA_RANGE, *np.zeros(6)], [*_INERTIA_RANGE, *np.full(6, np.inf)]
         units = [1.0, 1.0, 1.0, 1.0, *drags]
         for rudder in start.rudders:
             arm = max(math.hypot(*rudder.position), 1e-9)
@@ -112,12 +108,12 @@ class PlanarCoordinates:
             high=np.array(high, dtype=np.float64),
         )
         if yaw_only:
-            found._fix_all_but_yaw(centre)
+            found._fix_all_but_yaw()
         return found
 
-    def _fix_all_but_yaw(self, centre: FloatArray) -> None:
+    def _fix_all_but_yaw(self) -> None:
         for at in (0, 1, 3):
-            self.low[at] = self.high[at] = centre[at] if at != 3 else 0.0
+            self.low[at] = self.high[at] = 0.0
         for at in (4, 5, 7, 8):
             self.low[at] = self.high[at] = 0.0
         for at in (0, 1, 3, 4):

@@ -74,8 +74,10 @@ def fit_planar(data: PlanarData, effects: Sequence[Effect] = ()) -> PlanarFit:
     DataError
         The runs are too short, nothing moves, or no sensor measures what an effect needs.
     """
-    best = fit_base(data, with_current=any(isinstance(effect.acts, WaterCurrent) for effect in effects))
-    for effect in effects:
+    has_current = any(isinstance(effect.acts, WaterCurrent) for effect in effects)
+    best = fit_base(data, with_current=has_current)
+    # Without its current a vehicle has no model worth extending.
+    for effect in sorted(effects, key=lambda effect: not isinstance(effect.acts, WaterCurrent)):
         best = add_effect(best, effect, data)
     return planar_result(data, refined(best, data))
 
@@ -83,10 +85,10 @@ def fit_planar(data: PlanarData, effects: Sequence[Effect] = ()) -> PlanarFit:
 def fit_base(data: PlanarData, *, with_current: bool = False) -> PlanarOptimum:
     """Fit without effects to thinned readings, from the best of several starts; `refined` takes all readings.
 
-    ``with_current``: the starts allow for a current, whose effect is to be added.
+    ``with_current``: a current is added next, so a coarse fit will do.
     """
-    starts = start_values(data, with_current=with_current)
-    sizes = _sizes(data, min(starts, key=lambda one: one.residual))
+    starts = start_values(data, with_current=False)
+    sizes = _sizes(data, min(start_values(data, with_current=True), key=lambda one: one.residual))
     yaw_only = not any(measured_axes(data.sensors)[:2])
     grid = _grid(data, sizes, yaw_only=yaw_only, interval=_SEARCH_SHARE * float(sizes.time.min()))
     pairs = []
@@ -99,7 +101,7 @@ def fit_base(data: PlanarData, *, with_current: bool = False) -> PlanarOptimum:
     pairs.sort(key=lambda pair: pair[0].value(pair[1]))
     tried = [PlanarOptimum.fit(likelihood, x, _FIRST_ITERATIONS) for likelihood, x in pairs[:_STARTS]]
     best = min(tried, key=lambda one: one.value)
-    return PlanarOptimum.fit(best.likelihood, best.x)
+    return best if with_current else PlanarOptimum.fit(best.likelihood, best.x)
 
 
 def add_effect(base: PlanarOptimum, effect: Effect, data: PlanarData) -> PlanarOptimum:
@@ -116,22 +118,27 @@ def add_effect(base: PlanarOptimum, effect: Effect, data: PlanarData) -> PlanarO
             where=effect.key,
             mend="Map surge_velocity and sway_velocity, or north and east, in [signals] of rovid.toml.",
         )
-    starts: list[FloatArray] = []
-    if isinstance(effect.acts, WaterCurrent):
-        starts = _current_starts(base, effect, data)
-    return base.with_effect(effect, starts)
+    return base.with_effect(effect, _current_starts(base, effect, data))
 
 
 def _current_starts(base: PlanarOptimum, effect: Effect, data: PlanarData) -> list[FloatArray]:
-    """Initial values of a current in its units: the catalogue's, and those of the regressions."""
-    starts = list(effect.initial_values)
-    speed = base.coordinates.sizes.effects.unit_size(effect.parameters[0])
+    """Coordinates with a current from the regressions; none for other effects.
+
+    A current changes every parameter. So the base parameters start anew, too.
+    """
+    if not isinstance(effect.acts, WaterCurrent):
+        return []
+    coordinates, starts = base.coordinates, []
+    at = coordinates.noise_begin
     for start in start_values(data, with_current=True):
         north, east = start.current
-        if north or east:
-            own = effect.initial_values[0].copy()
-            own[:2] = math.hypot(north, east) / speed, math.atan2(east, north)
-            starts.append(own)
+        own = effect.initial_values[0].copy()
+        speed = coordinates.sizes.effects.unit_size(effect.parameters[0])
+        own[:2] = max(math.hypot(north, east) / speed, 0.02), math.atan2(east, north)
+        effects = [one.parameters for one in base.model.effects]
+        anew = coordinates.initial(start.model, effects)
+        # The disturbance and the noise of a model without the current say nothing.
+        starts.append(np.concatenate((anew[:at], own, anew[at:])))
     return starts
 
 
@@ -258,7 +265,12 @@ def _sizes(data: PlanarData, start: StartValues) -> PlanarSizes:
         usual = start.speed[axis] * (1.0 if name.endswith(("velocity", "rate")) else time[axis])
         noise[name] = found if found > 1e-6 * usual else _DEFAULT_NOISE * usual
     return PlanarSizes(
-        force=start.force, speed=start.speed, time=time, effects=_effect_scales(data, start, time), noise=noise
+        force=start.force,
+        speed=start.speed,
+        time=time,
+        inertia=start.model.base[:3],
+        effects=_effect_scales(data, start, time),
+        noise=noise,
     )
 
 

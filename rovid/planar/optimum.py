@@ -33,6 +33,8 @@ _FIRST_DAMPING, _MAX_DAMPING, _MORE_DAMPING = 1e-3, 1e7, 10.0
 # Dampings that are tried at once, and largest change of a coordinate in one step, in units of its scale.
 _AT_ONCE, _MAX_CHANGE = 2, 1.0
 _BFGS_PAIRS = 8
+# Starts of an effect that are followed for some steps.
+_CONTINUED = 3
 # Length of a block in time constants, usual number of blocks in all runs, and the least number.
 _BLOCK, _USUAL_BLOCKS, _BLOCKS = 8.0, 60, 12
 _MIN_RUNS = 3
@@ -160,19 +162,17 @@ class PlanarOptimum:
         jacobian, count = self.coordinates.value_jacobian(self.x), self.coordinates.noise_begin
         return np.asarray(jacobian @ self.coordinate_covariance[:count, :count] @ jacobian.T)
 
-    def with_effect(
-        self, effect: Effect, unit_values: Sequence[FloatArray] = (), iterations: int = _ITERATIONS
-    ) -> Self:
-        """The best fit with one more effect, from each of its initial values, or from ``unit_values`` in its units."""
+    def with_effect(self, effect: Effect, further: Sequence[FloatArray] = (), iterations: int = _ITERATIONS) -> Self:
+        """The best fit with one more effect, from each of its initial values and from ``further`` coordinates."""
         coordinates = self.coordinates.with_effect(effect)
         likelihood = self.likelihood.with_coordinates(coordinates)
         at = self.coordinates.noise_begin
-        starts = [np.concatenate((self.x[:at], own, self.x[at:])) for own in unit_values or effect.initial_values]
-        starts = [coordinates.projected(start) for start in starts]
+        starts = [np.concatenate((self.x[:at], own, self.x[at:])) for own in effect.initial_values]
+        starts = [coordinates.projected(start) for start in (*starts, *further)]
         if len(starts) > 1:
             values = likelihood.values(starts)
             # A few steps from each start tell which valley is deepest.
-            order = np.argsort(values)[:3]
+            order = np.argsort(values)[:_CONTINUED]
             tried = [type(self).fit(likelihood, starts[number], iterations=3) for number in order.tolist()]
             best = min(tried, key=lambda one: one.value)
             return type(self).fit(likelihood, best.x, iterations)

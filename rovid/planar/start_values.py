@@ -23,7 +23,9 @@ _WIDTHS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
 # Stall angle of a rudder where rovid.toml gives none.
 _STALL = math.radians(35.0)
 # Currents of the search: speeds in shares of the RMS speed, and number of directions.
-_CURRENT_SHARES, _CURRENT_DIRECTIONS = (0.15, 0.4, 0.8, 1.5), 12
+_CURRENT_SHARES, _CURRENT_DIRECTIONS = (0.15, 0.4, 0.8, 1.5), 8
+# Most smoothed points of a regression.
+_MOST_POINTS = 3000
 # Largest coupling of sway and yaw in the inertia.
 _MAX_COUPLING = 0.8
 
@@ -53,7 +55,8 @@ class _StackedRuns:
     @classmethod
     def of(cls, runs: Sequence[SmoothRun]) -> _StackedRuns:
         names = ("heading", "speeds", "accelerations", "inputs")
-        return cls(*(np.concatenate([getattr(run, name) for run in runs]) for name in names))
+        every = sum(len(run.time) for run in runs) // _MOST_POINTS + 1
+        return cls(*(np.concatenate([getattr(run, name)[::every] for run in runs]) for name in names))
 
     def in_current(self, north: float, east: float) -> _StackedRuns:
         """The same with speeds and accelerations relative to a current."""

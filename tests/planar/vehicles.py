@@ -184,7 +184,7 @@ def usv(seed: int, **changes: object) -> Truth:
     )
     levers = ((90.0, 0.0, 70.0), (90.0, 0.0, -70.0))
     noise = {"heading": (0.01, 0.1), "north": (0.05, 0.2), "east": (0.05, 0.2)}
-    given: dict[str, object] = {"base": base, "levers": levers, "noise": noise, "disturbance": (2.0, 2.0, 2.0)}
+    given: dict[str, object] = {"base": base, "levers": levers, "noise": noise, "disturbance": (2.0, 0.8, 2.0)}
     return Truth(**(given | changes))  # type: ignore[arg-type]
 
 

@@ -1,0 +1,87 @@
+"""Fits recover the truth of vehicles that scipy simulates, and refuse what the sensors leave open."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from rovid.effects import effect_named
+from rovid.estimate.maximum_likelihood import fit_likelihood
+from rovid.planar.dataset import PlanarData
+from rovid.planar.fit import PlanarFit, fit_planar
+from rovid.planar.model import BASE_NAMES
+from rovid.signals.preprocessing import prepare
+from tests.planar.vehicles import Truth, box_rov, campaign, torpedo, usv
+
+# Standard errors: the largest of a dozen independent normal deviates exceeds 3.5 in 1 of 180 fits; seeds are fixed.
+SIGMAS = 3.5
+
+
+def deviations(fitted: PlanarFit, truth: Truth) -> dict[str, float]:
+    """Deviation of each estimated parameter from the truth in standard errors."""
+    true = dict(zip(BASE_NAMES, truth.base, strict=True))
+    if truth.rudder is not None:
+        true["rudder.rudder.lift"] = truth.rudder[1]
+    if any(truth.current):
+        north, east = truth.current
+        true |= {"current.speed": math.hypot(north, east), "current.direction": math.atan2(east, north)}
+    estimate = fitted.estimate
+    known = [name for name in true if name not in estimate.refused]
+    return {name: (estimate.value(name) - true[name]) / estimate.standard_error(name) for name in known}
+
+
+@pytest.mark.parametrize(
+    ("truth", "hold"),
+    [(box_rov(3), 6.0), (torpedo(3), 8.0)],
+    ids=["box ROV with DVL", "torpedo with rudder"],
+)
+def test_the_truth_is_within_the_errors(truth: Truth, hold: float) -> None:
+    fitted = fit_planar(campaign(truth, runs=2, levels=20, hold=hold, seed=3))
+    found = deviations(fitted, truth)
+    assert {"surge.inertia", "sway.inertia", "yaw.inertia"} <= found.keys()
+    assert max(map(abs, found.values())) < SIGMAS
+    assert fitted.white
+
+
+def test_a_current_is_found_from_positions() -> None:
+    truth = usv(4, current=(0.2, -0.2))
+    data = campaign(truth, runs=2, levels=20, hold=10.0, seed=4)
+    fitted = fit_planar(data, (effect_named("current"),))
+    found = deviations(fitted, truth)
+    assert {"surge.inertia", "sway.inertia", "current.speed", "current.direction"} <= found.keys()
+    assert max(map(abs, found.values())) < SIGMAS
+
+
+def heading_alone() -> PlanarData:
+    truth = Truth(
+        base=(30.0, 40.0, 4.0, 0.0, 8.0, 12.0, 1.0, 20.0, 30.0, 2.0),
+        levers=((0.0, 0.0, 3.0),),
+        noise={"heading": (0.005, 0.05)},
+        disturbance=(0.0, 0.0, 0.03),
+    )
+    return campaign(truth, runs=2, levels=20, hold=6.0, seed=5)
+
+
+def test_heading_alone_gives_the_yaw_model() -> None:
+    data = heading_alone()
+    fitted = fit_planar(data)
+    one_axis = fit_likelihood(prepare([run.trial for run in data.runs], data.vehicle).items, data.vehicle).estimate
+    for name in ("inertia", "linear_drag", "quadratic_drag"):
+        difference = fitted.estimate.value(f"yaw.{name}") - one_axis.value(name)
+        assert abs(difference) < one_axis.standard_error(name)
+    others = [name for name in BASE_NAMES if not name.startswith("yaw.")]
+    assert set(others) <= set(fitted.estimate.refused)
+
+
+def test_speed_that_never_changes_leaves_its_drags_apart() -> None:
+    """At one speed ahead only the sum of linear and quadratic drag matters."""
+    truth = box_rov(6, levers=((0.0, 8.0, 2.0), (0.0, 8.0, -2.0)))
+    fitted = fit_planar(campaign(truth, runs=2, levels=15, hold=6.0, seed=6))
+    # Nothing pushes the vehicle ahead: surge moves by the turn alone.
+    assert "surge.linear_drag" in fitted.estimate.refused or "surge.quadratic_drag" in fitted.estimate.refused
+    assert any(any(name.startswith("surge.") for name in one.combination) for one in fitted.undetermined)
+    found = deviations(fitted, truth)
+    assert {"sway.inertia", "yaw.inertia"} <= found.keys()
+    assert np.max(np.abs(list(found.values()))) < SIGMAS
