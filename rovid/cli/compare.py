@@ -18,7 +18,8 @@ from rovid.cli.context import (
     stored_logs,
 )
 from rovid.cli.help_format import Page
-from rovid.cli.options import AxisName, Cutoff, Force, Json, ParameterFile, argument, option
+from rovid.cli.options import Axes, AxisName, Cutoff, Force, Json, ParameterFile, argument, option
+from rovid.cli.planar_session import is_planar, planar_parameters
 from rovid.cli.progress import progress
 from rovid.core.errors import ConfigError
 
@@ -38,11 +39,14 @@ PAGE = Page(
     B; if A is a folder, B is the logs that the parameter file names. Without A and B, the current parameter file is
     compared with the last model in its history that was fitted to other logs. -o writes a page with plots of both
     campaigns. Nothing else is written.
+
+    With --axes planar, A and B are folders or parameter files of surge, sway and yaw together.
     """,
     examples=(
         ("Before and after", "rovid compare my_logs surge_logs"),
         ("Two parameter files", "rovid compare spring.toml autumn.toml"),
         ("The current parameter file and its previous content", "rovid compare"),
+        ("Surge, sway and yaw together", "rovid compare my_logs surge_logs --axes planar"),
         ("With a page to show", "rovid compare my_logs surge_logs -o compare.html"),
     ),
     see=("rovid diagnose", "rovid fit", "rovid help compare"),
@@ -56,6 +60,7 @@ def compare(
     ] = None,
     *,
     axis: AxisName = None,
+    axes: Axes = None,
     parameters: ParameterFile = None,
     output: Annotated[Path | None, option("PAGE", "Write a self-contained HTML page.", "--output", "-o")] = None,
     matters: Annotated[
@@ -72,6 +77,9 @@ def compare(
             f"{len(given)} campaigns were given; at most two were expected.",
             mend="Give each campaign's folder, not its single logs.",
         )
+    if is_planar(axes, axis, cutoff=cutoff, output=output):
+        _compare_planar(given, parameters, matters / 100.0, json=json)
+        return
     compile_in_background()
     from rovid.compare.comparison import compare as compare_campaigns
     from rovid.present.documents.diagnosis import comparison_document
@@ -139,3 +147,21 @@ def _is_parameter_file(path: Path) -> bool:
     from rovid.core.signatures import PARAMETERS
 
     return path.is_file() and (path.suffix == ".toml" or PARAMETERS.matches(path))
+
+
+def _compare_planar(given: list[Path], parameters: Path | None, matters: float, *, json: bool) -> None:
+    """Compare two campaigns by the coupled model."""
+    if not given:
+        raise ConfigError("no campaign was given.", mend="Give one or two folders of logs or parameter files.")
+    from rovid.compare.planar import compare_planar, planar_campaigns
+    from rovid.present.terminal.planar_comparison import planar_comparison_document, show_planar_comparison
+
+    first, *rest = given
+    second = rest[0] if rest else planar_parameters(parameters).path
+    with progress("Reading …") as report:
+        a, b = planar_campaigns((first, second), report)
+        comparison = compare_planar(a, b, relevant_change=matters)
+    if json:
+        print_json(planar_comparison_document(comparison, []))
+    else:
+        show_planar_comparison(console(), comparison, [])
