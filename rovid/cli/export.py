@@ -96,23 +96,20 @@ def export(
 def _export_planar(name: str, output: Path | None, parameters: Path | None, *, force: bool, json: bool) -> None:
     from rovid.export.planar_input import planar_input
     from rovid.export.planar_run import select_planar_exporter, verified_planar_export
-    from rovid.planar.dataset import planar_data
     from rovid.present.console import show_caution
     from rovid.present.documents.planar_export import planar_export_document
     from rovid.present.terminal.planar_export import show_planar_export
-    from rovid.readers.campaign import read_campaign
-    from rovid.trial.config import find_config, load_planar_config
+    from rovid.store.planar_study import open_planar_study
 
     exporter, target = select_planar_exporter(name, output)
     stored = planar_parameters(parameters)
     outputs = reserve_outputs([target], stored.logs, stored.path, force=force)
-    data = None
+    study = None
     if stored.logs and all(path.exists() for path in stored.logs):
-        config = load_planar_config(find_config(stored.logs))
-        data = planar_data(read_campaign(stored.logs, config), config.vehicle)
-    remarks, assumptions = require_usable(stored, None, force=force)
+        study = open_planar_study(stored.logs)
+    remarks, assumptions = require_usable(stored, None if study is None else study.logs, force=force)
     with progress("Simulating …"):
-        exported = verified_planar_export(exporter, replace(planar_input(stored, data), guess=assumptions))
+        exported = verified_planar_export(exporter, replace(planar_input(stored, study), guess=assumptions))
     exported = replace(exported, warnings=(*exported.warnings, *remarks))
     outputs.write({target: exported.content})
     if json:

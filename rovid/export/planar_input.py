@@ -11,8 +11,6 @@ from typing import NamedTuple
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.core.errors import ConfigError
-from rovid.effects import effect_named
 from rovid.effects.actuator_inputs import neutral_commands
 from rovid.effects.base import Coupling, WaterCurrent
 from rovid.export.interface import PERIOD, ExportInput
@@ -22,8 +20,9 @@ from rovid.model.model import Model
 from rovid.planar.actuators import PlanarActuators, PlanarCommands
 from rovid.planar.dataset import PlanarData
 from rovid.planar.integration import STATES, SURGE, simulate_runs
-from rovid.planar.model import BASE_NAMES, PlanarModel, RudderModel
+from rovid.planar.model import PlanarModel
 from rovid.store.parameter_file import Entry, Parameters
+from rovid.store.planar_study import PlanarStudy, planar_model
 from rovid.trial.assumptions import Assumptions
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Thruster, Vehicle
@@ -200,47 +199,22 @@ class PlanarInput:
         return np.column_stack(columns)
 
 
-def planar_model(stored: Parameters, vehicle: Vehicle | None) -> PlanarModel:
-    """The coupled model of a parameter file, with the stand-ins for what the logs do not determine.
+def planar_input(stored: Parameters, study: PlanarStudy | None) -> PlanarInput:
+    """Input from a parameter file and, if they exist, from the logs behind it.
 
     Raises
     ------
     ConfigError
-        A parameter of the base model, or of an effect, is missing.
+        A parameter is missing.
     """
-    values = {name: entry.value for name, entry in stored.entries.items()} | dict(stored.assumed)
-
-    def needed(name: str) -> float:
-        if name not in values:
-            raise ConfigError(f"holds no {name}.", where=stored.path, mend="Run `rovid fit LOGS --axes planar` first.")
-        return values[name]
-
-    rudders = []
-    for one in () if vehicle is None else vehicle.thrusters:
-        if one.rudder is not None:
-            lift, slipstream = (values.get(f"rudder.{one.name}.{part}", 0.0) for part in ("lift", "slipstream"))
-            stall = {} if one.rudder.stall is None else {"stall": one.rudder.stall}
-            position = one.rudder.position
-            rudders.append(RudderModel(name=one.name, position=position, lift=lift, slipstream=slipstream, **stall))
-    effects = []
-    for key in stored.effects:
-        effect = effect_named(key)
-        numbers = [needed(f"{key}.{parameter.name}") for parameter in effect.parameters]
-        effects.append(BoundEffect(effect, np.array(numbers)))
-    base = np.array([needed(name) for name in BASE_NAMES])
-    return PlanarModel(base=base, effects=tuple(effects), rudders=tuple(rudders))
-
-
-def planar_input(stored: Parameters, data: PlanarData | None) -> PlanarInput:
-    """Input from a parameter file and, if they exist, from the logs behind it."""
     notes = []
     if stored.assumed:
         names = ", ".join(stored.assumed)
         notes.append(
             f"The logs do not determine {names}: stand-ins are written, which they neither support nor refute."
         )
-    if data is None:
-        model = planar_model(stored, None)
+    if study is None:
+        model = planar_model(stored)
         envelope = np.array(_ASSUMED)
         largest = model.base[4:7] * envelope + model.base[7:10] * envelope**2
         thrusters = tuple(
@@ -259,7 +233,7 @@ def planar_input(stored: Parameters, data: PlanarData | None) -> PlanarInput:
             commands=np.column_stack((-largest, largest)),
             notes=tuple(notes),
         )
-    model = planar_model(stored, data.vehicle)
+    model, data = study.model(stored), study.data
     commands = np.concatenate([run.trial.commands for run in data.runs])
     return PlanarInput(
         model=model,

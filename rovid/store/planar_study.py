@@ -17,7 +17,7 @@ from rovid.model.bound_effects import BoundEffect
 from rovid.planar.dataset import PlanarData, planar_data
 from rovid.planar.diagnosis import PlanarDiagnosis, diagnose_planar
 from rovid.planar.fit import PlanarFit, fit_planar
-from rovid.planar.model import BASE_COUNT, PlanarModel
+from rovid.planar.model import BASE_COUNT, PlanarModel, RudderModel
 from rovid.planar.start_values import planar_rudders
 from rovid.planar.trial_simulation import PlanarTrialSimulation, simulate_planar_trials
 from rovid.readers import read_campaign
@@ -95,15 +95,26 @@ class PlanarStudy:
         ConfigError
             A parameter is missing.
         """
-        values = {name: entry.value for name, entry in stored.entries.items()} | dict(stored.assumed)
-        effects = tuple(map(planar_effect, stored.effects))
-        bound = tuple(BoundEffect(effect, np.zeros(len(effect.parameters))) for effect in effects)
-        empty = PlanarModel(base=np.ones(BASE_COUNT), effects=bound, rudders=planar_rudders(self.data))
-        for name in empty.names:
-            if name not in values:
-                mend = "Run `rovid fit --axes planar LOGS`."
-                raise ConfigError(f"holds no {name}.", where=stored.path, mend=mend)
-        return empty.with_values(np.array([values[name] for name in empty.names]))
+        return planar_model(stored, planar_rudders(self.data))
+
+
+def planar_model(stored: Parameters, rudders: Sequence[RudderModel] = ()) -> PlanarModel:
+    """The model with the values of a parameter file, and ``rudders`` at their places.
+
+    Raises
+    ------
+    ConfigError
+        A parameter is missing.
+    """
+    values = {name: entry.value for name, entry in stored.entries.items()} | dict(stored.assumed)
+    effects = tuple(map(planar_effect, stored.effects))
+    bound = tuple(BoundEffect(effect, np.zeros(len(effect.parameters))) for effect in effects)
+    empty = PlanarModel(base=np.ones(BASE_COUNT), effects=bound, rudders=tuple(rudders))
+    for name in empty.names:
+        if name not in values:
+            mend = "Run `rovid fit --axes planar LOGS`."
+            raise ConfigError(f"holds no {name}.", where=stored.path, mend=mend)
+    return empty.with_values(np.array([values[name] for name in empty.names]))
 
 
 def planar_effect(name: str) -> Effect:
