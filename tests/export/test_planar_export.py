@@ -284,6 +284,6 @@ def test_the_command_writes_the_file_and_the_verdict(tmp_path: Path) -> None:
     assert read["M"] == pytest.approx(subject().model.mass_matrix)
     shown = run_rovid(*command)
     assert shown.code == 0
-    assert "Stable" in shown.out
+    assert "Stability: Stable at" in shown.out
     refused = run_rovid("export", "stonefish", "--axes", "planar", "-p", parameters)
     assert refused.code == 2

@@ -21,8 +21,7 @@ def show_planar_export(console: Console, path: Path, made: VerifiedPlanarExport)
         name, largest = max(loss.percent_of_range.items(), key=lambda item: item[1])
         size = f"{format_number(largest, 2)} % of the range of the {name.replace('_', ' ')}"
         print_labelled(console, "Not held:", f"{loss.what}, {size}: {loss.why}.", "red")
-    label, style = ("Stable:", "green") if made.stability.stable else ("Unstable:", "red")
-    print_labelled(console, label, made.stability.text, style)
+    print_labelled(console, "Stability:", made.stability.text, "green" if made.stability.stable else "red")
     show_warnings(console, made.warnings)
 
 
