@@ -242,7 +242,8 @@ class _Builder:
         return TimedSeries(time=logged.time, values=values)
 
     def remark_missing(self, name: str, logged: TimedSeries, consequence: str = "") -> None:
-        if logged.missing:
+        # In a table of several sensors most cells are empty.
+        if logged.missing and (consequence or not self.config.vehicle.planar):
             source = self.raw.channels[name].source
             text = f"{source} ({name}) is missing in {logged.missing} samples{consequence}."
             self.remark("missing", logged.missing, text)

@@ -102,7 +102,9 @@ def planar_rudder(
     if "angle" not in block:
         raise parser.error(place, "has no angle.", 'Add angle = { csv = "COLUMN", unit = "deg" }.')
     if "wheelbase" in block:
-        raise parser.error(place, "is steered wheels, which surge, sway and yaw together do not have.", "Leave --axes planar out.")
+        raise parser.error(
+            place, "is steered wheels, which surge, sway and yaw together do not have.", "Leave --axes planar out."
+        )
     if "position" not in block:
         mend = "Add position = [x, y] in m from the origin, x ahead (aft is negative) and y to starboard."
         raise parser.error(place, "has no position.", mend)

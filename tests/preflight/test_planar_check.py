@@ -10,7 +10,7 @@ import pytest
 
 from rovid.preflight.planar_check import PlanarCheck, check_planar
 from rovid.trial.config import load_planar_config
-from tests.conftest import Rovid
+from tests.conftest import SAMPLES, Rovid
 from tests.planar.campaign import PORT_AND_STARBOARD, SIGNALS, Motion, write_campaign, write_log
 
 
@@ -112,6 +112,14 @@ def test_init_writes_the_shares_that_the_logs_show(folder: Path, tmp_path: Path,
     assert (port.arm, starboard.arm) == (1.0, -1.0)
     assert port.arm_guessed
     assert rovid("check", tmp_path, "--axes", "planar").code == 0
+
+
+def test_the_sample_is_ready_for_a_fit(rovid: Rovid) -> None:
+    document = rovid("check", SAMPLES / "planar_rov", "--axes", "planar", "--json").document
+    assert (document["verdict"], document["faults"], document["advice"]) == ("go", [], [])
+    noise = {sensor["name"]: sensor["noise"] for sensor in document["sensors"]}
+    assert noise["heading"] == pytest.approx(0.00114, rel=0.1)  # as its README says; 10 % of 2600 readings is 5 sigma
+    assert noise["surge_velocity"] == pytest.approx(0.0061, rel=0.12)
 
 
 def test_planar_and_a_single_axis_exclude_each_other(folder: Path, rovid: Rovid) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
 
 from rich.console import Console
 
@@ -28,11 +27,7 @@ def show_planar_check(console: Console, checked: PlanarCheck) -> None:
         console.print(_sensors_table(checked))
         console.print(_axes_table(checked))
     asides = [advice.text for advice in checked.advice if advice.weight == "aside"]
-    # In a table of several sensors most cells are empty. The table of sensors has the gaps.
-    trials = [
-        replace(trial, remarks=tuple(one for one in trial.remarks if one.kind != "missing")) for trial in checked.trials
-    ]
-    show_warnings(console, [*asides, *merged_remarks(trials), *(remark.text for remark in checked.remarks)])
+    show_warnings(console, [*asides, *merged_remarks(checked.trials), *(remark.text for remark in checked.remarks)])
 
 
 def _tasks(checked: PlanarCheck) -> Iterator[str]:
