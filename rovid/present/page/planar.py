@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -13,11 +14,13 @@ import numpy as np
 from rovid import __version__
 from rovid.core.array_types import FloatArray
 from rovid.core.atomic_write import OutputFile, OutputSet
+from rovid.core.errors import DataError
 from rovid.core.formatting import plus_minus
 from rovid.core.signatures import PAGE, png_signature, svg_signature
 from rovid.diagnose.result import Finding, by_evidence
 from rovid.planar.diagnosis import PlanarDiagnosis
 from rovid.planar.fit import PlanarFit
+from rovid.planar.standard_manoeuvres import SteeringSystem, model_manoeuvres, run_manoeuvres, turning_curve
 from rovid.planar.trial_simulation import PlanarTrialSimulation, is_yaw_only, missing_forces, worst_run
 from rovid.present.number_format import format_number, unit_symbol
 from rovid.present.page.build import pdf_output
@@ -27,7 +30,7 @@ from rovid.present.page.templating import long_date, template_environment
 from rovid.present.plots import canvas
 from rovid.present.plots import planar as plots
 from rovid.present.sentences import cause_name, evidence_definitions, evidence_words, verdict_sentence
-from rovid.present.tables.manoeuvres import manoeuvre_tables
+from rovid.present.tables.manoeuvres import model_manoeuvre_tables, run_manoeuvre_tables
 from rovid.present.tables.planar import planar_parameters_table, planar_simulation_table
 from rovid.present.tables.table import ResultTable
 from rovid.present.terminal.planar import criterion_sentence, fit_sentence, simulation_sentence
@@ -182,6 +185,17 @@ def _drafts(report: PlanarReport) -> Iterator[FigureDraft]:
             caption=f"{after[at].name}: speeds over ground in body axes. Pale: measured; {models}.",
             alt=f"Surge, sway and yaw rate of {after[at].name}: {_error_words(after[at])}.",
         )
+    length = report.study.vehicle.length
+    if length is not None and not is_yaw_only(report.study.data):
+        with contextlib.suppress(DataError):
+            model = report.full.model
+            system = SteeringSystem.of(report.study.data, model)
+            yield FigureDraft(
+                "planar_turning_curve",
+                plots.plot_turning_curve(turning_curve(model, system, length), angle=system.rudders > 0),
+                caption="Steady turns of the model: r' = r·L/U against the steering.",
+                alt="Dimensionless yaw rate against steering.",
+            )
     if report.missing is not None:
         lost = report.missing
         yield FigureDraft(
@@ -228,6 +242,17 @@ def _gain_table(diagnosis: PlanarDiagnosis | None) -> ResultTable | None:
     return planar_held_out_table(diagnosis, diagnosis.base, diagnosis.extended)
 
 
+def _manoeuvre_tables(report: PlanarReport) -> list[ResultTable]:
+    """Manoeuvres in the runs, and standard manoeuvres of the model."""
+    data, fit = report.study.data, report.full
+    if is_yaw_only(data):
+        return []
+    tables = run_manoeuvre_tables(run_manoeuvres(fit.model, data))
+    with contextlib.suppress(DataError):  # The vehicle does not move ahead, or does not turn.
+        tables += model_manoeuvre_tables(model_manoeuvres(fit, data))
+    return tables
+
+
 def _render(report: PlanarReport, figures: Mapping[str, ReportFigure]) -> str:
     study, fit = report.study, report.full
     guess = study.vehicle.assumptions
@@ -236,7 +261,6 @@ def _render(report: PlanarReport, figures: Mapping[str, ReportFigure]) -> str:
     speeds = [figure for name, figure in figures.items() if name.startswith("planar_speeds")]
     found = report.diagnosis
     causes = () if found is None else by_evidence((*found.findings, *found.suspects))
-    manoeuvres = manoeuvre_tables(report.after, fit.model.current)
     context: dict[str, Any] = {
         "vehicle": study.vehicle,
         "minutes": sum(run.duration for run in study.data.runs) / 60.0,
@@ -253,7 +277,8 @@ def _render(report: PlanarReport, figures: Mapping[str, ReportFigure]) -> str:
         "worst": speeds[:1],
         "others": speeds[1:],
         "missing": [figure for name, figure in figures.items() if name == "planar_missing"],
-        "manoeuvres": manoeuvres,
+        "manoeuvres": _manoeuvre_tables(report),
+        "curve": [figure for name, figure in figures.items() if name == "planar_turning_curve"],
         "parameters": planar_parameters_table(report.stored),
         "without": planar_simulation_table(report.before) if report.base is not fit else None,
         "simulations": planar_simulation_table(report.after),

@@ -130,3 +130,13 @@ def plot_missing_forces(
     figure.legend(*panels[0][0].get_legend_handles_labels(), ncols=2, loc="upper right", borderaxespad=0.1)
     panels[-1][0].set_xlabel("time, s")
     return figure
+
+
+@report_style
+def plot_turning_curve(curve: FloatArray, *, angle: bool) -> Figure:
+    """R' of steady turns against (points, 2) steering; ``angle``: in rad, else a share of the largest torque."""
+    figure, ((panel,),) = panel_grid([(2.2, 1)], left=0.75)
+    panel.plot(np.degrees(curve[:, 0]) if angle else curve[:, 0], curve[:, 1], "o-", color=BLACK, markersize=4)
+    panel.set_xlabel("rudder angle, deg" if angle else "torque over the largest torque")
+    panel.set_ylabel("r' = r·L/U")
+    return figure
