@@ -94,6 +94,7 @@ def simulate(
 
 def _simulate_planar(logs: Sequence[Path] | None, parameters: Path | None, *, json: bool) -> None:
     """Simulate surge, sway and yaw together."""
+    from rovid.planar.standard_manoeuvres import run_manoeuvres
     from rovid.present.documents.planar import planar_simulation_document
     from rovid.present.terminal.planar import show_planar_simulation
     from rovid.store.planar_study import open_planar_study
@@ -107,6 +108,7 @@ def _simulate_planar(logs: Sequence[Path] | None, parameters: Path | None, *, js
         simulations = study.simulate(model)
     warnings = [*fault_texts(study.logs.faults), *study.remarks(), *remarks]
     if json:
-        print_json(planar_simulation_document(stored, simulations, warnings, assumptions))
+        found = run_manoeuvres(model, study.data)
+        print_json(planar_simulation_document(stored, simulations, warnings, assumptions, found))
     else:
         show_planar_simulation(console(), simulations, assumptions, warnings)

@@ -8,6 +8,7 @@ tracks are relative to the water: subtract the current first.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
@@ -22,6 +23,8 @@ _STEADY_PART = 0.25
 _FULL_TURN = np.pi
 # Share of the range of the steering within which it counts as held, and the smallest share that counts as steering.
 _HELD, _LEAST_STEERING = 0.02, 0.05
+# Largest yaw rate of a straight approach, as a share of the largest one in the manoeuvre. A decision.
+_STRAIGHT = 0.2
 # Largest relative difference between the headings of execution in one zigzag; MSC.137(76) keeps one angle.
 _SAME_THRESHOLD = 0.4
 # Number of time constants in the search for Nomoto's T, and number of refinements of the grid.
@@ -77,8 +80,8 @@ def turning_circle(track: Track) -> Measures:
 
     Advance and transfer: distances along and across the approach course until the heading has changed by 90 deg.
     Tactical diameter: distance across until it has changed by 180 deg (MSC.137(76), annex, 4.2 and 4.3). Steady turning
-    diameter, rate, drift angle and loss of speed: means over the last quarter of the turn. Measures without the
-    necessary measurement, or beyond the end of the turn, are absent.
+    diameter, rate, drift angle and loss of speed: means over the last quarter of the turn, with standard errors from
+    their scatter. Measures without the necessary measurement, or beyond the end of the turn, are absent.
     """
     turned = np.abs(track.heading - track.heading[0])
     side = 1.0 if track.heading[-1] >= track.heading[0] else -1.0
@@ -87,9 +90,9 @@ def turning_circle(track: Track) -> Measures:
     across = side * ((track.east - track.east[0]) * np.cos(course) - (track.north - track.north[0]) * np.sin(course))
     found: dict[str, ManoeuvreMeasure] = {}
 
-    def add(name: str, value: float, unit: str) -> None:
+    def add(name: str, value: float, unit: str, error: float | None = None) -> None:
         if np.isfinite(value):
-            found[name] = ManoeuvreMeasure(value=value, unit=unit)
+            found[name] = ManoeuvreMeasure(value=value, unit=unit, standard_error=error)
 
     add("advance", _when(turned, 0.5 * np.pi, along), "m")
     add("transfer", _when(turned, 0.5 * np.pi, across), "m")
@@ -102,13 +105,21 @@ def turning_circle(track: Track) -> Measures:
     duration = float(track.time[last][-1] - track.time[last][0])
     rate = side * float(turned[last][-1] - turned[last][0]) / duration if duration > 0.0 else np.nan
     speed = np.hypot(track.surge, track.sway)
-    add("steady_yaw_rate", rate, "rad/s")
-    add("steady_speed", _mean(speed[last]), "m/s")
-    add("steady_diameter", 2.0 * _mean(speed[last]) / abs(rate), "m")
+    mean, error = _mean(speed[last])
+    rate_error = _mean(track.yaw_rate[last])[1]
+    add("steady_yaw_rate", rate, "rad/s", rate_error)
+    add("steady_speed", mean, "m/s", error)
+    both = None if error is None or rate_error is None else math.hypot(error / mean, rate_error / rate)
+    add("steady_diameter", 2.0 * mean / abs(rate), "m", None if both is None else both * 2.0 * mean / abs(rate))
     # Positive where the bow points into the turn: beta = -v/u in a turn to starboard.
-    add("steady_drift_angle", _mean(np.arctan2(-side * track.sway[last], track.surge[last])), "rad")
-    add("speed_ratio", _mean(speed[last]) / float(speed[0]) if speed[0] > 0.0 else np.nan, "1")
+    add("steady_drift_angle", *_with_unit(_mean(np.arctan2(-side * track.sway[last], track.surge[last])), "rad"))
+    if speed[0] > 0.0:
+        add("speed_ratio", mean / float(speed[0]), "1", None if error is None else error / float(speed[0]))
     return found
+
+
+def _with_unit(mean: tuple[float, float | None], unit: str) -> tuple[float, str, float | None]:
+    return mean[0], unit, mean[1]
 
 
 def _when(level: FloatArray, wanted: float, values: FloatArray) -> float:
@@ -121,9 +132,14 @@ def _when(level: FloatArray, wanted: float, values: FloatArray) -> float:
     return float(values[k - 1] + share * (values[k] - values[k - 1]))
 
 
-def _mean(values: FloatArray) -> float:
+def _mean(values: FloatArray) -> tuple[float, float | None]:
+    """Mean of the finite values and its standard error, for correlated samples; NaN and None where there are none."""
     finite = values[np.isfinite(values)]
-    return float(np.mean(finite)) if finite.size else float("nan")
+    if not finite.size:
+        return float("nan"), None
+    mean = float(np.mean(finite))
+    independent = len(finite) / _correlation_length(finite - mean)
+    return mean, float(np.std(finite) / math.sqrt(max(independent - 1.0, 1.0)))
 
 
 # ---- zigzag
@@ -262,7 +278,7 @@ def recognise(track: Track) -> list[RecognisedManoeuvre]:
 
     A turning circle is a held steering during which the heading changes by 180 deg. A zigzag is a sequence of at least
     three opposite orders of like size, reversed each time the heading has passed the same angle on the other side of
-    the approach course.
+    the approach course. Both begin on a straight course ahead, as the definitions of their measures require.
     """
     found: list[RecognisedManoeuvre] = []
     level = np.max(np.abs(track.steering), initial=0.0)
@@ -273,7 +289,7 @@ def recognise(track: Track) -> list[RecognisedManoeuvre]:
     index = 0
     while index < len(orders):
         chain = _zigzag_chain(track, orders[index:])
-        if len(chain) > 2:
+        if len(chain) > 2 and _starts_straight(track, chain[0][0], chain[-1][1]):
             first, last = chain[0][0], chain[-1][1]
             course = track.heading[first]
             turns = [abs(track.heading[begin] - course) for begin, _ in chain[1:]]
@@ -289,11 +305,19 @@ def recognise(track: Track) -> list[RecognisedManoeuvre]:
             index += len(chain)
             continue
         first, last = orders[index]
-        if abs(track.heading[last - 1] - track.heading[first]) >= _FULL_TURN:
+        turned = abs(track.heading[last - 1] - track.heading[first])
+        if turned >= _FULL_TURN and _starts_straight(track, first, last):
             order = float(track.steering[first])
             found.append(RecognisedManoeuvre(kind="turning_circle", first=first, last=last, steering=order))
         index += 1
     return found
+
+
+def _starts_straight(track: Track, first: int, last: int) -> bool:
+    """Whether the vehicle moves straight ahead at row ``first``, compared to the turn up to row ``last``."""
+    rate = np.abs(track.yaw_rate[first:last])
+    ahead = track.surge[first]
+    return bool(rate[0] <= _STRAIGHT * np.nanmax(rate)) and not ahead <= 0.0
 
 
 def _holds(steering: FloatArray, tolerance: float) -> list[tuple[int, int]]:

@@ -198,9 +198,13 @@ def model_measures(model: PlanarModel, system: SteeringSystem) -> Measures:
 def model_manoeuvres(fit: PlanarFit, data: PlanarData) -> Measures:
     """`model_measures` of a fit with standard errors by the delta method.
 
-    A measure that depends on a parameter that the runs do not determine is left out.
+    A measure that depends on a parameter that the runs do not determine is left out. There are none where the vehicle
+    neither moves ahead nor turns in the runs.
     """
-    system = SteeringSystem.of(data, fit.model)
+    try:
+        system = SteeringSystem.of(data, fit.model)
+    except DataError:
+        return {}
     names, estimate = fit.model.names, fit.estimate
 
     def measure(values: FloatArray) -> Measures:

@@ -128,7 +128,14 @@ def test_nomotos_gain_and_time_constant_are_recovered_within_their_errors() -> N
 
 def test_circles_are_recognised_and_straight_runs_are_not() -> None:
     turn = circle(radius=12.0, rate=-0.1, drift=0.1, course=0.0)
-    (found,) = recognise(turn)
+    # The turn itself begins at its full rate.
+    assert recognise(turn) == []
+    straight = np.arange(-20.0, 0.0, STEP)
+    approach = track(straight, 0.0 * straight, 0.0 * straight, surge=1.2 + 0.0 * straight)
+    joined = {name: np.concatenate((getattr(approach, name), value)) for name, value in vars(turn).items()}
+    joined["yaw_rate"] = -0.1 * (1.0 - np.exp(-np.maximum(joined["time"], 0.0)))
+    (found,) = recognise(Track(**joined))
+    assert found.first == len(straight)
     assert found.kind == "turning_circle"
     assert found.steering == pytest.approx(-0.6)
     time = np.arange(0.0, 60.0, STEP)

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 
 from rovid.estimate.estimate import Estimate
 from rovid.model.parameter_names import effect_ids
 from rovid.planar.fit import PlanarFit
 from rovid.planar.model import SNAME
+from rovid.planar.standard_manoeuvres import RunManoeuvre
 from rovid.planar.trial_simulation import SENSOR_UNITS, PlanarTrialSimulation, pooled_measures
 from rovid.planar.undetermined import Undetermined
 from rovid.present.documents.fits import (
     Document,
     all_warnings,
     fault_documents,
+    fields,
     guess_document,
     marked_value,
     parameter_document,
@@ -91,7 +94,11 @@ def _disturbance(fit: PlanarFit, axis: str) -> Document:
 
 
 def planar_simulation_document(
-    parameters: Parameters, simulations: Sequence[PlanarTrialSimulation], warnings: Sequence[str], guess: Assumptions
+    parameters: Parameters,
+    simulations: Sequence[PlanarTrialSimulation],
+    warnings: Sequence[str],
+    guess: Assumptions,
+    manoeuvres: Sequence[RunManoeuvre] = (),
 ) -> Document:
     """The document of `rovid simulate --axes planar --json`; angles in rad, distances in m."""
     entries = {
@@ -106,6 +113,7 @@ def planar_simulation_document(
         "effects": parameters.effects,
         "trials": [_trial_document(item) for item in simulations],
         "overall": _measures(pooled_measures(simulations)),
+        "manoeuvres": list(map(manoeuvre_document, manoeuvres)),
         "units": _units(),
         **guess_document(guess),
         "warnings": all_warnings(guess, warnings),
@@ -134,3 +142,12 @@ def _measures(fits: Mapping[str, object]) -> Document:
 def _units() -> Document:
     units = {f"{sensor}_rmse": unit for sensor, unit in SENSOR_UNITS.items()}
     return units | {"heading_error": "rad", "track_error": "m"}
+
+
+def manoeuvre_document(one: RunManoeuvre) -> Document:
+    """A manoeuvre that was recognised in a run; angles in rad."""
+    return {
+        **fields(one, "run", "kind", "begin", "end", "steering"),
+        "measured": {name: asdict(measure) for name, measure in one.measured.items()},
+        "simulated": {name: asdict(measure) for name, measure in one.simulated.items()},
+    }
