@@ -25,6 +25,8 @@ _FULL_TURN = np.pi
 _HELD, _LEAST_STEERING = 0.02, 0.05
 # Largest yaw rate of a straight approach, as a share of the largest one in the manoeuvre. A decision.
 _STRAIGHT = 0.2
+# Number of rows before the first order in which the approach has to be straight.
+_BEFORE = 10
 # Largest relative difference between the headings of execution in one zigzag; MSC.137(76) keeps one angle.
 _SAME_THRESHOLD = 0.4
 # Number of time constants in the search for Nomoto's T, and number of refinements of the grid.
@@ -314,10 +316,11 @@ def recognise(track: Track) -> list[RecognisedManoeuvre]:
 
 
 def _starts_straight(track: Track, first: int, last: int) -> bool:
-    """Whether the vehicle moves straight ahead at row ``first``, compared to the turn up to row ``last``."""
-    rate = np.abs(track.yaw_rate[first:last])
+    """Whether the vehicle moves straight ahead before row ``first``, compared to the turn up to row ``last``."""
+    # Smoothing spreads the beginning of a turn over some rows.
+    before = np.abs(track.yaw_rate[max(first - _BEFORE, 0) : first + 1])
     ahead = track.surge[first]
-    return bool(rate[0] <= _STRAIGHT * np.nanmax(rate)) and not ahead <= 0.0
+    return bool(np.median(before) <= _STRAIGHT * np.nanmax(np.abs(track.yaw_rate[first:last]))) and not ahead <= 0.0
 
 
 def _holds(steering: FloatArray, tolerance: float) -> list[tuple[int, int]]:
