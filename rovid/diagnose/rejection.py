@@ -75,10 +75,14 @@ def improbable(selection: Selection, effect: Effect) -> str:
 
 
 def outdone(selection: Selection, effect: Effect) -> str:
-    """A cause that failed a test before gains more in the place of the effect, which then stands in for it."""
+    """A cause that failed a test before gains more in the place of the effect, which then stands in for it.
+
+    Within the margin of a tie the two are not distinguishable, and the result names both.
+    """
     cause, search = selection.cause(effect), selection.search
+    least = cause.bic_gain + selection.tie_margin(cause.bic_gain)
     for one in cause.alternatives:
-        if one.bic_gain > cause.bic_gain and not is_signal(one.effect) and not search.is_allowed(one.effect):
+        if one.bic_gain >= least and not is_signal(one.effect) and not search.is_allowed(one.effect):
             return f"gains less than {one.effect.title}, which failed a test"
     return ""
 

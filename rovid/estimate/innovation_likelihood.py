@@ -28,6 +28,10 @@ One = TypeVar("One")
 _LIMIT_TOLERANCE = 1e-3
 # Loss of log-likelihood (nats) at half the disturbance that shows the limit to be active; about a 95 % interval.
 _LOSS_AT_HALF = 2.0
+# Gain of log-likelihood by a disturbance beyond the limit, from which it exceeds the limit significantly: half the
+# square of the one-sided 95 % quantile of a Gaussian. Relative change of the disturbance for its first two derivatives.
+_GAIN_BEYOND_LIMIT = 1.35
+_LIMIT_STEP = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,15 +154,20 @@ class InnovationLikelihood(NegativeLogLikelihood):
         """None: all are one-step predictions."""
 
     def at_limit(self, x: FloatArray) -> bool:
-        """Whether the disturbance is at its limit and half of it is less likely.
+        """Whether the disturbance is at its limit, half of it is less likely, and a larger one significantly likelier.
 
-        Where waves or an effect explain everything, any size of the disturbance is as likely.
+        Where waves or an effect explain everything, any size of the disturbance is as likely. A disturbance that is as
+        large as the limit by itself is not limited.
         """
         if x[DISTURBANCE] <= self.parametrization.high[DISTURBANCE] - _LIMIT_TOLERANCE:
             return False
-        half = x - math.log(2.0) * (np.arange(len(x)) == DISTURBANCE)
-        here, there = self.values([x, half])
-        return there - here > _LOSS_AT_HALF
+        moves = 0.0, -math.log(2.0), _LIMIT_STEP, -_LIMIT_STEP
+        here, half, above, below = self.values([x + move * (np.arange(len(x)) == DISTURBANCE) for move in moves])
+        if half - here <= _LOSS_AT_HALF:
+            return False
+        slope, bend = (below - above) / (2.0 * _LIMIT_STEP), (above + below - 2.0 * here) / _LIMIT_STEP**2
+        # A Newton step beyond the limit gains slope^2 / (2 bend).
+        return slope > 0.0 and slope**2 > 2.0 * _GAIN_BEYOND_LIMIT * bend
 
     def disturbance(self, x: FloatArray) -> tuple[float, float]:
         """Standard deviation of the disturbance torque in N m, and its correlation time in s."""

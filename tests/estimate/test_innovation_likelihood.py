@@ -9,6 +9,7 @@ import pytest
 
 from rovid.effects import effect_named
 from rovid.estimate.filter_data import InnovationData
+from rovid.estimate.fit_result import fit
 from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from rovid.estimate.levenberg_marquardt import TOLERANCE, StopReason, minimize
 from rovid.estimate.maximum_likelihood import DISTURBANCE_LIMITS
@@ -68,3 +69,19 @@ def test_a_disturbance_is_at_its_limit_where_half_of_it_is_less_likely(
     half[DISTURBANCE] -= np.log(2.0)
     assert objective.at_limit(x) is at_limit
     assert not objective.at_limit(half)
+
+
+@pytest.mark.parametrize(("share", "at_limit"), [(0.9, False), (1.0, False), (2.5, True)])
+def test_a_disturbance_as_large_as_the_limit_is_not_limited(share: float, *, at_limit: bool) -> None:
+    """A complete model, and a disturbance of that share of the limit: only one that exceeds it counts."""
+    time = synthetic.clock(600.0, 5.0)
+    torque = 250.0 * np.sin(time / 9.0) + 150.0 * np.sign(np.sin(time / 31.0))
+    limit = 0.05
+    size = share * limit * float(np.sqrt(np.mean(torque**2)))
+    water = synthetic.gauss_markov(len(time), 0.2, size, 2.0, np.random.default_rng(4))
+    noise = np.random.default_rng(5).normal(0.0, 3e-4, len(time))
+    runs = [synthetic.run(time, torque, disturbance=water, noise=noise)]
+    objective = InnovationLikelihood(InnovationData(runs, synthetic.LOGGED, synthetic.ROSUB), limit)
+    fitted = fit(objective, objective.parametrization.initial())
+    assert fitted.is_white or at_limit
+    assert fitted.at_limit is at_limit
