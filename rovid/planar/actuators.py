@@ -85,7 +85,9 @@ class PlanarActuators:
     @cached_property
     def angles(self) -> Vehicle:
         """The vehicle with its azimuth and rudder angles alone; the "thrust" of each is the angle in rad."""
-        return self._with(self.angle_columns)
+        vehicle = self._with(self.angle_columns)
+        # Unwrapped angles have no limit.
+        return replace(vehicle, thrusters=tuple(replace(one, max_logged_torque=np.inf) for one in vehicle.thrusters))
 
     def _with(self, columns: IntArray) -> Vehicle:
         return replace(self.vehicle, thrusters=tuple(self.vehicle.thrusters[at] for at in columns.tolist()))

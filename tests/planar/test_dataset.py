@@ -147,6 +147,23 @@ def test_a_pod_pushes_where_it_points(tmp_path: Path) -> None:
         load_config(tmp_path / "rovid.toml")
 
 
+@pytest.mark.parametrize("form", ["thruster_lag", "thruster_lag:command"])
+def test_a_pod_turns_on_through_a_whole_turn(form: str, tmp_path: Path) -> None:
+    motion, rate, lag = Motion(seed=0), 0.25, 0.8
+    motion.commands["a"][:] = 1.0
+    motion.commands["b"][:] = np.mod(rate * motion.time + math.pi, 2.0 * math.pi) - math.pi
+    write_campaign(tmp_path, POD, logs=0)
+    write_log(tmp_path / "run.csv", motion)
+    run = read(tmp_path).runs[0]
+    force = run.forces([BoundEffect(effect_named(form), np.array([lag]))]).force[:-1]
+    middle = 0.5 * (run.time[:-1] + run.time[1:])
+    late = middle > 8.0 * lag
+    azimuth = np.unwrap(np.arctan2(force[late, 1], force[late, 0]))
+    # Angles are logged to 0.01 rad, and held over intervals of 50 ms at most.
+    np.testing.assert_allclose(azimuth, rate * (middle[late] - lag), atol=0.03)
+    assert azimuth[-1] > 4.0 * math.pi
+
+
 def test_a_rudder_keeps_its_angle_and_knows_its_screw(tmp_path: Path) -> None:
     signals = "\n".join(line for line in SIGNALS.splitlines() if not line.startswith(("surge", "sway")))
     write_campaign(tmp_path, SHIP, signals, logs=1)
