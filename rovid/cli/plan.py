@@ -16,7 +16,8 @@ from rovid.cli.context import (
     stored_logs,
 )
 from rovid.cli.help_format import Page
-from rovid.cli.options import AxisName, Force, Json, OptionalLogs, ParameterFile, option
+from rovid.cli.options import AxesRefused, AxisName, Force, Json, OptionalLogs, ParameterFile, option
+from rovid.cli.planar_session import refuse_planar
 from rovid.cli.progress import progress
 from rovid.core.errors import ConfigError
 
@@ -69,6 +70,7 @@ def plan(
     ] = None,
     output: Annotated[Path, option("FILE", "The command file.", "--output", "-o")] = Path("plan.csv"),
     axis: AxisName = None,
+    axes: AxesRefused = None,
     parameters: ParameterFile = None,
     force: Force = False,
     json: Json = False,
@@ -85,6 +87,7 @@ def plan(
     from rovid.present.terminal.results import show_plan
     from rovid.store.checks import check_freshness
 
+    refuse_planar(axes, "`rovid check --axes planar` lists missing motions; diagnose --axes planar names the next run.")
     causes = tuple(effect_named(name) for name in between or ())
     if len({cause.id for cause in causes}) not in {0, 2} or len(causes) > 2:
         raise ConfigError(f"names {len(causes)} causes; two different ones were expected.", where="--between")
