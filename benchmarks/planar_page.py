@@ -81,7 +81,7 @@ def refusals(record: Record) -> tuple[list[str], list[str], list[str]]:
 
 
 def outcome(record: Record) -> str:
-    """What the diagnosis said: exact, class, suspect, wrong, missed; clean, suspects, false where nothing is hidden."""
+    """What the diagnosis said: exact, class, suspect, extra, wrong, missed; clean or false where nothing is hidden."""
     truth, said = record["truth"], record["said"].get("diagnose") or {}
     if "verdict" not in said:
         return "no answer"
@@ -98,7 +98,7 @@ def outcome(record: Record) -> str:
         return "extra" if any(good) else "wrong"
     if suspects and plain(suspects[0]["effect"]) in allowed:
         return "suspect"
-    return "missed"
+    return "unexplained" if said["verdict"] == "unexplained" else "missed"
 
 
 def line_of(record: Record) -> str:
@@ -202,6 +202,7 @@ def _measures(records: Sequence[Record], exact: Sequence[Record]) -> list[tuple[
         ("error of the yaw inertia, yaw alone", _percent(_bias(exact, "yaw", "inertia"))),
         ("hidden cause named", f"{_share(named, len(results))}, {results.count('exact')} of them alone"),
         ("hidden cause the first suspect", str(results.count("suspect"))),
+        ("hidden cause not named, but reported as unexplained", str(results.count("unexplained"))),
         ("a wrong cause named next to the hidden cause, or in its place",
          f"{results.count('extra')} and {results.count('wrong')}"),
         ("nothing hidden, a false cause", _share(calm.count("false"), len(calm))),

@@ -33,7 +33,7 @@ class Cause:
     memory: float = 0.0  # s, of a current that wanders; 0: constant
     parameters: Mapping[str, float] = field(default_factory=dict)
     thruster: str = ""
-    replaces: tuple[str, ...] = ()  # base parameters that mean something else where this cause acts
+    in_catalogue: bool = True  # whether a form of the catalogue has this equation
 
 
 FORMS: Mapping[str, tuple[str, ...]] = {
@@ -118,7 +118,7 @@ def _cross_flow_drag(s: Scene) -> dict[str, Any]:
     }  # fmt: skip
     if s.form == "offset":
         values["strip_centre"] = s.sign * (0.05 + 0.2 * s.k) * length
-        return {"hull": values, "replaces": ("sway.quadratic_drag", "yaw.quadratic_drag")}
+        return {"hull": values, "in_catalogue": False}
     return {"hull": values, "parameters": {"coefficient": strip, "length": length}}
 
 

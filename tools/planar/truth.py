@@ -24,17 +24,18 @@ def truth_of(campaign: Campaign) -> dict[str, Any]:
     hull = hull_of(campaign)
     # In these families the base model of docs/planar.md is exact but for the disturbance and the cause.
     exact = vehicle.ship.length == 0.0 and vehicle.family != "auv_rudder"
+    # With a cause that no form of the catalogue describes, no parameter has to be right.
+    comparable = exact and (cause is None or cause.in_catalogue)
     values = {name: float(getattr(hull, attribute)) for name, attribute in BASE.items()}
     # The strips' drag in pure sway and in pure yaw is part of the quadratic drags.
     values["sway.quadratic_drag"] += hull.strip * hull.strip_length
     values["yaw.quadratic_drag"] += hull.strip * hull.strip_length**4 / 32.0
     errors = relative_errors(campaign) if vehicle.ship.length == 0.0 else {}
-    replaced = set(cause.replaces) if cause else set()
     return {
         "seed": campaign.seed, "index": campaign.index, "family": vehicle.family, "length": vehicle.length,
         "time_constants": list(vehicle.time_constants), "full_speeds": list(vehicle.full), "base_exact": exact,
         "parameters": values if vehicle.ship.length == 0.0 else {},
-        "comparable": [name for name in values if name not in replaced] if exact else [],
+        "comparable": list(values) if comparable else [],
         "hidden": cause.effect if cause else None, "form": cause.form if cause else None,
         "hidden_parameters": dict(cause.parameters) if cause else {}, "thruster": cause.thruster if cause else "",
         "hull_changes": dict(cause.hull) if cause else {},
