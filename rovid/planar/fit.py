@@ -87,6 +87,7 @@ def fit_base(data: PlanarData, *, with_current: bool = False) -> PlanarOptimum:
 
     ``with_current``: a current is added next, so a coarse fit will do.
     """
+    _require_measured(data)
     starts = start_values(data, with_current=False)
     sizes = _sizes(data, min(start_values(data, with_current=True), key=lambda one: one.residual))
     yaw_only = not any(measured_axes(data.sensors)[:2])
@@ -102,6 +103,22 @@ def fit_base(data: PlanarData, *, with_current: bool = False) -> PlanarOptimum:
     tried = [PlanarOptimum.fit(likelihood, x, _FIRST_ITERATIONS) for likelihood, x in pairs[:_STARTS]]
     best = min(tried, key=lambda one: one.value)
     return best if with_current else PlanarOptimum.fit(best.likelihood, best.x)
+
+
+def _require_measured(data: PlanarData) -> None:
+    """Refuse headings alone where they cannot determine the yaw model."""
+    if any(measured_axes(data.sensors)[:2]):
+        return
+    mend = "Map surge_velocity and sway_velocity, or north and east, in [signals] of rovid.toml."
+    if data.actuators.rudders:
+        name = data.actuators.rudder_names[0]
+        raise DataError(
+            f"the force of {name} depends on the speed through the water, and these logs measure neither a speed nor "
+            "a position.",
+            mend=mend,
+        )
+    if not any(run.forces().force[:, 2].any() for run in data.runs):
+        raise DataError("no actuator turns the vehicle in these logs, which measure the heading alone.", mend=mend)
 
 
 def add_effect(base: PlanarOptimum, effect: Effect, data: PlanarData) -> PlanarOptimum:
@@ -225,7 +242,7 @@ def _warnings(
             "from the curvature of the likelihood."
         )
     poor = [name for name, value in r2.items() if value < INNOVATIONS_R2]
-    if poor:
+    if poor and (limited or not best.is_white):
         shares = ", ".join(f"{name} {r2[name]:.2f}" for name in poor)
         yield f"R^2 of the free-running simulation is low: {shares}. The model misses something in these runs."
     mass, base = data.vehicle.mass, best.model.base
