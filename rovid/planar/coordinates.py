@@ -14,7 +14,7 @@ from rovid.core.array_types import BoolArray, FloatArray
 from rovid.effects import Effect, EffectParameter
 from rovid.effects.base import Coupling, Scales, WaterCurrent
 from rovid.model.bound_effects import BoundEffect
-from rovid.planar.kernels import NOISE_COUNT, NOISE_SENSOR, SENSORS
+from rovid.planar.kernels import NOISE_COUNT, NOISE_LATENCY, NOISE_SENSOR, SENSORS
 from rovid.planar.model import BASE_COUNT, PlanarModel, RudderModel, from_log_cholesky, log_cholesky
 
 # Half range of the log inertias about those of the best regression: a factor of 30. Those of sway and yaw are half
@@ -28,6 +28,10 @@ _MEMORY_BOUNDS, _FIRST_MEMORY = (0.05, 100.0), 1.0
 _NOISE_RANGE = 4.0
 # Least noise of a heading in rad: an instrument resolves no more.
 _HEADING_FLOOR = 1e-5
+# Sensors of one instrument, which share a latency. That of the heading is zero: the clock of the commands.
+_INSTRUMENTS = (("yaw_rate",), ("surge_velocity", "sway_velocity"), ("north", "east"))
+# Largest change of a latency in one fit, in the shortest time constant.
+_LATENCY_RANGE = 0.7
 # Difference step of scaled coordinates. That of effects is relative, to this share of the initial value at least.
 _STEP, _LEAST_SIZE = 1e-5, 0.1
 
@@ -98,6 +102,9 @@ class PlanarCoordinates:
             high.append(max(first + _NOISE_RANGE, low[-1]))
             units += []
         units += [1.0] * (6 + len(sensors))
+        late = len(_instruments(sensors))
+        units += [float(sizes.time.min())] * late
+        low, high = [*low, *[-_LATENCY_RANGE] * late], [*high, *[_LATENCY_RANGE] * late]
         found = cls(
             sizes=sizes,
             rudders=start.rudders,
@@ -118,6 +125,31 @@ class PlanarCoordinates:
             self.low[at] = self.high[at] = 0.0
         for at in (0, 1, 3, 4):
             self.low[self.noise_begin + at] = self.high[self.noise_begin + at]
+
+    @property
+    def latency_begin(self) -> int:
+        """Number of coordinates before those of the latencies of instruments."""
+        return self.noise_begin + NOISE_SENSOR + len(self.sensors)
+
+    @property
+    def instruments(self) -> tuple[tuple[str, ...], ...]:
+        """Sensors of each instrument that may be late."""
+        return _instruments(self.sensors)
+
+    def latencies(self, x: FloatArray) -> FloatArray:
+        """(6,) latency in s of each of `SENSORS`, beyond that of its stamps."""
+        found = np.zeros(len(SENSORS))
+        own = x[self.latency_begin :] * self.units[self.latency_begin :]
+        for names, value in zip(self.instruments, own.tolist(), strict=True):
+            found[[SENSORS.index(name) for name in names]] = value
+        return found
+
+    def on_time(self, fixed: Sequence[bool]) -> Self:
+        """The same coordinates with the latency of the instruments that are ``fixed`` at zero."""
+        low, high = self.low.copy(), self.high.copy()
+        at = np.flatnonzero(fixed) + self.latency_begin
+        low[at] = high[at] = 0.0
+        return replace(self, low=low, high=high)
 
     def with_effect(self, effect: Effect) -> Self:
         """The same coordinates with those of one more effect before the disturbance."""
@@ -169,7 +201,8 @@ class PlanarCoordinates:
         tops = self.high[self.noise_begin : self.noise_begin + 3] - _FIRST_DISTURBANCE
         times = np.log(_FIRST_MEMORY * self.sizes.time)
         noises = np.log([self.sizes.noise[name] for name in self.sensors])
-        x = np.concatenate((log_cholesky(start.mass_matrix, self.sizes.inertia), drag, tops, times, noises))
+        late = np.zeros(len(self.instruments))
+        x = np.concatenate((log_cholesky(start.mass_matrix, self.sizes.inertia), drag, tops, times, noises, late))
         return np.asarray(np.clip(x, self.low, self.high))
 
     def values(self, x: FloatArray) -> FloatArray:
@@ -193,12 +226,13 @@ class PlanarCoordinates:
         return jacobian
 
     def noise(self, x: FloatArray) -> FloatArray:
-        """(12,) disturbance and noise as `rovid.planar.kernels` reads them."""
+        """(18,) disturbance, noise and latency as `rovid.planar.kernels` reads them."""
         numbers = np.ones(NOISE_COUNT)
-        own = np.exp(x[self.noise_begin :])
+        own = np.exp(x[self.noise_begin : self.latency_begin])
         numbers[:NOISE_SENSOR] = own[:NOISE_SENSOR]
         for name, value in zip(self.sensors, own[NOISE_SENSOR:], strict=True):
             numbers[NOISE_SENSOR + SENSORS.index(name)] = value
+        numbers[NOISE_LATENCY:] = self.latencies(x)
         return numbers
 
     def steps(self, x: FloatArray) -> FloatArray:
@@ -246,6 +280,13 @@ class PlanarCoordinates:
 
 def _parameters(effects: Sequence[Effect]) -> list[EffectParameter]:
     return [parameter for effect in effects for parameter in effect.parameters]
+
+
+def _instruments(sensors: Sequence[str]) -> tuple[tuple[str, ...], ...]:
+    if "heading" not in sensors:
+        return ()
+    found = (tuple(name for name in names if name in sensors) for names in _INSTRUMENTS)
+    return tuple(names for names in found if names)
 
 
 def is_of_actuators(effect: Effect) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -33,10 +33,15 @@ _SEARCH_SHARE = 0.08
 _STARTS, _FIRST_ITERATIONS = 2, 4
 # Steps with all readings, after the search.
 _LAST_ITERATIONS = 12
+# Rounds in which stamps are moved by a latency, the least latency in time constants for a further round, and standard
+# errors from zero of a latency that shows.
+_LATENCY_ROUNDS, _LATENCY_TOLERANCE, _LATENCY_SIGMAS = 4, 0.01, 4.0
 # Factor on the limit of an active disturbance, for the effect of the limit on the parameters.
 _LOOSER = 2.5
 # Noise of a sensor at the start where its readings do not show it, in shares of the typical speed or time constant.
 _DEFAULT_NOISE = 0.02
+# Share of the thrust by which rounding leaves a force.
+_ROUNDING = 1e-6
 # Standard deviation of the speeds at the start of a run, in typical speeds.
 _START_STD = 0.5
 # Least rigid-body share of an inertia that is no warning: the thrust curve may be off.
@@ -57,6 +62,8 @@ class PlanarFit:
     at_limit: tuple[str, ...] = ()  #: Axes with a disturbance at its upper limit.
     white: bool = True  #: Whether the normalised innovations are white.
     multi_step: bool = False  #: Whether multi-step predictions were fitted instead of innovations.
+    #: Sensor -> latency in s and its standard error; only where it shows.
+    latency: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     #: Axis -> R^2 of the free-running speed.
     free_run_r2: Mapping[str, float]
 
@@ -79,6 +86,8 @@ def fit_planar(data: PlanarData, effects: Sequence[Effect] = ()) -> PlanarFit:
     # Without its current a vehicle has no model worth extending.
     for effect in sorted(effects, key=lambda effect: not isinstance(effect.acts, WaterCurrent)):
         best = add_effect(best, effect, data)
+    if has_current:
+        best = with_latencies(best, data)
     return planar_result(data, refined(best, data))
 
 
@@ -90,24 +99,52 @@ def fit_base(data: PlanarData, *, with_current: bool = False) -> PlanarOptimum:
     _require_measured(data)
     starts = start_values(data, with_current=False)
     sizes = _sizes(data, min(start_values(data, with_current=True), key=lambda one: one.residual))
-    yaw_only = not any(measured_axes(data.sensors)[:2])
+    yaw_only = is_yaw_alone(data)
+    sensors = tuple(name for name in data.sensors if not yaw_only or name in {"heading", "yaw_rate"})
     grid = _grid(data, sizes, yaw_only=yaw_only, interval=_SEARCH_SHARE * float(sizes.time.min()))
     pairs = []
     for start in starts:
-        coordinates = PlanarCoordinates.of(
-            start.model, sizes, data.sensors, (), DISTURBANCE_LIMITS[0], yaw_only=yaw_only
-        )
+        coordinates = PlanarCoordinates.of(start.model, sizes, sensors, (), DISTURBANCE_LIMITS[0], yaw_only=yaw_only)
         likelihood = PlanarLikelihood(grid, coordinates)
         pairs.append((likelihood, coordinates.projected(coordinates.initial(start.model, ()))))
     pairs.sort(key=lambda pair: pair[0].value(pair[1]))
     tried = [PlanarOptimum.fit(likelihood, x, _FIRST_ITERATIONS) for likelihood, x in pairs[:_STARTS]]
     best = min(tried, key=lambda one: one.value)
-    return best if with_current else PlanarOptimum.fit(best.likelihood, best.x)
+    return best if with_current else with_latencies(PlanarOptimum.fit(best.likelihood, best.x), data)
+
+
+def with_latencies(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
+    """The fit with the stamps of late sensors moved back, until their latency beyond that is small.
+
+    The filter takes a latency to first order. So the stamps are moved by the estimate, and the rest is estimated anew.
+    """
+    for _ in range(_LATENCY_ROUNDS):
+        coordinates, grid = best.coordinates, best.likelihood.grid
+        more = coordinates.latencies(best.x)
+        if np.abs(more).max() <= _LATENCY_TOLERANCE * float(coordinates.sizes.time.min()):
+            break
+        moved = _grid(
+            data, coordinates.sizes, yaw_only=grid.yaw_only, interval=grid.interval, latency=grid.latency + more
+        )
+        x = best.x.copy()
+        x[coordinates.latency_begin :] = 0.0
+        best = PlanarOptimum.fit(PlanarLikelihood(moved, coordinates), x)
+    return best
+
+
+def is_yaw_alone(data: PlanarData) -> bool:
+    """Whether only yaw can be estimated: surge and sway are not measured, or nothing drives them."""
+    if not any(measured_axes(data.sensors)[:2]):
+        return True
+    # Thrusters in opposite pairs leave rounding errors.
+    force = max(float(np.abs(run.forces().force[:, :2]).max(initial=0.0)) for run in data.runs)
+    thrust = sum(thruster.full_thrust for thruster in data.actuators.thrusters.thrusters)
+    return not data.actuators.rudders and force <= _ROUNDING * thrust
 
 
 def _require_measured(data: PlanarData) -> None:
     """Refuse headings alone where they cannot determine the yaw model."""
-    if any(measured_axes(data.sensors)[:2]):
+    if not is_yaw_alone(data):
         return
     mend = "Map surge_velocity and sway_velocity, or north and east, in [signals] of rovid.toml."
     if data.actuators.rudders:
@@ -162,9 +199,21 @@ def _current_starts(base: PlanarOptimum, effect: Effect, data: PlanarData) -> li
 def refined(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
     """The fit to all readings, from a fit to thinned ones."""
     grid = best.likelihood.grid
-    full = _grid(data, best.coordinates.sizes, yaw_only=grid.yaw_only, interval=0.0)
-    likelihood = PlanarLikelihood(full, best.coordinates)
-    return PlanarOptimum.fit(likelihood, best.x, _LAST_ITERATIONS).canonical()
+    coordinates, latency, x = best.coordinates, grid.latency.copy(), best.x.copy()
+    if coordinates.instruments:
+        # A latency that does not show is zero.
+        begin = coordinates.latency_begin
+        errors = np.sqrt(np.diag(best.coordinate_covariance)[begin:]) * coordinates.units[begin:]
+        total = latency + coordinates.latencies(x)
+        fixed = []
+        for names, error in zip(coordinates.instruments, errors.tolist(), strict=True):
+            own = [SENSORS.index(name) for name in names]
+            fixed.append(bool(abs(total[own[0]]) < _LATENCY_SIGMAS * error))
+            latency[own] = 0.0 if fixed[-1] else total[own]
+        coordinates = coordinates.on_time(fixed)
+        x[begin:] = 0.0
+    full = _grid(data, coordinates.sizes, yaw_only=grid.yaw_only, interval=0.0, latency=latency)
+    return PlanarOptimum.fit(PlanarLikelihood(full, coordinates), x, _LAST_ITERATIONS).canonical()
 
 
 def planar_result(data: PlanarData, best: PlanarOptimum) -> PlanarFit:
@@ -186,6 +235,7 @@ def planar_result(data: PlanarData, best: PlanarOptimum) -> PlanarFit:
     for at, name in enumerate(names):
         if not free[at]:
             refused[name] = _reason(name, axes)
+    latency = _shown_latency(best)
     r2 = free_run_r2(model, data, best.likelihood.grid.starts, yaw_only=best.likelihood.grid.yaw_only)
     estimate = Estimate(
         names=names,
@@ -210,9 +260,22 @@ def planar_result(data: PlanarData, best: PlanarOptimum) -> PlanarFit:
         noise={name: float(numbers[NOISE_SENSOR + SENSORS.index(name)]) for name in coordinates.sensors},
         disturbance=disturbance,
         at_limit=limited,
+        latency=latency,
         white=best.is_white,
         free_run_r2=r2,
     )
+
+
+def _shown_latency(best: PlanarOptimum) -> dict[str, tuple[float, float]]:
+    """Sensor -> latency in s and standard error, where it is not held at zero."""
+    coordinates, found = best.coordinates, dict[str, tuple[float, float]]()
+    begin = coordinates.latency_begin
+    errors = np.sqrt(np.diag(best.coordinate_covariance)[begin:]) * coordinates.units[begin:]
+    total = best.likelihood.grid.latency + coordinates.latencies(best.x)
+    for at, names in enumerate(coordinates.instruments):
+        if coordinates.free[begin + at]:
+            found |= {name: (float(total[SENSORS.index(name)]), float(errors[at])) for name in names}
+    return found
 
 
 def _reason(name: str, axes: tuple[bool, bool, bool]) -> str:
@@ -220,7 +283,9 @@ def _reason(name: str, axes: tuple[bool, bool, bool]) -> str:
     if name.startswith("rudder"):
         return "the rudder is free, without a propeller ahead of it"
     missing = [one for one, known in zip(AXIS_NAMES, axes, strict=True) if one in axis and not known]
-    return f"neither a {missing[0]} velocity nor a position is measured" if missing else "it is fixed"
+    if missing:
+        return f"neither a {missing[0]} velocity nor a position is measured"
+    return "no actuator pushes the vehicle ahead or sideways in these runs"
 
 
 def _warnings(
@@ -230,6 +295,8 @@ def _warnings(
     r2: Mapping[str, float],
     refused: Mapping[str, str],
 ) -> Iterator[str]:
+    for name, (late, _) in _shown_latency(best).items():
+        yield f"The readings of {name} are {significant(late, 2)} s late; the fit moves them back."
     for name in limited:
         yield (
             f"The disturbance in {name} would exceed its limit of {100 * DISTURBANCE_LIMITS[0]:.2g} % of the forces in "
@@ -311,7 +378,9 @@ def _effect_scales(data: PlanarData, start: StartValues, time: FloatArray) -> Sc
     )
 
 
-def _grid(data: PlanarData, sizes: PlanarSizes, *, yaw_only: bool, interval: float) -> PlanarGrid:
+def _grid(
+    data: PlanarData, sizes: PlanarSizes, *, yaw_only: bool, interval: float, latency: FloatArray | None = None
+) -> PlanarGrid:
     starts = np.zeros((len(data.runs), 6))
     stds = np.zeros((len(data.runs), 6))
     stds[:, 1:4] = _START_STD * sizes.speed
@@ -325,4 +394,4 @@ def _grid(data: PlanarData, sizes: PlanarSizes, *, yaw_only: bool, interval: flo
                 starts[number, at] = first.values[0]
                 # Without a reading at the start the position there is uncertain by what the vehicle moves until then.
                 stds[number, at] = sizes.speed[rate - 1] * float(first.time[0])
-    return PlanarGrid.of(data, starts, stds, sizes.speed, yaw_only=yaw_only, interval=interval)
+    return PlanarGrid.of(data, starts, stds, sizes.speed, yaw_only=yaw_only, interval=interval, latency=latency)

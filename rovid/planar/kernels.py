@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from rovid.jit.decorators import compiled
-from rovid.planar.equations import fastest, has_couplings, speed_jacobian
+from rovid.planar.equations import fastest, has_couplings, slopes, speed_jacobian
 from rovid.planar.integration import (
     CURRENT,
     FORCE,
@@ -25,10 +25,11 @@ from rovid.planar.model import CURRENT_INDEX
 
 # Sensors by their index in the events.
 SENSORS = ("heading", "yaw_rate", "surge_velocity", "sway_velocity", "north", "east")
-# Entries of ``noise``: standard deviations of the disturbances in N and N m, their correlation times in s, and the
-# standard deviation of each sensor.
+# Entries of ``noise``: standard deviations of the disturbances in N and N m, their correlation times in s, the standard
+# deviation of each sensor, and the latency of each sensor in s beyond that of its stamps.
 NOISE_STD, NOISE_TIME, NOISE_SENSOR = 0, 3, 6
-NOISE_COUNT = NOISE_SENSOR + len(SENSORS)
+NOISE_LATENCY = NOISE_SENSOR + len(SENSORS)
+NOISE_COUNT = NOISE_LATENCY + len(SENSORS)
 
 
 @compiled
@@ -114,7 +115,12 @@ def filter_runs(
                     p[CURRENT, CURRENT] += add
                     p[CURRENT + 1, CURRENT + 1] += add
             for m in range(event_offsets[k], event_offsets[k + 1]):
-                error[m], variance[m] = _update(north, east, noise, sensors[m], values[m], x, p, column)
+                late = 0.0
+                if noise[NOISE_LATENCY + sensors[m]] != 0.0:
+                    held = inputs[max(k - 1, offsets[run])]
+                    slope = _sensor_slope(c, coupled, yaw_only, held, north, east, sensors[m], x)
+                    late = noise[NOISE_LATENCY + sensors[m]] * slope
+                error[m], variance[m] = _update(north, east, noise, sensors[m], values[m] + late, x, p, column)
             if keep:
                 for j in range(STATES):
                     states[k, j] = x[j]
@@ -308,6 +314,29 @@ def _add_noise(c: Any, yaw_only: bool, noise: Any, decays: Any, h: float, psi: f
                 p[9, 10] += weight * x * y
                 p[10, 9] += weight * x * y
                 p[10, 10] += weight * y * y
+
+
+@compiled
+def _sensor_slope(  # noqa: PLR0911 - one for each sensor
+    c: Any, coupled: bool, yaw_only: bool, held: Any, north: float, east: float, sensor: int, x: Any
+) -> float:
+    """Derivative in time of what a sensor measures."""
+    if sensor == 0:
+        return float(x[YAW])
+    cosine, sine, r = math.cos(x[HEADING]), math.sin(x[HEADING]), x[YAW]
+    if sensor == 4:
+        return float(x[1] * cosine - x[2] * sine + north + x[CURRENT])
+    if sensor == 5:
+        return float(x[1] * sine + x[2] * cosine + east + x[CURRENT + 1])
+    if yaw_only:
+        return float((held[2] + x[FORCE + 2] - (c[6] + c[9] * abs(r)) * r) / c[2])
+    du, dv, dr = slopes(c, coupled, held, x[1], x[2], r, x[FORCE], x[FORCE + 1], x[FORCE + 2])
+    vn, ve = north + x[CURRENT], east + x[CURRENT + 1]
+    if sensor == 1:
+        return float(dr)
+    if sensor == 2:
+        return float(du + r * (ve * cosine - vn * sine))
+    return float(dv - r * (vn * cosine + ve * sine))
 
 
 @compiled

@@ -29,6 +29,10 @@ if TYPE_CHECKING:
 
 # Sensors with a first reading that starts the filter and has no innovation.
 _STARTING = [SENSORS.index(name) for name in ("heading", "north", "east")]
+# Number of sensors that measure yaw alone, the first ones.
+_OF_YAW = 2
+# s; stamps closer than this are one instant.
+_SAME_INSTANT = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -36,7 +40,6 @@ class PlanarGrid:
     """Runs as the compiled loops read them; n instants and m readings of all runs."""
 
     runs: tuple[PlanarRun, ...]
-    kept: tuple[IntArray, ...]  #: Of each run: indices of its instants that are steps of the filter.
     offsets: IntArray  #: (runs + 1,) first instant of each run.
     time: FloatArray  #: (n,) s.
     event_offsets: IntArray  #: (n + 1,) first reading at each instant.
@@ -47,7 +50,9 @@ class PlanarGrid:
     starts: FloatArray  #: (runs, 6) as in `rovid.planar.kernels.filter_runs`.
     start_std: FloatArray  #: (runs, 6) likewise.
     speed: FloatArray  #: (3,) typical speeds.
-    yaw_only: bool  #: Whether only heading or yaw rate is measured.
+    latency: FloatArray  #: (6,) s by which the stamps of each sensor were moved back.
+    yaw_only: bool  #: Whether surge and sway are left out, and the readings of both.
+    interval: float  #: s with one reading of each sensor; 0 for all readings.
 
     @classmethod
     def of(
@@ -59,35 +64,37 @@ class PlanarGrid:
         *,
         yaw_only: bool,
         interval: float = 0.0,
+        latency: FloatArray | None = None,
     ) -> Self:
-        """The runs of ``data``; of each sensor one reading in ``interval`` s."""
-        kept, times, offsets, sensors, values, used, numbers = [], [], [], [], [], [], []
+        """The runs of ``data``; of each sensor one reading in ``interval`` s, stamps moved back by its ``latency``."""
+        late = np.zeros(len(SENSORS)) if latency is None else latency
+        times, offsets, sensors, values, used, numbers = [], [], [], [], [], []
         count = 0
         for number, run in enumerate(data.runs):
-            index, sensor, value = run.event_index, run.event_sensor, run.event_value
+            sensor, value = run.event_sensor, run.event_value
+            stamp = run.time[run.event_index] - late[sensor]
+            chosen = (stamp >= 0.0) & ((sensor < _OF_YAW) | (not yaw_only))
             if interval > 0.0:
-                chosen = _thinned(run, interval)
-                index, sensor, value = index[chosen], sensor[chosen], value[chosen]
-                steps = np.unique(np.concatenate(([0], index)))
-                index = np.searchsorted(steps, index)
-            else:
-                steps = np.arange(len(run.time))
-            counts = np.bincount(index, minlength=len(steps))
+                chosen &= _thinned(stamp, sensor, interval)
+            order = np.argsort(np.where(chosen, stamp, np.inf), kind="stable")[: int(chosen.sum())]
+            stamp, sensor, value = stamp[order], sensor[order], value[order]
+            time = np.unique(np.concatenate(([0.0], stamp) if interval > 0.0 else (run.time, stamp)))
+            # Stamps that differ by rounding are one instant.
+            time = time[np.diff(time, prepend=-1.0) > _SAME_INSTANT]
+            index = np.searchsorted(time, stamp + _SAME_INSTANT, side="right") - 1
+            counts = np.bincount(index, minlength=len(time))
             offsets.append(count + np.concatenate(([0], np.cumsum(counts)[:-1])))
             count += len(index)
-            first = np.ones(len(index), dtype=bool)
+            counted = np.ones(len(index), dtype=bool)
             for one in _STARTING:
-                at = np.flatnonzero(sensor == one)[:1]
-                first[at] = False
-            kept.append(steps)
-            times.append(run.time[steps])
+                counted[np.flatnonzero(sensor == one)[:1]] = False
+            times.append(time)
             sensors.append(sensor)
             values.append(value)
-            used.append(first)
+            used.append(counted)
             numbers.append(np.full(len(index), number))
         return cls(
             runs=data.runs,
-            kept=tuple(kept),
             offsets=np.cumsum([0, *map(len, times)]),
             time=np.concatenate(times),
             event_offsets=np.concatenate((*offsets, [count])).astype(np.intp),
@@ -98,7 +105,9 @@ class PlanarGrid:
             starts=starts,
             start_std=start_std,
             speed=speed,
+            latency=late,
             yaw_only=yaw_only,
+            interval=interval,
         )
 
     @cached_property
@@ -110,15 +119,17 @@ class PlanarGrid:
         """(n, k) inputs of ``model``: means from each instant to the next."""
         effects = tuple(one for one in model.effects if is_of_actuators(one.effect))
         columns = []
-        for run, steps in zip(self.runs, self.kept, strict=True):
+        for number, run in enumerate(self.runs):
             held = run_inputs(run, effects)
-            if len(steps) == len(run.time):
+            time = self.time[self.offsets[number] : self.offsets[number + 1]]
+            if len(time) == len(run.time):
                 columns.append(held)
                 continue
-            lengths = np.diff(run.time, append=run.time[-1])
-            area = np.add.reduceat(held * lengths[:, None], steps, axis=0)
-            span = np.add.reduceat(lengths, steps)
-            columns.append(np.where(span[:, None] > 0.0, area / np.maximum(span, 1e-300)[:, None], held[steps]))
+            area = np.vstack((np.zeros(held.shape[1]), np.cumsum(held[:-1] * np.diff(run.time)[:, None], axis=0)))
+            total = np.column_stack([np.interp(time, run.time, column) for column in area.T])
+            means = np.diff(total, axis=0) / np.diff(time)[:, None]
+            last = held[np.searchsorted(run.time, time[-1], side="right") - 1]
+            columns.append(np.vstack((means, last)))
         return np.ascontiguousarray(np.concatenate(columns))
 
     @cached_property
@@ -127,12 +138,12 @@ class PlanarGrid:
         return self.inputs(PlanarModel(base=np.ones(10)))
 
 
-def _thinned(run: PlanarRun, interval: float) -> BoolArray:
+def _thinned(stamp: FloatArray, sensor: IntArray, interval: float) -> BoolArray:
     """(m,) readings of which each sensor has one in an interval: the first."""
-    cell = np.floor(run.time[run.event_index] / interval + 1e-9).astype(np.intp)
+    cell = np.floor(stamp / interval + 1e-9).astype(np.intp)
     chosen = np.zeros(len(cell), dtype=bool)
-    for sensor in np.unique(run.event_sensor):
-        own = np.flatnonzero(run.event_sensor == sensor)
+    for one in np.unique(sensor):
+        own = np.flatnonzero(sensor == one)
         chosen[own[np.unique(cell[own], return_index=True)[1]]] = True
     return chosen
 

@@ -103,7 +103,7 @@ def test_filter_agrees_with_the_reference(case: str) -> None:
     expected = reference.filter_innovations(
         model, time, inputs, events, start, start_std, disturbance, noise, substeps=8
     )
-    numbers = np.concatenate((*disturbance, list(noise.values())))
+    numbers = np.concatenate((*disturbance, list(noise.values()), np.zeros(len(noise))))
     offsets = np.cumsum([0, *map(len, events)])
     sensors = np.array([kernels.SENSORS.index(name) for each in events for name, _ in each])
     values = np.array([value for each in events for _, value in each])
