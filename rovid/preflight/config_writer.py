@@ -15,7 +15,7 @@ from rovid.core.escaping import toml_key, toml_text
 from rovid.core.signatures import GUESSED_CURVE as GUESSED
 from rovid.preflight.drive_guess import RudderGuess
 from rovid.preflight.log_survey import FULL_THRUST, GUESSED_CURVE, LogSurvey, all_commands, output_files
-from rovid.preflight.planar_guess import share_lines
+from rovid.preflight.planar_guess import propeller_lines, share_lines
 from rovid.preflight.raw_columns import SignalGuess
 from rovid.preflight.thruster_guess import ThrusterCommand
 from rovid.readers import read_campaign
@@ -161,6 +161,8 @@ def _thrusters(survey: LogSurvey) -> Iterator[str]:
         if survey.curve_guessed:
             yield f"{mark}curve_guessed = {toml_text(survey.curve)}   # as above; put a bench curve into curve"
         yield f"{mark}command = {_inline_table({kind: command.source for kind, command in commands.items()})}"
+    if survey.with_planar and _rudders(survey):
+        yield from propeller_lines(survey.planar)
     yield from _rudder_blocks(survey)
     if "command" in survey.unrecognised:
         unit = "m" if survey.axis.angular else "share of the thrust along the axis"
@@ -211,7 +213,9 @@ def _rudder_blocks(survey: LogSurvey) -> Iterator[str]:
         yield f"speed = {toml_text(rudder.speed)}"
         mark = "" if survey.with_planar else "# "
         yield f"{mark}position = [-1.0, 0.0]    # m ahead and to starboard; of surge, sway and yaw together: a guess"
-        yield '# behind = "NAME"              # the thruster in whose slipstream it stands'
+        behind = survey.with_planar and any(guess.propeller[0] for guess in survey.planar.values())
+        line = 'behind = "propeller"' if behind else '# behind = "NAME"'
+        yield f"{line}    # the thruster in whose slipstream it stands"
         if rudder.wheelbase is None:
             yield "# coefficient =       # N m s^2/(m^2 rad): not in the logs; times and ratios hold without it"
         else:

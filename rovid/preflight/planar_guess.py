@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from rovid.core.escaping import toml_text
 from rovid.preflight.axis_guess import axis_signals
 from rovid.preflight.command_effects import CommandEffect, command_effects
 from rovid.preflight.raw_columns import (
@@ -27,6 +28,8 @@ Log = Mapping[str, RawColumn]
 _MAP = {"north": {"north", "northing", "nord", "norte", "n"}, "east": {"east", "easting", "ost", "est", "este", "e"}}
 # Words of a thruster across the vehicle.
 _SIDEWAYS = word_list("axis", "sway") | {"tunnel", "querstrahlruder"}
+# Words of the speed of a propeller.
+_PROPELLER = {"propeller", "prop", "screw", "schraube", "rps", "rpm", "helice", "hélice", "elica"}
 # Words of velocities, accelerations and errors.
 _NOT_POSITION = COMMAND | {"v", "vel", "velocity", "speed", "rate", "acc", "std", "sigma", "err", "error", "wind"}
 
@@ -38,6 +41,8 @@ class PlanarGuess:
     signals: Mapping[str, SignalGuess] = field(default_factory=dict)  #: Name in rovid.toml -> column.
     #: Axis (surge, sway) -> source of a command -> its effect along that axis.
     effects: Mapping[str, Mapping[str, CommandEffect]] = field(default_factory=dict)
+    #: Column of a propeller's speed, which turns nothing, and its largest value; empty without.
+    propeller: tuple[str, float] = ("", 0.0)
 
 
 def guess_planar(logs: Sequence[Log], taken: set[str], commands: Sequence[ThrusterCommand]) -> PlanarGuess:
@@ -59,7 +64,34 @@ def guess_planar(logs: Sequence[Log], taken: set[str], commands: Sequence[Thrust
     positions = {name: guess for name in _MAP if (guess := _position(name, free)) is not None}
     if len(positions) == len(_MAP):
         signals |= positions
-    return PlanarGuess(signals=signals, effects=effects)
+    propeller = ("", 0.0) if commands else _propeller(free)
+    return PlanarGuess(signals=signals, effects=effects, propeller=propeller)
+
+
+def _propeller(columns: Columns) -> tuple[str, float]:
+    for source, logged in columns.items():
+        values = finite_values(logged)
+        if name_words(source) & _PROPELLER and len(values) >= MIN_SAMPLES and np.any(values):
+            return source, float(np.max(np.abs(values)))
+    return "", 0.0
+
+
+def propeller_lines(guesses: Mapping[str, PlanarGuess]) -> Iterator[str]:
+    """A block of rovid.toml for a propeller, whose thrust is known up to a constant."""
+    sources = {kind: guess.propeller for kind, guess in guesses.items() if guess.propeller[0]}
+    if sources:
+        largest = max(most for _, most in sources.values())
+        yield ""
+        yield "# A propeller by its name. Its thrust follows the square of its speed; the constant is not in the logs."
+        yield "[[thrusters]]"
+        yield 'name = "propeller"'
+        yield "surge = 1.0"
+        yield "thrust_constant = 1.0            # N per squared unit of the speed"
+        yield "thrust_constant_guessed = 1.0    # a guess as long as both are equal; times and ratios hold"
+        yield f"max_command = {1.1 * largest:.4g}"
+        yield (
+            "command = { " + ", ".join(f"{kind} = {toml_text(source)}" for kind, (source, _) in sources.items()) + " }"
+        )
 
 
 def _position(name: str, columns: Columns) -> SignalGuess | None:

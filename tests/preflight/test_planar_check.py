@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from rovid.preflight.planar_check import PlanarCheck, check_planar
+from rovid.preflight.planar_guess import guess_planar, propeller_lines
+from rovid.preflight.raw_columns import RawColumn
 from rovid.trial.config import load_planar_config
 from tests.conftest import SAMPLES, Rovid
 from tests.planar.campaign import PORT_AND_STARBOARD, SIGNALS, Motion, write_campaign, write_log
@@ -112,6 +115,25 @@ def test_init_writes_the_shares_that_the_logs_show(folder: Path, tmp_path: Path,
     assert (port.arm, starboard.arm) == (1.0, -1.0)
     assert port.arm_guessed
     assert rovid("check", tmp_path, "--axes", "planar").code == 0
+
+
+def test_a_propeller_that_turns_nothing_is_taken_by_its_name() -> None:
+    time = 0.1 * np.arange(3000, dtype=np.float64)
+    columns = {
+        "propeller_rps": np.where(time < 100.0, 10.0, 12.0),
+        "u_m_s": 0.3 + 0.05 * np.sin(0.1 * time),
+        "north_m": np.sin(0.01 * time),
+        "east_m": np.cos(0.01 * time),
+        "north_std_m": np.sin(time),
+    }
+    logs = [{name: RawColumn(source=name, time=time, values=values) for name, values in columns.items()}]
+    guess = guess_planar(logs, set(), ())
+    assert {name: one.source for name, one in guess.signals.items()} == {
+        "surge_velocity": "u_m_s", "north": "north_m", "east": "east_m",
+    }  # fmt: skip
+    (block,) = tomllib.loads("\n".join(propeller_lines({"csv": guess})))["thrusters"]
+    assert (block["surge"], block["command"], block["thrust_constant_guessed"]) == (1.0, {"csv": "propeller_rps"}, 1.0)
+    assert block["max_command"] == pytest.approx(13.2)
 
 
 def test_the_sample_is_ready_for_a_fit(rovid: Rovid) -> None:
