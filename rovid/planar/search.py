@@ -25,15 +25,18 @@ from rovid.estimate.fisher_information import inverse_information
 from rovid.planar.chord_fit import Linearisation, change_between, chord_fit, residual_of
 from rovid.planar.coordinates import PlanarCoordinates
 from rovid.planar.dataset import PlanarData
-from rovid.planar.fit import add_effect
 from rovid.planar.optimum import PlanarOptimum
 
 # Share of the way from the neutral value to an initial value at which a score test takes its difference quotient.
 _PROBE = 0.05
 # Steps with a complete Jacobian, after a chord fit that is kept.
 _POLISH = 6
+# Best forms of the first screens, whose causes later screens test.
+_HOPEFUL = 10
+# Starts of a current: speeds in RMS speeds ahead, and number of directions.
+_SPEEDS, _DIRECTIONS = (0.1, 0.3, 0.7, 1.2), 8
 # Forms of one cause, and causes, that are fitted after a screening.
-_FORMS, _CAUSES = 2, 5
+_FORMS, _CAUSES = 2, 4
 # Least share of the best predicted gain for a fit. Score tests are good to a factor of a few.
 _SHARE = 0.1
 
@@ -81,6 +84,7 @@ class PlanarSearch:
     banned: set[str] = field(default_factory=set)
     #: Effect keys -> fit; the best form of an exchanged cause has a key of its own.
     fits: dict[Key, PlanarOptimum] = field(default_factory=dict)
+    _hopeful: set[str] | None = None
     _lines: dict[Key, Linearisation] = field(default_factory=dict)
     _tests: dict[Key, list[PlanarScoreTest]] = field(default_factory=dict)
 
@@ -125,12 +129,18 @@ class PlanarSearch:
             line = self.line(fitted)
             taken = {effect.id for effect in fitted.effects}
             forms = [one for one in self.candidates if one.id not in taken and one.key not in self.banned]
+            if self._hopeful is not None:
+                forms = [one for one in forms if one.id in self._hopeful]
             information = line.matrix.T @ line.matrix
             inverse = inverse_information(information)
             gradient = line.matrix.T @ residual_of(line.innovations)
             found = thread_map(lambda form: self._test(line, form, inverse, gradient), forms)
             tests = [test for test in found if test is not None]
             self._tests[key] = sorted(tests, key=lambda test: -test.gain)
+            if self._hopeful is None and len(fitted.effects) == 1:
+                # Later screens leave out what is promising neither alone nor next to the first cause.
+                first = [self._tests.get(frozenset(), []), self._tests[key]]
+                self._hopeful = {test.effect.id for tests in first for test in tests[:_HOPEFUL]}
         return [test for test in self._tests[key] if test.effect.key not in self.banned]
 
     def _test(
@@ -183,7 +193,7 @@ class PlanarSearch:
     def _extend(self, fitted: PlanarOptimum, test: PlanarScoreTest) -> PlanarOptimum:
         effect = test.effect
         if isinstance(effect.acts, WaterCurrent):
-            return add_effect(fitted, effect, self.data)
+            return self._with_current(fitted, test)
         coordinates, at = fitted.coordinates.with_effect(effect), fitted.coordinates.noise_begin
         likelihood, line = fitted.likelihood.with_coordinates(coordinates), self.line(fitted)
 
@@ -213,6 +223,29 @@ class PlanarSearch:
         nested = point(neutral)
         value = likelihood.value(nested)
         return best if best.value <= value else PlanarOptimum(likelihood, nested, value)
+
+    def _with_current(self, fitted: PlanarOptimum, test: PlanarScoreTest) -> PlanarOptimum:
+        """The fit with a current, which may change the speeds much: with the Jacobian at its start."""
+        effect, at = test.effect, fitted.coordinates.noise_begin
+        if isinstance(effect.acts, WaterCurrent) and effect.acts.wanders:
+            plain = next(one for one in PLANAR_FORMS if isinstance(one.acts, WaterCurrent) and not one.acts.wanders)
+            nested = self.extended(fitted, replace(test, effect=plain, start=test.start[:2]))
+            own = nested.x[at : at + 2]
+            starts = [np.array([*own, size, time]) for size in (0.0, 0.02, 0.1, 0.3) for time in (5.0, 40.0)]
+            fitted, rest = nested, np.delete(nested.x, [at, at + 1])
+        else:
+            turns = 2.0 * math.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
+            circles = [np.array([speed, turn]) for speed in _SPEEDS for turn in turns.tolist()]
+            starts, rest = [np.zeros(2), test.start, *circles], fitted.x
+        coordinates = self.base.coordinates
+        kept = [one for one in fitted.effects if one.id != effect.id]
+        for one in (*kept, effect):
+            coordinates = coordinates.with_effect(one)
+        likelihood = fitted.likelihood.with_coordinates(coordinates)
+        points = [coordinates.projected(np.concatenate((rest[:at], own, rest[at:]))) for own in starts]
+        values = likelihood.values(points)
+        begin = PlanarOptimum(likelihood, points[int(np.argmin(values))], min(values))
+        return chord_fit(likelihood, begin.x, Linearisation.of(begin).matrix)
 
     def without(self, fitted: PlanarOptimum, effect: Effect) -> PlanarOptimum:
         """The fit of a model without one of its effects."""
@@ -251,7 +284,13 @@ class PlanarSearch:
             if self.budget.skips(group[0].effect.id):
                 continue
             self.budget.tell("Fitting", done, len(chosen), since)
-            found += [self.extended(fitted, test) for test in group[:_FORMS]]
+            forms = [test for test in group if not _wanders(test.effect)]
+            found += [self.extended(fitted, test) for test in forms[:_FORMS]]
+        wandering = [test for test in tests if _wanders(test.effect)]
+        best = max(found, key=self.score, default=fitted)
+        # A current wanders only where a constant one explains most.
+        if wandering and best.effects and best.effects[-1].id == wandering[0].effect.id:
+            found.append(self.extended(fitted, wandering[0]))
         return sorted(found, key=lambda one: -self.score(one))
 
     def run(self, start: PlanarOptimum) -> PlanarOptimum:
@@ -341,6 +380,10 @@ class PlanarSearch:
         for one in found:
             shown.setdefault(frozenset(one.causes), one)
         return tuple(shown.values())[: THRESHOLDS.challengers_shown]
+
+
+def _wanders(effect: Effect) -> bool:
+    return isinstance(effect.acts, WaterCurrent) and effect.acts.wanders
 
 
 def _key(effects: Sequence[Effect]) -> Key:
