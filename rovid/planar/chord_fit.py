@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
 
-from rovid.core.array_types import BoolArray, FloatArray
+from rovid.core.array_types import BoolArray, FloatArray, IntArray
 from rovid.diagnose.thresholds import THRESHOLDS
+from rovid.effects import Effect
 from rovid.estimate.fisher_information import OUTLIER, Innovations
 from rovid.estimate.levenberg_marquardt import bounded_step, updated_damping
+from rovid.planar.coordinates import PlanarCoordinates
 from rovid.planar.likelihood import PlanarLikelihood
 from rovid.planar.optimum import PlanarOptimum
 
@@ -107,3 +109,31 @@ def chord_fit(
             if damping > _MAX_DAMPING:
                 break
     return PlanarOptimum(likelihood, x, value)
+
+
+def neutral_values(effect: Effect, start: FloatArray) -> FloatArray:
+    """(k,) values without the effect, in units of the scales: neutral sizes, the rest as at ``start``."""
+    values = start.copy()
+    for at, parameter in enumerate(effect.parameters[: effect.size_count]):
+        # A size whose neutral value is infinite has nearly no effect far from its start.
+        values[at] = 20.0 * start[at] if parameter.neutral_at_infinity else parameter.neutral
+    return values
+
+
+def coordinates_without(fitted: PlanarOptimum, effect: Effect) -> tuple[PlanarCoordinates, FloatArray, IntArray]:
+    """Coordinates without one effect, their values, and the kept columns."""
+    coordinates, at = fitted.coordinates, fitted.coordinates.effects_begin
+    for one in coordinates.effects:
+        if one.key == effect.key:
+            break
+        at += len(one.parameters)
+    columns = np.delete(np.arange(len(fitted.x)), np.arange(at, at + len(effect.parameters)))
+    left = tuple(one for one in coordinates.effects if one.key != effect.key)
+    kept = replace(
+        coordinates,
+        effects=left,
+        units=coordinates.units[columns],
+        low=coordinates.low[columns],
+        high=coordinates.high[columns],
+    )
+    return kept, fitted.x[columns], columns

@@ -14,7 +14,7 @@ from itertools import combinations
 
 import numpy as np
 
-from rovid.core.array_types import FloatArray, IntArray
+from rovid.core.array_types import FloatArray
 from rovid.core.budget import Budget
 from rovid.core.threads import thread_map
 from rovid.diagnose.candidate_fits import Challenger
@@ -22,8 +22,14 @@ from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import PLANAR_FORMS, Effect, forms_for
 from rovid.effects.base import OnCommand, OnThrust, OnTorque, WaterCurrent
 from rovid.estimate.fisher_information import inverse_information
-from rovid.planar.chord_fit import Linearisation, change_between, chord_fit, residual_of
-from rovid.planar.coordinates import PlanarCoordinates
+from rovid.planar.chord_fit import (
+    Linearisation,
+    change_between,
+    chord_fit,
+    coordinates_without,
+    neutral_values,
+    residual_of,
+)
 from rovid.planar.dataset import PlanarData
 from rovid.planar.optimum import PlanarOptimum
 
@@ -37,6 +43,8 @@ _HOPEFUL = 10
 _SPEEDS, _DIRECTIONS = (0.1, 0.3, 0.7, 1.2), 8
 # Forms of one cause, and causes, that are fitted after a screening.
 _FORMS, _CAUSES = 2, 4
+# Share of the best gain from which fits are compared after complete steps, and most of these fits.
+_CLOSE, _POLISHED = 0.25, 3
 # Least share of the best predicted gain for a fit. Score tests are good to a factor of a few.
 _SHARE = 0.1
 
@@ -64,15 +72,6 @@ class PlanarScoreTest:
     detectable: float  #: Smallest distance of the first size from its neutral value that a search would add, SI.
 
 
-def neutral_values(effect: Effect, start: FloatArray) -> FloatArray:
-    """(k,) values without the effect, in units of the scales: neutral sizes, the rest as at ``start``."""
-    values = start.copy()
-    for at, parameter in enumerate(effect.parameters[: effect.size_count]):
-        # A size whose neutral value is infinite has nearly no effect far from its start.
-        values[at] = 20.0 * start[at] if parameter.neutral_at_infinity else parameter.neutral
-    return values
-
-
 @dataclass(eq=False)
 class PlanarSearch:
     """Stepwise selection of causes by BIC, with all fits remembered."""
@@ -85,6 +84,7 @@ class PlanarSearch:
     #: Effect keys -> fit; the best form of an exchanged cause has a key of its own.
     fits: dict[Key, PlanarOptimum] = field(default_factory=dict)
     _hopeful: set[str] | None = None
+    _polished: set[Key] = field(default_factory=set)
     _lines: dict[Key, Linearisation] = field(default_factory=dict)
     _tests: dict[Key, list[PlanarScoreTest]] = field(default_factory=dict)
 
@@ -252,7 +252,7 @@ class PlanarSearch:
         left = tuple(one for one in fitted.effects if one.key != effect.key)
         key = _key(left)
         if key not in self.fits:
-            coordinates, x, columns = _removed(fitted, effect)
+            coordinates, x, columns = coordinates_without(fitted, effect)
             likelihood = fitted.likelihood.with_coordinates(coordinates)
             self.fits[key] = chord_fit(
                 likelihood, coordinates.projected(x), self.line(fitted).matrix[:, columns].copy()
@@ -261,9 +261,11 @@ class PlanarSearch:
 
     def polish(self, fitted: PlanarOptimum) -> PlanarOptimum:
         """The model after some steps with complete Jacobians."""
-        better = PlanarOptimum.fit(fitted.likelihood, fitted.x, _POLISH)
-        self.fits[_key(fitted.effects)] = better
-        return better
+        key = _key(fitted.effects)
+        if key not in self._polished or self.fits.get(key) is not fitted:
+            self.fits[key] = PlanarOptimum.fit(fitted.likelihood, fitted.x, _POLISH)
+            self._polished.add(key)
+        return self.fits[key]
 
     # --- Selection ----------------------------------------------------------------------------------------------------
 
@@ -291,6 +293,12 @@ class PlanarSearch:
         # A current wanders only where a constant one explains most.
         if wandering and best.effects and best.effects[-1].id == wandering[0].effect.id:
             found.append(self.extended(fitted, wandering[0]))
+        # A chord fit may end early where an effect changes much: the best ones are compared after complete steps.
+        found.sort(key=lambda one: -self.score(one))
+        least = self.score(fitted) + _CLOSE * (self.score(found[0]) - self.score(fitted)) if found else math.inf
+        close = [one for one in found if self.score(one) > max(least, self.score(fitted))]
+        if len(close) > 1:
+            found = [*map(self.polish, close[:_POLISHED]), *(one for one in found if one not in close[:_POLISHED])]
         return sorted(found, key=lambda one: -self.score(one))
 
     def run(self, start: PlanarOptimum) -> PlanarOptimum:
@@ -388,22 +396,3 @@ def _wanders(effect: Effect) -> bool:
 
 def _key(effects: Sequence[Effect]) -> Key:
     return frozenset(effect.key for effect in effects)
-
-
-def _removed(fitted: PlanarOptimum, effect: Effect) -> tuple[PlanarCoordinates, FloatArray, IntArray]:
-    """Coordinates without one effect, their values, and the kept columns."""
-    coordinates, at = fitted.coordinates, fitted.coordinates.effects_begin
-    for one in coordinates.effects:
-        if one.key == effect.key:
-            break
-        at += len(one.parameters)
-    columns = np.delete(np.arange(len(fitted.x)), np.arange(at, at + len(effect.parameters)))
-    left = tuple(one for one in coordinates.effects if one.key != effect.key)
-    kept = replace(
-        coordinates,
-        effects=left,
-        units=coordinates.units[columns],
-        low=coordinates.low[columns],
-        high=coordinates.high[columns],
-    )
-    return kept, fitted.x[columns], columns

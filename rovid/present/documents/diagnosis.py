@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 
 from rovid.compare.comparison import Comparison, CrossPrediction
+from rovid.diagnose.coupled_causes import coupled_causes
 from rovid.diagnose.result import (
     NEVER_IDENTIFIABLE,
     Diagnosis,
@@ -88,6 +89,8 @@ def diagnosis_document(diagnosis: Diagnosis, study: Study) -> Document:
     }
     if diagnosis.from_tables is not None:
         document["tables"] = _table_diagnosis(diagnosis.from_tables)
+    if coupled := coupled_causes(diagnosis, study.campaign.trials if study.campaign else ()):
+        document["coupled_causes"] = list(coupled)
     faults = all_faults(diagnosis, study)
     document["faults"] = fault_documents(faults)
     document["warnings"] = all_warnings(

@@ -1,0 +1,44 @@
+"""Diagnosis of the coupled model on simulated logs with known causes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from rovid.planar.dataset import planar_data
+from rovid.planar.diagnosis import diagnose_planar
+from rovid.trial.trial import Campaign
+from tests.planar.vehicles import box_rov, campaign
+
+
+def test_a_hidden_coupling_is_found_and_predicts_held_out_parts() -> None:
+    truth = box_rov(5, couplings=(1.5, 1.0))
+    diagnosis = diagnose_planar(campaign(truth, runs=4, levels=12, hold=4.0, seed=1))
+    assert [one.effect.key for one in diagnosis.findings] == ["sway_yaw_damping"]
+    (found,) = diagnosis.findings
+    assert found.standard_errors > 5.0
+    assert found.held_out_gain > 20.0
+    for name, true in zip(found.estimate.names, truth.couplings, strict=True):
+        # 4 standard errors of 2 sizes.
+        assert abs(found.estimate.value(name) - true) < 4.0 * found.estimate.standard_error(name)
+    assert diagnosis.base is not None
+    assert diagnosis.extended is not None
+    assert diagnosis.extended.held_out.rmse["yaw_rate"] < diagnosis.base.held_out.rmse["yaw_rate"]
+
+
+@pytest.mark.slow
+def test_nothing_is_found_where_nothing_is_hidden() -> None:
+    diagnosis = diagnose_planar(campaign(box_rov(6), runs=4, levels=12, hold=4.0, seed=2))
+    assert not diagnosis.findings
+    assert diagnosis.extended is not None
+    assert not diagnosis.extended.fit.model.effects
+
+
+def test_logs_without_thrust_or_too_short_are_told_at_once() -> None:
+    data = campaign(box_rov(7), runs=1, levels=2, hold=2.0, seed=3)
+    assert diagnose_planar(data).verdict == "too_little_data"
+    still = tuple(replace(run.trial, commands=0.0 * run.trial.commands) for run in data.runs)
+    diagnosis = diagnose_planar(planar_data(Campaign(trials=still, sources=()), data.vehicle))
+    assert diagnosis.verdict == "too_little_data"
+    assert "no thruster ever runs" in diagnosis.missing
