@@ -13,6 +13,7 @@ from dataclasses import replace
 from rovid.core.budget import Budget, ProgressCallback
 from rovid.core.formatting import plus_minus
 from rovid.diagnose.candidate_fits import Challenger
+from rovid.diagnose.coupled_causes import coupled_sentence
 from rovid.diagnose.foreign_rival import diagnose_majority
 from rovid.diagnose.objectives import preload
 from rovid.diagnose.result import Diagnosis, Finding
@@ -43,7 +44,12 @@ def diagnose_logs(
     preload(wait=math.isfinite(seconds))
     budget = Budget(seconds)
     diagnosis = _diagnose(prepared, vehicle, report, budget)
-    warnings = (*diagnosis.warnings, *_clock_warnings(prepared.items, diagnosis.causes))
+    coupled = coupled_sentence(diagnosis, [run.trial for run in prepared.items])
+    warnings = (
+        *diagnosis.warnings,
+        *_clock_warnings(prepared.items, diagnosis.causes),
+        *([coupled] if coupled else []),
+    )
     return replace(diagnosis, warnings=warnings, budget=budget.use)
 
 

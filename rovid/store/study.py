@@ -307,14 +307,11 @@ class Study:
         if stopping(self.faults) and not force:
             return Diagnosis(verdict="bad_logs", missing=" ".join(fault_texts(stopping(self.faults))))
         from rovid.diagnose.clock_rival import diagnose_logs
-        from rovid.diagnose.coupled_causes import coupled_sentence
 
         diagnosis = diagnose_logs(self.runs, self.vehicle, report, budget)
         warnings = [*diagnosis.warnings]
         if final := diagnosis.extended or diagnosis.base:
             warnings += rigid_body_warnings(final.estimate, self.vehicle.reference_inertia)
-        if sentence := coupled_sentence(diagnosis, self.campaign.trials if self.campaign else ()):
-            warnings.append(sentence)
         return replace(
             diagnosis,
             base=diagnosis.base and self._marked(diagnosis.base),
