@@ -5,9 +5,9 @@ motion; `PlanarForces` holds their angles and the thrusts in whose slipstream th
 the rest. For a rudder at (x, y) with the angle delta, in water in which the vehicle has the velocity (u, v, r):
 
     u_R = u - y r,  v_R = v + x r                                       velocity of the rudder through the water
-    a^2 = max(u_R, 0)^2 + s max(T, 0)                                   T thrust of the propeller ahead of it
-    alpha = delta + atan2(v_R, a)                                       angle of attack, within +-stall
-    F = lift (a^2 + v_R^2) sin(alpha)
+    a = |u_R| u_R + s max(T, 0)                                         T thrust of the propeller ahead of it
+    alpha = delta + atan2(v_R, sqrt(|a|))                               angle of attack, within +-stall
+    F = lift (|a| + v_R^2) sin(alpha)                                   delta changes its sign where a < 0
     X = -F sin(delta),  Y = -F cos(delta),  N = x Y - y X
 
 (Soeding 1998; Yasukawa and Yoshimura 2015, eqs. 7, 14 and 21, with a flow straightening of 1.) ``lift``,
