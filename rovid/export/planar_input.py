@@ -47,6 +47,8 @@ _SECTIONS = (
 )
 # Length of a section in time constants of the slowest motion, and range of that time constant in s.
 _LENGTH, _SLOWEST = 2.0, (1.0, 30.0)
+# rad, largest angle of a rudder or of an azimuth thruster in the verification.
+_LARGEST_ANGLE = math.pi / 4.0
 # Number of bisections for the amplitude.
 _BISECTIONS = 8
 
@@ -184,12 +186,12 @@ class PlanarInput:
         return np.array([values.get(name, 0.0) for name in ("surge", "sway", "yaw")])
 
     def commands_at(self, shares: FloatArray) -> FloatArray:
-        """(n, k) commands of (n, 3) shares of the largest ones ahead, to starboard and in turn; rudders follow turn."""
+        """(n, k) commands of (n, 3) shares of the largest ones ahead, to starboard and in turn; angles follow turn."""
         columns = []
         pairs = zip(self.vehicle.thrusters, neutral_commands(self.vehicle), self.commands, strict=True)
         for thruster, neutral, ends in pairs:
             if thruster.is_angle:
-                columns.append(shares[:, 2] * float(np.max(np.abs(ends))) * float(thruster.rudder is not None))
+                columns.append(shares[:, 2] * min(float(np.max(np.abs(ends))), _LARGEST_ANGLE))
                 continue
             levers = np.array([thruster.surge_share, thruster.sway_share, thruster.arm])
             mixed = np.clip(shares @ np.sign(np.where(np.abs(levers) > 1e-9, levers, 0.0)), -1.0, 1.0)

@@ -6,6 +6,7 @@ import json
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +23,8 @@ from rovid.export import FORMATS, PLANAR_FORMATS
 from rovid.export.planar_input import PlanarInput, rovid_motion, verification_shares
 from rovid.export.planar_run import VerifiedPlanarExport, select_planar_exporter, verified_planar_export
 from rovid.model.bound_effects import BoundEffect
-from rovid.planar.model import BASE_NAMES, SNAME, PlanarModel
-from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
+from rovid.planar.model import BASE_NAMES, SNAME, PlanarModel, RudderModel
+from rovid.trial.vehicle import Rudder, ThrustCurve, Thruster, Vehicle
 from tests.conftest import run_rovid
 
 # Inertias of surge, sway, yaw, and their coupling; linear and quadratic drags.
@@ -230,6 +231,27 @@ def test_mujoco_says_that_a_body_has_one_mass() -> None:
     made = exported("mujoco")
     assert "surge.inertia, sway.inertia" in [loss.what for loss in made.losses]
     assert made.mismatch.largest > 1.0
+
+
+def test_rudders_and_azimuth_angles_are_listed_where_they_are_lost() -> None:
+    given = subject()
+    port, *others = given.vehicle.thrusters
+    angle = Thruster(name="port.azimuth", arm=0.0, curve=None, turns="port")
+    rudder = Thruster(name="rudder", arm=0.0, curve=None, rudder=Rudder(position=(-0.7, 0.0)))
+    turned = replace(port, position=(-0.6, 0.3), arm=-0.3)
+    given = replace(
+        given,
+        vehicle=replace(given.vehicle, thrusters=(turned, *others, angle, rudder)),
+        model=replace(given.model, rudders=(RudderModel(name="rudder", position=(-0.7, 0.0), lift=40.0),)),
+        commands=np.array([[-1.0, 1.0]] * 3 + [[-0.6, 0.6]] * 2),
+    )
+    exporter, _ = select_planar_exporter("gz-sim", None)
+    made = verified_planar_export(exporter, given)
+    assert [loss.what for loss in made.losses] == ["port.azimuth", "rudder"]
+    assert all(max(loss.percent_of_range.values()) > 1.0 for loss in made.losses)
+    assert made.kept_mismatch.largest < PROMISE
+    exporter, _ = select_planar_exporter("json", None)
+    assert verified_planar_export(exporter, given).losses == ()
 
 
 def test_tables_hold_every_parameter() -> None:
