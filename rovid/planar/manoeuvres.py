@@ -27,6 +27,8 @@ _HELD, _LEAST_STEERING = 0.02, 0.05
 _STRAIGHT = 0.2
 # Number of rows before the first order in which the approach has to be straight.
 _BEFORE = 10
+# Length of a hold that a slow rudder passes, as a share of the orders before and after it. A decision.
+_PASSING = 0.25
 # Largest relative difference between the headings of execution in one zigzag; MSC.137(76) keeps one angle.
 _SAME_THRESHOLD = 0.4
 # Number of time constants in the search for Nomoto's T, and number of refinements of the grid.
@@ -286,7 +288,7 @@ def recognise(track: Track) -> list[RecognisedManoeuvre]:
     level = np.max(np.abs(track.steering), initial=0.0)
     if level == 0.0:
         return []
-    holds = _holds(track.steering, _HELD * level)
+    holds = _without_passing(_holds(track.steering, _HELD * level), track.steering)
     orders = [hold for hold in holds if abs(track.steering[hold[0]]) > _LEAST_STEERING * level]
     index = 0
     while index < len(orders):
@@ -332,6 +334,20 @@ def _holds(steering: FloatArray, tolerance: float) -> list[tuple[int, int]]:
                 sections.append((first, k))
             first = k
     return sections
+
+
+def _without_passing(holds: list[tuple[int, int]], steering: FloatArray) -> list[tuple[int, int]]:
+    """The ``holds`` without those that a slow rudder passes on its way from one order to the next."""
+    kept = []
+    for at, (first, last) in enumerate(holds):
+        if 0 < at < len(holds) - 1:
+            (before, end), (after, later) = holds[at - 1], holds[at + 1]
+            low, high = sorted((steering[before], steering[after]))
+            short = last - first < _PASSING * min(end - before, later - after)
+            if short and low < steering[first] < high:
+                continue
+        kept.append((first, last))
+    return kept
 
 
 def _zigzag_chain(track: Track, orders: list[tuple[int, int]]) -> list[tuple[int, int]]:

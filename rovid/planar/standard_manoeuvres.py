@@ -283,14 +283,21 @@ def _run_tracks(
     smooth = smooth_run(run, _WIDTH * slowest_interval(run))
     if smooth is None:
         return None
-    time, heading = smooth.time, smooth.heading
+    # Smoothing leaves out both ends, where an approach may lie: there the heading is as read, and the speeds are held.
+    time = np.arange(run.time[0], run.time[-1], float(smooth.time[1] - smooth.time[0]))
+    heading = np.interp(time, smooth.time, smooth.heading)
+    ahead, side, rate = (np.interp(time, smooth.time, column) for column in smooth.speeds.T)
+    outside = (time < smooth.time[0]) | (time > smooth.time[-1])
+    if "heading" in run.sensors:
+        read = run.readings("heading")
+        raw = np.interp(time, read.time, read.values)
+        heading, rate = np.where(outside, raw, heading), np.where(outside, np.gradient(raw, time), rate)
     north, east = model.current
     measured = measured_axes(tuple(sensors))
-    ahead = smooth.speeds[:, 0] - north * np.cos(heading) - east * np.sin(heading)
-    side = smooth.speeds[:, 1] - east * np.cos(heading) + north * np.sin(heading)
-    ahead, side = (
-        one if known else np.full(len(time), np.nan) for one, known in zip((ahead, side), measured[:2], strict=True)
-    )
+    ahead = ahead - north * np.cos(heading) - east * np.sin(heading)
+    side = side - east * np.cos(heading) + north * np.sin(heading)
+    missing = np.full(len(time), np.nan)
+    ahead, side = ahead if measured[0] else missing, side if measured[1] else missing
     # Held orders: the last one at or before each instant.
     rows = np.clip(np.searchsorted(run.time, time, side="right") - 1, 0, len(run.time) - 1)
     steering = system.steering(run)[rows]
@@ -298,7 +305,7 @@ def _run_tracks(
     through = [np.interp(time, run.time, column) for column in motion.through_water.T]
     turned = np.interp(time, run.time, motion.heading)
     return (
-        _track(time, heading, steering, ahead, side, smooth.speeds[:, 2]),
+        _track(time, heading, steering, ahead, side, rate),
         _track(time, turned, steering, *through),
     )
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -105,6 +107,18 @@ def test_a_zigzag_of_nomotos_model_is_recognised_and_measured() -> None:
         expected = nomoto_overshoot(gain, constant, order, rate)
         assert measures[name].value == pytest.approx(expected, rel=1e-3)  # parabola through samples
     assert measures["period"].value == pytest.approx(STEP * (reversals[2] - reversals[0]))
+
+
+def test_a_zigzag_with_a_slow_rudder_is_recognised() -> None:
+    run = nomoto_zigzag(0.25, 4.0, np.radians(20.0), np.radians(20.0))
+    steering = run.steering.copy()
+    for row in np.flatnonzero(np.diff(np.sign(run.steering))) + 1:
+        steering[row : row + 4] = 0.2 * steering[row + 5]  # the rudder on its way
+    (found,) = recognise(replace(run, steering=steering))
+    assert found.kind == "zigzag"
+    whole = zigzag(run.part(*((one := recognise(run)[0]).first, one.last)))
+    slow = zigzag(run.part(found.first, found.last))
+    assert slow["second_overshoot"].value == pytest.approx(whole["second_overshoot"].value)
 
 
 def test_nomotos_gain_and_time_constant_are_recovered_within_their_errors() -> None:
