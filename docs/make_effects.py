@@ -21,8 +21,18 @@ from matplotlib.figure import Figure
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import ConfigError, RovidError, suggestion
 from rovid.diagnose.result import DISCRIMINATING_RUNS
-from rovid.effects import CATALOGUE, FORMS, Effect, EffectParameter
-from rovid.effects.base import SPEEDS, OnCommand, OnHeading, OnThrust, OnTorque, Term, WaveTorque
+from rovid.effects import CATALOGUE, FORMS, PLANAR_FORMS, Effect, EffectParameter
+from rovid.effects.base import (
+    SPEEDS,
+    Coupling,
+    OnCommand,
+    OnHeading,
+    OnThrust,
+    OnTorque,
+    Term,
+    WaterCurrent,
+    WaveTorque,
+)
 from rovid.effects.thruster_imbalance import WITH_OTHERS, for_thruster
 from rovid.model.model import Model
 from rovid.model.torque_input import TorqueInput
@@ -34,6 +44,7 @@ from rovid.trial.vehicle import Vehicle
 
 FOLDER = Path(__file__).parent / "effects"
 NOTES = FOLDER / "notes.toml"
+PLANAR_NOTES = FOLDER / "planar_notes.toml"
 INDEX = "README.md"
 _CONFIG = Path(__file__).parent.parent / "sample_logs" / "rosub_tank" / "rovid.toml"
 _INERTIA, _QUADRATIC, _LINEAR = 5057.0, 3532.0, 132.0
@@ -58,6 +69,8 @@ _PLACES = {
     Term: "a torque in the equation of motion",
     OnHeading: "acts on the measured heading; the motion is unchanged",
     WaveTorque: "a torque in the equation of motion, of random phase",
+    Coupling: "forces in the equations of surge, sway and yaw; `--axes planar` only",
+    WaterCurrent: "speed of the water in the equations of surge, sway and yaw; `--axes planar` only",
 }
 _AXES = {
     "time": "time in the step, s",
@@ -156,14 +169,14 @@ def _listed(names: Iterable[str]) -> str:
 
 
 def _plain(name: str) -> Effect:
-    return next(effect for effect in CATALOGUE if effect.id == name)
+    return next(effect for effect in (*CATALOGUE, *PLANAR_FORMS) if effect.id == name and not effect.form)
 
 
 def forms_of(effect: Effect) -> list[Effect]:
     """Forms of an effect, the default form first."""
     if effect.per_thruster:
         return [for_thruster("NAME"), for_thruster("NAME" + WITH_OTHERS)]
-    return [form for form in FORMS if form.id == effect.id]
+    return [form for form in (*FORMS, *PLANAR_FORMS) if form.id == effect.id]
 
 
 # ---- the runs of the pictures
@@ -445,6 +458,31 @@ def _run(effect: Effect, rival: Effect) -> str:
     return DISCRIMINATING_RUNS.get(frozenset({effect.id, rival.id}), "; ".join(runs))
 
 
+def planar_page(effect: Effect, note: Mapping[str, Any]) -> str:
+    """Markdown text of the page of an effect that only the planar model has."""
+    parts = [
+        _MADE.replace("notes.toml", PLANAR_NOTES.name),
+        f"# {_capital(effect.title)}",
+        f"`{effect.id}` · [all effects]({INDEX})",
+        _wrapped(" ".join(note["text"].split())),
+        "## Equation",
+        *_forms(effect),
+        "## Signature in the residuals",
+        *_fingerprints(effect),
+        "## Confused with",
+        "\n".join(_rivals(effect)),
+        "## Typical sizes",
+        "\n".join(_item(size) for size in note["sizes"]),
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def planar_effects() -> list[Effect]:
+    """Plain forms of the effects that only the planar model has."""
+    known = {effect.id for effect in CATALOGUE}
+    return [form for form in PLANAR_FORMS if not form.form and form.id not in known]
+
+
 def index() -> str:
     """Markdown text of the index."""
     rows = ["| effect | looks like | confused with |", "|---|---|---|"]
@@ -497,6 +535,9 @@ def index() -> str:
             "“Error without this effect” is the error of the fitted inertia and drag if a ROSUB-like vehicle has the "
             "effect and the model does not: noise-free simulation, five forward steps of 150 s and two sines of 40 s."
         ),
+        "## Planar model",
+        _wrapped("These effects couple surge, sway and yaw, and exist with `--axes planar` only:"),
+        "\n".join(f"* {_link(effect.id)}: {effect.fingerprint}" for effect in planar_effects()),
         "## Gallery",
         *gallery,
     ]
@@ -506,7 +547,10 @@ def index() -> str:
 def pages() -> dict[str, str]:
     """Text of every page by file name."""
     told = notes()
-    return {INDEX: index()} | {f"{effect.id}.md": page(effect, told[effect.id]) for effect in CATALOGUE}
+    with PLANAR_NOTES.open("rb") as file:
+        of_planar = tomllib.load(file)
+    planar = {f"{effect.id}.md": planar_page(effect, of_planar[effect.id]) for effect in planar_effects()}
+    return {INDEX: index()} | {f"{effect.id}.md": page(effect, told[effect.id]) for effect in CATALOGUE} | planar
 
 
 def _link(name: str) -> str:

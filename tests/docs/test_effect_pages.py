@@ -63,6 +63,13 @@ class TestEachPage:
             assert np.max(np.abs(course.rate - course.plain)) > 0.04 * np.max(np.abs(course.plain))
 
 
+@pytest.mark.parametrize("effect", make_effects.planar_effects(), ids=lambda effect: effect.id)
+def test_planar_page_is_up_to_date(effect: Effect, made: dict[str, str]) -> None:
+    text = written(f"{effect.id}.md")
+    assert text == made[f"{effect.id}.md"], "run python docs/make_effects.py"
+    assert [name for name in links(text) if not (FOLDER / name).is_file()] == []
+
+
 def test_index_is_up_to_date(made: dict[str, str]) -> None:
     assert written(INDEX) == made[INDEX], "run python docs/make_effects.py"
 
