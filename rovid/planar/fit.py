@@ -28,7 +28,7 @@ from rovid.planar.start_values import StartValues, first_noise, start_values
 from rovid.planar.undetermined import Undetermined, undetermined_directions
 
 # Interval between the readings of a search in shares of the shortest time constant.
-_SEARCH_SHARE = 0.08
+_SEARCH_SHARE = 0.12
 # Starts that are tried for some steps, and these steps.
 _STARTS, _FIRST_ITERATIONS = 2, 4
 # Steps with all readings, after the search.
