@@ -140,13 +140,22 @@ def planar_effect(name: str) -> Effect:
     return effect
 
 
+def open_combinations(fit: PlanarFit) -> tuple[OpenCombination, ...]:
+    """What the logs do not determine: combinations, and parameters that have no influence on them, by reason."""
+    found = [OpenCombination(combination=one.combination, text=one.text) for one in fit.undetermined]
+    listed = {name for one in found for name in one.combination}
+    for name, reason in fit.estimate.refused.items():
+        if name not in listed and name in fit.estimate.names:
+            found.append(OpenCombination(combination={name: 1.0}, text=f"{name}: {reason}."))
+    return tuple(found)
+
+
 def with_fit(stored: Parameters, fit: PlanarFit, provenance: Provenance) -> Parameters:
     """``stored`` with the parameters of ``fit`` in place of all earlier ones."""
     estimate = fit.estimate
-    open_combinations = [OpenCombination(combination=one.combination, text=one.text) for one in fit.undetermined]
     return replace(
         stored.with_estimate(estimate, provenance),
-        undetermined=tuple(open_combinations),
+        undetermined=open_combinations(fit),
         assumed={name: estimate.value(name) for name in estimate.names if name in estimate.refused},
     )
 

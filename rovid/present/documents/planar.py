@@ -11,7 +11,6 @@ from rovid.planar.fit import PlanarFit
 from rovid.planar.model import SNAME
 from rovid.planar.standard_manoeuvres import RunManoeuvre
 from rovid.planar.trial_simulation import SENSOR_UNITS, PlanarTrialSimulation, pooled_measures
-from rovid.planar.undetermined import Undetermined
 from rovid.present.documents.fits import (
     Document,
     all_warnings,
@@ -23,7 +22,7 @@ from rovid.present.documents.fits import (
     value_document,
 )
 from rovid.store.parameter_file import OpenCombination, Parameters
-from rovid.store.planar_study import PlanarStudy
+from rovid.store.planar_study import PlanarStudy, open_combinations
 from rovid.trial.assumptions import Assumptions
 from rovid.trial.fault import fault_texts
 
@@ -53,7 +52,7 @@ def _sname(name: str) -> Document:
     return {"sname": derivative} if derivative else {}
 
 
-def undetermined_document(combinations: Sequence[Undetermined | OpenCombination]) -> list[Document]:
+def undetermined_document(combinations: Sequence[OpenCombination]) -> list[Document]:
     """Combinations of parameters that the logs do not determine."""
     return [{"combination": dict(one.combination), "text": one.text} for one in combinations]
 
@@ -67,7 +66,7 @@ def planar_fit_document(fit: PlanarFit, study: PlanarStudy) -> Document:
         "schema": "rovid-fit/1",
         **AXES_DOCUMENT,
         "parameters": planar_parameters(estimate),
-        "undetermined": undetermined_document(fit.undetermined),
+        "undetermined": undetermined_document(open_combinations(fit)),
         "effects": effect_ids(estimate.names),
         "log_likelihood": fit.log_likelihood,
         "samples": estimate.samples,

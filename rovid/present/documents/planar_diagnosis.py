@@ -13,7 +13,7 @@ from rovid.planar.trial_simulation import SENSOR_UNITS
 from rovid.present.documents.diagnosis import finding_document
 from rovid.present.documents.fits import Document, all_warnings, fault_documents, guess_document, value_document
 from rovid.present.documents.planar import AXES_DOCUMENT, planar_parameters, undetermined_document
-from rovid.store.planar_study import PlanarStudy
+from rovid.store.planar_study import PlanarStudy, open_combinations
 from rovid.trial.fault import Fault, fault_texts
 
 
@@ -41,7 +41,7 @@ def planar_diagnosis_document(diagnosis: PlanarDiagnosis, study: PlanarStudy) ->
         "extended": _assessment(diagnosis.extended),
         "held_out_gain": _held_out_gain(diagnosis),
         "unexplained": {"share_of_variance": dict(diagnosis.unexplained_shares), "depends_on": []},
-        "undetermined": [] if final is None else undetermined_document(final.fit.undetermined),
+        "undetermined": [] if final is None else undetermined_document(open_combinations(final.fit)),
         "not_identifiable": ["thrust_scale", *(() if final is None else final.fit.estimate.refused)],
         "detectable": _detectable(diagnosis),
         "next_experiment": next_planar_experiment(diagnosis),
@@ -69,9 +69,9 @@ def next_planar_experiment(diagnosis: PlanarDiagnosis) -> dict[str, Any]:
     if final is None:
         run = "steps and sines of surge, sway and yaw, turning circles both ways, and coast-downs to rest"
         return {"run": run, "reason": "they excite all parameters and effects of the model"}
-    if final.fit.undetermined:
+    if undetermined := final.fit.undetermined:
         run = "the same commands with thrust along the axis that these logs do not excite, on four headings"
-        return {"run": run, "reason": final.fit.undetermined[0].text}
+        return {"run": run, "reason": undetermined[0].text}
     for finding in (*diagnosis.suspects, *diagnosis.findings):
         return {"run": finding.effect.experiment, "reason": f"it shows {finding.effect.title} by itself"}
     run = "turning circles and zigzags at several speeds, on four headings"
@@ -87,7 +87,7 @@ def _assessment(side: PlanarAssessment | None) -> Document | None:
     parameters = {without_form(name): value for name, value in planar_parameters(side.fit.estimate).items()}
     return {
         "parameters": parameters,
-        "undetermined": undetermined_document(side.fit.undetermined),
+        "undetermined": undetermined_document(open_combinations(side.fit)),
         "held_out": {
             "log_likelihood": scores.log_likelihood,
             **{f"{speed}_rmse": error for speed, error in scores.rmse.items()},

@@ -33,7 +33,7 @@ from rovid.present.sentences import cause_name, evidence_definitions, evidence_w
 from rovid.present.tables.manoeuvres import model_manoeuvre_tables, run_manoeuvre_tables
 from rovid.present.tables.planar import planar_parameters_table, planar_simulation_table
 from rovid.present.tables.table import ResultTable
-from rovid.present.terminal.planar import criterion_sentence, fit_sentence, simulation_sentence
+from rovid.present.terminal.planar import criterion_sentence, fit_sentence, simulation_sentence, undetermined_sentences
 from rovid.present.terminal.planar_diagnosis import planar_held_out_table
 from rovid.store.parameter_file import Parameters
 from rovid.store.planar_study import PlanarStudy, planar_effect
@@ -272,7 +272,7 @@ def _render(report: PlanarReport, figures: Mapping[str, ReportFigure]) -> str:
         "causes": [_cause_words(finding) for finding in causes],
         "definitions": evidence_definitions(causes),
         "gain": _gain_table(report.diagnosis),
-        "undetermined": fit.undetermined,
+        "undetermined": undetermined_sentences(fit),
         "tracks": [figure for name, figure in figures.items() if name == "planar_tracks"],
         "worst": speeds[:1],
         "others": speeds[1:],

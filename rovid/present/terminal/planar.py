@@ -28,8 +28,8 @@ def show_planar_fit(console: Console, fit: PlanarFit, study: PlanarStudy, stored
     print_labelled(console, fit_sentence(fit), _agreement_words(fit))
     console.print()
     console.print(planar_estimate_table(fit.estimate))
-    for one in fit.undetermined:
-        print_labelled(console, "Not determined:", one.text, "bold yellow")
+    for text in undetermined_sentences(fit):
+        print_labelled(console, "Not determined:", text, "bold yellow")
     print_text(console, criterion_sentence(fit))
     print_text(console, f"disturbance: {'; '.join(_disturbance_words(fit, axis) for axis in fit.disturbance)}")
     print_text(console, f"noise: {', '.join(_noise_words(sensor, size) for sensor, size in fit.noise.items())}")
@@ -50,6 +50,17 @@ def fit_sentence(fit: PlanarFit) -> str:
 def _agreement_words(fit: PlanarFit) -> str:
     r2 = [f"{sensor_words(sensor)} {value:.3f}" for sensor, value in fit.free_run_r2.items() if math.isfinite(value)]
     return f"R² of the free-running simulation: {join_words(r2)}." if r2 else ""
+
+
+def undetermined_sentences(fit: PlanarFit) -> list[str]:
+    """What the logs do not determine, with the reason; parameters with one reason in one sentence."""
+    estimate, sentences = fit.estimate, [one.text for one in fit.undetermined]
+    listed = {name for one in fit.undetermined for name in one.combination}
+    reasons: dict[str, list[str]] = {}
+    for name, reason in estimate.refused.items():
+        if name not in listed and name in estimate.names:
+            reasons.setdefault(reason, []).append(name)
+    return [*sentences, *(f"{join_words(names)}: {reason}." for reason, names in reasons.items())]
 
 
 def criterion_sentence(fit: PlanarFit) -> str:

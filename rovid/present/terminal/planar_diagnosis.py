@@ -16,6 +16,7 @@ from rovid.present.sentences import evidence_definitions, improvement_words, ver
 from rovid.present.tables.planar import planar_estimate_table, sensor_words
 from rovid.present.tables.table import ResultTable, mixed_number_column, text_column
 from rovid.present.terminal.diagnosis import show_finding
+from rovid.present.terminal.planar import undetermined_sentences
 from rovid.trial.assumptions import Assumptions
 
 
@@ -36,8 +37,8 @@ def show_planar_diagnosis(console: Console, diagnosis: PlanarDiagnosis, guess: A
             print_labelled(console, "Gain on trials that were not fitted:", gain_words(base, extended))
         planar_held_out_table(diagnosis, base, extended).print(console, guess)
         console.print(planar_estimate_table(extended.fit.estimate))
-        for one in extended.fit.undetermined:
-            print_labelled(console, "Not determined:", one.text, "bold yellow")
+        for text in undetermined_sentences(extended.fit):
+            print_labelled(console, "Not determined:", text, "bold yellow")
     if diagnosis.unexplained_shares:
         shares = [f"{axis} {100.0 * share:.2g} %" for axis, share in diagnosis.unexplained_shares.items()]
         print_text(console, f"left unexplained, in percent of the variance of all forces: {', '.join(shares)}")
