@@ -13,6 +13,7 @@ from rovid.model.bound_effects import BoundEffect
 from rovid.model.simulation import HORIZONS, FitMeasures, fit_measures
 from rovid.planar.coordinates import is_of_actuators
 from rovid.planar.dataset import SENSORS, PlanarData, PlanarRun
+from rovid.planar.fit import is_yaw_alone
 from rovid.planar.integration import HEADING, NORTH, STATES, simulate_runs
 from rovid.planar.model import AXIS_NAMES, PlanarModel
 from rovid.planar.reference import forces
@@ -70,13 +71,8 @@ class PlanarTrialSimulation:
 
 def simulate_planar_trials(model: PlanarModel, data: PlanarData) -> list[PlanarTrialSimulation]:
     """Simulate every run freely, and compare it to its readings."""
-    yaw_only = is_yaw_only(data)
+    yaw_only = is_yaw_alone(data)
     return [_simulated(model, run, yaw_only=yaw_only) for run in data.runs]
-
-
-def is_yaw_only(data: PlanarData) -> bool:
-    """Whether nothing measures surge and sway, so that the model is that of yaw."""
-    return not any(measured_axes(data.sensors)[:2])
 
 
 def pooled_measures(simulations: Sequence[PlanarTrialSimulation]) -> dict[str, FitMeasures]:
@@ -96,7 +92,9 @@ def worst_run(simulations: Sequence[PlanarTrialSimulation]) -> int:
     return int(np.argmax(np.nan_to_num(errors, nan=-1.0)))
 
 
-def missing_forces(model: PlanarModel, run: PlanarRun) -> tuple[FloatArray, Mapping[str, FloatArray]] | None:
+def missing_forces(
+    model: PlanarModel, run: PlanarRun, *, yaw_only: bool
+) -> tuple[FloatArray, Mapping[str, FloatArray]] | None:
     """Time in s, and axis -> force in N or N m that the ``model`` misses in a run; None for too short a run.
 
     Inverse dynamics of the smoothed motion through the water: the force that equation (1) of docs/planar.md lacks.
@@ -118,14 +116,14 @@ def missing_forces(model: PlanarModel, run: PlanarRun) -> tuple[FloatArray, Mapp
         model.mass_matrix @ change + model.coriolis_matrix(now.tolist()) @ now - forces(model, now, inputs)
         for now, change, inputs in zip(speeds, accelerations, smooth.inputs, strict=True)
     ])  # fmt: skip
-    known = measured_axes(run.sensors)
+    known = (False, False, True) if yaw_only else measured_axes(run.sensors)
     return smooth.time, {name: missing[:, at] for at, name in enumerate(AXIS_NAMES) if known[at]}
 
 
 def _simulated(model: PlanarModel, run: PlanarRun, *, yaw_only: bool) -> PlanarTrialSimulation:
     motion = simulate_planar(model, run, estimated_start(model, run, yaw_only=yaw_only), yaw_only=yaw_only)
     measured, simulated = {}, {}
-    for speed in SPEEDS:
+    for speed in SPEEDS[:1] if yaw_only else SPEEDS:
         if speed in run.sensors:
             measured[speed] = run.readings(speed)
             simulated[speed] = np.interp(measured[speed].time, motion.time, motion.sensor(speed))
@@ -142,8 +140,8 @@ def _simulated(model: PlanarModel, run: PlanarRun, *, yaw_only: bool) -> PlanarT
         simulated=simulated,
         fits={speed: fit_measures(measured[speed].values, simulated[speed]) for speed in measured},
         heading_errors={seconds: _rms(heading) for seconds, (heading, _) in errors.items()},
-        track_errors={seconds: _rms(track) for seconds, (_, track) in errors.items()},
-        track_rms=_track_rms(run, motion),
+        track_errors={seconds: None if yaw_only else _rms(track) for seconds, (_, track) in errors.items()},
+        track_rms=math.nan if yaw_only else _track_rms(run, motion),
     )
 
 

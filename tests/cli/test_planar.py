@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.conftest import Rovid, run_rovid
+from tests.conftest import SAMPLES, Rovid, run_rovid
 
 # A box-shaped ROV: inertias with added mass, linear and quadratic drag of surge, sway and yaw.
 MASS = np.array([[120.0, 0.0, 0.0], [0.0, 180.0, 6.0], [0.0, 6.0, 22.0]])
@@ -136,6 +136,35 @@ def test_a_fit_finds_all_parameters(fitted: tuple[Path, dict[str, object]]) -> N
     written = tomllib.loads((folder / "parameters_planar.toml").read_text())
     assert written["axis"] == "planar"
     assert set(TRUTH) <= set(written["parameters"])
+
+
+def test_parameters_of_motions_that_are_not_measured_are_refused_by_name(logs: Path, rovid: Rovid) -> None:
+    shutil.copytree(logs, "logs")
+    measured = CONFIG[: CONFIG.index("surge_velocity")]
+    Path("logs/rovid.toml").write_text(measured)
+    document = rovid("fit", "logs", "--axes", "planar", "--json").document
+    assert set(document["parameters"]) == {name for name in TRUTH if name.startswith("yaw.")}
+    named = {name for one in document["undetermined"] for name in one["combination"]}
+    assert named == {name for name in TRUTH if not name.startswith("yaw.")}
+    assert all(one["text"] for one in document["undetermined"])
+    written = tomllib.loads(Path("parameters_planar.toml").read_text())
+    assert set(written["parameters"]) == set(document["parameters"])
+    assert set(written["assumed"]) == named
+    errors = rovid("simulate", "--axes", "planar", "--json").document["overall"]
+    assert set(errors) == {"yaw_rate_r2", "yaw_rate_fit_percent", "yaw_rate_rmse"}
+
+
+@pytest.mark.slow
+def test_the_current_of_the_sample_is_named(rovid: Rovid) -> None:
+    done = rovid("diagnose", SAMPLES / "planar_rov", "--axes", "planar", "--budget", "600", "--json")
+    assert done.document["verdict"] == "found"
+    (finding,) = done.document["findings"]
+    assert finding["effect"] == "current"
+    for name, truth in (("speed", 0.0826), ("direction", 2.5375)):
+        found = finding["parameters"][name]
+        assert abs(found["value"] - truth) < 4.0 * found["standard_error"]  # 4 sigma, fixed logs
+    gain = done.document["held_out_gain"]["surge_velocity_rmse"]
+    assert gain["extended"] < 0.5 * gain["base"]
 
 
 def test_simulation_errors_of_each_speed(work: Rovid) -> None:

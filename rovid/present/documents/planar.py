@@ -74,6 +74,7 @@ def planar_fit_document(fit: PlanarFit, study: PlanarStudy) -> Document:
         "not_identifiable": ["thrust_scale", *estimate.refused],
         "noise": {sensor: value_document(size, SENSOR_UNITS[sensor]) for sensor, size in fit.noise.items()},
         "disturbance": {axis: _disturbance(fit, axis) for axis in fit.disturbance},
+        "latency": {sensor: value_document(late, "s", error) for sensor, (late, error) in fit.latency.items()},
         "innovations_white": fit.white,
         "criterion": "multi_step" if fit.multi_step else "innovations",
         "free_run_r2": dict(fit.free_run_r2),

@@ -19,9 +19,9 @@ from rovid.core.formatting import plus_minus
 from rovid.core.signatures import PAGE, png_signature, svg_signature
 from rovid.diagnose.result import Finding, by_evidence
 from rovid.planar.diagnosis import PlanarDiagnosis
-from rovid.planar.fit import PlanarFit
+from rovid.planar.fit import PlanarFit, is_yaw_alone
 from rovid.planar.standard_manoeuvres import SteeringSystem, model_manoeuvres, run_manoeuvres, turning_curve
-from rovid.planar.trial_simulation import PlanarTrialSimulation, is_yaw_only, missing_forces, worst_run
+from rovid.planar.trial_simulation import PlanarTrialSimulation, missing_forces, worst_run
 from rovid.present.number_format import format_number, unit_symbol
 from rovid.present.page.build import pdf_output
 from rovid.present.page.figures import FigureDraft, ReportFigure, existing_plots
@@ -135,7 +135,7 @@ def _missing(
 ) -> MissingForces | None:
     """Forces that both models miss in the worst run."""
     run = study.data.runs[worst_run(before)]
-    without, rest = missing_forces(base.model, run), missing_forces(full.model, run)
+    without, rest = (missing_forces(fit.model, run, yaw_only=is_yaw_alone(study.data)) for fit in (base, full))
     if without is None or rest is None:
         return None
     (time, forces), (other_time, others) = without, rest
@@ -171,7 +171,7 @@ def _drafts(report: PlanarReport) -> Iterator[FigureDraft]:
     chosen = _shown(after, worst)
     two = report.base is not report.full
     models = "dashed: base model; black: with the causes" if two else "black: simulated"
-    if not is_yaw_only(report.study.data):
+    if not is_yaw_alone(report.study.data):
         yield FigureDraft(
             "planar_tracks",
             plots.plot_tracks([before[at] for at in chosen], [after[at] for at in chosen]),
@@ -186,7 +186,7 @@ def _drafts(report: PlanarReport) -> Iterator[FigureDraft]:
             alt=f"Surge, sway and yaw rate of {after[at].name}: {_error_words(after[at])}.",
         )
     length = report.study.vehicle.length
-    if length is not None and not is_yaw_only(report.study.data):
+    if length is not None and not is_yaw_alone(report.study.data):
         with contextlib.suppress(DataError):
             model = report.full.model
             system = SteeringSystem.of(report.study.data, model)
@@ -245,7 +245,7 @@ def _gain_table(diagnosis: PlanarDiagnosis | None) -> ResultTable | None:
 def _manoeuvre_tables(report: PlanarReport) -> list[ResultTable]:
     """Manoeuvres in the runs, and standard manoeuvres of the model."""
     data, fit = report.study.data, report.full
-    if is_yaw_only(data):
+    if is_yaw_alone(data):
         return []
     tables = run_manoeuvre_tables(run_manoeuvres(fit.model, data))
     with contextlib.suppress(DataError):  # The vehicle does not move ahead, or does not turn.

@@ -8,13 +8,12 @@ from collections.abc import Mapping, Sequence
 from rovid.core.formatting import plus_minus, round_to_error
 from rovid.estimate.estimate import Estimate
 from rovid.model.simulation import HORIZONS, FitMeasures
-from rovid.planar.trial_simulation import SENSOR_UNITS, PlanarTrialSimulation, pooled_measures
+from rovid.planar.trial_simulation import SENSOR_UNITS, SPEEDS, PlanarTrialSimulation, pooled_measures
 from rovid.present.documents.planar import derivative_name
 from rovid.present.number_format import DASH, format_number, parameter_title, unit_symbol
 from rovid.present.tables.table import ResultTable, mixed_number_column, number_column, text_column
 from rovid.store.parameter_file import Parameters
 
-SPEEDS = ("yaw_rate", "surge_velocity", "sway_velocity")
 _NORMAL_95 = 1.959964
 
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from rich.console import Console
 
+from rovid.core.formatting import plus_minus
 from rovid.planar.fit import PlanarFit
 from rovid.planar.trial_simulation import SENSOR_UNITS, PlanarTrialSimulation, pooled_measures
 from rovid.present.console import print_labelled, print_text, show_caution, show_faults, show_warnings
@@ -33,6 +34,9 @@ def show_planar_fit(console: Console, fit: PlanarFit, study: PlanarStudy, stored
     print_text(console, criterion_sentence(fit))
     print_text(console, f"disturbance: {'; '.join(_disturbance_words(fit, axis) for axis in fit.disturbance)}")
     print_text(console, f"noise: {', '.join(_noise_words(sensor, size) for sensor, size in fit.noise.items())}")
+    if fit.latency:
+        late = [f"{sensor_words(sensor)} {plus_minus(*pair)} s" for sensor, pair in fit.latency.items()]
+        print_text(console, f"latency: {', '.join(late)}")
     show_warnings(console, [*study.remarks(), *fit.warnings])
     print_text(console, f"written to {stored.path}")
 
