@@ -154,3 +154,16 @@ def test_a_model_without_drag_is_not_called_stable() -> None:
     assert not found.stable
     assert found.largest_stable_step is None
     assert "itself does not come to rest" in found.text
+
+
+def test_a_model_whose_coupling_feeds_small_motions_is_not_called_stable() -> None:
+    # An eigenvalue of the linear damping is -0.1: from large speeds the drag leads to a slow motion, not to rest.
+    linear = np.array([[0.5, 0.0, 0.0], [0.0, 0.5, -0.6], [0.0, -0.6, 0.5]])
+    absolute = np.zeros((3, 3, 3))
+    for axis in range(3):
+        absolute[axis, axis, axis] = 5.0
+    equation = BodyEquation(mass=np.eye(3), linear=linear, absolute=absolute, step=0.001, scheme=Scheme.BODY_EULER)
+    found = judge_stability(equation, np.array([1.0, 1.0, 1.0]))
+    assert not found.stable
+    assert found.largest_stable_step is None
+    assert "itself does not come to rest" in found.text
