@@ -28,7 +28,9 @@ from rovid.effects.clock_offset import CLOCKS_APART
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.maximum_likelihood import (
+    DISTURBANCE_LIMITS,
     INNOVATIONS_R2,
+    MAX_R2_LOSS,
     NOTHING_R2,
     REAL_DISTURBANCE_LIMIT,
     fit_innovations,
@@ -139,7 +141,8 @@ class InnovationObjective:
     def base_of(self, data: InnovationData) -> FitResult:
         """Model without effects, fitted to ``data``."""
         if data.interval not in self._bases:
-            self._bases[data.interval] = fit_innovations(data, data.free_run_r2(data.initial_model))
+            fitted = fit_innovations(data, data.free_run_r2(data.initial_model))
+            self._bases[data.interval] = with_real_disturbance(fitted)
         return self._bases[data.interval]
 
     def begin(self, data: InnovationData, effects_from: FitResult, drag_from: FitResult) -> FitResult:
@@ -222,6 +225,17 @@ def missing_log_likelihood(fitted: FitResult) -> tuple[float, float]:
         unlimited = fit_coarse(objective, fitted.x, THRESHOLDS.search_iterations)
     colour = 0.0 if unlimited.is_white else unlimited.whitening_gain
     return fitted.value - unlimited.value, colour
+
+
+def with_real_disturbance(fitted: FitResult) -> FitResult:
+    """The plain model under the limit of a real disturbance, where its own limit costs little and hides no colour."""
+    if not (fitted.is_white and fitted.at_limit and fitted.objective.limit == max(DISTURBANCE_LIMITS)):
+        return fitted
+    disturbance, _ = missing_log_likelihood(fitted)
+    if disturbance >= THRESHOLDS.bic_margin:
+        return fitted
+    loose = fit(fitted.objective.with_limit(REAL_DISTURBANCE_LIMIT), fitted.x)
+    return loose if loose.is_adequate and loose.simulated_r2 >= fitted.simulated_r2 - MAX_R2_LOSS else fitted
 
 
 def has_no_dominant_cause(current: FitResult, gains: Gains) -> bool:

@@ -38,7 +38,7 @@ INNOVATIONS_R2 = 0.93
 # Free-running R^2 of the plain model below which it explains next to nothing, under whatever limit of the disturbance.
 NOTHING_R2 = 0.1
 # Largest loss of free-running R^2 against the output-error fit, or against a tighter limit of the disturbance.
-_MAX_R2_LOSS = 0.01
+MAX_R2_LOSS = 0.01
 # Factor on the limit of an active disturbance, for the effect of the limit on the parameters.
 _LOOSER = 2.5
 # Least free-running R^2 of free swings. Below it most of the motion is no swing of the model, and period and damping
@@ -128,7 +128,7 @@ def fit_innovations(data: InnovationData, simulation_r2: float) -> FitResult:
     for limit in DISTURBANCE_LIMITS:
         objective = InnovationLikelihood(data, limit)
         tried.append(fit(objective, objective.parametrization.initial()))
-        if tried[-1].simulated_r2 >= simulation_r2 - _MAX_R2_LOSS or simulation_r2 < NOTHING_R2:
+        if tried[-1].simulated_r2 >= simulation_r2 - MAX_R2_LOSS or simulation_r2 < NOTHING_R2:
             break
     return max(tried, key=lambda one: one.simulated_r2)
 
@@ -151,7 +151,7 @@ def loosen_limit(fitted: FitResult) -> FitResult:
 
     A larger disturbance is real, and no sign of missing physics, where it makes a model with effects adequate.
     """
-    least = fitted.simulated_r2 - _MAX_R2_LOSS
+    least = fitted.simulated_r2 - MAX_R2_LOSS
     wider = [limit for limit in DISTURBANCE_LIMITS if limit > fitted.objective.limit]
     for limit in wider:
         loose = fit(fitted.objective.with_limit(limit), fitted.x)
