@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.core.errors import DataError
+from rovid.core.errors import ConfigError, DataError
 from rovid.diagnose.result import Diagnosis, Finding
 from rovid.diagnose.signal_regressors import is_signal
 from rovid.effects import Effect, effect_named
@@ -28,7 +28,7 @@ from rovid.store.load import read_parameters
 from rovid.store.parameter_file import Parameters, Source
 from rovid.store.study import Study
 from rovid.trial.assumptions import Assumptions
-from rovid.trial.axis import Axis
+from rovid.trial.axis import PLANAR, Axis
 from rovid.trial.config_fingerprint import ConfigFingerprint
 from rovid.trial.vehicle import Vehicle
 
@@ -189,6 +189,9 @@ def campaign_from_file(path: Path, name: str) -> CampaignFit:
         The file cannot be read, or the inertia or the drag is missing.
     """
     stored = read_parameters(path)
+    if stored.axis is PLANAR:
+        mend = "Give --axes planar."
+        raise ConfigError("holds the parameters of surge, sway and yaw together.", where=path, mend=mend)
     limits = (record.detection_limits for record in read_history(path) if _is_same_model(record.parameters, stored))
     return campaign_from_parameters(stored, name, next(limits, None))
 

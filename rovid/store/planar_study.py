@@ -11,13 +11,14 @@ import numpy as np
 from rovid.core.budget import Budget, ProgressCallback
 from rovid.core.errors import ConfigError, suggestion
 from rovid.effects import FORMS, PLANAR_FORMS, Effect, effect_named
-from rovid.effects.stages import OnCommand, OnThrust
+from rovid.effects.stages import Actuating
 from rovid.faults.catalogue import examine_runs
 from rovid.model.bound_effects import BoundEffect
 from rovid.planar.dataset import PlanarData, planar_data
 from rovid.planar.diagnosis import PlanarDiagnosis, diagnose_planar
 from rovid.planar.fit import PlanarFit, fit_planar
 from rovid.planar.model import BASE_COUNT, PlanarModel, RudderModel
+from rovid.planar.search import planar_candidates
 from rovid.planar.start_values import planar_rudders
 from rovid.planar.trial_simulation import PlanarTrialSimulation, simulate_planar_trials
 from rovid.readers import read_campaign
@@ -57,7 +58,14 @@ class PlanarStudy:
         ------
         DataError
             The logs do not excite the vehicle.
+        ConfigError
+            An effect needs a thruster or a signal that these logs do not have.
         """
+        known = {form.key for form in (*PLANAR_FORMS, *planar_candidates(self.data))}
+        for effect in effects:
+            if effect.key not in known:
+                text = "needs a thruster or a signal that these logs do not have."
+                raise ConfigError(text, where=effect.key, mend="Leave the effect out, or complete rovid.toml.")
         fit = fit_planar(self.data, effects)
         assumptions = self.vehicle.assumptions
         warnings = tuple(map(assumptions.mark_sentence, fit.estimate.warnings))
@@ -129,9 +137,9 @@ def planar_effect(name: str) -> Effect:
         if name in {form.key, form.id}:
             return form
     effect = effect_named(name)
-    if not isinstance(effect.acts, OnCommand | OnThrust):
+    if not isinstance(effect.acts, Actuating):
         known = dict.fromkeys(form.id for form in PLANAR_FORMS)
-        of_thrusters = dict.fromkeys(form.id for form in FORMS if isinstance(form.acts, OnCommand | OnThrust))
+        of_thrusters = dict.fromkeys(form.id for form in FORMS if isinstance(form.acts, Actuating))
         if effect.id == "sideslip_moment":
             mend = "Leave it out: the base model has the Munk moment, and sway_yaw_damping has N_v."
         else:

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rovid.store.planar_study import planar_effect
 from tests.conftest import SAMPLES, Rovid, run_rovid
 
 # A box-shaped ROV: inertias with added mass, linear and quadratic drag of surge, sway and yaw.
@@ -208,6 +209,7 @@ def test_the_same_parameters_have_not_changed(work: Rovid) -> None:
         (("--axis", "planar"), "Give --axes planar"),
         (("--axes", "planar", "--effect", "tether_torsion"), "not an effect of the coupled model"),
         (("--axes", "planar", "--effect", "sideslip_moment"), "Munk"),
+        (("--axes", "planar", "--effect", "drag_curvature"), "not an effect of the coupled model"),
     ],
 )
 def test_options_that_do_not_go_together(rovid: Rovid, arguments: tuple[str, ...], words: str) -> None:
@@ -223,10 +225,18 @@ def test_commands_along_one_axis_say_so(rovid: Rovid, command: str) -> None:
     assert "works along one axis" in done.err
 
 
+def test_effects_of_thrusters_are_effects_of_the_coupled_model() -> None:
+    names = ("thruster_lag", "command_delay", "thruster_deadband", "thrust_asymmetry", "current", "bias_torque")
+    assert [planar_effect(name).id for name in names] == list(names)
+    assert planar_effect("bias_torque").form == "planar"
+    assert planar_effect("sway_yaw_damping:lift").key == "sway_yaw_damping:lift"
+
+
 def test_parameter_files_of_one_axis_and_of_three_are_not_mixed_up(work: Rovid) -> None:
-    done = work("simulate", "-p", "parameters_planar.toml")
-    assert done.code == 2
-    assert "surge, sway and yaw together" in done.err
+    for command in (("simulate", "-p", "parameters_planar.toml"), ("compare", "parameters_planar.toml", "other")):
+        done = work(*command)
+        assert done.code == 2
+        assert "surge, sway and yaw together" in done.err
     text = Path("parameters_planar.toml").read_text()
     Path("damaged.toml").write_text(
         text.replace('[parameters."sway_yaw.inertia"]\nvalue = ', '[parameters."sway_yaw.inertia"]\nvalue = 9')
