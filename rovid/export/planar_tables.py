@@ -66,6 +66,7 @@ def export_json(subject: PlanarInput) -> PlanarExportResult:
         "rigid_body": {"mass": subject.vehicle.mass, "inertia": subject.vehicle.rigid_body_inertia},
         "current": dict(zip(("north", "east"), subject.model.current, strict=True)),
         "thrusters": _thrusters(subject),
+        "rudders": _rudders(subject),
         "effects": [{"key": one.effect.key, "equation": one.effect.equation} for one in subject.model.effects],
         "guessed": list(subject.guess.items),
     }
@@ -86,9 +87,11 @@ def export_ros2(subject: PlanarInput) -> PlanarExportResult:
         lines += [f"    # {group}"] * (key != group) + [f"    {key}:", *yaml_lines("      ", values)]
     lines += [*yaml_lines("    ", {"mass_matrix": subject.model.mass_matrix.ravel().tolist()})]
     lines.append(f"    thruster_names: [{names}]")
-    for index, one in enumerate(_thrusters(subject)):
-        numbers = {key: value for key, value in one.items() if key != "name"}
-        lines += [f"    thruster_{index}:", *yaml_lines("      ", numbers)]
+    for kind, blocks in (("thruster", _thrusters(subject)), ("rudder", _rudders(subject))):
+        for index, one in enumerate(blocks):
+            words = [f"      {key}: {toml_text(value)}" for key, value in one.items() if isinstance(value, str)]
+            numbers = {key: value for key, value in one.items() if not isinstance(value, str)}
+            lines += [f"    {kind}_{index}:", *words, *yaml_lines("      ", numbers)]
     return _result(subject, "\n".join(lines) + "\n", None)
 
 
@@ -106,10 +109,8 @@ def export_matlab(subject: PlanarInput) -> PlanarExportResult:
         "D": linear,
         "Dn": np.diag(subject.model.base[7:10]),
         "current": np.array(subject.model.current),
-        "thrusters": np.array(
-            [{key: np.array(one[key]) if key != "name" else one[key] for key in one} for one in _thrusters(subject)],
-            dtype=object,
-        ),
+        "thrusters": _cells(_thrusters(subject)),
+        "rudders": _cells(_rudders(subject)),
         "effects": [one.effect.equation for one in subject.model.effects],
     }
     stream: Any = io.BytesIO()
@@ -126,14 +127,41 @@ def _values(subject: PlanarInput) -> dict[str, float]:
     return dict(zip(subject.model.names, subject.model.values.tolist(), strict=True))
 
 
+def _cells(blocks: list[dict[str, Any]]) -> np.ndarray[Any, Any]:
+    """A cell array of structs."""
+    cells = np.empty(len(blocks), dtype=object)
+    for at, one in enumerate(blocks):
+        cells[at] = {key: value if isinstance(value, str) else np.array(value) for key, value in one.items()}
+    return cells
+
+
+def _rudders(subject: PlanarInput) -> list[dict[str, Any]]:
+    """Numbers of each rudder, as in `rovid.planar.actuators`; in m, rad, N s^2/(m^2 rad) and m^2/(s^2 N)."""
+    return [
+        {
+            "name": one.name,
+            "behind": known.behind,
+            "position": list(one.position),
+            "lift": one.lift,
+            "slipstream": one.slipstream,
+            "stall": one.stall,
+        }
+        for one, known in zip(subject.model.rudders, subject.actuators.rudders, strict=True)
+    ]
+
+
 def _thrusters(subject: PlanarInput) -> list[dict[str, Any]]:
-    """Name, levers and bench curve of each thruster; angles excluded."""
+    """Name, levers and bench curve of each thruster, and of one that turns its position and the name of its angle."""
     found = []
+    angles = {one.turns: one.name for one in subject.actuators.angles.thrusters if one.turns}
     ends = subject.commands[subject.actuators.thruster_columns]
     for one, limits in zip(subject.actuators.thrusters.thrusters, ends, strict=True):
         command, thrust = (limits, limits) if one.curve is None else (one.curve.command, one.curve.thrust)
         levers = {"surge": one.surge_share, "sway": one.sway_share, "yaw_arm": one.arm}
-        found.append({"name": one.name, **levers, "command": command.tolist(), "thrust": thrust.tolist()})
+        block = {"name": one.name, **levers, "command": command.tolist(), "thrust": thrust.tolist()}
+        if one.name in angles and one.position is not None:
+            block |= {"azimuth": angles[one.name], "position": list(one.position)}
+        found.append(block)
     return found
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import xml.etree.ElementTree as ET
@@ -13,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 import tomli_w
+import yaml
 from scipy.integrate import solve_ivp
 from scipy.io import loadmat
 
@@ -250,8 +252,23 @@ def test_rudders_and_azimuth_angles_are_listed_where_they_are_lost() -> None:
     assert [loss.what for loss in made.losses] == ["port.azimuth", "rudder"]
     assert all(max(loss.percent_of_range.values()) > 1.0 for loss in made.losses)
     assert made.kept_mismatch.largest < PROMISE
-    exporter, _ = select_planar_exporter("json", None)
-    assert verified_planar_export(exporter, given).losses == ()
+    for name in ("json", "ros2", "matlab"):
+        exporter, _ = select_planar_exporter(name, None)
+        made = verified_planar_export(exporter, given)
+        assert made.losses == ()
+        if name == "ros2":
+            written = yaml.safe_load(made.content)["/**"]["ros__parameters"]
+            held, azimuth = written["rudder_0"], written["thruster_0"]
+        elif name == "json":
+            written = json.loads(made.content)
+            held, azimuth = written["rudders"][0], written["thrusters"][0]
+        else:
+            assert isinstance(made.content, bytes)
+            stream: Any = io.BytesIO(made.content)
+            written = loadmat(stream, simplify_cells=True)["rovid"]
+            held, azimuth = written["rudders"], written["thrusters"][0]
+        assert (held["name"], held["lift"], list(held["position"])) == ("rudder", 40.0, [-0.7, 0.0])
+        assert (azimuth["azimuth"], list(azimuth["position"])) == ("port.azimuth", [-0.6, 0.3])
 
 
 def test_tables_hold_every_parameter() -> None:
