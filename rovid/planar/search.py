@@ -277,10 +277,12 @@ class PlanarSearch:
             least = THRESHOLDS.screening_share * (self.penalty * len(test.effect.parameters) + self.threshold)
             if needed is not None:
                 least = THRESHOLDS.challenger_share * needed
-            if test.gain >= max(least, _SHARE * tests[0].gain):
+            group = groups.get(test.effect.id, [])
+            # Forms that act alike in these logs have the same gain: one is enough.
+            alike = any(math.isclose(test.gain, one.gain, rel_tol=1e-6) for one in group)
+            if test.gain >= max(least, _SHARE * tests[0].gain) and not alike:
                 groups.setdefault(test.effect.id, []).append(test)
-        found = []
-        since = self.budget.clock()
+        found, since = [], self.budget.clock()
         chosen = list(groups.values())[:_CAUSES]
         for done, group in enumerate(chosen):
             if self.budget.skips(group[0].effect.id):
