@@ -34,7 +34,6 @@ from rovid.trial.fault import Fault, fault_texts, stopping
 
 # Most suspects of a result.
 _MOST_SUSPECTS = 3
-# Share of the time constants' sum below which logs are too short: see `THRESHOLDS.part_time_constants_min`.
 _OUT_OF_TIME = (
     "The budget of {:.0f} s was used up before the search came to its end. What was found is likely at most. Give a "
     "larger --budget."
@@ -302,7 +301,7 @@ def _result(
         verdict = "found"
     elif suspects:
         verdict = "suspected"
-    elif fit.at_limit or any(value < INNOVATIONS_R2 for value in fit.free_run_r2.values()):
+    elif not fit.white and (fit.at_limit or min(fit.free_run_r2.values(), default=1.0) < INNOVATIONS_R2):
         verdict = "unexplained"
     warnings = [*fit.warnings, *messages]
     if late:
