@@ -236,7 +236,7 @@ def planar_result(data: PlanarData, best: PlanarOptimum) -> PlanarFit:
         if not free[at]:
             refused[name] = _reason(name, axes)
     latency = _shown_latency(best)
-    r2 = free_run_r2(model, data, best.likelihood.grid.starts, yaw_only=best.likelihood.grid.yaw_only)
+    r2 = free_run_r2(model, data, yaw_only=best.likelihood.grid.yaw_only)
     estimate = Estimate(
         names=names,
         values=model.values,

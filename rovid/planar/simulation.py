@@ -10,13 +10,15 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.estimate.estimate import r_squared
 from rovid.planar.coordinates import is_of_actuators
-from rovid.planar.dataset import PlanarData, PlanarRun
+from rovid.planar.dataset import SENSORS, PlanarData, PlanarRun
 from rovid.planar.integration import CURRENT, HEADING, NORTH, STATES, SURGE, simulate_runs
 from rovid.planar.model import AXIS_NAMES, PlanarModel
-from rovid.planar.smoothing import measured_axes, run_inputs, slowest_interval, smooth_run
+from rovid.planar.smoothing import measured_axes, run_inputs, sensor_noise, slowest_interval, smooth_run
 
 # Width of the smoothing of measured speeds, in intervals of the slowest sensor.
 _WIDTH = 2.0
+# Time constants whose readings determine the start of a simulation, least number of readings, Gauss-Newton steps.
+_START_TIMES, _START_READINGS, _START_ITERATIONS = 2.0, 30, 4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -90,16 +92,51 @@ def measured_start(run: PlanarRun) -> FloatArray:
     return start
 
 
-def free_run_r2(
-    model: PlanarModel, data: PlanarData, starts: FloatArray, *, yaw_only: bool = False
-) -> Mapping[str, float]:
+def estimated_start(model: PlanarModel, run: PlanarRun, *, yaw_only: bool) -> FloatArray:
+    """(6,) heading, u and v over ground, r, north and east at the first instant of a run.
+
+    Least squares of the simulation against the readings of the first time constants, by the Gauss-Newton method.
+    """
+    start = measured_start(run)
+    speed = np.maximum(np.abs(start[1:4]), 0.1)
+    rates = (model.base[4:7] + 2.0 * model.base[7:10] * speed) / np.diag(model.mass_matrix)
+    last = int(np.searchsorted(run.time, run.time[0] + _START_TIMES / float(rates.max())))
+    events = max(int(np.searchsorted(run.event_index, last)), _START_READINGS)
+    index, sensor, value = run.event_index[:events], run.event_sensor[:events], run.event_value[:events]
+    rows = slice(0, int(index[-1]) + 2)
+    inputs, time = (
+        run_inputs(run, tuple(one for one in model.effects if is_of_actuators(one.effect)))[rows],
+        run.time[rows],
+    )
+    noise = np.array([sensor_noise(run, SENSORS[at]) if at in sensor else 1.0 for at in range(len(SENSORS))])
+    weight = 1.0 / np.where(noise > 0.0, noise, 1.0)[sensor]
+
+    def simulated(first: FloatArray) -> FloatArray:
+        states, offsets = np.zeros((len(time), STATES)), np.array([0, len(time)])
+        simulate_runs(offsets, time, inputs, first[None], speed, yaw_only, model.coefficients, states)
+        motion = PlanarMotion.of_states(time, states, model.current)
+        return weight * np.column_stack([motion.sensor(name) for name in SENSORS])[index, sensor]
+
+    steps = 1e-4 * np.array([1.0, *speed, 1.0, 1.0])
+    free = [0, 3] if yaw_only else range(len(start))
+    for _ in range(_START_ITERATIONS):
+        now = simulated(start)
+        columns = [(simulated(start + steps * (np.arange(len(start)) == at)) - now) / steps[at] for at in free]
+        # The least step of all that fit equally well: what these readings do not show stays as it is.
+        change = np.linalg.lstsq(np.column_stack(columns), weight * value - now, rcond=1e-9)[0]
+        start = start + np.bincount(list(free), change, len(start))
+    return start
+
+
+def free_run_r2(model: PlanarModel, data: PlanarData, *, yaw_only: bool = False) -> Mapping[str, float]:
     """Axis -> R^2 of the free-running speed against the smoothed speed; axes that are not measured are left out."""
     measured: list[FloatArray] = []
     simulated: list[FloatArray] = []
-    for run, start in zip(data.runs, starts, strict=True):
+    for run in data.runs:
         smooth = smooth_run(run, _WIDTH * slowest_interval(run))
         if smooth is None:
             continue
+        start = estimated_start(model, run, yaw_only=yaw_only)
         motion = simulate_planar(model, run, start, yaw_only=yaw_only)
         speeds = (motion.surge_velocity, motion.sway_velocity, motion.yaw_rate)
         measured.append(smooth.speeds)

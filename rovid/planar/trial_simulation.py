@@ -12,13 +12,13 @@ from rovid.core.array_types import BoolArray, FloatArray, IntArray
 from rovid.model.bound_effects import BoundEffect
 from rovid.model.simulation import HORIZONS, FitMeasures, fit_measures
 from rovid.planar.coordinates import is_of_actuators
-from rovid.planar.dataset import SENSORS, PlanarData, PlanarRun
+from rovid.planar.dataset import PlanarData, PlanarRun
 from rovid.planar.fit import is_yaw_alone
 from rovid.planar.integration import HEADING, NORTH, STATES, simulate_runs
 from rovid.planar.model import AXIS_NAMES, PlanarModel
 from rovid.planar.reference import forces
-from rovid.planar.simulation import PlanarMotion, measured_start, simulate_planar
-from rovid.planar.smoothing import measured_axes, run_inputs, sensor_noise, smooth_run
+from rovid.planar.simulation import PlanarMotion, estimated_start, simulate_planar
+from rovid.planar.smoothing import measured_axes, run_inputs, smooth_run
 from rovid.trial.trial import Readings
 
 SENSOR_UNITS = {
@@ -35,8 +35,6 @@ SPEEDS = ("yaw_rate", "surge_velocity", "sway_velocity")
 _DIFFERENCE = 1.0
 # Width of the kernel behind missing forces, in shares of the shortest time constant.
 _SMOOTH_SHARE = 0.2
-# Time constants whose readings determine the start of a simulation, least number of readings, Gauss-Newton steps.
-_START_TIMES, _START_READINGS, _START_ITERATIONS = 2.0, 30, 4
 # Readings of a run that the interval holds at least.
 _LEAST_STEPS = 5
 
@@ -143,39 +141,6 @@ def _simulated(model: PlanarModel, run: PlanarRun, *, yaw_only: bool) -> PlanarT
         track_errors={seconds: None if yaw_only else _rms(track) for seconds, (_, track) in errors.items()},
         track_rms=math.nan if yaw_only else _track_rms(run, motion),
     )
-
-
-def estimated_start(model: PlanarModel, run: PlanarRun, *, yaw_only: bool) -> FloatArray:
-    """(6,) heading, u and v over ground, r, north and east at the first instant of a run.
-
-    Least squares of the simulation against the readings of the first time constants, by the Gauss-Newton method.
-    """
-    start = measured_start(run)
-    speed = np.maximum(np.abs(start[1:4]), 0.1)
-    rates = (model.base[4:7] + 2.0 * model.base[7:10] * speed) / np.diag(model.mass_matrix)
-    last = int(np.searchsorted(run.time, run.time[0] + _START_TIMES / float(rates.max())))
-    events = max(int(np.searchsorted(run.event_index, last)), _START_READINGS)
-    index, sensor, value = run.event_index[:events], run.event_sensor[:events], run.event_value[:events]
-    rows = slice(0, int(index[-1]) + 2)
-    inputs, time = run_inputs(run, _of_actuators(model))[rows], run.time[rows]
-    noise = np.array([sensor_noise(run, SENSORS[at]) if at in sensor else 1.0 for at in range(len(SENSORS))])
-    weight = 1.0 / np.where(noise > 0.0, noise, 1.0)[sensor]
-
-    def simulated(first: FloatArray) -> FloatArray:
-        states, offsets = np.zeros((len(time), STATES)), np.array([0, len(time)])
-        simulate_runs(offsets, time, inputs, first[None], speed, yaw_only, model.coefficients, states)
-        motion = PlanarMotion.of_states(time, states, model.current)
-        return weight * np.column_stack([motion.sensor(name) for name in SENSORS])[index, sensor]
-
-    steps = 1e-4 * np.array([1.0, *speed, 1.0, 1.0])
-    free = [0, 3] if yaw_only else range(len(start))
-    for _ in range(_START_ITERATIONS):
-        now = simulated(start)
-        columns = [(simulated(start + steps * (np.arange(len(start)) == at)) - now) / steps[at] for at in free]
-        # The least step of all that fit equally well: what these readings do not show stays as it is.
-        change = np.linalg.lstsq(np.column_stack(columns), weight * value - now, rcond=1e-9)[0]
-        start = start + np.bincount(list(free), change, len(start))
-    return start
 
 
 def _of_actuators(model: PlanarModel) -> tuple[BoundEffect, ...]:
