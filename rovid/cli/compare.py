@@ -157,11 +157,17 @@ def _compare_planar(given: list[Path], parameters: Path | None, matters: float, 
     from rovid.present.terminal.planar_comparison import planar_comparison_document, show_planar_comparison
 
     first, *rest = given
-    second = rest[0] if rest else planar_parameters(parameters).path
+    second, notes = (rest[0], []) if rest else _current_planar(parameters)
     with progress("Reading …") as report:
         a, b = planar_campaigns((first, second), report)
         comparison = compare_planar(a, b, relevant_change=matters)
     if json:
-        print_json(planar_comparison_document(comparison, []))
+        print_json(planar_comparison_document(comparison, notes))
     else:
-        show_planar_comparison(console(), comparison, [])
+        show_planar_comparison(console(), comparison, notes)
+
+
+def _current_planar(parameters: Path | None) -> tuple[Path, list[str]]:
+    """The current parameter file of the coupled model, which has to be up to date, with remarks on it."""
+    stored = planar_parameters(parameters)
+    return stored.path, require_fresh(stored, None)
