@@ -303,7 +303,7 @@ def _result(
         verdict = "suspected"
     elif not fit.white and (fit.at_limit or min(fit.free_run_r2.values(), default=1.0) < INNOVATIONS_R2):
         verdict = "unexplained"
-    warnings = [*fit.warnings, *messages]
+    warnings = [*fit.warnings, *dict.fromkeys(messages)]
     if late:
         warnings.append(_OUT_OF_TIME.format(search.budget.seconds))
     return PlanarDiagnosis(

@@ -167,7 +167,9 @@ class PlanarLikelihood:
     def filtered(self, x: FloatArray, *, keep: bool = False) -> tuple[Innovations, FloatArray]:
         """Innovations that count, and (n, 12) filtered states if asked for."""
         grid, model = self.grid, self.coordinates.model(x)
-        inputs = grid.inputs(model) if self.has_actuator_effects else grid.plain_inputs
+        # An effect far outside its range may give forces that are not finite: the likelihood is then the worst.
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            inputs = grid.inputs(model) if self.has_actuator_effects else grid.plain_inputs
         error, variance = np.empty((2, len(grid.values)))
         states = np.zeros((len(grid.time) if keep else 0, STATES))
         filter_runs(
