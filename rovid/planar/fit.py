@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -12,19 +12,19 @@ from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
 from rovid.core.formatting import significant
 from rovid.effects import Effect
-from rovid.effects.base import Coupling, Scales, WaterCurrent
-from rovid.estimate.dataset import effect_scales
+from rovid.effects.base import Coupling, WaterCurrent
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.maximum_likelihood import DISTURBANCE_LIMITS, INNOVATIONS_R2
-from rovid.planar.coordinates import PlanarCoordinates, PlanarSizes
+from rovid.planar.coordinates import PlanarCoordinates
 from rovid.planar.dataset import PlanarData
 from rovid.planar.kernels import NOISE_SENSOR, NOISE_TIME, SENSORS
-from rovid.planar.likelihood import PlanarGrid, PlanarLikelihood
+from rovid.planar.likelihood import PlanarLikelihood
 from rovid.planar.model import AXIS_NAMES, BASE_COUNT, PlanarModel
 from rovid.planar.optimum import PlanarOptimum
+from rovid.planar.preparation import planar_grid, planar_sizes
 from rovid.planar.simulation import free_run_r2
-from rovid.planar.smoothing import measured_axes, smooth_run
-from rovid.planar.start_values import StartValues, first_noise, start_values
+from rovid.planar.smoothing import measured_axes
+from rovid.planar.start_values import start_values
 from rovid.planar.undetermined import Undetermined, undetermined_directions
 
 # Interval between the readings of a search in shares of the shortest time constant.
@@ -38,12 +38,8 @@ _LAST_ITERATIONS = 12
 _LATENCY_ROUNDS, _LATENCY_TOLERANCE, _LATENCY_SIGMAS = 4, 0.01, 4.0
 # Factor on the limit of an active disturbance, for the effect of the limit on the parameters.
 _LOOSER = 2.5
-# Noise of a sensor at the start where its readings do not show it, in shares of the typical speed or time constant.
-_DEFAULT_NOISE = 0.02
 # Share of the thrust by which rounding leaves a force.
 _ROUNDING = 1e-6
-# Standard deviation of the speeds at the start of a run, in typical speeds.
-_START_STD = 0.5
 # Least rigid-body share of an inertia that is no warning: the thrust curve may be off.
 _LEAST_RIGID = 0.9
 
@@ -98,19 +94,36 @@ def fit_base(data: PlanarData, *, with_current: bool = False) -> PlanarOptimum:
     """
     _require_measured(data)
     starts = start_values(data, with_current=False)
-    sizes = _sizes(data, min(start_values(data, with_current=True), key=lambda one: one.residual))
+    sizes = planar_sizes(data, min(start_values(data, with_current=True), key=lambda one: one.residual))
     yaw_only = is_yaw_alone(data)
     sensors = tuple(name for name in data.sensors if not yaw_only or name in {"heading", "yaw_rate"})
-    grid = _grid(data, sizes, yaw_only=yaw_only, interval=_SEARCH_SHARE * float(sizes.time.min()))
+    grid = planar_grid(data, sizes, yaw_only=yaw_only, interval=_SEARCH_SHARE * float(sizes.time.min()))
     pairs = []
     for start in starts:
         coordinates = PlanarCoordinates.of(start.model, sizes, sensors, (), DISTURBANCE_LIMITS[0], yaw_only=yaw_only)
         likelihood = PlanarLikelihood(grid, coordinates)
         pairs.append((likelihood, coordinates.projected(coordinates.initial(start.model, ()))))
-    pairs.sort(key=lambda pair: pair[0].value(pair[1]))
-    tried = [PlanarOptimum.fit(likelihood, x, _FIRST_ITERATIONS) for likelihood, x in pairs[:_STARTS]]
+    # The likelihood of a start says little where the model is badly wrong: the best regression is always followed.
+    regressed = min(range(len(starts)), key=lambda at: starts[at].residual)
+    likely = sorted(range(len(starts)), key=lambda at: pairs[at][0].value(pairs[at][1]))
+    followed = list(dict.fromkeys([*likely[:_STARTS], regressed]))
+    tried = [PlanarOptimum.fit(*pairs[at], _FIRST_ITERATIONS) for at in followed]
     best = min(tried, key=lambda one: one.value)
-    return best if with_current else with_latencies(PlanarOptimum.fit(best.likelihood, best.x), data)
+    if with_current:
+        return best
+    found = with_latencies(PlanarOptimum.fit(best.likelihood, best.x), data)
+    if best is tried[-1] or found.is_white or not found.limited.any():
+        return found
+    other = with_latencies(PlanarOptimum.fit(tried[-1].likelihood, tried[-1].x), data)
+    # Under its limit the disturbance does not explain what the model misses. Then free-running simulations decide.
+    return max(found, other, key=lambda one: _mean_r2(one, data))
+
+
+def _mean_r2(one: PlanarOptimum, data: PlanarData) -> float:
+    """Mean R^2 of the free-running speeds, each -1 at least."""
+    grid = one.likelihood.grid
+    r2 = free_run_r2(one.model, data, grid.starts, yaw_only=grid.yaw_only)
+    return float(np.mean([max(value, -1.0) if math.isfinite(value) else -1.0 for value in r2.values()]))
 
 
 def with_latencies(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
@@ -123,7 +136,7 @@ def with_latencies(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
         more = coordinates.latencies(best.x)
         if np.abs(more).max() <= _LATENCY_TOLERANCE * float(coordinates.sizes.time.min()):
             break
-        moved = _grid(
+        moved = planar_grid(
             data, coordinates.sizes, yaw_only=grid.yaw_only, interval=grid.interval, latency=grid.latency + more
         )
         x = best.x.copy()
@@ -212,7 +225,7 @@ def refined(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
             latency[own] = 0.0 if fixed[-1] else total[own]
         coordinates = coordinates.on_time(fixed)
         x[begin:] = 0.0
-    full = _grid(data, coordinates.sizes, yaw_only=grid.yaw_only, interval=0.0, latency=latency)
+    full = planar_grid(data, coordinates.sizes, yaw_only=grid.yaw_only, interval=0.0, latency=latency)
     return PlanarOptimum.fit(PlanarLikelihood(full, coordinates), x, _LAST_ITERATIONS).canonical()
 
 
@@ -336,62 +349,3 @@ def _parameter_scale(best: PlanarOptimum) -> FloatArray:
     # Of a rudder and of an effect its own size, if that is larger than the scale.
     scale[BASE_COUNT:] = np.maximum(scale[BASE_COUNT:], own[BASE_COUNT:])
     return scale
-
-
-def _sizes(data: PlanarData, start: StartValues) -> PlanarSizes:
-    longest = max(run.duration for run in data.runs)
-    shortest = min(float(np.median(np.diff(run.time))) for run in data.runs)
-    time = np.clip(start.time, shortest, max(longest, 2.0 * shortest))
-    noise = {}
-    for name in data.sensors:
-        found = first_noise(data, name)
-        axis = {"surge_velocity": 0, "sway_velocity": 1, "north": 0, "east": 0}.get(name, 2)
-        usual = start.speed[axis] * (1.0 if name.endswith(("velocity", "rate")) else time[axis])
-        noise[name] = found if found > 1e-6 * usual else _DEFAULT_NOISE * usual
-    return PlanarSizes(
-        force=start.force,
-        speed=start.speed,
-        time=time,
-        inertia=start.model.base[:3],
-        effects=_effect_scales(data, start, time),
-        noise=noise,
-    )
-
-
-def _effect_scales(data: PlanarData, start: StartValues, time: FloatArray) -> Scales:
-    columns = data.actuators.thruster_columns
-    trials = [replace(run.trial, commands=run.trial.commands[:, columns], past=None) for run in data.runs]
-    force, speed = start.force, start.speed
-    thrusters = data.actuators.thrusters
-    scales = effect_scales(
-        trials, thrusters if len(columns) else None, float(force[2]), float(speed[2]), float(time[2])
-    )
-    if data.actuators.steered:  # Effects on commands act on the angles.
-        angles = [run.trial.commands[:, data.actuators.angle_columns] for run in data.runs]
-        scales = replace(scales, command=max(float(np.max(np.abs(angle))) for angle in angles) or scales.command)
-    return replace(
-        scales,
-        surge=float(speed[0]),
-        sway=float(speed[1]),
-        surge_force=float(force[0]),
-        sway_force=float(force[1]),
-    )
-
-
-def _grid(
-    data: PlanarData, sizes: PlanarSizes, *, yaw_only: bool, interval: float, latency: FloatArray | None = None
-) -> PlanarGrid:
-    starts = np.zeros((len(data.runs), 6))
-    stds = np.zeros((len(data.runs), 6))
-    stds[:, 1:4] = _START_STD * sizes.speed
-    for number, run in enumerate(data.runs):
-        smooth = smooth_run(run, max(0.3 * float(sizes.time.min()), 3.0 * float(np.median(np.diff(run.time)))))
-        if smooth is not None:
-            starts[number, 1:4] = smooth.speeds[0]
-        for at, name, rate in ((0, "heading", 3), (4, "north", 1), (5, "east", 1)):
-            if name in run.sensors:
-                first = run.readings(name)
-                starts[number, at] = first.values[0]
-                # Without a reading at the start the position there is uncertain by what the vehicle moves until then.
-                stds[number, at] = sizes.speed[rate - 1] * float(first.time[0])
-    return PlanarGrid.of(data, starts, stds, sizes.speed, yaw_only=yaw_only, interval=interval, latency=latency)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rovid.planar.dataset import PlanarData
 
 # Widths of the smoothing kernel in intervals of the slowest sensor.
-_WIDTHS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
+_WIDTHS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
 # Stall angle of a rudder where rovid.toml gives none.
 _STALL = math.radians(35.0)
 # Currents of the search: speeds in shares of the RMS speed, and number of directions.
