@@ -43,11 +43,10 @@ PAGE = Page(
     With --axes planar, A and B are folders or parameter files of surge, sway and yaw together.
     """,
     examples=(
-        ("Before and after", "rovid compare my_logs surge_logs"),
         ("Two parameter files", "rovid compare spring.toml autumn.toml"),
         ("The current parameter file and its previous content", "rovid compare"),
-        ("Surge, sway and yaw together", "rovid compare my_logs surge_logs --axes planar"),
-        ("With a page to show", "rovid compare my_logs surge_logs -o compare.html"),
+        ("Surge, sway and yaw together", "rovid compare planar_logs my_logs --axes planar"),
+        ("Before and after, with a page to show", "rovid compare my_logs surge_logs -o compare.html"),
     ),
     see=("rovid diagnose", "rovid fit", "rovid help compare"),
 )

@@ -36,7 +36,6 @@ PAGE = Page(
     examples=(
         ("The logs named in the parameter file", "rovid diagnose"),
         ("A folder of logs, into another parameter file", "rovid diagnose my_logs -p tank.toml"),
-        ("Motion along surge", "rovid diagnose surge_logs --axis surge"),
         ("Surge, sway and yaw together", "rovid diagnose planar_logs --axes planar"),
         ("Published tables", "rovid diagnose my_tables -p tables.toml"),
     ),

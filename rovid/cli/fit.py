@@ -30,11 +30,7 @@ PAGE = Page(
     """,
     examples=(
         ("The logs named in the parameter file", "rovid fit"),
-        ("With an effect in the model", "rovid fit --effect thruster_lag"),
-        (
-            "With one form of an effect, and one more effect",
-            "rovid fit --effect thruster_lag:rotor --effect bias_torque",
-        ),
+        ("With one form of an effect, and one more", "rovid fit --effect thruster_lag:rotor --effect bias_torque"),
         ("Surge, sway and yaw together", "rovid fit planar_logs --axes planar"),
         ("A dive with an active autopilot", "rovid fit rov_logs/dive.csv -p dive.toml"),
     ),

@@ -51,7 +51,7 @@ Axes = Annotated[
         autocompletion=completion.axis_sets,
     ),
 ]
-AxesRefused = Annotated[str | None, typer.Option("--axes", hidden=True)]
+AxesRefused = Annotated[str | None, typer.Option("--axes", hidden=True, help="Not for this command.")]
 Cutoff = Annotated[
     float | None,
     option("HZ", "Cut-off frequency of the low-pass filter for rates, in Hz. Default: chosen from the data.", min=1e-3),

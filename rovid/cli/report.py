@@ -38,9 +38,8 @@ PAGE = Page(
     """,
     examples=(
         ("The logs named in the parameter file, into report/", "rovid report"),
-        ("A folder of logs, into another folder", "rovid report my_logs -p tank.toml -o tank_report"),
+        ("Another folder, also as PDF for the trial record", "rovid report my_logs -p tank.toml -o tank_report --pdf"),
         ("Surge, sway and yaw together, into report_planar/", "rovid report planar_logs --axes planar"),
-        ("Also as PDF, for the trial record", "rovid report --pdf"),
         ("Quickly: only fits and simulation", "rovid report --no-diagnosis --no-control --no-export"),
     ),
     see=("rovid diagnose", "rovid control", "rovid export"),

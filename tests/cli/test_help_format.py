@@ -31,6 +31,7 @@ QUICK = [
 STAND_INS = {
     "my_logs": "rosub_tank",
     "surge_logs": "surge_tank",
+    "planar_logs": "planar_rov",
     "rov_logs": "bluerov2_pier59",
     "ardupilot_logs": "bluerov2_dataflash",
     "my_tables/steady_turns.csv": "rosub_paper/table3.csv",
