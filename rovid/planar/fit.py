@@ -122,7 +122,7 @@ def fit_base(data: PlanarData, *, with_current: bool = False) -> PlanarOptimum:
 def _mean_r2(one: PlanarOptimum, data: PlanarData) -> float:
     """Mean R^2 of the free-running speeds, each -1 at least."""
     grid = one.likelihood.grid
-    r2 = free_run_r2(one.model, data, grid.starts, yaw_only=grid.yaw_only)
+    r2 = free_run_r2(one.model, data, yaw_only=grid.yaw_only)
     return float(np.mean([max(value, -1.0) if math.isfinite(value) else -1.0 for value in r2.values()]))
 
 
