@@ -19,6 +19,7 @@ from rovid.estimate.fisher_information import negative_log_likelihoods
 from rovid.planar.chord_fit import Linearisation, chord_fit
 from rovid.planar.dataset import PlanarData
 from rovid.planar.integration import CURRENT, HEADING, NORTH, STATES, SURGE, simulate_runs
+from rovid.planar.kernels import NOISE_SENSOR, SENSORS
 from rovid.planar.model import CURRENT_INDEX, INPUT_COUNT
 from rovid.planar.optimum import PlanarOptimum
 from rovid.planar.smoothing import measured_axes, slowest_interval, smooth_run
@@ -110,22 +111,28 @@ class Parts:
 
     @cached_property
     def measured(self) -> FloatArray:
-        """(n, 4) heading, and surge, sway and yaw speeds over ground, smoothed, at the grid's instants; NaN unknown."""
+        """(n, 4) heading, and surge, sway and yaw speeds over ground, at the grid's instants; NaN where unknown.
+
+        A speed with a sensor stands at its readings. Others follow from smoothed headings and positions.
+        """
         grid = self.optimum.likelihood.grid
         found = np.full((len(grid.time), 4), np.nan)
         axes = measured_axes(self.data.sensors)
-        for number, run in enumerate(self.data.runs):
+        instant = np.repeat(np.arange(len(grid.time)), np.diff(grid.event_offsets))
+        for number, run in enumerate(grid.runs):
             own = slice(int(grid.offsets[number]), int(grid.offsets[number + 1]))
-            smooth = smooth_run(run, _WIDTH * slowest_interval(run))
-            if smooth is None:
-                continue
-            time = grid.time[own]
-            for axis in range(3):
-                if axes[axis]:
+            time, widths = grid.time[own], [_WIDTH * slowest_interval(run)] * 3
+            if "heading" in run.sensors:
+                widths[2] = _WIDTH * float(np.median(np.diff(run.readings("heading").time)))
+            for axis, width in enumerate(widths):
+                if axes[axis] and _SPEEDS[axis] not in run.sensors and (smooth := smooth_run(run, width)) is not None:
                     found[own, 1 + axis] = np.interp(time, smooth.time, smooth.speeds[:, axis], np.nan, np.nan)
             if "heading" in run.sensors:
                 heading = run.readings("heading")
                 found[own, 0] = np.interp(time, heading.time, heading.values)
+        for axis, name in enumerate(_SPEEDS):
+            read = grid.sensors == SENSORS.index(name)
+            found[instant[read], 1 + axis] = grid.values[read]
         return found
 
 
@@ -279,8 +286,14 @@ def _random_forces(model: PlanarOptimum, time: FloatArray, offsets: IntArray, sh
 
 
 def noise_floors(parts: Parts, fitted: PlanarOptimum) -> PlanarScores:
-    """Errors of a perfect model: what the disturbance of the fitted size moves in the same windows."""
+    """Errors of a perfect model: what the fitted disturbance moves in the same windows, and the sensors' noise."""
     _, states = fitted.likelihood.filtered(fitted.x, keep=True)
     every = list(range(len(parts.windows)))
     squares = window_errors(parts, fitted, states, every, disturbed=True)
+    noise = fitted.coordinates.noise(fitted.x)[NOISE_SENSOR : NOISE_SENSOR + len(SENSORS)]
+    for axis, name in enumerate(_SPEEDS):
+        if name in parts.data.sensors:
+            squares[:, axis] += float(noise[SENSORS.index(name)]) ** 2
+    if "heading" in parts.data.sensors:
+        squares[:, 3:] += float(noise[SENSORS.index("heading")]) ** 2
     return HeldOut(parts, [], np.zeros(parts.count), squares).scores
