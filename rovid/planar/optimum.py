@@ -59,10 +59,14 @@ class PlanarOptimum:
         small = 0
         for _ in range(iterations):
             gradient, information = likelihood.equations(x, innovations)
-            if not np.isfinite(information).all():
-                break
+            # A model that diverges has no gradient, or one whose squares overflow.
+            with np.errstate(over="ignore", invalid="ignore"):
+                if not (np.isfinite(information @ information).all() and np.isfinite(gradient).all()):
+                    break
             history = [*history, (x, gradient)][-_BFGS_PAIRS - 1 :]
             corrected = with_bfgs_updates(information, history)
+            if not np.isfinite(corrected).all():
+                corrected = information
             found = _step(likelihood, x, value, gradient, corrected, damping)
             if found is None:
                 break

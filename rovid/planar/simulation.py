@@ -122,6 +122,9 @@ def estimated_start(model: PlanarModel, run: PlanarRun, *, yaw_only: bool) -> Fl
     for _ in range(_START_ITERATIONS):
         now = simulated(start)
         columns = [(simulated(start + steps * (np.arange(len(start)) == at)) - now) / steps[at] for at in free]
+        if not all(np.isfinite(column).all() for column in (now, *columns)):
+            # The model diverges within the readings.
+            return measured_start(run)
         # The least step of all that fit equally well: what these readings do not show stays as it is.
         change = np.linalg.lstsq(np.column_stack(columns), weight * value - now, rcond=1e-9)[0]
         start = start + np.bincount(list(free), change, len(start))
