@@ -146,12 +146,14 @@ def page(records: Sequence[Record]) -> str:
     """The page of results, Markdown."""
     exact = [one for one in records if one["truth"]["base_exact"]]
     seeds = ", ".join(sorted({str(one["seed"]) for one in records}))
+    kinds = [one["truth"]["family"] for one in records]
+    families = ", ".join(f"{kinds.count(kind)} {kind}" for kind in sorted(set(kinds)))
     intro = f"""# Results of the coupled model
 
 Written by `python -m benchmarks.planar`. A program that shares no code with rovid simulates vehicles in surge, sway and
-yaw. rovid reads only the files. There are {len(records)} campaigns, seeds {seeds}. In {len(exact)} of them the base
-model is exact up to the disturbance and the hidden cause. The other vehicles have fins, or are tankers with the hull of
-the MMG model.
+yaw. rovid reads only the files. There are {len(records)} campaigns of seed {seeds}: {families}. In {len(exact)} of them
+the base model is exact up to the disturbance and the hidden cause. An `auv_rudder` has fins, and a tanker has the hull
+of the MMG model.
 """
     z: dict[str, list[float]] = {}
     for record in exact:
