@@ -31,6 +31,8 @@ from rovid.planar.undetermined import Undetermined, undetermined_directions
 _SEARCH_SHARE = 0.12
 # Starts that are tried for some steps, and these steps.
 _STARTS, _FIRST_ITERATIONS = 2, 4
+# Loss of mean free-running R^2 below the best start that a start may have to give the sizes.
+_WORSE_START = 0.2
 # Steps with all readings, after the search.
 _LAST_ITERATIONS = 12
 # Rounds in which stamps are moved by a latency, the least latency in time constants for a further round, and standard
@@ -94,8 +96,13 @@ def fit_base(data: PlanarData, *, with_current: bool = False) -> PlanarOptimum:
     """
     _require_measured(data)
     starts = start_values(data, with_current=False)
-    sizes = planar_sizes(data, min(start_values(data, with_current=True), key=lambda one: one.residual))
     yaw_only = is_yaw_alone(data)
+    # Wide smoothing leaves the least of the forces, but may leave no inertia: the sizes come from a start that
+    # simulates the runs nearly as well as any.
+    scores = [_mean_r2(start.model, data, yaw_only=yaw_only) for start in starts]
+    usable = [at for at, score in enumerate(scores) if score >= max(scores) - _WORSE_START]
+    in_current = start_values(data, with_current=True)
+    sizes = planar_sizes(data, in_current[min(usable, key=lambda at: in_current[at].residual)])
     sensors = tuple(name for name in data.sensors if not yaw_only or name in {"heading", "yaw_rate"})
     grid = planar_grid(data, sizes, yaw_only=yaw_only, interval=_SEARCH_SHARE * float(sizes.time.min()))
     pairs = []
@@ -104,11 +111,12 @@ def fit_base(data: PlanarData, *, with_current: bool = False) -> PlanarOptimum:
         likelihood = PlanarLikelihood(grid, coordinates)
         pairs.append((likelihood, coordinates.projected(coordinates.initial(start.model, ()))))
     # The likelihood of a start says little where the model is badly wrong: the best regression is always followed.
-    regressed = min(range(len(starts)), key=lambda at: starts[at].residual)
+    regressed = min(usable, key=lambda at: starts[at].residual)
     likely = sorted(range(len(starts)), key=lambda at: pairs[at][0].value(pairs[at][1]))
     followed = list(dict.fromkeys([*likely[:_STARTS], regressed]))
     tried = [PlanarOptimum.fit(*pairs[at], _FIRST_ITERATIONS) for at in followed]
     best = min(tried, key=lambda one: one.value)
+    _require_finite(best)
     if with_current:
         return best
     found = with_latencies(PlanarOptimum.fit(best.likelihood, best.x), data)
@@ -116,14 +124,23 @@ def fit_base(data: PlanarData, *, with_current: bool = False) -> PlanarOptimum:
         return found
     other = with_latencies(PlanarOptimum.fit(tried[-1].likelihood, tried[-1].x), data)
     # Under its limit the disturbance does not explain what the model misses. Then free-running simulations decide.
-    return max(found, other, key=lambda one: _mean_r2(one, data))
+    return max(found, other, key=lambda one: _mean_r2(one.model, data, yaw_only=yaw_only))
 
 
-def _mean_r2(one: PlanarOptimum, data: PlanarData) -> float:
+def _mean_r2(model: PlanarModel, data: PlanarData, *, yaw_only: bool) -> float:
     """Mean R^2 of the free-running speeds, each -1 at least."""
-    grid = one.likelihood.grid
-    r2 = free_run_r2(one.model, data, yaw_only=grid.yaw_only)
-    return float(np.mean([max(value, -1.0) if math.isfinite(value) else -1.0 for value in r2.values()]))
+    with np.errstate(over="ignore", invalid="ignore"):
+        r2 = free_run_r2(model, data, yaw_only=yaw_only)
+    return float(np.mean([max(value, -1.0) if math.isfinite(value) else -1.0 for value in r2.values()] or [-1.0]))
+
+
+def _require_finite(best: PlanarOptimum) -> None:
+    """Refuse a fit whose filter diverged: its parameters mean nothing."""
+    if not all(np.isfinite(one).all() for one in best.likelihood.evaluate(best.x)):
+        raise DataError(
+            "the fit diverged: no start of surge, sway and yaw follows the readings of these logs.",
+            mend="Check the units and signs of [signals] and the thrust curves, or fit one axis with --axis yaw.",
+        )
 
 
 def with_latencies(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
@@ -231,6 +248,7 @@ def refined(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
 
 def planar_result(data: PlanarData, best: PlanarOptimum) -> PlanarFit:
     """The fitted model with standard errors and with what the data cannot determine."""
+    _require_finite(best)
     model, coordinates = best.model, best.coordinates
     covariance = best.covariance
     limited = tuple(name for name, at in zip(AXIS_NAMES, best.limited.tolist(), strict=True) if at)

@@ -8,10 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rovid.core.array_types import FloatArray
+from rovid.core.errors import DataError
 from rovid.effects import effect_named
+from rovid.estimate.fisher_information import Innovations
 from rovid.estimate.maximum_likelihood import fit_likelihood
 from rovid.planar.dataset import PlanarData
 from rovid.planar.fit import PlanarFit, fit_planar
+from rovid.planar.likelihood import PlanarLikelihood
 from rovid.planar.model import BASE_NAMES
 from rovid.signals.preprocessing import prepare_trials
 from tests.planar.vehicles import Truth, box_rov, campaign, torpedo, usv
@@ -92,3 +96,13 @@ def test_straight_runs_leave_sway_and_yaw_open() -> None:
     assert {"surge.inertia", "surge.linear_drag", "surge.quadratic_drag"}.isdisjoint(refused)
     assert fitted.undetermined
     assert np.max(np.abs(list(deviations(fitted, truth).values()))) < SIGMAS
+
+
+def test_a_fit_that_diverges_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    def diverged(likelihood: PlanarLikelihood, x: FloatArray) -> Innovations:
+        count = int(likelihood.grid.used.sum())
+        return Innovations(np.full(count, np.nan * x[0]), np.ones(count))
+
+    monkeypatch.setattr(PlanarLikelihood, "evaluate", diverged)
+    with pytest.raises(DataError, match="diverged"):
+        fit_planar(campaign(box_rov(3), runs=1, levels=6, hold=4.0, seed=2))
