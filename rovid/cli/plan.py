@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from rovid.cli import completion
 from rovid.cli.context import (
@@ -16,10 +17,13 @@ from rovid.cli.context import (
     stored_logs,
 )
 from rovid.cli.help_format import Page
-from rovid.cli.options import AxesRefused, AxisName, Force, Json, OptionalLogs, ParameterFile, option
-from rovid.cli.planar_session import refuse_planar
+from rovid.cli.options import Axes, AxisName, Force, Json, OptionalLogs, ParameterFile, option
+from rovid.cli.planar_session import is_planar, planar_logs, planar_parameters_at
 from rovid.cli.progress import progress
 from rovid.core.errors import ConfigError
+
+if TYPE_CHECKING:
+    from rovid.estimate.candidate_runs import RunLimits
 
 PAGE = Page(
     text="""
@@ -27,7 +31,8 @@ PAGE = Page(
     information per minute. Writes the best run as a command file (time_s and a column for each thruster; each row holds
     until the next) and a plot of the predictions of each cause. Does not write the parameter file.
 
-    Use --between if diagnose left two causes open. Otherwise the run narrows the interval of a parameter.
+    Use --between if diagnose left two causes open. Otherwise the run narrows the interval of a parameter. With --axes
+    planar, the runs move surge, sway and yaw together, and the standard errors after the best run are predicted.
     """,
     examples=(
         ("A run that distinguishes a lag from a delay", "rovid plan --between thruster_lag --between command_delay"),
@@ -35,6 +40,7 @@ PAGE = Page(
             "A run for one parameter, at most 5 minutes and 2 turns",
             "rovid plan --narrow linear_drag --minutes 5 --turns 2",
         ),
+        ("The run that surge, sway and yaw together lack most", "rovid plan --axes planar"),
         ("At 60 % of the commands, at most 10 deg/s", "rovid plan --share 0.6 --max-rate 10 -o next.csv"),
     ),
     see=("rovid diagnose", "rovid check", "rovid help plan"),
@@ -58,6 +64,10 @@ def plan(
             autocompletion=completion.parameters,
         ),
     ] = None,
+    effect: Annotated[
+        list[str] | None,
+        option("EFFECT", "Add an effect to the model. May be repeated.", autocompletion=completion.effects),
+    ] = None,
     share: Annotated[
         float, option("SHARE", "Largest command relative to the largest in the logs.", min=0.05, max=1.0)
     ] = 1.0,
@@ -70,7 +80,7 @@ def plan(
     ] = None,
     output: Annotated[Path, option("FILE", "The command file.", "--output", "-o")] = Path("plan.csv"),
     axis: AxisName = None,
-    axes: AxesRefused = None,
+    axes: Axes = None,
     parameters: ParameterFile = None,
     force: Force = False,
     json: Json = False,
@@ -87,7 +97,14 @@ def plan(
     from rovid.present.terminal.results import show_plan
     from rovid.store.checks import check_freshness
 
-    refuse_planar(axes, "`rovid check --axes planar` lists missing motions; diagnose --axes planar names the next run.")
+    def limits(*, angular: bool) -> RunLimits:
+        factor = math.pi / 180.0 if angular else 1.0
+        rate, travel = math.inf if max_rate is None else factor * max_rate, math.inf if turns is None else turns
+        return RunLimits(share=share, seconds=60.0 * minutes, rate=rate, travel=travel)
+
+    if is_planar(axes, axis, between=between):
+        _plan_planar(logs, parameters, output, effect, limits(angular=True), narrow or "", force=force, json=json)
+        return
     causes = tuple(effect_named(name) for name in between or ())
     if len({cause.id for cause in causes}) not in {0, 2} or len(causes) > 2:
         raise ConfigError(f"names {len(causes)} causes; two different ones were expected.", where="--between")
@@ -97,15 +114,9 @@ def plan(
     outputs = reserve_outputs([commands, picture], paths, stored.path, force=force)
     study = open_logs(paths, None, stored.axis)
     study.vehicle.require_no_rudder("a run of commands")
-    factor = math.pi / 180.0 if stored.axis.angular else 1.0
-    limits = RunLimits(
-        share=share,
-        seconds=60.0 * minutes,
-        rate=math.inf if max_rate is None else factor * max_rate,
-        travel=math.inf if turns is None else turns,
-    )
+    effects = tuple(effect_named(name) for name in dict.fromkeys((*stored.effects, *(effect or ()))))
     with progress("Fitting, and comparing candidate runs …"):
-        found = study.plan(tuple(effect_named(name) for name in stored.effects), causes, limits, narrow or "")
+        found = study.plan(effects, causes, limits(angular=stored.axis.angular), narrow or "")
     outputs.write({commands: command_csv(found), picture: plan_picture(found, stored.axis)})
     warnings = []
     if stored.effects and (reason := check_freshness(stored, study.provenance).reason):
@@ -116,3 +127,43 @@ def plan(
         show_caution(console(), study.vehicle.assumptions)
         show_plan(console(), found, [commands.path, picture.path])
         show_warnings(console(), warnings)
+
+
+def _plan_planar(
+    logs: Sequence[Path] | None,
+    parameters: Path | None,
+    output: Path,
+    effect: Sequence[str] | None,
+    limits: RunLimits,
+    narrow: str,
+    *,
+    force: bool,
+    json: bool,
+) -> None:
+    """Design the next run of surge, sway and yaw together."""
+    from rovid.core.atomic_write import OutputFile
+    from rovid.core.signatures import PLAN
+    from rovid.estimate.experiment_design import command_csv
+    from rovid.present.documents.planar import planar_plan_document
+    from rovid.present.terminal.planar import show_planar_plan
+    from rovid.store.checks import check_freshness
+    from rovid.store.planar_study import open_planar_study, planar_effect
+
+    stored = planar_parameters_at(parameters)
+    effects = [planar_effect(name) for name in dict.fromkeys((*stored.effects, *(effect or ())))]
+    paths = logs or planar_logs(stored)
+    commands = OutputFile(output, PLAN)
+    outputs = reserve_outputs([commands], paths, stored.path, force=force)
+    study = open_planar_study(paths)
+    if not force:
+        study.logs.require_sound()
+    with progress("Fitting, and comparing candidate runs …"):
+        found = study.plan(effects, limits, narrow)
+    outputs.write({commands: command_csv(found.ranked)})
+    warnings = list(map(study.vehicle.assumptions.mark_sentence, found.warnings))
+    if stored.effects and (reason := check_freshness(stored, study.provenance).reason):
+        warnings.append(f"{stored.path.name} is out of date: {reason}. Only the names of its effects were used.")
+    if json:
+        print_json(planar_plan_document(found, study.vehicle, str(commands.path), [*study.remarks(), *warnings]))
+    else:
+        show_planar_plan(console(), found, study, commands.path, [*study.remarks(), *warnings])

@@ -88,7 +88,8 @@ class ExpectedInformation:
 class ExperimentPlan:
     """Candidate runs, the best first."""
 
-    #: ``models``, ``parameter``: the two models to distinguish, or the one model with the ``parameter`` to improve.
+    #: ``models``, ``parameter``: the two models to distinguish, or the one model with the ``parameter`` to improve; no
+    #: model for the planar one.
     models: tuple[CandidateModel, ...]
     parameter: str
     runs: tuple[ExpectedInformation, ...]
@@ -103,7 +104,7 @@ class ExperimentPlan:
     @property
     def is_decisive(self) -> bool:
         """Whether the best run is expected to distinguish the models; always true for a parameter."""
-        return len(self.models) == 1 or self.best.gain >= DECISIVE_LLR
+        return len(self.models) < 2 or self.best.gain >= DECISIVE_LLR
 
 
 def plan_experiment(

@@ -79,6 +79,11 @@ def fit_planar(data: PlanarData, effects: Sequence[Effect] = ()) -> PlanarFit:
     DataError
         The runs are too short, nothing moves, or no sensor measures what an effect needs.
     """
+    return planar_result(data, fit_all_readings(data, effects))
+
+
+def fit_all_readings(data: PlanarData, effects: Sequence[Effect] = ()) -> PlanarOptimum:
+    """The optimum of `fit_planar`, which may raise the same."""
     has_current = any(isinstance(effect.acts, WaterCurrent) for effect in effects)
     best = fit_base(data, with_current=has_current)
     # Without its current a vehicle has no model worth extending.
@@ -86,7 +91,7 @@ def fit_planar(data: PlanarData, effects: Sequence[Effect] = ()) -> PlanarFit:
         best = add_effect(best, effect, data)
     if has_current:
         best = with_latencies(best, data)
-    return planar_result(data, refined(best, data))
+    return refined(best, data)
 
 
 def fit_base(data: PlanarData, *, with_current: bool = False) -> PlanarOptimum:
@@ -259,7 +264,7 @@ def planar_result(data: PlanarData, best: PlanarOptimum) -> PlanarFit:
         shift = other.model.values - model.values
         covariance = covariance + np.outer(shift, shift)
     free = coordinates.free[: coordinates.noise_begin]
-    names, scale = model.names, _parameter_scale(best)
+    names, scale = model.names, parameter_scale(best)
     undetermined, unknown = undetermined_directions(names, covariance, scale, free)
     refused = dict.fromkeys(unknown, "these runs do not determine it apart from other parameters")
     axes = measured_axes(data.sensors)
@@ -352,7 +357,7 @@ def _warnings(
             )
 
 
-def _parameter_scale(best: PlanarOptimum) -> FloatArray:
+def parameter_scale(best: PlanarOptimum) -> FloatArray:
     """(q,) sizes of the model parameters at which each would matter as much as all forces of its axis."""
     coordinates, base = best.coordinates, best.model.base
     scale = coordinates.units[: coordinates.noise_begin].copy()

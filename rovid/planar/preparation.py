@@ -18,7 +18,7 @@ from rovid.planar.start_values import StartValues, first_noise
 # Noise of a sensor at the start where its readings do not show it, in shares of the typical speed or time constant.
 _DEFAULT_NOISE = 0.02
 # Standard deviation of the speeds at the start of a run, in typical speeds.
-_START_STD = 0.5
+START_STD = 0.5
 
 
 def planar_sizes(data: PlanarData, start: StartValues) -> PlanarSizes:
@@ -68,7 +68,7 @@ def planar_grid(
     """The runs as arrays of the compiled loops, with the smoothed speeds at the start of each."""
     starts = np.zeros((len(data.runs), 6))
     stds = np.zeros((len(data.runs), 6))
-    stds[:, 1:4] = _START_STD * sizes.speed
+    stds[:, 1:4] = START_STD * sizes.speed
     for number, run in enumerate(data.runs):
         smooth = smooth_run(run, max(0.3 * float(sizes.time.min()), 3.0 * float(np.median(np.diff(run.time)))))
         if smooth is not None:

@@ -10,7 +10,7 @@ import numpy as np
 from rovid.core.array_types import BoolArray, FloatArray
 
 # Largest standard error of a determined combination, in units of its scale: three standard errors make one unit.
-_MAX_ERROR = 1.0 / 3.0
+MAX_ERROR = 1.0 / 3.0
 # Least share of a parameter in a combination that is listed.
 _LEAST_SHARE = 0.1
 
@@ -40,11 +40,11 @@ def undetermined_directions(
     if not np.isfinite(scaled).all():
         return (), tuple(names[at] for at in own.tolist())
     errors = np.sqrt(np.maximum(np.diag(scaled), 0.0))
-    refused = tuple(names[at] for at, error in zip(own.tolist(), errors, strict=True) if error > _MAX_ERROR)
+    refused = tuple(names[at] for at, error in zip(own.tolist(), errors, strict=True) if error > MAX_ERROR)
     values, vectors = np.linalg.eigh(scaled)
     found = []
     for value, vector in sorted(zip(values, vectors.T, strict=True), key=lambda pair: -pair[0]):
-        if value <= _MAX_ERROR**2:
+        if value <= MAX_ERROR**2:
             break
         shares = {names[at]: float(share) for at, share in zip(own.tolist(), vector, strict=True)}
         largest = max(shares, key=lambda name: abs(shares[name]))

@@ -12,11 +12,13 @@ from rovid.core.budget import Budget, ProgressCallback
 from rovid.core.errors import ConfigError, suggestion
 from rovid.effects import FORMS, PLANAR_FORMS, Effect, effect_named
 from rovid.effects.stages import Actuating
+from rovid.estimate.candidate_runs import RunLimits
 from rovid.faults.catalogue import examine_runs
 from rovid.model.bound_effects import BoundEffect
 from rovid.planar.dataset import PlanarData, planar_data
 from rovid.planar.diagnosis import PlanarDiagnosis, diagnose_planar
-from rovid.planar.fit import PlanarFit, fit_planar
+from rovid.planar.experiment import PlanarPlan, plan_planar
+from rovid.planar.fit import PlanarFit, fit_all_readings, fit_planar
 from rovid.planar.model import BASE_COUNT, PlanarModel, RudderModel
 from rovid.planar.search import planar_candidates
 from rovid.planar.start_values import planar_rudders
@@ -61,15 +63,23 @@ class PlanarStudy:
         ConfigError
             An effect needs a thruster or a signal that these logs do not have.
         """
+        self._require_possible(effects)
+        fit = fit_planar(self.data, effects)
+        assumptions = self.vehicle.assumptions
+        warnings = tuple(map(assumptions.mark_sentence, fit.estimate.warnings))
+        return replace(fit, estimate=replace(fit.estimate, assumptions=assumptions, warnings=warnings))
+
+    def _require_possible(self, effects: Sequence[Effect]) -> None:
         known = {form.key for form in (*PLANAR_FORMS, *planar_candidates(self.data))}
         for effect in effects:
             if effect.key not in known:
                 text = "needs a thruster or a signal that these logs do not have."
                 raise ConfigError(text, where=effect.key, mend="Leave the effect out, or complete rovid.toml.")
-        fit = fit_planar(self.data, effects)
-        assumptions = self.vehicle.assumptions
-        warnings = tuple(map(assumptions.mark_sentence, fit.estimate.warnings))
-        return replace(fit, estimate=replace(fit.estimate, assumptions=assumptions, warnings=warnings))
+
+    def plan(self, effects: Sequence[Effect], limits: RunLimits, narrow: str = "") -> PlanarPlan:
+        """The next run, with `fit`'s model and `plan_planar`'s choice; each may raise what these do."""
+        self._require_possible(effects)
+        return plan_planar(self.data, fit_all_readings(self.data, effects), limits, narrow)
 
     def diagnosis(
         self, report: ProgressCallback = lambda _: None, *, force: bool = False, budget: float | None = None

@@ -7,6 +7,7 @@ from dataclasses import asdict
 
 from rovid.estimate.estimate import Estimate
 from rovid.model.parameter_names import effect_ids
+from rovid.planar.experiment import PlanarPlan
 from rovid.planar.fit import PlanarFit
 from rovid.planar.model import SNAME
 from rovid.planar.standard_manoeuvres import RunManoeuvre
@@ -21,10 +22,12 @@ from rovid.present.documents.fits import (
     parameter_document,
     value_document,
 )
+from rovid.present.documents.results import plan_document
 from rovid.store.parameter_file import OpenCombination, Parameters
 from rovid.store.planar_study import PlanarStudy, open_combinations
 from rovid.trial.assumptions import Assumptions
 from rovid.trial.fault import fault_texts
+from rovid.trial.vehicle import Vehicle
 
 AXES_DOCUMENT = {"axes": "planar"}
 # Parameters of effects that are SNAME (1950) derivatives: the parameter is the negative of the derivative.
@@ -151,3 +154,16 @@ def manoeuvre_document(one: RunManoeuvre) -> Document:
         "measured": {name: asdict(measure) for name, measure in one.measured.items()},
         "simulated": {name: asdict(measure) for name, measure in one.simulated.items()},
     }
+
+
+def planar_plan_document(plan: PlanarPlan, vehicle: Vehicle, command_file: str, warnings: Sequence[str]) -> Document:
+    """The document of `rovid plan --axes planar --json`; standard errors in SI, None where not determined."""
+    estimate = plan.fit.estimate
+    errors = {
+        name: {"before": before, "after": after, "unit": estimate.unit(name)}
+        for name, (before, after) in plan.errors.items()
+    }
+    left_out = [{"run": run, "reason": reason} for run, reason in plan.left_out.items()]
+    document = plan_document(plan.ranked, vehicle, command_file, "", warnings)
+    added = {"reason": plan.reason, "standard_errors": errors, "left_out": left_out, "picture": None}
+    return {"schema": document["schema"], **AXES_DOCUMENT} | document | added

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 
 from rich.console import Console
 
 from rovid.core.formatting import plus_minus
+from rovid.planar.experiment import PlanarPlan
 from rovid.planar.fit import PlanarFit
 from rovid.planar.trial_simulation import SENSOR_UNITS, PlanarTrialSimulation, pooled_measures
 from rovid.present.console import print_labelled, print_text, show_caution, show_faults, show_warnings
-from rovid.present.number_format import format_number
+from rovid.present.number_format import format_number, unit_symbol
 from rovid.present.sentences import effect_title, join_words
 from rovid.present.tables.planar import planar_estimate_table, planar_simulation_table, sensor_words
+from rovid.present.tables.table import ResultTable, mixed_number_column, text_column
+from rovid.present.terminal.results import show_plan
 from rovid.store.parameter_file import Parameters
 from rovid.store.planar_study import PlanarStudy
 from rovid.trial.assumptions import Assumptions
@@ -106,3 +110,23 @@ def simulation_sentence(simulations: Sequence[PlanarTrialSimulation]) -> str:
     fits = pooled_measures(simulations)
     words = [f"{sensor_words(sensor)} {format_number(fit.r2, '.3f')}" for sensor, fit in fits.items()]
     return f"R² of the free-running simulation over all runs: {join_words(words)}."
+
+
+def show_planar_plan(
+    console: Console, plan: PlanarPlan, study: PlanarStudy, command_file: Path, warnings: Sequence[str]
+) -> None:
+    """Print the best run, the candidates, the standard errors before and after, and the runs that were left out."""
+    show_caution(console, study.vehicle.assumptions)
+    run, estimate = plan.ranked.best.run, plan.fit.estimate
+    print_labelled(console, "Next:", f"{run.name}, {run.seconds:.0f} s, because {plan.reason}.")
+    show_plan(console, plan.ranked, [command_file])
+    columns = map(mixed_number_column, ("by the logs", "with the best run"))
+    table = ResultTable("Standard errors, as predicted", text_column("parameter"), *columns, text_column("unit"))
+    for name, pair in plan.errors.items():
+        cells = [format_number(one, 2) if math.isfinite(one) else "not determined" for one in pair]
+        table.add_row(name, *cells, unit_symbol(estimate.unit(name)))
+    console.print(table)
+    for reason in dict.fromkeys(plan.left_out.values()):
+        names = [name for name, why in plan.left_out.items() if why == reason]
+        print_text(console, f"left out, {reason}: {'; '.join(names)}")
+    show_warnings(console, warnings)
