@@ -33,7 +33,7 @@ PAGE = Page(
             "With the type of vehicle and the commands given",
             "rovid init my_logs --vehicle tunnel-rov --command fore_V,aft_V --force",
         ),
-        ("For surge, sway and yaw together", "rovid init my_logs --axes planar"),
+        ("For surge, sway and yaw together", "rovid init my_logs --axes planar --force"),
         ("From one log only, replacing the existing file", "rovid init my_logs/hold_01.csv --force"),
     ),
     see=("rovid check", "rovid help logs (formats)", "rovid help files (rovid.toml)"),

@@ -19,7 +19,7 @@ from rovid.signals.segments import find_releases
 from rovid.trial.axis import AXES
 from rovid.trial.trial import Campaign, Trial
 from rovid.trial.vehicle import Vehicle
-from tests.conftest import SAMPLES, Rovid
+from tests.conftest import SAMPLES, Rovid, slow
 
 SHIP = SAMPLES / "kvlcc2_roll_decay"
 # Of 1 kg m^2: damping, stiffness, its bend, and where the ship is level.
@@ -173,7 +173,7 @@ def test_the_real_ship_is_damped_by_its_speed_and_bends(rovid: Rovid) -> None:
 
 
 @pytest.mark.parametrize("damage", ["walk", "shuffled", "moves"])
-@pytest.mark.parametrize("command", ["fit", "fit-inertia", "diagnose"])
+@pytest.mark.parametrize("command", ["fit", "fit-inertia", slow("diagnose")])
 def test_motion_that_is_no_swing_is_refused(command: str, damage: str, tmp_path: Path, rovid: Rovid) -> None:
     rng = np.random.default_rng(5)
     shutil.copytree(SHIP, tmp_path / "day")

@@ -214,7 +214,7 @@ def test_no_case_is_forgotten() -> None:
     assert {f"{case.name} {command}" for case in TABLE for command in case.commands} >= NOT_YET | LONG
 
 
-@pytest.mark.parametrize("command", ["check", "fit", slow("diagnose")])
+@pytest.mark.parametrize("command", [slow("check"), "fit", slow("diagnose")])
 @pytest.mark.parametrize("name", list(LATER))
 def test_what_waits_for_later_work_ends_without_a_traceback(
     name: str, command: str, logs: Callable[[str], Path], rovid: Rovid
