@@ -45,7 +45,7 @@ EXTREMES: dict[str, tuple[str | None, dict[str, float]]] = {
     "endless memory": ("added_mass_memory", {MEMORY: 1e9}),
 }
 
-SLOW = EXTREMES.keys() - {"heavy", "endless lag"}
+SLOW = EXTREMES.keys() - {"endless lag"}
 
 
 def write_campaign(folder: Path) -> None:
@@ -68,7 +68,7 @@ def limit() -> None:
     resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
 
 
-@pytest.mark.parametrize("extreme", ["heavy", "endless lag", *map(slow, sorted(SLOW))])
+@pytest.mark.parametrize("extreme", ["endless lag", *map(slow, sorted(SLOW))])
 def test_extreme_parameters_end_in_a_result_or_one_message(extreme: str, tmp_path: Path, rovid: Rovid) -> None:
     effect, values = EXTREMES[extreme]
     write_campaign(tmp_path / "day")

@@ -12,6 +12,7 @@ from rovid.estimate.estimate import Estimate
 from rovid.estimate.steady_drag import NAMES, fit_drag
 from rovid.estimate.steady_points import SteadyPoint, long_run_variance, part_means
 from tests import synthetic
+from tests.conftest import slow
 
 TRUTH = {"quadratic_drag": 2200.0, "linear_drag": 120.0}
 HOLD = 40  # s, with one mean of the rate a second
@@ -67,7 +68,7 @@ def answers(count: int, memory: float, *, one_way: bool) -> list[Estimate]:
 
 @pytest.mark.parametrize("one_way", [False, True])
 @pytest.mark.parametrize("memory", [0.1, 1.0, 10.0])
-@pytest.mark.parametrize("count", [4, 5, 8, 20])
+@pytest.mark.parametrize("count", [4, 5, 8, slow(20)])
 def test_three_standard_errors_hold_at_any_number_of_holds(count: int, memory: float, *, one_way: bool) -> None:
     found = answers(count, memory, one_way=one_way)
     assert len(found) >= (DRAWS // 10 if count < 8 else DRAWS // 2)
@@ -94,7 +95,7 @@ def test_too_few_holds_are_refused_by_name(count: int) -> None:
 
 
 @pytest.mark.parametrize("memory", [0.1, 1.0, 10.0])
-@pytest.mark.parametrize("count", [12, 24])
+@pytest.mark.parametrize("count", [12, slow(24)])
 def test_three_standard_errors_hold_in_each_direction(count: int, memory: float) -> None:
     rng, off, fits, differ = np.random.default_rng(count), 0, 0, 0
     for _ in range(DRAWS):

@@ -142,6 +142,7 @@ def test_equal_directions_give_no_warning() -> None:
     assert alarms <= 10  # tested at 1 %: 2 expected, more than 10 has a chance of 1e-5
 
 
+@pytest.mark.slow
 def test_standard_errors_hold_in_repetition() -> None:
     rng = np.random.default_rng()
     rates = np.array([-0.22, -0.17, -0.1, -0.05, 0.05, 0.1, 0.17, 0.22])

@@ -18,6 +18,7 @@ from rovid.planar.fit import PlanarFit, fit_planar
 from rovid.planar.likelihood import PlanarLikelihood
 from rovid.planar.model import BASE_NAMES
 from rovid.signals.preprocessing import prepare_trials
+from tests.conftest import slow
 from tests.planar.vehicles import Truth, box_rov, campaign, torpedo, usv
 
 # Standard errors: the largest of a dozen independent normal deviates exceeds 3.5 in 1 of 180 fits; seeds are fixed.
@@ -39,7 +40,7 @@ def deviations(fitted: PlanarFit, truth: Truth) -> dict[str, float]:
 
 @pytest.mark.parametrize(
     ("truth", "hold"),
-    [(box_rov(3), 6.0), (torpedo(3), 8.0)],
+    [slow(box_rov(3), 6.0), (torpedo(3), 8.0)],
     ids=["box ROV with DVL", "torpedo with rudder"],
 )
 def test_the_truth_is_within_the_errors(truth: Truth, hold: float) -> None:
