@@ -92,7 +92,9 @@ def plan_planar(data: PlanarData, best: PlanarOptimum, limits: RunLimits, narrow
         gain = 2.0 * math.log(plain[target] / after[target])
         found.append((ExpectedInformation(run=run, gain=gain, rates=speeds), after))
     if not found:
-        raise DataError("no run stays within these limits.", mend="Allow a longer run, more turns or a higher rate.")
+        reasons = ", or ".join(dict.fromkeys(left_out.values()))
+        mend = "Allow a longer run, more turns or a higher rate, or smaller commands with --share."
+        raise DataError(f"no run stays within these limits: each is {reasons}.", mend=mend)
     found.sort(key=lambda one: -one[0].gain_per_minute)
     # Where the reported errors are larger than those of the curvature, they stay so by the same factor.
     predicted = reported * np.divide(found[0][1], plain, out=np.ones(len(plain)), where=plain > 0.0)
@@ -161,8 +163,8 @@ def _excess(speeds: FloatArray, heading_range: float, measured: FloatArray, limi
     if not (np.asarray(fastest[0]) <= np.asarray(fastest[1]) + 1e-9).all():
         return f"faster than {_ENVELOPE:g} times the largest speed in the logs"
     if fastest[0][1] > limits.rate:
-        return "a higher yaw rate than the limit"
-    return "more turns than the limit" if heading_range > 2.0 * math.pi * limits.travel else ""
+        return "beyond the limit of the yaw rate"
+    return "beyond the limit of turns" if heading_range > 2.0 * math.pi * limits.travel else ""
 
 
 def _planned(data: PlanarData, run: CandidateRun, intervals: dict[str, float]) -> PlanarRun:
