@@ -17,16 +17,19 @@ from rovid.estimate.estimate import Estimate
 from rovid.estimate.maximum_likelihood import DISTURBANCE_LIMITS, INNOVATIONS_R2
 from rovid.planar.coordinates import PlanarCoordinates
 from rovid.planar.dataset import PlanarData
+from rovid.planar.free_run_fit import better_simulating
 from rovid.planar.kernels import NOISE_SENSOR, NOISE_TIME, SENSORS
 from rovid.planar.likelihood import PlanarLikelihood
 from rovid.planar.model import AXIS_NAMES, BASE_COUNT, PlanarModel
 from rovid.planar.optimum import PlanarOptimum
 from rovid.planar.preparation import planar_grid, planar_sizes
-from rovid.planar.simulation import free_run_r2
+from rovid.planar.simulation import free_run_r2, mean_free_run_r2
 from rovid.planar.smoothing import measured_axes
 from rovid.planar.start_values import start_values
 from rovid.planar.undetermined import Undetermined, undetermined_directions
 
+_METHOD = "maximum likelihood of the innovations of an extended Kalman filter, surge, sway and yaw together"
+_METHOD_FREE_RUNS = "least squares of free-running simulations over some time constants, surge, sway and yaw together"
 # Interval between the readings of a search in shares of the shortest time constant.
 _SEARCH_SHARE = 0.12
 # Starts that are tried for some steps, and these steps.
@@ -79,11 +82,11 @@ def fit_planar(data: PlanarData, effects: Sequence[Effect] = ()) -> PlanarFit:
     DataError
         The runs are too short, nothing moves, or no sensor measures what an effect needs.
     """
-    return planar_result(data, fit_all_readings(data, effects))
+    return planar_result(data, better_simulating(fit_all_readings(data, effects), data))
 
 
 def fit_all_readings(data: PlanarData, effects: Sequence[Effect] = ()) -> PlanarOptimum:
-    """The optimum of `fit_planar`, which may raise the same."""
+    """The likeliest model of all readings; raises the same as `fit_planar`."""
     has_current = any(isinstance(effect.acts, WaterCurrent) for effect in effects)
     best = fit_base(data, with_current=has_current)
     # Without its current a vehicle has no model worth extending.
@@ -104,15 +107,17 @@ def fit_base(data: PlanarData, *, with_current: bool = False) -> PlanarOptimum:
     yaw_only = is_yaw_alone(data)
     # Wide smoothing leaves the least of the forces, but may leave no inertia: the sizes come from a start that
     # simulates the runs nearly as well as any.
-    scores = [_mean_r2(start.model, data, yaw_only=yaw_only) for start in starts]
+    scores = [mean_free_run_r2(start.model, data, yaw_only=yaw_only) for start in starts]
     usable = [at for at, score in enumerate(scores) if score >= max(scores) - _WORSE_START]
     in_current = start_values(data, with_current=True)
     sizes = planar_sizes(data, in_current[min(usable, key=lambda at: in_current[at].residual)])
     sensors = tuple(name for name in data.sensors if not yaw_only or name in {"heading", "yaw_rate"})
     grid = planar_grid(data, sizes, yaw_only=yaw_only, interval=_SEARCH_SHARE * float(sizes.time.min()))
+    # A slipstream that one start leaves out is free in all.
+    usual = max((start.model for start in starts), key=lambda model: sum(one.slipstream for one in model.rudders))
     pairs = []
     for start in starts:
-        coordinates = PlanarCoordinates.of(start.model, sizes, sensors, (), DISTURBANCE_LIMITS[0], yaw_only=yaw_only)
+        coordinates = PlanarCoordinates.of(usual, sizes, sensors, (), DISTURBANCE_LIMITS[0], yaw_only=yaw_only)
         likelihood = PlanarLikelihood(grid, coordinates)
         pairs.append((likelihood, coordinates.projected(coordinates.initial(start.model, ()))))
     # The likelihood of a start says little where the model is badly wrong: the best regression is always followed.
@@ -129,14 +134,7 @@ def fit_base(data: PlanarData, *, with_current: bool = False) -> PlanarOptimum:
         return found
     other = with_latencies(PlanarOptimum.fit(tried[-1].likelihood, tried[-1].x), data)
     # Under its limit the disturbance does not explain what the model misses. Then free-running simulations decide.
-    return max(found, other, key=lambda one: _mean_r2(one.model, data, yaw_only=yaw_only))
-
-
-def _mean_r2(model: PlanarModel, data: PlanarData, *, yaw_only: bool) -> float:
-    """Mean R^2 of the free-running speeds, each -1 at least."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        r2 = free_run_r2(model, data, yaw_only=yaw_only)
-    return float(np.mean([max(value, -1.0) if math.isfinite(value) else -1.0 for value in r2.values()] or [-1.0]))
+    return max(found, other, key=lambda one: mean_free_run_r2(one.model, data, yaw_only=yaw_only))
 
 
 def _require_finite(best: PlanarOptimum) -> None:
@@ -257,7 +255,8 @@ def planar_result(data: PlanarData, best: PlanarOptimum) -> PlanarFit:
     model, coordinates = best.model, best.coordinates
     covariance = best.covariance
     limited = tuple(name for name, at in zip(AXIS_NAMES, best.limited.tolist(), strict=True) if at)
-    if limited:
+    multi_step = best.free_run_covariance is not None
+    if limited and not multi_step:
         # The limit is a choice: the errors include the change of the parameters under a looser one.
         looser = coordinates.with_limit(_LOOSER * DISTURBANCE_LIMITS[0])
         other = PlanarOptimum.fit(best.likelihood.with_coordinates(looser), best.x, _LAST_ITERATIONS)
@@ -277,7 +276,7 @@ def planar_result(data: PlanarData, best: PlanarOptimum) -> PlanarFit:
         names=names,
         values=model.values,
         covariance=np.where(np.isfinite(covariance), covariance, 0.0),
-        method="maximum likelihood of the innovations of an extended Kalman filter, surge, sway and yaw together",
+        method=_METHOD_FREE_RUNS if multi_step else _METHOD,
         samples=int(best.likelihood.grid.used.sum()),
         refused=refused,
         warnings=tuple(_warnings(data, best, limited, r2, refused)),
@@ -298,6 +297,7 @@ def planar_result(data: PlanarData, best: PlanarOptimum) -> PlanarFit:
         at_limit=limited,
         latency=latency,
         white=best.is_white,
+        multi_step=multi_step,
         free_run_r2=r2,
     )
 
@@ -333,11 +333,21 @@ def _warnings(
 ) -> Iterator[str]:
     for name, (late, _) in _shown_latency(best).items():
         yield f"The readings of {name} are {significant(late, 2)} s late; the fit moves them back."
+    multi_step = best.free_run_covariance is not None
+    looser = (
+        f" The standard errors include the change of the parameters under a limit {_LOOSER:g} times as high."
+        if not multi_step
+        else ""
+    )
     for name in limited:
         yield (
             f"The disturbance in {name} would exceed its limit of {100 * DISTURBANCE_LIMITS[0]:.2g} % of the forces in "
-            "use: the model misses an effect that these data show. The standard errors include the change of the "
-            f"parameters under a limit {_LOOSER:g} times as high."
+            f"use: the model misses an effect that these data show.{looser}"
+        )
+    if multi_step:
+        yield (
+            "The model misses too much for the likelihood of its innovations: the parameters are those of the best "
+            "free-running simulation."
         )
     if not best.is_white:
         yield (

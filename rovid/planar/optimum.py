@@ -47,6 +47,8 @@ class PlanarOptimum:
     likelihood: PlanarLikelihood
     x: FloatArray  #: (p,)
     value: float  #: Negative log-likelihood.
+    #: (noise_begin, noise_begin) of the model's coordinates, where free-running simulations were fitted.
+    free_run_covariance: FloatArray | None = None
 
     @classmethod
     def fit(cls, likelihood: PlanarLikelihood, start: FloatArray, iterations: int = _ITERATIONS) -> Self:
@@ -139,6 +141,10 @@ class PlanarOptimum:
     @cached_property
     def coordinate_covariance(self) -> FloatArray:
         """(p, p) of the coordinates: inverse information, or the sandwich of blocks where innovations are not white."""
+        if self.free_run_covariance is not None:
+            own, count = np.zeros((len(self.x), len(self.x))), self.coordinates.noise_begin
+            own[:count, :count] = self.free_run_covariance
+            return own
         free, pieces = self.likelihood.jacobian(self.x)
         grid = self.likelihood.grid
         groupings = [] if self.is_white else [self.blocks(), grid.run_index[grid.used]]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -149,3 +150,10 @@ def free_run_r2(model: PlanarModel, data: PlanarData, *, yaw_only: bool = False)
     whole, rest = np.concatenate(measured), np.concatenate(measured) - np.concatenate(simulated)
     known = measured_axes(data.sensors)
     return {name: r_squared(whole[:, at], rest[:, at]) for at, name in enumerate(AXIS_NAMES) if known[at]}
+
+
+def mean_free_run_r2(model: PlanarModel, data: PlanarData, *, yaw_only: bool) -> float:
+    """Mean R^2 of the free-running speeds, each -1 at least."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        r2 = free_run_r2(model, data, yaw_only=yaw_only)
+    return float(np.mean([max(value, -1.0) if math.isfinite(value) else -1.0 for value in r2.values()] or [-1.0]))
