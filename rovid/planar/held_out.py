@@ -49,7 +49,7 @@ class Parts:
     """Parts of the logs, and windows of free-running simulations."""
 
     data: PlanarData
-    optimum: PlanarOptimum  #: Any model of the search; its grid is that of all of them.
+    optimum: PlanarOptimum  #: A model of the search. All models of the search share its grid.
 
     @cached_property
     def count(self) -> int:

@@ -126,7 +126,7 @@ def estimated_start(model: PlanarModel, run: PlanarRun, *, yaw_only: bool) -> Fl
         if not all(np.isfinite(column).all() for column in (now, *columns)):
             # The model diverges within the readings.
             return measured_start(run)
-        # The least step of all that fit equally well: what these readings do not show stays as it is.
+        # The least-norm step: components that these readings do not determine keep their values.
         change = np.linalg.lstsq(np.column_stack(columns), weight * value - now, rcond=1e-9)[0]
         start = start + np.bincount(list(free), change, len(start))
     return start

@@ -50,22 +50,33 @@ class LogCheck:
     @property
     def verdict(self) -> Literal["go", "care", "no_go"]:
         """Whether the logs are ready for a fit."""
-        weights = {one.weight for one in self.advice}
-        if self.problems or not self.rows or "grave" in weights or stopping(self.faults):
-            return "no_go"
-        return "care" if "care" in weights or self.faults else "go"
+        return verdict_of(self.advice, self.faults, complete=bool(self.rows) and not self.problems)
+
+
+def verdict_of(advice: Sequence[Advice], faults: Sequence[Fault], *, complete: bool) -> Literal["go", "care", "no_go"]:
+    """Whether logs are ready for a fit; ``complete``: there are logs, and all were read."""
+    weights = {one.weight for one in advice}
+    if not complete or "grave" in weights or stopping(faults):
+        return "no_go"
+    return "care" if "care" in weights or faults else "go"
+
+
+def read_each_log(paths: Sequence[Path], config: Config) -> tuple[list[Trial], dict[str, str], list[Remark]]:
+    """The trials of all logs that can be read, the message for each other log by its name, and remarks."""
+    found, remarks = find_logs(paths, config)
+    trials: list[Trial] = []
+    problems = {}
+    for name, path in found:
+        try:
+            trials += read_trials(path, config, name, remarks)
+        except RovidError as error:
+            problems[name] = str(error)
+    return trials, problems, remarks
 
 
 def check_logs(paths: Sequence[Path], config: Config) -> LogCheck:
     """Check all logs. Each log is read by itself: an unreadable log does not hide the others."""
-    found, remarks = find_logs(paths, config)
-    every: list[Trial] = []
-    problems = {}
-    for name, path in found:
-        try:
-            every += read_trials(path, config, name, remarks)
-        except RovidError as error:
-            problems[name] = str(error)
+    every, problems, remarks = read_each_log(paths, config)
     trials, faults = examine_campaign(every, config)
     vehicle = config.vehicle.clamped() if stopping(faults) else config.vehicle
     rows: list[tuple[Trial, dict[str, Any]]] = []

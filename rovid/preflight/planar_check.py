@@ -16,8 +16,8 @@ from rovid.core.formatting import plus_minus
 from rovid.planar.dataset import PlanarData, planar_data
 from rovid.planar.smoothing import SmoothRun, measured_axes, sensor_noise, smooth_run
 from rovid.preflight.advice import Advice
+from rovid.preflight.check import read_each_log, verdict_of
 from rovid.preflight.sensor_lag import SensorLag, sensor_lags
-from rovid.readers import find_logs, read_trials
 from rovid.readers.campaign import examine_campaign
 from rovid.signals.intervals import gap_limit
 from rovid.trial.config import Config
@@ -58,7 +58,7 @@ class AxisCheck:
 
     axis: str
     measured: bool  #: As a velocity or as a position.
-    actuators: tuple[str, ...]  #: Names of those that act along it.
+    actuators: tuple[str, ...]  #: Names of the actuators that act along it.
     force: float  #: N or N m; RMS of the forces of thrusters. Rudders are not counted.
     velocity: float  #: m/s or rad/s; RMS over ground. NaN where not measured.
 
@@ -79,22 +79,12 @@ class PlanarCheck:
     @property
     def verdict(self) -> Literal["go", "care", "no_go"]:
         """Whether the logs are ready for a fit."""
-        weights = {one.weight for one in self.advice}
-        if self.problems or not self.trials or "grave" in weights or stopping(self.faults):
-            return "no_go"
-        return "care" if "care" in weights or self.faults else "go"
+        return verdict_of(self.advice, self.faults, complete=bool(self.trials) and not self.problems)
 
 
 def check_planar(paths: Sequence[Path], config: Config) -> PlanarCheck:
     """Check all logs for the coupled model; ``config`` is of `load_planar_config`."""
-    found, remarks = find_logs(paths, config)
-    every: list[Trial] = []
-    problems = {}
-    for name, path in found:
-        try:
-            every += read_trials(path, config, name, remarks)
-        except RovidError as error:
-            problems[name] = str(error)
+    every, problems, remarks = read_each_log(paths, config)
     trials, faults = examine_campaign(every, config)
     if stopping(faults) or not trials:
         return PlanarCheck(trials=tuple(trials), problems=problems, remarks=tuple(remarks), faults=faults)
