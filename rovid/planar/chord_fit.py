@@ -9,6 +9,7 @@ from typing import Self
 import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
+from rovid.core.errors import DataError
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect
 from rovid.estimate.fisher_information import OUTLIER, Innovations
@@ -31,13 +32,24 @@ class Linearisation:
 
     @classmethod
     def of(cls, optimum: PlanarOptimum) -> Self:
-        """The linearisation at the ``optimum``."""
+        """The linearisation at the ``optimum``.
+
+        Raises
+        ------
+        DataError
+            The filter diverges next to the optimum, so that there are no derivatives.
+        """
         centre = optimum.likelihood.evaluate(optimum.x)
         free, pieces = optimum.likelihood.jacobian(optimum.x, centre)
         count = len(centre.error)
         matrix = np.zeros((2 * count, len(optimum.x)))
         for piece in pieces:
             matrix[piece.rows, :][:, free], matrix[count:][piece.rows, :][:, free] = np.split(piece.matrix, 2)
+        if not np.isfinite(matrix).all():
+            raise DataError(
+                "the coupled model fits these logs so badly that causes cannot be tested: the filter diverges.",
+                mend="Run `rovid check --axes planar`, and `rovid diagnose` for yaw alone.",
+            )
         return cls(optimum, centre, matrix)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from rovid.core.budget import Budget, ProgressCallback
-from rovid.core.errors import ConfigError, DataError, suggestion
+from rovid.core.errors import ConfigError, suggestion
 from rovid.effects import FORMS, PLANAR_FORMS, Effect, effect_named
 from rovid.effects.stages import Actuating
 from rovid.estimate.candidate_runs import RunLimits
@@ -104,14 +104,7 @@ class PlanarStudy:
         if faults and not force:
             return PlanarDiagnosis(verdict="bad_logs", missing=" ".join(fault_texts(faults)))
         seconds = self.logs.default_budget if budget is None else budget
-        try:
-            return diagnose_planar(self.data, report, Budget(seconds))
-        except np.linalg.LinAlgError as error:
-            raise DataError(
-                "the coupled model fits these logs so badly that causes cannot be tested: the filter diverges.",
-                where=self.logs.paths[0],
-                mend="Run `rovid check --axes planar`, and `rovid diagnose` for yaw alone.",
-            ) from error
+        return diagnose_planar(self.data, report, Budget(seconds))
 
     def simulate(self, model: PlanarModel) -> list[PlanarTrialSimulation]:
         """Every run simulated freely by ``model``."""

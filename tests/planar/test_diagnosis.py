@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
 
+from rovid.core.errors import DataError
+from rovid.estimate.fisher_information import Innovations, Jacobian
+from rovid.planar.chord_fit import Linearisation
 from rovid.planar.dataset import planar_data
 from rovid.planar.diagnosis import diagnose_planar
 from rovid.trial.trial import Campaign
@@ -42,3 +48,12 @@ def test_logs_without_thrust_or_too_short_are_told_at_once() -> None:
     diagnosis = diagnose_planar(planar_data(Campaign(trials=still, sources=()), data.vehicle))
     assert diagnosis.verdict == "too_little_data"
     assert "no thruster ever runs" in diagnosis.missing
+
+
+def test_a_filter_that_diverges_next_to_the_optimum_is_refused() -> None:
+    one = Innovations(np.zeros(3), np.ones(3))
+    piece = Jacobian(slice(0, 3), np.zeros(6), np.full((6, 2), np.inf))
+    likelihood = SimpleNamespace(evaluate=lambda _: one, jacobian=lambda *_: (np.ones(2, dtype=bool), [piece]))
+    optimum: Any = SimpleNamespace(likelihood=likelihood, x=np.zeros(2))
+    with pytest.raises(DataError, match="the filter diverges"):
+        Linearisation.of(optimum)
