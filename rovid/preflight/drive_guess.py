@@ -158,6 +158,11 @@ def speed_question(columns: Columns) -> str:
     )
 
 
+def is_steered(source: str) -> bool:
+    """Whether a column belongs to a rudder or to steered wheels by its name, as an angle or an order."""
+    return bool(name_words(source) & _STEERING)
+
+
 def _given_speed(columns: Columns, chosen: Sequence[str]) -> dict[str, int]:
     """The one column that the user chose next to an angle, if it is no thruster by its name."""
     others = [name for name in chosen if name in columns and not name_words(name) & _STEERING]

@@ -21,11 +21,14 @@ from rovid.preflight.raw_columns import (
 )
 from rovid.preflight.thruster_guess import Columns, ThrusterCommand
 from rovid.trial.axis import AXES
-from rovid.trial.signal_names import LENGTH_UNITS, name_words
+from rovid.trial.signal_names import GEODETIC_UNITS, LENGTH_UNITS, name_words
 
 Log = Mapping[str, RawColumn]
 # Words of a position on the map.
 _MAP = {"north": {"north", "northing", "nord", "norte", "n"}, "east": {"east", "easting", "ost", "est", "este", "e"}}
+# Words of a latitude and of a longitude, the limit of each in deg, and the scale of integers.
+_GLOBE = {"north": ({"lat", "latitude"}, 90.0), "east": ({"lon", "lng", "long", "longitude"}, 180.0)}
+_SCALED = "1e-7 deg"
 # Words of a thruster across the vehicle.
 _SIDEWAYS = word_list("axis", "sway") | {"tunnel", "querstrahlruder"}
 # Words of the speed of a propeller.
@@ -56,14 +59,16 @@ def guess_planar(logs: Sequence[Log], taken: set[str], commands: Sequence[Thrust
     effects = {}
     for name in ("surge", "sway"):
         axis = AXES[name]
-        guess = axis_signals(axis, free, free, "").get(axis.rate_signal)
-        if guess is not None:
-            signals[axis.rate_signal] = guess
+        motion = axis_signals(axis, free, free, "").get(axis.rate_signal)
+        if motion is not None:
+            signals[axis.rate_signal] = motion
             neutral = {command.source: command.neutral for command in commands}
-            effects[name] = command_effects(neutral, logs, guess) if neutral else {}
-    positions = {name: guess for name in _MAP if (guess := _position(name, free)) is not None}
-    if len(positions) == len(_MAP):
-        signals |= positions
+            effects[name] = command_effects(neutral, logs, motion) if neutral else {}
+    for guess in (_position, _fix):
+        positions = {name: found for name in _MAP if (found := guess(name, free)) is not None}
+        if len(positions) == len(_MAP) and len({one.unit in GEODETIC_UNITS for one in positions.values()}) == 1:
+            signals |= positions
+            break
     propeller = ("", 0.0) if commands else _propeller(free)
     return PlanarGuess(signals=signals, effects=effects, propeller=propeller)
 
@@ -103,6 +108,21 @@ def _position(name: str, columns: Columns) -> SignalGuess | None:
         if len(values) >= MIN_SAMPLES and np.ptp(values) > 0.0:
             reason = f"named so; {values.min():.4g} to {values.max():.4g}"
             return SignalGuess(source=source, unit=unit or "m", reason=reason)
+    return None
+
+
+def _fix(name: str, columns: Columns) -> SignalGuess | None:
+    """Latitude or longitude by the name of the column and its range."""
+    named, limit = _GLOBE[name]
+    for source, logged in columns.items():
+        values = finite_values(logged)
+        if not name_words(source) & named or name_words(source) & _NOT_POSITION or len(values) < MIN_SAMPLES:
+            continue
+        low, high = np.quantile(values, (0.01, 0.99))
+        unit = "deg" if max(-low, high) <= limit else _SCALED
+        if low < high and max(-low, high) * GEODETIC_UNITS[unit] <= limit * GEODETIC_UNITS["deg"]:
+            reason = f"named so; {values.min():.9g} to {values.max():.9g}, {unit}"
+            return SignalGuess(source=source, unit=unit, reason=reason)
     return None
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.preflight.axis_guess import axis_signals
 from rovid.preflight.command_effects import CommandEffect, command_effects
-from rovid.preflight.drive_guess import RudderGuess, guess_rudder, speed_question
+from rovid.preflight.drive_guess import RudderGuess, guess_rudder, is_steered, speed_question
 from rovid.preflight.motor_guess import guess_shaft, lone_yaw_rate, rate_unit
 from rovid.preflight.raw_columns import (
     COMMAND,
@@ -140,7 +140,8 @@ def _drives(
     if found is None:
         return (), guess_thrusters(free, logs, position, hints)
     rudder, speed = found
-    others = {one: logged for one, logged in free.items() if one not in {rudder.angle.source, speed.source}}
+    # The order to the rudder and further columns of its angle are no thrusters.
+    others = {one: logged for one, logged in free.items() if one != speed.source and not is_steered(one)}
     # A propeller in front of the rudder turns nothing.
     commands = tuple(one for one in guess_thrusters(others, logs, position, hints) if one.direction)
     if commands and not rudder.direction_known:

@@ -37,7 +37,7 @@ from rovid.faults.catalogue import fault_kinds
 from rovid.readers.cleaning import ANGLE, DISTANCE, SPEED_KIND, TURN, TURNING, Kind, clean
 from rovid.readers.planar_readings import planar_readings
 from rovid.readers.raw_log import ANGLES, Channel, RawLog
-from rovid.readers.time_base import TimeBase, TimedSeries, cumulative, integral
+from rovid.readers.time_base import TimeBase, TimedSeries, cumulative, integral, local_position
 from rovid.readers.timestamps import make_monotonic, timed_rows
 from rovid.readers.unit_checks import gyro_confirms_unit, refuse_wrong_heading
 from rovid.signals.intervals import merged_intervals, subsampled_median
@@ -169,7 +169,10 @@ class _Builder:
             clocks.setdefault(id(channel.time), {})[name] = channel
         # The clock of the measured signal comes first: the others may share its steps.
         ordered = sorted(clocks.values(), key=lambda channels: self.measured_signal not in channels)
-        return dict(chain.from_iterable(map(self.one_clock, ordered)))
+        series = dict(chain.from_iterable(map(self.one_clock, ordered)))
+        if {"north", "east"} <= series.keys() and self.config.signals["north"].is_geodetic:
+            series["north"], series["east"] = local_position(series["north"], series["east"])
+        return series
 
     def one_clock(self, channels: Mapping[str, Channel]) -> Iterator[tuple[str, TimedSeries]]:
         first = next(iter(channels))

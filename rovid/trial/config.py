@@ -234,6 +234,7 @@ class _Parser:
         signals = {}
         for name, value in self.table(document, "signals").items():
             signals[self.name(name, f"[signals] {name}")] = self.signal(name, value, f"[signals] {name}")
+        self.require_same_kind(signals)
         time = signals.pop("time", Signal(name="time", sources={}, unit="auto"))
         blocks, rudders = self.blocks(document, "thrusters"), self.blocks(document, "rudders")
         thrusters, commands = self.actuators(blocks, rudders, signals)
@@ -280,6 +281,14 @@ class _Parser:
             raise self.error(f"{place} unit", f"is {unit!r}; one of {', '.join(units)} was expected.")
         factor = 1.0 if units is None else units[unit]
         return Signal(name=name, sources=sources, unit=unit, factor=sign * factor)
+
+    def require_same_kind(self, signals: Mapping[str, Signal]) -> None:
+        """`ConfigError` where only one of north and east is an angle on the globe."""
+        fix = [signals[name] for name in ("north", "east") if name in signals]
+        if len({one.is_geodetic for one in fix}) > 1 or (len(fix) == 1 and fix[0].is_geodetic):
+            units = ", ".join(f"{one.name} has the unit {one.unit!r}" for one in fix)
+            text = f"{units}; a latitude and a longitude are read together."
+            raise self.error("[signals]", text, 'Give both in "deg", or both in m.')
 
     def measured_signal(self, signals: Mapping[str, Signal], kinds: Iterable[str], blocks: Sequence[Any]) -> str:
         """Signal that measures the position; logs of ``kinds`` may have a standard source of it."""

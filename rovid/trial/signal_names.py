@@ -15,6 +15,9 @@ ANGULAR_RATE_UNITS = {"deg/s": math.pi / 180.0, "rad/s": 1.0, "rpm": math.pi / 3
 TORQUE_UNITS = {"N m": 1.0, "kN m": 1000.0}
 FORCE_UNITS = {"N": 1.0, "kN": 1000.0}
 LENGTH_UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+# m, mean radius of the earth. A latitude or longitude times it is an arc; `local_position` makes metres of both.
+EARTH_RADIUS = 6_371_008.8
+GEODETIC_UNITS = {"deg": math.radians(EARTH_RADIUS), "1e-7 deg": math.radians(1e-7 * EARTH_RADIUS)}
 SPEED_UNITS = {"m/s": 1.0, "cm/s": 0.01, "mm/s": 0.001, "kn": 1852.0 / 3600.0}
 TIME_UNITS = ("auto", "s", "ms", "us", "ns", "iso8601")
 
@@ -35,8 +38,8 @@ SIGNAL_UNITS: Mapping[str, Mapping[str, float]] = {
     **_motion_units(),
     "torque": TORQUE_UNITS,
     "force": FORCE_UNITS,
-    "north": LENGTH_UNITS,
-    "east": LENGTH_UNITS,
+    "north": LENGTH_UNITS | GEODETIC_UNITS,
+    "east": LENGTH_UNITS | GEODETIC_UNITS,
 }
 DEFAULT_UNIT = {name: next(iter(units)) for name, units in SIGNAL_UNITS.items()}
 DEFAULT_UNIT |= dict.fromkeys((name for name, units in SIGNAL_UNITS.items() if "rad/s" in units), "rad/s")
@@ -69,6 +72,11 @@ class Signal:
         """Sources, unit and sense; stored in parameter files, so its wording must not change."""
         places = [f"{kind} {source}" for kind, source in self.sources.items()]
         return ", ".join([*places, *filter(None, [self.unit]), *["turned around"] * (self.factor < 0.0)])
+
+    @property
+    def is_geodetic(self) -> bool:
+        """Whether it is a latitude or a longitude."""
+        return self.name in {"north", "east"} and self.unit in GEODETIC_UNITS
 
     def for_format(self, kind: str) -> Signal:
         """The signal with a source for ``kind``, taken from the format that shares its sources."""

@@ -210,6 +210,12 @@ def test_a_thruster_that_turns_the_vehicle_stays_next_to_a_rudder() -> None:
     assert [one.angle.source for one in found.rudders] == ["rudder"]
 
 
+def test_the_order_to_a_rudder_is_no_thruster() -> None:
+    found = map_columns([log(heading=HEADING, rudder_command=np.sign(ANGLE) * 30.0 + 40.0, rudder=ANGLE, speed=SPEED)])
+    assert [one.angle.source for one in found.rudders] == ["rudder"]
+    assert found.commands == ()
+
+
 def test_a_propeller_of_a_vehicle_is_no_bench_motor() -> None:
     found = map_columns([log(depth=SPEED, motor_rpm=900.0 * SPEED, motor_current=ANGLE)])
     assert "yaw_rate" not in found.signals

@@ -7,12 +7,15 @@ import tomllib
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from rovid.preflight.planar_check import PlanarCheck, check_planar
 from rovid.preflight.planar_guess import guess_planar, propeller_lines
 from rovid.preflight.raw_columns import RawColumn
+from rovid.readers.campaign import read_campaign
 from rovid.trial.config import load_planar_config
+from rovid.trial.trial import Trial
 from tests.conftest import SAMPLES, Rovid
 from tests.planar.campaign import PORT_AND_STARBOARD, SIGNALS, Motion, write_campaign, write_log
 
@@ -115,6 +118,45 @@ def test_init_writes_the_shares_that_the_logs_show(folder: Path, tmp_path: Path,
     assert (port.arm, starboard.arm) == (1.0, -1.0)
     assert port.arm_guessed
     assert rovid("check", tmp_path, "--axes", "planar").code == 0
+
+
+@pytest.mark.parametrize(("scale", "unit"), [(1.0, "deg"), (1e7, "1e-7 deg")])
+def test_a_latitude_and_a_longitude_are_a_position(
+    folder: Path, tmp_path: Path, rovid: Rovid, scale: float, unit: str
+) -> None:
+    for path in folder.glob("*.c*"):
+        table = pd.read_csv(path)
+        if {"n", "e"} <= set(table):
+            # Of an ellipsoid by its radii at 60 deg: 111 412 m of one degree of latitude, 55 800 m of longitude.
+            table["lat"], table["lon"] = (
+                scale * (60.0 + table["n"] / 111_412.0),
+                scale * (table["e"] / 55_800.0 - 180.0),
+            )
+            table["lon"] += 360.0 * scale * (table["lon"] < -180.0 * scale)
+        table.to_csv(tmp_path / path.name, index=False)
+    guess = guess_planar([{
+        name: RawColumn(source=name, time=table["t"].to_numpy(), values=table[name].to_numpy()) for name in ("lat", "lon")
+    }], set(), ())  # fmt: skip
+    assert {name: (one.source, one.unit) for name, one in guess.signals.items()} == {
+        "north": ("lat", unit), "east": ("lon", unit),
+    }  # fmt: skip
+    lines = [line for line in SIGNALS.splitlines() if not line.startswith(("north", "east"))]
+    north, east = f'north = {{ csv = "lat", unit = "{unit}" }}', f'east = {{ csv = "lon", unit = "{unit}" }}'
+    (tmp_path / "rovid.toml").write_text(PORT_AND_STARBOARD + "\n".join([*lines, north, east]))
+
+    def read(where: Path) -> list[Trial]:
+        return list(read_campaign([where], load_planar_config(where / "rovid.toml")).trials)
+
+    for metres, degrees in zip(read(folder), read(tmp_path), strict=True):
+        for name in ("north", "east"):
+            expected = metres.readings[name].values
+            assert degrees.readings[name].values - np.median(degrees.readings[name].values) == pytest.approx(
+                expected - np.median(expected), rel=2e-5, abs=2e-3
+            )
+
+    (tmp_path / "rovid.toml").write_text(PORT_AND_STARBOARD + "\n".join([*lines, north, 'east = { csv = "e" }']))
+    done = rovid("check", tmp_path, "--axes", "planar")
+    assert (done.code, "a latitude and a longitude are read together" in done.err) == (2, True)
 
 
 def test_a_propeller_that_turns_nothing_is_taken_by_its_name() -> None:
