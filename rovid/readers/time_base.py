@@ -120,8 +120,8 @@ _SEMI_MAJOR, _ECCENTRICITY2 = 6_378_137.0, 6.694379990141e-3
 def local_position(north: TimedSeries, east: TimedSeries) -> tuple[TimedSeries, TimedSeries]:
     """North and east, m, from the median fix, of a latitude and a longitude as arcs of `EARTH_RADIUS`, m.
 
-    To first order on the ellipsoid WGS 84, by its radii of curvature in the meridian and in the prime vertical (Torge and
-    Mueller 2012, section 4.1). At a distance d it errs by d^2 tan(latitude) / radius: 0.16 m at 1 km and 45 deg.
+    To first order on the ellipsoid WGS 84, by its radii of curvature in the meridian and in the prime vertical (Torge
+    and Mueller 2012, section 4.1). At a distance d it errs by d^2 tan(latitude) / radius: 0.16 m at 1 km and 45 deg.
     """
     if not (north.known.size and east.known.size):
         return north, east

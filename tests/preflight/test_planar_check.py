@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 import tomllib
+from dataclasses import astuple
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from rovid.core.array_types import FloatArray
 from rovid.preflight.planar_check import PlanarCheck, check_planar
 from rovid.preflight.planar_guess import guess_planar, propeller_lines
 from rovid.preflight.raw_columns import RawColumn
@@ -134,9 +136,10 @@ def test_a_latitude_and_a_longitude_are_a_position(
             )
             table["lon"] += 360.0 * scale * (table["lon"] < -180.0 * scale)
         table.to_csv(tmp_path / path.name, index=False)
-    guess = guess_planar([{
-        name: RawColumn(source=name, time=table["t"].to_numpy(), values=table[name].to_numpy()) for name in ("lat", "lon")
-    }], set(), ())  # fmt: skip
+    table = pd.read_csv(min(tmp_path.glob("run*.csv")))
+    time = table["t"].to_numpy()
+    columns = [RawColumn(source=name, time=time, values=table[name].to_numpy()) for name in ("lat", "lon")]
+    guess = guess_planar([{column.source: column for column in columns}], set(), ())
     assert {name: (one.source, one.unit) for name, one in guess.signals.items()} == {
         "north": ("lat", unit), "east": ("lon", unit),
     }  # fmt: skip
@@ -147,12 +150,13 @@ def test_a_latitude_and_a_longitude_are_a_position(
     def read(where: Path) -> list[Trial]:
         return list(read_campaign([where], load_planar_config(where / "rovid.toml")).trials)
 
+    def middle(trial: Trial, name: str) -> FloatArray:
+        _, values = astuple(trial.readings[name])
+        return np.asarray(values - np.median(values))
+
     for metres, degrees in zip(read(folder), read(tmp_path), strict=True):
         for name in ("north", "east"):
-            expected = metres.readings[name].values
-            assert degrees.readings[name].values - np.median(degrees.readings[name].values) == pytest.approx(
-                expected - np.median(expected), rel=2e-5, abs=2e-3
-            )
+            assert middle(degrees, name) == pytest.approx(middle(metres, name), rel=2e-5, abs=2e-3)
 
     (tmp_path / "rovid.toml").write_text(PORT_AND_STARBOARD + "\n".join([*lines, north, 'east = { csv = "e" }']))
     done = rovid("check", tmp_path, "--axes", "planar")
