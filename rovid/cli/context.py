@@ -376,6 +376,10 @@ def print_json(document: Any) -> None:
     """Print the document of --json."""
     from rovid.core.formatting import to_json
 
+    if "rovid.effects.plugins" in sys.modules and "warnings" in document:
+        from rovid.effects.plugins import plugin_warnings
+
+        document["warnings"] = [*plugin_warnings(), *document["warnings"]]
     typer.echo(to_json(document))
 
 

@@ -15,7 +15,7 @@ from rovid.cli.context import (
     yaw_parameters,
 )
 from rovid.cli.help_format import Page
-from rovid.cli.options import ForceGuess, Json, OptionalLogs, ParameterFile, option
+from rovid.cli.options import EffectsFrom, ForceGuess, Json, OptionalLogs, ParameterFile, add_effects, option
 from rovid.cli.progress import progress
 
 PAGE = Page(
@@ -67,9 +67,11 @@ def control(
     python: Annotated[Path | None, option("FILE", "Write the controller as Python.")] = None,
     parameters: ParameterFile = None,
     force: ForceGuess = False,
+    effects_from: EffectsFrom = None,
     json: Json = False,
 ) -> None:
     """Design a heading controller."""
+    add_effects(effects_from)
     from rovid.control.control_law import c_source, python_source
     from rovid.control.design import design_controller
     from rovid.control.specs import ControllerOptions, loop_conditions

@@ -16,7 +16,18 @@ from rovid.cli.context import (
     store_estimate,
 )
 from rovid.cli.help_format import Page
-from rovid.cli.options import Axes, AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile, TimeBudget
+from rovid.cli.options import (
+    Axes,
+    AxisName,
+    Cutoff,
+    EffectsFrom,
+    Force,
+    Json,
+    OptionalLogs,
+    ParameterFile,
+    TimeBudget,
+    add_effects,
+)
 from rovid.cli.planar_session import is_planar, open_planar_session, store_planar_fit
 from rovid.cli.progress import progress
 
@@ -52,9 +63,11 @@ def diagnose(
     cutoff: Cutoff = None,
     budget: TimeBudget = None,
     force: Force = False,
+    effects_from: EffectsFrom = None,
     json: Json = False,
 ) -> None:
     """Find the errors of the simulation and their causes."""
+    add_effects(effects_from)
     if is_planar(axes, axis, cutoff=cutoff):
         _diagnose_planar(logs, parameters, budget, force=force, json=json)
         return

@@ -16,7 +16,7 @@ from rovid.cli.context import (
     yaw_parameters,
 )
 from rovid.cli.help_format import Page
-from rovid.cli.options import Axes, ForceGuess, Json, ParameterFile, argument, option
+from rovid.cli.options import Axes, EffectsFrom, ForceGuess, Json, ParameterFile, add_effects, argument, option
 from rovid.cli.planar_session import is_planar, planar_parameters
 from rovid.cli.progress import progress
 from rovid.export import FORMATS
@@ -61,9 +61,11 @@ def export(
     axes: Axes = None,
     parameters: ParameterFile = None,
     force: ForceGuess = False,
+    effects_from: EffectsFrom = None,
     json: Json = False,
 ) -> None:
     """Write the model in the format of a simulator."""
+    add_effects(effects_from)
     if is_planar(axes, None):
         _export_planar(format, output, parameters, force=force, json=json)
         return

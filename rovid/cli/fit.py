@@ -12,7 +12,18 @@ import typer
 from rovid.cli import completion
 from rovid.cli.context import compile_in_background, console, fit_and_store, open_session, print_json
 from rovid.cli.help_format import Page
-from rovid.cli.options import Axes, AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile, option
+from rovid.cli.options import (
+    Axes,
+    AxisName,
+    Cutoff,
+    EffectsFrom,
+    Force,
+    Json,
+    OptionalLogs,
+    ParameterFile,
+    add_effects,
+    option,
+)
 from rovid.cli.planar_session import is_planar, open_planar_session, store_planar_fit
 from rovid.cli.progress import progress
 
@@ -53,9 +64,11 @@ def fit(
     parameters: ParameterFile = None,
     cutoff: Cutoff = None,
     force: Force = False,
+    effects_from: EffectsFrom = None,
     json: Json = False,
 ) -> None:
     """Fit all parameters by maximum likelihood."""
+    add_effects(effects_from)
     if is_planar(axes, axis, gyro=gyro, cutoff=cutoff):
         _fit_planar(logs, effect or [], parameters, force=force, json=json)
         return

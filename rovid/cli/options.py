@@ -80,4 +80,21 @@ TimeBudget = Annotated[
         show_envvar=False,
     ),
 ]
+EffectsFrom = Annotated[
+    list[Path] | None,
+    option(
+        "FILE.py",
+        "Add the effects in this Python file to the catalogue. The file is run. Repeatable. `rovid effect new` writes "
+        "such a file.",
+        "--effects-from",
+    ),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on standard output and nothing else.")]
+
+
+def add_effects(files: list[Path] | None) -> None:
+    """Add the effects in ``files``, those of --effects-from, to the catalogue."""
+    if files:
+        from rovid.effects import load_plugins
+
+        load_plugins(files)

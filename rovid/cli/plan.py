@@ -17,7 +17,7 @@ from rovid.cli.context import (
     stored_logs,
 )
 from rovid.cli.help_format import Page
-from rovid.cli.options import Axes, AxisName, Force, Json, OptionalLogs, ParameterFile, option
+from rovid.cli.options import Axes, AxisName, EffectsFrom, Force, Json, OptionalLogs, ParameterFile, add_effects, option
 from rovid.cli.planar_session import is_planar, planar_logs, planar_parameters_at
 from rovid.cli.progress import progress
 from rovid.core.errors import ConfigError
@@ -83,9 +83,11 @@ def plan(
     axes: Axes = None,
     parameters: ParameterFile = None,
     force: Force = False,
+    effects_from: EffectsFrom = None,
     json: Json = False,
 ) -> None:
     """Design the next run."""
+    add_effects(effects_from)
     from rovid.core.atomic_write import OutputFile
     from rovid.core.signatures import PLAN, png_signature
     from rovid.effects import effect_named
@@ -114,7 +116,7 @@ def plan(
     outputs = reserve_outputs([commands, picture], paths, stored.path, force=force)
     study = open_logs(paths, None, stored.axis)
     study.vehicle.require_no_rudder("a run of commands")
-    effects = tuple(effect_named(name) for name in dict.fromkeys((*stored.effects, *(effect or ()))))
+    effects = tuple(dict.fromkeys((*stored.effect_forms(), *map(effect_named, effect or ()))))
     with progress("Fitting, and comparing candidate runs …"):
         found = study.plan(effects, causes, limits(angular=stored.axis.angular), narrow or "")
     outputs.write({commands: command_csv(found), picture: plan_picture(found, stored.axis)})

@@ -18,7 +18,19 @@ from rovid.cli.context import (
     write_missing_config,
 )
 from rovid.cli.help_format import Page
-from rovid.cli.options import Axes, AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile, TimeBudget, option
+from rovid.cli.options import (
+    Axes,
+    AxisName,
+    Cutoff,
+    EffectsFrom,
+    Force,
+    Json,
+    OptionalLogs,
+    ParameterFile,
+    TimeBudget,
+    add_effects,
+    option,
+)
 from rovid.cli.planar_session import is_planar, open_planar_session, store_planar_fit
 from rovid.cli.progress import progress
 
@@ -72,9 +84,11 @@ def report(
     cutoff: Cutoff = None,
     budget: TimeBudget = None,
     force: Force = False,
+    effects_from: EffectsFrom = None,
     json: Json = False,
 ) -> None:
     """Write all results on one page."""
+    add_effects(effects_from)
     if is_planar(axes, axis, cutoff=cutoff):
         _report_planar(
             logs, parameters, output or Path("report_planar"), diagnosed=diagnosis, pdf=pdf, budget=budget, force=force,

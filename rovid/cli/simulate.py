@@ -17,7 +17,18 @@ from rovid.cli.context import (
     stored_logs,
 )
 from rovid.cli.help_format import Page
-from rovid.cli.options import Axes, AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile, option
+from rovid.cli.options import (
+    Axes,
+    AxisName,
+    Cutoff,
+    EffectsFrom,
+    Force,
+    Json,
+    OptionalLogs,
+    ParameterFile,
+    add_effects,
+    option,
+)
 from rovid.cli.planar_session import is_planar, planar_logs, planar_parameters
 from rovid.cli.progress import progress
 from rovid.core.errors import DataError
@@ -56,9 +67,11 @@ def simulate(
         option("OUT", "Write measurement, simulation and residual as MCAP: a file for one run, else a folder."),
     ] = None,
     force: Force = False,
+    effects_from: EffectsFrom = None,
     json: Json = False,
 ) -> None:
     """Simulate the runs and compare with the logs."""
+    add_effects(effects_from)
     if is_planar(axes, axis, cutoff=cutoff, mcap=mcap):
         _simulate_planar(logs, parameters, json=json)
         return

@@ -13,8 +13,8 @@ import numpy as np
 
 from rovid import __version__
 from rovid.core.array_types import FloatArray
-from rovid.effects import TERMS
-from rovid.effects.base import TERM_STATES, Instant
+from rovid.effects import term_effect
+from rovid.effects.base import TERM_STATES, Instant, Term
 from rovid.model.model import Model
 from rovid.trial.assumptions import Assumptions
 
@@ -135,7 +135,7 @@ def effect_torque(model: Model) -> TermTorque | None:
     terms = model.terms
     if not len(terms.kinds):
         return None
-    acting = [TERMS[kind] for kind in terms.kinds]
+    acting = [term for kind in terms.kinds.tolist() if isinstance(term := term_effect(kind).acts, Term)]
     numbers = terms.parameters[:, 0].reshape(len(acting), -1)
 
     def torque(

@@ -11,8 +11,12 @@ from rovid.effects.catalogue import (
     TERM_EFFECTS,
     TERMS,
     effect_named,
+    every_form,
     forms_for,
+    load_plugins,
     restoring_effect,
+    term_effect,
+    term_kind,
 )
 
 __all__ = [
@@ -27,6 +31,10 @@ __all__ = [
     "Effect",
     "EffectParameter",
     "effect_named",
+    "every_form",
     "forms_for",
+    "load_plugins",
     "restoring_effect",
+    "term_effect",
+    "term_kind",
 ]

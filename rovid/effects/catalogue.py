@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from importlib import import_module
+from pathlib import Path
 
 from rovid.core.errors import ConfigError, suggestion
 from rovid.effects import bias_torque, restoring, supply_sag, thruster_imbalance
 from rovid.effects.actuator_inputs import SPEEDS
 from rovid.effects.base import Effect, Term
 from rovid.effects.clock_offset import CLOCKS_APART
+from rovid.effects.further_terms import address_of, effect_at
 from rovid.effects.per_trial import trials_in_form
+from rovid.effects.plugins import further_forms, load_files
 from rovid.trial.axis import Axis
 from rovid.trial.vehicle import Vehicle
 
@@ -97,6 +100,7 @@ TERM_EFFECTS: tuple[Effect, ...] = (
     restoring.RIGHTING,
 )
 TERMS = tuple(effect.acts for effect in TERM_EFFECTS if isinstance(effect.acts, Term))
+_KINDS = {effect: kind for kind, effect in enumerate(TERM_EFFECTS)}
 # Effects with a form that has another size in each trial.
 _PER_TRIAL: Mapping[str, Callable[[Sequence[str]], Effect]] = {
     supply_sag.EFFECT.id: supply_sag.for_trials,
@@ -106,9 +110,36 @@ _PER_TRIAL: Mapping[str, Callable[[Sequence[str]], Effect]] = {
 _MIN_TRIALS, _MAX_TRIALS = 3, 24
 
 
+def term_kind(effect: Effect) -> int:
+    """Number by which the compiled loops know the term of ``effect``: its index in `TERM_EFFECTS`, or an address."""
+    kind = _KINDS.get(effect)
+    return address_of(effect) if kind is None else kind
+
+
+def term_effect(kind: int) -> Effect:
+    """The effect with the term of this ``kind``."""
+    return TERM_EFFECTS[kind] if kind < len(TERM_EFFECTS) else effect_at(kind)
+
+
 def restoring_effect(axis: Axis) -> Effect | None:
     """Restoring torque or force along ``axis``; None if there is none."""
     return _RESTORING.get(axis.name)
+
+
+def load_plugins(files: Sequence[Path]) -> None:
+    """Add the effects in these ``files`` of the user; see `rovid.effects.plugins`.
+
+    Raises
+    ------
+    ConfigError
+        A file does not exist.
+    """
+    load_files(files, EFFECTS)
+
+
+def every_form() -> tuple[Effect, ...]:
+    """All forms of the catalogue and of the plug-ins."""
+    return (*FORMS, *further_forms(EFFECTS))
 
 
 def forms_for(
@@ -128,7 +159,7 @@ def forms_for(
     found: list[Effect] = []
     # The thrust ahead replaces a speed that is not logged.
     estimates_speed = SPEEDS[0] not in channels and bool(vehicle.surge_shares.any())
-    for effect in FORMS:
+    for effect in every_form():
         if effect.axes and vehicle.axis.name not in effect.axes:
             continue
         if not vehicle.thrusters and (effect.changes_torque_input or effect.uses_wash):
@@ -165,7 +196,7 @@ def effect_named(name: str) -> Effect:
     ConfigError
         There is none. The message offers the nearest ids.
     """
-    for effect in (*FORMS, *PLANAR_FORMS, CLOCKS_APART):
+    for effect in (*every_form(), *PLANAR_FORMS, CLOCKS_APART):
         if effect.key == name and not effect.per_thruster:
             return effect
     key, _, form = name.partition(":")
@@ -177,6 +208,6 @@ def effect_named(name: str) -> Effect:
     if trials and key in _PER_TRIAL:
         return _PER_TRIAL[key](trials)
     # Forms are offered if the user gave one.
-    offered = [effect.key for effect in (FORMS if ":" in name else CATALOGUE)]
+    offered = [effect.key for effect in every_form() if ":" in name or not effect.form]
     mend = "`rovid help effects` explains each effect."
     raise ConfigError(f"there is no effect {name!r}. {suggestion(name, offered, SYNONYMS)}", mend=mend)

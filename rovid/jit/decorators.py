@@ -64,8 +64,8 @@ def is_cached(function: Any) -> bool:
 
 
 def _cached(dispatcher: Any, function: Function) -> Function:
-    """The ``dispatcher`` of ``function``, with a cache where there is a folder for it."""
-    if HAS_PRIVATE_MODULES and can_cache():
+    """The ``dispatcher`` of ``function``, with a cache for rovid's own code where there is a folder for it."""
+    if HAS_PRIVATE_MODULES and function.__module__.startswith("rovid.") and can_cache():
         from rovid.jit.cache import ContentHashCache
 
         dispatcher._cache = ContentHashCache(function)  # noqa: SLF001 - numba has no public way to define validity

@@ -9,7 +9,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
-from rovid.effects import TERM_EFFECTS, Effect
+from rovid.effects import Effect, term_effect, term_kind
 from rovid.effects.base import TERM_PARAMETERS, Body, Term, Values
 from rovid.jit.simd import LANES
 
@@ -43,7 +43,7 @@ def actions_at(effects: Sequence[BoundEffect], stage: type[Action]) -> Iterator[
 class PackedTerms(NamedTuple):
     """The m terms of an equation of motion: terms that entrain water first, then others with states, then the rest."""
 
-    kinds: IntArray  #: (m,) index of each term in ``rovid.effects.TERM_EFFECTS``.
+    kinds: IntArray  #: (m,) kind of each term, see `rovid.effects.term_kind`.
     #: (m * TERM_PARAMETERS, LANES) parameters of one term after the other, with a column for each of several models.
     parameters: FloatArray
     fastest: float  #: 1/s; the fastest rate of change among the states and the motion.
@@ -56,9 +56,9 @@ class PackedTerms(NamedTuple):
 
 def term_values(terms: PackedTerms) -> list[tuple[Term, Values]]:
     """Each of the terms of one model with the parameter values of its effect."""
-    found = []
+    found: list[tuple[Term, Values]] = []
     for at, kind in enumerate(terms.kinds.tolist()):
-        effect, first = TERM_EFFECTS[kind], TERM_PARAMETERS * at
+        effect, first = term_effect(kind), TERM_PARAMETERS * at
         assert isinstance(effect.acts, Term)  # noqa: S101 - all of them are
         found.append((effect.acts, effect.values(terms.parameters[first : first + len(effect.parameters), 0])))
     return found
@@ -98,7 +98,7 @@ def pack_terms(effects: Sequence[tuple[Effect, FloatArray]], fastest: float, ine
             added = term.added_inertia(values) if term.added_inertia else 0.0
             fastest = max(fastest, term.fastest(values) * (1.0 + max(added, 0.0) / inertia))
     return PackedTerms(
-        kinds=np.array([TERM_EFFECTS.index(effect) for effect, _, _ in rows], dtype=np.int64),
+        kinds=np.array([term_kind(effect) for effect, _, _ in rows], dtype=np.int64),
         parameters=parameters,
         fastest=fastest,
         entraining=sum(term.entrained_rate is not None for _, term, _ in rows),

@@ -11,7 +11,7 @@ from rovid.compare.difference_tests import ParameterChange
 from rovid.core.formatting import plus_minus, significant
 from rovid.diagnose.evidence import CANNOT_TELL, DEFINITIONS
 from rovid.diagnose.result import UNIDENTIFIABLE, Diagnosis, Finding
-from rovid.effects import CATALOGUE, PLANAR_FORMS, Effect, effect_named
+from rovid.effects import PLANAR_FORMS, Effect, effect_named, every_form
 from rovid.model.parameter_names import without_form
 from rovid.planar.diagnosis import PlanarDiagnosis
 from rovid.trial.assumptions import Assumptions
@@ -37,7 +37,7 @@ def effect_title(effect: Effect, axis: Axis = YAW) -> str:
 
 def cause_title(effect_id: str) -> str:
     """The title of the effect with this id; the id itself where the catalogue has none."""
-    titles = {effect.id: effect.title for effect in (*PLANAR_FORMS, *CATALOGUE)}
+    titles = {effect.id: effect.title for effect in reversed((*every_form(), *PLANAR_FORMS))}
     return titles.get(effect_id, effect_id)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from rovid.core.errors import RovidError
 from rovid.core.formatting import plus_minus
-from rovid.effects import effect_named
+from rovid.effects import every_form
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
@@ -170,7 +170,9 @@ def method_disagreement(entries: Mapping[str, Entry], estimate: Estimate) -> lis
 
 def effect_titles(names: Iterable[str]) -> str:
     """Titles of the effects among parameter ``names``, joined by "and"; empty if there are none."""
-    return " and ".join(dict.fromkeys(effect_named(key).title for key in effect_ids(names)))
+    titles = {effect.id: effect.title for effect in every_form()}
+    ids = (key.partition(":")[0] for key in effect_ids(names))
+    return " and ".join(dict.fromkeys(titles.get(name, name) for name in ids))
 
 
 def relative_deviation(value: float, reference: float) -> str:

@@ -17,6 +17,7 @@ from rovid.core.errors import ConfigError
 from rovid.core.paths import require_regular
 from rovid.core.signatures import PARAMETERS
 from rovid.core.toml import LARGEST, SMALLEST, expected_number, read_toml
+from rovid.effects.plugins import Origin
 from rovid.model.parameter_names import PLANAR_UNITS, base_names, is_planar_base
 from rovid.store.parameter_file import SCHEMA, SCHEMA_VERSION, Entry, OpenCombination, Parameters, Source
 from rovid.trial.axis import PLANAR, YAW, Axis, parameter_axis
@@ -89,6 +90,7 @@ def _parse(path: Path, document: Mapping[str, Any]) -> Parameters:
         sources=tuple(_source(written, path.parent) for written in document["sources"]),
         settings=_settings(document.get("rests_on")),
         assumed=assumed,
+        plugins={str(name): _origin(written) for name, written in document.get("plugins", {}).items()},
         undetermined=tuple(map(_undetermined, document.get("undetermined", []))),
     )
 
@@ -111,6 +113,10 @@ def _check_planar(values: Mapping[str, float]) -> None:
     sway, yaw, coupled = (values.get(name, math.nan) for name in ("sway.inertia", "yaw.inertia", _COUPLED))
     if coupled**2 >= sway * yaw:
         raise ValueError("the mass matrix of sway and yaw is not positive definite")
+
+
+def _origin(written: Mapping[str, Any]) -> Origin:
+    return Origin(plugin=str(written["plugin"]), version=str(written["version"]))
 
 
 def _undetermined(written: Mapping[str, Any]) -> OpenCombination:

@@ -20,7 +20,8 @@ from rovid.core.errors import ConfigError
 from rovid.core.escaping import encodable
 from rovid.core.paths import file_parts
 from rovid.core.signatures import PARAMETERS
-from rovid.effects import effect_named
+from rovid.effects import Effect, effect_named
+from rovid.effects.plugins import Origin, origin, require_origins
 from rovid.estimate.estimate import PER_INERTIA, Estimate
 from rovid.model.model import Model
 from rovid.model.parameter_names import base_names, effect_ids
@@ -93,6 +94,8 @@ class Parameters:
     #: parameters in it that a simulation uses, which the logs neither support nor contradict.
     undetermined: tuple[OpenCombination, ...] = ()
     assumed: Mapping[str, float] = field(default_factory=dict)
+    #: Id of each effect outside the catalogue -> the plug-in that its values were fitted with.
+    plugins: Mapping[str, Origin] = field(default_factory=dict)
 
     def cleared(self) -> Parameters:
         """A copy without parameters; the paths of the logs stay."""
@@ -109,7 +112,9 @@ class Parameters:
             replaced.update(filter(_is_of_effect, self.entries))
         kept = {name: entry for name, entry in self.entries.items() if name not in replaced}
         entries = kept | _entries(estimate, "" if provenance is None else provenance.options)
-        updated = replace(self, entries=entries, covariance=covariance | _covariance(estimate))
+        ids = {key.partition(":")[0] for key in effect_ids(estimate.names)}
+        plugins = {**self.plugins, **{name: found for name in ids if (found := origin(name))}}
+        updated = replace(self, entries=entries, covariance=covariance | _covariance(estimate), plugins=plugins)
         if provenance is None:
             return updated
         others = entries.keys() - set(estimate.names)
@@ -184,7 +189,7 @@ class Parameters:
         if not self.per_inertia:
             inertia = self._needed("inertia", "Run `rovid fit-inertia` first.")
         linear_drag = self.entries["linear_drag"].value if "linear_drag" in self.entries else 0.0
-        effects = tuple(map(effect_named, self.effects))
+        effects = self.effect_forms()
         # The first three names are the inertia and the two drags; the others are restoring terms.
         restoring = [self._needed(name, "Run `rovid fit-inertia LOGS` first.") for name in base_names(self.axis)[3:]]
         effect_values = []
@@ -224,6 +229,21 @@ class Parameters:
         """Ids of the effects whose parameters are here."""
         return effect_ids(self.entries)
 
+    def effect_forms(self) -> tuple[Effect, ...]:
+        """The effects whose parameters are here.
+
+        Raises
+        ------
+        ConfigError
+            An effect is unknown, or its plug-in is not loaded, or is loaded in another version.
+        """
+        require_origins(self._plugins_in_use(), self.path)
+        return tuple(map(effect_named, self.effects))
+
+    def _plugins_in_use(self) -> dict[str, Origin]:
+        ids = {key.partition(":")[0] for key in self.effects}
+        return {name: one for name, one in self.plugins.items() if name in ids}
+
     def _written(self, entry: Entry) -> dict[str, Any]:
         """One parameter for the file, marked if it is a placeholder."""
         written: dict[str, Any] = asdict(entry)
@@ -259,6 +279,7 @@ class Parameters:
         names = [name for name in base_names(self.axis) if name in self.entries]
         names += filter(_is_of_effect, self.entries)
         axis = {} if self.axis is YAW else {"axis": self.axis.name}
+        plugins = {name: asdict(one) for name, one in self._plugins_in_use().items()}
         return {
             "schema": f"{SCHEMA}/{SCHEMA_VERSION}",
             "rovid_version": __version__,
@@ -270,6 +291,7 @@ class Parameters:
             **({"assumed": dict(self.assumed)} if self.assumed else {}),
             **({"undetermined": list(map(asdict, self.undetermined))} if self.undetermined else {}),
             "covariance": {"names": names, "matrix": self._matrix(names)},
+            **({"plugins": plugins} if plugins else {}),
             **({} if self.settings is None else {"rests_on": asdict(self.settings)}),
             "sources": [_written(source, self.path.parent) for source in self.sources],
         }

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from rovid.core.errors import ConfigError, suggestion
 from rovid.diagnose.result import Diagnosis
-from rovid.effects import EFFECTS, effect_named
+from rovid.effects import effect_named, every_form
 from rovid.estimate.estimate import Estimate
 from rovid.model.parameter_names import base_names, without_form
 from rovid.trial.axis import Axis
@@ -71,7 +71,7 @@ def parse_criteria(text: str, axis: Axis, *, diagnosed: bool = True) -> tuple[St
 
 def _criterion(words: str, share: float, axis: Axis, *, diagnosed: bool) -> StopCriterion:
     name = re.sub(r"[ -]+", "_", words)
-    known = {*base_names(axis), *EFFECTS}
+    known = {*base_names(axis), *(effect.id for effect in every_form())}
     key, _, parameter = name.rpartition(".")
     if key:
         names = [one.name for one in effect_named(key).parameters]

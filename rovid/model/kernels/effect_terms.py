@@ -7,6 +7,8 @@ from typing import Any
 
 from rovid.effects import TERMS
 from rovid.effects.base import TERM_PARAMETERS, TERM_STATES, Instant, Term
+from rovid.effects.further_terms import flattened
+from rovid.jit.call_by_address import call_at
 from rovid.jit.decorators import njit_inline, njit_noalloc
 from rovid.jit.simd import LANES, broadcast, extract, insert, is_branch_free, load, store, switch, traced
 
@@ -43,22 +45,23 @@ def _padded(term: Term) -> Callable[..., Any]:
     """The torque of ``term`` and the derivatives of TERM_STATES states, as vectors."""
     torque = taking_lanes(term.torque)
 
-    def without_states(at: Any, p: Any, x: Any) -> Any:  # noqa: ARG001 - as with states
+    def without_states(kind: Any, at: Any, p: Any, x: Any) -> Any:  # noqa: ARG001 - as with states
         return broadcast(torque(at, p)), broadcast(0.0), broadcast(0.0)
 
-    def one_state(at: Any, p: Any, x: Any) -> Any:
+    def one_state(kind: Any, at: Any, p: Any, x: Any) -> Any:  # noqa: ARG001 - as `_further_term`
         given, first = torque(at, p, x)
         return broadcast(given), broadcast(first), broadcast(0.0)
 
-    def two_states(at: Any, p: Any, x: Any) -> Any:
+    def two_states(kind: Any, at: Any, p: Any, x: Any) -> Any:  # noqa: ARG001 - as above
         given, first, second = torque(at, p, x)
         return broadcast(given), broadcast(first), broadcast(second)
 
     return (without_states, one_state, two_states)[term.states]
 
 
-def _no_term(at: Any, p: Any, x: Any) -> Any:  # noqa: ARG001 - as any term
-    return broadcast(0.0), broadcast(0.0), broadcast(0.0)
+def _further_term(kind: Any, at: Any, p: Any, x: Any) -> Any:
+    """The same of a term outside the catalogue, whose ``kind`` is the address of its function."""
+    return call_at(kind, flattened(at, p, x))
 
 
 def _still_water(p: Any, x: Any) -> Any:  # noqa: ARG001 - as any entrained rate
@@ -73,8 +76,8 @@ def _choice(functions: dict[int, Callable[..., Any] | None], otherwise: Callable
     return switch({kind: taking_lanes(one) for kind, one in functions.items() if one is not None}, otherwise)
 
 
-# The kind of a term is its index in ``rovid.effects.TERMS``.
-_term = switch({kind: _padded(term) for kind, term in enumerate(TERMS)}, _no_term)
+# The kind of a term is its index in ``rovid.effects.TERMS``, or an address: see `rovid.effects.further_terms`.
+_term = switch({kind: _padded(term) for kind, term in enumerate(TERMS)}, _further_term)
 _entrained_rate = _choice({kind: term.entrained_rate for kind, term in enumerate(TERMS)}, _still_water)
 _reset = _choice({kind: term.reset for kind, term in enumerate(TERMS)}, _no_reset)
 
@@ -117,7 +120,7 @@ def sum_terms(
             effect_inputs[2],
             equation.body,
         )
-        torque, first, second = _term(kinds[j], at, _parameters(parameters, j), _states(state, j))
+        torque, first, second = _term(kinds[j], kinds[j], at, _parameters(parameters, j), _states(state, j))
         total = total + torque
         store(derivative, TERM_STATES * j, first)
         store(derivative, TERM_STATES * j + 1, second)

@@ -12,7 +12,6 @@ from rovid.control.specs import ControllerOptions, loop_conditions
 from rovid.core.atomic_write import OutputFile, OutputSet
 from rovid.core.errors import DataError
 from rovid.core.signatures import pdf_signature
-from rovid.effects import effect_named
 from rovid.estimate.estimate import Estimate
 from rovid.export import FORMATS
 from rovid.export.interface import export_input
@@ -202,7 +201,7 @@ def _fitted_again(before: Parameters, study: Study) -> Estimate | None:
     if not any(entry.method in JOINT_METHODS for entry in before.entries.values()):
         return None
     gyro = any("--gyro" in entry.options for entry in before.entries.values())
-    effects = tuple(map(effect_named, before.effects))
+    effects = before.effect_forms()
     fit, _ = _or_refusal(lambda: study.likelihood(effects, gyro=gyro))
     return None if fit is None else fit.estimate
 

@@ -15,7 +15,7 @@ from rovid.core.atomic_write import OutputFile, OutputSet
 from rovid.core.formatting import plus_minus
 from rovid.core.signatures import PAGE, png_signature
 from rovid.diagnose.result import discriminating_experiment
-from rovid.effects import effect_named, restoring_effect
+from rovid.effects import restoring_effect
 from rovid.estimate.inertia import METHODS
 from rovid.model.parameter_names import base_names
 from rovid.present.number_format import arm_words, parameter_title, steady_state_words, unit_symbol
@@ -118,7 +118,7 @@ def _context(report: ReportData, figures: ReportFigures, today: date) -> dict[st
         "correlations": fits.correlation_table(report.parameters),
         "unidentifiable": diagnosis.unidentifiable_words(report.vehicle),
         "residual_sizes": residual_sizes,
-        "effects": list(map(effect_named, report.parameters.effects)),
+        "effects": report.parameters.effect_forms(),
         "missing": missing,
         "warnings": list(_warnings(report, [reason for _, reason in missing if reason])),
         "refused": [*missing, *_other_refusals(report)],

@@ -1,0 +1,113 @@
+"""Terms outside the catalogue: compiled alone, and called by the compiled loops through their address."""
+
+# mypy: allow-untyped-calls, allow-untyped-decorators
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import numba
+import numpy as np
+from numba import carray  # type: ignore[attr-defined]  # as above
+
+from rovid.effects.base import Body, Effect, Instant, Term
+from rovid.jit.call_by_address import FUNCTIONS, RESULTS, SIGNATURE
+from rovid.jit.decorators import compiled
+from rovid.jit.simd import LANES, broadcast, traced
+
+# Numbers in `flattened`.
+_COUNT = 19
+
+
+@traced
+def flattened(at: Any, p: Any, x: Any) -> Any:
+    """Tuple of vectors: the instant with the plain model at its end, the parameters and the states."""
+    return (
+        broadcast(at.rate),
+        broadcast(at.relative_rate),
+        broadcast(at.angle),
+        broadcast(at.start),
+        broadcast(at.thruster_torque),
+        broadcast(at.wash),
+        broadcast(at.surge),
+        broadcast(at.sway),
+        broadcast(at.body.inertia),
+        broadcast(at.body.quadratic_drag),
+        broadcast(at.body.linear_drag),
+        broadcast(at.body.stiffness),
+        broadcast(at.body.trim),
+        broadcast(p[0]),
+        broadcast(p[1]),
+        broadcast(p[2]),
+        broadcast(p[3]),
+        broadcast(x[0]),
+        broadcast(x[1]),
+    )
+
+
+# Address of its function -> effect.
+_EFFECTS: dict[int, Effect] = {}
+
+
+@functools.cache
+def address_of(effect: Effect) -> int:
+    """Address of the compiled term of ``effect``, which the compiled loops take for its kind.
+
+    Raises
+    ------
+    numba.errors.NumbaError
+        The term cannot be compiled.
+    """
+    term = effect.acts
+    assert isinstance(term, Term)  # noqa: S101 - only terms are compiled
+    if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]  # numba ships no types
+        address = id(effect)
+        FUNCTIONS[address] = functools.partial(_lane_by_lane, term)
+    else:
+        function = _compiled(term)
+        address = int(function.address)
+        FUNCTIONS[address] = function
+    _EFFECTS[address] = effect
+    return address
+
+
+def effect_at(address: int) -> Effect:
+    """The effect with this address."""
+    return _EFFECTS[address]
+
+
+def _compiled(term: Term) -> Any:
+    function = term.torque if hasattr(term.torque, "py_func") else compiled(term.torque)
+    states = term.states
+
+    @numba.njit(error_model="numpy")
+    def of_lane(n: Any, i: int) -> Any:
+        body = Body(n[8, i], n[9, i], n[10, i], n[11, i], n[12, i])
+        at = Instant(n[0, i], n[1, i], n[2, i], n[3, i], n[4, i], n[5, i], n[6, i], n[7, i], body)
+        p, x = (n[13, i], n[14, i], n[15, i], n[16, i]), (n[17, i], n[18, i])
+        if states == 0:
+            return float(function(at, p)), 0.0, 0.0
+        if states == 1:
+            torque, first = function(at, p, x)
+            return float(torque), float(first), 0.0
+        torque, first, second = function(at, p, x)
+        return float(torque), float(first), float(second)
+
+    @numba.cfunc(SIGNATURE, error_model="numpy")
+    def of_lanes(numbers: Any, results: Any) -> None:
+        n, found = carray(numbers, (_COUNT, LANES)), carray(results, (RESULTS, LANES))
+        for i in range(LANES):
+            found[0, i], found[1, i], found[2, i] = of_lane(n, i)
+
+    return of_lanes
+
+
+def _lane_by_lane(term: Term, numbers: Any) -> Any:
+    """`RESULTS` vectors of ``term`` without compilation."""
+    found = np.zeros((RESULTS, LANES))
+    for lane, n in enumerate(np.array(numbers).T.tolist()):
+        at = Instant._make((*n[:8], Body._make(n[8:13])))
+        torque, derivatives = term.evaluate(at, tuple(n[13:17]), tuple(n[17:]))
+        found[: 1 + len(derivatives), lane] = torque, *derivatives
+    return tuple(found)
