@@ -45,6 +45,7 @@ class Api:
     """The requests of one user. Logs that were read are cached until the files change."""
 
     root: RootFolder
+    scratch: Path | None = None  # Folder of temporary files; None: that of the system
     _survey_lock: threading.Lock = field(default_factory=threading.Lock)
     _columns_lock: threading.Lock = field(default_factory=threading.Lock)
     _check_lock: threading.Lock = field(default_factory=threading.Lock)
@@ -109,7 +110,7 @@ class Api:
                 return _check(paths, config, config)
             with self._survey_lock:
                 _, survey = self._survey(paths, form)
-            with tempfile.TemporaryDirectory(prefix="rovid-") as name:
+            with tempfile.TemporaryDirectory(dir=self.scratch) as name:
                 folder = Path(name)
                 for output, text in config_files(survey).items():
                     (folder / output.path.name).write_text(text, encoding="utf-8")

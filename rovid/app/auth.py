@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import atexit
 import hmac
 import secrets
-import shutil
-import tempfile
 import threading
 import webbrowser
-from collections.abc import Awaitable, Callable, MutableMapping
+from collections.abc import Awaitable, Callable, Container, MutableMapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+from rovid.app.connections import KNOWN
 
 ADDRESS = "127.0.0.1"
 Message = MutableMapping[str, Any]
@@ -31,6 +30,7 @@ _HEADERS = {
     b"cross-origin-resource-policy": b"same-origin",
     b"referrer-policy": b"no-referrer",
     b"x-content-type-options": b"nosniff",
+    b"x-dns-prefetch-control": b"off",
     b"cache-control": b"no-store",
 }
 _REFUSED = b"Forbidden\n"
@@ -42,10 +42,13 @@ class TokenGuard:
 
     The token is the first part of each path. A cookie would not do: browsers send cookies to every port of a machine,
     also to a server of another user.
+
+    A report is foreign content. Its address has no token, but a key of its own that opens this report only.
     """
 
     app: Asgi  # The wrapped application; its paths are without the token
     port: int
+    report_keys: Container[str] = ()  # Reports that are shown under /report/KEY
     token: str = field(default_factory=lambda: secrets.token_urlsafe(32), repr=False)
     # Single-use tokens for a browser that is sent here by a local file
     tickets: set[str] = field(default_factory=set, repr=False)
@@ -72,15 +75,22 @@ class TokenGuard:
         first, slash, rest = scope["path"].removeprefix("/").partition("/")
         if not self._has_our_host(scope):
             await _answer(send, 403, _REFUSED)
-        elif slash and self._is_same_site(scope) and hmac.compare_digest(first.encode(), self.token.encode()):
-            inside = {**scope, "path": f"/{rest}", "raw_path": f"/{rest}".encode(), "root_path": ""}
-            await self.app(inside, receive, _with_headers(send))
+        elif slash and self._is_same_site(scope) and (inside := self._path_inside(first, rest)):
+            scope.get("state", {}).get(KNOWN, []).append(True)
+            inner = {**scope, "path": inside, "raw_path": inside.encode(), "root_path": ""}
+            await self.app(inner, receive, _with_headers(send))
         elif not slash and scope["method"] == "GET" and self._redeem(first):
             # After this redirect the browser's requests have our own origin.
             page = f'<!doctype html><meta http-equiv="refresh" content="0;url=/{self.token}/"><title>rovid</title>'
             await _answer(send, 200, page.encode(), b"text/html; charset=utf-8")
         else:
             await _answer(send, 403, _REFUSED)
+
+    def _path_inside(self, first: str, rest: str) -> str | None:
+        """Path for the application; None without the token or the key of a report."""
+        if hmac.compare_digest(first.encode(), self.token.encode()):
+            return None if rest.startswith("report/") else f"/{rest}"
+        return f"/report/{rest}" if first == "report" and rest in self.report_keys else None
 
     def _has_our_host(self, scope: Message) -> bool:
         """Whether the host header is ours: another site's name may resolve to this machine (DNS rebinding)."""
@@ -118,13 +128,11 @@ async def _answer(send: Send, status: int, body: bytes, kind: bytes = b"text/pla
     await send({"type": "http.response.body", "body": body})
 
 
-def show_in_browser(address: str) -> None:
-    """Open a browser at ``address`` through a file that only this user can read.
+def show_in_browser(address: str, folder: Path) -> None:
+    """Open a browser at ``address`` through a file in ``folder``, which only this user can read.
 
     All users of a machine can read the command lines of its processes, so the address must not be on one.
     """
-    folder = Path(tempfile.mkdtemp(prefix="rovid-open-"))  # mode 0700
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
     page = folder / "rovid.html"
     refresh = f'<meta http-equiv="refresh" content="0;url={address}">'
     page.write_text(f"<!doctype html>\n<title>rovid</title>\n{refresh}\n", encoding="utf-8")

@@ -16,8 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any, Literal
 
-# Time in s between SIGTERM and SIGKILL.
-_PATIENCE = 5.0
+from rovid.app.job_process import PATIENCE
 
 
 @dataclass(kw_only=True)
@@ -40,10 +39,10 @@ class Job:
         # PYTHONSAFEPATH: a folder of logs may hold a file with the name of a module.
         settings = {"ROVID_PROGRESS": "lines", "PYTHONIOENCODING": "utf-8", "PYTHONSAFEPATH": "1"}
         self.process = subprocess.Popen(  # noqa: S603 - our own program, and names of logs
-            [sys.executable, "-m", "rovid", *self.arguments, "--json"],
+            [sys.executable, "-m", "rovid.app.job_process", *self.arguments, "--json"],
             cwd=self.folder,
             env={**os.environ, **settings},
-            stdin=subprocess.DEVNULL,
+            stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             encoding="utf-8",
@@ -65,11 +64,11 @@ class Job:
             self.state = "cancelled"
         self._signal(signal.SIGTERM)
         with contextlib.suppress(subprocess.TimeoutExpired):
-            self.process.wait(_PATIENCE)
+            self.process.wait(PATIENCE)
         # Also after a regular end, because child processes may still run.
         self._signal(getattr(signal, "SIGKILL", signal.SIGTERM))
         self.process.wait()
-        self._follower.join(_PATIENCE)
+        self._follower.join(PATIENCE)
 
     def document(self) -> dict[str, Any]:
         """Progress and result for the page."""
@@ -93,7 +92,7 @@ class Job:
     def _follow(self) -> None:
         """Read the process' output until it ends."""
         process = self.process
-        if process.stdout is None or process.stderr is None:
+        if process.stdin is None or process.stdout is None or process.stderr is None:
             raise RuntimeError("no pipes")
         printed: list[str] = []
         reader = threading.Thread(target=_read, args=(process.stdout, printed), daemon=True)
@@ -106,7 +105,7 @@ class Job:
                 add_step(self.steps, self.seconds, lines[-1].rpartition("): ")[2])
         code = process.wait()
         reader.join()
-        for stream in (process.stdout, process.stderr):
+        for stream in (process.stdin, process.stdout, process.stderr):
             stream.close()
         self._ended = time.monotonic()
         if self.state == "cancelled":

@@ -14,13 +14,13 @@ from datetime import datetime
 from pathlib import Path
 from typing import BinaryIO
 
+from rovid.app.session_folder import PART_PREFIX
 from rovid.core.errors import ConfigError, OutputError, is_visible
 from rovid.core.paths import list_files
 from rovid.trial.log_files import FORMATS
 
 # Maximum size of an uploaded file in bytes.
 LARGEST = 4 << 30
-_PART = ".rovid-upload-"
 # Free disk space in bytes that an upload leaves.
 _SPARE = 200 << 20
 # Limits of an uploaded file's name: letters of a part, number of parts.
@@ -170,7 +170,7 @@ class Upload:
         """Open the temporary file."""
         home = (folder / name).parent
         home.mkdir(parents=True, exist_ok=True)
-        part = home / f"{_PART}{secrets.token_hex(8)}"
+        part = home / f"{PART_PREFIX}{secrets.token_hex(8)}"
         return cls(name=name, home=home, part=part, stream=part.open("xb"))
 
     def check_size(self, size: str) -> None:

@@ -6,6 +6,7 @@ import contextlib
 import json
 import logging
 import secrets
+import signal
 import socket
 import sys
 from collections.abc import Callable, Sequence
@@ -22,8 +23,10 @@ from starlette.routing import Route
 
 from rovid.app.api import Api, config_folder, output_paths, shell_word
 from rovid.app.auth import ADDRESS, Asgi, TokenGuard
+from rovid.app.connections import LimitedProtocol, limit_messages
 from rovid.app.jobs import JobQueue
 from rovid.app.sandbox import RootFolder, Upload, clean_name
+from rovid.app.session_folder import SessionFolder, session_folder
 from rovid.core.errors import ConfigError, OutputError, RovidError
 from rovid.core.signatures import PAGE
 from rovid.trial.log_files import FORMATS
@@ -49,10 +52,11 @@ _REPORT_POLICY = (
 class _Handlers:
     """The request handlers."""
 
-    def __init__(self, root: RootFolder, logs: Sequence[Path], budget: float | None) -> None:
+    def __init__(self, root: RootFolder, logs: Sequence[Path], budget: float | None, session: SessionFolder) -> None:
         self.root = root
+        self.session = session
         self.options = [] if budget is None else ["--budget", f"{budget:g}"]
-        self.api = Api(root=root)
+        self.api = Api(root=root, scratch=session.path)
         self.jobs = JobQueue()
         self.logs = [root.name(log.resolve()) for log in logs]
         self.upload_folders: set[str] = set()
@@ -76,7 +80,8 @@ class _Handlers:
             Route("/api/cancel", self.cancel, methods=["POST"]),
             Route("/report/{key}", self.report),
         ]
-        return Starlette(routes=routes, exception_handlers={RovidError: _user_error, Exception: _defect})
+        handlers = {RovidError: _user_error, ClientDisconnect: _no_answer, Exception: _defect}
+        return Starlette(routes=routes, exception_handlers=handlers)
 
     def static(self, request: Request) -> Response:
         """The page and its files."""
@@ -128,13 +133,12 @@ class _Handlers:
             folder = self.root.name(await run_in_threadpool(self.root.new_folder))
             self.upload_folders.add(folder)
         upload = await run_in_threadpool(Upload.start, self.root.path(folder), name)
+        self.session.note_unfinished(upload.part)
         try:
             upload.check_size(request.headers.get("content-length", ""))
             async for part in request.stream():
                 await run_in_threadpool(upload.write, part)
             path = await run_in_threadpool(upload.finish)
-        except ClientDisconnect:
-            return Response(status_code=400)
         except OSError as error:
             raise OutputError(f"cannot be written ({error.strerror or error}).", where=name) from error
         finally:
@@ -173,7 +177,7 @@ class _Handlers:
         """Key of a report, under which `report` serves it; None if the file is not a report."""
         if not page.is_file() or not self.root.contains(page) or not PAGE.matches(page):
             return None
-        key = next((key for key, known in self.reports.items() if known == page), secrets.token_hex(8))
+        key = next((key for key, known in self.reports.items() if known == page), secrets.token_urlsafe(32))
         self.reports[key] = page
         return key
 
@@ -208,6 +212,10 @@ def _user_error(_: Request, error: Exception) -> Response:
     return JSONResponse({"error": str(error)}, status_code=400)
 
 
+def _no_answer(_: Request, __: Exception) -> Response:
+    return Response(status_code=400)
+
+
 def _defect(_: Request, error: Exception) -> Response:
     text = f"This is a defect of rovid ({type(error).__name__}). The terminal shows the details."
     return JSONResponse({"error": text}, status_code=500)
@@ -237,11 +245,13 @@ def listen(port: int) -> socket.socket:
 def serve(
     logs: Sequence[Path],
     listener: socket.socket,
-    ready: Callable[[TokenGuard, RootFolder], None],
+    ready: Callable[[TokenGuard, RootFolder, SessionFolder], None],
     *,
     budget: float | None = None,
 ) -> None:
     """Serve the page until the user stops the program, then cancel the running job.
+
+    Ctrl-C, SIGTERM and SIGHUP (a closed terminal) end the program alike.
 
     Parameters
     ----------
@@ -251,24 +261,44 @@ def serve(
         Time in s that a diagnosis may take; None: the default of the logs.
     """
     root = RootFolder.for_logs(logs)
-    handlers = _Handlers(root, logs, budget)
-    guard = TokenGuard(app=handlers.app(), port=listener.getsockname()[1])
-    logging.getLogger("uvicorn.error").setLevel(logging.ERROR)
-    config = uvicorn.Config(
-        guard,
-        access_log=False,
-        log_config=None,
-        server_header=False,
-        lifespan="off",
-        ws="none",
-        proxy_headers=False,
-        timeout_graceful_shutdown=2,
-    )
-    ready(guard, root)
-    try:
-        # Ctrl-C is the regular end.
-        with contextlib.suppress(KeyboardInterrupt):
-            uvicorn.Server(config).run(sockets=[listener])
-    finally:
-        handlers.jobs.close()
-        listener.close()
+    _end_like_ctrl_c()
+    with session_folder() as session:
+        handlers = _Handlers(root, logs, budget, session)
+        guard = TokenGuard(app=handlers.app(), port=listener.getsockname()[1], report_keys=handlers.reports)
+        for name in ("uvicorn.error", "asyncio"):
+            limit_messages(logging.getLogger(name))
+        config = uvicorn.Config(
+            guard,
+            http=LimitedProtocol,
+            # Most connections that are accepted before the limits apply.
+            backlog=128,
+            access_log=False,
+            log_config=None,
+            server_header=False,
+            lifespan="off",
+            ws="none",
+            proxy_headers=False,
+            timeout_graceful_shutdown=2,
+        )
+        ready(guard, root, session)
+        try:
+            with contextlib.suppress(KeyboardInterrupt):
+                uvicorn.Server(config).run(sockets=[listener])
+        finally:
+            _ignore_further_signals()
+            handlers.jobs.close()
+            listener.close()
+
+
+def _end_like_ctrl_c() -> None:
+    """Let SIGTERM, and SIGHUP of a closed terminal, end the program as Ctrl-C does."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    # nohup ignores SIGHUP.
+    if sys.platform != "win32" and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+        signal.signal(signal.SIGHUP, lambda *_: signal.raise_signal(signal.SIGTERM))
+
+
+def _ignore_further_signals() -> None:
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)

@@ -17,6 +17,7 @@ from rovid.core.errors import ConfigError
 if TYPE_CHECKING:
     from rovid.app.auth import TokenGuard
     from rovid.app.sandbox import RootFolder
+    from rovid.app.session_folder import SessionFolder
 
 PAGE = Page(
     text="""
@@ -64,13 +65,13 @@ def open(  # noqa: A001 - the command's name
     from rovid.app.auth import show_in_browser
     from rovid.app.server import listen, serve
 
-    def announce(guard: TokenGuard, root: RootFolder) -> None:
+    def announce(guard: TokenGuard, root: RootFolder, session: SessionFolder) -> None:
         if json:
             print_json({"schema": "rovid-open/1", "address": guard.address, "folder": str(root.folder)})
         else:
-            typer.echo(f"{guard.address}\nFor this machine, and whoever has this address. Ctrl-C ends it.")
+            typer.echo(f"{guard.address}\nKeep this address secret: it gives access to the page. Ctrl-C ends the page.")
         sys.stdout.flush()
         if browser:
-            show_in_browser(guard.ticket())
+            show_in_browser(guard.ticket(), session.path)
 
     serve(logs or [], listen(port), announce, budget=budget)

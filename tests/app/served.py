@@ -80,22 +80,24 @@ class Served:
             time.sleep(0.1)
         return now
 
-    def end(self) -> int:
-        """Interrupt the process, as Ctrl-C does."""
-        self.process.send_signal(signal.SIGINT)
+    def end(self, number: int = signal.SIGINT) -> int:
+        """End the process by a signal, as Ctrl-C does, and return its status."""
+        self.process.send_signal(number)
         return self.process.wait(_PATIENCE)
 
 
 @contextlib.contextmanager
-def served(top: Path, *logs: str) -> Iterator[Served]:
-    """The server, started in the folder ``top``."""
+def served(top: Path, *logs: str, temporary: Path | None = None) -> Iterator[Served]:
+    """The server, started in the folder ``top``, with the folder ``temporary`` for temporary files."""
+    settings = {} if temporary is None else {"TMPDIR": str(temporary)}
+    path = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
     said = top.parent / f"{top.name}-said.txt"
     with (
         said.open("w") as stderr,
         subprocess.Popen(
             [sys.executable, "-m", "rovid", "open", *logs, "--no-browser", "--json"],
             cwd=top,
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))},
+            env={**os.environ, "PYTHONPATH": path, **settings},
             stdout=subprocess.PIPE,
             stderr=stderr,
             text=True,

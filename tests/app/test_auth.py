@@ -13,6 +13,7 @@ from urllib.parse import unquote, urlsplit
 import pytest
 
 from rovid.app.auth import Message, Receive, Send, TokenGuard, show_in_browser
+from rovid.app.session_folder import session_folder
 from tests.app.served import Served
 
 OTHERS: dict[str, dict[str, str]] = {
@@ -122,6 +123,7 @@ def test_the_token_is_not_in_the_repr() -> None:
 
 
 def test_the_browser_gets_the_address_from_a_private_file(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The folder exists as long as the page."""
     opened: list[str] = []
     told = threading.Event()
 
@@ -131,9 +133,11 @@ def test_the_browser_gets_the_address_from_a_private_file(monkeypatch: pytest.Mo
         return True
 
     monkeypatch.setattr(webbrowser, "open", browse)
-    show_in_browser("http://127.0.0.1:5000/a-ticket")
-    assert told.wait(10.0)
-    assert "a-ticket" not in opened[0]
-    page = Path(unquote(urlsplit(opened[0]).path))
-    assert "url=http://127.0.0.1:5000/a-ticket" in page.read_text()
-    assert stat.S_IMODE(page.parent.stat().st_mode) == 0o700
+    with session_folder() as session:
+        show_in_browser("http://127.0.0.1:5000/a-ticket", session.path)
+        assert told.wait(10.0)
+        assert "a-ticket" not in opened[0]
+        page = Path(unquote(urlsplit(opened[0]).path))
+        assert "url=http://127.0.0.1:5000/a-ticket" in page.read_text()
+        assert stat.S_IMODE(page.parent.stat().st_mode) == 0o700
+    assert not page.parent.exists()

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import http.server
+import json
 import threading
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 from urllib.parse import urlsplit
 
 import pytest
@@ -212,11 +213,13 @@ class _Evil(http.server.BaseHTTPRequestHandler):
     """A page of another user's server on this machine that knows the address."""
 
     target = ""
+    visits: ClassVar[list[str]] = []
 
     def do_GET(self) -> None:
         self.send_response(200)
         self.send_header("content-type", "text/html")
         self.end_headers()
+        _Evil.visits.append(self.path)
         text = f"""<!doctype html><img id=i src="{self.target}static/app.css"><iframe src="{self.target}"></iframe>
         <script>
         const tried = [["GET", {{}}], ["POST", {{ method: "POST", body: "{{}}" }}]].map(async ([name, options]) => {{
@@ -233,14 +236,22 @@ class _Evil(http.server.BaseHTTPRequestHandler):
         pass
 
 
-def test_a_page_of_another_port_gets_no_answer(browser: Browser, server: Served) -> None:
+@pytest.fixture
+def evil(server: Served) -> Iterator[str]:
+    """Address of the page of another user."""
     _Evil.target = server.address
-    evil = http.server.ThreadingHTTPServer(("127.0.0.1", 0), _Evil)
-    threading.Thread(target=evil.serve_forever, daemon=True).start()
+    _Evil.visits.clear()
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), _Evil) as other:
+        threading.Thread(target=other.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{other.server_port}/"
+        other.shutdown()
+
+
+def test_a_page_of_another_port_gets_no_answer(browser: Browser, server: Served, evil: str) -> None:
     page = browser.new_page()
     answers: list[tuple[str, int]] = []
     page.on("response", lambda answer: answers.append((answer.url, answer.status)))
-    page.goto(f"http://127.0.0.1:{evil.server_port}/")
+    page.goto(evil)
     page.wait_for_function("window.done")
     page.wait_for_load_state("networkidle")
     assert page.evaluate("window.done") == [["GET", "refused"], ["POST", "refused"]]
@@ -248,5 +259,56 @@ def test_a_page_of_another_port_gets_no_answer(browser: Browser, server: Served)
     assert got
     assert set(got) == {403}
     page.close()
-    evil.shutdown()
-    evil.server_close()
+
+
+# Everything that a page can find out about where it is shown, and the ways out of a frame.
+_SPY = """<!doctype html>
+<meta name="generator" content="rovid 1.0">
+<body><p id="found"></p><script>
+const ways = {
+  href: () => location.href, referrer: () => document.referrer, base: () => document.baseURI, origin: () => origin,
+  ancestors: () => [...location.ancestorOrigins].join(), cookie: () => document.cookie,
+  parent: () => parent === self || parent.location.href, opener: () => String(opener && opener.location.href),
+  storage: () => localStorage.length, entries: () => JSON.stringify(performance.getEntries()),
+  history: () => navigation.entries().map(({ url }) => url).join(),
+  api: async () => (await fetch("/api/start")).status, popup: () => String(open("EVIL?popup")),
+  image: () => { new Image().src = "EVIL?image"; }, beacon: () => { navigator.sendBeacon("EVIL?beacon", "x"); },
+  top: () => { if (parent !== self) top.location = "EVIL?top"; },
+};
+(async () => {
+  const found = {};
+  for (const [name, act] of Object.entries(ways)) {
+    try { found[name] = String(await act()); } catch (error) { found[name] = `refused: ${error.name}`; }
+  }
+  document.getElementById("found").textContent = JSON.stringify(found);
+})();
+document.addEventListener("click", () => { location = "EVIL?self"; });
+</script>"""
+
+
+def test_a_report_from_elsewhere_learns_nothing_and_cannot_leave(browser: Browser, tmp_path: Path, evil: str) -> None:
+    """A report is foreign content: it sees neither the token nor the page, in the frame and in a tab of its own."""
+    top = tmp_path / "top"
+    logs_into(top / "day")
+    (top / "day" / "report").mkdir()
+    (top / "day" / "report" / "index.html").write_text(_SPY.replace("EVIL", evil))
+    with served(top, "day") as server:
+        page = browser.new_page()
+        page.goto(server.address)
+        frame = page.frame_locator("#report-frame")
+        found = [json.loads(frame.locator("#found", has_text="top").inner_text(timeout=_QUICK))]
+        with page.context.expect_page() as opened_tab:
+            page.get_by_role("link", name="Open the report").click()
+        tab = opened_tab.value
+        found.append(json.loads(tab.locator("#found", has_text="top").inner_text(timeout=_QUICK)))
+        frame.locator("#found").click()
+        page.wait_for_timeout(300)
+        assert page.url == server.address
+        for one in found:
+            assert server.token not in json.dumps(one)
+            assert one["href"].startswith(f"http://127.0.0.1:{server.port}/report/")
+            assert {one[way].partition(":")[0] for way in ("api", "cookie", "storage")} == {"refused"}
+            assert (one["origin"], one["referrer"], one["popup"]) == ("null", "", "null")
+        assert found[0]["parent"].startswith("refused")
+        page.context.close()
+    assert _Evil.visits == []

@@ -535,8 +535,9 @@ function showWork({ key: begun, state, seconds, steps, error, warnings, report, 
 function showReport(report, file) {
   byId("report").hidden = !report;
   if (!report) return byId("report-frame").removeAttribute("src");
-  byId("report-link").href = `report/${report}`;
-  byId("report-frame").src = `report/${report}`;
+  // The address of a report has no token: a report is foreign content.
+  byId("report-link").href = `/report/${report}`;
+  byId("report-frame").src = `/report/${report}`;
   byId("report-file").textContent = file ?? "";
   return undefined;
 }
