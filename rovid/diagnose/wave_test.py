@@ -84,10 +84,11 @@ def run_wave_test(data: InnovationData, beside: FitResult, wave: Effect | None, 
     bic_gain = bic_score(with_waves) - bic_score(plain)
     if not is_plausible(with_waves) or bic_gain <= 0.0:
         return WaveTest(plain, pieces)
-    # Coloured innovations overstate the gain: its scatter over time limits it.
-    return WaveTest(
-        plain, pieces, with_waves, plain.value - with_waves.value, min(bic_gain, _supported_gain(with_waves, plain))
-    )
+    gain = plain.value - with_waves.value
+    if not with_waves.is_white:
+        # Coloured innovations overstate the gain: its scatter over time limits it.
+        bic_gain = min(bic_gain, _supported_gain(with_waves, plain))
+    return WaveTest(plain, pieces, with_waves, gain, bic_gain)
 
 
 def _fit_without_waves(data: InnovationData, beside: FitResult) -> FitResult:
