@@ -7,12 +7,13 @@ delay. Its standard error is a jackknife over blocks, because the residuals are 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from rovid.core.array_types import FloatArray
+from rovid.faults.quick_model import log_name
 from rovid.signals.preprocessing import Run
 
 # Step and range of the shifts in periods of the cut-off, range as a share of the longest run; maximum number of samples
@@ -21,6 +22,11 @@ _STEP, _LONGEST, _SHARE, _MAX_SAMPLES = 0.1, 8.0, 0.04, 20_000
 # Length of a jackknife block in periods of the cut-off; the least number of blocks in which the torque varies, and its
 # least share of the mean square. The steps of one block alone have no error.
 _BLOCK, _MIN_BLOCKS, _VARIES = 8.0, 5, 1e-3
+# A log has a delay of its own if that reduces its residual below this share.
+_OWN_DELAY = 0.5
+
+#: (p, p), (p, m) and (m,) moments of p regressors, and of the torque at each of m shifts.
+Moments = tuple[FloatArray, FloatArray, FloatArray]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -56,13 +62,13 @@ def response_delay(runs: Sequence[Run], values: FloatArray | None = None) -> Res
     xx, xt, tt, variation = (np.array(each) for each in zip(*blocks, strict=True))
     if np.count_nonzero(variation > _VARIES * tt[:, tt.shape[1] // 2].mean()) < _MIN_BLOCKS:
         return None
-    total, fitted = _residuals(xx.sum(axis=0), xt.sum(axis=0), tt.sum(axis=0), values)
+    total, fitted = _residuals((xx.sum(axis=0), xt.sum(axis=0), tt.sum(axis=0)), values)
     best, every = _minimum(total), []
     if best is None:
         return None
     for at in range(len(blocks)):
         rest_xx, rest_xt, rest_tt = (each.sum(axis=0) - each[at] for each in (xx, xt, tt))
-        others, _ = _residuals(rest_xx, rest_xt, rest_tt, values)
+        others, _ = _residuals((rest_xx, rest_xt, rest_tt), values)
         every.append(_minimum(others))
     found = np.array([each for each in every if each is not None])
     if len(found) < len(blocks):
@@ -74,8 +80,39 @@ def response_delay(runs: Sequence[Run], values: FloatArray | None = None) -> Res
         delay=float(middle - best) * unit,
         error=error * unit,
         improvement=1.0 - smallest / max(at_zero, 1e-300),
-        values=fitted,
+        values=fitted if values is not None else fitted[:, middle],
     )
+
+
+def coarse_delays(runs: Sequence[Run]) -> dict[str, float]:
+    """Delay of the response in s, to one step of the shifts, by log; that of all logs unless one differs much.
+
+    A log differs where both its own model and the model of all logs halve its residual: one sine alone determines no
+    delay, and the model of all logs may miss a cause.
+    """
+    step, reach = shift_grid(runs)
+    period = runs[0].rates.kernel.period
+    stride = sum(len(run.filtered_torque) for run in runs) // _MAX_SAMPLES + 1
+    parts: dict[str, list[Moments]] = {}
+    for run in runs:
+        for xx, xt, tt, _ in _blocks(run, reach, step, stride, period):
+            parts.setdefault(log_name(run), []).append((xx, xt, tt))
+    if not parts:
+        return {}
+    moments = {name: _sums(each) for name, each in parts.items()}
+    total, fitted = _residuals(_sums(moments.values()))
+    common = int(np.argmin(total))
+    delays = {}
+    for run in runs:
+        best = common
+        if (own := moments.get(log_name(run))) is not None:
+            known, _ = _residuals(own, fitted[:, common])
+            free, _ = _residuals(own)
+            best = int(np.argmin(known))
+            if not (known[best] < _OWN_DELAY * known[common] and free[best] < _OWN_DELAY * free[common]):
+                best = common
+        delays[log_name(run)] = float((len(total) // 2 - best) * step * period)
+    return delays
 
 
 def _blocks(
@@ -107,10 +144,14 @@ def _blocks(
             )
 
 
-def _residuals(
-    xx: FloatArray, xt: FloatArray, tt: FloatArray, values: FloatArray | None
-) -> tuple[FloatArray, FloatArray]:
-    """(m,) sums of squares, and (p,) parameters without a shift."""
+def _sums(moments: Iterable[Moments]) -> Moments:
+    xx, xt, tt = (np.sum(each, axis=0) for each in zip(*moments, strict=True))
+    return xx, xt, tt
+
+
+def _residuals(moments: Moments, values: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+    """(m,) sums of squares, and (p, m) parameters at each shift; the (p,) ``values`` if they are given."""
+    xx, xt, tt = moments
     if values is not None:
         # Torque that the known parameters leave, and its trim.
         known = values[:-1]
@@ -119,7 +160,7 @@ def _residuals(
     size = np.sqrt(np.diag(xx)).clip(1e-300)
     scaled = xt / size[:, None]
     fitted = np.linalg.lstsq(xx / size[:, None] / size, scaled, rcond=1e-12)[0]
-    return np.asarray(tt - np.sum(scaled * fitted, axis=0)), fitted[:, fitted.shape[1] // 2] / size
+    return np.asarray(tt - np.sum(scaled * fitted, axis=0)), fitted / size[:, None]
 
 
 def _minimum(residuals: FloatArray) -> float | None:

@@ -19,26 +19,28 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import RovidError
 from rovid.core.stats import chi2_sf
-from rovid.effects import Effect, effect_named, restoring_effect
+from rovid.effects import Effect, effect_named
 from rovid.effects.base import ActuatorInputs, EffectParameter, OnTorque, Values
 from rovid.effects.clock_offset import mean_shifted
-from rovid.effects.per_trial import form_name, one_size_per_trial
-from rovid.effects.restoring import regressors
-from rovid.estimate.maximum_likelihood import LikelihoodFit, fit_likelihood
-from rovid.faults.response_delay import shift_grid
+from rovid.effects.per_trial import form_name
+from rovid.estimate.filter_data import InnovationData
+from rovid.estimate.fit_result import FitResult, fit
+from rovid.estimate.maximum_likelihood import INNOVATIONS_R2, fit_innovations
+from rovid.estimate.nested_fits import fit_with_effects
+from rovid.estimate.output_error import fit_output_error
+from rovid.faults.response_delay import coarse_delays
 from rovid.preflight.clock_alignment import SIGNIFICANT, ClockAlignment, ClockOffset, ClockOffsets, align_clocks
 from rovid.preflight.raw_columns import RawColumn
 from rovid.readers.formats import all_channels, relative_name
-from rovid.signals.preprocessing import PreparedRuns, Run, prepare
+from rovid.signals.preprocessing import Run, prepare
+from rovid.signals.rates import choose_cutoff
 from rovid.signals.shift import shift_commands
 from rovid.trial.config import Config
 from rovid.trial.trial import Campaign, Trial
 from rovid.trial.vehicle import Vehicle
 
-# Maximum number of samples in the regressions of the grid search for a shift.
-_MAX_SAMPLES = 20_000
-# A trial gets a shift of its own if that reduces the mean square residual below this share.
-_OWN_SHIFT = 0.5
+# Samples of all stretches together that the fits take, and the shortest stretch in periods of the cut-off.
+_MAX_READINGS, _SHORTEST = 6000, 24.0
 # Minimum log-likelihood gain to accept a lag in addition to the shifts, and minimum reduction of the shifts as a share
 # of that lag: a lag far longer than the reduction describes another deficiency of the model.
 _MIN_GAIN, _MIN_REDUCTION = 8.0, 0.4
@@ -81,15 +83,17 @@ def estimate_clock_offsets(trials: Sequence[Trial], config: Config) -> ClockOffs
             command_files[name] = relative_name(owner, config), max(intervals, default=0.0)
     known = {clock.name for clock in aligned}
     unknown = {name: file for name, (file, _) in command_files.items() if file not in known}
+    # A command may have changed at any time since the sample before, in all trials alike: root mean square of that.
+    interval = max((seconds for _, seconds in command_files.values()), default=0.0) / 3.0**0.5
     delays, lag = _response_delays([trial for trial in joined if _parent(trial) in unknown], config.vehicle)
     responses = [
         ClockOffset(name=unknown[name], offset=delay, error=error, middle=0.5 * wholes[name].duration)
         for name, (delay, error) in delays.items()
     ]
-    # A command may have changed at any time since the sample before, in all trials alike: root mean square of that.
-    interval = max((seconds for _, seconds in command_files.values()), default=0.0) / 3.0**0.5
+    changes = [np.count_nonzero(np.diff(wholes[name].commands, axis=0).any(axis=1)) for name in delays]
+    scatter = interval / max(float(np.median(changes)), 1.0) ** 0.5 if changes else 0.0
     offsets = _pooled(aligned, starts, config)
-    for clock in _pooled(responses, starts, config):
+    for clock in _pooled(responses, starts, config, scatter):
         offsets.append(replace(clock, error=math.hypot(clock.error, interval)))
     return ClockOffsets(offsets=tuple(replace(clock, given=_given(clock.name, config)) for clock in offsets), lag=lag)
 
@@ -140,8 +144,13 @@ def _aligned_clock(name: str, found: ClockAlignment) -> ClockOffset:
 # ---- files of one part
 
 
-def _pooled(clocks: Sequence[ClockOffset], starts: Mapping[str, float | None], config: Config) -> list[ClockOffset]:
-    """One clock for all files of a part if the offsets agree, or a common drift, or else the clocks themselves."""
+def _pooled(
+    clocks: Sequence[ClockOffset], starts: Mapping[str, float | None], config: Config, scatter: float = 0.0
+) -> list[ClockOffset]:
+    """One clock for all files of a part if the offsets agree, or a common drift, or else the clocks themselves.
+
+    ``scatter``: s, standard deviation between the offsets of files with one clock, besides their errors.
+    """
     parts: dict[str, list[ClockOffset]] = {}
     for clock in clocks:
         parts.setdefault(config.join.part(clock.name) if config.join else "", []).append(clock)
@@ -153,18 +162,20 @@ def _pooled(clocks: Sequence[ClockOffset], starts: Mapping[str, float | None], c
         # Clocks that start at zero in each file agree by coincidence only, unless they agree precisely.
         if len(own) < 2 or any(clock.drift for clock in own) or not (len(known) == len(own) or precise):
             pooled += own
-        elif (line := _fit_line(own, np.zeros(len(own)))) is not None:
+        elif (line := _fit_line(own, np.zeros(len(own)), scatter)) is not None:
             pooled.append(replace(own[0], name=part, offset=line[0][0], error=line[1][0]))
-        elif len(known) == len(own) > 2 and (line := _fit_line(own, known - known.mean())) is not None:
+        elif len(known) == len(own) > 2 and (line := _fit_line(own, known - known.mean(), scatter)) is not None:
             pooled += _on_line(own, known - known.mean(), line)
         else:
             pooled += own
     return pooled
 
 
-def _fit_line(clocks: Sequence[ClockOffset], time: FloatArray) -> tuple[list[float], list[float]] | None:
+def _fit_line(
+    clocks: Sequence[ClockOffset], time: FloatArray, scatter: float
+) -> tuple[list[float], list[float]] | None:
     """Weighted mean offset, and slope over ``time`` unless constant, with standard errors; None if chi^2 rejects it."""
-    errors = np.array([clock.error for clock in clocks])
+    errors = np.array([math.hypot(clock.error, scatter) for clock in clocks])
     x = np.column_stack((np.ones(len(time)), time)[: 1 + bool(np.ptp(time))]) / errors[:, None]
     y = np.array([clock.offset for clock in clocks]) / errors
     covariance = np.linalg.inv(x.T @ x)
@@ -195,61 +206,100 @@ def _on_line(
 
 
 def _response_delays(trials: Sequence[Trial], vehicle: Vehicle) -> tuple[dict[str, tuple[float, float]], float]:
-    """Delay of the response in s with standard error, by log; lag of the thrusters in s, 0 if not significant."""
+    """Delay of the response in s with standard error, by log; lag of the thrusters in s, 0 if not significant.
+
+    One delay common to all logs decides on the lag. Each log's own delay is fitted from there. The fits take a stretch
+    of each log: a few thousand readings determine a delay better than the interval between commands allows.
+    """
     if not trials or not trials[0].has_actuators:
         return {}, 0.0
     try:
-        shifts = coarse_shifts(prepare(Campaign(trials=tuple(trials), sources=()), vehicle))
+        shifts = coarse_delays(prepare(Campaign(trials=tuple(trials), sources=()), vehicle).items)
         bare = [replace(trial, rate=trial.rate if trial.rate_only else None, **_NO_TILT) for trial in trials]
         long = [trial for trial in bare if abs(shifts.get(_parent(trial), math.inf)) < 0.5 * trial.duration]
-        shifted = [shift_commands(trial, shifts[_parent(trial)]) for trial in long]
+        if not long:
+            return {}, 0.0
+        shifted = _stretches([shift_commands(trial, shifts[_parent(trial)]) for trial in long], vehicle)
         runs = prepare(Campaign(trials=tuple(shifted), sources=()), vehicle.with_logged_torque(shifted)).items
         names = list(dict.fromkeys(_parent(run.trial) for run in runs))
-        effects = (_clock_effect(names),)
-        plain = fit_likelihood(runs, vehicle, effects)
-        lagged = fit_likelihood(runs, vehicle, (*effects, effect_named(_LAG)))
+        fitted = _fit_delays(runs, vehicle, names)
     except RovidError:
         return {}, 0.0
-    lag, lag_error = _value_and_error(lagged, f"{_LAG}.time_constant")
-    without, beside = _delays(plain, names, shifts), _delays(lagged, names, shifts)
-    reduction = float(np.median([without[name][0] - beside[name][0] for name in names]))
-    gain = lagged.log_likelihood - plain.log_likelihood
-    if gain > _MIN_GAIN and lag > SIGNIFICANT * lag_error and reduction > _MIN_REDUCTION * lag:
-        return beside, lag
-    return without, 0.0
+    if fitted is None:
+        return {}, 0.0
+    values = dict(zip(fitted.model.names, fitted.model.values.tolist(), strict=True))
+    errors = dict(zip(fitted.model.names, _errors(fitted).tolist(), strict=True))
+    sizes = [f"{fitted.effects[0].key}.{parameter.name}" for parameter in fitted.effects[0].parameters]
+    delays = {
+        name: (shifts[name] + values[size], errors[size])
+        for name, size in zip(names, sizes, strict=True)
+        if math.isfinite(errors[size])
+    }
+    return delays, values.get(f"{_LAG}.time_constant", 0.0)
 
 
-def _delays(fit: LikelihoodFit, names: Sequence[str], shifts: Mapping[str, float]) -> dict[str, tuple[float, float]]:
-    delays = {}
-    for number, name in enumerate(names, 1):
-        delay, error = _value_and_error(fit, f"clock:{form_name(names)}.offset_{number}")
-        delays[name] = shifts[name] + delay, error
-    return delays
+def _fit_delays(runs: Sequence[Run], vehicle: Vehicle, names: Sequence[str]) -> FitResult | None:
+    """Fit with a delay of each log, and with a lag of the thrusters if it is significant; None for a poor model."""
+    start = fit_output_error(runs, min_sigmas=0.0)
+    data = InnovationData(runs, vehicle, start, gyro=False)
+    common, each, lag = _clock_effect(), _clock_effect(names), effect_named(_LAG)
+    best = plain = fit_with_effects(fit_innovations(data, data.free_run_r2(start)), (common,))
+    objective = plain.objective.with_effects((common, lag))
+    starts = [np.concatenate((plain.x, lags)) for lags in objective.parametrization.initial_values()]
+    lagged = min((fit(objective, x) for x in objective.most_likely(starts, 2)), key=lambda one: one.value)
+    if plain.value - lagged.value > _MIN_GAIN:
+        value, error = lagged.model.values[-1], _errors(lagged)[-1]
+        reduction = plain.model.values[-1] - lagged.model.values[-2]
+        if value > SIGNIFICANT * error and reduction > _MIN_REDUCTION * value:
+            best = lagged
+    if best.simulated_r2 < INNOVATIONS_R2 and not best.is_adequate:
+        return None
+    rest, x = best.without(common)
+    begin = best.objective.parametrization.effects_begin
+    own = np.concatenate((x[:begin], np.full(len(names), best.effect_coordinates(common)[0]), x[begin:]))
+    return fit(best.objective.with_effects((each, *rest)), own)
 
 
-def _value_and_error(fit: LikelihoodFit, parameter: str) -> tuple[float, float]:
-    at = fit.estimate.names.index(parameter)
-    return float(fit.estimate.values[at]), math.sqrt(fit.estimate.covariance[at, at])
+def _errors(fitted: FitResult) -> FloatArray:
+    """(p,) standard errors."""
+    return np.sqrt(np.diag(fitted.covariance(sandwich=not fitted.is_white)))
 
 
-def _clock_effect(names: Sequence[str]) -> Effect:
-    """A delay of either sign in each trial."""
+def _stretches(trials: Sequence[Trial], vehicle: Vehicle) -> list[Trial]:
+    """The part of each trial in which the torque varies most; together `_MAX_READINGS` samples."""
+    total = sum(len(trial.time) for trial in trials)
+    if total <= _MAX_READINGS:
+        return list(trials)
+    cutoff = choose_cutoff(trials)
+    parts = []
+    for trial in trials:
+        torque, count = vehicle.torque(trial), len(trial.time)
+        width = count * max(_MAX_READINGS / total, _SHORTEST / (cutoff * trial.duration))
+        length = min(int(width) + 1, count)
+        moved = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(torque)))))
+        first = int(np.argmax(moved[length - 1 :] - moved[: count - length + 1]))
+        parts.append(trial.part(slice(first, first + length), trial.name))
+    return parts
+
+
+def _clock_effect(names: Sequence[str] = ()) -> Effect:
+    """A delay of either sign, common to all trials, or one for each of the ``names``."""
     size = EffectParameter(
         name="offset", unit="s", neutral=0.0, low=-3.0, high=3.0, initial_values=(0.0,), scale="time"
     )
-    sizes = tuple(replace(one, initial_values=(0.0,)) for one in one_size_per_trial(size, len(names), 0.0))
+    sizes = tuple(replace(size, name=f"{size.name}_{number}") for number in range(1, len(names) + 1)) or (size,)
 
     def delayed(where: ActuatorInputs, torque: FloatArray, values: Values) -> FloatArray:
-        own = {name: values[one.name] for name, one in zip(names, sizes, strict=True)}
         out = torque.copy()
         for trial in where.trials:
-            out[trial.rows] = mean_shifted(where.time[trial.rows], torque[trial.rows], own[trial.parent])
+            own = values[sizes[names.index(trial.parent) if names else 0].name]
+            out[trial.rows] = mean_shifted(where.time[trial.rows], torque[trial.rows], own)
         return out
 
     return replace(
         effect_named("command_delay"),
         id="clock",
-        form=form_name(names),
+        form=form_name(names) if names else "",
         parameters=sizes,
         size_count=len(sizes),
         acts=OnTorque(delayed, settling_time=lambda *_: math.inf),
@@ -259,45 +309,3 @@ def _clock_effect(names: Sequence[str]) -> Effect:
 def _parent(trial: Trial) -> str:
     """Name of the log that a trial is, or is a part of."""
     return trial.parent or trial.name
-
-
-def coarse_shifts(runs: PreparedRuns) -> dict[str, float]:
-    """Delay of the response in s, to one step, by log; common to all logs unless one differs much."""
-    step, reach = shift_grid(runs.items)
-    shifts, period = np.arange(-reach, reach + 1, step), runs.items[0].rates.kernel.period
-    residuals = np.array(
-        [[_mean_square_residual([run], runs, shift) for shift in shifts.tolist()] for run in runs.items]
-    )
-    counts = [[len(run.filtered_torque)] for run in runs.items]
-    total = np.nansum(np.log(np.where(residuals > 0.0, residuals, np.nan)) * counts, axis=0)
-    common = int(np.argmin(total))
-    found: dict[str, float] = {}
-    for run, own in zip(runs.items, residuals, strict=True):
-        best = int(np.nanargmin(own)) if np.isfinite(own).any() else common
-        if not own[best] < _OWN_SHIFT * own[common]:
-            best = common
-        found.setdefault(_parent(run.trial), float(shifts[best] * period))
-    return found
-
-
-def _mean_square_residual(own: Sequence[Run], runs: PreparedRuns, shift: int) -> float:
-    """Mean square residual of the torque, ``shift`` samples later, on inertia, drag, trim and restoring terms."""
-    restoring = restoring_effect(runs.axis)
-    stride = sum(len(run.filtered_torque) for run in own) // _MAX_SAMPLES + 1
-    late, early = max(shift, 0), max(-shift, 0)
-    rows, torques = [], []
-    for run in own:
-        count = len(run.filtered_torque)
-        torque = np.full(count, np.nan)
-        if late + early < count:
-            torque[late : count - early] = run.filtered_torque[early : count - late]
-        known = np.flatnonzero(run.rates.valid & np.isfinite(torque))[::stride]
-        rate = run.rates.rate[known]
-        plain = (run.rates.acceleration[known], np.abs(rate) * rate, rate, np.ones(len(rate)))
-        rows.append(np.column_stack((*plain, regressors(restoring, run.rates.position[known]))))
-        torques.append(torque[known])
-    x, y = np.concatenate(rows), np.concatenate(torques)
-    if len(y) < 10 * x.shape[1]:
-        return math.nan
-    values = np.linalg.lstsq(x, y, rcond=None)[0]
-    return float(np.mean((y - x @ values) ** 2))
