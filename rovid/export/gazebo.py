@@ -25,8 +25,8 @@ from rovid.trial.trial import Trial
 NEWTONS = "Thruster takes newtons: the curves in the file turn commands into them, effects of the curve included."
 # s, integration steps of gz-sim with DART (semi-implicit Euler) and of VRX's worlds.
 GZ_STEP, VRX_STEP = 0.001, 0.004
-# VRX: N m, default limit of the hydrodynamic torque, and its limit relative to the largest drag in the logs.
-_EFFORT, _EFFORT_FACTOR = 10_000.0, 10.0
+# VRX: default limit of a hydrodynamic force in N or torque in N m, and its limit relative to the largest drag in logs.
+EFFORT, EFFORT_FACTOR = 10_000.0, 10.0
 # Number of points of a curve behind a dead band.
 _POINTS = 20001
 
@@ -55,7 +55,7 @@ def export_gz_sim(subject: ExportInput) -> ExportResult:
 def export_vrx(subject: ExportInput) -> ExportResult:
     """A model in SDF for VRX on gz-sim."""
     model = subject.model
-    effort = max(_EFFORT, _EFFORT_FACTOR * float(model.drag(np.array(subject.largest_rate))))
+    effort = max(EFFORT, EFFORT_FACTOR * float(model.drag(np.array(subject.largest_rate))))
     hydrodynamics = f"""    <plugin filename="libSimpleHydrodynamics.so" name="vrx::SimpleHydrodynamics">
       <link_name>base_link</link_name>
       <nDotR>0</nDotR>
@@ -98,22 +98,14 @@ def _model(
         x, side = curve.place
         if curve.side:
             thrusters.append(thruster_xml(curve, band, f"{x:.10g} 0", f"0 {side:g}"))
-    content = f"""<?xml version="1.0"?>
-<!-- {export_mark(name)}.
-     {xml_comment(subject.vehicle.name)}: yaw identified by rovid; z up, a yaw rate is minus the heading's. -->
-<sdf version="1.11">
-  <model name={xml_attribute(subject.vehicle.name)}>
-    <link name="base_link">
-      <inertial>
-        <mass>{subject.mass:.10g}</mass>
-        <inertia><ixx>{izz:.10g}</ixx><iyy>{izz:.10g}</iyy><izz>{izz:.10g}</izz></inertia>
-        {fluid}
-      </inertial>
-    </link>
-{hydrodynamics}
-{"".join(thrusters)}  </model>
-</sdf>
-"""
+    content = sdf(
+        name,
+        subject.vehicle.name,
+        "yaw identified by rovid; z up, a yaw rate is minus the heading's",
+        (subject.mass, izz),
+        fluid,
+        f"{hydrodynamics}\n{''.join(thrusters)}",
+    )
     banded = [with_deadband(curve, band) for curve, band in zip(curves, bands, strict=True)]
 
     def simulate(commands: FloatArray) -> FloatArray:
@@ -123,6 +115,26 @@ def _model(
     return ExportResult(
         content=content, simulate=simulate, kept_effects=kept, notes=(*frame_notes(subject), NEWTONS, *notes)
     )
+
+
+def sdf(name: str, vehicle: str, title: str, masses: tuple[float, float], fluid: str, plugins: str) -> str:
+    """A model with one link, ``masses`` in kg and kg m^2 in yaw, and its ``fluid`` added mass, ``plugins`` included."""
+    mass, izz = masses
+    return f"""<?xml version="1.0"?>
+<!-- {export_mark(name)}.
+     {xml_comment(vehicle)}: {title}. -->
+<sdf version="1.11">
+  <model name={xml_attribute(vehicle)}>
+    <link name="base_link">
+      <inertial>
+        <mass>{mass:.10g}</mass>
+        <inertia><ixx>{izz:.10g}</ixx><iyy>{izz:.10g}</iyy><izz>{izz:.10g}</izz></inertia>
+        {fluid}
+      </inertial>
+    </link>
+{plugins}  </model>
+</sdf>
+"""
 
 
 def frame_notes(subject: ExportInput) -> tuple[str, ...]:

@@ -15,20 +15,27 @@ import math
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.core.escaping import identifiers, xml_attribute, xml_comment
-from rovid.core.signatures import export_mark
+from rovid.core.escaping import identifiers
 from rovid.export.body_equation import BodyEquation, Scheme
-from rovid.export.gazebo import GZ_STEP, NEWTONS, VRX_STEP, deadband_thrust, thruster_xml, with_deadband
+from rovid.export.gazebo import (
+    EFFORT,
+    EFFORT_FACTOR,
+    GZ_STEP,
+    NEWTONS,
+    VRX_STEP,
+    deadband_thrust,
+    sdf,
+    thruster_xml,
+    with_deadband,
+)
 from rovid.export.planar_input import PlanarInput
 from rovid.export.planar_result import PlanarExportResult, frame_notes, simulation
 from rovid.export.thruster_curves import thruster_inputs, thruster_lag
-from rovid.export.uuv import FILTER, thruster_joint
+from rovid.export.uuv import FILTER, thruster_joint, xacro
 from rovid.export.uuv import STEP as UUV_STEP
 
 _ROWS, _VELOCITIES = "xyn", "UVR"
 _FLU = "Axes are FLU, z up: sway and yaw rate there are minus rovid's."
-# VRX: N and N m, default limit of the hydrodynamic effort, and its limit relative to the largest drag in the logs.
-_EFFORT, _EFFORT_FACTOR = 10_000.0, 10.0
 
 
 def export_gz_sim(subject: PlanarInput) -> PlanarExportResult:
@@ -83,7 +90,7 @@ def export_vrx(subject: PlanarInput) -> PlanarExportResult:
     for axis in range(3):
         absolute[axis, axis, axis] = base[7 + axis]
     largest = np.max(base[4:7] * subject.envelope + base[7:10] * subject.envelope**2)
-    effort = max(_EFFORT, _EFFORT_FACTOR * float(largest))
+    effort = max(EFFORT, EFFORT_FACTOR * float(largest))
     names = (("xU", 4), ("xUU", 7), ("yV", 5), ("yVV", 8), ("nR", 6), ("nRR", 9))
     drags = "".join(f"      <{name}>{base[at]:.10g}</{name}>\n" for name, at in names)
     plugin = f"""    <plugin filename="libSimpleHydrodynamics.so" name="vrx::SimpleHydrodynamics">
@@ -131,22 +138,14 @@ def _sdf(
         "rr": inertia[2, 2] - izz,
     }
     fluid = "".join(f"<{key}>{value:.10g}</{key}>" for key, value in added.items() if value)
-    content = f"""<?xml version="1.0"?>
-<!-- {export_mark(name)}.
-     {xml_comment(subject.vehicle.name)}: surge, sway and yaw identified by rovid; FLU axes, z up. -->
-<sdf version="1.11">
-  <model name={xml_attribute(subject.vehicle.name)}>
-    <link name="base_link">
-      <inertial>
-        <mass>{mass:.10g}</mass>
-        <inertia><ixx>{izz:.10g}</ixx><iyy>{izz:.10g}</iyy><izz>{izz:.10g}</izz></inertia>
-        <fluid_added_mass>{fluid}</fluid_added_mass>
-      </inertial>
-    </link>
-{plugin}
-{"".join(thrusters)}  </model>
-</sdf>
-"""
+    content = sdf(
+        name,
+        subject.vehicle.name,
+        "surge, sway and yaw identified by rovid; FLU axes, z up",
+        (mass, izz),
+        f"<fluid_added_mass>{fluid}</fluid_added_mass>",
+        f"{plugin}\n{''.join(thrusters)}",
+    )
     return PlanarExportResult(
         content=content,
         equation=equation,
@@ -197,37 +196,14 @@ def export_uuv(subject: PlanarInput) -> PlanarExportResult:
     for index, (unit, curve) in enumerate(zip(subject.units, curves, strict=True)):
         place = f"{unit.x:.10g} {-unit.y:.10g} 0"
         joints += thruster_joint(name, index, curve, unit.curve, lag.time_constant, place, -unit.direction)
-    content = f"""<?xml version="1.0"?>
-<!-- {export_mark("uuv")}. Surge, sway and yaw identified by rovid; FLU axes, z up. -->
-<robot name="{name}" xmlns:xacro="http://www.ros.org/wiki/xacro">
-  <link name="{name}/base_link">
-    <inertial>
-      <mass value="{mass:.10g}"/>
-      <origin xyz="0 0 0" rpy="0 0 0"/>
-      <inertia ixx="{izz:.10g}" ixy="0" ixz="0" iyy="{izz:.10g}" iyz="0" izz="{izz:.10g}"/>
-    </inertial>
-  </link>
-  <gazebo>
-    <plugin name="{name}_uuv_plugin" filename="libuuv_underwater_object_ros_plugin.so">
-      <fluid_density>1025</fluid_density>
-      <flow_velocity_topic>hydrodynamics/current_velocity</flow_velocity_topic>
-      <link name="{name}/base_link">
-        <neutrally_buoyant>1</neutrally_buoyant>
-        <hydrodynamic_model>
-          <type>fossen</type>
-          <added_mass>
-{_six_by_six(added)}
-          </added_mass>
-          <linear_damping>
-{_six_by_six(-linear)}
-          </linear_damping>
-          <quadratic_damping>{-base[7]:.10g} {-base[8]:.10g} 0 0 0 {-base[9]:.10g}</quadratic_damping>
-        </hydrodynamic_model>
-      </link>
-    </plugin>
-  </gazebo>
-{joints}</robot>
-"""
+    content = xacro(
+        name,
+        "Surge, sway and yaw identified by rovid; FLU axes, z up",
+        (mass, izz),
+        _six_by_six(added),
+        (f"\n{_six_by_six(-linear)}\n          ", f"{-base[7]:.10g} {-base[8]:.10g} 0 0 0 {-base[9]:.10g}"),
+        joints,
+    )
     return PlanarExportResult(
         content=content,
         equation=equation,

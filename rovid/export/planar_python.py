@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.core.escaping import python_docstring
-from rovid.core.signatures import export_mark
 from rovid.export.interface import PERIOD
 from rovid.export.planar_input import PlanarInput
 from rovid.export.planar_result import PlanarExportResult
 from rovid.export.planar_tables import own_equation
+from rovid.export.python_vehicle_simulator import STEP, vehicle_in, vehicle_module
 from rovid.export.resimulation import repeat_held
-from rovid.export.thruster_curves import THRUST_LAG, thruster_lag
+from rovid.export.thruster_curves import thruster_lag
 
-_STEP = 0.02  # s, of the simulator's main.py
 _COUPLED = {"sway_yaw_damping", "sway_yaw_damping:lift", "speed_dependent_damping:planar"}
 # Further terms of the force in Python: (X, Y, N) of u, v, r.
 _TERMS = {
@@ -24,50 +20,13 @@ _TERMS = {
     "bias_torque:planar": "({surge!r}, {sway!r}, {yaw!r})",
 }
 _STRIPS = "self.strips({coefficient!r}, {length!r}, v, r)"
-_MODULE = '''"""Surge, sway and yaw of {title}, identified by rovid, as a vehicle of PythonVehicleSimulator.
-
-{mark}.
-
-NED: nu = (u, v, w, p, q, r) over ground, eta = (north, east, down, roll, pitch, heading).
-"""
-
-import math
-
-import numpy as np
-
-
-class RovidVehicle:
-    """M*nu' + C(nu)*nu + D(nu)*nu = tau for (u, v, r) through the water; the other velocities stay as they are.
-
-    The control is each thruster's command in the unit of its bench curve.
-    """
-
-    def __init__(self):
-        self.name = {name!r}
-        self.L = {length!r}
-        self.controlMode = "stepInput"
-        self.controlDescription = "Step commands"
-        self.M = np.array({mass!r})  # kg, kg m, kg m^2
+_NUMBERS = """        self.M = np.array({mass!r})  # kg, kg m, kg m^2
         self.Minv = np.linalg.inv(self.M)
         self.DL = np.array({linear!r})  # linear damping
         self.DA = np.array({absolute!r})  # damping nu_j*|nu_k|
         self.V_c = {speed!r}  # m/s, speed of the current
-        self.beta_c = {direction!r}  # rad, towards this direction from north
-        self.lag = {time_constant!r}  # s
-        # Levers ahead, to starboard and in turn, command of no thrust, commands, thrusts in N of each thruster.
-        self.thrusters = [
-{tables}        ]
-        self.levers = np.array([levers for levers, *_ in self.thrusters])
-        self.curves = [np.array(curve) for _, _, *curve in self.thrusters]
-        self.controls = {names!r}
-        self.dimU = len(self.controls)
-        self.nu = np.zeros(6)
-        self.u_actual = np.array({start!r}, float)  # {acting} of each thruster, as it acts
-
-    def thrusts(self, commands):
-        return np.array([np.interp(u, *curve) for u, curve in zip(commands, self.curves)])
-
-    def strips(self, c, length, v, r):
+        self.beta_c = {direction!r}  # rad, towards this direction from north"""
+_METHODS = """    def strips(self, c, length, v, r):
         # Strip integrals of c*|v + x*r|*(v + x*r), less their values in pure sway and in pure yaw.
         x = np.linspace(-0.5, 0.5, 401) * length
         w = v + x * r
@@ -86,83 +45,63 @@ class RovidVehicle:
         p = self.M @ x
         force = tau - self.DL @ x - np.einsum("ijk,j,k", self.DA, x, np.abs(x))
         force -= np.array([-p[1] * r, p[0] * r, p[1] * u - p[0] * v])
-{terms}        return self.Minv @ force + r * np.array([v_c, -u_c, 0.0])
-
-    def dynamics(self, eta, nu, u_actual, u_control, sampleTime):
-        h = sampleTime
-        goal = np.asarray({goal}, float)
-        fade = math.exp(-h / self.lag) if self.lag > 0.0 else 0.0
-        mean = (1.0 - fade) * self.lag / h
-        u = goal + (np.asarray(u_actual, float) - goal) * mean
-        tau = {push}
-        nu = np.array(nu, float)
+{terms}        return self.Minv @ force + r * np.array([v_c, -u_c, 0.0])"""
+_ADVANCE = """        nu = np.array(nu, float)
         x, psi = nu[[0, 1, 5]], eta[5]
         k1 = self.acceleration(psi, x, tau)
         k2 = self.acceleration(psi + 0.5 * h * x[2], x + 0.5 * h * k1, tau)
         k3 = self.acceleration(psi + 0.5 * h * (x[2] + 0.5 * h * k1[2]), x + 0.5 * h * k2, tau)
         k4 = self.acceleration(psi + h * (x[2] + 0.5 * h * k2[2]), x + h * k3, tau)
-        nu[[0, 1, 5]] = x + h * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
-        return nu, goal + (np.asarray(u_actual, float) - goal) * fade
-
-    def stepInput(self, t):
-        return np.array([table[-1] if 10.0 < t < 60.0 else neutral for _, neutral, table, _ in self.thrusters])
-'''
+        nu[[0, 1, 5]] = x + h * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0"""
 
 
 def export(subject: PlanarInput) -> PlanarExportResult:
     """A module with the class RovidVehicle."""
-    vehicle, own = subject.vehicle, subject.actuators.thrusters.thrusters
+    columns = [one.name for one in subject.vehicle.thrusters]
     linear, absolute, _ = subject.damping
     lag = thruster_lag(subject.thrusters)
-    tables, columns = "", [one.name for one in vehicle.thrusters]
-    for curve, one in zip(subject.curves, own, strict=True):
-        levers = (one.surge_share, one.sway_share, one.arm)
-        tables += (
-            f"            ({levers!r}, {curve.neutral!r}, {curve.command.tolist()!r}, {curve.thrust.tolist()!r}),\n"
-        )
-    # The lag acts on the thrust, behind the curves, or on the command.
-    neutrals = [curve.neutral for curve in subject.curves]
-    lagged = {"acting": "command", "push": "self.thrusts(u) @ self.levers", "goal": "u_control", "start": neutrals}
-    if lag.key == THRUST_LAG:
-        lagged |= {"push": "u @ self.levers", "goal": "self.thrusts(u_control)"}
-        lagged |= {"acting": "thrust", "start": [0.0] * len(neutrals)}
     texts = _TERMS | {"cross_flow_drag": _STRIPS}
     terms = [texts[key].format(**values) for key, values in subject.effects.items() if key in texts]
     north, east = subject.model.current
-    content = _MODULE.format(
-        title=python_docstring(vehicle.name),
-        mark=export_mark("python-vehicle-simulator"),
-        name=vehicle.name,
-        length=vehicle.length or 1.0,
-        mass=subject.model.mass_matrix.tolist(),
-        linear=linear.tolist(),
-        absolute=absolute.tolist(),
-        speed=float(np.hypot(north, east)),
-        direction=float(np.arctan2(east, north)),
-        time_constant=lag.time_constant,
-        terms="".join(f"        force += np.array({term})\n" for term in terms),
-        tables=tables,
-        names=[f"{curve.name} command" for curve in subject.curves],
-        **lagged,
+    content = vehicle_module(
+        subject.vehicle,
+        subject.curves,
+        [(one.surge_share, one.sway_share, one.arm) for one in subject.actuators.thrusters.thrusters],
+        lag,
+        {"command": "self.thrusts(u) @ self.levers", "thrust": "u @ self.levers"},
+        axes="Surge, sway and yaw",
+        frame="nu = (u, v, w, p, q, r) over ground, eta = (north, east, down, roll, pitch, heading)",
+        equation="M*nu' + C(nu)*nu + D(nu)*nu = tau for (u, v, r) through the water",
+        arms_text="Levers ahead, to starboard and in turn",
+        arms="levers",
+        arm="levers",
+        force="tau",
+        numbers=_NUMBERS.format(
+            mass=subject.model.mass_matrix.tolist(),
+            linear=linear.tolist(),
+            absolute=absolute.tolist(),
+            speed=float(np.hypot(north, east)),
+            direction=float(np.arctan2(east, north)),
+        ),
+        methods=_METHODS.format(terms="".join(f"        force += np.array({term})\n" for term in terms)),
+        advance=_ADVANCE,
     )
 
     def simulate(commands: FloatArray) -> FloatArray:
-        space: dict[str, Any] = {}
-        exec(compile(content, "rovid_vehicle.py", "exec"), space)  # noqa: S102 - our own text, run as its user will
-        simulated = space["RovidVehicle"]()
+        simulated = vehicle_in(content)
         nu, actual, eta, rows = simulated.nu, simulated.u_actual, np.zeros(6), []
         chosen = commands[:, [columns.index(curve.name) for curve in subject.curves]]
-        for control in repeat_held(chosen, _STEP):
+        for control in repeat_held(chosen, STEP):
             rows.append((eta[5], nu[0], nu[1], nu[5]))
             before = nu[5]
-            nu, actual = simulated.dynamics(eta, nu, actual, control, _STEP)
-            eta[5] += 0.5 * _STEP * (before + nu[5])
-        return np.array(rows[:: round(PERIOD / _STEP)])
+            nu, actual = simulated.dynamics(eta, nu, actual, control, STEP)
+            eta[5] += 0.5 * STEP * (before + nu[5])
+        return np.array(rows[:: round(PERIOD / STEP)])
 
     kept = {key for key in subject.effects if key in _COUPLED or key in texts or key in {lag.key, "current"}}
     return PlanarExportResult(
         content=content,
-        equation=own_equation(subject, _STEP),
+        equation=own_equation(subject, STEP),
         simulate=simulate,
         kept_effects=subject.curve_keys | kept,
         notes=(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
@@ -13,11 +12,12 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.core.atomic_write import OutputFile
-from rovid.core.errors import ConfigError, suggestion
-from rovid.core.signatures import export_mark, export_signature
-from rovid.export import ALIASES, FORMATS, PLANAR_FORMATS
+from rovid.core.errors import ConfigError
+from rovid.core.signatures import export_signature
+from rovid.export import FORMATS, PLANAR_FORMATS
 from rovid.export.planar_input import PlanarInput, rovid_motion, verification_shares
 from rovid.export.planar_result import PlanarExportResult
+from rovid.export.run_export import require_format, with_notice
 from rovid.export.stability import Stability, judge_stability
 from rovid.planar.model import PlanarModel
 
@@ -71,8 +71,7 @@ def select_planar_exporter(name: str, path: Path | None) -> tuple[PlanarExporter
     ConfigError
         There is no such format, or it cannot hold the coupled model.
     """
-    if name not in FORMATS:
-        raise ConfigError(f"is {name!r}. {suggestion(name, FORMATS, ALIASES)}", where="FORMAT")
+    require_format(name)
     if name not in PLANAR_FORMATS:
         raise ConfigError(
             f"is {name!r}, which cannot hold surge, sway and yaw together: its drag and added mass follow from meshes.",
@@ -119,12 +118,8 @@ def verified_planar_export(exporter: PlanarExporter, subject: PlanarInput) -> Ve
     kept_mismatch = compare_motions(subject, rovid_motion(subject, kept_model, kept_commands), theirs)
     for what, why in result.base_losses:
         losses.append(PlanarLoss(what=what, why=why, percent_of_range=kept_mismatch.percent_of_range))
-    content = result.content
-    if subject.guess and isinstance(content, str):
-        # The notice follows the mark of the author. JSON and MATLAB files have their own.
-        content = re.sub(rf"{export_mark('')}[^.\n]*\.", rf"\g<0> {subject.guess.file_notice}", content, count=1)
     return VerifiedPlanarExport(
-        content=content,
+        content=with_notice(result.content, subject.guess),
         mismatch=compare_motions(subject, whole, theirs),
         kept_mismatch=kept_mismatch,
         losses=tuple(losses),

@@ -6,6 +6,7 @@ as in rovid. Only yaw moves; users may extend the class.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,9 +16,17 @@ from rovid.core.escaping import python_docstring
 from rovid.core.signatures import export_mark
 from rovid.export.interface import PERIOD, ExportInput, ExportResult
 from rovid.export.resimulation import repeat_held
-from rovid.export.thruster_curves import THRUST_LAG, curve_effect_keys, thruster_curves, thruster_lag
+from rovid.export.thruster_curves import (
+    THRUST_LAG,
+    ThrusterCurve,
+    ThrusterLag,
+    curve_effect_keys,
+    thruster_curves,
+    thruster_lag,
+)
+from rovid.trial.vehicle import Vehicle
 
-_STEP = 0.02  # s, of the simulator's main.py
+STEP = 0.02  # s, of the simulator's main.py
 # Further terms of the equation of motion in Python, torque in N m.
 _TERMS = {
     "bias_torque": " + {torque!r}",
@@ -25,12 +34,11 @@ _TERMS = {
     "drag_asymmetry": " - ({ratio!r} - 1.0) * (self.DQ * abs(r) + self.DL) * r * (r < 0.0)",
     "tether_torsion": " - {stiffness!r} * psi",
 }
-# The class, with places for the numbers.
-_MODULE = '''"""Yaw of {title}, identified by rovid, as a vehicle of PythonVehicleSimulator.
+_MODULE = '''"""{axes} of {title}, identified by rovid, as a vehicle of PythonVehicleSimulator.
 
 {mark}.
 
-NED: the yaw rate nu[5] in rad/s and the heading eta[5] in rad are positive clockwise from above.
+NED: {frame}.
 """
 
 import math
@@ -39,7 +47,7 @@ import numpy as np
 
 
 class RovidVehicle:
-    """I*rdot + DQ*|r|*r + DL*r = T; the other velocities stay as they are.
+    """{equation}; the other velocities stay as they are.
 
     The control is each thruster's command in the unit of its bench curve.
     """
@@ -49,14 +57,12 @@ class RovidVehicle:
         self.L = {length!r}
         self.controlMode = "stepInput"
         self.controlDescription = "Step commands"
-        self.I = {inertia!r}  # kg m^2
-        self.DQ = {quadratic_drag!r}  # N m s^2/rad^2
-        self.DL = {linear_drag!r}  # N m s/rad
+{numbers}
         self.lag = {time_constant!r}  # s
-        # Yaw arm in m, command of no thrust, commands, thrusts in N of each thruster.
+        # {arms_text}, command of no thrust, commands, thrusts in N of each thruster.
         self.thrusters = [
 {tables}        ]
-        self.arms = np.array([arm for arm, *_ in self.thrusters])
+        self.{arms} = np.array([{arm} for {arm}, *_ in self.thrusters])
         self.curves = [np.array(curve) for _, _, *curve in self.thrusters]
         self.controls = {names!r}
         self.dimU = len(self.controls)
@@ -66,11 +72,7 @@ class RovidVehicle:
     def thrusts(self, commands):
         return np.array([np.interp(u, *curve) for u, curve in zip(commands, self.curves)])
 
-    def torque(self, commands):
-        return float(np.dot(self.arms, self.thrusts(commands)))
-
-    def acceleration(self, r, psi, torque):
-        return (torque - self.DQ * abs(r) * r - self.DL * r{terms}) / self.I
+{methods}
 
     def dynamics(self, eta, nu, u_actual, u_control, sampleTime):
         h = sampleTime
@@ -78,59 +80,113 @@ class RovidVehicle:
         fade = math.exp(-h / self.lag) if self.lag > 0.0 else 0.0
         mean = (1.0 - fade) * self.lag / h
         u = goal + (np.asarray(u_actual, float) - goal) * mean
-        torque = {push}
-        r, psi = nu[5], eta[5]
-        k1 = self.acceleration(r, psi, torque)
-        k2 = self.acceleration(r + 0.5 * h * k1, psi + 0.5 * h * r, torque)
-        k3 = self.acceleration(r + 0.5 * h * k2, psi + 0.5 * h * r, torque)
-        k4 = self.acceleration(r + h * k3, psi + h * r, torque)
-        nu = np.array(nu, float)
-        nu[5] = r + h * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
+        {force} = {push}
+{advance}
         return nu, goal + (np.asarray(u_actual, float) - goal) * fade
 
     def stepInput(self, t):
         return np.array([table[-1] if 10.0 < t < 60.0 else neutral for _, neutral, table, _ in self.thrusters])
 '''
+# The equation of yaw, with places for the numbers.
+_NUMBERS = """        self.I = {inertia!r}  # kg m^2
+        self.DQ = {quadratic_drag!r}  # N m s^2/rad^2
+        self.DL = {linear_drag!r}  # N m s/rad"""
+_METHODS = """    def torque(self, commands):
+        return float(np.dot(self.arms, self.thrusts(commands)))
+
+    def acceleration(self, r, psi, torque):
+        return (torque - self.DQ * abs(r) * r - self.DL * r{terms}) / self.I"""
+_ADVANCE = """        r, psi = nu[5], eta[5]
+        k1 = self.acceleration(r, psi, torque)
+        k2 = self.acceleration(r + 0.5 * h * k1, psi + 0.5 * h * r, torque)
+        k3 = self.acceleration(r + 0.5 * h * k2, psi + 0.5 * h * r, torque)
+        k4 = self.acceleration(r + h * k3, psi + h * r, torque)
+        nu = np.array(nu, float)
+        nu[5] = r + h * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0"""
 
 
-def export(subject: ExportInput) -> ExportResult:
-    """A module with the class RovidVehicle."""
-    model, vehicle, curves = subject.model, subject.vehicle, thruster_curves(subject)
-    lag = thruster_lag(subject)
+def vehicle_module(
+    vehicle: Vehicle,
+    curves: Sequence[ThrusterCurve],
+    levers: Sequence[object],
+    lag: ThrusterLag,
+    push: Mapping[str, str],
+    **texts: str,
+) -> str:
+    """The module with the class.
+
+    Parameters
+    ----------
+    levers
+        Lever, or levers, of the thrust of each thruster.
+    push
+        Expression of the forces, of the commands and of the thrusts ``u``.
+    texts
+        Places of the template that depend on the axes.
+    """
     tables = ""
-    for curve in curves:
+    for lever, curve in zip(levers, curves, strict=True):
         command, thrust = curve.command.tolist(), curve.thrust.tolist()
-        tables += f"            ({curve.arm!r}, {curve.neutral!r}, {command!r}, {thrust!r}),\n"
+        tables += f"            ({lever!r}, {curve.neutral!r}, {command!r}, {thrust!r}),\n"
     # The lag acts on the thrust, behind the curves, or on the command.
-    lagged = {"acting": "command", "push": "self.torque(u)", "goal": "u_control", "start": [c.neutral for c in curves]}
+    acting, goal, start = "command", "u_control", [curve.neutral for curve in curves]
     if lag.key == THRUST_LAG:
-        push, goal = "float(np.dot(self.arms, u))", "self.thrusts(u_control)"
-        lagged = {"acting": "thrust", "push": push, "goal": goal, "start": [0.0] * len(curves)}
-    content = _MODULE.format(
+        acting, goal, start = "thrust", "self.thrusts(u_control)", [0.0] * len(curves)
+    return _MODULE.format(
         title=python_docstring(vehicle.name),
         mark=export_mark("python-vehicle-simulator"),
         name=vehicle.name,
         length=vehicle.length or 1.0,
-        inertia=model.inertia,
-        quadratic_drag=model.quadratic_drag,
-        linear_drag=model.linear_drag,
         time_constant=lag.time_constant,
-        terms="".join(_TERMS[key].format(**values) for key, values in subject.effects.items() if key in _TERMS),
         tables=tables,
         names=[f"{curve.name} command" for curve in curves],
-        **lagged,
+        acting=acting,
+        goal=goal,
+        start=start,
+        push=push[acting],
+        **texts,
+    )
+
+
+def vehicle_in(module: str) -> Any:
+    """The vehicle of a written module, as its user makes it."""
+    space: dict[str, Any] = {}
+    exec(compile(module, "rovid_vehicle.py", "exec"), space)  # noqa: S102 - our own text, run as its user will
+    return space["RovidVehicle"]()
+
+
+def export(subject: ExportInput) -> ExportResult:
+    """A module with the class RovidVehicle."""
+    model, curves, lag = subject.model, thruster_curves(subject), thruster_lag(subject)
+    terms = [_TERMS[key].format(**values) for key, values in subject.effects.items() if key in _TERMS]
+    content = vehicle_module(
+        subject.vehicle,
+        curves,
+        [curve.arm for curve in curves],
+        lag,
+        {"command": "self.torque(u)", "thrust": "float(np.dot(self.arms, u))"},
+        axes="Yaw",
+        frame="the yaw rate nu[5] in rad/s and the heading eta[5] in rad are positive clockwise from above",
+        equation="I*rdot + DQ*|r|*r + DL*r = T",
+        arms_text="Yaw arm in m",
+        arms="arms",
+        arm="arm",
+        force="torque",
+        numbers=_NUMBERS.format(
+            inertia=model.inertia, quadratic_drag=model.quadratic_drag, linear_drag=model.linear_drag
+        ),
+        methods=_METHODS.format(terms="".join(terms)),
+        advance=_ADVANCE,
     )
 
     def simulate(commands: FloatArray) -> FloatArray:
-        space: dict[str, Any] = {}
-        exec(compile(content, "rovid_vehicle.py", "exec"), space)  # noqa: S102 - our own text, run as its user will
-        simulated = space["RovidVehicle"]()
+        simulated = vehicle_in(content)
         nu, actual, eta, rates = simulated.nu, simulated.u_actual, np.zeros(6), []
-        for control in repeat_held(commands, _STEP):
+        for control in repeat_held(commands, STEP):
             rates.append(nu[5])
-            nu, actual = simulated.dynamics(eta, nu, actual, control, _STEP)
-            eta[5] += _STEP * nu[5]
-        return np.array(rates[:: round(PERIOD / _STEP)])
+            nu, actual = simulated.dynamics(eta, nu, actual, control, STEP)
+            eta[5] += STEP * nu[5]
+        return np.array(rates[:: round(PERIOD / STEP)])
 
     return ExportResult(
         content=content,

@@ -16,6 +16,7 @@ from rovid.core.signatures import export_mark, export_signature
 from rovid.export import ALIASES, FORMATS
 from rovid.export.interface import ExportInput, ExportResult
 from rovid.export.resimulation import Mismatch, compare_rates, rovid_rate, verification_commands
+from rovid.trial.assumptions import Assumptions
 
 # % of range, promised limit of the mismatch of what a file represents.
 _VISIBLE = 0.1
@@ -52,6 +53,12 @@ def load_exporter(name: str) -> Exporter:
     return cast("Exporter", getattr(module, FORMATS[name].function))
 
 
+def require_format(name: str) -> None:
+    """Refuse a ``name`` that no format has."""
+    if name not in FORMATS:
+        raise ConfigError(f"is {name!r}. {suggestion(name, FORMATS, ALIASES)}", where="FORMAT")
+
+
 def select_exporter(name: str, path: Path | None) -> tuple[Exporter, OutputFile]:
     """Exporter of the format ``name``, and the file to write.
 
@@ -60,14 +67,21 @@ def select_exporter(name: str, path: Path | None) -> tuple[Exporter, OutputFile]
     ConfigError
         There is no such format.
     """
-    if name not in FORMATS:
-        raise ConfigError(f"is {name!r}. {suggestion(name, FORMATS, ALIASES)}", where="FORMAT")
+    require_format(name)
     target = path or Path(FORMATS[name].file)
     if name == "uuv" and target.suffix in {".yaml", ".yml"}:
         from rovid.export.uuv import export_yaml
 
         return export_yaml, OutputFile(target, export_signature("uuv as yaml"))
     return load_exporter(name), OutputFile(target, export_signature(name))
+
+
+def with_notice(content: str | bytes, guess: Assumptions) -> str | bytes:
+    """``content`` with a notice of guessed values; JSON and MATLAB files have their own."""
+    if not guess or isinstance(content, bytes):
+        return content
+    # The notice follows the mark of the author.
+    return re.sub(rf"{export_mark('')}[^.\n]*\.", rf"\g<0> {guess.file_notice}", content, count=1)
 
 
 def verified_export(exporter: Exporter, subject: ExportInput) -> VerifiedExport:
@@ -95,12 +109,8 @@ def verified_export(exporter: Exporter, subject: ExportInput) -> VerifiedExport:
     notes = [*subject.notes, *result.notes]
     if not result.base_losses and kept_mismatch.percent_of_range > _VISIBLE:
         notes.append("The rest of the mismatch is due to the coarse integration step: a smaller step reduces it.")
-    content = result.content
-    if subject.guess and isinstance(content, str):
-        # The notice follows the mark of the author. JSON and MATLAB files have their own.
-        content = re.sub(rf"{export_mark('')}[^.\n]*\.", rf"\g<0> {subject.guess.file_notice}", content, count=1)
     return VerifiedExport(
-        content=content,
+        content=with_notice(result.content, subject.guess),
         mismatch=compare_rates(whole, theirs),
         kept_mismatch=kept_mismatch,
         losses=tuple(losses),

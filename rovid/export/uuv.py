@@ -49,8 +49,17 @@ def export(subject: ExportInput) -> ExportResult:
             x, direction = curve.place
             angle = direction * math.pi / 2.0
             thrusters += thruster_joint(name, index, curve, table, lag.time_constant, f"{x:.10g} 0 0", angle)
+    model = subject.model
+    content = xacro(
+        name,
+        "Yaw identified by rovid; z up, a yaw rate is minus the heading's",
+        (subject.mass, body),
+        "            0 0 0 0 0 0\n" * 5 + f"            0 0 0 0 0 {added:.10g}",
+        (f"0 0 0 0 0 {-model.linear_drag:.10g}", f"0 0 0 0 0 {-model.quadratic_drag:.10g}"),
+        thrusters,
+    )
     return ExportResult(
-        content=_xacro(subject, name, body, added, thrusters),
+        content=content,
         simulate=_simulator(subject, body, added, curves, lag),
         kept_effects=curve_effect_keys(subject) | (subject.effects.keys() & {lag.key}),
         notes=(*frame_notes(subject), note, input_note),
@@ -115,17 +124,20 @@ def _simulator(
     return simulate
 
 
-def _xacro(subject: ExportInput, name: str, body: float, added: float, thrusters: str) -> str:
-    model = subject.model
-    matrix = "            0 0 0 0 0 0\n" * 5 + f"            0 0 0 0 0 {added:.10g}"
+def xacro(
+    name: str, title: str, masses: tuple[float, float], added: str, drags: tuple[str, str], thrusters: str
+) -> str:
+    """A robot ``name`` with ``masses``, kg and kg m^2 in yaw, 6 x 6 ``added`` mass, linear and quadratic damping."""
+    mass, izz = masses
+    linear, quadratic = drags
     return f"""<?xml version="1.0"?>
-<!-- {export_mark("uuv")}. Yaw identified by rovid; z up, a yaw rate is minus the heading's. -->
+<!-- {export_mark("uuv")}. {title}. -->
 <robot name="{name}" xmlns:xacro="http://www.ros.org/wiki/xacro">
   <link name="{name}/base_link">
     <inertial>
-      <mass value="{subject.mass:.10g}"/>
+      <mass value="{mass:.10g}"/>
       <origin xyz="0 0 0" rpy="0 0 0"/>
-      <inertia ixx="{body:.10g}" ixy="0" ixz="0" iyy="{body:.10g}" iyz="0" izz="{body:.10g}"/>
+      <inertia ixx="{izz:.10g}" ixy="0" ixz="0" iyy="{izz:.10g}" iyz="0" izz="{izz:.10g}"/>
     </inertial>
   </link>
   <gazebo>
@@ -137,10 +149,10 @@ def _xacro(subject: ExportInput, name: str, body: float, added: float, thrusters
         <hydrodynamic_model>
           <type>fossen</type>
           <added_mass>
-{matrix}
+{added}
           </added_mass>
-          <linear_damping>0 0 0 0 0 {-model.linear_drag:.10g}</linear_damping>
-          <quadratic_damping>0 0 0 0 0 {-model.quadratic_drag:.10g}</quadratic_damping>
+          <linear_damping>{linear}</linear_damping>
+          <quadratic_damping>{quadratic}</quadratic_damping>
         </hydrodynamic_model>
       </link>
     </plugin>
