@@ -82,13 +82,24 @@ class DifferenceTest:
         return tuple(change for change in self.changes if change.established)
 
     def ratio(self, name: str) -> tuple[float, float] | None:
-        """B over A of a parameter with its standard error; None if A is not significantly different from zero."""
-        pair, at = self.pair, self.pair.names.index(name)
-        error_a, error_b = math.sqrt(pair.covariance_a[at, at]), math.sqrt(pair.covariance_b[at, at])
-        if not abs(pair.a[at]) > _FROM_ZERO * error_a:
+        """B over A of a parameter with its standard error; None if A is not significantly different from zero.
+
+        The ratio of a parameter that changed is that of the change, with all unchanged parameters shared.
+        """
+        for change in self.changes:
+            factor = change.candidate.is_factor and not change.candidate.inverse
+            if factor and change.candidate.parameters == (name,) and math.isfinite(change.ratio):
+                return change.ratio, change.standard_error
+        (a, error_a), (b, error_b) = self.separate_values(name)
+        if not abs(a) > _FROM_ZERO * error_a:
             return None
-        ratio = pair.b[at] / pair.a[at]
-        return float(ratio), float(math.hypot(error_b, ratio * error_a) / abs(pair.a[at]))
+        return b / a, math.hypot(error_b, b / a * error_a) / abs(a)
+
+    def separate_values(self, name: str) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Estimate of a parameter in A and in B, each campaign by itself, with standard errors."""
+        pair, at = self.pair, self.pair.names.index(name)
+        errors = [math.sqrt(covariance[at, at]) for covariance in (pair.covariance_a, pair.covariance_b)]
+        return (float(pair.a[at]), errors[0]), (float(pair.b[at]), errors[1])
 
     def difference(self, name: str) -> tuple[float, float]:
         """B minus A of a parameter with its standard error."""

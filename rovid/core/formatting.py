@@ -35,7 +35,7 @@ def _finite(value: Any) -> Any:
 
 
 def plus_minus(value: float, error: float) -> str:
-    """Value and standard error, rounded to two digits of the error, three if the error begins with 1 to 3."""
+    """Value and standard error, both rounded to two significant digits of the error."""
     if not math.isfinite(error) or error <= 0.0:
         return significant(value, 4)
     return f"{round_to_error(value, error)} ± {round_to_error(error, error)}"
@@ -45,9 +45,9 @@ def round_to_error(value: float, error: float) -> str:
     """``value`` rounded as by `plus_minus`; to four digits if the standard error is unknown."""
     if not math.isfinite(error) or error <= 0.0:
         return significant(value, 4)
-    exponent = math.floor(math.log10(error))
-    digits = 3 if error / 10.0**exponent < 4.0 else 2
-    return rounded(value, digits - 1 - exponent)
+    # The exponent after rounding: 0.0996 is 0.10.
+    exponent = int(f"{error:.1e}".partition("e")[2])
+    return rounded(value, 1 - exponent)
 
 
 def significant(value: float, digits: int) -> str:

@@ -9,8 +9,10 @@ from rovid.compare.candidates import DRAG, THRUST_SCALE, ChangeCandidate
 from rovid.compare.comparison import Comparison
 from rovid.compare.difference_tests import ParameterChange
 from rovid.core.formatting import plus_minus, significant
+from rovid.diagnose.candidate_fits import Alternative
 from rovid.diagnose.evidence import CANNOT_TELL, DEFINITIONS
-from rovid.diagnose.result import UNIDENTIFIABLE, Diagnosis, Finding
+from rovid.diagnose.result import UNIDENTIFIABLE, Diagnosis, Finding, OtherCause
+from rovid.diagnose.signal_regressors import is_signal
 from rovid.effects import PLANAR_FORMS, Effect, effect_named, every_form
 from rovid.model.parameter_names import without_form
 from rovid.planar.diagnosis import PlanarDiagnosis
@@ -45,6 +47,11 @@ def cause_name(finding: Finding) -> str:
     """A cause by name, with the causes that the data do not distinguish from it."""
     effects = (finding.effect, *finding.indistinguishable)
     return join_words([finding.estimate.axis.reword(effect.title) for effect in effects], "or")
+
+
+def other_causes(finding: Finding) -> list[Alternative | OtherCause]:
+    """Effects in the place of a cause, best first; a dependence on a logged signal is not a cause."""
+    return [other for other in finding.alternatives if not is_signal(other.effect)]
 
 
 def verdict_sentence(diagnosis: Diagnosis | PlanarDiagnosis, guess: Assumptions) -> str:
@@ -145,7 +152,7 @@ def _change_with_size(comparison: Comparison, change: ParameterChange) -> str:
 def _joint_size(comparison: Comparison, name: str, side: int) -> str:
     """A parameter of a cause in campaign A (``side`` 0) or B (1)."""
     pair = comparison.changes.pair
-    value = plus_minus(*comparison.changes.joint_values(name)[side])
+    value = plus_minus(*comparison.changes.separate_values(name)[side])
     title = name.rpartition(".")[2].replace("_", " ")
     return f"{title} {value} {pair.units[pair.names.index(name)]}".removesuffix(" 1")
 

@@ -96,11 +96,11 @@ def test_unrelated_signals_are_not_aligned() -> None:
 @pytest.mark.parametrize(
     ("offset", "by", "certain", "said"),
     [
-        (-0.5, "", True, "responds 0.5000 ± 0.0200 s before the commands in thr, which is impossible"),
+        (-0.5, "", True, "responds 0.500 ± 0.020 s before the commands in thr, which is impossible"),
         (0.5, "", False, "The logs do not show which"),
         (0.05, "", False, "(none seen)"),
-        (0.5, "yaw against heading", True, "0.5000 ± 0.0200 s behind, by yaw against heading in both files"),
-        (-0.05, "yaw", False, "0.0500 ± 0.0200 s ahead"),
+        (0.5, "yaw against heading", True, "0.500 ± 0.020 s behind, by yaw against heading in both files"),
+        (-0.05, "yaw", False, "0.050 ± 0.020 s ahead"),
     ],
 )
 def test_a_clock_in_words(offset: float, by: str, certain: bool, said: str) -> None:
@@ -111,7 +111,7 @@ def test_a_clock_in_words(offset: float, by: str, certain: bool, said: str) -> N
 
 def test_join_settings_add_to_the_existing_ones() -> None:
     clock = ClockOffset(name="a b.csv", offset=0.2, error=0.01, drift=30.0, drift_error=2.0, by="yaw", given=(1.0, 5.0))
-    assert clock.join_settings == {"offset": '"a b.csv" = 1.2000', "drift": '"a b.csv" = 35.00'}
+    assert clock.join_settings == {"offset": '"a b.csv" = 1.200', "drift": '"a b.csv" = 35.0'}
 
 
 def test_equal_findings_are_grouped() -> None:
@@ -121,5 +121,5 @@ def test_equal_findings_are_grouped() -> None:
     assert clocks.groups == [tuple(late), (early,)]
     words = clocks.text(late)
     assert "thrust seems to lag the command by 0.3 s" in words
-    assert "1.csv 0.6000 ± 0.0200" in words
+    assert "1.csv 0.600 ± 0.020" in words
     assert "and 3 more" in words

@@ -17,7 +17,7 @@ from rovid.diagnose.result import (
     next_experiment,
     unidentifiable_parameters,
 )
-from rovid.diagnose.signal_regressors import is_signal, signal_name
+from rovid.diagnose.signal_regressors import signal_name
 from rovid.diagnose.tables import TableDiagnosis
 from rovid.estimate.estimate import Estimate
 from rovid.model.parameter_names import unit_of, without_form
@@ -33,7 +33,7 @@ from rovid.present.documents.fits import (
     simulation_units,
     value_document,
 )
-from rovid.present.sentences import change_sentence, document_key
+from rovid.present.sentences import change_sentence, document_key, other_causes
 from rovid.present.tables.diagnosis import inertia_ratios
 from rovid.store.study import Study
 from rovid.trial.assumptions import Assumptions
@@ -169,12 +169,12 @@ def finding_document(finding: Finding) -> Document:
     effect = finding.effect
     # Without the effect's name before that of the parameter.
     parameters = {name.rpartition(".")[2]: value for name, value in _without_forms(finding.estimate).items()}
-    others = [other for other in finding.alternatives if not is_signal(other.effect)]
+    others = other_causes(finding)
     return {
         "effect": effect.id,
         "form": effect.form or None,
         "parameters": parameters,
-        **fields(finding, "held_out_gain", "standard_errors", "evidence", log_likelihood_gain="gain"),
+        **fields(finding, "held_out_gain", "standard_errors", "evidence", log_likelihood_gain="bic_gain"),
         "held_out_log_likelihood_gain": finding.held_out_gain,
         "runner_up": {"effect": others[0].effect.id, "gain": others[0].bic_gain} if others else None,
         "confidence": finding.probability,
@@ -193,8 +193,9 @@ def _held_out_gain(diagnosis: Diagnosis, axis: Axis) -> Document | None:
         return {"base": before, "extended": after, "unit": unit}
 
     rate_rmse = pair(one.rate_rmse, other.rate_rmse, axis.rate_unit)
+    floors = diagnosis.position_floors
     positions = {
-        horizon: pair(before, other.position_errors[horizon], axis.unit("rad"))
+        horizon: pair(before, other.position_errors[horizon], axis.unit("rad")) | {"noise_floor": floors.get(horizon)}
         for horizon, before in one.position_errors.items()
     }
     return {
@@ -254,13 +255,12 @@ def _compared_parameters(comparison: Comparison, guess: Assumptions) -> Document
         unit = pair.units[place]
         ratio, ratio_error = changes.ratio(name) or (None, None)
         difference, difference_error = changes.difference(name)
-        joint = {
-            side: value_document(value, unit, error)
-            for side, (value, error) in zip("ab", changes.joint_values(name), strict=True)
-        }
+        separate, joint = (
+            {side: value_document(value, unit, error) for side, (value, error) in zip("ab", values, strict=True)}
+            for values in (changes.separate_values(name), changes.joint_values(name))
+        )
         document[document_key(name)] = {
-            "a": value_document(float(pair.a[place]), unit, math.sqrt(pair.covariance_a[place, place])),
-            "b": value_document(float(pair.b[place]), unit, math.sqrt(pair.covariance_b[place, place])),
+            **separate,
             "ratio": ratio,
             "standard_error": ratio_error,
             "difference": value_document(difference, unit, difference_error),

@@ -265,7 +265,7 @@ def paginate(items: Sequence[_T], size: int) -> Iterator[tuple[Sequence[_T], str
 def _overview(report: ReportData) -> Iterator[FigureDraft]:
     """All trials in small panels."""
     pairs = list(zip(report.simulations_without, report.simulations_with, strict=True))
-    models = " by the plain model and with the causes" if report.extended else ""
+    models = " by the plain and the extended model" if report.extended else ""
     rate = report.axis.rate_words
     for sheet, suffix in paginate(pairs, trials.PER_SHEET):
         fits = "; ".join(f"{item.run.trial.name} R² {format_number(item.fit.r2, '.4f')}" for _, item in sheet)
@@ -354,7 +354,7 @@ def _compared(report: ReportData) -> Iterator[FigureDraft]:
     yield FigureDraft(
         "diagnosis_gain",
         trials.plot_before_after(before, after, width=canvas.WIDTH, rows=(2.4, 1.5)),
-        caption=f"The worst trial, {before.run.trial.name}, simulated freely by the plain model and with the causes.",
+        caption=f"The worst trial, {before.run.trial.name}, simulated freely by the plain and the extended model.",
         alt=_error_words(before, after),
     )
 
@@ -371,7 +371,7 @@ def _left_over(report: ReportData) -> Iterator[FigureDraft]:
     yield FigureDraft(
         "diagnosis_residuals",
         residuals.plot_residual_comparison(before, after, runs.cutoff),
-        caption=f"The {force} that the model does not explain, by the plain model and with the causes: {was} and {now} "
+        caption=f"The {force} that the model does not explain, by the plain and the extended model: {was} and {now} "
         f"{unit} root mean square.",
         alt=f"Five panels of the residual {force}: {was} {unit} root mean square by the plain model, {now} {unit} "
         "with the causes.",

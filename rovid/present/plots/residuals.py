@@ -35,7 +35,7 @@ _MEANS, _FEWEST = 16, 10
 # Percentiles of the readings that set the vertical range, so that single spikes do not flatten the rest.
 _SHOWN_PERCENTILES = (0.2, 99.8)
 _MISSING_WIDTH, _MISSING_HEIGHT = 6.4, 2.3  # in
-_LOOKS = (("plain model", ORANGE, "--", "s"), ("with these causes", BLUE, "-", "o"))
+_LOOKS = (("plain model", ORANGE, "--", "s"), ("extended model", BLUE, "-", "o"))
 
 
 @report_style

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from rovid.control.design import ClosedLoopResult, ControllerDesign
 from rovid.export import FORMATS
 from rovid.export.run_export import ExportLoss, VerifiedExport
-from rovid.present.number_format import DASH, format_number, number_with_unit
+from rovid.present.number_format import DASH, equal_decimals, format_number, number_with_unit
 from rovid.present.tables.table import ResultTable, mixed_number_column, number_column, text_column
 from rovid.trial.assumptions import Assumptions
 
@@ -37,9 +37,8 @@ def _gain_rows(design: ControllerDesign) -> Iterator[tuple[str, str, str, str]]:
     yield "sampling period", format_number(law.period, "g"), "s", DASH
     yield "time constant of the rate filter", format_number(law.rate_filter, ".2g"), "s", DASH
     yield "total delay of the loop", format_number(design.lag, ".2g"), "s", DASH
-    if design.allocation.limited:
-        yield "least torque", format_number(law.lowest), "N m", DASH
-        yield "largest torque", format_number(law.highest), "N m", DASH
+    for title, torque in zip(("least torque", "largest torque"), torque_limits(design), strict=False):
+        yield title, torque, "N m", DASH
     if not margins.stable:
         return
     bounds = (math.nan,) * 4
@@ -51,6 +50,11 @@ def _gain_rows(design: ControllerDesign) -> Iterator[tuple[str, str, str, str]]:
     yield "lag margin", _bounded(margins.lag_s, ".2f"), "s", DASH
     peak = format_number(margins.sensitivity_peak, ".2f")
     yield "peak of the sensitivity", peak, "", f"≤ {format_number(bounds[3], '.2f')}"
+
+
+def torque_limits(design: ControllerDesign) -> list[str]:
+    """The least and the largest torque of the thrusters in N m; empty where they are not known."""
+    return equal_decimals((design.law.lowest, design.law.highest)) if design.allocation.limited else []
 
 
 def _bounded(value: float, form: str) -> str:

@@ -59,10 +59,10 @@ def alternative_status(finding: Finding, alternative: Alternative | OtherCause) 
 def models_table(base: Estimate, extended: Estimate, findings: tuple[Finding, ...]) -> ResultTable:
     """Parameters without and with the causes."""
     table = ResultTable(
-        "Parameters ± standard error, of the plain model and with the causes",
+        "Parameters ± standard error of the plain and of the extended model",
         text_column("parameter"),
         mixed_number_column("plain model"),
-        mixed_number_column("with these causes"),
+        mixed_number_column("extended model"),
         number_column("change", "%"),
     )
     ratios: dict[str, list[str]] = {}
@@ -112,7 +112,7 @@ def _relative_change(base: Estimate, extended: Estimate, name: str) -> str:
 
 def held_out_table(diagnosis: Diagnosis, base: ModelAssessment, extended: ModelAssessment) -> ResultTable:
     """Errors of free-running simulations of held-out trials; one column where both models are the same."""
-    models = ("plain model", "with these causes")[: 1 + bool(extended.model.effects)]
+    models = ("plain model", "extended model")[: 1 + bool(extended.model.effects)]
     columns = map(mixed_number_column, (*models, "noise floor"))
     table = ResultTable("Error on trials that were not fitted", text_column("quantity"), *columns)
     for quantity, values, floor in _held_out_rows(diagnosis, base, extended):
@@ -179,12 +179,11 @@ def predictions_table(diagnosis: TableDiagnosis) -> ResultTable:
         number_column("measured", "rad/s"),
         number_column("simulated", "rad/s"),
         number_column("too high by", "%"),
-        number_column("inertia", "kg m²"),
     )
     for row in diagnosis.predictions:
         excess = 100.0 * (row.predicted / row.measured - 1.0)
         rates = format_number(row.measured, ".3g"), format_number(row.predicted, ".3f")
-        table.add_row(row.trial, METHODS[row.method], *rates, f"{excess:+.0f}", format_number(row.inertia, ".0f"))
+        table.add_row(row.trial, METHODS[row.method], *rates, f"{excess:+.0f}")
     return table
 
 
@@ -201,7 +200,7 @@ def explanations_table(diagnosis: TableDiagnosis) -> ResultTable:
         sizes = []
         for name, (value, unit) in cause.sizes.items():
             sizes.append(f"{name.replace('_', ' ')} {significant(value, 3)} {unit_symbol(unit)}".strip())
-        effect, inertia = cause.model.effects[0], format_number(cause.model.inertia, ".0f")
+        effect, inertia = cause.model.effects[0], format_number(cause.model.inertia)
         table.add_row(effect_title(effect), ", ".join(sizes), inertia, effect.experiment)
     return table
 
@@ -215,7 +214,7 @@ def changes_table(comparison: Comparison, guess: Assumptions) -> ResultTable:
     """Parameters of both campaigns, their ratios, and the probabilities of a change."""
     changes, pair = comparison.changes, comparison.changes.pair
     table = ResultTable(
-        "Each campaign by itself; together where both share what did not change; ± one standard error",
+        "Each campaign by itself ± standard error; together, and changed ratios: by both, sharing what did not change",
         text_column("parameter"),
         mixed_number_column("B over A"),
         mixed_number_column("changed"),
@@ -227,8 +226,7 @@ def changes_table(comparison: Comparison, guess: Assumptions) -> ResultTable:
     for place, name in enumerate(pair.names):
         ratio, unit = changes.ratio(name), pair.units[place]
         values = [
-            plus_minus(float(pair.a[place]), math.sqrt(pair.covariance_a[place, place])),
-            plus_minus(float(pair.b[place]), math.sqrt(pair.covariance_b[place, place])),
+            *(plus_minus(*side) for side in changes.separate_values(name)),
             _joint_value(changes, name),
         ]
         in_a, in_b, together = (guess.mark_number(value, unit) for value in values)

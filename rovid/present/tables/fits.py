@@ -167,11 +167,11 @@ def steady_table(fit: DragFit) -> ResultTable:
     )
     rows = zip(fit.points, fit.residuals, fit.torque_error, fit.left_out.tolist(), strict=True)
     for point, residual, error, (quadratic, linear, *_) in rows:
-        rate, difference = f"{point.rate:.4g}", f"{residual:.2f}"
+        rate, difference = f"{point.rate:.4g}", format_number(residual, ".2f")
         if math.isfinite(point.rate_error):
             rate = plus_minus(point.rate, point.rate_error)
         if fit.torque_error_known:
-            difference += f" ± {error:.2f}"
+            difference = plus_minus(residual, error)
         table.add_row(
             point.source,
             format_number(point.torque, ".2f"),

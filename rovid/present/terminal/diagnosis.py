@@ -27,10 +27,12 @@ from rovid.present.sentences import (
     cause_title,
     comparison_headline,
     comparison_sentences,
+    effect_title,
     evidence_definitions,
     evidence_words,
     improvement_words,
     join_words,
+    other_causes,
     verdict_sentence,
 )
 from rovid.present.tables.control import gains_table, runs_table
@@ -105,21 +107,19 @@ def show_finding(console: Console, finding: Finding) -> None:
         name = f"{effect.key}.{parameter.name}"
         value = plus_minus(estimate.value(name), estimate.standard_error(name))
         guessed = "guessed " * estimate.is_placeholder(name)
-        sizes.append(f"{parameter.name} {guessed}{value} {estimate.unit(name)}".removesuffix(" 1"))
+        title = estimate.axis.reword(parameter.name.replace("_", " "))
+        sizes.append(f"{title} {guessed}{value} {estimate.unit(name)}".removesuffix(" 1"))
     console.print()
     name = cause_name(finding)
     print_labelled(console, f"{name[:1].upper()}{name[1:]}:", ", ".join(sizes))
     if caveat := estimate.assumptions.effect_caveat(effect.id):
         print_text(console, Text(f"  {caveat}", style="red"), 2)
     print_text(console, f"  {evidence_words(finding)}", 2)
-    print_text(console, f"  {effect.key}: {effect.equation}")
+    print_text(console, f"  equation: {effect.equation}", 2)
     evidence = f"log-likelihood gain: {finding.bic_gain:.0f} after the parameter penalty"
-    if finding.alternatives:
-        others = [
-            f"{estimate.axis.reword(other.effect.title)} {other.bic_gain:.0f}"
-            for other in finding.alternatives[:_ALTERNATIVES_SHOWN]
-        ]
-        evidence += f"; by alternative causes: {', '.join(others)}"
+    if others := other_causes(finding)[:_ALTERNATIVES_SHOWN]:
+        gains = [f"{estimate.axis.reword(other.effect.title)} {other.bic_gain:.0f}" for other in others]
+        evidence += f"; by alternative causes: {', '.join(gains)}"
     print_text(console, f"  {evidence}", 2)
     decides = discriminating_experiment(finding)
     if decides is None:
@@ -176,4 +176,5 @@ def show_control(console: Console, design: ControllerDesign, guess: Assumptions)
         print_text(console, "no thrusters are known: the torque itself is commanded, without limit")
     runs_table(design).print(console, guess)
     if design.model.effects:
-        print_text(console, f"effects: {', '.join(effect.key for effect in design.model.effects)}")
+        titles = [effect_title(effect, design.model.axis) for effect in design.model.effects]
+        print_text(console, f"effects of the model: {join_words(titles)}")

@@ -61,7 +61,7 @@ def planar_held_out_table(
     diagnosis: PlanarDiagnosis, base: PlanarAssessment, extended: PlanarAssessment
 ) -> ResultTable:
     """Errors of free-running simulations of held-out trials; one column where both models are the same."""
-    models = ("base model", "with these causes")[: 1 + bool(extended.fit.model.effects)]
+    models = ("plain model", "extended model")[: 1 + bool(extended.fit.model.effects)]
     columns = map(mixed_number_column, (*models, "noise floor"))
     table = ResultTable("Error on trials that were not fitted", text_column("quantity"), *columns)
     sides = (base.held_out, extended.held_out)[: len(models)]

@@ -161,7 +161,7 @@ def _show_diagnosis(console: Console, event: LogsDiagnosed) -> None:
         print_text(console, f"  {cause_name(finding)}: {evidence_words(finding)}", 4)
     fitted = _estimate_of(event)
     if extended is not None and (fitted is None or extended.estimate.names != fitted.names):
-        print_labelled(console, "With these causes:")
+        print_labelled(console, "Extended model, with these causes:")
         console.print(_parameters_table(extended.estimate, fitted))
     if not all(status.met for status in event.criteria):
         _show_criteria(console, event.criteria)

@@ -231,7 +231,7 @@ def test_other_methods_stand_beside_the_model_as_what_they_are(day: ReportData) 
     entries = {**day.parameters.entries, "quadratic_drag": other, "thruster_lag.time_constant": lag}
     text = shown_text(without_plots(replace(day, parameters=replace(day.parameters, entries=entries))))
     assert re.search(
-        r"By steady turns, [^:]*: quadratic drag DQ 39\.9\d* ± 0\.309 N m s²/rad² \(27 % below the model's\)\.", text
+        r"By steady turns, [^:]*: quadratic drag DQ 39\.9\d* ± 0\.31 N m s²/rad² \(27 % below the model's\)\.", text
     )
     assert "This method does not model thruster lag." in text
     assert "Read this before" not in text

@@ -64,7 +64,7 @@ def test_a_hidden_lag_is_named_with_its_numbers(
     assert finding.effect.equation in shown
     assert finding.estimate.value("thruster_lag.time_constant") == pytest.approx(0.8, abs=0.05)
     assert f"gain {finding.held_out_gain:.0f} on trials that were not fitted." in shown
-    assert "with these causes noise floor" in shown
+    assert "extended model noise floor" in shown
     assert "No other cause explains these data as well" in shown
     model = text(part_of(lagged, "model"))
     assert re.search(r"thruster lag: time constant, s – 0\.8\d* ± 0\.0\d+", model)
@@ -143,7 +143,7 @@ def test_nothing_found_says_what_would_have_been_seen(lagged: ReportData) -> Non
     quiet = replace(quiet, nested=lagged.nested[:1])
     shown = text(section(quiet))
     assert "None was needed." in shown
-    assert "with these causes" not in shown
+    assert "extended model" not in shown
     assert "The smallest that would have been seen" in shown
     assert re.search(r"thruster lag time constant 0\.051\ss", shown)
     first = text(part_of(quiet, "summary"))

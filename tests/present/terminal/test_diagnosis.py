@@ -55,9 +55,9 @@ def test_a_cause_stands_with_its_size_before_the_evidence() -> None:
     account = told(Diagnosis(verdict="found", findings=(LAG,))).splitlines()
     assert account[0] == "The plain model misses thruster lag."
     assert account[2:6] == [
-        "Thruster lag: time_constant 0.6000 ± 0.0100 s",
+        "Thruster lag: time constant 0.600 ± 0.010 s",
         "  confirmed: size 60 standard errors, gain 4500 on trials that were not fitted",
-        "  thruster_lag: τ·dT'/dt + T' = T",
+        "  equation: τ·dT'/dt + T' = T",
         "  log-likelihood gain: 4000 after the parameter penalty",
     ]
     assert account[6].startswith("Confirmed: the cause is established, ")
