@@ -1,5 +1,6 @@
-"""The clock as a rival of the causes, wherever commands and motion come from different files.
+"""The clock as a rival of the causes: commands with stamps later than their action.
 
+The clock of a joined file may be late, and a logger may write a command at the end of the interval in which it acted.
 `rovid.diagnose.objectives.pose` adds the clock offset to the candidates. Where the offset is established, the commands
 are moved by it and the diagnosis is repeated. Where it is possible, it is a fault that may act, and no cause.
 """
@@ -83,7 +84,7 @@ def _without_offset(diagnosis: Diagnosis, runs: Sequence[Run]) -> Diagnosis:
     every = [finding for finding in (*diagnosis.findings, *diagnosis.suspects) if finding.effect is not CLOCKS_APART]
     offset, faults = _clock_offset((*diagnosis.findings, *diagnosis.suspects)), list[Fault]()
     if offset is not None:
-        faults.append(_fault(offset, runs, "It may act; give a known offset in [join]."))
+        faults.append(_fault(offset, runs, "It may act."))
     findings = [finding for finding in diagnosis.findings if finding in every]
     suspects = [finding for finding in diagnosis.suspects if finding in every]
     for delay in [
@@ -141,13 +142,15 @@ def _delay_fault(delay: Finding, runs: Sequence[Run]) -> Fault:
 
 def _fault(offset: Finding, runs: Sequence[Run], done: str) -> Fault:
     lead, error = offset.estimate.value(_LEAD), offset.estimate.standard_error(_LEAD)
-    text = (
-        f"The vehicle responds {plus_minus(lead, error)} s before its commands, which is impossible: the clock of the "
-        f"commands is ahead of the clock of the motion. {done}"
-    )
+    joined = _joined(runs)
+    text = f"The vehicle responds {plus_minus(lead, error)} s before its commands, which is impossible: "
+    if joined:
+        text += f"the clock of the commands is ahead of the clock of the motion. {done} Give a known offset in [join]."
+    else:
+        text += f"the stamps of the commands are late, as where a row holds the command that acted before it. {done}"
     return Fault(
         fault=CLOCKS_APART.id,
-        logs=_joined(runs),
+        logs=joined or tuple(dict.fromkeys(run.trial.parent or run.trial.name for run in runs)),
         size=-lead,
         standard_error=error,
         unit="s",

@@ -1,7 +1,7 @@
-"""Commands whose clock is late: no cause, but a fault of joined logs that a cause may imitate.
+"""Commands whose stamps are late: no cause, but a fault of the logs that a cause may imitate.
 
-The effect is a rival of the causes of a diagnosis where commands and motion come from different files. A clock that is
-ahead looks the same as a command delay, which covers that sign.
+The clocks of joined files may differ, and a logger may write a command at the end of the interval in which it acted. A
+clock that is ahead looks the same as a command delay, which covers that sign.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def _advanced(inputs: ActuatorInputs, torque: FloatArray, values: Values) -> Flo
 
 CLOCKS_APART: Effect = Effect(
     id="clocks_apart",
-    title="clock offset between the joined files",
+    title="late stamps of the commands",
     parameters=(
         EffectParameter(
             name="lead", unit="s", neutral=0.0, low=0.0, high=30.0, initial_values=(0.02, 0.2, 1.0), scale="time"
