@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import errno
+import contextlib
 import functools
 import os
 import sys
@@ -15,8 +15,9 @@ from typer.main import get_command
 
 from rovid import __version__
 from rovid.cli.help_format import FIRST_SESSION, ManualCommand, ManualGroup, Page
+from rovid.cli.streams import machine_error, prepare_streams
 from rovid.core import process_tuning
-from rovid.core.errors import RovidError, display_text
+from rovid.core.errors import RovidError
 
 # The commands in the order of the help. Each has a module of its name, with its function and its manual page.
 COMMANDS = (
@@ -57,11 +58,15 @@ def main() -> None:
     # Before numpy is imported: the matrices are small, and threads of BLAS would compete with ours.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     process_tuning.tune_process()
+    prepare_streams()
     if "_ROVID_COMPLETE" in os.environ:
         # typer wraps the help texts that zsh and fish show, and a shell would read each line as a value.
         os.environ["COLUMNS"] = "1000"
     try:
-        _command()(prog_name="rovid")
+        try:
+            _command()(prog_name="rovid")
+        finally:
+            sys.stdout.flush()
     except RovidError as error:
         sys.stderr.write(f"rovid: {error}\n")
         raise SystemExit(2) from None
@@ -69,11 +74,15 @@ def main() -> None:
         # The reader of the output ended, as `| head` does.
         sys.stderr.close()
         raise SystemExit(1) from None
-    except OSError as error:
-        if error.errno != errno.ENAMETOOLONG:
+    except (OSError, MemoryError) as error:
+        message = machine_error(error)
+        if not message:
             raise
-        name = display_text(str(error.filename))
-        sys.stderr.write(f"rovid: {name}: there is no such file or folder, because the name is too long.\n")
+        sys.stderr.write(f"rovid: {message}\n")
+        if isinstance(error, OSError):
+            # What is left in the buffer of a full device would fail again at the end of the process.
+            with contextlib.suppress(OSError):
+                sys.stdout.close()
         raise SystemExit(2) from None
 
 

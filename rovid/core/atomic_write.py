@@ -160,7 +160,7 @@ def _encoded(contents: Mapping[OutputFile, Content]) -> dict[OutputFile, bytes]:
     data = {}
     for output, content in contents.items():
         made = content() if callable(content) else content
-        data[output] = made.encode("utf-8") if isinstance(made, str) else made
+        data[output] = made.encode("utf-8", "backslashreplace") if isinstance(made, str) else made
     return data
 
 

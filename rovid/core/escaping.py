@@ -13,6 +13,8 @@ from rovid.core.errors import escape_invisible, is_visible
 
 # Characters; MATLAB's limit for a field's name, the narrowest of all formats with identifiers.
 _MAX_LENGTH = 63
+# A byte that is no text, as `encodable` writes it.
+_ESCAPED_BYTE = re.compile(r"\\udc([89a-f][0-9a-f])")
 # Where a spreadsheet may begin a formula: at the start of a cell, and after the separators of some countries' settings.
 _FORMULA_START = re.compile(r"(?:^|[;,|])\s*(?=[=+@-])")
 
@@ -20,6 +22,11 @@ _FORMULA_START = re.compile(r"(?:^|[;,|])\s*(?=[=+@-])")
 def encodable(text: str) -> str:
     """``text`` with escapes for what UTF-8 cannot hold, such as parts of a file name in another encoding."""
     return text.encode("utf-8", "backslashreplace").decode()
+
+
+def decoded(text: str) -> str:
+    """``text`` as it was before `encodable`."""
+    return _ESCAPED_BYTE.sub(lambda byte: chr(0xDC00 + int(byte[1], 16)), text)
 
 
 def json_lines(text: str) -> str:

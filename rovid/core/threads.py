@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Generic, TypeVar
 
+from rovid.core.errors import ConfigError
+
 # Environment variable: how many cores this process may use, if it shares them with other processes of rovid.
 CORES_VARIABLE = "ROVID_CORES"
 # s; switch interval of Python's threads while several work. A compiled loop takes less than Python's default of 5 ms.
@@ -39,9 +41,19 @@ def thread_map(function: Callable[[Item], Result], items: Iterable[Item]) -> lis
 
 
 def core_count() -> int:
-    """How many cores this process may use."""
+    """How many cores this process may use.
+
+    Raises
+    ------
+    ConfigError
+        The environment variable is not a number of cores.
+    """
     available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return min(available, int(os.environ.get(CORES_VARIABLE, available)))
+    wanted = os.environ.get(CORES_VARIABLE, str(available))
+    if not wanted.isdecimal() or int(wanted) < 1:
+        expected = "a whole number of cores, 1 or more, was expected."
+        raise ConfigError(f"is {wanted!r}; {expected}", where=f"environment variable {CORES_VARIABLE}")
+    return min(available, int(wanted))
 
 
 @dataclass(eq=False)

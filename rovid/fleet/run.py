@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import CancelledError
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
@@ -131,7 +132,15 @@ def _diagnose(
                 compile_all()
         report(f"Diagnosing {len(tasks)} campaigns, {jobs} at a time …")
         parallel = Parallel(n_jobs=jobs, batch_size=1, pre_dispatch="2*n_jobs", return_as="generator_unordered")
-        yield from parallel(delayed(diagnose_campaign)(task, options.patience, cores_each) for task in tasks)
+        try:
+            yield from parallel(delayed(diagnose_campaign)(task, options.patience, cores_each) for task in tasks)
+        except (OSError, CancelledError) as error:
+            if not options.cluster:
+                raise
+            mend = "The campaigns that were finished are kept: start the cluster again, and repeat the command."
+            raise ConfigError(
+                "the Dask scheduler was lost.", where=f"--cluster {options.cluster}", mend=mend
+            ) from error
 
 
 @contextlib.contextmanager

@@ -14,6 +14,7 @@ import numpy as np
 from rovid import __version__
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import ConfigError
+from rovid.core.escaping import decoded
 from rovid.core.paths import require_regular
 from rovid.core.signatures import PARAMETERS
 from rovid.core.toml import LARGEST, SMALLEST, expected_number, read_toml
@@ -84,7 +85,7 @@ def _parse(path: Path, document: Mapping[str, Any]) -> Parameters:
         path=path,
         vehicle=str(document.get("vehicle", "")),
         axis=axis,
-        logs=tuple((path.parent / str(item)).resolve() for item in document["logs"]),
+        logs=tuple((path.parent / decoded(str(item))).resolve() for item in document["logs"]),
         entries=entries,
         covariance=_covariance(covariance["names"], covariance["matrix"], entries),
         sources=tuple(_source(written, path.parent) for written in document["sources"]),
@@ -149,7 +150,7 @@ def _source(written: Mapping[str, Any], folder: Path) -> Source:
         name=str(written["name"]),
         sha256=str(written["sha256"]),
         samples=samples,
-        path=None if path is None else (folder / str(path)).resolve(),
+        path=None if path is None else (folder / decoded(str(path))).resolve(),
     )
 
 

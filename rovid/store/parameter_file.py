@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from functools import lru_cache
@@ -329,8 +330,8 @@ def _written(source: Source, folder: Path) -> dict[str, Any]:
 
 
 def absolute_paths(paths: Sequence[Path]) -> tuple[Path, ...]:
-    """Absolute ``paths``, encodable as text."""
-    return tuple(Path(encodable(str(path.resolve()))) for path in paths)
+    """Absolute ``paths``."""
+    return tuple(path.resolve() for path in paths)
 
 
 def sha256(path: Path) -> str:
@@ -350,14 +351,11 @@ def _sha256(parts: tuple[Path, ...], _versions: tuple[tuple[int, int], ...]) -> 
 
 def read_source(name: str, path: Path, samples: int) -> Source:
     """The log at ``path`` with its digest."""
-    # A name may hold bytes that are no text. The encoded path then does not exist.
-    (place,) = absolute_paths([path])
-    return Source(name=encodable(name), sha256=sha256(path), samples=samples, path=place if place.exists() else None)
+    return Source(name=encodable(name), sha256=sha256(path), samples=samples, path=path.resolve())
 
 
 def _relative(path: Path, folder: Path) -> str:
-    """Path relative to the parameter file, because both may be moved together."""
-    try:
-        return Path(os.path.relpath(path, folder.resolve())).as_posix()
-    except ValueError:  # another drive on Windows
-        return path.as_posix()
+    """Path relative to the parameter file, because both may be moved together; bytes that are no text are escaped."""
+    with suppress(ValueError):  # another drive on Windows
+        path = Path(os.path.relpath(path, folder.resolve()))
+    return encodable(path.as_posix())
