@@ -7,17 +7,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rovid.core.array_types import FloatArray
+from rovid.core.array_types import ComplexArray, FloatArray
 from rovid.core.errors import DataError
 from rovid.effects.actuator_inputs import ActuatorInputs, actuator_inputs, neutral_commands
 from rovid.model.command_series import CommandSeries
 from rovid.model.model import Model
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Vehicle
-
-ComplexArray = NDArray[np.complex128]
 
 # Number of torques each way in the table, and the smallest one relative to the largest.
 _LEVELS, _TINY = 501, 1e-9

@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rovid.control.actuators import ComplexArray
 from rovid.control.control_law import ControlLaw, effect_torque
-from rovid.core.array_types import FloatArray
+from rovid.core.array_types import ComplexArray, FloatArray
 from rovid.core.errors import DataError
 from rovid.effects.base import TERM_STATES
 from rovid.model.model import Model

@@ -7,9 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rovid.core.array_types import FloatArray, IntArray
+from rovid.core.array_types import ComplexArray, FloatArray, IntArray
 from rovid.core.errors import DataError
 from rovid.model.model import Model
 from rovid.signals.preprocessing import Run
@@ -36,21 +35,21 @@ class PeriodicMotion:
     """
 
     frequency: float
-    torque: NDArray[np.complex128]
-    rate: NDArray[np.complex128]
+    torque: ComplexArray
+    rate: ComplexArray
     seconds: float
 
-    def acceleration(self) -> NDArray[np.complex128]:
+    def acceleration(self) -> ComplexArray:
         """Complex amplitudes of the acceleration in rad/s^2."""
         return np.asarray(1j * self.frequency * np.arange(len(self.rate)) * self.rate)
 
-    def over_one_period(self, amplitudes: NDArray[np.complex128]) -> FloatArray:
+    def over_one_period(self, amplitudes: ComplexArray) -> FloatArray:
         """The waveform with these ``amplitudes`` at 720 phases of one period."""
         phase = 2.0 * np.pi * np.arange(_PHASES) / _PHASES
         harmonics = np.exp(1j * np.outer(phase, np.arange(len(amplitudes))))
         return np.asarray(np.real(harmonics @ amplitudes))
 
-    def peak(self, amplitudes: NDArray[np.complex128]) -> float:
+    def peak(self, amplitudes: ComplexArray) -> float:
         """Largest magnitude of the waveform with these ``amplitudes``."""
         return float(np.max(np.abs(self.over_one_period(amplitudes))))
 
@@ -171,7 +170,7 @@ def harmonic_balance(trials: Sequence[SineTrial], drag: Model | None) -> Inertia
     return _combine(trials, fundamental)
 
 
-def _work_and_weight(motion: PeriodicMotion, torque: NDArray[np.complex128], harmonics: slice) -> tuple[float, float]:
+def _work_and_weight(motion: PeriodicMotion, torque: ComplexArray, harmonics: slice) -> tuple[float, float]:
     """Work of the torque on the acceleration, and the squared acceleration, of ``harmonics`` over the whole run."""
     acceleration = motion.acceleration()[harmonics]
     work = float(np.real(np.sum(torque * np.conj(acceleration))))

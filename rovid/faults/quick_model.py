@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 
 import numpy as np
 
-from rovid.core.array_types import FloatArray
+from rovid.core.array_types import ComplexArray, FloatArray
 from rovid.signals.preprocessing import Run
 from rovid.signals.rates import fast_fft_length
 from rovid.trial.vehicle import Vehicle
@@ -83,6 +84,11 @@ class _Log:
         #: (n, 3), (n, 3), (n, 3) torques of other shapes, (n,), (n, k) torque of each thruster.
         self.x, self.z, self.shapes, self.torque, self.single = map(np.concatenate, zip(*parts, strict=True))
 
+    @cached_property
+    def waves(self) -> ComplexArray:
+        """(m, 3) spectrum of the instruments, of twice the length."""
+        return np.asarray(np.fft.rfft(self.z, fast_fft_length(2 * len(self.z)), axis=0))
+
 
 def log_name(run: Run) -> str:
     """Name of the log that a run is, or is a part of."""
@@ -105,6 +111,11 @@ def held_torque(run: Run) -> FloatArray:
 
 def fit_quick_model(runs: Sequence[Run], vehicle: Vehicle) -> QuickModel | None:
     """The common model and the logs' moments; None where the logs do not determine a model."""
+    return _fitted(tuple(runs), vehicle)
+
+
+@lru_cache(maxsize=1)  # Several kinds of faults examine the same runs one after another.
+def _fitted(runs: tuple[Run, ...], vehicle: Vehicle) -> QuickModel | None:
     parts: dict[str, list[Run]] = {}
     for run in runs:
         if int(run.valid.sum()) >= _MIN_SAMPLES:
@@ -176,7 +187,7 @@ def _moments_of(log: _Log, values: FloatArray, shares: FloatArray) -> LogMoments
     residual = log.torque - log.x @ values
     slope, score = log.z.T @ log.x, log.z.T @ residual
     contrast = log.z.T @ (log.single - log.torque[:, None] * shares)
-    noise = _covariance(log.z, residual - log.x @ _solved(slope, score)) + _GAIN**2 * contrast @ contrast.T
+    noise = _covariance(log.waves, residual - log.x @ _solved(slope, score)) + _GAIN**2 * contrast @ contrast.T
     shapes = np.column_stack((slope @ _directions(values), log.z.T @ log.shapes))
     spread = shapes @ shapes.T
     deviations, information = _deviation(slope, score, (noise + _LEAST_SCATTER**2 * spread)[None], values)
@@ -251,8 +262,8 @@ def _solved(slope: FloatArray, score: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.lstsq(slope / size[:, None] / size, score / size, rcond=1e-9)[0] / size)
 
 
-def _covariance(z: FloatArray, rest: FloatArray) -> FloatArray:
-    """(p, p) covariance of z' e for autocorrelated residuals e, by their smoothed periodogram."""
+def _covariance(waves: ComplexArray, rest: FloatArray) -> FloatArray:
+    """(p, p) covariance of z' e for autocorrelated residuals e, by their smoothed periodogram and z's ``waves``."""
     size = fast_fft_length(2 * len(rest))
     power = np.abs(np.fft.rfft(rest, size)) ** 2 / len(rest)
     # Averages over half an octave and some more bins, without the bins that the fit has taken out.
@@ -262,7 +273,6 @@ def _covariance(z: FloatArray, rest: FloatArray) -> FloatArray:
     sums = np.concatenate(([0.0], np.cumsum(power)))
     smooth = 2.0 * (sums[high + 1] - sums[low]) / (high + 1 - low)
     smooth[0] *= 0.5
-    waves = np.fft.rfft(z, size, axis=0)
     return np.asarray(np.real((waves.conj() * smooth[:, None]).T @ waves) / size)
 
 

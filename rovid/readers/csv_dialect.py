@@ -7,6 +7,7 @@ import csv
 import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import zip_longest
 from pathlib import Path
 from typing import IO
@@ -200,15 +201,21 @@ def _header_lines(lines: list[str], wanted: Collection[str], path: Path) -> tupl
         raise LogError("has no header row, only comments.", where=path)
     if match := _CONTROL_CHARACTER.search(lines[number]):
         raise _no_text(path, f"the control character {match[0]!r}")
-    cells = {at: _best_split(lines[at]) for at in filled}
-    have_data = [_has_data(cells[at]) for at in filled]
-    first = next((row for row in range(len(filled)) if all(have_data[row : row + _DATA_ROWS])), 0)
-    above = next((row for row in range(first, 0, -1) if have_data[row - 1]), 0)
+
+    @cache  # Most lines are data below the header, and are not split.
+    def cells(at: int) -> list[str]:
+        return _best_split(lines[at])
+
+    def have_data(rows: list[int]) -> bool:
+        return all(_has_data(cells(at)) for at in rows)
+
+    first = next((row for row in range(len(filled)) if have_data(filled[row : row + _DATA_ROWS])), 0)
+    above = next((row for row in range(first, 0, -1) if have_data(filled[row - 1 : row])), 0)
     headers = filled[above:first]
-    units = next((at for at in headers if _are_units(cells[at])), None)
+    units = next((at for at in headers if _are_units(cells(at))), None)
     texts = [at for at in headers if at != units]
     if number in filled and texts:
-        number = max(texts, key=lambda at: (known(lines[at]), sum(map(bool, cells[at])), -at))
+        number = max(texts, key=lambda at: (known(lines[at]), sum(map(bool, cells(at))), -at))
     start = number + 1 if units is None else filled[first]
     return number, start, units
 

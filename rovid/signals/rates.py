@@ -8,9 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rovid.core.array_types import FloatArray
+from rovid.core.array_types import ComplexArray, FloatArray
 from rovid.core.errors import DataError
 from rovid.trial.trial import Trial
 
@@ -333,7 +332,7 @@ def fast_fft_length(length: int) -> int:
 
 
 @functools.lru_cache(maxsize=32)
-def _spectrum(kernel: bytes, size: int) -> NDArray[np.complex128]:
+def _spectrum(kernel: bytes, size: int) -> ComplexArray:
     """Transform of a kernel, cached because every simulation of a trial uses it again."""
     return np.fft.rfft(np.frombuffer(kernel), size)
 
