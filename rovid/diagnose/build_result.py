@@ -157,6 +157,7 @@ def _wave_finding(selection: Selection) -> Finding | None:
         probability=waves.probability,
         alternatives=(),
         indistinguishable=(),
+        is_complete=selection.is_complete,
     )
 
 

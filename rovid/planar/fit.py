@@ -169,15 +169,24 @@ def is_yaw_alone(data: PlanarData) -> bool:
     """Whether only yaw can be estimated: surge and sway are not measured, or nothing drives them."""
     if not any(measured_axes(data.sensors)[:2]):
         return True
+    return not data.actuators.rudders and not _is_pushed(data)
+
+
+def _is_pushed(data: PlanarData) -> bool:
+    """Whether a thruster pushes along surge or sway."""
     # Thrusters in opposite pairs leave rounding errors.
     force = max(float(np.abs(run.forces().force[:, :2]).max(initial=0.0)) for run in data.runs)
-    thrust = sum(thruster.full_thrust for thruster in data.actuators.thrusters.thrusters)
-    return not data.actuators.rudders and force <= _ROUNDING * thrust
+    return force > _ROUNDING * sum(thruster.full_thrust for thruster in data.actuators.thrusters.thrusters)
 
 
 def _require_measured(data: PlanarData) -> None:
-    """Refuse headings alone where they cannot determine the yaw model."""
+    """Refuse headings alone where they cannot determine the yaw model, and rudders without propulsion."""
     if not is_yaw_alone(data):
+        if not _is_pushed(data):
+            raise DataError(
+                f"nothing pushes the vehicle but {data.actuators.rudder_names[0]}, which only turns it.",
+                mend="Enter its propulsion in [[thrusters]] of rovid.toml, or fit yaw alone without --axes planar.",
+            )
         return
     mend = "Map surge_velocity and sway_velocity, or north and east, in [signals] of rovid.toml."
     if data.actuators.rudders:

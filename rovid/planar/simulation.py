@@ -101,7 +101,8 @@ def estimated_start(model: PlanarModel, run: PlanarRun, *, yaw_only: bool) -> Fl
     start = measured_start(run)
     speed = np.maximum(np.abs(start[1:4]), 0.1)
     rates = (model.base[4:7] + 2.0 * model.base[7:10] * speed) / np.diag(model.mass_matrix)
-    last = int(np.searchsorted(run.time, run.time[0] + _START_TIMES / float(rates.max())))
+    fastest = float(rates.max())  # 1/s; 0 without drag, as where no actuator acts
+    last = int(np.searchsorted(run.time, run.time[0] + _START_TIMES / fastest)) if fastest else len(run.time)
     events = max(int(np.searchsorted(run.event_index, last)), _START_READINGS)
     index, sensor, value = run.event_index[:events], run.event_sensor[:events], run.event_value[:events]
     rows = slice(0, int(index[-1]) + 2)

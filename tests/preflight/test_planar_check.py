@@ -182,6 +182,16 @@ def test_a_propeller_that_turns_nothing_is_taken_by_its_name() -> None:
     assert block["max_command"] == pytest.approx(13.2)
 
 
+def test_a_fit_refuses_a_rudder_without_propulsion(folder: Path, tmp_path: Path, rovid: Rovid) -> None:
+    for path in folder.glob("*.c*"):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    rudder = '[[rudders]]\nname = "stern"\nposition = [-1.0, 0.0]\nangle = { csv = "a" }\n'
+    (tmp_path / "rovid.toml").write_text(rudder + SIGNALS)
+    done = rovid("fit", tmp_path, "--axes", "planar", "-p", tmp_path / "p.toml")
+    assert done.code == 2
+    assert "nothing pushes the vehicle but stern" in done.err
+
+
 def test_the_sample_is_ready_for_a_fit(rovid: Rovid) -> None:
     document = rovid("check", SAMPLES / "planar_rov", "--axes", "planar", "--json").document
     assert (document["verdict"], document["faults"], document["advice"]) == ("go", [], [])
