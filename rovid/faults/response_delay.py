@@ -62,13 +62,14 @@ def response_delay(runs: Sequence[Run], values: FloatArray | None = None) -> Res
     xx, xt, tt, variation = (np.array(each) for each in zip(*blocks, strict=True))
     if np.count_nonzero(variation > _VARIES * tt[:, tt.shape[1] // 2].mean()) < _MIN_BLOCKS:
         return None
-    total, fitted = _residuals((xx.sum(axis=0), xt.sum(axis=0), tt.sum(axis=0)), values)
+    sums = xx.sum(axis=0), xt.sum(axis=0), tt.sum(axis=0)
+    total, fitted = _residuals(sums, values)
     best, every = _minimum(total), []
     if best is None:
         return None
     for at in range(len(blocks)):
-        rest_xx, rest_xt, rest_tt = (each.sum(axis=0) - each[at] for each in (xx, xt, tt))
-        others, _ = _residuals((rest_xx, rest_xt, rest_tt), values)
+        rest = sums[0] - xx[at], sums[1] - xt[at], sums[2] - tt[at]
+        others, _ = _residuals(rest, values)
         every.append(_minimum(others))
     found = np.array([each for each in every if each is not None])
     if len(found) < len(blocks):

@@ -246,7 +246,8 @@ def _fit_delays(runs: Sequence[Run], vehicle: Vehicle, names: Sequence[str]) -> 
     best = plain = fit_with_effects(fit_innovations(data, data.free_run_r2(start)), (common,))
     objective = plain.objective.with_effects((common, lag))
     starts = [np.concatenate((plain.x, lags)) for lags in objective.parametrization.initial_values()]
-    lagged = min((fit(objective, x) for x in objective.most_likely(starts, 2)), key=lambda one: one.value)
+    (start_with_lag,) = objective.most_likely(starts, 1)
+    lagged = fit(objective, start_with_lag, goal=plain.value - _MIN_GAIN)
     if plain.value - lagged.value > _MIN_GAIN:
         value, error = lagged.model.values[-1], _errors(lagged)[-1]
         reduction = plain.model.values[-1] - lagged.model.values[-2]

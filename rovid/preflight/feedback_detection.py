@@ -136,9 +136,7 @@ def _calibrated_f_test(
     before: FloatArray, change: FloatArray, innovations: FloatArray, rows: BoolArray
 ) -> tuple[float, float]:
     """P value of ``change`` given ``innovations`` beyond ``before``, and the share of its variance."""
-    # Orthonormal basis: some columns may be equal.
-    left, sizes, _ = np.linalg.svd(before / np.maximum(np.linalg.norm(before, axis=0), 1e-300), full_matrices=False)
-    basis = left[:, sizes > 1e-9 * sizes[0]]
+    basis = _orthonormal(before)
     change = change - basis @ (basis.T @ change)
     columns = innovations.shape[1]
     freedom = len(change) - basis.shape[1] - columns
@@ -148,8 +146,10 @@ def _calibrated_f_test(
         return 1.0, 0.0
 
     def explained_share(x: FloatArray) -> float:
-        residual = _residual(x - basis @ (basis.T @ x), change)
-        return 1.0 - float(residual @ residual) / total
+        # Normal equations of the columns beyond the basis, to which the change is orthogonal.
+        along, moments = basis.T @ x, change @ x
+        inverse = np.linalg.pinv(x.T @ x - along.T @ along, rcond=1e-10, hermitian=True)
+        return float(moments @ inverse @ moments) / total
 
     def f_statistic(share: float) -> float:
         return share / max(1.0 - share, 1e-300) * float(freedom / columns)
@@ -334,14 +334,20 @@ def _residual(x: FloatArray, y: FloatArray) -> FloatArray:
 
 def _robust_residual(x: FloatArray, y: FloatArray) -> FloatArray:
     """(n,) residuals of an M-estimate with Huber weights."""
-    residual = _residual(x, y)
+    x = _orthonormal(x)
+    residual = y - x @ (x.T @ y)
     for _ in range(15):
         if not _robust_std(residual) > 0.0:
             break
-        weight = _huber_weights(residual)
-        values, *_ = np.linalg.lstsq(x * weight[:, None], y * weight, rcond=1e-9)
-        residual = y - x @ values
+        weighted = x * _huber_weights(residual)[:, None] ** 2
+        residual = y - x @ (np.linalg.pinv(weighted.T @ x, rcond=1e-10, hermitian=True) @ (weighted.T @ y))
     return residual
+
+
+def _orthonormal(x: FloatArray) -> FloatArray:
+    """(n, q) orthonormal basis of the columns of ``x``, some of which may be equal."""
+    left, sizes, _ = np.linalg.svd(x / np.maximum(np.linalg.norm(x, axis=0), 1e-300), full_matrices=False)
+    return np.asarray(left[:, sizes > 1e-9 * sizes[0]])
 
 
 def _huber_weights(residual: FloatArray) -> FloatArray:
