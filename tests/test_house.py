@@ -32,6 +32,7 @@ HOUSE = [
     "export",
     "preflight",
     "present",
+    "api",
     "app",
     "fleet",
     "cli",

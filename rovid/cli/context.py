@@ -235,9 +235,11 @@ def fit_and_store(
     if json:
         print_json(document(warned, study))
         return
+    from rovid.present.console import print_text
     from rovid.present.terminal.results import show_fit
 
-    show_fit(console(), warned, show, study, stored)
+    show_fit(console(), warned, show, study)
+    print_text(console(), f"written to {stored.path}")
 
 
 def diagnose_study(
@@ -250,26 +252,17 @@ def diagnose_study(
 ) -> Diagnosis:
     """Diagnose the logs and warn where ``stored`` disagrees; with ``force`` also logs with a fault that stops."""
     from rovid.diagnose.result import Diagnosis
+    from rovid.preflight.check import reversed_thrusters
     from rovid.store.checks import method_disagreement
 
-    if not force and (reversed_arms := _reversed_thrusters(study)):
-        return Diagnosis(verdict="bad_logs", missing=" ".join(reversed_arms))
+    if not force and (reversed_arms := reversed_thrusters(study)):
+        return Diagnosis(verdict="bad_logs", missing=reversed_arms)
     stored, notes = without_stale_values(stored, study)
     seconds = budget or study.default_budget
     diagnosis = study.diagnosis(report, drag=stored.independent_drag(), force=force, budget=seconds)
     if diagnosis.extended is not None:
         notes = [*notes, *method_disagreement(stored.entries_for(study.paths), diagnosis.extended.estimate)]
     return replace(diagnosis, warnings=(*diagnosis.warnings, *notes))
-
-
-def _reversed_thrusters(study: Study) -> list[str]:
-    """Sentences on thrusters that turn the vehicle the other way, for which `rovid check` says no go."""
-    from rovid.preflight.command_effects import check_thrusters
-
-    if study.runs is None or not study.runs.items[0].trial.has_actuators:
-        return []
-    checks = check_thrusters([run.trial for run in study.runs.items], study.vehicle)
-    return [check.text(study.vehicle.axis) for check in checks if check.is_reversed]
 
 
 def store_estimate(

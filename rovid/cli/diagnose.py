@@ -90,14 +90,10 @@ def diagnose(
 
         print_json(diagnosis_document(diagnosis, study))
     else:
-        from rovid.present.console import print_text, show_caution, show_faults, show_warnings
-        from rovid.present.documents.diagnosis import all_faults
-        from rovid.present.terminal.diagnosis import show_diagnosis
+        from rovid.present.console import print_text
+        from rovid.present.terminal.diagnosis import show_study_diagnosis
 
-        show_caution(console(), study.vehicle.assumptions)
-        show_faults(console(), all_faults(diagnosis, study))
-        show_diagnosis(console(), diagnosis, study.vehicle)
-        show_warnings(console(), [*study.remarks(), *diagnosis.warnings])
+        show_study_diagnosis(console(), diagnosis, study)
         if diagnosis.extended is not None:
             print_text(console(), f"written to {session.stored.path}")
 

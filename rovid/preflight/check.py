@@ -24,6 +24,7 @@ from rovid.readers.campaign import examine_campaign
 from rovid.signals.preprocessing import prepare
 from rovid.signals.rates import choose_cutoff, white_noise
 from rovid.signals.segments import find_holds, find_sines
+from rovid.store.study import Study
 from rovid.trial.config import Config
 from rovid.trial.fault import Fault, stopping
 from rovid.trial.trial import Campaign, Remark, Trial
@@ -76,7 +77,14 @@ def read_each_log(paths: Sequence[Path], config: Config) -> tuple[list[Trial], d
 
 def check_logs(paths: Sequence[Path], config: Config) -> LogCheck:
     """Check all logs. Each log is read by itself: an unreadable log does not hide the others."""
-    every, problems, remarks = read_each_log(paths, config)
+    return check_trials(config, *read_each_log(paths, config))
+
+
+def check_trials(
+    config: Config, every: Sequence[Trial], problems: dict[str, str] | None = None, remarks: Sequence[Remark] = ()
+) -> LogCheck:
+    """Check trials that were read; ``problems`` has the message for each log that could not be read."""
+    problems = dict(problems or {})
     trials, faults = examine_campaign(every, config)
     vehicle = config.vehicle.clamped() if stopping(faults) else config.vehicle
     rows: list[tuple[Trial, dict[str, Any]]] = []
@@ -186,6 +194,14 @@ def _facts(trial: Trial, config: Config, vehicle: Vehicle, cutoff: float) -> dic
         "sine_runs": len(find_sines(trial, torque)),
         "remarks": [remark_document(remark) for remark in trial.remarks],
     }
+
+
+def reversed_thrusters(study: Study) -> str:
+    """Sentences on thrusters that turn the vehicle the other way, for which the verdict is no go; empty without one."""
+    if study.runs is None or not study.runs.items[0].trial.has_actuators:
+        return ""
+    checks = check_thrusters([run.trial for run in study.runs.items], study.vehicle)
+    return " ".join(check.text(study.vehicle.axis) for check in checks if check.is_reversed)
 
 
 def remark_document(remark: Remark) -> dict[str, Any]:

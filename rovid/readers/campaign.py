@@ -62,13 +62,26 @@ def read_campaign(
         for name, path in logs:
             trials += read(path, config, name, remarks)
             advance(path, file_size(path))
+    return campaign_of(trials, config, paths, remarks)
+
+
+def campaign_of(
+    trials: Sequence[Trial], config: Config, sources: Sequence[Path] = (), remarks: Sequence[Remark] = ()
+) -> Campaign:
+    """The ``trials`` as one campaign: without duplicates, and with what all of them together show.
+
+    Raises
+    ------
+    LogError
+        There are no trials.
+    """
     if not trials:
         raise LogError("nothing is left of these logs.", where=config.path, mend="Correct [[leave_out]].")
     kept, faults = examine_campaign(trials, config)
     medians = _medians(kept)
     placed = zip(kept, _campaign_times(kept), strict=True)
     together = tuple(replace(trial, reference=medians, campaign_time=time) for trial, time in placed)
-    return Campaign(trials=together, sources=tuple(paths), remarks=tuple(remarks), faults=faults)
+    return Campaign(trials=together, sources=tuple(sources), remarks=tuple(remarks), faults=faults)
 
 
 def examine_campaign(trials: Sequence[Trial], config: Config) -> tuple[Sequence[Trial], tuple[Fault, ...]]:

@@ -169,13 +169,13 @@ def _times(path: Path, values: Any, name: str, before: int) -> pd.Series[Any]:
 def _numbers(path: Path, values: Any, column: str, name: str, before: int) -> FloatArray:
     """(n,) numbers of a column. ``before``: number of rows before these."""
     if hasattr(values, "dictionary"):
-        numbers, wrong = _to_numbers(_series(path, values.dictionary))
+        numbers, wrong = to_numbers(_series(path, values.dictionary))
         # A missing cell gets the index after the last.
         codes = values.indices.fill_null(len(numbers)).to_numpy()
         numbers = np.append(numbers, np.nan)[codes]
         wrong = np.append(wrong, False)[codes]
     else:
-        numbers, wrong = _to_numbers(_series(path, values))
+        numbers, wrong = to_numbers(_series(path, values))
     if wrong.any():
         row = int(np.argmax(wrong))
         text = f"{column} ({name}) is {str(values[row].as_py())[:40]!r}; a number was expected."
@@ -192,7 +192,7 @@ def _series(path: Path, values: Any) -> pd.Series[Any]:
     return column
 
 
-def _to_numbers(column: pd.Series[Any]) -> tuple[FloatArray, BoolArray]:
+def to_numbers(column: pd.Series[Any]) -> tuple[FloatArray, BoolArray]:
     """(n,) numbers, NaN where missing; and (n,) whether a cell is no number."""
     if column.dtype.kind in "biuf":  # 64-bit integers with missing values among them.
         return np.asarray(column.to_numpy(dtype=np.float64, na_value=np.nan)), np.zeros(len(column), dtype=np.bool_)

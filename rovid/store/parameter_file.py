@@ -29,6 +29,7 @@ from rovid.model.parameter_names import base_names, effect_ids
 from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import PLANAR, YAW, Axis
 from rovid.trial.config_fingerprint import ConfigFingerprint
+from rovid.trial.trial import NO_FILE, Trial
 
 # Largest decay rate of a motion in 1/s; faster decay is implausible and could not be integrated. A decision.
 _FASTEST = 1e3
@@ -352,6 +353,15 @@ def _sha256(parts: tuple[Path, ...], _versions: tuple[tuple[int, int], ...]) -> 
 def read_source(name: str, path: Path, samples: int) -> Source:
     """The log at ``path`` with its digest."""
     return Source(name=encodable(name), sha256=sha256(path), samples=samples, path=path.resolve())
+
+
+def trial_source(trial: Trial) -> Source:
+    """The file of ``trial`` with its digest; for data that were never in a file the digest of the arrays."""
+    samples = int(trial.measured.sum())
+    if trial.path != NO_FILE:
+        return read_source(trial.name, trial.path, samples)
+    arrays = b"".join(map(bytes, (trial.time, trial.position, trial.commands)))
+    return Source(name=trial.name, sha256=hashlib.sha256(arrays).hexdigest(), samples=samples)
 
 
 def _relative(path: Path, folder: Path) -> str:

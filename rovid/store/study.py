@@ -1,4 +1,4 @@
-"""The public Python interface: a study of the logs, or tables, in a folder, and what can be identified from them."""
+"""A study of the logs, or tables, in a folder, and what can be identified from them."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ from rovid.readers import read_campaign
 from rovid.readers.campaign import TrialReader
 from rovid.readers.discover import candidate_files
 from rovid.signals.preprocessing import PreparedRuns, prepare, shared_channels
-from rovid.store.parameter_file import Provenance, Source, absolute_paths, read_source
+from rovid.store.parameter_file import Provenance, Source, absolute_paths, read_source, trial_source
 from rovid.trial.axis import YAW, Axis
-from rovid.trial.config import find_config, load_config, vehicle_without_thrusters
+from rovid.trial.config import Config, find_config, load_config, vehicle_without_thrusters
 from rovid.trial.config_fingerprint import ConfigFingerprint
 from rovid.trial.fault import Fault, FaultOverrides, fault_texts, stopping
 from rovid.trial.tables import SINE_COLUMNS, STEADY_COLUMNS, find_table, read_table
@@ -78,15 +78,14 @@ class Study:
     @cached_property
     def _sources(self) -> tuple[Source, ...]:
         trials = () if self.campaign is None else self.campaign.trials
-        sources = [read_source(trial.name, trial.path, int(trial.measured.sum())) for trial in trials]
+        sources = list(map(trial_source, trials))
         # Several trials may come from the same files.
         companions = {
             path: f"{path.name} of {trial.parent or trial.name}" for trial in trials for path in trial.companion_files
         }
         sources += [read_source(name, path, 0) for path, name in companions.items()]
-        for table in dict.fromkeys((self.steady, self.sine)):
-            if table is not None:
-                sources.append(read_source(table.name, table, len(read_table(table).rows)))
+        tables = filter(None, dict.fromkeys((self.steady, self.sine)))
+        sources += [read_source(table.name, table, len(read_table(table).rows)) for table in tables]
         return tuple(sources)
 
     def remarks(self) -> list[str]:
@@ -343,11 +342,9 @@ def config_files(paths: Sequence[Path]) -> list[Path]:
         config = find_config(paths)
         files.append(config)
         blocks = read_toml(config).get("thrusters")
-        for block in blocks if isinstance(blocks, list) else []:
-            if isinstance(block, dict) and "curve" in block:
-                curve = config.parent / str(block["curve"])
-                if curve.exists():
-                    files.append(curve)
+        known = filter(lambda block: isinstance(block, dict), blocks if isinstance(blocks, list) else ())
+        curves = [config.parent / str(block["curve"]) for block in known if "curve" in block]
+        files += [curve for curve in curves if curve.exists()]
     return files
 
 
@@ -380,7 +377,11 @@ def open_study(
             raise ConfigError(text, where="--axis", mend="Give logs, or leave --axis out.")
         return Study(paths=tuple(paths), vehicle=vehicle_without_thrusters(paths), steady=steady, sine=sine)
     config = load_config(find_config(paths), axis)
-    campaign = read_campaign(paths, config, reading=reading, without=without)
+    return study_of(read_campaign(paths, config, reading=reading, without=without), config, cutoff=cutoff)
+
+
+def study_of(campaign: Campaign, config: Config, *, cutoff: float | None = None) -> Study:
+    """The study of a ``campaign`` that was read with ``config``; see `open_study`."""
     vehicle = config.vehicle.with_logged_torque(campaign.trials)
     if stopping(campaign.faults):
         vehicle = vehicle.clamped()  # Commands of another unit than the curve are outside it.
@@ -389,7 +390,7 @@ def open_study(
         raise loop.error
     items, faults = examine_runs(runs.items, vehicle, config.faults)
     return Study(
-        paths=tuple(paths),
+        paths=campaign.sources,
         vehicle=vehicle,
         campaign=campaign,
         runs=replace(runs, items=items),

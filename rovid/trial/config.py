@@ -30,7 +30,7 @@ from rovid.trial.log_files import KINDS, Join
 from rovid.trial.log_tables import exclusions, join, kept_faults
 from rovid.trial.signal_names import ANGLE_UNITS, DEFAULT_UNIT, SIGNAL_UNITS, STANDARD_SOURCES, TIME_UNITS, Signal
 from rovid.trial.tables import read_curve
-from rovid.trial.vehicle import Thruster, Vehicle
+from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
 
 FILE_NAME = "rovid.toml"
 _VEHICLE_NUMBERS = ("mass", "length", "width", "height", "rigid_body_inertia")
@@ -144,6 +144,11 @@ def load_config(path: Path, axis: Axis = YAW) -> Config:
     if path.read_bytes().startswith(_UNMARKED_GUESSES):
         _mark_guesses(document)
     return _Parser(path, axis).config(document)
+
+
+def config_from(document: Mapping[str, Any], axis: Axis = YAW) -> Config:
+    """Check a description with the tables of a rovid.toml, as `load_config`; a curve may be a `ThrustCurve`."""
+    return _Parser(Path("description"), axis).config(document)
 
 
 def load_planar_config(path: Path) -> Config:
@@ -357,7 +362,7 @@ class _Parser:
             name=name,
             clamp=outside == "clamp",
             arm=lever[arm_key] if arm_key in block or acts else 1.0,
-            curve=motor_curve(block, place, self) if constant else read_curve(self.path.parent / str(block["curve"])),
+            curve=motor_curve(block, place, self) if constant else self.bench_curve(block["curve"]),
             scale_key=constant if constant == "torque_constant" or self.planar else "",
             surge_share=lever["surge"],
             sway_share=lever["sway"] if self.planar else 0.0,
@@ -371,6 +376,10 @@ class _Parser:
             angle = self.signal(f"command.{turning.name}", block["azimuth"], f"{place} azimuth", like="heading")
             pairs.append((turning, angle))
         return pairs
+
+    def bench_curve(self, value: Any) -> ThrustCurve:
+        """The curve itself, or that of the file with this name."""
+        return value if isinstance(value, ThrustCurve) else read_curve(self.path.parent / str(value))
 
     def is_guessed(self, block: Mapping[str, Any], key: str, place: str) -> bool:
         """Whether a value is marked as a guess: by true, or by the guessed value as long as it is unchanged."""

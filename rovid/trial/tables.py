@@ -193,11 +193,15 @@ def read_curve(path: Path) -> ThrustCurve:
         mend = f"Make one from bench readings with `rovid fit-thruster BENCH.csv -o {path.name}`."
         raise ConfigError("there is no such thrust curve.", where=path, mend=mend)
     table = read_table(path)
-    command, thrust = map(table.numbers, CURVE_COLUMNS)
+    return curve_of(*map(table.numbers, CURVE_COLUMNS), where=path)
+
+
+def curve_of(command: FloatArray, thrust: FloatArray, *, where: Path | str) -> ThrustCurve:
+    """Thrust curve through (m,) commands and thrusts in N, in any order; ``where`` they are from, for `ConfigError`."""
     order = np.argsort(command, kind="stable")
     command, thrust = command[order], thrust[order]
     if len(command) < 2 or np.any(np.diff(command) <= 0):
         text = f"has {len(command)} points, some at one command; two or more different commands were expected."
         mend = "`rovid fit-thruster` turns repeated bench readings into a curve."
-        raise ConfigError(text, where=path, mend=mend)
+        raise ConfigError(text, where=where, mend=mend)
     return ThrustCurve(command=command, thrust=thrust)

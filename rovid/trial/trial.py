@@ -21,6 +21,10 @@ from rovid.trial.fault import Fault
 _PAST_CHANGES = 4000
 
 
+# Path of a trial whose data come from memory.
+NO_FILE = Path()
+
+
 def read_only(values: ArrayLike) -> FloatArray:
     """``values`` as a read-only float64 array; a writeable array is copied."""
     array = np.asarray(values, dtype=np.float64)
@@ -80,7 +84,7 @@ class Trial:
     """
 
     name: str  #: Path of the log, relative to the campaign.
-    path: Path  #: The log file.
+    path: Path  #: The log file; `NO_FILE` for data that were never in a file.
     time: FloatArray  #: (n,) s, strictly increasing from 0.
     #: (n,) along ``axis``: rad, unwrapped, or m; positive in the sense of the logged signal. In yaw the heading. NaN
     #: where not measured.

@@ -2,8 +2,8 @@
 
 Every sh and console block of docs/ and of the README is run, page by page and in order, in a separate folder. In a
 console block commands begin with ``$``. The following lines have to occur in the output, in this order, with nearly
-equal numbers; ``…`` marks omitted text. Python blocks are run too and share their names within a page. A comment
-before a block marks exceptions:
+equal numbers; ``…`` marks omitted text. Python blocks are run too, and pycon blocks are doctests; both share their
+names within a page. A comment before a block marks exceptions:
 
 ``<!-- test: not run; WHY -->``
     The block needs a network or hours.
@@ -20,6 +20,7 @@ before a block marks exceptions:
 from __future__ import annotations
 
 import contextlib
+import doctest
 import io
 import os
 import re
@@ -55,7 +56,7 @@ NUMBER = r"(?<![\d.])\d+(?:\.\d+)?(?!\.?\d)"
 # all lines are shifted by one pixel, as with other fonts.
 LARGEST_DIFFERENCE = 3.0
 # Pages that need a parameter file. They start with the parameters of a shortened sample day, to save time.
-WITH_PARAMETERS = {"control.md", "export.md", "files.md", "fit.md", "logs.md", "plan.md", "api.md"}
+WITH_PARAMETERS = {"control.md", "export.md", "files.md", "fit.md", "logs.md", "plan.md"}
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,7 @@ def to_run(page: Path) -> list[Block]:
         block
         for block in blocks(page)
         if (block.language in SHELL and not block.remark.startswith(("not run;", "as in ")))
-        or block.language == "python"
+        or block.language in {"python", "pycon"}
         or block.remark.startswith("written to ")
     ]
 
@@ -159,6 +160,8 @@ def run(page: Path, chosen: list[Block], request: pytest.FixtureRequest) -> None
             path = Path(block.remark.removeprefix("written to "))
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(block.text, encoding="utf-8")
+        elif block.language == "pycon":
+            run_doctest(block, names)
         elif block.language == "python":
             with contextlib.redirect_stdout(io.StringIO()):
                 exec(compile(block.text, block.place, "exec"), names)  # noqa: S102 - the page's own example
@@ -168,6 +171,15 @@ def run(page: Path, chosen: list[Block], request: pytest.FixtureRequest) -> None
     if any(words[:2] == ["rovid", "report"] for block in chosen for words in block.commands()):
         assert min(made.stat().st_size for made in Path.cwd().glob("*/index.html")) > 100_000
         assert list(Path.cwd().glob("parameters*.toml"))
+
+
+def run_doctest(block: Block, names: dict[str, object]) -> None:
+    case = doctest.DocTestParser().get_doctest(block.text, {}, block.place, block.place, 0)
+    case.globs = names
+    failures: list[str] = []
+    runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS | doctest.IGNORE_EXCEPTION_DETAIL)
+    assert case.examples
+    assert runner.run(case, out=failures.append, clear_globs=False).failed == 0, "".join(failures)
 
 
 def output_of(command: str, block: Block) -> str:

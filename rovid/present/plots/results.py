@@ -62,13 +62,21 @@ _NORMAL_95 = NormalDist().inv_cdf(0.975)
 @report_style
 def plot_alternatives(finding: Finding) -> Figure:
     """Log-likelihood gain of a cause and of its best alternatives; those not ruled out are hatched."""
+    bars = 1 + len(finding.alternatives[:ALTERNATIVES_SHOWN])
+    figure, ((panel,),) = panel_grid([(0.3 * bars + 0.15, 1)], left=3.8, right=0.55)
+    draw_alternatives(panel, finding)
+    figure.legend(*panel.get_legend_handles_labels(), ncols=4, loc="upper right", borderaxespad=0.1)
+    return figure
+
+
+def draw_alternatives(panel: Axes, finding: Finding) -> None:
+    """Draw the bars of `plot_alternatives`."""
     axis = finding.estimate.axis
     names, gains, statuses = [effect_title(finding.effect, axis)], [finding.bic_gain], ["found"]
     for other in finding.alternatives[:ALTERNATIVES_SHOWN]:
         names.append(effect_title(other.effect, axis))
         gains.append(other.bic_gain)
         statuses.append(alternative_status(finding, other))
-    figure, ((panel,),) = panel_grid([(0.3 * len(gains) + 0.15, 1)], left=3.8, right=0.55)
     for status, (colour, hatch) in _STATUS_LOOKS.items():
         rows = [row for row, each in enumerate(statuses) if each == status]
         if rows:
@@ -82,8 +90,6 @@ def plot_alternatives(finding: Finding) -> Figure:
     panel.set_xlabel("log-likelihood gain after the parameter penalty")
     panel.grid(visible=False, axis="y")
     panel.set_axisbelow(True)
-    figure.legend(*panel.get_legend_handles_labels(), ncols=4, loc="upper right", borderaxespad=0.1)
-    return figure
 
 
 def paper_step_runs(design: ControllerDesign) -> dict[str, dict[str, ClosedLoopRun]]:
@@ -124,11 +130,7 @@ def plot_plan(plan: ExperimentPlan, axis: Axis) -> Figure:
     figure, panels = panel_grid(rows[: 2 + discriminates], left=1.05, down=0.42, top=0.75, share_x=True)
     (command,), (rate,), *more = panels
     best, run = plan.best, plan.best.run
-    # Four kinds of dashes in each of two colours distinguish eight thrusters.
-    for place, name in enumerate(plan.thrusters):
-        dashes, colour = ("-", "--", ":", "-.")[place % 4], (BLACK, GREY)[place // 4 % 2]
-        command.step(run.time, run.commands[:, place], dashes, where="post", color=colour, linewidth=1.0, label=name)
-    command.set_ylabel("command")
+    draw_commands(command, plan)
     if len(plan.thrusters) <= 8:
         command.legend(**_LEGEND_ABOVE, ncols=4)
     figure.suptitle(shorten_name(run.name, 90), x=0.115, ha="left", fontsize=11)
@@ -147,6 +149,16 @@ def plot_plan(plan: ExperimentPlan, axis: Axis) -> Figure:
     return figure
 
 
+def draw_commands(panel: Axes, plan: ExperimentPlan) -> None:
+    """Draw the commands of the best run."""
+    # Four kinds of dashes in each of two colours distinguish eight thrusters.
+    for place, name in enumerate(plan.thrusters):
+        dashes, colour = ("-", "--", ":", "-.")[place % 4], (BLACK, GREY)[place // 4 % 2]
+        time, commands = plan.best.run.time, plan.best.run.commands[:, place]
+        panel.step(time, commands, dashes, where="post", color=colour, linewidth=1.0, label=name)
+    panel.set_ylabel("command")
+
+
 def plan_picture(plan: ExperimentPlan, axis: Axis) -> bytes:
     """The plot of a plan as PNG."""
     return render_png(plot_plan(plan, axis), "plan")
@@ -155,10 +167,21 @@ def plan_picture(plan: ExperimentPlan, axis: Axis) -> bytes:
 @report_style
 def plot_ratios(changes: DifferenceTest, titles: Mapping[str, str]) -> Figure | None:
     """B over A of each parameter with its 95 % interval; None where no ratio is known."""
-    known = {name: ratio for name in changes.pair.names if (ratio := changes.ratio(name)) is not None}
+    known = _known_ratios(changes)
     if not known:
         return None
     figure, ((panel,),) = panel_grid([(0.42 * len(known) + 0.3, 1)], left=2.4, top=0.15)
+    draw_ratios(panel, changes, titles)
+    return figure
+
+
+def _known_ratios(changes: DifferenceTest) -> dict[str, tuple[float, float]]:
+    return {name: ratio for name in changes.pair.names if (ratio := changes.ratio(name)) is not None}
+
+
+def draw_ratios(panel: Axes, changes: DifferenceTest, titles: Mapping[str, str]) -> None:
+    """Draw the intervals of `plot_ratios`."""
+    known = _known_ratios(changes)
     for row, (name, (value, error)) in enumerate(known.items()):
         changed = any(name in change.candidate.parameters for change in changes.established)
         colour, filled = (ORANGE, ORANGE) if changed else (BLACK, "white")
@@ -167,7 +190,6 @@ def plot_ratios(changes: DifferenceTest, titles: Mapping[str, str]) -> Figure | 
     panel.set_yticks(range(len(known)), [titles[name] for name in known])
     panel.set_ylim(len(known) - 0.5, -0.5)
     panel.set_xlabel("B over A, share of 1, with 95 % interval")
-    return figure
 
 
 @report_style

@@ -21,7 +21,8 @@ from rovid.diagnose.result import (
     next_experiment,
     unidentifiable_parameters,
 )
-from rovid.present.console import print_labelled, print_text, show_caution, show_warnings
+from rovid.present.console import print_labelled, print_text, show_caution, show_faults, show_warnings
+from rovid.present.documents.diagnosis import all_faults
 from rovid.present.sentences import (
     cause_name,
     cause_title,
@@ -48,12 +49,21 @@ from rovid.present.tables.diagnosis import (
     ruled_out_names,
 )
 from rovid.present.tables.fits import estimate_table
+from rovid.store.study import Study
 from rovid.trial.assumptions import Assumptions
 from rovid.trial.vehicle import Vehicle
 
 _ALTERNATIVES_SHOWN = 3
 # Largest share of the variance that is called small: a tenth of the RMS torque. Convention.
 _SMALL_SHARE = 0.01
+
+
+def show_study_diagnosis(console: Console, diagnosis: Diagnosis, study: Study) -> None:
+    """Print a diagnosis with the guesses, faults and remarks of the ``study``."""
+    show_caution(console, study.vehicle.assumptions)
+    show_faults(console, all_faults(diagnosis, study))
+    show_diagnosis(console, diagnosis, study.vehicle)
+    show_warnings(console, [*study.remarks(), *diagnosis.warnings])
 
 
 def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> None:

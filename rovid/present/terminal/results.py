@@ -26,7 +26,6 @@ from rovid.present.number_format import format_number, unit_symbol
 from rovid.present.tables.fits import directions_table, estimate_table, methods_table, sine_table, steady_table
 from rovid.present.tables.table import ResultTable, mixed_number_column, text_column
 from rovid.signals.preprocessing import PreparedRuns
-from rovid.store.parameter_file import Parameters
 from rovid.store.study import Study
 from rovid.trial.axis import YAW
 
@@ -38,10 +37,8 @@ _READINGS_SHOWN = 40
 _Fit = TypeVar("_Fit", DragFit, InertiaFit, LikelihoodFit)
 
 
-def show_fit(
-    console: Console, fit: _Fit, show: Callable[[Console, _Fit], None], study: Study, parameters: Parameters
-) -> None:
-    """Print a fit, the low-pass filter, the warnings, and the path of the parameter file."""
+def show_fit(console: Console, fit: _Fit, show: Callable[[Console, _Fit], None], study: Study) -> None:
+    """Print a fit, the low-pass filter, and the warnings."""
     show_caution(console, study.vehicle.assumptions)
     show_faults(console, study.faults)
     show(console, fit)
@@ -50,7 +47,6 @@ def show_fit(
     if study.runs is not None:
         _show_filter(console, study.runs)
     show_warnings(console, [*study.remarks(), *fit.estimate.warnings])
-    print_text(console, f"written to {parameters.path}")
 
 
 def _show_filter(console: Console, runs: PreparedRuns) -> None:

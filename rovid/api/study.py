@@ -1,0 +1,264 @@
+"""A study: logs of a folder, or arrays in memory, and what can be asked of them. Nothing is written or printed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from os import PathLike
+from pathlib import Path
+from typing import Any, Self
+
+from rovid.api.results import (
+    CheckRecord,
+    ComparisonRecord,
+    DiagnosisRecord,
+    ExportRecord,
+    ModelRecord,
+    PlanRecord,
+    check_record,
+    comparison_record,
+    diagnosis_record,
+    export_record,
+    fit_record,
+    plan_record,
+)
+from rovid.compare.campaign_fit import CampaignFit, campaign_from_study
+from rovid.compare.comparison import compare as compare_campaigns
+from rovid.core.errors import ConfigError, DataError
+from rovid.diagnose.result import Diagnosis
+from rovid.effects import Effect, effect_named
+from rovid.estimate.candidate_runs import RunLimits
+from rovid.export.interface import export_input
+from rovid.export.run_export import select_exporter, verified_export
+from rovid.preflight.check import check_logs, check_trials, reversed_thrusters
+from rovid.readers.campaign import campaign_of
+from rovid.readers.frame import Table, thrust_curve, trials_of
+from rovid.store.parameter_file import Parameters
+from rovid.store.study import Study, open_study, study_of
+from rovid.trial.axis import YAW, Axis, axis_named
+from rovid.trial.config import Config, config_from, find_config, load_config
+from rovid.trial.trial import NO_FILE, Trial
+
+Progress = Callable[[str], None]
+
+
+def _silent(_: str) -> None:
+    """No progress."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class VehicleStudy:
+    """A vehicle with its logs or arrays; made by `rovid.open` or by `from_frame`.
+
+    Logs are read when they are first needed. Every method computes anew and returns a record.
+    """
+
+    paths: tuple[Path, ...] = ()  #: The folder or log that was opened; empty for data in memory.
+    axis: Axis = YAW
+    cutoff: float | None = None  #: Hz; None: chosen from the data.
+    config: Config | None = None  #: Description of data in memory; None for logs.
+    trials: tuple[Trial, ...] = ()  #: Data in memory.
+
+    @classmethod
+    def from_frame(
+        cls,
+        data: Table,
+        *,
+        signals: Mapping[str, Any],
+        thrusters: Sequence[Mapping[str, Any]] = (),
+        vehicle: Mapping[str, Any] | None = None,
+        run: str | None = None,
+        axis: str = "yaw",
+        cutoff: float | None = None,
+    ) -> Self:
+        """A study of columns in memory. The description has the keys of rovid.toml.
+
+        Parameters
+        ----------
+        data
+            A DataFrame, or arrays by name: one row an instant, in order of time.
+        signals
+            Signal -> column, or ``{"column": …, "unit": "deg" | "rad", "sign": -1}``. ``time`` and, in yaw, ``heading``
+            (degrees by default) are needed; ``yaw_rate``, ``roll``, ``pitch``, ``supply_voltage`` and any further
+            name are optional. ``torque`` may stand in place of the thrusters.
+        thrusters
+            For each thruster ``name``, ``yaw_arm`` in m (positive turns the heading up), ``command`` (a column) and
+            ``curve``: a table with the columns command and thrust_N, or a pair of arrays.
+        vehicle
+            ``name``, ``mass`` in kg, ``length`` and ``width`` in m, or ``rigid_body_inertia`` in kg m^2.
+        run
+            Column that names the run of each row; None: all rows are one run.
+        axis, cutoff
+            As in `rovid.open`.
+
+        Raises
+        ------
+        RovidError
+            A column or a key is missing or wrong, or the data hold no usable measurement.
+        """
+        document = {
+            "vehicle": dict(vehicle or {}),
+            "thrusters": [_with_curve(one, place) for place, one in enumerate(thrusters, 1)],
+            "signals": {name: _source(value) for name, value in signals.items()},
+        }
+        config = config_from(document, axis_named(axis))
+        return cls(axis=config.axis, cutoff=cutoff, config=config, trials=tuple(trials_of(data, config, run)))
+
+    @cached_property
+    def logs(self) -> Study:
+        """The runs with their rates, torques and faults; reads the logs."""
+        if self.config is None:
+            return open_study(self.paths, cutoff=self.cutoff, axis=self.axis)
+        return study_of(campaign_of(self.trials, self.config), self.config, cutoff=self.cutoff)
+
+    def check(self) -> CheckRecord:
+        """What is in the logs and what is wrong with them, as `rovid check`."""
+        if self.config is not None:
+            return check_record(check_trials(self.config, self.trials), self.config.vehicle)
+        config = load_config(find_config(self.paths), self.axis)
+        return check_record(check_logs(self.paths, config), config.vehicle)
+
+    def fit(self, effects: Sequence[str] = (), *, gyro: bool = False) -> ModelRecord:
+        """All parameters by maximum likelihood, as `rovid fit`.
+
+        Parameters
+        ----------
+        effects
+            Ids of effects to include, as ``thruster_lag`` or ``thruster_lag:rotor``.
+        gyro
+            Also fit the logged rates, if they come from a gyro of their own.
+
+        Raises
+        ------
+        RovidError
+            The data have a fault that no fit survives, do not determine the parameters, or lack a signal.
+        """
+        self.logs.require_sound()
+        return fit_record(self.logs.likelihood(_effects(effects), gyro=gyro), self.logs)
+
+    def diagnose(
+        self, *, budget: float | None = None, force: bool = False, progress: Progress = _silent
+    ) -> DiagnosisRecord:
+        """What the simulation gets wrong and why, as `rovid diagnose`.
+
+        Parameters
+        ----------
+        budget
+            Time in s; None: a minute for each hour of logs, and at least a minute.
+        force
+            Diagnose logs with a fault that no fit survives, too.
+        progress
+            Called with a line at each step; ``print`` shows them.
+        """
+        logs = self.logs
+        if not force and (reversed_arms := reversed_thrusters(logs)):
+            return diagnosis_record(Diagnosis(verdict="bad_logs", missing=reversed_arms), logs)
+        seconds = logs.default_budget if budget is None else budget
+        return diagnosis_record(logs.diagnosis(progress, force=force, budget=seconds), logs)
+
+    def plan(
+        self,
+        between: Sequence[str] = (),
+        *,
+        effects: Sequence[str] = (),
+        narrow: str = "",
+        share: float = 1.0,
+        minutes: float = 10.0,
+        max_rate: float = math.inf,
+        travel: float = math.inf,
+    ) -> PlanRecord:
+        """The next run, as `rovid plan`: it distinguishes two causes, or narrows the interval of a parameter.
+
+        Parameters
+        ----------
+        between
+            Ids of the two causes to distinguish; empty: narrow a parameter.
+        effects
+            Further effects of the model.
+        narrow
+            The parameter; empty: the least certain one.
+        share, minutes, max_rate, travel
+            Limits: largest command relative to that in the logs, duration, rate in rad/s or m/s, and turns or m.
+
+        Raises
+        ------
+        RovidError
+            No run stays within the limits, or a name is unknown.
+        """
+        causes = _effects(between)
+        if len({cause.id for cause in causes}) not in {0, 2}:
+            raise ConfigError(f"names {len(causes)} causes; two different ones were expected.", where="between")
+        self.logs.vehicle.require_no_rudder("a run of commands")
+        limits = RunLimits(share=share, seconds=60.0 * minutes, rate=max_rate, travel=travel)
+        return plan_record(self.logs.plan(_effects(effects), causes, limits, narrow), self.logs.vehicle)
+
+    def compare(
+        self, other: VehicleStudy, *, relevant_change: float = 0.1, progress: Progress = _silent
+    ) -> ComparisonRecord:
+        """What changed from this study (A) to the ``other`` (B), as `rovid compare`.
+
+        ``relevant_change`` is the relative change of drag or inertia that has to be detectable.
+        """
+        a, b = self._campaign("a"), other._campaign("b")
+        return comparison_record(compare_campaigns(a, b, relevant_change=relevant_change, report=progress))
+
+    def _campaign(self, side: str) -> CampaignFit:
+        return campaign_from_study(self.logs, self.paths[0].resolve().name if self.paths else side)
+
+    def export(
+        self,
+        format: str,  # noqa: A002 - as the command's argument
+        model: ModelRecord | None = None,
+    ) -> ExportRecord:
+        """The model in the format of a simulator, verified by re-simulation, as `rovid export`.
+
+        ``model`` is the fit, or the diagnosis with its extended model; None: a fit without effects.
+
+        Raises
+        ------
+        RovidError
+            There is no such format, the axis is not yaw, or the vehicle depends on guesses.
+        """
+        exporter, _ = select_exporter(format, None)
+        if self.axis is not YAW:
+            raise ConfigError(f"is {self.axis.name}; export takes yaw.", where="axis")
+        estimate = (model or self.fit()).estimate
+        if estimate is None:
+            raise DataError("the diagnosis has no model to export.", mend="Print it: it names what is missing.")
+        vehicle = self.logs.vehicle
+        vehicle.require_no_rudder("the format")
+        if vehicle.assumptions:
+            raise ConfigError(vehicle.assumptions.refusal, where=vehicle.name)
+        stored = Parameters(path=NO_FILE, vehicle=vehicle.name).with_estimate(estimate)
+        subject = replace(export_input(stored, self.logs), guess=vehicle.assumptions)
+        return export_record(format, verified_export(exporter, subject), vehicle)
+
+
+def open_folder(folder: str | PathLike[str], *, axis: str, cutoff: float | None) -> VehicleStudy:
+    """The study of a folder; see `rovid.open`."""
+    path = Path(folder)
+    study = VehicleStudy(paths=(path,), axis=axis_named(axis), cutoff=cutoff)
+    find_config(study.paths)
+    return study
+
+
+def _effects(names: Sequence[str]) -> tuple[Effect, ...]:
+    given = [names] if isinstance(names, str) else names
+    return tuple(map(effect_named, dict.fromkeys(given)))
+
+
+def _source(value: Any) -> Any:
+    """A source as in rovid.toml, whose ``column`` has the key of tables there."""
+    if isinstance(value, Mapping):
+        return {"csv" if key == "column" else key: one for key, one in value.items()}
+    return value
+
+
+def _with_curve(thruster: Mapping[str, Any], place: int) -> dict[str, Any]:
+    """A thruster as in rovid.toml, with its curve itself."""
+    found = {key: _source(value) if key == "command" else value for key, value in thruster.items()}
+    if "curve" in found and not isinstance(found["curve"], str):
+        found["curve"] = thrust_curve(found["curve"], f"[[thrusters]] number {place} curve")
+    return found
