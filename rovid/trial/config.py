@@ -29,8 +29,8 @@ from rovid.trial.geometry import (
 from rovid.trial.log_files import KINDS, Join
 from rovid.trial.log_tables import exclusions, join, kept_faults
 from rovid.trial.signal_names import ANGLE_UNITS, DEFAULT_UNIT, SIGNAL_UNITS, STANDARD_SOURCES, TIME_UNITS, Signal
-from rovid.trial.tables import read_curve
-from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
+from rovid.trial.tables import bench_curve
+from rovid.trial.vehicle import Thruster, Vehicle
 
 FILE_NAME = "rovid.toml"
 _VEHICLE_NUMBERS = ("mass", "length", "width", "height", "rigid_body_inertia")
@@ -124,9 +124,8 @@ def find_config(paths: Sequence[Path]) -> Path:
     """Nearest rovid.toml at or above the first of ``paths``; `NoConfigError` if there is none."""
     for path in paths:
         require_exists(path)
-    folder = paths[0].resolve()
-    if not folder.is_dir():
-        folder = folder.parent
+    first = paths[0].resolve()
+    folder = first if first.is_dir() else first.parent
     recover(folder)  # Finishes the work of a `rovid init` that was killed.
     for candidate in (folder, *folder.parents):
         if (candidate / FILE_NAME).is_file() or special_kind(candidate / FILE_NAME):
@@ -140,10 +139,7 @@ def find_config(paths: Sequence[Path]) -> Path:
 
 def load_config(path: Path, axis: Axis = YAW) -> Config:
     """Read and check the rovid.toml at ``path``, for ``axis``; a `ConfigError` names the place in the file."""
-    document = read_toml(path)
-    if path.read_bytes().startswith(_UNMARKED_GUESSES):
-        _mark_guesses(document)
-    return _Parser(path, axis).config(document)
+    return _Parser(path, axis).config(_settings(path))
 
 
 def config_from(document: Mapping[str, Any], axis: Axis = YAW) -> Config:
@@ -152,25 +148,25 @@ def config_from(document: Mapping[str, Any], axis: Axis = YAW) -> Config:
 
 
 def load_planar_config(path: Path) -> Config:
-    """Read and check the rovid.toml at ``path`` for surge, sway and yaw together.
+    """Read and check the rovid.toml at ``path`` for surge, sway and yaw together; a `ConfigError` names the place.
 
-    The vehicle has every actuator that acts on any of the three. The logs are read along yaw: heading, or yaw rate, is
-    required. A `ConfigError` names the place in the file.
+    The vehicle has every actuator that acts on any of the three. Heading, or yaw rate, is required.
     """
+    return _Parser(path, YAW, planar=True).config(_settings(path))
+
+
+def _settings(path: Path) -> dict[str, Any]:
+    """The document at ``path``, in which unchanged guesses of `rovid init` before 0.3 are marked."""
     document = read_toml(path)
-    if path.read_bytes().startswith(_UNMARKED_GUESSES):
-        _mark_guesses(document)
-    return _Parser(path, YAW, planar=True).config(document)
-
-
-def _mark_guesses(document: Mapping[str, Any]) -> None:
-    """Mark unchanged guesses of `rovid init` before 0.3."""
+    if not path.read_bytes().startswith(_UNMARKED_GUESSES):
+        return document
     blocks = document.get("thrusters", [])
     for block in filter(lambda one: isinstance(one, dict), blocks if isinstance(blocks, list) else ()):
         if block.get(YAW.arm_key) in {1.0, -1.0}:
             block.setdefault(YAW.arm_key + _GUESSED, True)
         if block.get("curve") == "thrust_guess.csv":
             block.setdefault("curve" + _GUESSED, True)
+    return document
 
 
 def vehicle_without_thrusters(paths: Sequence[Path]) -> Vehicle:
@@ -362,7 +358,7 @@ class _Parser:
             name=name,
             clamp=outside == "clamp",
             arm=lever[arm_key] if arm_key in block or acts else 1.0,
-            curve=motor_curve(block, place, self) if constant else self.bench_curve(block["curve"]),
+            curve=motor_curve(block, place, self) if constant else bench_curve(block["curve"], self.path.parent),
             scale_key=constant if constant == "torque_constant" or self.planar else "",
             surge_share=lever["surge"],
             sway_share=lever["sway"] if self.planar else 0.0,
@@ -376,10 +372,6 @@ class _Parser:
             angle = self.signal(f"command.{turning.name}", block["azimuth"], f"{place} azimuth", like="heading")
             pairs.append((turning, angle))
         return pairs
-
-    def bench_curve(self, value: Any) -> ThrustCurve:
-        """The curve itself, or that of the file with this name."""
-        return value if isinstance(value, ThrustCurve) else read_curve(self.path.parent / str(value))
 
     def is_guessed(self, block: Mapping[str, Any], key: str, place: str) -> bool:
         """Whether a value is marked as a guess: by true, or by the guessed value as long as it is unchanged."""
