@@ -96,6 +96,7 @@ def main() -> None:
     parser.add_argument("--again", action="store_true", help="repeat campaigns that are in the state")
     parser.add_argument("--keep", type=Path, help="folder to leave campaigns in")
     parser.add_argument("--no-fit", action="store_true", help="diagnose alone")
+    parser.add_argument("--revision", default="", help="revision of rovid that is measured, for the page")
     parser.add_argument("--page", type=Path, help="page whose section is replaced, docs/confusion.md for instance")
     options = parser.parse_args()
     wanted = set(range(options.start, options.start + options.count))
@@ -119,9 +120,9 @@ def main() -> None:
                     file.write(json.dumps(record) + "\n")
             print(line_of(record), flush=True)
     done.sort(key=lambda record: record["index"])
-    print(section(done))
+    print(section(done, options.revision))
     if options.page:
-        write_section(options.page, done)
+        write_section(options.page, done, options.revision)
 
 
 if __name__ == "__main__":

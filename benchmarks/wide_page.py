@@ -14,7 +14,7 @@ from tools.wide.causes import ALL, FORMS
 Record = dict[str, Any]
 BEGIN, END = "<!-- wide: begin -->", "<!-- wide: end -->"
 EVIDENCE = 20.0  # nats, from which a cause counts as detectable
-_BAD = frozenset({"extra", "wrong", "unexplained", "missed", "no answer", "false"})
+_GOOD = frozenset({"exact", "class", "clean"})
 
 
 def cause_of(truth: Record) -> str:
@@ -91,7 +91,7 @@ def _failures(records: Sequence[Record]) -> list[str]:
     for record in records:
         result, truth, said = score(record), record["truth"], record["said"]["diagnose"]
         worst = max(result["z"].values(), key=abs, default=0.0)
-        bad = result["outcome"] in _BAD and (truth["visible"] or truth["effect"] is None or result["false"])
+        bad = result["outcome"] not in _GOOD and (truth["visible"] or truth["effect"] is None or result["false"])
         if not bad:
             continue
         words = "; ".join(result["findings"]) or said.get("failure", "").partition("\n")[0] or "nothing established"
@@ -105,8 +105,18 @@ def _failures(records: Sequence[Record]) -> list[str]:
     return lines
 
 
-def section(records: Sequence[Record]) -> str:
-    """Text of the section."""
+def _share(words: str, some: Sequence[Record], *outcomes: str) -> str:
+    """Share of records with one of the outcomes, with its 95 % interval (Clopper and Pearson 1934)."""
+    from scipy.stats import binomtest
+
+    count = sum(score(record)["outcome"] in outcomes for record in some)
+    interval = binomtest(count, len(some)).proportion_ci()
+    low, high = (100.0 * share for share in interval)
+    return f"- {words}: {count} of {len(some)} (95 % interval {low:.0f} to {high:.0f} %)"
+
+
+def section(records: Sequence[Record], revision: str = "") -> str:
+    """Text of the section; ``revision`` of rovid that was measured."""
     visible = [r for r in records if r["truth"]["effect"] and r["truth"]["visible"]]
     nothing = [r for r in records if r["truth"]["effect"] is None]
     invisible = len(records) - len(visible) - len(nothing)
@@ -131,9 +141,18 @@ def section(records: Sequence[Record]) -> str:
     )  # fmt: skip
     failures = _failures(records)
     absent = sorted(set(FORMS) - {r["truth"]["effect"] for r in visible})
+    shares = [_share("visible, exact or of a class that is said", visible, "exact", "class")] if visible else []
+    if clearly:
+        shares += [
+            _share("visible, with evidence, exact or of a class that is said", clearly, "exact", "class"),
+            _share("visible, with evidence, a wrong name or an extra one", clearly, "wrong", "extra"),
+        ]
+    shares += [_share("nothing hidden, a false cause", nothing, "false")] if nothing else []
+    of_revision = f" with revision {revision}" if revision else ""
     introduction = (
-        f"{len(records)} campaigns, seed {seeds}, drawn by `python -m benchmarks.wide`: {len(visible)} with a visible "
-        f"cause, {invisible} with a cause that is not visible, {len(nothing)} without a cause. The vehicles have "
+        f"{len(records)} campaigns{of_revision}, seed {seeds}, drawn by `python -m benchmarks.wide`: "
+        f"{len(visible)} with a visible cause, {invisible} with a cause that is not visible, "
+        f"{len(nothing)} without a cause. The vehicles have "
         "inertias of 0.01 to 10⁶ kg m², time constants of 0.1 to 60 s and 1 to 6 thrusters with commands in V, %, µs, "
         "rpm or −1 to 1. Headings have 1 to 100 Hz, commands are slower or faster, in the same table, in a second file "
         "or in MCAP. A campaign has 2 to 12 runs, which begin at rest, at a step, or under way. Each of 24 effects has "
@@ -153,12 +172,13 @@ def section(records: Sequence[Record]) -> str:
         "- suspect first: nothing was established, and the hidden cause is the first suspect;\n"
         "- extra, wrong: a false cause was established, with or without the hidden one.\n\n"
         "A delay in joined files (`csv_pair`, mcap) cannot be distinguished from an offset between the clocks. It is "
-        "reported as a suspect together with this fault."
+        "reported as a suspect together with this fault, and counts as a class."
     )
     parts = [
         "## Wide campaigns",
         introduction,
         _table(head, rows),
+        "\n".join(shares),
         legend,
         _table(["no cause", "number", *OUTCOMES_NOTHING], [_counts("nothing hidden", nothing, OUTCOMES_NOTHING)])
         if nothing else "",
@@ -196,10 +216,10 @@ def marked_section(path: Path) -> str:
     return f"\n{BEGIN}{inside}{END}\n" if inside else ""
 
 
-def write_section(path: Path, records: Sequence[Record]) -> None:
+def write_section(path: Path, records: Sequence[Record], revision: str = "") -> None:
     """Replace the section between its markers, or add it at the end of the page."""
     text = path.read_text(encoding="utf-8")
-    whole = f"{BEGIN}\n\n{section(records)}\n\n{END}\n"
+    whole = f"{BEGIN}\n\n{section(records, revision)}\n\n{END}\n"
     if BEGIN in text:
         before, _, rest = text.partition(BEGIN)
         whole = before + whole + rest.partition(END)[2].lstrip("\n")

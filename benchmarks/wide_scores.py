@@ -66,6 +66,8 @@ LAWS: Mapping[tuple[str, str], str | None] = {
     ("sideslip_moment", "drift"): None,
     ("sideslip_moment", "munk"): "munk",
 }
+# Fault of logs that looks the same as a delay.
+CLOCKS = "clocks_apart"
 # From good to bad.
 OUTCOMES = ("exact", "class", "suspect first", "extra", "wrong", "unexplained", "missed", "no answer")
 OUTCOMES_NOTHING = ("clean", "suspects", "unexplained", "false", "no answer")
@@ -117,7 +119,8 @@ def _outcome(
         only = len(findings) == 1 and findings[0]["effect"] == hidden and not findings[0]["cannot_be_told_from"]
         return "exact" if only else "class"
     if suspects and names_of(suspects[0]) & right:
-        return "suspect first"
+        # Stamps of two clocks do not tell a delay from an offset of the clocks: both are named, neither is established.
+        return "class" if CLOCKS in names_of(suspects[0]) else "suspect first"
     return "unexplained" if verdict == "unexplained" else "missed"
 
 

@@ -26,6 +26,7 @@ from rovid.estimate.instrumental_variables import require_inertia
 from rovid.estimate.maximum_likelihood import misspecification_covariance, require_swing
 from rovid.estimate.missing_torque import include_missing_torque
 from rovid.estimate.output_error import MIN_INERTIA_SIGMAS
+from rovid.estimate.unknown_past import water_warning
 from rovid.model.parameter_names import without_form
 
 
@@ -99,6 +100,7 @@ def model_estimate(fitted: FitResult, *, white: bool) -> Estimate:
     fitted = fitted.canonical()
     names = fitted.model.names
     added, warnings = misspecification_covariance(fitted)
+    warnings += water_warning(fitted.model, fitted.data)
     signals = {effect.key for effect in fitted.effects if is_signal(effect)}
     at = [k for k, name in enumerate(names) if _effect_key(name) not in signals]
     covariance = fitted.covariance(sandwich=not white) + added

@@ -22,6 +22,7 @@ from rovid.estimate.multi_step_data import MultiStepData
 from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
 from rovid.estimate.nested_fits import covariance_of_optima, fit_with_effects
 from rovid.estimate.output_error import MIN_INERTIA_SIGMAS, fit_output_error
+from rovid.estimate.unknown_past import water_warning
 from rovid.model.model import Model
 from rovid.model.parameter_names import unit_of
 from rovid.signals.preprocessing import Run
@@ -244,6 +245,7 @@ def _warnings(fitted: FitResult) -> Iterator[str]:
             "The innovations are not white. The standard errors come from the scatter between blocks of the logs, not "
             "from the curvature of the likelihood."
         )
+    yield from water_warning(fitted.model, fitted.data)
     for name in ("quadratic_drag", "linear_drag"):
         if getattr(fitted.model, name) == 0.0:
             yield f"{name} is held at zero, its lower bound."

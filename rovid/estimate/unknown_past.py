@@ -11,6 +11,7 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
 from rovid.effects.base import TERM_STATES
+from rovid.estimate.dataset import FitData
 from rovid.estimate.input_cache import InputCache
 from rovid.jit.decorators import compiled
 from rovid.model.bound_effects import term_values
@@ -162,6 +163,20 @@ class UnknownPasts:
         )
         innovations = data.output_index[rows][used]
         return _Beginnings(beginnings, rows, np.concatenate(own_steps), innovations, np.cumsum([0, *counts]))
+
+
+def water_warning(model: Model, data: FitData) -> list[str]:
+    """Warning that simulations start the water at rest in runs that begin in motion; empty where none does."""
+    names = [run.trial.name for run in data.driven_runs if run.trial.past is not None]
+    if not names or all(term.unknown_start is None for term, _ in term_values(model.terms)):
+        return []
+    more = f" and of {len(names) - 1} more" if len(names) > 1 else ""
+    allowed = "" if data.means_only else "The parameters allow for this. "
+    text = (
+        f"The water may already move at the start of {names[0]}{more}. {allowed}Simulations and multi-step predictions "
+        "start with the water at rest, and their first errors may be too large there."
+    )
+    return [text]
 
 
 def _each(series: Sequence[Any], function: Callable[[Any], Any]) -> list[Any]:

@@ -54,6 +54,8 @@ def test_outcomes_with_a_cause(lag: dict[str, Any]) -> None:
     assert {name: score(one)["outcome"] for name, one in expected.items()} == {name: name for name in OUTCOMES}
     assert score(record(lag, "found", finding("thruster_lag", "slew_limit")))["outcome"] == "class"
     assert score(expected["extra"])["false"] == ["tank_seiche"]
+    or_clocks = record(lag, "suspected", suspects=(finding("thruster_lag", "clocks_apart"), wrong))
+    assert score(or_clocks)["outcome"] == "class"
 
 
 def test_a_class_holds_for_its_law_alone(lag: dict[str, Any]) -> None:

@@ -16,6 +16,7 @@ from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from rovid.estimate.parametrization import COMMON, DISTURBANCE, MEMORY, NOISE
+from rovid.estimate.unknown_past import water_warning
 from rovid.model.past import with_moved_past
 from rovid.model.reference import ExtendedKalmanFilter
 from rovid.model.reference import Noise as FilterNoise
@@ -214,3 +215,15 @@ def test_drives_that_are_taken_as_settled_are_wrong() -> None:
     found = fitted(given)
     assert not found.is_white
     assert abs(found.model.values[3] - TIME_CONSTANT) > 0.03 * TIME_CONSTANT
+
+
+def test_simulations_from_resting_water_are_told() -> None:
+    """The warning names the logs that begin in motion, and appears for effects of the water alone."""
+    given = data((0.0, 100.0))
+    names = [run.trial.name for run in given.driven_runs if run.trial.past is not None]
+    swirl, lag = (
+        objective.parametrization.model(x) for objective, x in (at(given, SWIRL, 0.1, 10.0), at(given, LAG, 1.0))
+    )
+    (words,) = water_warning(swirl, given)
+    assert words.startswith(f"The water may already move at the start of {names[0]}")
+    assert water_warning(lag, given) == []
