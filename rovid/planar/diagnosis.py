@@ -8,7 +8,6 @@ on without it. Thresholds are those of `rovid.diagnose.thresholds`.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -24,12 +23,15 @@ from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.maximum_likelihood import INNOVATIONS_R2
+from rovid.planar.candidates import planar_candidates
 from rovid.planar.dataset import PlanarData
+from rovid.planar.effect_fits import with_hull_lift
 from rovid.planar.fit import PlanarFit, fit_base, planar_result, refined
+from rovid.planar.free_run_fit import better_simulating, fit_free_runs
 from rovid.planar.held_out import HeldOut, Parts, PlanarScores, held_out, noise_floors
 from rovid.planar.model import AXIS_NAMES
 from rovid.planar.optimum import PlanarOptimum
-from rovid.planar.search import PlanarSearch, planar_candidates
+from rovid.planar.search import PlanarSearch
 from rovid.trial.fault import Fault, fault_texts, stopping
 
 # Most suspects of a result.
@@ -104,18 +106,28 @@ def diagnose_planar(
         return PlanarDiagnosis(verdict="too_little_data", missing=missing)
     report("Fitting surge, sway and yaw together …")
     try:
-        base = fit_base(data)
+        base = with_hull_lift(fit_base(data))
     except DataError as error:
         return PlanarDiagnosis(verdict="too_little_data", missing=str(error))
     parts = Parts(data, base)
     if missing := _too_short(data, parts, base):
         return PlanarDiagnosis(verdict="too_little_data", missing=missing)
-    search = PlanarSearch(data, base, planar_candidates(data), own)
-    report("Searching for causes …")
-    model = search.challenged(search.run(base))
+    search, model = _searched(data, base, own)
+    if not model.is_multi_step and better_simulating(model, data).is_multi_step:
+        # The likelihood does not hold for any model of the search: free-running simulations decide.
+        report("Fitting free-running simulations …")
+        base = fit_free_runs(base, data)
+        parts = Parts(data, base)
+        search, model = _searched(data, base, own)
     report("Validating on held-out parts …")
     model, tested, messages = _validated(search, _Gate(search, parts), model)
     return _result(search, parts, model, tested, messages)
+
+
+def _searched(data: PlanarData, base: PlanarOptimum, budget: Budget) -> tuple[PlanarSearch, PlanarOptimum]:
+    search = PlanarSearch(data, base, planar_candidates(data), budget)
+    budget.report("Searching for causes …")
+    return search, search.challenged(search.run(base))
 
 
 def _missing(data: PlanarData) -> str:
@@ -166,7 +178,7 @@ class _Gate:
         gain, bic_gain = rest.value - model.value, search.score(model) - search.score(rest)
         with_it, without = self.held_out(model), self.held_out(rest)
         held_out_gain = with_it.log_likelihood - without.log_likelihood
-        errors = size_in_errors(model, effect)
+        errors = model.size_in_errors(effect)
         others = _others(search, model, effect, rest)
         margin = THRESHOLDS.tie_margin + min(THRESHOLDS.tie_share * max(bic_gain, 0.0), THRESHOLDS.tie_cap)
         equivalent = tuple(one.effect for one in others if one.bic_gain > bic_gain - margin)
@@ -199,18 +211,6 @@ def _others(search: PlanarSearch, model: PlanarOptimum, effect: Effect, rest: Pl
         if other.id != effect.id and not search.is_banned(one):
             found.setdefault(other.id, OtherCause(other, search.score(one) - search.score(rest)))
     return tuple(found.values())
-
-
-def size_in_errors(fitted: PlanarOptimum, effect: Effect) -> float:
-    """Mahalanobis distance of the sizes of ``effect`` from their neutral values."""
-    model, sizes = fitted.model, effect.parameters[: effect.size_count]
-    at = [model.names.index(f"{effect.key}.{size.name}") for size in sizes]
-    scales = fitted.coordinates.sizes.effects
-    neutral = [0.0 if size.neutral_at_infinity else size.neutral * scales.unit_size(size) for size in sizes]
-    away, covariance = model.values[at] - neutral, fitted.covariance[np.ix_(at, at)]
-    if not np.isfinite(covariance).all():
-        return 0.0
-    return math.sqrt(max(float(away @ np.linalg.lstsq(covariance, away, rcond=None)[0]), 0.0))
 
 
 def _is_at_bound(fitted: PlanarOptimum, effect: Effect) -> bool:
@@ -249,7 +249,7 @@ def _validated(
     """The model with causes that pass the gate, the tests of them and of those that were likely at most, messages."""
     messages: list[str] = []
     for _ in range(THRESHOLDS.max_rejections):
-        tested = sorted((gate.tested(model, effect) for effect in model.effects), key=lambda one: one.bic_gain)
+        tested = sorted((gate.tested(model, effect) for effect in search.causes(model)), key=lambda one: one.bic_gain)
         failed = next(((one, why) for one in tested if (why := _rejection(model, one))), None)
         if failed is None:
             return model, tested, messages
@@ -258,12 +258,12 @@ def _validated(
         search.banned.add(one.effect.key)
         rest = search.without(model, one.effect)
         model = rest if search.budget.is_late else search.challenged(search.run(search.polish(rest)))
-    for effect in model.effects:
+    for effect in search.causes(model):
         one = gate.tested(model, effect)
         if why := _rejection(model, one):
             messages.append(f"{effect.title} {why}: it is not claimed.")
             model = search.polish(search.without(model, effect))
-    return model, [gate.tested(model, effect) for effect in model.effects], messages
+    return model, [gate.tested(model, effect) for effect in search.causes(model)], messages
 
 
 # --- Result -----------------------------------------------------------------------------------------------------------
@@ -281,7 +281,7 @@ def _result(
             final = search.polish(search.without(final, one.effect))
     search.budget.report("Fitting all readings …")
     fit = planar_result(data, refined(final, data))
-    base_fit = fit if not final.effects else planar_result(data, search.base)
+    base_fit = fit if not search.causes(final) else planar_result(data, search.base)
     findings, suspects = [], []
     for one in established:
         if _is_refused(fit, one.effect):
@@ -356,6 +356,8 @@ def _further(search: PlanarSearch, gate: _Gate, model: PlanarOptimum, known: Col
         return found
     for fitted in search.extensions(model):
         effect = fitted.effects[-1]
+        if not search.is_usable(fitted):
+            continue
         if effect.id in known or effect.id in {one.effect.id for one in found}:
             continue
         if search.score(fitted) - search.score(model) <= 0.0:

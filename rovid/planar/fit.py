@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
 from rovid.core.formatting import significant
-from rovid.effects import Effect
-from rovid.effects.base import Coupling, WaterCurrent
+from rovid.effects import Effect, effect_named
+from rovid.effects.base import WaterCurrent
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.maximum_likelihood import DISTURBANCE_LIMITS, INNOVATIONS_R2
 from rovid.planar.coordinates import PlanarCoordinates
 from rovid.planar.dataset import PlanarData
-from rovid.planar.free_run_fit import better_simulating
+from rovid.planar.effect_fits import HULL_LIFT, add_effect, with_hull_lift
+from rovid.planar.free_run_fit import FreeRuns, better_simulating
 from rovid.planar.kernels import NOISE_SENSOR, NOISE_TIME, SENSORS
 from rovid.planar.likelihood import PlanarLikelihood
 from rovid.planar.model import AXIS_NAMES, BASE_COUNT, PlanarModel
@@ -32,8 +33,11 @@ _METHOD = "maximum likelihood of the innovations of an extended Kalman filter, s
 _METHOD_FREE_RUNS = "least squares of free-running simulations over some time constants, surge, sway and yaw together"
 # Interval between the readings of a search in shares of the shortest time constant.
 _SEARCH_SHARE = 0.12
-# Starts that are tried for some steps, and these steps.
-_STARTS, _FIRST_ITERATIONS = 2, 4
+# Steps of a start by free-running simulations, and of each start by the likelihood.
+_START_ITERATIONS, _FIRST_ITERATIONS = 15, 4
+# Gain of mean free-running R^2 from which free-running simulations are fitted before any effect is known: then the
+# likelihood has led the model far astray.
+_ASTRAY = 0.2
 # Loss of mean free-running R^2 below the best start that a start may have to give the sizes.
 _WORSE_START = 0.2
 # Steps with all readings, after the search.
@@ -82,19 +86,24 @@ def fit_planar(data: PlanarData, effects: Sequence[Effect] = ()) -> PlanarFit:
     DataError
         The runs are too short, nothing moves, or no sensor measures what an effect needs.
     """
-    return planar_result(data, better_simulating(fit_all_readings(data, effects), data))
+    return planar_result(data, fit_all_readings(data, effects))
 
 
 def fit_all_readings(data: PlanarData, effects: Sequence[Effect] = ()) -> PlanarOptimum:
-    """The likeliest model of all readings; raises the same as `fit_planar`."""
-    has_current = any(isinstance(effect.acts, WaterCurrent) for effect in effects)
-    best = fit_base(data, with_current=has_current)
+    """The best model of all readings; raises the same as `fit_planar`."""
+    currents = [effect for effect in effects if isinstance(effect.acts, WaterCurrent)]
+    best = fit_base(data, with_current=bool(currents))
     # Without its current a vehicle has no model worth extending.
-    for effect in sorted(effects, key=lambda effect: not isinstance(effect.acts, WaterCurrent)):
+    for effect in currents:
         best = add_effect(best, effect, data)
-    if has_current:
+    if not {effect_named(key).id for key in HULL_LIFT} & {effect.id for effect in effects}:
+        best = with_hull_lift(best)
+    for effect in effects:
+        if effect not in currents:
+            best = add_effect(best, effect, data)
+    if currents:
         best = with_latencies(best, data)
-    return refined(best, data)
+    return better_simulating(refined(best, data), data)
 
 
 def fit_base(data: PlanarData, *, with_current: bool = False) -> PlanarOptimum:
@@ -120,21 +129,23 @@ def fit_base(data: PlanarData, *, with_current: bool = False) -> PlanarOptimum:
         coordinates = PlanarCoordinates.of(usual, sizes, sensors, (), DISTURBANCE_LIMITS[0], yaw_only=yaw_only)
         likelihood = PlanarLikelihood(grid, coordinates)
         pairs.append((likelihood, coordinates.projected(coordinates.initial(start.model, ()))))
-    # The likelihood of a start says little where the model is badly wrong: the best regression is always followed.
+    # The likelihood of a start says little where the model is badly wrong: the best regression and the start that
+    # simulates best are always followed.
     regressed = min(usable, key=lambda at: starts[at].residual)
-    likely = sorted(range(len(starts)), key=lambda at: pairs[at][0].value(pairs[at][1]))
-    followed = list(dict.fromkeys([*likely[:_STARTS], regressed]))
-    tried = [PlanarOptimum.fit(*pairs[at], _FIRST_ITERATIONS) for at in followed]
+    likely = min(range(len(starts)), key=lambda at: pairs[at][0].value(pairs[at][1]))
+    followed = [pairs[at] for at in dict.fromkeys([likely, regressed])]
+    runs = None if yaw_only else FreeRuns.of(data, sizes)
+    if runs is not None:
+        likelihood, x = pairs[max(usable, key=lambda at: scores[at])]
+        simulating = PlanarOptimum.fit(replace(likelihood, free_runs=runs), x, _START_ITERATIONS)
+        followed.append((likelihood, simulating.x))
+    tried = [PlanarOptimum.fit(*one, _FIRST_ITERATIONS) for one in followed]
     best = min(tried, key=lambda one: one.value)
     _require_finite(best)
     if with_current:
         return best
     found = with_latencies(PlanarOptimum.fit(best.likelihood, best.x), data)
-    if best is tried[-1] or found.is_white or not found.limited.any():
-        return found
-    other = with_latencies(PlanarOptimum.fit(tried[-1].likelihood, tried[-1].x), data)
-    # Under its limit the disturbance does not explain what the model misses. Then free-running simulations decide.
-    return max(found, other, key=lambda one: mean_free_run_r2(one.model, data, yaw_only=yaw_only))
+    return better_simulating(found, data, [] if runs is None else [simulating.model], _ASTRAY)
 
 
 def _require_finite(best: PlanarOptimum) -> None:
@@ -200,46 +211,10 @@ def _require_measured(data: PlanarData) -> None:
         raise DataError("no actuator turns the vehicle in these logs, which measure the heading alone.", mend=mend)
 
 
-def add_effect(base: PlanarOptimum, effect: Effect, data: PlanarData) -> PlanarOptimum:
-    """The best fit with one more effect, from each of its initial values.
-
-    Raises
-    ------
-    DataError
-        The effect couples surge and sway, and neither is measured.
-    """
-    if base.likelihood.grid.yaw_only and isinstance(effect.acts, Coupling | WaterCurrent):
-        raise DataError(
-            "these logs measure the heading alone.",
-            where=effect.key,
-            mend="Map surge_velocity and sway_velocity, or north and east, in [signals] of rovid.toml.",
-        )
-    return base.with_effect(effect, _current_starts(base, effect, data))
-
-
-def _current_starts(base: PlanarOptimum, effect: Effect, data: PlanarData) -> list[FloatArray]:
-    """Coordinates with a current from the regressions; none for other effects.
-
-    A current changes every parameter. So the base parameters start anew, too.
-    """
-    if not isinstance(effect.acts, WaterCurrent):
-        return []
-    coordinates, starts = base.coordinates, []
-    at = coordinates.noise_begin
-    for start in start_values(data, with_current=True):
-        north, east = start.current
-        own = effect.initial_values[0].copy()
-        speed = coordinates.sizes.effects.unit_size(effect.parameters[0])
-        own[:2] = max(math.hypot(north, east) / speed, 0.02), math.atan2(east, north)
-        effects = [one.parameters for one in base.model.effects]
-        anew = coordinates.initial(start.model, effects)
-        # The disturbance and the noise of a model without the current say nothing.
-        starts.append(np.concatenate((anew[:at], own, anew[at:])))
-    return starts
-
-
 def refined(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
-    """The fit to all readings, from a fit to thinned ones."""
+    """The fit to all readings, from a fit to thinned ones; a fit of free runs, which have all readings, as it is."""
+    if best.is_multi_step:
+        return best.canonical()
     grid = best.likelihood.grid
     coordinates, latency, x = best.coordinates, grid.latency.copy(), best.x.copy()
     if coordinates.instruments:
@@ -264,7 +239,7 @@ def planar_result(data: PlanarData, best: PlanarOptimum) -> PlanarFit:
     model, coordinates = best.model, best.coordinates
     covariance = best.covariance
     limited = tuple(name for name, at in zip(AXIS_NAMES, best.limited.tolist(), strict=True) if at)
-    multi_step = best.free_run_covariance is not None
+    multi_step = best.is_multi_step
     if limited and not multi_step:
         # The limit is a choice: the errors include the change of the parameters under a looser one.
         looser = coordinates.with_limit(_LOOSER * DISTURBANCE_LIMITS[0])
@@ -299,7 +274,7 @@ def planar_result(data: PlanarData, best: PlanarOptimum) -> PlanarFit:
     return PlanarFit(
         model=model,
         estimate=estimate,
-        log_likelihood=-best.value,
+        log_likelihood=-replace(best.likelihood, free_runs=None).value(best.x),
         undetermined=undetermined,
         noise={name: float(numbers[NOISE_SENSOR + SENSORS.index(name)]) for name in coordinates.sensors},
         disturbance=disturbance,
@@ -342,7 +317,7 @@ def _warnings(
 ) -> Iterator[str]:
     for name, (late, _) in _shown_latency(best).items():
         yield f"The readings of {name} are {significant(late, 2)} s late; the fit moves them back."
-    multi_step = best.free_run_covariance is not None
+    multi_step = best.is_multi_step
     looser = (
         f" The standard errors include the change of the parameters under a limit {_LOOSER:g} times as high."
         if not multi_step

@@ -1,14 +1,16 @@
 """Fit of free-running simulations to smoothed speeds, for models that miss too much for their innovations.
 
 Runs of many time constants are cut into windows. The simulation of a window begins at its measured speeds; the sum of
-squares of its errors in u, v and r, each in shares of its standard deviation, is the least (Ljung 1999, section 7.2,
-the output-error criterion).
+squares of its errors in u, v and r is the least (Ljung 1999, section 7.2, the output-error criterion). `FreeRuns` takes
+the place of the innovations in a `PlanarLikelihood`, so search, errors and held-out tests are those of the innovations.
+The errors of a simulation are correlated. Their variance is therefore multiplied by their correlation time in samples,
+and n correlated errors count as the equivalent number of independent ones (Priestley 1981, section 5.3.2).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -17,31 +19,31 @@ from typing import Self
 import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
-from rovid.core.threads import thread_map
-from rovid.estimate.fisher_information import inverse_information, sandwich_covariance
+from rovid.estimate.fisher_information import Innovations
 from rovid.estimate.maximum_likelihood import INNOVATIONS_R2, MAX_R2_LOSS
-from rovid.planar.coordinates import PlanarCoordinates, is_of_actuators
+from rovid.planar.coordinates import PlanarSizes, is_of_actuators
 from rovid.planar.dataset import PlanarData
 from rovid.planar.integration import STATES, simulate_runs
+from rovid.planar.kernels import SENSORS
+from rovid.planar.likelihood import CriterionRows
 from rovid.planar.model import PlanarModel
 from rovid.planar.optimum import PlanarOptimum
 from rovid.planar.simulation import PlanarMotion, free_run_r2, mean_free_run_r2
-from rovid.planar.smoothing import SmoothRun, measured_axes, slowest_interval, smooth_run
-from rovid.planar.start_values import start_values
+from rovid.planar.smoothing import SmoothRun, measured_axes, slowest_interval, smooth_inputs, smooth_run
 
-# Longest window, and length of the blocks whose scatter gives the errors, in the longest time constant; least number of
-# blocks. Short windows let a wrong model lean on the measured speeds at their start.
-_WINDOW, _BLOCK, _LEAST_BLOCKS = 20.0, 4.0, 12
+# Longest window in the longest time constant. Short windows let a wrong model lean on the measured speeds at their
+# start.
+_WINDOW = 20.0
 # Width of the smoothing in the shortest time constant, and in intervals of the slowest sensor at least.
 _WIDTH, _LEAST_WIDTH = 0.2, 2.0
 # Least standard deviation of a speed that counts, in its RMS value: a cruise at one speed says little about the rest.
 _LEAST_CHANGE = 0.1
-# Largest error of a simulation in these sizes: beyond it the simulation diverges.
-_LARGEST = 30.0
-# Starts of the fit beside the likeliest model.
-_STARTS = 2
-# Evaluations with a Jacobian, difference step, and rounds of steps to fit noise and disturbance.
-_EVALUATIONS, _STEP, _NOISE_ITERATIONS = 60, 1e-5, 12
+# Largest error of a simulation in these sizes: beyond it the simulation diverges. The least error that counts in them.
+_LARGEST, _LEAST_ERROR = 30.0, 0.02
+# Rounds with errors weighted by those of the round before, and steps to fit noise and disturbance.
+_ROUNDS, _NOISE_ITERATIONS = 3, 12
+# Names of the sensors of the smoothed speeds.
+_SPEEDS = ("surge_velocity", "sway_velocity", "yaw_rate")
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,180 +51,144 @@ class FreeRuns:
     """Smoothed runs in windows, whose simulations are compared with the smoothed speeds."""
 
     data: PlanarData
-    coordinates: PlanarCoordinates
     width: float  #: s; standard deviation of the smoothing kernel.
-    yaw_only: bool
+    smooth: tuple[tuple[int, SmoothRun], ...]  #: Number of each run that is long enough, and its smoothed motion.
+    offsets: IntArray  #: (w + 1,) first row of each window, and the number of all rows.
+    scale: FloatArray  #: (3,) typical speeds.
+    usual: FloatArray  #: (a,) typical changes of the measured speeds.
+    variance: FloatArray  #: (a,) of the errors, times their correlation time in samples.
 
     @classmethod
-    def of(cls, data: PlanarData, coordinates: PlanarCoordinates, *, yaw_only: bool) -> Self:
-        """The runs of ``data``, for models with these ``coordinates``."""
-        time = coordinates.sizes.time[2:] if yaw_only else coordinates.sizes.time
+    def of(cls, data: PlanarData, sizes: PlanarSizes) -> Self | None:
+        """The runs of ``data``, with the same weight for errors of all axes; None where all runs are too short."""
         slowest = max(slowest_interval(run) for run in data.runs)
-        return cls(data, coordinates, max(_WIDTH * float(time.min()), _LEAST_WIDTH * slowest), yaw_only)
-
-    @cached_property
-    def _smooth(self) -> list[SmoothRun]:
-        return self._smoothed(())
-
-    def _smoothed(self, effects: tuple[object, ...]) -> list[SmoothRun]:
-        return [one for run in self.data.runs if (one := smooth_run(run, self.width, effects)) is not None]
-
-    def _cut(self, longest: float) -> IntArray:
-        """First row of each part of the runs, and the number of all rows; equal parts of nearly ``longest`` s."""
-        begin, found = 0, [0]
-        for run in self._smooth:
-            count = math.ceil(float(run.time[-1] - run.time[0]) / longest)
-            found += [begin + round(len(run.time) * part / count) for part in range(1, count + 1)]
+        width = max(_WIDTH * float(sizes.time.min()), _LEAST_WIDTH * slowest)
+        found = [(at, one) for at, run in enumerate(data.runs) if (one := smooth_run(run, width)) is not None]
+        if not found:
+            return None
+        begin, offsets = 0, [0]
+        for _, run in found:
+            count = math.ceil(float(run.time[-1] - run.time[0]) / (_WINDOW * float(sizes.time.max())))
+            offsets += [begin + round(len(run.time) * part / count) for part in range(1, count + 1)]
             begin += len(run.time)
-        return np.array(found, dtype=np.intp)
+        axes = np.flatnonzero(measured_axes(data.sensors))
+        own = np.concatenate([run.speeds for _, run in found])[:, axes]
+        usual = np.maximum(np.std(own, axis=0), _LEAST_CHANGE * np.sqrt(np.mean(own**2, axis=0)))
+        return cls(data, width, tuple(found), np.array(offsets, dtype=np.intp), sizes.speed, usual, usual**2)
 
     @cached_property
-    def _offsets(self) -> IntArray:
-        return self._cut(_WINDOW * self._slowest)
-
-    @property
-    def _slowest(self) -> float:
-        return float(self.coordinates.sizes.time[2 if self.yaw_only else 0 :].max())
+    def _axes(self) -> IntArray:
+        return np.flatnonzero(measured_axes(self.data.sensors))
 
     @cached_property
     def _measured(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """(n,) s; (n, 3) speeds; (w, 6) starts; (a,) sizes of the measured ones."""
-        time, heading, speeds = (
-            np.concatenate([getattr(run, name) for run in self._smooth]) for name in ("time", "heading", "speeds")
-        )
-        first = self._offsets[:-1]
+        """(n,) s; (n, 3) speeds; (w, 6) starts; (n, k) inputs without effects."""
+        names = ("time", "heading", "speeds")
+        time, heading, speeds = (np.concatenate([getattr(run, name) for _, run in self.smooth]) for name in names)
+        first = self.offsets[:-1]
         starts = np.zeros((len(first), 6))
         starts[:, 0], starts[:, 1:4] = heading[first], speeds[first]
-        own = speeds[:, self._axes]
-        usual = np.maximum(np.std(own, axis=0), _LEAST_CHANGE * np.sqrt(np.mean(own**2, axis=0)))
-        return time, speeds, starts, usual
+        return time, speeds, starts, self._held([run.inputs for _, run in self.smooth])
 
     @cached_property
-    def _axes(self) -> list[int]:
-        known = (False, False, True) if self.yaw_only else measured_axes(self.data.sensors)
-        return np.flatnonzero(known).tolist()
+    def rows(self) -> CriterionRows:
+        """Origin of the (n a,) errors."""
+        count = len(self._axes)
+        run = np.concatenate([np.full(len(one.time), at) for at, one in self.smooth])
+        sensors = np.array([SENSORS.index(_SPEEDS[axis]) for axis in self._axes.tolist()], dtype=np.intp)
+        first = [self.data.runs[at].time[0] for at, _ in self.smooth]
+        time = np.concatenate([one.time - begin for (_, one), begin in zip(self.smooth, first, strict=True)])
+        return CriterionRows(np.repeat(run, count), np.repeat(time, count), np.tile(sensors, len(time)))
 
-    def inputs(self, model: PlanarModel) -> FloatArray:
+    @staticmethod
+    def _held(each: Sequence[FloatArray]) -> FloatArray:
+        means = [np.vstack((0.5 * (one[1:] + one[:-1]), one[-1:])) for one in each]
+        return np.ascontiguousarray(np.concatenate(means))
+
+    def _inputs(self, model: PlanarModel) -> FloatArray:
         """(n, k) inputs from each row to the next, through the kernel of the speeds."""
         effects = tuple(one for one in model.effects if is_of_actuators(one.effect))
-        return _held_inputs(self._smoothed(effects)) if effects else self._plain_inputs
+        if not effects:
+            return self._measured[3]
+        return self._held([smooth_inputs(self.data.runs[at], self.width, effects) for at, _ in self.smooth])
 
-    @cached_property
-    def _plain_inputs(self) -> FloatArray:
-        return _held_inputs(self._smooth)
-
-    def errors(self, x: FloatArray) -> FloatArray:
-        """(n, a) simulated minus measured speeds in shares of their standard deviations."""
-        model, (time, speeds, starts, usual) = self.coordinates.model(x), self._measured
-        states = np.zeros((len(time), STATES))
-        scale, size = self.coordinates.sizes.speed, model.coefficients
-        with np.errstate(over="ignore", invalid="ignore"):
-            held = self.inputs(model)
-            simulate_runs(self._offsets, time, held, starts, scale, self.yaw_only, size, states)
+    def _differences(self, model: PlanarModel) -> FloatArray:
+        """(n, a) simulated minus measured speeds in SI; bounded where the simulation diverges."""
+        time, speeds, starts, _ = self._measured
+        states, most = np.zeros((len(time), STATES)), _LARGEST * self.usual
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            simulate_runs(
+                self.offsets, time, self._inputs(model), starts, self.scale, False, model.coefficients, states
+            )
             motion = PlanarMotion.of_states(time, states, model.current)
-            found = np.column_stack((motion.surge_velocity, motion.sway_velocity, motion.yaw_rate)) - speeds
-            found = found[:, self._axes] / usual
-        return np.clip(np.nan_to_num(found, nan=_LARGEST, posinf=_LARGEST, neginf=-_LARGEST), -_LARGEST, _LARGEST)
+            found = np.column_stack([motion.sensor(name) for name in _SPEEDS]) - speeds
+        return np.clip(np.where(np.isfinite(found), found, math.inf)[:, self._axes], -most, most)
 
-    def jacobian(self, x: FloatArray, free: IntArray) -> FloatArray:
-        """(n a, f) derivatives of `errors` by the ``free`` coordinates."""
-        steps = np.where(x + _STEP > self.coordinates.high, -_STEP, _STEP)[free]
-        points = [x + step * (np.arange(len(x)) == at) for at, step in zip(free.tolist(), steps.tolist(), strict=True)]
-        centre, *sides = thread_map(self.errors, [x, *points])
-        return np.column_stack([(one - centre).ravel() / step for one, step in zip(sides, steps, strict=True)])
+    def errors(self, model: PlanarModel) -> Innovations:
+        """(n a,) errors of the simulations of ``model`` in SI, and their variances."""
+        found = self._differences(model)
+        return Innovations(found.ravel(), np.tile(self.variance, len(found)))
 
-    def fit(self, start: FloatArray) -> tuple[FloatArray, float]:
-        """(p,) coordinates with the least mean square error from ``start``, and that error; noise stays as it is."""
-        # Imported here because the import takes longer than commands that fit nothing.
-        from scipy.optimize import least_squares
-
-        free, (low, high) = self._free, self.coordinates.bounds
-        # The search begins within its bounds.
-        room = np.minimum(1e-6, 0.25 * (high - low)[free])
-        begin = np.clip(start[free], low[free] + room, high[free] - room)
-
-        def whole(part: FloatArray) -> FloatArray:
-            x = start.copy()
-            x[free] = part
-            return x
-
-        def residuals(part: FloatArray) -> FloatArray:
-            return self.errors(whole(part)).ravel()
-
-        def derivatives(part: FloatArray) -> FloatArray:
-            return self.jacobian(whole(part), free)
-
-        found = least_squares(
-            residuals,
-            begin,
-            jac=derivatives,
-            bounds=(low[free], high[free]),
-            x_scale=np.maximum(np.abs(begin), 0.1),
-            max_nfev=_EVALUATIONS,
-        )
-        x = self.coordinates.projected(whole(found.x))
-        return x, float(np.mean(self.errors(x) ** 2))
-
-    @property
-    def _free(self) -> IntArray:
-        return np.flatnonzero(self.coordinates.free[: self.coordinates.noise_begin])
-
-    def covariance(self, x: FloatArray) -> FloatArray:
-        """(noise_begin, noise_begin) of the model's coordinates, by the scatter between blocks."""
-        free, error = self._free, self.errors(x)
-        matrix = self.jacobian(x, free)
-        bread = inverse_information(matrix.T @ matrix)
-        total = sum(float(run.time[-1] - run.time[0]) for run in self._smooth)
-        edges = error.shape[1] * self._cut(min(_BLOCK * self._slowest, total / _LEAST_BLOCKS))
-        rows = [slice(first, last) for first, last in pairwise(edges.tolist())]
-        scores = np.array([matrix[one].T @ error.ravel()[one] for one in rows])
-        full = np.zeros((self.coordinates.noise_begin, self.coordinates.noise_begin))
-        full[np.ix_(free, free)] = sandwich_covariance(bread, scores)
-        return full
+    def weighted(self, model: PlanarModel) -> Self:
+        """The same runs with the variances and correlation times of the errors of ``model``."""
+        found = self._differences(model)
+        variance = np.maximum(np.mean(found**2, axis=0), (_LEAST_ERROR * self.usual) ** 2)
+        windows = [found[begin:end] for begin, end in pairwise(self.offsets.tolist())]
+        return replace(self, variance=variance * _correlation_time(windows))
 
 
-def _held_inputs(runs: Iterable[SmoothRun]) -> FloatArray:
-    means = [np.vstack((0.5 * (run.inputs[1:] + run.inputs[:-1]), run.inputs[-1:])) for run in runs]
-    return np.ascontiguousarray(np.concatenate(means))
+def _correlation_time(windows: Sequence[FloatArray]) -> FloatArray:
+    """(a,) samples of (n, a) errors that count as one: the sum of the autocorrelation to its first zero."""
+    longest = max(map(len, windows))
+    total = np.zeros((longest, windows[0].shape[1]))
+    for one in windows:
+        power = np.abs(np.fft.rfft(one, 2 * len(one), axis=0)) ** 2
+        total[: len(one)] += np.fft.irfft(power, axis=0)[: len(one)]
+    shares = total / np.maximum(total[0], 1e-300)
+    positive = np.cumprod(shares > 0.0, axis=0)
+    return np.asarray(np.maximum(1.0 + 2.0 * np.sum((shares * positive)[1:], axis=0), 1.0))
 
 
-def fit_free_runs(best: PlanarOptimum, data: PlanarData, starts: Iterable[PlanarModel]) -> PlanarOptimum:
-    """The best fit of free-running simulations from ``best`` and ``starts``, with its own noise and disturbance."""
-    coordinates, grid = best.coordinates, best.likelihood.grid
-    runs = FreeRuns.of(data, coordinates, yaw_only=grid.yaw_only)
-    count = coordinates.noise_begin
+def fit_free_runs(best: PlanarOptimum, data: PlanarData, starts: Sequence[PlanarModel] = ()) -> PlanarOptimum:
+    """The best fit of free-running simulations from ``best`` and ``starts``, with its own noise and disturbance.
+
+    Runs that are all too short for it leave ``best`` as it is.
+    """
+    runs = FreeRuns.of(data, best.coordinates.sizes)
+    if runs is None:
+        return best
+    coordinates, count = best.coordinates, best.coordinates.noise_begin
     points = [best.x]
     for model in starts:
         first = coordinates.initial(model, [one.parameters for one in best.model.effects])
         points.append(coordinates.projected(np.concatenate((first[:count], best.x[count:]))))
-    x, _ = min((runs.fit(point) for point in points), key=lambda one: one[1])
+    likelihood = replace(best.likelihood, free_runs=runs)
+    found = min((PlanarOptimum.fit(likelihood, point) for point in points), key=lambda one: one.value)
+    for _ in range(_ROUNDS):
+        likelihood = replace(likelihood, free_runs=runs.weighted(found.model))
+        found = PlanarOptimum.fit(likelihood, found.x)
     # Disturbance and noise of this model, by the innovations.
-    held = [np.concatenate((x[:count], one[count:])) for one in coordinates.bounds]
-    likelihood = best.likelihood.with_coordinates(replace(coordinates, low=held[0], high=held[1]))
-    noise = PlanarOptimum.fit(likelihood, x, _NOISE_ITERATIONS)
-    found = np.concatenate((x[:count], noise.x[count:]))
-    if not math.isfinite(noise.value):
-        return best
-    return PlanarOptimum(best.likelihood, found, noise.value, free_run_covariance=runs.covariance(x))
+    held = [np.concatenate((found.x[:count], one[count:])) for one in coordinates.bounds]
+    of_noise = best.likelihood.with_coordinates(replace(coordinates, low=held[0], high=held[1]))
+    noise = PlanarOptimum.fit(replace(of_noise, free_runs=None), found.x, _NOISE_ITERATIONS)
+    if math.isfinite(noise.value):
+        found = replace(found, x=np.concatenate((found.x[:count], noise.x[count:])))
+    return found
 
 
-def better_simulating(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
+def better_simulating(
+    best: PlanarOptimum, data: PlanarData, starts: Sequence[PlanarModel] = (), least: float = MAX_R2_LOSS
+) -> PlanarOptimum:
     """``best``, or the fit of free-running simulations where the model misses much and that fit simulates better.
 
     What a user means by a wrong model is the free-running simulation. Where the innovations are not white and the
-    disturbance is at its limit, they say little about it.
+    disturbance is at its limit, they say little about it. ``least`` is the gain of mean R^2 that is needed.
     """
-    yaw_only = best.likelihood.grid.yaw_only
     # With measurements of yaw alone the results are those of one axis.
-    if yaw_only or best.is_white or not best.limited.any():
+    if best.likelihood.grid.yaw_only or best.is_multi_step or best.is_white or not best.limited.any():
         return best
-    r2 = free_run_r2(best.model, data, yaw_only=yaw_only)
-    if all(value >= INNOVATIONS_R2 for value in r2.values()):
+    if all(value >= INNOVATIONS_R2 for value in free_run_r2(best.model, data).values()):
         return best
-    starts = [one.model for one in start_values(data, with_current=False)]
-    starts.sort(key=lambda model: -mean_free_run_r2(model, data, yaw_only=yaw_only))
-    other = fit_free_runs(best, data, starts[:_STARTS])
-    gained = mean_free_run_r2(other.model, data, yaw_only=yaw_only) - mean_free_run_r2(
-        best.model, data, yaw_only=yaw_only
-    )
-    return other.canonical() if gained > MAX_R2_LOSS else best
+    other = fit_free_runs(best, data, starts).canonical()
+    before, after = (mean_free_run_r2(one.model, data, yaw_only=False) for one in (best, other))
+    return other if after - before > least else best

@@ -79,8 +79,8 @@ class Parts:
     @cached_property
     def of_innovations(self) -> IntArray:
         """(N,) part of each innovation."""
-        grid = self.optimum.likelihood.grid
-        return self.part(grid.run_index[grid.used], grid.event_time[grid.used])
+        run, time, _ = self.optimum.likelihood.rows
+        return self.part(run, time)
 
     @cached_property
     def shortest(self) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from rovid.planar.smoothing import run_inputs
 
 if TYPE_CHECKING:
     from rovid.planar.dataset import PlanarData, PlanarRun
+    from rovid.planar.free_run_fit import FreeRuns
 
 # Sensors with a first reading that starts the filter and has no innovation.
 _STARTING = [SENSORS.index(name) for name in ("heading", "north", "east")]
@@ -148,12 +149,38 @@ def _thinned(stamp: FloatArray, sensor: IntArray, interval: float) -> BoolArray:
     return chosen
 
 
+class CriterionRows(NamedTuple):
+    """Origin of each of N errors of a criterion."""
+
+    run: IntArray  #: (N,) number of the run.
+    time: FloatArray  #: (N,) s.
+    sensor: IntArray  #: (N,) index in `SENSORS`; of a smoothed speed that of the sensor of that speed.
+
+
 @dataclass(frozen=True, eq=False)
 class PlanarLikelihood:
     """Negative log-likelihood of each reading, predicted from all readings before it; docs/method.md, (12)."""
 
     grid: PlanarGrid
     coordinates: PlanarCoordinates
+    #: Free-running simulations with errors that take the place of the innovations; None for the innovations.
+    free_runs: FreeRuns | None = None
+
+    @property
+    def free(self) -> BoolArray:
+        """(p,) coordinates that the criterion determines: free runs have no disturbance and no noise of sensors."""
+        free = self.coordinates.free
+        if self.free_runs is None:
+            return free
+        return np.asarray(free & (np.arange(len(free)) < self.coordinates.noise_begin))
+
+    @cached_property
+    def rows(self) -> CriterionRows:
+        """Where the errors of `evaluate` come from."""
+        if self.free_runs is not None:
+            return self.free_runs.rows
+        used = self.grid.used
+        return CriterionRows(self.grid.run_index[used], self.grid.event_time[used], self.grid.sensors[used])
 
     @property
     def has_actuator_effects(self) -> bool:
@@ -161,11 +188,13 @@ class PlanarLikelihood:
         return any(is_of_actuators(effect) for effect in self.coordinates.effects)
 
     def evaluate(self, x: FloatArray) -> Innovations:
-        """(N,) innovations that count, in SI and rad, and their variances."""
+        """(N,) innovations that count, in SI and rad, or errors of free runs, and their variances."""
+        if self.free_runs is not None:
+            return self.free_runs.errors(self.coordinates.model(x))
         return self.filtered(x)[0]
 
     def filtered(self, x: FloatArray, *, keep: bool = False) -> tuple[Innovations, FloatArray]:
-        """Innovations that count, and (n, 12) filtered states if asked for."""
+        """As `evaluate`, and (n, 12) filtered states if asked for."""
         grid, model = self.grid, self.coordinates.model(x)
         # An effect far outside its range may give forces that are not finite: the likelihood is then the worst.
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
@@ -189,6 +218,8 @@ class PlanarLikelihood:
             variance,
             states,
         )
+        if self.free_runs is not None:
+            return self.free_runs.errors(model), states
         return Innovations(error[grid.used], variance[grid.used]), states
 
     def value_of(self, innovations: Innovations) -> float:
@@ -205,7 +236,7 @@ class PlanarLikelihood:
 
     def jacobian(self, x: FloatArray, centre: Innovations | None = None) -> tuple[BoolArray, list[Jacobian]]:
         """(p,) free coordinates, and Jacobians by these; ``centre`` are the innovations at ``x`` where known."""
-        free = self.coordinates.free
+        free = self.free
         steps = self.coordinates.steps(x)
         # Differences go inwards at an upper bound.
         steps = np.where(x + steps > self.coordinates.high, -steps, steps)

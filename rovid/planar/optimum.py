@@ -47,8 +47,6 @@ class PlanarOptimum:
     likelihood: PlanarLikelihood
     x: FloatArray  #: (p,)
     value: float  #: Negative log-likelihood.
-    #: (noise_begin, noise_begin) of the model's coordinates, where free-running simulations were fitted.
-    free_run_covariance: FloatArray | None = None
 
     @classmethod
     def fit(cls, likelihood: PlanarLikelihood, start: FloatArray, iterations: int = _ITERATIONS) -> Self:
@@ -85,6 +83,11 @@ class PlanarOptimum:
         return self.likelihood.coordinates
 
     @property
+    def is_multi_step(self) -> bool:
+        """Whether free-running simulations were fitted, and not the innovations."""
+        return self.likelihood.free_runs is not None
+
+    @property
     def effects(self) -> tuple[Effect, ...]:
         """The effects, in the order of their parameters."""
         return self.coordinates.effects
@@ -108,8 +111,7 @@ class PlanarOptimum:
     def is_white(self) -> bool:
         """Whether the normalised innovations of each sensor and run are white and without heavy tails."""
         error, variance = self.innovations
-        grid = self.likelihood.grid
-        z, run, sensor = error / np.sqrt(variance), grid.run_index[grid.used], grid.sensors[grid.used]
+        z, (run, _, sensor) = error / np.sqrt(variance), self.likelihood.rows
         for number in range(len(SENSORS)):
             own = [z[(run == at) & (sensor == number)] for at in np.unique(run)]
             if sum(map(len, own)) > 0 and not is_white(own):
@@ -125,8 +127,7 @@ class PlanarOptimum:
 
     def blocks(self) -> IntArray:
         """(N,) number of the block of each innovation: eight time constants or longer, less in short runs."""
-        grid = self.likelihood.grid
-        time, run = grid.event_time[grid.used], grid.run_index[grid.used]
+        grid, (run, time, _) = self.likelihood.grid, self.likelihood.rows
         total = sum(one.duration for one in grid.runs)
         usual = float(np.max(self.coordinates.sizes.time[2:] if grid.yaw_only else self.coordinates.sizes.time))
         seconds = min(max(_BLOCK * usual, total / _USUAL_BLOCKS), total / _BLOCKS)
@@ -141,13 +142,8 @@ class PlanarOptimum:
     @cached_property
     def coordinate_covariance(self) -> FloatArray:
         """(p, p) of the coordinates: inverse information, or the sandwich of blocks where innovations are not white."""
-        if self.free_run_covariance is not None:
-            own, count = np.zeros((len(self.x), len(self.x))), self.coordinates.noise_begin
-            own[:count, :count] = self.free_run_covariance
-            return own
         free, pieces = self.likelihood.jacobian(self.x)
-        grid = self.likelihood.grid
-        groupings = [] if self.is_white else [self.blocks(), grid.run_index[grid.used]]
+        groupings = [] if self.is_white else [self.blocks(), self.likelihood.rows.run]
         information, scores = grouped_scores(pieces, groupings)
         full = np.zeros((len(self.x), len(self.x)))
         if not np.isfinite(information).all():
@@ -171,6 +167,17 @@ class PlanarOptimum:
         """(q, q) of the model parameters in SI."""
         jacobian, count = self.coordinates.value_jacobian(self.x), self.coordinates.noise_begin
         return np.asarray(jacobian @ self.coordinate_covariance[:count, :count] @ jacobian.T)
+
+    def size_in_errors(self, effect: Effect) -> float:
+        """Mahalanobis distance of the sizes of ``effect`` from their neutral values."""
+        sizes = effect.parameters[: effect.size_count]
+        at = [self.model.names.index(f"{effect.key}.{size.name}") for size in sizes]
+        scales = self.coordinates.sizes.effects
+        neutral = [0.0 if size.neutral_at_infinity else size.neutral * scales.unit_size(size) for size in sizes]
+        away, covariance = self.model.values[at] - neutral, self.covariance[np.ix_(at, at)]
+        if not np.isfinite(covariance).all():
+            return 0.0
+        return math.sqrt(max(float(away @ np.linalg.lstsq(covariance, away, rcond=None)[0]), 0.0))
 
     def with_effect(self, effect: Effect, further: Sequence[FloatArray] = (), iterations: int = _ITERATIONS) -> Self:
         """The best fit with one more effect, from each of its initial values and from ``further`` coordinates."""

@@ -16,12 +16,14 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.core.budget import Budget
+from rovid.core.errors import DataError
 from rovid.core.threads import thread_map
 from rovid.diagnose.candidate_fits import Challenger
 from rovid.diagnose.thresholds import THRESHOLDS
-from rovid.effects import PLANAR_FORMS, Effect, forms_for
-from rovid.effects.base import OnCommand, OnThrust, OnTorque, WaterCurrent
+from rovid.effects import PLANAR_FORMS, Effect
+from rovid.effects.base import WaterCurrent
 from rovid.estimate.fisher_information import inverse_information
+from rovid.planar.candidates import PlanarScoreTest
 from rovid.planar.chord_fit import (
     Linearisation,
     change_between,
@@ -51,27 +53,6 @@ _SHARE = 0.1
 Key = frozenset[str]
 
 
-def planar_candidates(data: PlanarData) -> tuple[Effect, ...]:
-    """All forms that the planar model can hold and these logs can show."""
-    thrusters = data.actuators.thrusters
-    channels = set.intersection(*(set(run.trial.extras) for run in data.runs))
-    acting = forms_for(thrusters, channels, [run.name for run in data.runs])
-    actuators = [form for form in acting if isinstance(form.acts, OnCommand | OnThrust | OnTorque)]
-    if not {"surge_velocity", "sway_velocity", "north", "east"} & set(data.sensors):
-        return tuple(actuators)
-    return (*PLANAR_FORMS, *actuators)
-
-
-@dataclass(frozen=True, eq=False)
-class PlanarScoreTest:
-    """Predicted gain of one form next to a model, by the score test (Rao 1948)."""
-
-    effect: Effect
-    gain: float  #: Nats.
-    start: FloatArray  #: (k,) initial values of a fit, in units of the scales.
-    detectable: float  #: Smallest distance of the first size from its neutral value that a search would add, SI.
-
-
 @dataclass(eq=False)
 class PlanarSearch:
     """Stepwise selection of causes by BIC, with all fits remembered."""
@@ -89,7 +70,11 @@ class PlanarSearch:
     _tests: dict[Key, list[PlanarScoreTest]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.fits[frozenset()] = self.base
+        self.fits[_key(self.base.effects)] = self.base
+
+    def causes(self, fitted: PlanarOptimum) -> tuple[Effect, ...]:
+        """Effects of a model beyond those of the base model."""
+        return fitted.effects[len(self.base.effects) :]
 
     @property
     def causes_tried(self) -> int:
@@ -108,7 +93,7 @@ class PlanarSearch:
 
     def score(self, fitted: PlanarOptimum) -> float:
         """Log-likelihood less the BIC penalty of all parameters of effects."""
-        return -fitted.value - self.penalty * sum(len(effect.parameters) for effect in fitted.effects)
+        return -fitted.value - self.penalty * sum(len(effect.parameters) for effect in self.causes(fitted))
 
     def line(self, fitted: PlanarOptimum) -> Linearisation:
         """Linearisation of a model; the last few are remembered."""
@@ -119,6 +104,14 @@ class PlanarSearch:
                 del self._lines[next(iter(self._lines))]
             known = self._lines[key] = Linearisation.of(fitted)
         return known
+
+    def is_usable(self, fitted: PlanarOptimum) -> bool:
+        """Whether the criterion has derivatives at a model, so that the search can go on from it."""
+        try:
+            self.line(fitted)
+        except DataError:
+            return False
+        return True
 
     # --- Screening ----------------------------------------------------------------------------------------------------
 
@@ -137,9 +130,9 @@ class PlanarSearch:
             found = thread_map(lambda form: self._test(line, form, inverse, gradient), forms)
             tests = [test for test in found if test is not None]
             self._tests[key] = sorted(tests, key=lambda test: -test.gain)
-            if self._hopeful is None and len(fitted.effects) == 1:
+            if self._hopeful is None and len(self.causes(fitted)) == 1:
                 # Later screens leave out what is promising neither alone nor next to the first cause.
-                first = [self._tests.get(frozenset(), []), self._tests[key]]
+                first = [self._tests.get(_key(self.base.effects), []), self._tests[key]]
                 self._hopeful = {test.effect.id for tests in first for test in tests[:_HOPEFUL]}
         return [test for test in self._tests[key] if test.effect.key not in self.banned]
 
@@ -245,7 +238,11 @@ class PlanarSearch:
         points = [coordinates.projected(np.concatenate((rest[:at], own, rest[at:]))) for own in starts]
         values = likelihood.values(points)
         begin = PlanarOptimum(likelihood, points[int(np.argmin(values))], min(values))
-        return chord_fit(likelihood, begin.x, Linearisation.of(begin).matrix)
+        try:
+            return chord_fit(likelihood, begin.x, Linearisation.of(begin).matrix)
+        except DataError:
+            # Next to this start the filter diverges: the candidate stays without a current.
+            return PlanarOptimum(likelihood, points[0], values[0])
 
     def without(self, fitted: PlanarOptimum, effect: Effect) -> PlanarOptimum:
         """The fit of a model without one of its effects."""
@@ -293,7 +290,7 @@ class PlanarSearch:
         wandering = [test for test in tests if _wanders(test.effect)]
         best = max(found, key=self.score, default=fitted)
         # A current wanders only where a constant one explains most.
-        if wandering and best.effects and best.effects[-1].id == wandering[0].effect.id:
+        if wandering and self.causes(best) and best.effects[-1].id == wandering[0].effect.id:
             found.append(self.extended(fitted, wandering[0]))
         # A chord fit may end early where an effect changes much: the best ones are compared after complete steps.
         found.sort(key=lambda one: -self.score(one))
@@ -307,9 +304,9 @@ class PlanarSearch:
         """Add and remove causes from ``start`` on, until the model no longer changes."""
         model = start
         for _ in range(THRESHOLDS.max_effects):
-            if len(model.effects) >= THRESHOLDS.max_effects or self.budget.is_over:
+            if len(self.causes(model)) >= THRESHOLDS.max_effects or self.budget.is_over:
                 break
-            better = next(iter(self.extensions(model)), None)
+            better = next(filter(self.is_usable, self.extensions(model)), None)
             if better is None or self.score(better) - self.score(model) < self.allowance(model):
                 break
             model = self.eliminated(self.polish(better))
@@ -322,8 +319,8 @@ class PlanarSearch:
 
     def eliminated(self, model: PlanarOptimum) -> PlanarOptimum:
         """The model without causes that lost their gain."""
-        while model.effects:
-            weakest = max(model.effects, key=lambda one: self.score(self.without(model, one)))
+        while causes := self.causes(model):
+            weakest = max(causes, key=lambda one: self.score(self.without(model, one)))
             rest = self.without(model, weakest)
             if self.score(model) - self.score(rest) >= self.threshold:
                 break
@@ -335,7 +332,7 @@ class PlanarSearch:
     def challenged(self, model: PlanarOptimum) -> PlanarOptimum:
         """The model, or a better set of causes in its place; see `rovid.diagnose.challenge`."""
         for _ in range(THRESHOLDS.max_challenges):
-            if not model.effects or self.budget.skips("the final challenge"):
+            if not self.causes(model) or self.budget.skips("the final challenge"):
                 break
             rivals = [one for one in self._rivals(model) if not self.is_banned(one)]
             required = {
@@ -344,26 +341,27 @@ class PlanarSearch:
                 + THRESHOLDS.exchange_gain
                 for one in rivals
             }
-            better = [one for one in rivals if self.score(one) > required[id(one)]]
-            if not better:
+            better = sorted((one for one in rivals if self.score(one) > required[id(one)]), key=self.score)
+            best = next(filter(self.is_usable, reversed(better)), None)
+            if best is None:
                 break
-            model = self.run(self.eliminated(self.polish(max(better, key=self.score))))
+            model = self.run(self.eliminated(self.polish(best)))
         return model
 
     def _rivals(self, model: PlanarOptimum) -> Iterator[PlanarOptimum]:
         own = _key(model.effects)
         singles = self.extensions(self.base)
         yield from (one for one in singles if _key(one.effects) != own)
-        best = [one for one in singles if one.effects][:3]
+        best = [one for one in singles if self.causes(one) and self.is_usable(one)][:3]
         for first, second in combinations(best, 2):
-            if first.effects[0].id == second.effects[0].id or self.budget.is_late:
+            if first.effects[-1].id == second.effects[-1].id or self.budget.is_late:
                 continue
-            test = next((t for t in self.screen(first) if t.effect.key == second.effects[0].key), None)
+            test = next((t for t in self.screen(first) if t.effect.key == second.effects[-1].key), None)
             if test is not None and _key((*first.effects, test.effect)) != own:
                 yield self.extended(first, test)
-        for effect in model.effects:
+        for effect in self.causes(model):
             rest = self.without(model, effect)
-            if rest.effects:
+            if self.causes(rest):
                 yield rest
             yield from self.replacements(model, effect)
 
@@ -382,9 +380,9 @@ class PlanarSearch:
         """Other fitted sets of causes, the closest to the ``model`` first."""
         found = []
         for fitted in self.fits.values():
-            if fitted.effects and _key(fitted.effects) != _key(model.effects):
+            if self.causes(fitted) and _key(fitted.effects) != _key(model.effects):
                 gain = model.value - fitted.value
-                found.append(Challenger(fitted.effects, gain, gain - (self.score(fitted) - self.score(model))))
+                found.append(Challenger(self.causes(fitted), gain, gain - (self.score(fitted) - self.score(model))))
         found.sort(key=lambda one: -one.score_difference)
         shown: dict[Collection[str], Challenger] = {}
         for one in found:

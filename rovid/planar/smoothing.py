@@ -42,17 +42,31 @@ def run_inputs(run: PlanarRun, effects: tuple[object, ...] = ()) -> FloatArray:
     return np.ascontiguousarray(np.hstack((held.force, pairs)), dtype=np.float64)
 
 
+def _edges(run: PlanarRun, width: float) -> FloatArray:
+    """(g + 1,) s; edges of the cells of the grid, before its ends are cut off."""
+    step = width / _POINTS
+    return np.asarray(run.time[0] + step * np.arange(int((run.time[-1] - run.time[0]) / step) + 1))
+
+
+def smooth_inputs(run: PlanarRun, width: float, effects: tuple[object, ...] = ()) -> FloatArray:
+    """(g, k) inputs on the grid of `smooth_run`, with ``effects`` between command and thrust."""
+    edges, inputs = _edges(run, width), run_inputs(run, effects)
+    step = width / _POINTS
+    area = np.vstack((np.zeros(inputs.shape[1]), np.cumsum(inputs[:-1] * np.diff(run.time)[:, None], axis=0)))
+    means = [np.diff(np.interp(edges, run.time, column)) / step for column in area.T]
+    forced = np.column_stack([_convolved(mean, step)[0] for mean in means])
+    return np.asarray(forced[_REACH * _POINTS : len(edges) - 1 - _REACH * _POINTS])
+
+
 def smooth_run(run: PlanarRun, width: float, effects: tuple[object, ...] = ()) -> SmoothRun | None:
     """Motion of ``run`` through a kernel with a standard deviation of ``width`` s; None for too short a run.
 
     ``effects`` are those between command and thrust, for the inputs.
     """
-    time = run.time
-    step = width / _POINTS
-    count = int((time[-1] - time[0]) / step)
+    edges, step = _edges(run, width), width / _POINTS
+    count = len(edges) - 1
     if count < 2 * _REACH * _POINTS + _LEAST:
         return None
-    edges = time[0] + step * np.arange(count + 1)
     grid = 0.5 * (edges[1:] + edges[:-1])
     readings = {name: run.readings(name) for name in SENSORS if name in run.sensors}
 
@@ -85,12 +99,9 @@ def smooth_run(run: PlanarRun, width: float, effects: tuple[object, ...] = ()) -
     for axis, name in enumerate(("surge_velocity", "sway_velocity")):
         if name in readings:
             speeds[:, axis], accelerations[:, axis] = smoothed(name)
-    inputs = run_inputs(run, effects)
-    area = np.vstack((np.zeros(inputs.shape[1]), np.cumsum(inputs[:-1] * np.diff(time)[:, None], axis=0)))
-    means = [np.diff(np.interp(edges, time, column)) / step for column in area.T]
-    forced = np.column_stack([_convolved(mean, step)[0] for mean in means])
     inner = slice(_REACH * _POINTS, count - _REACH * _POINTS)
-    return SmoothRun(grid[inner], heading[inner], speeds[inner], accelerations[inner], forced[inner])
+    inputs = smooth_inputs(run, width, effects)
+    return SmoothRun(grid[inner], heading[inner], speeds[inner], accelerations[inner], inputs)
 
 
 def _convolved(values: FloatArray, step: float) -> tuple[FloatArray, FloatArray]:

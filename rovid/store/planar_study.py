@@ -15,12 +15,12 @@ from rovid.effects.stages import Actuating
 from rovid.estimate.candidate_runs import RunLimits
 from rovid.faults.catalogue import examine_runs
 from rovid.model.bound_effects import BoundEffect
+from rovid.planar.candidates import planar_candidates
 from rovid.planar.dataset import PlanarData, planar_data
 from rovid.planar.diagnosis import PlanarDiagnosis, diagnose_planar
 from rovid.planar.experiment import PlanarPlan, plan_planar
 from rovid.planar.fit import PlanarFit, fit_all_readings, fit_planar
 from rovid.planar.model import BASE_COUNT, PlanarModel, RudderModel
-from rovid.planar.search import planar_candidates
 from rovid.planar.start_values import planar_rudders
 from rovid.planar.trial_simulation import PlanarTrialSimulation, simulate_planar_trials
 from rovid.readers import read_campaign

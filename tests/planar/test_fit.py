@@ -117,7 +117,7 @@ def test_a_fit_of_free_runs_recovers_a_torpedo_from_far() -> None:
     base = fit_base(data)
     scale = np.where(np.arange(len(base.x)) < 3, 0.3, 0.0)
     away = PlanarOptimum(base.likelihood, base.coordinates.projected(base.x + scale), base.value)
-    fitted = planar_result(data, fit_free_runs(away, data, ()))
+    fitted = planar_result(data, fit_free_runs(away, data))
     assert fitted.multi_step
     # Smoothing and the noise at the start of each simulation bias this fit by some percent.
     assert fitted.model.base[:2] == pytest.approx(truth.base[:2], rel=0.1)
