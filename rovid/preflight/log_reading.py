@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -24,14 +25,16 @@ from rovid.readers.timestamps import is_plausible
 from rovid.trial.axis import YAW, Axis
 from rovid.trial.config import Config
 from rovid.trial.log_files import Join, guess_parts
-from rovid.trial.signal_names import Signal
-from rovid.trial.tables import CURVE_COLUMNS
+from rovid.trial.signal_names import CLOCK_WORDS, Signal, name_words
+from rovid.trial.tables import CURVE_COLUMNS, column_names
 from rovid.trial.vehicle import Vehicle
 
 # Maximum number of logs of each format that are read; decision: the logs of one campaign are alike.
 _MAX_LOGS = 12
 # Maximum number of lines about unreadable parts of one log.
 _MAX_PROBLEMS = 3
+# Words of the second column of a thrust curve.
+_THRUST = {"thrust", "force", "schub", "kraft", "poussée", "poussee", "empuje", "spinta"}
 # Endings of the sources of orientations, from which a reader computes a heading.
 _ORIENTATIONS = ("orientation", "quaternion", "rotation", ".q")
 
@@ -44,8 +47,8 @@ class LogsRead:
     #: ``logs``, ``names``: format -> columns of each log by source, and name of each log in the folder.
     logs: dict[str, list[Mapping[str, RawColumn]]] = field(default_factory=dict)
     names: dict[str, list[str]] = field(default_factory=dict)
-    #: ``clocks``, ``file_clocks``: format -> source of the clock in the first log, empty if the format has a clock of
-    #: its own; name of a log -> the same.
+    #: ``clocks``, ``file_clocks``: format -> source of the clock in most logs, empty if the format has a clock of its
+    #: own; name of a log -> the same.
     clocks: dict[str, str] = field(default_factory=dict)
     file_clocks: dict[str, str] = field(default_factory=dict)
     parameters: dict[str, dict[str, float]] = field(default_factory=dict)  #: Format -> parameters of the autopilot.
@@ -66,18 +69,24 @@ def read_logs(
         logs = read.logs.setdefault(kind, [])
         if len(logs) >= _MAX_LOGS or is_thrust_curve(path):
             continue
+        if names := _unnamed_curve(path):
+            wanted = " and ".join(CURVE_COLUMNS)
+            text = f"has the columns {' and '.join(names)}, as a thrust curve has. Name them {wanted} to use it."
+            read.problems.append(f"{path}: {text}")
+            continue
         try:
             contents, columns, unreadable = read_columns(path)
         except RovidError as error:
             read.problems.append(str(error))
             continue
         read.problems.extend(unreadable)
-        read.clocks.setdefault(kind, contents.clock)
         read.parameters.setdefault(kind, {}).update(contents.parameters)
         name = path.relative_to(read.folder).as_posix() if path.is_relative_to(read.folder) else path.name
         read.names.setdefault(kind, []).append(name)
         read.file_clocks[name] = contents.clock
         logs.append(columns)
+    for kind, names in read.names.items():
+        [(read.clocks[kind], _)] = Counter(read.file_clocks[name] for name in names).most_common(1)
     return _join_files(read, axis, headings, commands)
 
 
@@ -123,6 +132,13 @@ def is_thrust_curve(path: Path) -> bool:
         return set(CURVE_COLUMNS) <= set(read_layout(path, CURVE_COLUMNS).names)
     except (OSError, RovidError):
         return False  # reading the log reports the error
+
+
+def _unnamed_curve(path: Path) -> tuple[str, ...]:
+    """Names of the two columns of a CSV whose second one is a thrust by its name; empty for other files."""
+    names = column_names(path) if path.suffix.lower() == ".csv" else ()
+    is_curve = len(names) == 2 and bool(name_words(names[1]) & _THRUST) and not name_words(names[0]) & CLOCK_WORDS
+    return names if is_curve else ()
 
 
 def read_columns(path: Path) -> tuple[LogContents, dict[str, RawColumn], list[str]]:

@@ -16,6 +16,7 @@ from rovid.preflight.raw_columns import SignalGuess
 from rovid.trial.config import load_config
 from rovid.trial.cutting import Exclusion
 from tests.app.conftest import logs_into
+from tests.conftest import Rovid
 
 TIME = np.arange(0.0, 200.0, 0.2)
 
@@ -144,3 +145,18 @@ def test_exclusions_and_size_are_written(tmp_path: Path) -> None:
     config = load_config(write(survey))
     assert config.exclusions == left_out
     assert (config.vehicle.mass, config.vehicle.name) == (2604.0, "mine")
+
+
+def test_a_curve_with_other_names_is_no_log(tmp_path: Path, rovid: Rovid) -> None:
+    time, rng = np.arange(0.0, 120.0, 0.1), np.random.default_rng(4)
+    (tmp_path / "a_curve.csv").write_text("pwm_us,thrust_N\n1100,-40\n1500,0\n1900,50\n")
+    for number in range(2):
+        pulse = 1500.0 + 50.0 * np.repeat(rng.integers(-6, 7, 24), 50)
+        heading = np.cumsum(0.002 * (pulse - 1500.0)) + rng.normal(0.0, 0.05, len(time))
+        rows = zip(time, pulse, heading, strict=True)
+        text = "\n".join(f"2026-06-03T09:{int(t) // 60:02}:{t % 60:06.3f}Z,{p:.0f},{h:.2f}" for t, p, h in rows)
+        (tmp_path / f"run_{number}.csv").write_text(f"Timestamp,ESC_Bow_us,Compass (deg)\n{text}\n")
+    done = rovid("init", tmp_path)
+    assert done.code == 0, done.err
+    assert "a_curve.csv: has the columns pwm_us and thrust_N, as a thrust curve has" in " ".join(done.out.split())
+    assert load_config(tmp_path / "rovid.toml").time.sources == {"csv": "Timestamp"}
