@@ -35,7 +35,7 @@ SCREENS: Mapping[str, tuple[str, str]] = {
 }
 PAGE = "hidden/index.html"
 # Screenshot of `rovid open`: file, height in pixels, logs of the sample day.
-OPEN = ("open.png", 1500, ("hold_02.csv", "hold_03.csv", "sine_40s_a.csv", "staircase.csv", "thrust_curve.csv"))
+OPEN = ("open.png", 1100, ("hold_02.csv", "hold_03.csv", "sine_40s_a.csv", "staircase.csv", "thrust_curve.csv"))
 
 
 def has_browser() -> bool:
@@ -81,7 +81,9 @@ def screen_of_open(folder: Path) -> None:
             features = [{"name": "prefers-color-scheme", "value": "light"}]
             tab.call("Emulation.setEmulatedMedia", media="", features=features)
             tab.call("Page.navigate", url=server.address)
-            tab.until("document.querySelectorAll('#check-said .verdict, .chart canvas').length > 6")
+            tab.until(
+                "document.querySelector('#now-title.go, #now-title.care') && document.querySelector('.chart canvas')"
+            )
             # Hide the path of this machine.
             tab.ask("for (const id of ['where', 'top']) document.getElementById(id).textContent = '/home/me/trials'")
             tab.ask("scrollTo(0, 0); new Promise(requestAnimationFrame)")

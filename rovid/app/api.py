@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from rovid.app.decimation import columns_document
-from rovid.app.form_state import FormState, matches_digest, parse_form, read_form_data, with_form_data
+from rovid.app.form_state import FormState, choices_of, matches_digest, parse_form, read_form_data, with_form_data
 from rovid.app.sandbox import RootFolder
 from rovid.core.atomic_write import OutputFile, OutputSet
 from rovid.core.errors import ConfigError, DataError, OutputError, RovidError
@@ -23,11 +23,13 @@ from rovid.preflight.check import check_logs
 from rovid.preflight.config_writer import config_files
 from rovid.preflight.log_reading import LogsRead, is_thrust_curve, log_files, read_columns, read_logs
 from rovid.preflight.log_survey import LogSurvey, SurveyOptions, output_files, survey_read_logs
+from rovid.preflight.planar_check import PlanarCheck, check_planar
 from rovid.preflight.raw_columns import RawColumn
 from rovid.present.documents.results import check_document, survey_document
 from rovid.present.terminal.check import VERDICTS, check_notes, check_tasks
+from rovid.present.terminal.planar_check import planar_notes, planar_tasks
 from rovid.readers.formats import READERS
-from rovid.trial.config import FILE_NAME, load_config
+from rovid.trial.config import FILE_NAME, load_config, load_planar_config
 from rovid.trial.fault import Excerpt, Fault
 from rovid.trial.signal_names import SIGNAL_UNITS
 from rovid.trial.vehicle_presets import load_preset, preset_names
@@ -60,26 +62,41 @@ class Api:
         folder = config_folder(paths)
         files = [file for file in log_files(paths, []) if not is_thrust_curve(file)]
         if not files:
-            raise DataError("holds no logs.", where=folder, mend=f"Choose a folder with {', '.join(READERS)}.")
+            empty = folder.is_dir() and not any(folder.iterdir())
+            mend = f"Choose a folder with {', '.join(READERS)}, or drop logs on the page."
+            raise DataError("is empty." if empty else "holds no logs.", where=folder, mend=mend)
         config = self.config_file(paths)
         text = None if config is None else _read_text(config)
         own = text is not None and self.foreign_config(paths) is None
         data = read_form_data(text) if own and text is not None else None
+        existing: Document | None = None
+        if config is not None and text is not None:
+            kinds = sorted({READERS[file.suffix.lower()].kind for file in files})
+            choice = None if own else choices_of(text, kinds)
+            existing = {"file": self.root.name(config), "text": text, "choice": choice}
         return {
             "folder": self.root.name(folder),
             "logs": [self._log_document(file, paths) for file in files],
             "vehicles": list(map(_preset_document, preset_names())),
             "units": {name: list(units) for name, units in SIGNAL_UNITS.items()},
-            "existing": None if config is None else {"file": self.root.name(config), "text": text},
+            "existing": existing,
             "chosen": None if data is None else data[0],
         }
 
-    def columns(self, name: str, needed: Sequence[str], begin: float, end: float, bins: int) -> Document:
+    def columns(
+        self,
+        name: str,
+        needed: Sequence[str],
+        begin: float,
+        end: float,
+        bins: int,
+        turns: Mapping[str, float] | None = None,
+    ) -> Document:
         """The columns of one log for plots; see `columns_document`."""
         path = self.root.path(name)
         require_exists(path)
         with self._columns_lock:
-            return columns_document(self._read_columns(path), needed, begin, end, min(max(bins, 10), 5000))
+            return columns_document(self._read_columns(path), needed, begin, end, min(max(bins, 10), 5000), turns)
 
     def draft(self, document: object) -> Document:
         """The rovid.toml for the choices, the open questions, and equivalent commands."""
@@ -95,6 +112,8 @@ class Api:
             "beside": [self.root.name(output.path) for output in curves],
             "survey": survey_document(survey, []),
             "commands": self._commands(form, config_folder(paths), guessed),
+            # Speeds and positions, with which surge, sway and yaw can be taken together.
+            "planar": sorted({name for guess in guessed.planar.values() for name in guess.signals}),
         }
 
     def check(self, document: object) -> Document:
@@ -107,7 +126,7 @@ class Api:
             if number != self._checks:
                 return {"stale": True}  # A newer request is waiting, and a check may take long.
             if (config := self.foreign_config(paths)) is not None:
-                return _check(paths, config, config)
+                return _check(paths, config, config, planar=form.planar)
             with self._survey_lock:
                 _, survey = self._survey(paths, form)
             with tempfile.TemporaryDirectory(dir=self.scratch) as name:
@@ -116,7 +135,7 @@ class Api:
                     (folder / output.path.name).write_text(text, encoding="utf-8")
                 if survey.curve and not (folder / survey.curve).exists():
                     shutil.copyfile(survey.folder / survey.curve, folder / survey.curve)
-                return _check(paths, folder / FILE_NAME, survey.folder / FILE_NAME)
+                return _check(paths, folder / FILE_NAME, survey.folder / FILE_NAME, planar=form.planar)
 
     def save(self, document: object) -> Document:
         """Write rovid.toml and the guessed thrust curve; only files that the page wrote are replaced."""
@@ -198,9 +217,11 @@ class Api:
             self._logs_read.clear()
             self._surveys.clear()
             self._logs_read[key] = read_logs(paths)
-        guessed = self._cached_survey(key, SurveyOptions(vehicle=form.vehicle, interactive=True))
+        guessed = self._cached_survey(key, SurveyOptions(vehicle=form.vehicle, interactive=True, planar=form.planar))
         headings, commands = form.changes(guessed)
-        options = SurveyOptions(vehicle=form.vehicle, headings=headings, commands=commands, interactive=True)
+        options = SurveyOptions(
+            vehicle=form.vehicle, headings=headings, commands=commands, interactive=True, planar=form.planar
+        )
         # This survey also determines the sign of the chosen columns, which takes time.
         self._cached_survey(key, options)
         return guessed, survey_read_logs(self._logs_read[key], options, form.overrides)
@@ -230,34 +251,36 @@ class Api:
             init += ["--heading", headings[0]]
         if commands and not any("," in source for source in commands):
             init += ["--command", ",".join(commands)]
-        parameters, page = output_paths(self.root.name(folder))
+        parameters, page = output_paths(self.root.name(folder), planar=form.planar)
+        axes = axes_options(planar=form.planar)
         lines = {
-            "A first rovid.toml, without the values entered by hand": init,
-            "Content and problems of the logs": ["rovid", "check", *logs],
-            "Diagnosis only": ["rovid", "diagnose", *logs, "-p", parameters],
-            "Report with all results": ["rovid", "report", *logs, "-p", parameters, "-o", page],
+            "A first rovid.toml, without the values entered by hand": [*init, *axes],
+            "Content and problems of the logs": ["rovid", "check", *axes, *logs],
+            "Diagnosis only": ["rovid", "diagnose", *axes, *logs, "-p", parameters],
+            "Report with all results": ["rovid", "report", *axes, *logs, "-p", parameters, "-o", page],
         }
         return [{"what": purpose, "line": shlex.join(words)} for purpose, words in lines.items()]
 
 
-def _check(paths: Sequence[Path], config: Path, place: Path) -> Document:
+def _check(paths: Sequence[Path], config: Path, place: Path, *, planar: bool) -> Document:
     """Result of `rovid check` with the file ``config``, which will be saved as ``place``."""
     try:
-        loaded = replace(load_config(config), path=place)
-        checked = check_logs(paths, loaded)
+        loaded = replace(load_planar_config(config) if planar else load_config(config), path=place)
+        checked = check_planar(paths, loaded) if planar else check_logs(paths, loaded)
     except RovidError as error:
         text = str(error).replace(str(config.parent), str(place.parent))
         return {"verdict": "no_go", "words": "No go: rovid.toml is not complete yet.", "tasks": [text], "notes": []}
     lead, words, _ = VERDICTS[checked.verdict]
-    return {
+    answer: Document = {
         "verdict": checked.verdict,
         "words": f"{lead} {words}",
-        "tasks": list(check_tasks(checked)),
-        "notes": check_notes(checked),
         "caution": loaded.vehicle.assumptions.caution,
-        "document": check_document(checked, loaded.vehicle),
         "spots": [_spot(fault, fault.excerpt) for fault in checked.faults if fault.excerpt][:_SPOTS],
     }
+    if isinstance(checked, PlanarCheck):
+        return answer | {"tasks": list(planar_tasks(checked)), "notes": planar_notes(checked)}
+    document = check_document(checked, loaded.vehicle)
+    return answer | {"tasks": list(check_tasks(checked)), "notes": check_notes(checked), "document": document}
 
 
 def _spot(fault: Fault, excerpt: Excerpt) -> Document:
@@ -300,10 +323,15 @@ def config_folder(paths: Sequence[Path]) -> Path:
     return config.path.parent
 
 
-def output_paths(folder: str) -> tuple[str, str]:
+def output_paths(folder: str, *, planar: bool = False) -> tuple[str, str]:
     """Names of the parameter file and of the report for the logs in ``folder``."""
-    prefix = f"{shell_word(folder)}/" if folder else ""
-    return f"{prefix}parameters.toml", f"{prefix}report"
+    prefix, suffix = f"{shell_word(folder)}/" if folder else "", "_planar" if planar else ""
+    return f"{prefix}parameters{suffix}.toml", f"{prefix}report{suffix}"
+
+
+def axes_options(*, planar: bool) -> list[str]:
+    """Options of a command for yaw alone, or for surge, sway and yaw together."""
+    return ["--axes", "planar"] if planar else []
 
 
 def shell_word(name: str) -> str:

@@ -12,7 +12,12 @@ from rovid.preflight.raw_columns import RawColumn
 
 
 def columns_document(
-    columns: Mapping[str, RawColumn], needed: Sequence[str], begin: float, end: float, bins: int
+    columns: Mapping[str, RawColumn],
+    needed: Sequence[str],
+    begin: float,
+    end: float,
+    bins: int,
+    turns: Mapping[str, float] | None = None,
 ) -> dict[str, Any]:
     """All columns between ``begin`` and ``end``, in s from the origin of the times in [[leave_out]].
 
@@ -22,7 +27,10 @@ def columns_document(
         Sources of the heading (first) and of the commands: the log begins when all of them are known.
     bins
         Number of time bins.
+    turns
+        Source of an angle -> a full turn in its unit; it is shown without jumps of whole turns.
     """
+    turns = turns or {}
     origin = _time_origin(columns, needed)
     times = [column.time for column in columns.values() if len(column.time)]
     first = min((float(time.min()) for time in times), default=0.0) - origin
@@ -32,7 +40,7 @@ def columns_document(
         "begin": first,
         "end": last,
         "columns": [
-            {"source": source, **_decimate(column.time - origin, column.values, low, high, bins)}
+            {"source": source, **_decimate(column.time - origin, column.values, low, high, bins, turns.get(source))}
             for source, column in columns.items()
         ],
     }
@@ -51,7 +59,9 @@ def _time_origin(columns: Mapping[str, RawColumn], needed: Sequence[str]) -> flo
     return float(after.min()) if after.size else max(starts)
 
 
-def _decimate(time: FloatArray, values: FloatArray, begin: float, end: float, bins: int) -> dict[str, Any]:
+def _decimate(
+    time: FloatArray, values: FloatArray, begin: float, end: float, bins: int, turn: float | None
+) -> dict[str, Any]:
     """Number and range of all values; times, minima and maxima of the bins in view."""
     known = np.isfinite(values)
     order = np.argsort(time[known], kind="stable")
@@ -59,6 +69,8 @@ def _decimate(time: FloatArray, values: FloatArray, begin: float, end: float, bi
     document: dict[str, Any] = {"samples": len(values), "lowest": None, "highest": None}
     if len(values):
         document |= {"lowest": _rounded(values.min()), "highest": _rounded(values.max())}
+    if turn is not None:
+        values = np.unwrap(values, period=turn)
     # One more sample at each end lets the line leave the plot.
     first = max(int(np.searchsorted(time, begin)) - 1, 0)
     last = int(np.searchsorted(time, end, side="right")) + 1

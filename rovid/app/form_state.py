@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping
+import tomllib
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,13 +30,15 @@ class FormState:
     signals: Mapping[str, Mapping[str, SignalGuess]] | None  # Format -> signal -> column; None: as guessed
     overrides: UserOverrides
     document: Mapping[str, Any]  # The JSON document of the page
+    planar: bool = False  # Surge, sway and yaw together instead of yaw alone
 
     def changes(self, guessed: LogSurvey) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Chosen heading columns that differ from the guess, and all command columns if any of them differs."""
         headings: list[str] = []
         for kind, signals in (self.signals or {}).items():
-            guess = guessed.mappings[kind].signals.get("heading") if kind in guessed.mappings else None
-            chosen = signals.get("heading")
+            if kind not in guessed.mappings:
+                continue
+            guess, chosen = guessed.mappings[kind].signals.get("heading"), signals.get("heading")
             if chosen is not None and (guess is None or guess.source != chosen.source):
                 headings.append(chosen.source)
         commands = self.overrides.commands or frozenset()
@@ -72,6 +75,7 @@ def parse_form(document: object) -> FormState:
             signals=overrides.signals,
             overrides=overrides,
             document=document,
+            planar=document.get("axes") == "planar",
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise ConfigError(f"the page sent an invalid choice ({error}).", mend="Load the page again.") from error
@@ -132,6 +136,41 @@ def read_form_data(text: str) -> tuple[Mapping[str, Any], Mapping[str, str]] | N
     except (KeyError, TypeError, ValueError):
         pass
     return None
+
+
+def choices_of(text: str, kinds: Collection[str]) -> dict[str, Any]:
+    """The choices of a user's own rovid.toml for logs of these formats, as far as the page shows them."""
+    try:
+        config = tomllib.loads(text)
+    except tomllib.TOMLDecodeError:
+        return {}
+    signals: dict[str, dict[str, Any]] = {}
+    commands: dict[str, list[Any]] = {}
+    for name, one in _tables(config.get("signals")).items():
+        for kind in _sources(one, kinds) if name != "time" else ():
+            shown = {"source": one[kind], "unit": one.get("unit", ""), "sign": one.get("sign", 1)}
+            signals.setdefault(kind, {})[name] = shown
+    thrusters = config.get("thrusters")
+    for one in filter(_is_table, thrusters if isinstance(thrusters, list) else []):
+        for kind in _sources(one.get("command"), kinds):
+            shown = {"source": one["command"][kind], "name": str(one.get("name", "")), "arm": one.get("yaw_arm")}
+            commands.setdefault(kind, []).append(shown)
+    vehicle = _tables(config).get("vehicle", {})
+    sizes = {key: vehicle[key] for key in _SIZES if isinstance(vehicle.get(key), int | float)}
+    return {"signals": signals, "commands": commands, "size": sizes, "name": str(vehicle.get("name", ""))}
+
+
+def _is_table(value: object) -> bool:
+    return isinstance(value, dict)
+
+
+def _tables(value: object) -> dict[str, dict[str, Any]]:
+    return {key: one for key, one in value.items() if _is_table(one)} if isinstance(value, dict) else {}
+
+
+def _sources(one: object, kinds: Collection[str]) -> list[str]:
+    """Formats for which a table of rovid.toml names a source."""
+    return [kind for kind in kinds if isinstance(one, dict) and isinstance(one.get(kind), str)]
 
 
 def matches_digest(data: bytes, digest: str | None) -> bool:

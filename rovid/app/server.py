@@ -21,7 +21,7 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import Route
 
-from rovid.app.api import Api, config_folder, output_paths, shell_word
+from rovid.app.api import Api, axes_options, config_folder, output_paths, shell_word
 from rovid.app.auth import ADDRESS, Asgi, TokenGuard
 from rovid.app.connections import LimitedProtocol, limit_messages
 from rovid.app.jobs import JobQueue
@@ -29,6 +29,7 @@ from rovid.app.sandbox import RootFolder, Upload, clean_name
 from rovid.app.session_folder import SessionFolder, session_folder
 from rovid.core.errors import ConfigError, OutputError, RovidError
 from rovid.core.signatures import PAGE
+from rovid.preflight.raw_columns import FULL_TURN
 from rovid.trial.log_files import FORMATS
 
 # Maximum size in bytes of a request without a log.
@@ -106,8 +107,9 @@ class _Handlers:
     def look(self, request: Request) -> Response:
         """The chosen logs, with the key of their report if there is one."""
         document = self.api.look(request.query_params.getlist("log"))
-        _, page = output_paths(document["folder"])
-        return JSONResponse(document | {"report": self.report_key(self.root.folder / page / "index.html")})
+        pages = {name: output_paths(document["folder"], planar=name == "planar")[1] for name in ("yaw", "planar")}
+        reports = {name: self.report_key(self.root.folder / page / "index.html") for name, page in pages.items()}
+        return JSONResponse(document | {"report": reports["yaw"], "reports": reports})
 
     def columns(self, request: Request) -> Response:
         """Columns of a log for plots."""
@@ -117,7 +119,9 @@ class _Handlers:
             bins = int(query.get("bins", "400"))
         except ValueError:
             raise ConfigError("from, to and bins have to be numbers.") from None
-        return JSONResponse(self.api.columns(query.get("log", ""), query.getlist("needed"), begin, end, bins))
+        turn = FULL_TURN.get(query.get("unit", ""))
+        turns = {} if turn is None else {query.get("heading", ""): turn}
+        return JSONResponse(self.api.columns(query.get("log", ""), query.getlist("needed"), begin, end, bins, turns))
 
     async def upload(self, request: Request) -> Response:
         """Store one dropped file in a new folder, or in the folder of an earlier upload."""
@@ -152,8 +156,10 @@ class _Handlers:
         paths = self.api.paths([str(name) for name in document["logs"]])
         if self.api.config_file(paths) is None:
             raise ConfigError("there is no rovid.toml yet.", mend="Save it first.")
-        parameters, page = output_paths(self.root.name(config_folder(paths)))
-        options = ["--no-diagnosis"] if document.get("diagnosis") is False else self.options
+        planar = document.get("axes") == "planar"
+        parameters, page = output_paths(self.root.name(config_folder(paths)), planar=planar)
+        options = ["--no-diagnosis"] if document.get("diagnosis") is False else [*self.options]
+        options += axes_options(planar=planar)
         logs = [shell_word(self.root.name(path)) for path in paths]
         job = self.jobs.start(["report", *options, "-p", parameters, "-o", page, *logs], self.root.folder)
         return job.document()

@@ -3,6 +3,7 @@
 import { drawSpot, Plots } from "./plots.js";
 import { armOf, Sketch, standing } from "./sketch.js";
 import { ask, byId, copy, element, hear, isOf, literally, soon, tidy, typed } from "./tools.js";
+import { go, mark, step } from "./steps.js";
 
 const ROLES = {
   "": "not used", heading: "heading", command: "command of a thruster", yaw_rate: "yaw rate (gyro)", roll: "roll", pitch: "pitch",
@@ -15,7 +16,9 @@ let look = null; // the server's description of these logs
 let columns = new Map(); // "format|source" -> {kind, source, role, name, unit, sign}
 let thrusters = new Map(); // name -> {x, y, angle, arm, hand}; hand: whether the user placed the thruster
 let vehicle = "", title = "", size = {}, stretches = [];
-let draft = null, checked = null, saved = "", running = false;
+let draft = null, checked = null, saved = false, running = false;
+// Logs of this size in bytes are read as a whole before the first plot; of larger ones, the first log is read ahead.
+const SMALL = 4e6;
 
 const key = (kind, source) => `${kind}|${source}`;
 const current = () => look?.logs.find(({ path }) => path === byId("log").value);
@@ -25,6 +28,9 @@ function trouble(error) {
   place.hidden = !error;
   place.textContent = error ? error.message ?? String(error) : "";
 }
+// A folder with a rovid.toml that this page did not write: the check and the run use that file, and the fields show it.
+const theirs = () => look?.existing && !look.chosen;
+
 addEventListener("unhandledrejection", (event) => { trouble(event.reason); event.preventDefault(); });
 
 // ---- 1. logs
@@ -33,7 +39,7 @@ async function folders(inside) {
   const list = await ask(`folders?${new URLSearchParams({ in: inside })}`);
   byId("folders").replaceChildren(...list.map(({ path }) => element("option", "", null, { value: path })));
   const items = list.slice(0, 200).map(({ path, logs: count }) => {
-    const item = element("li"), words = count ? `${path} (${count} file${count > 1 ? "s" : ""})` : path;
+    const item = element("li"), words = count ? `${path} (${count} file${count > 1 ? "s" : ""})` : `${path} (no logs directly in it)`;
     element("button", words, item, { type: "button" }).addEventListener("click", () => {
       byId("folder").value = path;
       if (count) choose([path]);
@@ -42,61 +48,91 @@ async function folders(inside) {
     return item;
   });
   byId("folder-list").replaceChildren(...items);
+  if (!list.length && inside) choose([inside]); // says what is in it
 }
 
 let choosing = 0;
 
+// Forget all about the last folder.
+function clear() {
+  [look, draft, checked, saved, logs] = [null, null, null, false, []];
+  columns = new Map();
+  thrusters = new Map();
+  [vehicle, title, size, stretches, shownColumns] = ["", "", {}, [], []];
+  for (const id of ["rows", "check-said", "check-more", "run-steps", "run-warnings", "leave-list", "not-read", "senses", "commands", "toml", "log", "leave-log"]) byId(id).replaceChildren();
+  for (const id of ["logs-found", "columns-said", "span", "curve", "save-words", "save-said", "run-said", "run-now", "run-error"]) byId(id).textContent = "";
+  for (const id of ["run-error", "run-progress", "axes"]) byId(id).hidden = true;
+  byId("run-said").dataset.state = "";
+  document.querySelector("input[name=axes][value='']").checked = true;
+  plots.place([]);
+  showThrusters();
+  showReport(null);
+}
+
 async function choose(names) {
   const own = ++choosing;
   trouble(null);
-  headline("Reading the logs …", true);
+  clear();
+  headlines("Reading the logs …");
   try {
     const found = await ask(`look?${new URLSearchParams(names.map((name) => ["log", name]))}`);
     if (own !== choosing) return; // the user chose another folder meanwhile
     look = found;
+    logs = names;
+    showLogs();
+    recall(look.chosen ?? look.existing?.choice);
+    const bytes = look.logs.reduce((sum, one) => sum + one.bytes, 0);
+    if (bytes > SMALL && look.logs.length > 1 && !columns.size) {
+      await refresh({ asGuessed: true, of: [look.logs[0].path] });
+      if (own !== choosing) return;
+      await openLog();
+      go("signals");
+      headlines("Reading all logs …");
+    }
+    await Promise.all([refresh({ asGuessed: !columns.size }), shownColumns.length ? null : openLog()]);
+    if (own !== choosing) return;
   } catch (error) {
+    if (own !== choosing) return;
+    look = null;
+    go("logs");
     headlines();
-    throw error;
+    trouble(error);
+    return;
   }
-  logs = names;
-  const several = look.logs.length > 1 ? `${look.logs.length} logs` : "one log";
+  byId("which").value = !theirs() && draft.survey.open.length ? "all" : "used";
+  byId("type").value = vehicle;
+  showStretches();
+  openLog();
+  showReport(look.reports[planar() ? "planar" : "yaw"], look.folder);
+  go("signals");
+  // The field that the user left is hidden by now.
+  if (document.activeElement !== document.body) document.querySelector("#steps [aria-current]").focus();
+}
+
+function showLogs() {
+  const several = look.logs.length > 1 ? `${look.logs.length} logs` : "One log";
   byId("logs-found").textContent = `${several} in ${look.folder || "this folder"}: ${look.logs.slice(0, 6).map(({ name }) => name).join(", ")}${look.logs.length > 6 ? ", …" : ""}.`;
   byId("log").replaceChildren(...look.logs.map(({ path, name }) => element("option", name, null, { value: path })));
   byId("leave-log").replaceChildren(...look.logs.map(({ name }) => element("option", name, null, { value: literally(name) })), element("option", "every log", null, { value: "*" }));
   byId("type").replaceChildren(element("option", "not one of these", null, { value: "" }), ...look.vehicles.map(({ id, name }) => element("option", name, null, { value: id })));
   if (look.logs.length > 1) byId("leave-log").value = literally(look.logs[0].name);
-  columns = new Map();
-  thrusters = new Map();
-  [vehicle, title, size, stretches, draft, checked] = ["", "", {}, [], null, null];
-  saved = look.existing && look.chosen ? "same" : "";
-  if (look.chosen) recall(look.chosen);
-  for (const place of ["check-said", "check-more", "run-steps", "run-warnings"]) byId(place).replaceChildren();
-  showReport(look.report, look.folder);
-  try {
-    await refresh(!look.chosen);
-  } catch (error) {
-    byId("rest").hidden = true;
-    headlines();
-    throw error;
-  }
-  if (own !== choosing) return;
-  fill();
-  byId("rest").hidden = false;
-  byId("which").value = !theirs() && draft.survey.open.length ? "all" : "used";
-  await openLog();
-  byId("now-title").focus({ preventScroll: true });
-  byId("now").scrollIntoView({ block: "start" });
+  saved = Boolean(look.existing && look.chosen);
 }
 
-// Restore the choices that are stored in rovid.toml.
+// Restore the choices that are stored in rovid.toml, or that a file of the user's own makes.
 function recall(chosen) {
+  if (!chosen) return;
+  if (chosen.axes === "planar") document.querySelector("input[name=axes][value=planar]").checked = true;
   [vehicle, title, size, stretches] = [chosen.vehicle ?? "", chosen.name ?? "", chosen.size ?? {}, chosen.leave_out ?? []];
   for (const [name, place] of Object.entries(chosen.places ?? {})) thrusters.set(name, place);
   for (const [kind, those] of Object.entries(chosen.signals ?? {})) {
     for (const [name, { source, unit, sign }] of Object.entries(those)) put(kind, source, name, { unit, sign });
   }
   for (const [kind, those] of Object.entries(chosen.commands ?? {})) {
-    for (const { source, name } of those) put(kind, source, "command", { name });
+    for (const { source, name, arm } of those) {
+      put(kind, source, "command", { name });
+      if (theirs() && Number.isFinite(arm)) thrusters.set(name, { ...standing(name, arm, [...thrusters.values()]), arm, hand: true });
+    }
   }
 }
 
@@ -107,8 +143,10 @@ function put(kind, source, role, more = {}) {
 
 // ---- the user's choices
 
-function choice(asGuessed = false) {
-  const document = { logs, vehicle, name: title, size, leave_out: stretches, places: Object.fromEntries(thrusters) };
+const planar = () => document.querySelector("input[name=axes]:checked").value === "planar";
+
+function choice({ asGuessed = false, of = logs } = {}) {
+  const document = { logs: of, vehicle, name: title, size, leave_out: stretches, places: Object.fromEntries(thrusters), axes: planar() ? "planar" : "" };
   if (asGuessed) return { ...document, signals: null, commands: null };
   const signals = {}, commands = {};
   for (const { kind, source, role, name, unit, sign } of columns.values()) {
@@ -123,8 +161,9 @@ function choice(asGuessed = false) {
 }
 
 // Get the draft of rovid.toml for the choices. With `asGuessed`, rovid's guesses become the choices.
-async function refresh(asGuessed = false, signal = undefined) {
-  draft = await ask("draft", { body: choice(asGuessed), signal });
+// With `of`, only these logs are read, and nothing is checked yet.
+async function refresh({ asGuessed = false, of = undefined, signal = undefined } = {}) {
+  draft = await ask("draft", { body: choice({ asGuessed, of }), signal });
   const { signals, commands } = draft.survey;
   if (asGuessed) {
     columns = new Map();
@@ -139,7 +178,7 @@ async function refresh(asGuessed = false, signal = undefined) {
   }
   adoptArms();
   show();
-  check();
+  if (!of) check();
 }
 
 // Thrusters that the user did not place get a position that fits the arm rovid assumes.
@@ -155,18 +194,26 @@ function adoptArms() {
   }
 }
 
-const refreshSoon = soon((signal) => refresh(false, signal), 250);
+const refreshSoon = soon((signal) => refresh({ signal }), 250);
+let checking = false;
 const checkSoon = soon(async (signal) => {
-  byId("check-said").classList.add("stale");
   const answer = await ask("check", { body: choice(), signal });
   if (answer.stale) return check();
-  checked = answer;
+  [checked, checking] = [answer, false];
   return showCheck();
 }, 350);
-const check = () => checkSoon();
+
+function check() {
+  checking = true;
+  byId("check-said").classList.add("stale");
+  byId("check-said").classList.add("busy");
+  if (!checked) byId("check-said").textContent = "Checking …";
+  headlines();
+  checkSoon();
+}
 
 function changed() {
-  saved = "";
+  saved = false;
   trouble(null);
   refreshSoon();
 }
@@ -178,16 +225,21 @@ const plots = new Plots(byId("rows"), {
     byId("leave-log").value = literally(current().name);
     byId("leave-from").value = String(Math.max(0, +from.toFixed(2)));
     byId("leave-to").value = String(+to.toFixed(2));
+    byId("leave").open = true;
     byId("leave-reason").focus();
     byId("leave").scrollIntoView({ block: "center" });
     hear(`${from.toFixed(1)} to ${to.toFixed(1)} s. Type a reason, then press Leave out.`);
   },
   stretches: () => stretches.filter(({ log }) => current() && isOf(current().name, log)).map(({ from, to }) => [from, to ?? Infinity]),
   needed: () => [...columns.values()].filter(({ role }) => role === "heading" || role === "command").sort((a) => (a.role === "heading" ? -1 : 1)).map(({ source }) => source),
+  heading: () => [...columns.values()].find(({ role, kind }) => role === "heading" && kind === current()?.kind),
 });
 let shownColumns = [];
+// Order of the plots: what a fit needs first.
+const FIRST = ["heading", "command", "yaw_rate"];
 
 const openLog = async () => {
+  if (!byId("log").value) return;
   byId("columns-said").textContent = "Reading …";
   shownColumns = (await plots.open(byId("log").value)).columns;
   listColumns();
@@ -196,7 +248,8 @@ const openLog = async () => {
 function listColumns() {
   const { kind } = current(), all = byId("which").value === "all";
   const roleOf = ({ source }) => columns.get(key(kind, source))?.role ?? "";
-  const used = shownColumns.filter((column) => roleOf(column));
+  const rank = (column) => (FIRST.indexOf(roleOf(column)) + FIRST.length + 1) % (FIRST.length + 1);
+  const used = shownColumns.filter((column) => roleOf(column)).sort((a, b) => rank(a) - rank(b));
   const list = all || !used.length ? [...used, ...shownColumns.filter((column) => !roleOf(column))] : used;
   byId("columns-said").textContent = `${list.length} of ${shownColumns.length} columns of this log are shown; ${used.length} are in use.`;
   byId("rows").replaceChildren(...list.map((column) => columnRow(kind, column)));
@@ -212,6 +265,7 @@ function columnRow(kind, { source, samples, lowest, highest }) {
   const role = element("select", "", line, { "aria-label": `What ${source} is` });
   for (const [value, words] of Object.entries(ROLES)) element("option", words, role, { value });
   role.value = own.role;
+  role.disabled = theirs();
   role.addEventListener("change", () => {
     for (const each of turn(kind, source, role.value)) renewRow(kind, each);
     [...document.querySelectorAll("#rows select")].find((each) => each.getAttribute("aria-label") === `What ${source} is`)?.focus();
@@ -221,10 +275,11 @@ function columnRow(kind, { source, samples, lowest, highest }) {
     const unit = element("select", "", line, { "aria-label": `Unit of ${source}` });
     for (const each of units) element("option", each, unit, { value: each });
     unit.value = own.unit || units[0];
+    unit.disabled = theirs();
     unit.addEventListener("change", () => { columns.get(id).unit = unit.value; changed(); });
   }
   if (own.role && !["command", "extra", "supply_voltage"].includes(own.role)) {
-    const label = element("label", "", line), turned = element("input", "", label, { type: "checkbox", checked: own.sign < 0 });
+    const label = element("label", "", line), turned = element("input", "", label, { type: "checkbox", checked: own.sign < 0, disabled: Boolean(theirs()) });
     label.append(" sign reversed");
     turned.addEventListener("change", () => { columns.get(id).sign = turned.checked ? -1 : 1; changed(); });
   }
@@ -246,9 +301,10 @@ function renewRow(kind, source) {
 
 // rovid's reason for the role of a column.
 function why(kind, source) {
-  const { signals, commands } = draft.survey;
+  const { signals, commands } = draft?.survey ?? { signals: {}, commands: {} };
   const one = [...Object.values(signals[kind] ?? {}), ...(commands[kind] ?? [])].find((each) => each.source === source);
-  return columns.get(key(kind, source))?.role ? one?.why ?? "" : "";
+  const { role } = columns.get(key(kind, source)) ?? {}, words = role ? one?.why ?? "" : "";
+  return role === "heading" && words ? `${words}; shown without jumps of whole turns` : words;
 }
 
 // Give a column a role. Returns the columns with a changed role.
@@ -281,7 +337,7 @@ function nameFor(source) {
 byId("log").addEventListener("change", openLog);
 byId("which").addEventListener("change", listColumns);
 for (const each of document.querySelectorAll("input[name=drag]")) {
-  each.addEventListener("change", () => byId("columns").classList.toggle("leaves", each.value === "leave"));
+  each.addEventListener("change", () => byId("signals").classList.toggle("leaves", each.value === "leave"));
 }
 const MOVES = { "zoom-in": () => plots.zoom(0.5), "zoom-out": () => plots.zoom(2), earlier: () => plots.pan(-0.4), later: () => plots.pan(0.4), whole: () => plots.all() };
 for (const [id, act] of Object.entries(MOVES)) byId(id).addEventListener("click", act);
@@ -291,6 +347,7 @@ for (const [id, act] of Object.entries(MOVES)) byId(id).addEventListener("click"
 const sketch = new Sketch(byId("sketch"), (name, place) => moveThruster(name, place));
 
 function moveThruster(name, { x, y, angle }) {
+  if (theirs()) return;
   const one = { x, y, angle, hand: true };
   one.arm = Math.round(armOf(one) * 1e4) / 1e4;
   thrusters.set(name, one);
@@ -307,7 +364,7 @@ function drawSketch() {
 
 function showThrusters() {
   drawSketch();
-  const body = document.querySelector("#thrusters tbody"), names = [...thrusters.keys()];
+  const body = document.querySelector("#thruster-table tbody"), names = [...thrusters.keys()];
   // The fields stay while the thrusters are the same, because the user may be typing in one.
   if (names.join("\n") !== [...body.rows].map(({ dataset }) => dataset.name).join("\n")) {
     body.replaceChildren(...names.map(thrusterRow));
@@ -317,12 +374,12 @@ function showThrusters() {
   const every = Object.values(draft?.survey.commands ?? {}).flat();
   for (const [name, one] of thrusters) {
     const told = every.find((each) => each.name === name);
-    const arm = one.hand ? "arm entered by you" : told?.arm ? "arm from the vehicle type" : "arm unknown: 1 m is used as a placeholder";
+    const arm = theirs() ? "arm of rovid.toml" : one.hand ? "arm entered by you" : told?.arm ? "arm from the vehicle type" : "arm unknown: 1 m is used as a placeholder";
     notes.push(element("li", `${name}: ${arm}${told ? `; ${told.why}` : ""}`));
   }
   if (!notes.length) notes.push(element("li", "No thrusters yet: choose above which columns command thrusters."));
   byId("senses").replaceChildren(...notes);
-  byId("thrusters").hidden = !thrusters.size;
+  byId("thruster-table").hidden = !thrusters.size;
 }
 
 const FIELDS = { x: "ahead, m", y: "to starboard, m", angle: "direction, degrees from the bow", arm: "yaw arm, m" };
@@ -331,13 +388,13 @@ const shownAs = { x: (value) => value.toFixed(3), y: (value) => value.toFixed(3)
 function thrusterRow(name) {
   const row = element("tr", "", null, { "data-name": name });
   const field = (what, label, parent) => {
-    const input = element("input", "", parent, { id: `t-${what}-${name}`, "aria-label": label, spellcheck: "false", autocomplete: "off", class: what });
+    const input = element("input", "", parent, { id: `t-${what}-${name}`, "aria-label": label, spellcheck: "false", autocomplete: "off", class: what, disabled: Boolean(theirs()) });
     input.addEventListener("change", () => typedInto(name, what, input));
     return input;
   };
   field("name", `Name of ${name}`, element("th", "", row, { scope: "row" })).value = name;
   for (const [what, words] of Object.entries(FIELDS)) field(what, `${name}: ${words}`, element("td", "", row)).inputMode = "decimal";
-  element("button", "Reverse", element("td", "", row), { type: "button", "aria-label": `Reverse ${name}` }).addEventListener("click", () => {
+  element("button", "Reverse", element("td", "", row), { type: "button", disabled: Boolean(theirs()), "aria-label": `Reverse ${name}` }).addEventListener("click", () => {
     const one = thrusters.get(name);
     moveThruster(name, { ...one, angle: one.angle > 0 ? one.angle - 180 : one.angle + 180 });
   });
@@ -422,28 +479,27 @@ function showStretches() {
 
 // ---- 5. check, 6. rovid.toml
 
-const theirs = () => look?.existing && !look.chosen;
-
 function showCheck() {
-  const { words, verdict, tasks, notes, caution, document } = checked;
+  const { tasks, notes, caution, document } = checked;
   const said = byId("check-said"), more = byId("check-more");
-  said.classList.remove("stale");
-  said.className = verdict;
-  said.replaceChildren();
-  const [lead, ...rest] = words.split(":");
-  const line = element("p", "", said, { class: "verdict" });
-  element("strong", rest.length ? `${lead}:` : lead, line);
-  line.append(rest.join(":"));
+  said.className = "";
+  said.replaceChildren(...(tasks.length ? [] : [element("p", "Nothing is to be done before a fit.")]));
   const list = element("ol", "", said);
-  for (const task of tasks) element("li", task, list);
+  for (const task of tasks) list.append(advice(task));
   more.replaceChildren();
-  for (const spot of checked.spots ?? []) drawSpot(spot, more);
+  if (document?.logs?.length) logTable(document.logs, more);
   if (caution) element("p", caution, more, { class: "guessed" });
-  if (document?.logs.length) logTable(document.logs, more);
-  if (notes.length) {
+  const fold = (title) => {
     const folded = element("details", "", more);
-    element("summary", `${notes.length} more remarks`, folded);
-    const items = element("ul", "", folded);
+    element("summary", title, folded);
+    return folded;
+  };
+  if (checked.spots?.length) {
+    const folded = fold("Plots of the faults");
+    folded.addEventListener("toggle", () => { for (const spot of checked.spots) drawSpot(spot, folded); }, { once: true });
+  }
+  if (notes.length) {
+    const items = element("ul", "", fold(`${notes.length} more remarks`));
     for (const note of notes) element("li", note, items);
   }
   headlines();
@@ -469,71 +525,75 @@ function showToml() {
     const kind = /OPEN:/.test(line) ? "open" : /_guessed/.test(line) ? "guess" : /^\s*#/.test(line) ? "remark" : "";
     return element("span", `${line}\n`, null, { class: kind });
   }));
-  const open = theirs() ? [] : draft.survey.open;
-  byId("save-open").replaceChildren(...open.map((what) => element("li", openWords(what))));
   const button = byId("save-button");
-  button.disabled = Boolean(theirs()) || saved !== "";
+  button.disabled = Boolean(theirs()) || saved;
   button.textContent = saved ? "Saved" : "Save rovid.toml";
   byId("save-words").textContent = theirs()
     ? `${look.existing.file} is your own file: this page did not write it, or the file was changed later. The page uses the file and does not replace it. To set up a new file here, move this one away.`
     : `Save writes ${[draft.file, ...draft.beside].join(" and ")}. Open questions and guesses are highlighted.`;
 }
 
-const openWords = (what) => (what === "heading" ? "Which column is the heading?" : what === "command" ? "Which columns command thrusters?" : `The logs do not show which way ${what.replace("sense of ", "")} turns the vehicle. Place that thruster, or mark its column as not used.`);
-
-byId("save-button").addEventListener("click", async () => {
+async function save() {
   byId("save-said").textContent = "";
   trouble(null);
   const { written } = await ask("save", { body: choice() });
-  saved = "same";
+  saved = true;
   look.existing = { file: written[0], text: draft.text };
   look.chosen = choice();
   byId("save-said").textContent = `Written: ${written.join(" and ")}.`;
   show();
-});
+}
+byId("save-button").addEventListener("click", save);
 
-// ---- 7. fit and diagnosis
+// ---- run and result
 
+// Follow the run. If the user opens another folder meanwhile, only the bar speaks of the run.
 async function watch() {
+  const own = choosing;
   running = true;
+  headlines();
   try {
     for (;;) {
       const work = await ask("progress");
-      showWork(work);
+      if (own === choosing) showWork(work);
+      else byId("run-short").textContent = `A run for the previous folder goes on: ${work.steps?.at(-1)?.text ?? ""}`;
       if (work.state !== "running") return;
       await new Promise((then) => { setTimeout(then, 500); });
     }
   } finally {
     running = false;
-    showRun();
     headlines();
   }
 }
 
-function showWork({ key: begun, state, seconds, steps, error, warnings, report, page }) {
-  const words = { running: `Running for ${Math.round(seconds)} s`, done: `Done in ${Math.round(seconds)} s`, failed: "The run failed", cancelled: "Cancelled", none: "" };
-  const said = byId("run-said");
-  if (said.dataset.state !== state || state === "running") said.textContent = words[state];
+const RUNS = { running: "Running for", done: "Done in", failed: "The run failed after", cancelled: "Cancelled after", none: "" };
+
+function showWork({ key: begun, state, seconds, steps, done, total, error, warnings, report, page }) {
+  const said = byId("run-said"), bar = byId("run-progress");
+  if (said.dataset.state !== state || state === "running") said.textContent = RUNS[state] && `${RUNS[state]} ${Math.round(seconds)} s`;
   said.dataset.state = state;
   said.className = state === "running" ? "busy" : "";
   said.setAttribute("aria-live", state === "running" ? "off" : "polite");
   const list = byId("run-steps");
   for (const { after, text } of (steps ?? []).slice(list.children.length)) {
-    element("li", `${Math.round(after)} s: ${text.replace(/: cause \d.*/, " …")}`, list);
+    element("li", `${Math.round(after)} s: ${text.replace(/: \S+ \d+ of .*/, " …")}`, list);
     hear(text);
   }
   byId("run-now").textContent = state === "running" ? steps.at(-1)?.text ?? "Starting …" : "";
-  byId("run-all").hidden = !list.children.length;
+  bar.hidden = state !== "running";
+  if (total) Object.assign(bar, { max: total, value: done });
+  else bar.removeAttribute("value");
   byId("run-error").hidden = !error;
   byId("run-error").textContent = error ?? "";
   byId("run-warnings").replaceChildren(...(warnings ?? []).map((text) => element("li", text)));
   if (state === "done") showReport(report, page);
   byId("cancel-button").hidden = state !== "running" || !begun;
-  headlines();
+  if (begun || state !== "running") headlines();
 }
 
 function showReport(report, file) {
   byId("report").hidden = !report;
+  byId("no-report").hidden = Boolean(report);
   if (!report) return byId("report-frame").removeAttribute("src");
   // The address of a report has no token: a report is foreign content.
   byId("report-link").href = `/report/${report}`;
@@ -542,67 +602,172 @@ function showReport(report, file) {
   return undefined;
 }
 
-function showRun() {
-  byId("run-button").disabled = running || !(theirs() || saved);
+// What keeps the run from starting: {text, step, at}; null if nothing does.
+function obstacle() {
+  if (!draft) return { text: "Choose the folder that holds your logs.", step: "logs", at: "folder" };
+  return questions().find(({ needed }) => needed) ?? null;
 }
 
 byId("run-button").addEventListener("click", async () => {
-  byId("run-steps").replaceChildren();
-  showReport(null);
-  showWork({ state: "running", seconds: 0, steps: [] });
-  byId("run-button").disabled = true;
-  try {
-    await ask("run", { body: { logs, diagnosis: !byId("run-quick").checked } });
-  } catch (error) {
-    showWork({ state: "failed", seconds: 0, steps: [], error: error.message });
-    return showRun();
+  const first = obstacle();
+  if (first) {
+    hear(first.text);
+    return go(first.step, first.at);
   }
+  if (running) return go("run");
+  try {
+    if (!theirs() && !saved) await save();
+    byId("run-steps").replaceChildren();
+    showReport(null);
+    go("run");
+    showWork({ state: "running", seconds: 0, steps: [] });
+    await ask("run", { body: { logs, diagnosis: !byId("run-quick").checked, axes: planar() ? "planar" : "" } });
+  } catch (error) {
+    go("run");
+    return showWork({ state: "failed", seconds: 0, steps: [], error: error.message });
+  }
+  const own = choosing;
   await watch();
-  if (!byId("report").hidden) byId("report-link").focus();
+  if (own === choosing && !byId("report").hidden && byId("run-said").dataset.state === "done") go("result", "report-link");
   return undefined;
 });
 byId("cancel-button").addEventListener("click", () => ask("cancel", { body: {} }));
 
+for (const each of document.querySelectorAll("input[name=axes]")) {
+  each.addEventListener("change", () => {
+    showReport(look?.reports[planar() ? "planar" : "yaw"]);
+    changed();
+  });
+}
+
 // ---- display
 
-function headline(text, busy = false) {
-  byId("now-title").textContent = text;
-  byId("now-title").className = busy ? "busy" : "";
-}
-
-// The first lines of the page: the next step for the user.
-function headlines() {
-  const list = [], next = byId("now-next"), link = byId("now-link");
-  const go = (place, words) => { next.hidden = false; link.href = `#${place}`; link.textContent = words; };
-  next.hidden = true;
-  const open = theirs() ? [] : draft?.survey.open ?? [];
-  const work = byId("run-said").dataset.state;
-  if (!draft) headline("Choose the folder that holds your logs.");
-  else if (open.length) {
-    headline(open.length > 1 ? `${open.length} questions are open.` : "One question is open.");
-    list.push(...open.map(openWords));
-    go(open.some((what) => what === "heading" || what === "command") ? "columns" : "vehicle", "Go there");
-  } else if (running) {
-    headline("Fitting and diagnosing …", true);
-    go("run", "Show the progress");
-  } else if (work === "done" && saved) {
-    headline("Done: here is the report.");
-    go("run", "To the report");
-  } else if (!checked) headline("Checking the logs …", true);
-  else {
-    headline(checked.words);
-    list.push(...checked.tasks.slice(0, 3));
-    if (checked.verdict === "no_go") go("check", "Show all problems");
-    else if (saved || theirs()) go("run", "Fit and diagnose");
-    else go("save", "Read and save rovid.toml");
+// The logs' open questions and advice: {text, step, at, needed, field}. `at` gives the element to go to, `field` makes an
+// input that answers the question where it is asked.
+function questions() {
+  if (!draft || theirs()) return [];
+  const asked = draft.survey.open.map((what) => {
+    if (what === "heading") return { text: "Which column is the heading?", step: "signals", at: firstRole, needed: true, field: headingField };
+    if (what === "command") return { text: "Which columns command thrusters?", step: "signals", at: firstRole, needed: true };
+    const source = what.replace("sense of ", ""), name = nameOf(source);
+    return {
+      text: `The logs do not show which way ${name} turns the vehicle. Enter its yaw arm in m, positive if it turns the bow to starboard; or mark its column as not used.`,
+      step: "thrusters", at: `t-arm-${name}`, needed: true, field: () => armField(name),
+    };
+  });
+  const every = Object.values(draft.survey.commands).flat();
+  const unknown = [...thrusters].filter(([name, { hand }]) => !hand && !every.find((one) => one.name === name)?.arm).map(([name]) => name);
+  const open = new Set(asked.map(({ at }) => at));
+  for (const name of unknown.slice(0, 4).filter((each) => !open.has(`t-arm-${each}`))) {
+    asked.push({ text: `The yaw arm of ${name} is not known; 1 m is a placeholder. Enter it in m:`, step: "thrusters", at: `t-arm-${name}`, field: () => armField(name) });
   }
-  byId("now-list").replaceChildren(...list.map((text) => element("li", text)));
+  return asked;
 }
 
-function fill() {
-  byId("type").value = vehicle;
-  showStretches();
+const nameOf = (source) => [...columns.values()].find((one) => one.source === source)?.name || source;
+const firstRole = () => { showAll(); return [...document.querySelectorAll("#rows select")].find((each) => !each.value) ?? byId("which"); };
+
+function showAll() {
+  byId("which").value = "all";
+  listColumns();
 }
+
+function armField(name) {
+  const input = element("input", "", null, { "aria-label": `${name}: yaw arm, m`, inputmode: "decimal", size: 6, "data-asks": name });
+  input.addEventListener("change", () => typedInto(name, "arm", input));
+  return input;
+}
+
+function headingField() {
+  const line = element("span", "", null, { class: "line" });
+  const choice_ = element("select", "", line, { "aria-label": "Column of the heading" });
+  for (const value of ["", ...shownColumns.map(({ source }) => source)]) element("option", value || "choose a column", choice_, { value });
+  const unit = element("select", "", line, { "aria-label": "Unit of the heading" });
+  for (const value of look.units.heading) element("option", value, unit, { value });
+  choice_.addEventListener("change", () => {
+    const { kind } = current();
+    turn(kind, choice_.value, "heading");
+    columns.get(key(kind, choice_.value)).unit = unit.value;
+    listColumns();
+  });
+  return line;
+}
+
+// Where a sentence of the check leads to: the field of the thruster, column, size or log that it names.
+function targetOf(text) {
+  const named = (word) => new RegExp(`(^|[^\\p{L}\\p{N}_])${word.replace(/[.*+?^${}()|[\]\\]/g, "\\$&")}($|[^\\p{L}\\p{N}_])`, "u").test(text);
+  const column = [...columns.values()].find(({ source }) => source.length > 1 && named(source));
+  if (column) return { words: column.source, step: "signals", at: () => roleField(column.source) };
+  const log = look.logs.find(({ name }) => named(name));
+  if (log) {
+    return { words: log.name, step: "signals", at: () => {
+      byId("log").value = log.path;
+      openLog();
+      return byId("log");
+    } };
+  }
+  if (/\b(arms?|thruster|reverse|turns)\b/.test(text) || !/\bRun\b/.test(text)) {
+    const thruster = [...thrusters.keys()].find(named);
+    if (thruster) return { words: `thruster ${thruster}`, step: "thrusters", at: `t-arm-${thruster}` };
+  }
+  const what = SIZES.find((each) => named(each));
+  if (what) return { words: what, step: "thrusters", at: what };
+  if (/\bheading\b/.test(text)) {
+    const one = [...columns.values()].find(({ role }) => role === "heading");
+    if (one) return { words: one.source, step: "signals", at: () => roleField(one.source) };
+  }
+  return null;
+}
+
+const roleField = (source) => [...document.querySelectorAll("#rows select")].find((each) => each.getAttribute("aria-label") === `What ${source} is`) ?? byId("which");
+
+// A line of advice with a link to its field.
+function advice(text, target = targetOf(text), field = null) {
+  const item = element("li", `${text} `);
+  if (field) item.append(field(), " ");
+  if (target) {
+    const link = element("button", target.words ? `Go to ${target.words}` : "Go there", item, { type: "button", class: "link" });
+    link.addEventListener("click", () => go(target.step, target.at));
+  }
+  return item;
+}
+
+// The first lines of the page: the next step for the user. `reading`: what is going on.
+function headlines(reading = "") {
+  const list = byId("now-list"), title_ = byId("now-title");
+  const asked = questions(), needed = asked.filter((one) => one.needed), state = byId("run-said").dataset.state;
+  const lines = asked.map((one) => [one.text, one, one.field]);
+  let words, busy = false, verdict = "";
+  if (reading) [words, busy] = [reading, true];
+  else if (running) [words, busy] = ["Fitting and diagnosing …", true];
+  else if (!draft) words = "Choose the folder that holds your logs.";
+  else if (needed.length) words = needed.length > 1 ? `${needed.length} questions are open.` : "One question is open.";
+  else if (state === "done" && (saved || theirs())) words = "Done: here is the report.";
+  else if (checking) [words, busy] = ["Checking the logs …", true];
+  else if (checked) {
+    ({ words, verdict } = checked);
+    // The step "check" has the whole list. The arms are asked for above.
+    const armsAsked = asked.some(({ step: place }) => place === "thrusters");
+    const tasks = checked.tasks.filter((text) => !(armsAsked && /^Measure yaw_arm/.test(text)));
+    if (step !== "check") lines.push(...tasks.slice(0, 3).map((text) => [text]));
+  } else [words, busy] = ["Reading the logs …", true];
+  if (title_.textContent !== words) title_.textContent = words;
+  title_.className = busy ? "busy" : verdict;
+  // An input that the user is typing into stays.
+  if (!list.contains(document.activeElement) || document.activeElement.tagName !== "INPUT") {
+    list.replaceChildren(...(reading || running || state === "done" ? [] : lines).map((each) => advice(...each)));
+  }
+  mark("logs", draft ? "done" : "");
+  mark("signals", needed.some((one) => one.step === "signals") ? "open" : draft ? "done" : "");
+  mark("thrusters", asked.some((one) => one.step === "thrusters") ? "open" : draft ? "done" : "");
+  mark("check", checked && !checking ? (checked.verdict === "no_go" ? "open" : "done") : "");
+  mark("run", running ? "" : { done: "done", failed: "open" }[state] ?? "");
+  mark("result", byId("report").hidden ? "" : "done");
+  byId("run-button").hidden = running;
+  byId("run-button").classList.toggle("waits", Boolean(obstacle()));
+  if (!running || byId("run-now").textContent) byId("run-short").textContent = running ? byId("run-now").textContent : obstacle()?.text ?? "";
+}
+document.getElementById("steps").addEventListener("click", () => headlines(draft || !look ? "" : "Reading the logs …"));
 
 function show() {
   byId("name").value = title;
@@ -611,6 +776,7 @@ function show() {
     byId(what).value = size[what] ?? "";
     byId(what).placeholder = sizeOf(what) ?? "not known";
   }
+  for (const id of ["type", "name", ...SIZES]) byId(id).disabled = Boolean(theirs());
   showThrusters();
   if (shownColumns.length) for (const row of document.querySelectorAll("#rows .row")) {
     const { source } = row.querySelector(".chart").dataset, text = why(current().kind, source);
@@ -623,9 +789,14 @@ function show() {
   const type = !vehicle && look.vehicles.find(({ id }) => id === draft.survey.vehicle?.type);
   byId("type").options[0].textContent = type ? `from the logs: ${type.name}` : "not one of these";
   byId("not-read").replaceChildren(...draft.survey.warnings.map((text) => element("li", text)));
-  byId("theirs").hidden = !theirs();
+  byId("run-words").textContent = `The run ${theirs() ? `uses ${look.existing.file}` : "saves rovid.toml"}, fits inertia and drag, looks for the causes of what the model gets wrong, and writes the report.`;
+  byId("axes").hidden = !draft.planar.length && !planar();
+  byId("axes-why").textContent = draft.planar.length ? `The logs hold ${draft.planar.join(", ").replaceAll("_", " ")}.` : "";
+  for (const place of document.querySelectorAll(".theirs")) {
+    place.hidden = !theirs();
+    place.textContent = `The page shows ${look.existing?.file} and does not change it, because this page did not write it. To change a value, edit the file and open the folder again.`;
+  }
   showToml();
-  showRun();
   byId("commands").replaceChildren(...draft.commands.flatMap(({ what, line }) => {
     const value = element("dd");
     element("code", line, value);
@@ -697,11 +868,15 @@ const begun = await ask("start");
 byId("where").textContent = begun.folder;
 byId("top").textContent = begun.folder;
 drop.hidden = !begun.uploads;
+go("logs");
 headlines();
-await folders("");
+folders("");
 if (begun.logs.length) {
   byId("folder").value = begun.logs[0];
   await choose(begun.logs);
 }
 const before = await ask("progress");
-if (before.state === "running") watch();
+if (before.state === "running") {
+  go("run");
+  watch();
+}

@@ -6,8 +6,9 @@ const HEIGHT = 104;
 
 export class Plots {
   // `picked(from, to)` is called for an interval dragged in the mode "leave out"; the intervals `stretches()` are shaded.
-  constructor(stage, { picked, stretches, needed }) {
-    Object.assign(this, { stage, picked, stretches, needed, charts: new Map(), data: new Map(), view: null, whole: [0, 1] });
+  // The column `heading()` is shown without jumps of whole turns.
+  constructor(stage, { picked, stretches, needed, heading }) {
+    Object.assign(this, { stage, picked, stretches, needed, heading, charts: new Map(), data: new Map(), view: null, whole: [0, 1] });
     this.seen = new IntersectionObserver((entries) => {
       for (const { target, isIntersecting } of entries) if (isIntersecting) this.draw(target);
     }, { rootMargin: "300px" });
@@ -24,8 +25,11 @@ export class Plots {
   }
 
   async load(signal) {
-    const asked = new URLSearchParams({ log: this.path, bins: String(Math.max(200, Math.round(this.stage.clientWidth / 2))) });
+    const asked = new URLSearchParams({ log: this.path, bins: String(Math.max(200, Math.round((this.stage.clientWidth || 900) / 2))) });
     for (const source of this.needed()) asked.append("needed", source);
+    const { source = "", unit = "" } = this.heading() ?? {};
+    asked.set("heading", source);
+    asked.set("unit", unit);
     if (this.view) {
       asked.set("from", this.view[0]);
       asked.set("to", this.view[1]);
@@ -34,7 +38,7 @@ export class Plots {
     this.whole = [document.begin, Math.max(document.end, document.begin + 1e-3)];
     this.data = new Map(document.columns.map((column) => [column.source, column]));
     this.redraw();
-    byId("span").textContent = `${tidy(this.shown[0], 5)} … ${tidy(this.shown[1], 5)} s of ${tidy(this.whole[1] - this.whole[0], 5)} s`;
+    byId("span").textContent = `${tidy(this.shown[0], 5)} … ${tidy(this.shown[1], 5)} s of ${tidy(this.whole[1] - this.whole[0], 5)} s.`;
     return document;
   }
 

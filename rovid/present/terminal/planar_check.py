@@ -20,17 +20,23 @@ from rovid.trial.trial import merged_remarks
 def show_planar_check(console: Console, checked: PlanarCheck) -> None:
     """Print the verdict, the tasks, what the sensors and the motions are, and the notes."""
     print_labelled(console, *VERDICTS[checked.verdict])
-    for number, task in enumerate(_tasks(checked), 1):
+    for number, task in enumerate(planar_tasks(checked), 1):
         print_text(console, f"{number}. {task}", len(f"{number}. "))
     console.print()
     if checked.sensors:
         console.print(_sensors_table(checked))
         console.print(_axes_table(checked))
+    show_warnings(console, planar_notes(checked))
+
+
+def planar_notes(checked: PlanarCheck) -> list[str]:
+    """Advice that asks for no action, and the remarks of the readers."""
     asides = [advice.text for advice in checked.advice if advice.weight == "aside"]
-    show_warnings(console, [*asides, *merged_remarks(checked.trials), *(remark.text for remark in checked.remarks)])
+    return [*asides, *merged_remarks(checked.trials), *(remark.text for remark in checked.remarks)]
 
 
-def _tasks(checked: PlanarCheck) -> Iterator[str]:
+def planar_tasks(checked: PlanarCheck) -> Iterator[str]:
+    """Tasks before a fit, the most serious first."""
     yield from fault_texts(checked.faults)
     yield from merged_problems(checked.problems)
     yield from (advice.text for advice in checked.advice if advice.weight != "aside")
