@@ -69,9 +69,9 @@ def read_logs(
         logs = read.logs.setdefault(kind, [])
         if len(logs) >= _MAX_LOGS or is_thrust_curve(path):
             continue
-        if names := _unnamed_curve(path):
+        if pair := _unnamed_curve(path):
             wanted = " and ".join(CURVE_COLUMNS)
-            text = f"has the columns {' and '.join(names)}, as a thrust curve has. Name them {wanted} to use it."
+            text = f"has the columns {' and '.join(pair)}, as a thrust curve has. Name them {wanted} to use it."
             read.problems.append(f"{path}: {text}")
             continue
         try:
