@@ -43,17 +43,17 @@ def posterior_probability(
     return min(own / total, cap)
 
 
-def probability_not_a_stand_in(held_out_gain: float, bic_gain: float, *, white: bool) -> float:
+def probability_not_a_stand_in(held_out_gain: float, expected_gain: float, *, white: bool) -> float:
     """Probability that a cause with these gains (nats) acts itself.
 
     A stand-in is an effect that does not act, but resembles physics that the catalogue lacks. The odds are those of
     hard-water campaigns: even at a held-out gain of `THRESHOLDS.stand_in_gain`, and e times as high for each further
-    `THRESHOLDS.stand_in_scale`. With ``white`` innovations both gains are exact, and the smaller one counts, because
-    the best of many causes gains on a few trials by chance.
+    `THRESHOLDS.stand_in_scale`. With ``white`` innovations the gain that the fit lets expect is exact too, and the
+    smaller one counts, because the best of many causes gains on a few trials by chance.
     """
     gain, scale = held_out_gain, THRESHOLDS.stand_in_scale
     if white:
-        gain, scale = min(held_out_gain, bic_gain), THRESHOLDS.stand_in_scale_white
+        gain, scale = min(held_out_gain, expected_gain), THRESHOLDS.stand_in_scale_white
     return min(logistic((gain - THRESHOLDS.stand_in_gain) / scale), THRESHOLDS.max_probability)
 
 

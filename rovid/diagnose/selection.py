@@ -154,9 +154,22 @@ class Selection:
         allowance = self.search.misspecification_allowance(rest, white=white)
         excess = max(own - held_out_gain, 0.0) + allowance
         gains = {name: gain - excess for name, gain in gains.items()}
-        cap = probability_not_a_stand_in(held_out_gain - allowance, own - allowance, white=white)
+        cap = self.stand_in_cap(cause.effect, cause.gain, held_out_gain, allowance)
         probability = posterior_probability(gains, equivalent, self.search.causes_tried, cap=cap)
         return probability if white else min(probability, outlier_probability(self.model, cause.effect))
+
+    def stand_in_cap(self, effect: Effect, gain: float, held_out_gain: float, allowance: float) -> float:
+        """Largest probability of ``effect`` with a log-likelihood ``gain``; see `probability_not_a_stand_in`.
+
+        The posterior probability counts the BIC penalty. A gain that compares with the held-out gain is that expected
+        on other trials: less one nat for each parameter (Akaike 1974), and less the gain by chance of several forms.
+        """
+        expected = gain - len(effect.parameters) - self._chance_gain(effect)
+        return probability_not_a_stand_in(held_out_gain - allowance, expected - allowance, white=self.model.is_white)
+
+    def _chance_gain(self, effect: Effect) -> float:
+        """Gain in nats by chance of the best of the forms of ``effect``."""
+        return math.log(max(sum(candidate.id == effect.id for candidate in self.search.candidates), 1))
 
     def chance_corrected_gain(self, one: Cause | Alternative) -> float:
         """BIC gain less the gain by chance of the best of several forms.
@@ -165,5 +178,4 @@ class Selection:
         """
         if not self.model.is_white:
             return one.bic_gain
-        forms = sum(candidate.id == one.effect.id for candidate in self.search.candidates)
-        return one.bic_gain - math.log(max(forms, 1))
+        return one.bic_gain - self._chance_gain(one.effect)

@@ -17,7 +17,6 @@ from rovid.diagnose.posterior import (
     has_consistent_size,
     outlier_probability,
     posterior_probability,
-    probability_not_a_stand_in,
     recalibrated,
     significance,
 )
@@ -210,7 +209,7 @@ def suspects(selection: Selection) -> list[Suspected]:
         others = [other for other in near if has_size(other)]
         gain = held_out_log_likelihood(selection.folds(one.fitted)) - held_out_log_likelihood(selection.folds(model))
         own = selection.chance_corrected_gain(one)
-        cap = probability_not_a_stand_in(gain - allowance, own - allowance, white=white)
+        cap = selection.stand_in_cap(one.effect, model.value - one.fitted.value, gain, allowance)
         probability = posterior([one, *others], max(own - gain, 0.0), cap)
         if not white:
             probability = min(probability, outlier_probability(one.fitted, one.effect))
