@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -90,8 +91,12 @@ def _head(records: Sequence[Record], seed: int) -> str:
     named = sum(group_of(record) == GROUPS[1] for record in hidden)
     nothing = [record for record in done if not record["truth"]["hidden"]]
     false = sum(bool(record["said"]["findings"]) for record in nothing)
+    versions = Counter(str(record["rovid"]) for record in records)
+    measured = " and ".join(f"rovid {name} ({count} campaigns)" for name, count in sorted(versions.items()))
     return f"""\
 # Calibration of intervals and confidence
+
+Measured with {measured}. Later versions have other searches and wider errors, and have not been measured here.
 
 {len(records)} campaigns, seed {seed}, each with randomly drawn vehicle, water, instruments, runs and hidden
 cause. `rovid fleet` diagnosed them. The simulator shares no code with rovid. rovid reads only the files. The

@@ -12,6 +12,7 @@ from rovid.diagnose import rejection
 from rovid.diagnose.algorithm import validate
 from rovid.diagnose.candidate_fits import Alternative
 from rovid.diagnose.cross_validation import HeldOutScores
+from rovid.diagnose.posterior import probability_not_a_stand_in
 from rovid.diagnose.rejection import first_rejection, raises_disturbance, simulates_worse
 from rovid.diagnose.selection import Selection
 from rovid.diagnose.thresholds import THRESHOLDS
@@ -41,6 +42,18 @@ def test_a_cause_that_acts_passes_all_tests(selection: Selection) -> None:
     assert selection.held_out_gain(BIAS) > 20.0
     assert first_rejection(selection) is None
     assert validate(selection).model.effects == (BIAS,)
+
+
+@pytest.mark.parametrize(("gain", "held_out"), [(14.0, 20.0), (20.0, 13.0)])
+def test_the_smaller_of_expected_and_held_out_gain_caps_a_probability(
+    selection: Selection, monkeypatch: pytest.MonkeyPatch, gain: float, held_out: float
+) -> None:
+    """White innovations; both gains are of other trials, so one nat for the only parameter is all that they differ."""
+    monkeypatch.setattr(FitResult, "is_white", True)
+    selection = replace(selection, model=replace(selection.model))  # without the cached property
+    capped = probability_not_a_stand_in(13.0, 13.0, white=True)
+    assert selection.stand_in_cap(BIAS, gain, held_out, 0.0) == pytest.approx(capped)
+    assert selection.stand_in_cap(BIAS, gain + 2.0, held_out + 2.0, 2.0) == pytest.approx(capped)
 
 
 @pytest.mark.parametrize(("gain", "fails"), [(-3.0, True), (0.0, True), (1e-9, False)])
