@@ -17,7 +17,8 @@ import pytest
 
 from rovid.cli import cli
 from rovid.diagnose.result import Diagnosis
-from rovid.store.study import Study
+from rovid.store import study as study_room
+from rovid.store.study import Study, input_files
 from rovid.trial.assumptions import Assumptions
 from tools.programme import CAMPAIGN
 from tools.trial_day import write_trial_day
@@ -84,13 +85,40 @@ def run_rovid(*arguments: object) -> Done:
     argv, sys.argv = sys.argv, ["rovid", *map(str, arguments)]
     code = 0
     try:
-        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), _opened_once():
             cli.main()
     except SystemExit as end:
         code = int(end.code or 0)
     finally:
         sys.argv = argv
     return Done(code=code, out=out.getvalue(), err=err.getvalue())
+
+
+# The studies that commands opened last, by all that they depend on.
+_OPENED: dict[object, Study] = {}
+
+
+@contextlib.contextmanager
+def _opened_once() -> Iterator[None]:
+    """Logs that an earlier command of a test has read are not read again, unless a file has changed since."""
+    whole = study_room.open_study
+
+    def once(paths: Sequence[Path], **options: Any) -> Study:
+        if options.get("reading") is not None or not all(path.exists() for path in paths):
+            return whole(paths, **options)
+        files = {file for path in paths if path.is_dir() for file in path.rglob("*")}
+        stamps = {(file, (stat := file.stat()).st_mtime_ns, stat.st_size) for file in (*files, *input_files(paths))}
+        key = Path.cwd(), tuple(paths), repr(options), frozenset(stamps)
+        if key not in _OPENED:
+            study = whole(paths, **options)
+            if len(_OPENED) > 1:
+                _OPENED.pop(next(iter(_OPENED)))
+            _OPENED[key] = study
+        return _OPENED[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(study_room, "open_study", once)
+        yield
 
 
 @contextlib.contextmanager

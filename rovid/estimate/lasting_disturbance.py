@@ -31,10 +31,11 @@ class _Parts:
     torque: FloatArray  #: (n,) N m, less what the rate of the part differs from that of the hold.
     share: FloatArray  #: (n,) of the part in its hold.
 
-    def shape(self, memory: float, own: float, scale: float) -> FloatArray:
-        """(n, n) covariance of the torque balances, over the variance of the disturbance in a usual part."""
+    def shapes(self, memory: float, scale: float) -> FloatArray:
+        """(m, n, n) covariances of the torque balances for each of `_OWN`, over the disturbance's in a usual part."""
         shared = _mean_covariance(self.start, self.length, memory) / scale
         same_hold = np.equal.outer(self.hold, self.hold)
+        own = np.array(_OWN)[:, np.newaxis, np.newaxis]
         return np.asarray(shared + own * same_hold + _NOISE * np.eye(len(self.hold)))
 
 
@@ -49,26 +50,29 @@ def lasting_covariance(balance: TorqueBalance, points: Sequence[SteadyPoint]) ->
     design = balance.design[:, balance.free]
     usual = float(np.mean([point.duration for point in points]))
     freedom = sum(len(one.hold) for one in logs) - len(solver)
+    part = np.array([usual / max(len(points[0].parts), 1)])
     likelihoods, covariances = [], []
     for memory in _MEMORIES:
-        part = np.array([usual / max(len(points[0].parts), 1)])
         scale = float(_mean_covariance(np.zeros(1), part, memory * usual)[0, 0])
-        for own in _OWN:
-            log_determinant, rows, covariance = 0.0, [], np.zeros((len(solver), len(solver)))
-            for one in logs:
-                shape = one.shape(memory * usual, own, scale)
-                factor = np.linalg.cholesky(shape)
-                spread = solver[:, one.hold] * one.share
-                rows.append(np.linalg.solve(factor, np.column_stack((design[one.hold], one.torque))))
-                covariance = covariance + spread @ shape @ spread.T
-                log_determinant += float(np.sum(np.log(np.diag(factor))))
-            diagonal = np.abs(np.diag(np.linalg.qr(np.concatenate(rows), mode="r")))
-            log_determinant += float(np.sum(np.log(diagonal[:-1])))
-            size = max(float(diagonal[-1]), 1e-150)
-            likelihoods.append(-log_determinant - freedom * np.log(size))
-            covariances.append(covariance * size**2 / freedom)
-    weights = np.exp(np.array(likelihoods) - max(likelihoods))
-    mixed = _mixture(weights / weights.sum(), np.array(covariances), freedom)
+        rows, covariance = [], np.zeros((len(_OWN), len(solver), len(solver)))
+        log_determinant = np.zeros(len(_OWN))
+        for one in logs:
+            shapes = one.shapes(memory * usual, scale)
+            factors = np.linalg.cholesky(shapes)
+            spread = solver[:, one.hold] * one.share
+            known = np.column_stack((design[one.hold], one.torque))
+            rows.append(np.linalg.solve(factors, known[np.newaxis]))
+            covariance += spread @ shapes @ spread.T
+            log_determinant += np.log(np.diagonal(factors, axis1=1, axis2=2)).sum(axis=1)
+        triangles = np.linalg.qr(np.concatenate(rows, axis=1), mode="r")
+        diagonals = np.abs(np.diagonal(triangles, axis1=1, axis2=2))
+        log_determinant += np.log(diagonals[:, :-1]).sum(axis=1)
+        size = diagonals[:, -1].clip(1e-150)
+        likelihoods.append(-log_determinant - freedom * np.log(size))
+        covariances.append(covariance * size[:, np.newaxis, np.newaxis] ** 2 / freedom)
+    likelihood = np.concatenate(likelihoods)
+    weights = np.exp(likelihood - likelihood.max())
+    mixed = _mixture(weights / weights.sum(), np.concatenate(covariances), freedom)
     covariance = np.zeros((len(balance.free), len(balance.free)))
     covariance[np.ix_(balance.free, balance.free)] = mixed
     return covariance
