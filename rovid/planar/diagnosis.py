@@ -21,6 +21,7 @@ from rovid.diagnose.rejection import certain_growth
 from rovid.diagnose.result import Finding, OtherCause
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect
+from rovid.effects.base import Coupling
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.maximum_likelihood import INNOVATIONS_R2
 from rovid.planar.candidates import planar_candidates
@@ -39,6 +40,9 @@ _MOST_SUSPECTS = 3
 _OUT_OF_TIME = (
     "The budget of {:.0f} s was used up before the search came to its end. What was found is likely at most. Give a "
     "larger --budget."
+)
+_FORMLESS = (
+    "{} improves the prediction of held-out parts, but the base model is not exact here: its form is not established."
 )
 
 
@@ -274,7 +278,11 @@ def _result(
 ) -> PlanarDiagnosis:
     gate, data = _Gate(search, parts), search.data
     late = bool(search.budget.not_tried)
-    established = [one for one in tested if one.probability >= THRESHOLDS.established and not late]
+    # Where the base model is not exact, a coupling of another form may fit as well as the true one.
+    formless = [one for one in tested if model.is_multi_step and isinstance(one.effect.acts, Coupling)]
+    messages = [*messages, *(_FORMLESS.format(one.effect.title) for one in formless)]
+    sure = [one for one in tested if one.probability >= THRESHOLDS.established and one not in formless]
+    established = [] if late else sure
     final = model
     for one in tested:
         if one not in established:

@@ -45,6 +45,8 @@ _LAST_ITERATIONS = 12
 # Rounds in which stamps are moved by a latency, the least latency in time constants for a further round, and standard
 # errors from zero of a latency that shows.
 _LATENCY_ROUNDS, _LATENCY_TOLERANCE, _LATENCY_SIGMAS = 4, 0.01, 4.0
+# Largest latency in the shortest time constant.
+_MOST_LATENCY = 0.6
 # Factor on the limit of an active disturbance, for the effect of the limit on the parameters.
 _LOOSER = 2.5
 # Share of the thrust by which rounding leaves a force.
@@ -161,10 +163,18 @@ def with_latencies(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
     """The fit with the stamps of late sensors moved back, until their latency beyond that is small.
 
     The filter takes a latency to first order. So the stamps are moved by the estimate, and the rest is estimated anew.
+    A latency beyond `_MOST_LATENCY` stands for what the model misses: the fit then stays as it is, with that latency at
+    zero.
     """
+    first = best
     for _ in range(_LATENCY_ROUNDS):
         coordinates, grid = best.coordinates, best.likelihood.grid
         more = coordinates.latencies(best.x)
+        if np.abs(grid.latency + more).max() > _MOST_LATENCY * float(coordinates.sizes.time.min()):
+            on_time = first.coordinates.on_time([True] * len(coordinates.instruments))
+            x = first.x.copy()
+            x[coordinates.latency_begin :] = 0.0
+            return PlanarOptimum.fit(first.likelihood.with_coordinates(on_time), x)
         if np.abs(more).max() <= _LATENCY_TOLERANCE * float(coordinates.sizes.time.min()):
             break
         moved = planar_grid(

@@ -40,8 +40,8 @@ _WIDTH, _LEAST_WIDTH = 0.2, 2.0
 _LEAST_CHANGE = 0.1
 # Largest error of a simulation in these sizes: beyond it the simulation diverges. The least error that counts in them.
 _LARGEST, _LEAST_ERROR = 30.0, 0.02
-# Rounds with errors weighted by those of the round before, and steps to fit noise and disturbance.
-_ROUNDS, _NOISE_ITERATIONS = 3, 12
+# Steps to fit noise and disturbance.
+_NOISE_ITERATIONS = 12
 # Names of the sensors of the smoothed speeds.
 _SPEEDS = ("surge_velocity", "sway_velocity", "yaw_rate")
 
@@ -56,7 +56,7 @@ class FreeRuns:
     offsets: IntArray  #: (w + 1,) first row of each window, and the number of all rows.
     scale: FloatArray  #: (3,) typical speeds.
     usual: FloatArray  #: (a,) typical changes of the measured speeds.
-    variance: FloatArray  #: (a,) of the errors, times their correlation time in samples.
+    variance: FloatArray  #: (a,) of the errors, in SI, times their correlation time in samples.
 
     @classmethod
     def of(cls, data: PlanarData, sizes: PlanarSizes) -> Self | None:
@@ -130,23 +130,26 @@ class FreeRuns:
         return Innovations(found.ravel(), np.tile(self.variance, len(found)))
 
     def weighted(self, model: PlanarModel) -> Self:
-        """The same runs with the variances and correlation times of the errors of ``model``."""
-        found = self._differences(model)
-        variance = np.maximum(np.mean(found**2, axis=0), (_LEAST_ERROR * self.usual) ** 2)
+        """The same runs with the variance and the correlation time of the errors of ``model``.
+
+        The axes keep their weights: with those of the errors, an axis that the model misses would no longer tie the
+        inertia to the thrust.
+        """
+        found = self._differences(model) / self.usual
+        size = max(float(np.mean(found**2)), _LEAST_ERROR**2)
         windows = [found[begin:end] for begin, end in pairwise(self.offsets.tolist())]
-        return replace(self, variance=variance * _correlation_time(windows))
+        return replace(self, variance=self.usual**2 * size * _correlation_time(windows))
 
 
-def _correlation_time(windows: Sequence[FloatArray]) -> FloatArray:
-    """(a,) samples of (n, a) errors that count as one: the sum of the autocorrelation to its first zero."""
-    longest = max(map(len, windows))
-    total = np.zeros((longest, windows[0].shape[1]))
+def _correlation_time(windows: Sequence[FloatArray]) -> float:
+    """Samples of (n, a) errors that count as one: the sum of the mean autocorrelation to its first zero."""
+    total = np.zeros(max(map(len, windows)))
     for one in windows:
         power = np.abs(np.fft.rfft(one, 2 * len(one), axis=0)) ** 2
-        total[: len(one)] += np.fft.irfft(power, axis=0)[: len(one)]
-    shares = total / np.maximum(total[0], 1e-300)
-    positive = np.cumprod(shares > 0.0, axis=0)
-    return np.asarray(np.maximum(1.0 + 2.0 * np.sum((shares * positive)[1:], axis=0), 1.0))
+        total[: len(one)] += np.fft.irfft(power, axis=0)[: len(one)].sum(axis=1)
+    shares = total / max(float(total[0]), 1e-300)
+    positive = np.cumprod(shares > 0.0)
+    return float(1.0 + 2.0 * np.sum((shares * positive)[1:]))
 
 
 def fit_free_runs(best: PlanarOptimum, data: PlanarData, starts: Sequence[PlanarModel] = ()) -> PlanarOptimum:
@@ -164,9 +167,7 @@ def fit_free_runs(best: PlanarOptimum, data: PlanarData, starts: Sequence[Planar
         points.append(coordinates.projected(np.concatenate((first[:count], best.x[count:]))))
     likelihood = replace(best.likelihood, free_runs=runs)
     found = min((PlanarOptimum.fit(likelihood, point) for point in points), key=lambda one: one.value)
-    for _ in range(_ROUNDS):
-        likelihood = replace(likelihood, free_runs=runs.weighted(found.model))
-        found = PlanarOptimum.fit(likelihood, found.x)
+    found = PlanarOptimum.fit(replace(likelihood, free_runs=runs.weighted(found.model)), found.x)
     # Disturbance and noise of this model, by the innovations.
     held = [np.concatenate((found.x[:count], one[count:])) for one in coordinates.bounds]
     of_noise = best.likelihood.with_coordinates(replace(coordinates, low=held[0], high=held[1]))

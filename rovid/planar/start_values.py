@@ -26,6 +26,8 @@ _STALL = math.radians(35.0)
 _CURRENT_SHARES, _CURRENT_DIRECTIONS = (0.15, 0.4, 0.8, 1.5), 8
 # Most smoothed points of a regression.
 _MOST_POINTS = 3000
+# Radius of gyration of a hull with a rudder in the rudder's lever: usual, and least of a regression that is believed.
+_GYRATION, _LEAST_GYRATION = 0.5, 0.15
 # Largest coupling of sway and yaw in the inertia.
 _MAX_COUPLING = 0.8
 
@@ -126,7 +128,8 @@ def _start(data: PlanarData, rows: _StackedRuns, *, with_current: bool) -> Start
             if residual < best:
                 best, values, slipstreams, current = residual, fitted, slips, here
     relative = rows.in_current(*current)
-    base, force, time = _plausible(values[:BASE_COUNT], relative, axes)
+    lever = max((abs(rudder.position[0]) for rudder in rudders), default=0.0)
+    base, force, time = _plausible(values[:BASE_COUNT], relative, axes, lever)
     speed = np.sqrt(np.mean(relative.speeds**2, axis=0))
     speed = np.where(speed > 0.0, speed, max(speed.max(), 1e-6))
     model = PlanarModel(
@@ -222,8 +225,10 @@ def _unit_rudder_forces(rudder: RudderModel, slipstream: float, rows: _StackedRu
     return np.column_stack((fx, fy, x * fy - y * fx))
 
 
-def _plausible(base: FloatArray, rows: _StackedRuns, axes: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Base parameters with positive inertia, (3,) RMS forces and (3,) time constants."""
+def _plausible(
+    base: FloatArray, rows: _StackedRuns, axes: FloatArray, lever: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Base parameters with positive inertia, (3,) RMS forces and (3,) time constants; ``lever`` of the rudders in m."""
     base = base.copy()
     speed = np.sqrt(np.mean(rows.speeds**2, axis=0))
     change = np.sqrt(np.mean(rows.accelerations**2, axis=0))
@@ -234,6 +239,9 @@ def _plausible(base: FloatArray, rows: _StackedRuns, axes: FloatArray) -> tuple[
     # An inertia without any information takes that of another axis.
     known = base[:2].max()
     base[:2] = np.where(base[:2] > 1e-6 * known, base[:2], known if known > 0.0 else 1.0)
+    # A hull that is steered by a rudder at its end: a radius of gyration of half the rudder's lever.
+    if base[2] < _LEAST_GYRATION**2 * base[0] * lever**2:
+        base[2] = _GYRATION**2 * base[0] * lever**2
     if not base[2] > 0.0:
         base[2] = max(base[:2].max() * (speed[:2].max() / max(speed[2], 1e-9)) ** 2 * 0.1, 1e-9)
     most = _MAX_COUPLING * math.sqrt(base[1] * base[2])
