@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import io
 import json
 import os
@@ -14,6 +15,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from jsonschema import Draft202012Validator
+from jsonschema.exceptions import best_match
 
 from rovid.cli import cli
 from rovid.diagnose.result import Diagnosis
@@ -53,7 +56,20 @@ class Done:
         assert self.code == 0, self.err
         parsed = json.loads(self.out)
         assert isinstance(parsed, dict)
+        require_schema(parsed)
         return parsed
+
+
+def require_schema(document: dict[str, Any]) -> None:
+    """Assert that a document has the schema that it names, as published in the package."""
+    problem = best_match(schema_of(document["schema"]).iter_errors(document))
+    assert problem is None, f"{document['schema']}{problem.json_path[1:]}: {problem.message[:300]}"
+
+
+@functools.cache
+def schema_of(name: str) -> Draft202012Validator:
+    text = (ROOT / "rovid" / "schemas" / f"{name.replace('/', '-')}.json").read_text(encoding="utf-8")
+    return Draft202012Validator(json.loads(text))
 
 
 Rovid = Callable[..., Done]

@@ -37,6 +37,7 @@ COMMANDS = (
     "export",
     "report",
     "open",
+    "mcp",
     "fleet",
     "help",
 )

@@ -26,6 +26,8 @@ TOPICS = (
     "report",
     "open",
     "fleet",
+    "api",
+    "skill",
     "confusion",
     "hard",
     "troubleshooting",
@@ -43,9 +45,12 @@ _ALSO = {
     **dict.fromkeys(("begin", "start", "tutorial", "init", "check"), "own_logs"),
     **dict.fromkeys(("app", "browser", "gui", "server"), "open"),
     **dict.fromkeys(("drag", "inertia", "fit-drag", "fit-inertia"), "fit"),
+    **dict.fromkeys(("python", "notebook", "dataframe"), "api"),
+    **dict.fromkeys(("mcp", "assistant", "agent", "schema"), "skill"),
     **dict.fromkeys(("history", "refit", "before", "payload", "fouling"), "compare"),
 }
-_COMMENT = re.compile(r"<!--.*?-->\n*", re.DOTALL)
+# A comment, the front matter of instructions for assistants, and a directive of the site.
+_COMMENT = re.compile(r"<!--.*?-->\n*|\A---\n.*?^---\n+|^```\{eval-rst\}\n.*?^```\n+", re.DOTALL | re.MULTILINE)
 # A picture, and the paragraph on how it was drawn.
 _PICTURE = re.compile(r"^\[?!\[[^\n]*\n+(?:Step: .*?\n\n)?", re.MULTILINE | re.DOTALL)
 _LINK = re.compile(r"\[([^\]]+)\]\(([^)\s]+)\)")
@@ -101,6 +106,8 @@ def _folder() -> Path:
 def _path(topic: str) -> Path:
     if topic == "effects":
         return _folder() / "effects" / f"{_INDEX}.md"
+    if topic == "skill":
+        return _PACKAGE / "SKILL.md"
     if topic in TOPICS:
         return _folder() / f"{topic}.md"
     return _folder() / "effects" / f"{topic}.md"
