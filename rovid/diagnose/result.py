@@ -195,6 +195,12 @@ def _separating(one: Effect, other: Effect, *, untested: bool = False) -> dict[s
     return {"run": run, "separates": pair}
 
 
+def is_settled(diagnosis: Diagnosis) -> bool:
+    """Whether every cause is confirmed and nothing else is suspected, and no run is needed to name the causes."""
+    confirmed = all(finding.evidence is Evidence.CONFIRMED for finding in diagnosis.findings)
+    return diagnosis.verdict == "found" and confirmed and not diagnosis.suspects and not diagnosis.signals
+
+
 def next_experiment(diagnosis: Diagnosis) -> dict[str, Any]:
     """The next run: one that separates causes, else one that shows the least certain or an unexcited effect."""
     for finding in (*diagnosis.findings, *diagnosis.suspects):

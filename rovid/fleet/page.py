@@ -22,7 +22,7 @@ from rovid.effects import CATALOGUE
 from rovid.fleet.campaigns import CampaignRecord
 from rovid.fleet.results import RULE, Fleet, Outlier, ParameterValue, causes, guessed, median_of, outliers, verdict
 from rovid.fleet.shrinkage import ShrunkParameter
-from rovid.present.number_format import DASH, parameter_title, unit_symbol
+from rovid.present.number_format import DASH, parameter_title, shorten_name, unit_symbol
 from rovid.present.page.templating import template_environment
 from rovid.present.plots.canvas import (
     BLACK,
@@ -32,7 +32,6 @@ from rovid.present.plots.canvas import (
     panel_grid,
     render_inline_svg,
     report_style,
-    shorten_name,
 )
 from rovid.present.sentences import join_words
 from rovid.present.tables.table import ResultTable, mixed_number_column, text_column

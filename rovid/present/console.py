@@ -23,6 +23,10 @@ _BARE_WORD = re.compile(r"\S+\s*|\s+")
 _NAME_PART = re.compile(r"\s+|[^\s_./:,-]*[_./:,-]*")
 
 
+# Kind of a verdict -> its style on a terminal; NO_COLOR leaves bold type.
+VERDICT_STYLES = {"pass": "bold green", "warn": "bold yellow", "fail": "bold red"}
+
+
 def bind_units(text: str) -> str:
     """``text`` with no-break spaces between numbers and their units, for a page that wraps lines itself."""
     return _WORD.sub(lambda word: re.sub(r"\s+(?=\S)", "\u00a0", word[0]), text)

@@ -13,6 +13,8 @@ from rovid.trial.axis import Axis
 _FIGURE_SPACE, _POINT_SPACE = "\u2007", "\u2008"
 DASH = "–"
 _PLUS_MINUS = " ± "
+# Characters of the name of a trial in a table.
+NAME_LENGTH = 40
 
 PARAMETER_TITLES = {
     "inertia": "inertia I",
@@ -100,6 +102,20 @@ def equal_decimals(values: Sequence[float | None], digits: int = 3) -> list[str]
     first_place = math.floor(math.log10(median_high(sizes))) if sizes else 0
     decimals = min(max(digits - 1 - first_place, 0), 8)
     return [format_number(value, f".{decimals}f") for value in values]
+
+
+def shorten_name(name: str, length: int) -> str:
+    """The end of a long name, which distinguishes logs in one folder."""
+    if len(name) <= length:
+        return name
+    return f"…{name[1 - length :]}"
+
+
+def rounded_errors(values: Sequence[float | None]) -> list[str]:
+    """Errors of models and their noise floor, with decimals that show the smallest to two significant digits."""
+    sizes = [abs(value) for value in values if value and math.isfinite(value)]
+    (least,) = equal_decimals([min(sizes, default=1.0)], 2)
+    return [format_number(value, f".{_decimals(least)}f") for value in values]
 
 
 def same_decimals(text: str, value: float) -> str:

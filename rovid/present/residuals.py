@@ -20,8 +20,12 @@ from rovid.trial.vehicle import Vehicle
 
 # Samples of a segment of the spectrum, and of the shortest stretch that counts.
 _SEGMENT, _SHORTEST = 1024, 64
-# Bins of means over a range: of the residual plot, and of a driver.
-_BINS, _DRIVER_BINS = 16, 32
+# Bins of means over a driver.
+_DRIVER_BINS = 32
+# Standard deviations to either end of a two-sided 95 % interval of the normal distribution.
+_NORMAL_95 = 1.959964
+# Points of a smooth curve.
+_CURVE = 300
 # Share of the missing torque by which a driver has to exceed a simpler one.
 _BETTER = 0.02
 # Least share of the missing torque that a driver has to explain.
@@ -122,23 +126,13 @@ def rms_sizes(items: Sequence[ResidualTorque]) -> tuple[float, float, float]:
     return residual_rms, torque_rms, noise_rms
 
 
-def binned_means(driver: FloatArray, residual: FloatArray, bins: int = _BINS) -> tuple[FloatArray, FloatArray]:
-    """Means of ``driver`` and ``residual`` in equal intervals of the driver; NaN where an interval has few samples."""
-    known = np.isfinite(driver) & np.isfinite(residual)
-    x, y = driver[known], residual[known]
-    if x.size < bins or np.ptp(x) == 0.0:
-        return np.empty(0), np.empty(0)
-    edges = np.linspace(x.min(), x.max(), bins + 1)
-    # The largest value lies on the last edge and belongs to the bin below it.
-    index = np.clip(np.digitize(x, edges) - 1, 0, bins - 1)
-    count = np.bincount(index, minlength=bins)
-    enough = count >= max(10, x.size // 2000)
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BinMeans:
+    """Means over a driver, in its increasing order, each (m,); ``error`` is the standard error of ``mean``."""
 
-    def mean(values: FloatArray) -> FloatArray:
-        total = np.bincount(index, weights=values, minlength=bins)
-        return np.where(enough, total / np.maximum(count, 1), np.nan)
-
-    return mean(x), mean(y)
+    driver: FloatArray
+    mean: FloatArray
+    error: FloatArray
 
 
 def spectrum(items: Sequence[ResidualTorque], cutoff: float) -> tuple[FloatArray, FloatArray]:
@@ -186,8 +180,9 @@ class MissingTorque:
     #: equation.
     measured: FloatArray
     equation: FloatArray
-    #: Means of driver and equation in increasing order of the driver; the equation itself over time.
+    #: Driver and equation as a smooth curve in increasing order of the driver; the equation itself over time.
     line: tuple[FloatArray, FloatArray]
+    independent: float  #: Share of independent values in ``measured``.
 
 
 def missing_without(effect: Effect, runs: PreparedRuns, model: Model, vehicle: Vehicle) -> MissingTorque | None:
@@ -214,7 +209,8 @@ def missing_without(effect: Effect, runs: PreparedRuns, model: Model, vehicle: V
         driver_values=driver_values,
         measured=-all_residuals(without),
         equation=equation,
-        line=bin_means(driver_values, equation),
+        line=_smooth_curve(bin_means(driver_values, equation)),
+        independent=independent_share(runs.items, runs.cutoff),
     )
 
 
@@ -278,16 +274,45 @@ def _bin_index(x: FloatArray, bins: int) -> IntArray:
 
 
 def bin_means(
-    driver: FloatArray, values: FloatArray, bins: int = _DRIVER_BINS, fewest: int = 3
-) -> tuple[FloatArray, FloatArray]:
-    """Means of ``driver`` and ``values`` in bins with at least ``fewest`` values, in increasing order of the driver."""
+    driver: FloatArray, values: FloatArray, bins: int = _DRIVER_BINS, fewest: int = 3, independent: float = 1.0
+) -> BinMeans:
+    """Means of ``driver`` and ``values`` in bins with at least ``fewest`` values.
+
+    ``independent`` is the share of independent values, as by `independent_share`, on which the standard errors depend.
+    """
     known = np.isfinite(driver) & np.isfinite(values)
     x, y = driver[known], values[known]
+    if x.size < bins or np.ptp(x) == 0.0:
+        return BinMeans(driver=np.empty(0), mean=np.empty(0), error=np.empty(0))
     index = _bin_index(x, bins)
     count = np.bincount(index)
     enough = count >= fewest
-    mean_x, mean_y = (np.bincount(index, weights=each)[enough] / count[enough] for each in (x, y))
-    return mean_x, mean_y
+    mean_x, mean_y, square = (np.bincount(index, weights=each)[enough] / count[enough] for each in (x, y, y**2))
+    effective = np.maximum(independent * count[enough], 1.0)
+    error = np.sqrt(np.maximum(square - mean_y**2, 0.0) / effective)
+    return BinMeans(driver=mean_x, mean=mean_y, error=error)
+
+
+def independent_share(runs: Sequence[Run], cutoff: float) -> float:
+    """Share of independent samples after a low pass at ``cutoff`` in Hz, which leaves two in each of its periods."""
+    period = float(np.median([run.rates.kernel.period for run in runs]))
+    return min(2.0 * cutoff * period, 1.0)
+
+
+def white_band(items: Sequence[ResidualTorque], cutoff: float) -> float:
+    """Half the width of the 95 % band of the autocorrelation of white noise after the same low pass."""
+    duration = sum(period * len(part) for period, part in _stretches(items))
+    return _NORMAL_95 / math.sqrt(max(2.0 * cutoff * duration, 1.0))
+
+
+def _smooth_curve(means: BinMeans) -> tuple[FloatArray, FloatArray]:
+    """A curve without overshoot through ``means`` (piecewise cubic Hermite; Fritsch and Carlson 1980)."""
+    if len(means.driver) < 2:
+        return means.driver, means.mean
+    from scipy.interpolate import PchipInterpolator
+
+    driver = np.linspace(means.driver[0], means.driver[-1], _CURVE)
+    return driver, np.asarray(PchipInterpolator(means.driver, means.mean)(driver))
 
 
 def _over_time(with_effect: Sequence[FloatArray], without: Sequence[FloatArray], runs: PreparedRuns) -> MissingTorque:
@@ -302,4 +327,5 @@ def _over_time(with_effect: Sequence[FloatArray], without: Sequence[FloatArray],
         measured=-without[most],
         equation=equation,
         line=(run.rates.time, equation),
+        independent=independent_share([run], runs.cutoff),
     )

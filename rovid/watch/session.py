@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rovid.core.errors import ConfigError, DataError, OutputError, RovidError
-from rovid.diagnose.result import Diagnosis, next_experiment
+from rovid.diagnose.result import Diagnosis, is_settled, next_experiment
 from rovid.effects import Effect
 from rovid.estimate.candidate_runs import RunLimits
 from rovid.estimate.estimate import Estimate
@@ -266,6 +266,8 @@ class WatchSession:
         reason = advice["reason"] if advice else "it narrows the interval of a parameter"
         if plan.parameter:
             reason = f"it narrows the interval of {plan.parameter}"
+        if self._diagnosis is not None and is_settled(self._diagnosis):
+            reason += "; nothing more to run for the causes"
         yield NextRun(words=plan.best.run.name, reason=reason, plan=plan, written=written)
 
     def _discriminating_plan(self) -> ExperimentPlan | None:

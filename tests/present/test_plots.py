@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image
 
+from rovid.present.number_format import shorten_name
 from rovid.present.plots import canvas, identification, residuals, trials
 from rovid.present.report_data import ReportData
 from rovid.present.residuals import residual_torques
@@ -137,6 +138,6 @@ def test_short_series_are_left_as_they_are() -> None:
 
 
 def test_long_names_keep_their_end() -> None:
-    assert canvas.shorten_name("short.csv", 20) == "short.csv"
-    assert canvas.shorten_name("2026-03-07/tank/hold_17.csv", 13) == "…/hold_17.csv"
-    assert len(canvas.shorten_name("x" * 300, 22)) == 22
+    assert shorten_name("short.csv", 20) == "short.csv"
+    assert shorten_name("2026-03-07/tank/hold_17.csv", 13) == "…/hold_17.csv"
+    assert len(shorten_name("x" * 300, 22)) == 22

@@ -19,12 +19,13 @@ from rovid.present.residuals import (
     MissingTorque,
     ResidualTorque,
     autocorrelation,
-    binned_means,
+    bin_means,
     missing_without,
     residual_torques,
     rms_sizes,
     spectrum,
     unexplained_torques,
+    white_band,
 )
 from rovid.signals.preprocessing import PreparedRuns, prepare
 from rovid.trial.trial import Campaign
@@ -67,18 +68,37 @@ def test_an_effect_between_command_and_torque_acts_on_the_torque(day: ReportData
 
 
 def test_means_follow_a_curve() -> None:
-    driver = np.linspace(-1.0, 1.0, 4_000)
-    across, up = binned_means(driver, 3.0 * np.abs(driver))
-    assert up == pytest.approx(3.0 * np.abs(across), abs=1e-9)
-    assert len(across) == 16
+    driver = np.linspace(-1.0, 1.0, 4_001)
+    means = bin_means(driver, 3.0 * np.abs(driver), 16)
+    # The mean of a straight line in a bin is its value at the mean of the bin; one bin holds the kink.
+    assert np.sum(np.abs(means.mean - 3.0 * np.abs(means.driver)) > 1e-9) <= 1
+    assert len(means.driver) == 8  # edges at equal distances and at quantiles coincide
+
+
+def test_errors_of_means_depend_on_the_independent_samples() -> None:
+    rng = np.random.default_rng(4)
+    driver, values = rng.uniform(0.0, 1.0, 40_000), rng.normal(0.0, 2.0, 40_000)
+    means, fewer = (bin_means(driver, values, 16, independent=share) for share in (1.0, 0.25))
+    assert means.error == pytest.approx(np.full(8, 2.0 / np.sqrt(5_000.0)), rel=0.06)  # about 5000 values in each bin
+    assert fewer.error == pytest.approx(2.0 * means.error)
+    assert np.sum(np.abs(means.mean) < 1.96 * means.error) >= 6  # of 8; fixed seed
 
 
 def test_means_of_few_samples_are_not_shown() -> None:
     driver = np.concatenate((np.zeros(4_000), [1.0]))
-    across, up = binned_means(driver, np.zeros(4_001))
-    assert np.isfinite(across).sum() == 1
-    assert np.isnan(up[-1])
-    assert binned_means(np.ones(100), np.ones(100))[0].size == 0
+    assert bin_means(driver, np.zeros(4_001), 16, 3).driver.tolist() == [0.0]
+    assert bin_means(np.ones(100), np.ones(100)).driver.size == 0
+
+
+def test_white_noise_stays_in_its_band(day: ReportData) -> None:
+    values = np.random.default_rng(6).normal(0.0, 1.0, 20_000)
+    items = [left_over(day, values)]
+    _, correlation = autocorrelation(items, 60.0)
+    band = white_band(items, 0.5 / PERIOD)
+    assert band == pytest.approx(1.96 / np.sqrt(20_000), rel=1e-3)
+    inside = np.mean(np.abs(correlation[1:]) < band)
+    # Between its samples the autocorrelation is interpolated, which makes it smaller there.
+    assert 0.93 < inside <= 1.0
 
 
 def test_spectrum_finds_a_wave(day: ReportData) -> None:
@@ -209,7 +229,11 @@ def test_of_what_has_no_size_or_phase_there_is_nothing_to_show(day: ReportData) 
 def test_the_picture_has_readings_means_and_the_equations_line(day: ReportData) -> None:
     figure = plot_missing_torque(missing(day, effect_named("thrust_asymmetry"), (0.7,)), day.axis)
     (panel,) = figure.axes
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["readings", "their mean", "the equation"]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == [
+        "readings",
+        "the equation",
+        "their mean ± standard error",
+    ]
     assert panel.get_xlabel() == "torque of the thrusters, N m"
     assert panel.get_ylabel() == "missing torque, N m"
     canvas.render_png(figure)

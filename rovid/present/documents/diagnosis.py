@@ -14,6 +14,7 @@ from rovid.diagnose.result import (
     Finding,
     ModelAssessment,
     discriminating_experiment,
+    is_settled,
     next_experiment,
     unidentifiable_parameters,
 )
@@ -82,7 +83,7 @@ def diagnosis_document(diagnosis: Diagnosis, study: Study) -> Document:
         },
         "not_identifiable": list(unidentifiable_parameters(study.vehicle)),
         "detectable": _detectable(diagnosis, axis),
-        "next_experiment": next_experiment(diagnosis),
+        "next_experiment": next_experiment(diagnosis) | {"needed": not is_settled(diagnosis)},
         "missing": diagnosis.missing or None,
         "budget": None if diagnosis.budget is None else asdict(diagnosis.budget),
         **guess_document(study.vehicle.assumptions),

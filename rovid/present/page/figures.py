@@ -223,10 +223,12 @@ def _inertia(report: ReportData) -> Iterator[FigureDraft]:
     readings = []
     for name, reading in fit.methods.items():
         readings.append(f"{method_title(name)} {plus_minus(reading.value, reading.standard_error)}")
+    entry = report.parameters.entries.get("inertia")
+    model = None if entry is None else (entry.value, entry.standard_error)
     yield FigureDraft(
         "inertia",
-        identification.plot_inertia_methods(fit, report.vehicle.rigid_body_inertia),
-        caption="Inertia by each method: points with 95 % intervals, and ticks for single sine runs.",
+        identification.plot_inertia_methods(fit, report.vehicle.rigid_body_inertia, model),
+        caption="Inertia by each method: points with 95 % intervals, and ticks for single sine runs. Green: the model.",
         alt=f"Inertia in {unit_symbol(fit.estimate.unit('inertia'))}: {'; '.join(readings)}.",
     )
 

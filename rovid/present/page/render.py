@@ -18,6 +18,7 @@ from rovid.diagnose.result import discriminating_experiment
 from rovid.effects import restoring_effect
 from rovid.estimate.inertia import METHODS
 from rovid.model.parameter_names import base_names
+from rovid.present.conclusions import control_verdict
 from rovid.present.number_format import arm_words, parameter_title, steady_state_words, unit_symbol
 from rovid.present.page.figures import ReportFigures, draw_figures, existing_plots
 from rovid.present.page.summary import size_words, summarize
@@ -92,7 +93,7 @@ def render_page(report: ReportData, figures: ReportFigures, *, today: date) -> s
 
 def _context(report: ReportData, figures: ReportFigures, today: date) -> dict[str, Any]:
     """Variables of the page's templates."""
-    axis, found, simulations = report.axis, report.diagnosis, report.simulations
+    axis, simulations = report.axis, report.simulations
     all_trials = report.campaign.trials if report.campaign else ()
     missing = list(_missing_parameters(report))
     residual_sizes = None
@@ -127,10 +128,8 @@ def _context(report: ReportData, figures: ReportFigures, today: date) -> dict[st
         "noise": _noise(report),
         "box": _box_sides(report.vehicle),
         "methods": METHODS,
-        # Whether the section on causes has more to show than the first screen.
-        "diagnosed": found is not None and (found.base is not None or found.from_tables is not None),
-        "controlled": report.control is not None or bool(report.control_refusal),
-        "exported": bool(report.exports) or bool(report.export_refusal),
+        "sections": _sections(report, figures),
+        "control_verdict": control_verdict,
         "size_of": size_words,
         "evidence_words": evidence_words,
         "evidence_definitions": evidence_definitions,
@@ -146,6 +145,30 @@ def _context(report: ReportData, figures: ReportFigures, today: date) -> dict[st
         "today": long_date(today),
         "version": __version__,
     }
+
+
+def _sections(report: ReportData, figures: ReportFigures) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
+    """Keys and titles of the open and of the folded sections that have something to show."""
+    found, axis, steady = report.diagnosis, report.axis, steady_state_words(report.axis)
+    # The first screen says all where neither logs nor tables were diagnosed.
+    diagnosed = found is not None and (found.base is not None or found.from_tables is not None)
+    shown = [
+        ("faults", "Faults of the logs", bool(report.faults)),
+        ("trials", "Trials", bool(report.campaign and report.campaign.trials)),
+        ("model", "The model", True),
+        ("diagnosis", "Causes", diagnosed),
+        ("misses", "What is left over", bool(figures.left_over or figures.residuals)),
+    ]
+    folded = [
+        ("drag", "Drag" if axis.self_righting else f"Drag from {steady}s", report.drag is not None),
+        ("inertia", "Inertia", report.inertia is not None),
+        ("control", "Heading controller", report.control is not None),
+        ("export", "Export to simulators", bool(report.exports)),
+        ("limits", "What these data cannot tell", True),
+        ("sources", "Where it comes from", True),
+    ]
+    open_sections, folded_sections = ([(key, title) for key, title, has in each if has] for each in (shown, folded))
+    return open_sections, folded_sections
 
 
 def _missing_parameters(report: ReportData) -> Iterator[tuple[str, str]]:
@@ -183,6 +206,9 @@ def _warnings(report: ReportData, said: list[str]) -> Iterator[str]:
 def _other_refusals(report: ReportData) -> Iterator[tuple[str, str]]:
     """Results besides base parameters that could not be determined, each with the reason."""
     entries = report.parameters.entries
+    for title, refusal in (("A controller", report.control_refusal), ("Exports", report.export_refusal)):
+        if refusal:
+            yield title, refusal
     if report.drag is None and "quadratic_drag" in entries and not report.axis.self_righting:
         yield f"Drag from {steady_state_words(report.axis)}s", report.drag_refusal
     if report.inertia is None:

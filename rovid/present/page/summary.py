@@ -7,10 +7,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from rovid.core.formatting import plus_minus
-from rovid.diagnose.result import Diagnosis, Finding, next_experiment
+from rovid.diagnose.result import Diagnosis, Finding
 from rovid.model.parameter_names import unit_of
 from rovid.model.simulation import HORIZONS
-from rovid.present.number_format import equal_decimals, number_with_unit, same_decimals
+from rovid.present.conclusions import EXTENDED_MODEL, PLAIN_MODEL, NextStep, cautions, next_step
+from rovid.present.number_format import equal_decimals, number_with_unit, rounded_errors
 from rovid.present.report_data import ReportData, simulation_errors
 from rovid.present.sentences import effect_title, evidence_words, improvement_words, join_words, verdict_sentence
 from rovid.trial.axis import Axis
@@ -34,9 +35,10 @@ class Reason:
 
 @dataclass(frozen=True, kw_only=True)
 class Bar:
-    """A labelled value, and its length relative to the longest bar."""
+    """A labelled value, and its length relative to the longest bar; ``look`` is its class in the style."""
 
     label: str
+    look: str
     value: str
     share: float
 
@@ -61,8 +63,9 @@ class PageSummary:
     no_cause: str
     gains: tuple[GainBars, ...]
     improvement: str
-    next_run: str
-    next_reason: str
+    next_step: NextStep
+    models: str  #: What the plain and the extended model are.
+    cautions: tuple[str, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,10 +80,7 @@ class _SimulationError:
 
     def rounded(self) -> list[str]:
         """The three values with decimals that show the smallest to two significant digits."""
-        values = (self.without, self.with_causes, self.floor)
-        sizes = [abs(value) for value in values if math.isfinite(value) and value]
-        (least,) = equal_decimals([min(sizes, default=1.0)], 2)
-        return [same_decimals(least, value) for value in values]
+        return rounded_errors((self.without, self.with_causes, self.floor))
 
 
 def summarize(report: ReportData) -> PageSummary:
@@ -89,10 +89,11 @@ def summarize(report: ReportData) -> PageSummary:
     errors = list(_errors(report))
     found = diagnosis is not None and bool(diagnosis.findings or diagnosis.signals)
     changes = {error.title.partition(" after")[0]: (error.without, error.with_causes) for error in errors}
-    next_run, next_reason = "diagnosis, by rovid diagnose", "it finds what the simulation misses, and why"
+    step = NextStep(run="diagnosis, by `rovid diagnose`", reason="it finds what the simulation misses, and why")
+    warned: list[str] = []
     if diagnosis is not None:
-        experiment = next_experiment(diagnosis)
-        next_run, next_reason = str(experiment["run"]), "" if diagnosis.missing else str(experiment["reason"])
+        step = next_step(diagnosis)
+        warned = list(cautions(diagnosis, report.campaign.trials if report.campaign else (), report.vehicle))
     return PageSummary(
         headline=_headline(report),
         error=_error_sentence(report, errors, found=found),
@@ -100,8 +101,9 @@ def summarize(report: ReportData) -> PageSummary:
         no_cause=_no_cause_sentence(report),
         gains=tuple(_gain_bars(error, found=found) for error in errors),
         improvement=f"On trials that were not fitted: {improvement_words(changes)}." if found else "",
-        next_run=next_run,
-        next_reason=next_reason,
+        next_step=step,
+        models=f"{PLAIN_MODEL} {EXTENDED_MODEL}" if report.extended else PLAIN_MODEL,
+        cautions=tuple(warned),
     )
 
 
@@ -215,13 +217,16 @@ def _gain_bars(error: _SimulationError, *, found: bool) -> GainBars:
     known = [value for value in (error.without, error.with_causes, error.floor) if math.isfinite(value)]
     longest = max(*known, 1e-30, 0.0)
 
-    def bar(label: str, value: float, text: str) -> Bar:
+    def bar(label: str, look: str, value: float, text: str) -> Bar:
         share = value / longest if math.isfinite(value) else 0.0
-        return Bar(label=label, value=f"{text} {error.unit}", share=share)
+        return Bar(label=label, look=look, value=f"{text} {error.unit}", share=share)
 
-    bars = [bar("simulated", error.without, without)]
+    bars = [bar("simulated", "simulated", error.without, without)]
     if found:
-        bars = [bar("without", error.without, without), bar("with", error.with_causes, with_causes)]
+        bars = [
+            bar("plain model", "without", error.without, without),
+            bar("extended model", "with", error.with_causes, with_causes),
+        ]
     has_floor = math.isfinite(error.floor)
     return GainBars(
         title=error.title,

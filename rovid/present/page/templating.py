@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import itertools
 from dataclasses import dataclass
 from datetime import date
 from importlib.resources import files
@@ -39,6 +40,7 @@ def template_environment(*packages: str) -> Environment:
         lstrip_blocks=True,
     )
     environment.filters["bound"] = bind_units
+    environment.filters["code"] = _with_code
     environment.filters["number"] = lambda value, form=".4g": format_number(value, form)
     environment.filters["prose"] = as_sentence
     environment.filters["unit"] = unit_symbol
@@ -46,6 +48,12 @@ def template_environment(*packages: str) -> Environment:
     environment.filters["short"] = lambda value: equal_decimals([value], 2)[0]
     environment.globals["plus_minus"] = plus_minus
     return environment
+
+
+def _with_code(text: str) -> Markup:
+    """``text`` with bound units, and its parts between backticks as code."""
+    marks = itertools.cycle((Markup("{}"), Markup("<code>{}</code>")))
+    return Markup("").join(mark.format(part) for mark, part in zip(marks, bind_units(text).split("`"), strict=False))
 
 
 def long_date(day: date) -> str:

@@ -248,10 +248,3 @@ def min_max_indices(values: FloatArray, size: int) -> IntArray:
     highest = np.where(missing, -np.inf, blocks).argmax(axis=1)
     pick = np.sort(np.stack((lowest, highest), axis=1), axis=1)
     return np.asarray((pick + size * np.arange(len(blocks))[:, None]).ravel())
-
-
-def shorten_name(name: str, length: int) -> str:
-    """The end of a long name, which distinguishes logs in one folder."""
-    if len(name) <= length:
-        return name
-    return f"…{name[1 - length :]}"

@@ -18,8 +18,8 @@ from rovid.estimate.inertia import InertiaFit
 from rovid.estimate.sine_inertia import SineTrial
 from rovid.estimate.steady_drag import DragFit
 from rovid.model.model import Model
-from rovid.present.number_format import arm_words, steady_state_words, unit_symbol
-from rovid.present.plots.canvas import BLACK, BLUE, GREEN, GREY, ORANGE, panel_grid, report_style, shorten_name
+from rovid.present.number_format import arm_words, shorten_name, steady_state_words, unit_symbol
+from rovid.present.plots.canvas import BLACK, BLUE, GREEN, GREY, ORANGE, panel_grid, report_style
 from rovid.present.tables.fits import method_interval, method_title
 from rovid.signals.preprocessing import Run
 from rovid.trial.axis import Axis
@@ -31,6 +31,8 @@ _NAME_LENGTH = 48
 _STEPS = 300
 # Of torque or force, rate and acceleration.
 _SINE_LOOKS = ((BLUE, "-", "o"), (ORANGE, "--", "s"), (GREEN, ":", "^"))
+# Standard errors to either end of a two-sided 95 % interval of the normal distribution.
+_NORMAL_95 = 1.959964
 # Intervals that together take less than this share of the axis from zero are shown a second time, enlarged.
 _CROWDED = 0.3
 
@@ -191,8 +193,11 @@ def _plot_loop(panel: Axes, waves: list[FloatArray], peaks: list[int], drag: Mod
 
 
 @report_style
-def plot_inertia_methods(fit: InertiaFit, rigid_body: float | None) -> Figure:
-    """Inertia by each method with its 95 % interval and single runs; enlarged a second time where they crowd."""
+def plot_inertia_methods(fit: InertiaFit, rigid_body: float | None, model: tuple[float, float] | None = None) -> Figure:
+    """Inertia by each method with its 95 % interval and single runs; enlarged a second time where they crowd.
+
+    ``model``: inertia of the model and its standard error, for comparison.
+    """
     names = list(fit.methods)
     unbiased = [name for name in names if name != "peak"]
     intervals = [method_interval(fit, name) for name in unbiased]
@@ -206,7 +211,13 @@ def plot_inertia_methods(fit: InertiaFit, rigid_body: float | None) -> Figure:
     whole.set_title("from zero")
     if rigid_body is not None:
         whole.axvline(rigid_body, color=GREY, linestyle="--", label="rigid body alone")
-        whole.legend(loc="lower left", bbox_to_anchor=(0.3, 1.0), borderaxespad=0.1)
+    if model is not None:
+        value, reach = model[0], _NORMAL_95 * np.nan_to_num(model[1], posinf=0.0)
+        for panel in (whole, *more):
+            panel.axvspan(value - reach, value + reach, color=GREEN, alpha=0.25, label="the model, 95 %")
+            panel.axvline(value, color=GREEN, linewidth=1.0)
+    if whole.get_legend_handles_labels()[0]:
+        whole.legend(loc="lower left", bbox_to_anchor=(0.3, 1.0), borderaxespad=0.1, ncols=2)
     for enlarged in more:
         _plot_methods(enlarged, fit, unbiased)
         enlarged.set_yticks(range(len(names)), [""] * len(names))

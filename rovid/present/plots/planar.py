@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 from rovid.core.array_types import FloatArray
 from rovid.planar.trial_simulation import SENSOR_UNITS, PlanarTrialSimulation
+from rovid.present.number_format import shorten_name
 from rovid.present.plots.canvas import (
     BLACK,
     BLUE,
@@ -21,7 +22,6 @@ from rovid.present.plots.canvas import (
     decimate_min_max,
     panel_grid,
     report_style,
-    shorten_name,
 )
 
 TRACKS_SHOWN = 9

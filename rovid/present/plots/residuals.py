@@ -13,8 +13,19 @@ from matplotlib.legend import Legend
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from rovid.core.array_types import FloatArray
-from rovid.present.plots.canvas import BLACK, BLUE, GREY, ORANGE, PALE, decimate_min_max, panel_grid, report_style
+from rovid.present.number_format import shorten_name
+from rovid.present.plots.canvas import (
+    BLACK,
+    BLUE,
+    GREY,
+    ORANGE,
+    PALE,
+    decimate_min_max,
+    panel_grid,
+    report_style,
+)
 from rovid.present.residuals import (
+    BinMeans,
     MissingTorque,
     ResidualTorque,
     all_rates,
@@ -22,8 +33,9 @@ from rovid.present.residuals import (
     all_thruster_torques,
     autocorrelation,
     bin_means,
-    binned_means,
+    independent_share,
     spectrum,
+    white_band,
 )
 from rovid.trial.axis import Axis
 
@@ -34,6 +46,9 @@ _LONGEST_LAG = 60.0  # s
 _MEANS, _FEWEST = 16, 10
 # Percentiles of the readings that set the vertical range, so that single spikes do not flatten the rest.
 _SHOWN_PERCENTILES = (0.2, 99.8)
+# Trials with at least this share of the time are named, by so many characters at most.
+_NAMED_SHARE, _NAME_LENGTH = 0.018, 18
+_TRIAL_NAME: dict[str, Any] = {"rotation": 90, "fontsize": 6.5, "color": GREY, "va": "top", "ha": "left"}
 _MISSING_WIDTH, _MISSING_HEIGHT = 6.4, 2.3  # in
 _LOOKS = (("plain model", ORANGE, "--", "s"), ("extended model", BLUE, "-", "o"))
 
@@ -43,12 +58,13 @@ def plot_residuals(items: Sequence[ResidualTorque], cutoff: float) -> Figure:
     """Residual torque against rate, torque and time, its autocorrelation and its spectrum."""
     figure, ((by_rate, by_torque), (course,), (lags, frequencies)) = _five_panels()
     residual = all_residuals(items)
-    _scatter(by_rate, all_rates(items), residual)
-    _scatter(by_torque, all_thruster_torques(items), residual)
+    share = independent_share([item.run for item in items], cutoff)
+    _scatter(by_rate, all_rates(items), residual, share)
+    _scatter(by_torque, all_thruster_torques(items), residual, share)
     legend = _label_residuals(by_rate, by_torque, items[0].run.trial.axis, "residual")
     legend.get_lines()[0].set(markersize=7, alpha=1.0)
     _plot_course(course, items, (BLUE, GREY))
-    _plot_autocorrelation(lags, items, color=BLUE)
+    _plot_autocorrelation(lags, items, cutoff, color=BLUE)
     _plot_spectrum(frequencies, items, cutoff, color=BLUE)
     return figure
 
@@ -60,12 +76,14 @@ def plot_residual_comparison(
     """The panels of `plot_residuals` without and with the causes; means in place of the points."""
     figure, ((by_rate, by_torque), (course,), (lags, frequencies)) = _five_panels()
     drivers = ((by_rate, all_rates(before)), (by_torque, all_thruster_torques(before)))
+    share = independent_share([item.run for item in before], cutoff)
     for items, (label, colour, dashes, marker) in zip((before, after), _LOOKS, strict=True):
         line: dict[str, Any] = {"color": colour, "linestyle": dashes}
         for panel, driver in drivers:
-            panel.plot(*binned_means(driver, all_residuals(items)), **line, marker=marker, markersize=4, label=label)
+            means = bin_means(driver, all_residuals(items), _MEANS, _FEWEST, share)
+            _plot_means(panel, means, **line, marker=marker, label=label)
         _plot_course(course, items, (colour,))
-        _plot_autocorrelation(lags, items, **line)
+        _plot_autocorrelation(lags, items, cutoff, **line)
         _plot_spectrum(frequencies, items, cutoff, **line)
     for panel, _ in drivers:
         panel.axhline(0.0, color=BLACK, linewidth=0.8)
@@ -84,7 +102,12 @@ def _label_residuals(by_rate: Axes, by_torque: Axes, axis: Axis, quantity: str) 
     return by_rate.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.2)
 
 
-def _scatter(panel: Axes, driver: FloatArray, residual: FloatArray) -> None:
+def _plot_means(panel: Axes, means: BinMeans, **look: Any) -> None:
+    """Means with their standard errors."""
+    panel.errorbar(means.driver, means.mean, yerr=means.error, markersize=4, elinewidth=1.0, capsize=2, **look)
+
+
+def _scatter(panel: Axes, driver: FloatArray, residual: FloatArray, independent: float) -> None:
     """A part of the points, and their means in bins."""
     known = np.flatnonzero(np.isfinite(driver) & np.isfinite(residual))
     rows = known[:: max(len(known) // _DOTS, 1)]
@@ -101,28 +124,40 @@ def _scatter(panel: Axes, driver: FloatArray, residual: FloatArray) -> None:
         label="samples",
     )
     panel.axhline(0.0, color=BLACK, linewidth=0.8)
-    panel.plot(*binned_means(driver, residual), color=ORANGE, marker="o", markersize=4, label="mean")
+    means = bin_means(driver, residual, _MEANS, _FEWEST, independent)
+    _plot_means(panel, means, color=ORANGE, marker="o", label="mean ± standard error")
 
 
 def _plot_course(panel: Axes, items: Sequence[ResidualTorque], colours: Sequence[str]) -> None:
     """Residual torque of all runs one after another, in alternating colours."""
     clock, samples = 0.0, sum(len(item.residual) for item in items)
+    total = sum(float(np.ptp(item.run.rates.time)) for item in items)
     for item, colour in zip(items, cycle(colours), strict=False):
         time = clock + item.run.rates.time - item.run.rates.time[0]
         count = max(2400 * len(item.residual) // samples, 20)
         panel.plot(*decimate_min_max(time, item.residual, count), color=colour, linewidth=0.7)
+        if item.run.rates.time[-1] - item.run.rates.time[0] >= _NAMED_SHARE * total and not panel.get_label():
+            name = shorten_name(item.run.trial.name, _NAME_LENGTH)
+            panel.text(clock, 0.98, f" {name}", transform=panel.get_xaxis_transform(), **_TRIAL_NAME)
+            panel.axvline(clock, color=GREY, linewidth=0.5)
         clock = float(time[-1])
+    panel.set_label("named")
     axis = items[0].run.trial.axis
     label = f"residual {axis.force_name}, {axis.force_unit}"
     panel.set(xlabel="time, all trials one after another, s", ylabel=label)
     panel.margins(x=0.01)
 
 
-def _plot_autocorrelation(panel: Axes, items: Sequence[ResidualTorque], **look: Any) -> None:
+def _plot_autocorrelation(panel: Axes, items: Sequence[ResidualTorque], cutoff: float, **look: Any) -> None:
+    """Autocorrelation, with the 95 % band of white noise."""
     # Lags beyond half a run leave too few pairs of samples.
     longest = min(_LONGEST_LAG, 0.5 * max(float(np.ptp(item.run.rates.time)) for item in items))
     panel.plot(*autocorrelation(items, longest), **look)
-    panel.axhline(0.0, color=BLACK, linewidth=0.8)
+    band = white_band(items, cutoff)
+    if not panel.patches:
+        panel.axhspan(-band, band, color=GREY, alpha=0.25, linewidth=0.0, label="white noise, 95 %")
+        panel.axhline(0.0, color=BLACK, linewidth=0.8)
+        panel.legend(handles=[panel.patches[0]], loc="upper right")
     panel.set(xlabel="lag, s", ylabel="autocorrelation", xlim=(0.0, longest), ylim=(-0.6, 1.05))
 
 
@@ -153,7 +188,8 @@ def plot_missing_torque(item: MissingTorque, axis: Axis) -> Figure:
     line, values = item.line
     over_time = item.driver.startswith("time in ") and line is item.driver_values
     if not over_time:
-        panel.plot(*bin_means(x, y, _MEANS, _FEWEST), "o", color=BLUE, markersize=4.5, label="their mean", zorder=3)
+        means = bin_means(x, y, _MEANS, _FEWEST, item.independent)
+        _plot_means(panel, means, fmt="o", color=BLUE, label="their mean ± standard error", zorder=3)
     finite = np.isfinite(line) & np.isfinite(values)
     panel.plot(line[finite], values[finite], color=ORANGE, linewidth=2.0, label="the equation", zorder=2)
     panel.axhline(0.0, color=BLACK, linewidth=0.8, zorder=0)

@@ -17,6 +17,7 @@ from rovid.control.specs import paper_runs
 from rovid.core.array_types import FloatArray
 from rovid.diagnose.result import Finding
 from rovid.estimate.experiment_design import ExperimentPlan
+from rovid.present.number_format import shorten_name
 from rovid.present.plots.canvas import (
     BLACK,
     BLUE,
@@ -27,7 +28,6 @@ from rovid.present.plots.canvas import (
     panel_grid,
     render_png,
     report_style,
-    shorten_name,
 )
 from rovid.present.sentences import effect_title
 from rovid.present.tables.diagnosis import ALTERNATIVES_SHOWN, alternative_status

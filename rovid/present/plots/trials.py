@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rovid.model.simulation import TrialSimulation
+from rovid.present.number_format import shorten_name
 from rovid.present.plots.canvas import (
     BLACK,
     BLUE,
@@ -20,7 +21,6 @@ from rovid.present.plots.canvas import (
     panel_grid,
     plot_overlay,
     report_style,
-    shorten_name,
 )
 
 PER_SHEET = 24
@@ -38,7 +38,7 @@ def plot_before_after(
     *,
     width: float,
     rows: tuple[float, float],
-    names: tuple[str, str] = ("without", "with"),
+    names: tuple[str, str] = ("plain model", "extended model"),
 ) -> Figure:
     """Rate above, error of the position below, by two models; by one where ``before`` is ``after``.
 

@@ -33,7 +33,6 @@ def _gain_rows(design: ControllerDesign) -> Iterator[tuple[str, str, str, str]]:
     yield "gain on yaw rate kd", format_number(law.kd, ".5g"), "N m s/rad", DASH
     yield "damping ratio", format_number(design.damping, ".3f"), "", DASH
     yield "bandwidth", format_number(design.bandwidth, ".3g"), "rad/s", DASH
-    yield "yaw inertia", format_number(design.model.inertia, ".5g"), "kg m^2", DASH
     yield "sampling period", format_number(law.period, "g"), "s", DASH
     yield "time constant of the rate filter", format_number(law.rate_filter, ".2g"), "s", DASH
     yield "total delay of the loop", format_number(design.lag, ".2g"), "s", DASH

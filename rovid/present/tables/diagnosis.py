@@ -24,7 +24,7 @@ from rovid.diagnose.thresholds import ESTABLISHED
 from rovid.estimate.estimate import Estimate, Ratio
 from rovid.estimate.inertia import METHODS
 from rovid.model.parameter_names import unit_of
-from rovid.present.number_format import DASH, format_number, parameter_title, unit_symbol
+from rovid.present.number_format import DASH, format_number, parameter_title, rounded_errors, unit_symbol
 from rovid.present.sentences import document_key, effect_title, join_words
 from rovid.present.tables.table import ResultTable, mixed_number_column, number_column, text_column
 from rovid.trial.assumptions import Assumptions
@@ -125,13 +125,12 @@ def _held_out_rows(
 ) -> Iterator[tuple[str, list[str], str]]:
     """Quantity, its values by both models, and its noise floor."""
     one, other, axis = base.held_out, extended.held_out, base.estimate.axis
-    rates = list(map(format_number, (one.rate_rmse, other.rate_rmse)))
-    yield f"{axis.rate_words} RMSE, {axis.rate_unit}", rates, format_number(diagnosis.noise_floor, 2)
+    *rates, floor = rounded_errors((one.rate_rmse, other.rate_rmse, diagnosis.noise_floor))
+    yield f"{axis.rate_words} RMSE, {axis.rate_unit}", rates, floor
     for horizon, error in one.position_errors.items():
-        errors = (axis.to_display(error), axis.to_display(other.position_errors.get(horizon)))
-        floor = axis.to_display(diagnosis.position_floors.get(horizon))
-        title = f"{axis.position_words} after {horizon:.0f} s, {axis.display_unit[0]}"
-        yield title, list(map(format_number, errors)), format_number(floor, 2)
+        known = (error, other.position_errors.get(horizon), diagnosis.position_floors.get(horizon))
+        *errors, floor = rounded_errors([axis.to_display(value) for value in known])
+        yield f"{axis.position_words} after {horizon:.0f} s, {axis.display_unit[0]}", errors, floor
     yield f"{axis.rate_words} R²", [format_number(side.rate_r2, ".4f") for side in (one, other)], ""
     yield "log-likelihood", [format_number(side.log_likelihood, ".0f") for side in (one, other)], ""
 

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 
 from rich.console import Console
 
 from rovid.preflight.advice import shortened_list
 from rovid.preflight.check import LogCheck
 from rovid.present.console import print_labelled, print_text, show_warnings
-from rovid.present.number_format import format_number
+from rovid.present.number_format import NAME_LENGTH, format_number, shorten_name
 from rovid.present.tables.table import ResultTable, mixed_number_column, text_column
 from rovid.trial.fault import fault_texts
 from rovid.trial.trial import merged_remarks
 
-# Number of tasks before the tables.
-_FIRST_TASKS = 3
 VERDICTS = {
     "go": ("Go:", "the logs are good enough for a fit.", "bold green"),
     "care": ("Go with care:", "the logs can be fitted; read this first.", "bold yellow"),
@@ -28,8 +26,8 @@ _DIRECTIONS = {1: "as rovid.toml says", -1: "the other way", 0: "not determined"
 def show_check(console: Console, checked: LogCheck) -> None:
     """Print the verdict, the first tasks, the logs, and then all other tasks and notes."""
     print_labelled(console, *VERDICTS[checked.verdict])
-    tasks = list(check_tasks(checked))
-    _show_tasks(console, tasks[:_FIRST_TASKS], 1)
+    for number, task in enumerate(check_tasks(checked), 1):
+        print_text(console, f"{number}. {task}", len(f"{number}. "))
     console.print()
     if checked.rows:
         console.print(_logs_table(checked))
@@ -38,7 +36,6 @@ def show_check(console: Console, checked: LogCheck) -> None:
     problems = merged_problems(checked.problems)
     if len(problems) > 1:
         show_warnings(console, problems)
-    _show_tasks(console, tasks[_FIRST_TASKS:], _FIRST_TASKS + 1)
     show_warnings(console, check_notes(checked))
 
 
@@ -75,11 +72,6 @@ def merged_problems(problems: Mapping[str, str]) -> list[str]:
     return [f"{shortened_list(logs)}: {reason}" if logs else reason for reason, logs in places.items()]
 
 
-def _show_tasks(console: Console, tasks: Sequence[str], first: int) -> None:
-    for number, task in enumerate(tasks, first):
-        print_text(console, f"{number}. {task}", len(f"{number}. "))
-
-
 def _thrusters_table(checked: LogCheck) -> ResultTable:
     """Direction of each thruster as the logs show it."""
     columns = map(mixed_number_column, ("certainty (standard errors)", "share of explained motion %"))
@@ -102,7 +94,7 @@ def _logs_table(checked: LogCheck) -> ResultTable:
     table = ResultTable("Logs", text_column("log"), *map(mixed_number_column, titles), text_column("remarks"))
     for trial, facts in checked.rows:
         table.add_row(
-            trial.name,
+            shorten_name(trial.name, NAME_LENGTH),
             f"{trial.duration:.0f}",
             str(facts["held_commands"]),
             str(facts["sine_runs"]),

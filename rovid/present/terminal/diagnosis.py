@@ -18,10 +18,10 @@ from rovid.diagnose.result import (
     Finding,
     ModelAssessment,
     discriminating_experiment,
-    next_experiment,
     unidentifiable_parameters,
 )
-from rovid.present.console import print_labelled, print_text, show_caution, show_faults, show_warnings
+from rovid.present.conclusions import EXTENDED_MODEL, PLAIN_MODEL, control_verdict, next_step
+from rovid.present.console import VERDICT_STYLES, print_labelled, print_text, show_caution, show_faults, show_warnings
 from rovid.present.documents.diagnosis import all_faults
 from rovid.present.sentences import (
     cause_name,
@@ -54,6 +54,7 @@ from rovid.trial.assumptions import Assumptions
 from rovid.trial.vehicle import Vehicle
 
 _ALTERNATIVES_SHOWN = 3
+_KINDS = {"nothing_found": "pass", "found": "pass", "bad_logs": "fail"}
 # Largest share of the variance that is called small: a tenth of the RMS torque. Convention.
 _SMALL_SHARE = 0.01
 
@@ -69,7 +70,10 @@ def show_study_diagnosis(console: Console, diagnosis: Diagnosis, study: Study) -
 def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> None:
     """Print the verdict, the causes with their evidence, the improvement, and the next run."""
     axis, guess = vehicle.axis, vehicle.assumptions
-    print_labelled(console, verdict_sentence(diagnosis, guess))
+    style = VERDICT_STYLES[_KINDS.get(diagnosis.verdict, "warn")]
+    print_labelled(console, verdict_sentence(diagnosis, guess), style=style)
+    if diagnosis.extended is not None:
+        print_text(console, f"{PLAIN_MODEL} {EXTENDED_MODEL}" if diagnosis.extended.model.effects else PLAIN_MODEL)
     if diagnosis.missing:
         print_text(console, diagnosis.missing)
     if diagnosis.from_tables is not None:
@@ -99,8 +103,7 @@ def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> 
         detectable_table(diagnosis, vehicle).print(console, guess)
     unidentifiable = [UNIDENTIFIABLE[name] for name in unidentifiable_parameters(vehicle)]
     print_text(console, f"cannot be found from {axis.name} data: {'; '.join(unidentifiable)}")
-    run = next_experiment(diagnosis)
-    print_labelled(console, "Next:", f"{run['run']} ({run['reason']})")
+    print_labelled(console, "Next:", str(next_step(diagnosis)))
 
 
 def _size_words(share: float) -> str:
@@ -176,8 +179,8 @@ def show_comparison(console: Console, comparison: Comparison, guess: Assumptions
 
 def show_control(console: Console, design: ControllerDesign, guess: Assumptions) -> None:
     """Print gains, margins and closed-loop runs."""
-    if not design.margins.stable:
-        print_labelled(console, "The loop is unstable about rest with these gains.")
+    for text, kind in control_verdict(design):
+        print_labelled(console, text, style=VERDICT_STYLES[kind])
     gains_table(design, guess).print(console, guess)
     if design.spread is not None:
         stable = f"{100.0 * design.spread.stable:.0f} %"

@@ -21,7 +21,16 @@ from rovid.estimate.thrust_curve import ThrustCurveFit
 from rovid.export.run_export import VerifiedExport
 from rovid.preflight.config_writer import assumptions_in, log_count_text
 from rovid.preflight.log_survey import LogSurvey
-from rovid.present.console import print_labelled, print_path, print_text, show_caution, show_faults, show_warnings
+from rovid.present.conclusions import fit_verdict
+from rovid.present.console import (
+    VERDICT_STYLES,
+    print_labelled,
+    print_path,
+    print_text,
+    show_caution,
+    show_faults,
+    show_warnings,
+)
 from rovid.present.number_format import format_number, unit_symbol
 from rovid.present.tables.fits import directions_table, estimate_table, methods_table, sine_table, steady_table
 from rovid.present.tables.table import ResultTable, mixed_number_column, text_column
@@ -97,6 +106,8 @@ def show_inertia(console: Console, fit: InertiaFit) -> None:
 def show_likelihood(console: Console, fit: LikelihoodFit) -> None:
     """Print the result of `rovid fit`."""
     estimate, axis = fit.estimate, fit.estimate.axis
+    text, kind = fit_verdict(fit)
+    print_labelled(console, text, style=VERDICT_STYLES[kind])
     console.print(estimate_table(estimate))
     innovations = "white" if fit.white else "not white"
     print_text(
@@ -184,6 +195,9 @@ def show_plan(console: Console, plan: ExperimentPlan, written: Sequence[Path]) -
             # The gain is the logarithm of the factor by which the variance falls.
             gains = list(map(math.exp, gains))
         table.add_row(best.run.name, format_number(best.run.seconds / 60.0, ".1f"), *map(format_number, gains))
+    run = plan.best.run
+    print_labelled(console, "Next:", f"{run.name}, {format_number(run.seconds / 60.0, '.1f')} min, in {written[0]}")
+    console.print()
     console.print(table)
     if not plan.is_decisive:
         undecided = (
@@ -201,9 +215,9 @@ def show_export(console: Console, path: Path, made: VerifiedExport) -> None:
     def difference(percent: float, rms: float) -> str:
         return f"{format_number(percent, 2)} % of its range, {format_number(rms, 2)} rad/s rms"
 
-    print_path(console, str(path))
     size = difference(made.mismatch.percent_of_range, made.mismatch.rms)
-    print_text(console, f"re-simulated with the target's equation: yaw rate off by {size}")
+    print_path(console, str(path))
+    print_text(console, f"Written, and re-simulated with the target's equation: yaw rate off by {size}")
     if made.losses:
         size = difference(made.kept_mismatch.percent_of_range, made.kept_mismatch.rms)
         print_text(console, f"without the parts that the target lacks: {size}")

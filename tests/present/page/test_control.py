@@ -125,8 +125,9 @@ def test_without_inertia_a_sentence_stands_in_place(day: ReportData, work: Calla
     assert made is None
     assert refusal == "inertia or drag is missing."
     text = shown(replace(day, control_refusal=refusal, export_refusal=refusal))
-    assert "There is no controller: inertia or drag is missing." in text
-    assert "Nothing can be exported: inertia or drag is missing." in text
+    assert "A controller. Inertia or drag is missing." in text
+    assert "Exports. Inertia or drag is missing." in text
+    assert "Heading controller" not in text
 
 
 def test_thrusters_that_turn_one_way_get_no_controller(day: ReportData) -> None:
@@ -134,9 +135,7 @@ def test_thrusters_that_turn_one_way_get_no_controller(day: ReportData) -> None:
     vehicle = replace(day.vehicle, thrusters=(Thruster(name="aft", arm=0.5, curve=curve),))
     control, refusal = build.designed_control(replace(study_of(day), vehicle=vehicle), day.parameters, silent)
     assert control is None
-    assert "There is no controller: the thrusters turn the vehicle one way only." in shown(
-        replace(day, control_refusal=refusal)
-    )
+    assert "A controller. The thrusters turn the vehicle one way only." in shown(replace(day, control_refusal=refusal))
 
 
 def test_runs_say_what_acts_and_what_the_aid_knows(control: ControllerDesign, pushed: ControllerDesign) -> None:
@@ -183,7 +182,7 @@ def test_a_page_with_effects_says_what_holds_against_them(day: ReportData, pushe
     evidence = replace(day, control=pushed)
     text = shown(evidence)
     assert "T = DQ·|r|·r + DL·r + hold + kp·(ψ wanted − ψ) − kd·r" in text
-    assert "Effects: bias_torque." in text
+    assert "Effects of the model: constant torque." in text
     (picture,) = draw_figures(replace(evidence, simulations=(), runs=None, inertia=None, drag=None)).closed_loop
     assert "90 to 200 deg" in picture.alt
 

@@ -26,7 +26,7 @@ def test_what_was_found_is_wrong_why_gain_and_next(lagged: ReportData) -> None:
     assert answer.headline == "The plain model misses thruster lag."
     heading, rate = answer.gains
     assert heading.title == "heading error after 60 s"
-    assert [bar.label for bar in heading.bars] == ["without", "with"]
+    assert [bar.label for bar in heading.bars] == ["plain model", "extended model"]
     without, with_it = heading.bars
     assert answer.error == f"The simulated heading is {without.value} off after 60 s."
     before = lagged.axis.to_display(diagnosis.base.held_out.position_errors[60.0])
@@ -44,7 +44,7 @@ def test_what_was_found_is_wrong_why_gain_and_next(lagged: ReportData) -> None:
     lost = [round(100 * (1 - gain.bars[1].share)) for gain in answer.gains]
     said = f"heading error {lost[0]} % smaller, yaw rate error {lost[1]} % smaller"
     assert answer.improvement == f"On trials that were not fitted: {said}."
-    assert answer.next_run
+    assert answer.next_step.run
 
 
 def test_an_error_that_grew_is_called_larger(lagged: ReportData) -> None:
@@ -85,7 +85,7 @@ def test_a_signal_is_a_dependence_without_a_name(lagged: ReportData) -> None:
 def test_without_a_diagnosis_the_simulation_of_all_trials_speaks(day: ReportData) -> None:
     answer = summarize(day)
     assert answer.headline.startswith("The model explains R² = ")
-    assert "rovid diagnose" in answer.next_run
+    assert "rovid diagnose" in answer.next_step.run
     assert {gain.floor for gain in answer.gains} == {""}
     assert summarize(replace(day, diagnosis_refusal="the logs hold no torque.")).no_cause == "the logs hold no torque."
 

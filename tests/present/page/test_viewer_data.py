@@ -208,7 +208,7 @@ def test_without_simulation_there_is_no_viewer(day: ReportData) -> None:
     page = page_of(replace(day, simulations=()))
     assert "<script" not in page
     assert "script-src 'none'" in page
-    assert 'id="trials"' not in page
+    assert 'id="viewer-root"' not in page
 
 
 def test_panels_that_hang_on_a_guess_say_so(day: ReportData) -> None:
