@@ -16,7 +16,6 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.core.formatting import plus_minus
-from rovid.core.stats import f_sf
 from rovid.faults.base import Detection, FaultKind, RunsData, named
 from rovid.faults.quick_model import LogMoments, QuickModel, fit_quick_model, log_name
 from rovid.trial.fault import Fault
@@ -74,8 +73,7 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
 
 def _is_foreign(log: LogMoments, count: int) -> bool:
     sizes = np.abs(log.deviation) - 2.0 * log.standard_errors
-    probability = count * f_sf(2.0, count + 1.0, 0.5 * log.distance)
-    return probability < _LEVEL and bool(sizes.max() > _MIN_DEVIATION)
+    return count * log.chance < _LEVEL and bool(sizes.max() > _MIN_DEVIATION)
 
 
 def _foreign(log: LogMoments, count: int) -> Detection[RunsData]:
@@ -91,7 +89,7 @@ def _foreign(log: LogMoments, count: int) -> Detection[RunsData]:
         text=text,
         size=factor,
         standard_error=error,
-        confidence=1.0 - min(0.05, count * f_sf(2.0, count + 1.0, 0.5 * log.distance)),
+        confidence=1.0 - min(0.05, count * log.chance),
         remedy="set_aside",
     )
     return Detection(fault=fault, done="It was set aside.", repair=partial(without, log=log.name))

@@ -22,7 +22,7 @@ from rovid.trial.vehicle import Vehicle
 _MIN_SAMPLES = 50
 # Number of passes: in the first ones the time constant settles, in the others the weights.
 _SETTLING, _PASSES = 3, 6
-# Share of the median RMS torque that a log needs: another log says nothing.
+# Share of the median standard deviation of the torque that a log needs: another log says nothing.
 _EXCITED = 0.02
 # Share of the torque's RMS over which the sign of the motion changes.
 _SIGN_WIDTH = 0.05
@@ -31,12 +31,14 @@ _FITTED_BINS = 4
 # Standard deviation of the gain of one thruster: a log in which it pushes more or less than usual may deviate by that.
 _GAIN = 0.2
 # Squared distance from which a log counts less, and not at all: 99.9 % of a chi-square of two, and far beyond.
-_FAR, _FOREIGN = 13.8, 50.0
+_FAR, _FOREIGN = 13.8, 30.0
 # Scatter of the deviations of one vehicle's logs: least, usual with its weight in logs, and the range, relative.
 _LEAST_SCATTER, _USUAL_SCATTER, _USUAL_LOGS = 0.03, 0.06, 3
 _SCATTERS = np.geomspace(_LEAST_SCATTER, 2.0, 40)
-# Weight of a log in a median, over the median weight, at most: one log is no majority.
-_MOST_WEIGHT = 2.0
+# Factors on the scatter of the logs, over which the probability of a deviation is averaged.
+_FACTORS = np.geomspace(0.3, 60.0, 80)
+# Weight of a log in a median, over the median weight, at most: two precise logs of six are no majority.
+_MOST_WEIGHT = 1.0
 # Relative deviation of the centre at least: the parameters stay positive.
 _LEAST_CENTRE = -0.9
 # Median of a chi-square of two degrees of freedom.
@@ -58,7 +60,8 @@ class LogMoments:
     #: ``deviation``, ``standard_errors``: (2,) relative, of inertia and drag, with the least scatter.
     deviation: FloatArray
     standard_errors: FloatArray
-    distance: float = 0.0  #: Squared distance from the other logs with their scatter; F with 2 and n + 1 degrees.
+    distance: float = 0.0  #: Squared distance from the other logs with their scatter.
+    chance: float = 1.0  #: Probability that a log of the same vehicle is as far from the others.
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -120,8 +123,9 @@ def _fitted(runs: tuple[Run, ...], vehicle: Vehicle) -> QuickModel | None:
     for run in runs:
         if int(run.valid.sum()) >= _MIN_SAMPLES:
             parts.setdefault(log_name(run), []).append(run)
+    # A constant torque says nothing on the inertia, and in the regression, which has a trim, nothing on the drag.
     size = {
-        name: float(np.sqrt(np.mean(np.concatenate([run.torque for run in own]) ** 2))) for name, own in parts.items()
+        name: float(np.std(np.concatenate([held_torque(run)[run.valid] for run in own]))) for name, own in parts.items()
     }
     least = _EXCITED * float(np.median(list(size.values()))) if size else 0.0
     parts = {name: own for name, own in parts.items() if size[name] > least}
@@ -219,8 +223,14 @@ def _with_distances(logs: Sequence[LogMoments], values: FloatArray) -> list[LogM
         own = float(_SCATTERS[fits[0]]) if fits.size else float(_SCATTERS[-1])
         count = max(len(logs) - 2, 0)
         scatter = np.sqrt((_USUAL_LOGS * _USUAL_SCATTER**2 + count * own**2) / (_USUAL_LOGS + count))
-        used = np.array([max(float(scatter), own)])
-        found.append(replace(log, distance=float(_distances(log, used, centre, values)[0])))
+        likely = max(float(scatter), own)
+        distance = float(_distances(log, np.array([likely]), centre, values)[0])
+        # The scatter itself is uncertain: a scaled inverse chi-square. Without noise the result is that of F.
+        freedom = _USUAL_LOGS + count
+        x = freedom / _FACTORS**2
+        weights = np.exp(0.5 * freedom * (np.log(x / freedom) + 1.0) - 0.5 * x)
+        chances = np.exp(-0.5 * _distances(log, likely * _FACTORS, centre, values))
+        found.append(replace(log, distance=distance, chance=float(weights @ chances / weights.sum())))
     return found
 
 

@@ -17,7 +17,8 @@ from rovid.trial.fault import Fault
 # A wrap is a step of at least this share of the range, between ends of the range, with the heading for some samples on
 # either side: a spike returns at once.
 _SHARE, _END_SHARE, _STAYS = 0.9, 0.05, 4
-# Least number of wraps, and for periods that no known scale has. Largest share of the samples with a large step.
+# Least number of wraps, and for periods that no known scale has; a sensor that was reset once jumps by less than a turn.
+# Largest share of the samples with a large step.
 _MIN_WRAPS, _MIN_UNUSUAL, _MOST = 2, 4, 0.05
 # Share of the samples at an end of the range, above which the sensor is clipped there. It is clipped, too, where each
 # wrap passes a reading exactly at an end.
@@ -66,7 +67,8 @@ def _detect(data: SignalData) -> Iterator[Detection[SignalData]]:
     ratio = period / data.period
     usual = next((text for scale, text in _SCALES.items() if abs(ratio / scale - 1.0) < _NEAR), "")
     is_turn = abs(ratio - 1.0) < _NEAR or abs(ratio * _DEG - 1.0) < _NEAR or abs(ratio / _DEG - 1.0) < _NEAR
-    if is_turn or len(wraps) < (_MIN_WRAPS if usual else _MIN_UNUSUAL) or np.ptp(periods) > _NEAR * period:
+    fewest = (_MIN_WRAPS if ratio < 1.0 else 1) if usual else _MIN_UNUSUAL
+    if is_turn or len(wraps) < fewest or np.ptp(periods) > _NEAR * period:
         return
     text = (
         f"{data.log}: the {data.name} jumps by {period * _DEG:.4g} deg where it wraps, instead of 360 deg. It is "
