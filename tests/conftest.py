@@ -37,6 +37,8 @@ if "PYTEST_XDIST_WORKER" in os.environ:
 os.environ.setdefault("ROVID_BUDGET", "3600")
 
 # As wide as a pipe is taken to be; the workers that share the tests are told that of a terminal.
+# How long a command takes here is up to the machine.
+os.environ.setdefault("ROVID_PROGRESS", "none")
 os.environ["COLUMNS"] = "160"
 
 ROOT = Path(__file__).parent.parent

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
 import secrets
 import signal
 import subprocess
@@ -77,6 +78,7 @@ class Job:
             "state": self.state,
             "seconds": round(self.seconds, 1),
             "steps": [{"after": round(after, 1), "text": text} for after, text in self.steps],
+            **counted(self.steps[-1][1] if self.steps else ""),
             "error": self.error,
             "warnings": self.result.get("warnings", []),
             "page": self.result.get("page"),
@@ -119,12 +121,22 @@ class Job:
         self.state = "failed"
 
 
+# "Model with no effect: cause 3 of 9, about 5 s …"
+_COUNT = re.compile(r"(?P<step>.*): \S+ (?P<done>\d+) of (?P<total>\d+), about .*")
+
+
 def add_step(steps: list[tuple[float, str]], after: float, text: str) -> None:
     """Add a step that began ``after`` s, or change the text of the last one where that counts on: "cause 3 of 12"."""
-    step, _, count = text.partition(": cause ")
-    if count and steps and steps[-1][1].startswith(f"{step}: "):
+    count = _COUNT.fullmatch(text)
+    if count and steps and steps[-1][1].startswith((f"{count['step']}: ", f"{count['step']} …")):
         after, _ = steps.pop()
     steps.append((after, text))
+
+
+def counted(text: str) -> dict[str, int]:
+    """Number of done items of a step, and of all, where the ``text`` has them."""
+    count = _COUNT.fullmatch(text)
+    return {} if count is None else {"done": int(count["done"]) - 1, "total": int(count["total"])}
 
 
 def _read(stream: IO[str], into: list[str]) -> None:

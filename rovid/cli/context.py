@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import typer
 
 from rovid.cli import completion
-from rovid.cli.progress import progress
+from rovid.cli.progress import SOON, progress
 from rovid.core.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -111,7 +111,8 @@ def open_logs(paths: Sequence[Path], cutoff: float | None, axis: Axis, reading: 
     announce_compilation()
     from rovid.store.study import open_study
 
-    return open_study(paths, cutoff=cutoff, axis=axis, reading=reading)
+    with progress("Reading the logs …", first=SOON) as report:
+        return open_study(paths, cutoff=cutoff, axis=axis, reading=reading, report=report)
 
 
 def prefetch_logs(

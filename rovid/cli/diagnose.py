@@ -79,7 +79,7 @@ def diagnose(
             logs, parameters, axis, cutoff, force=force, with_history=True, require_sound=False, prefetch=prefetch
         )
     study = session.study
-    with progress("Diagnosing …") as report:
+    with progress("Diagnosing …", budget or study.default_budget) as report:
         diagnosis = diagnose_study(session.stored, study, report, force=force, budget=budget)
     diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, *session.notes))
     if diagnosis.extended is not None:
@@ -108,7 +108,7 @@ def _diagnose_planar(
 
     session = open_planar_session(logs, parameters, force=force, require_sound=False)
     study = session.study
-    with progress("Diagnosing …") as report:
+    with progress("Diagnosing …", budget or study.logs.default_budget) as report:
         diagnosis = study.diagnosis(report, force=force, budget=budget)
     diagnosis = replace(diagnosis, warnings=(*diagnosis.warnings, *session.notes))
     if diagnosis.extended is not None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from rovid.cli import completion
 from rovid.cli.context import reserve_outputs, stored_logs, without_stale_values
+from rovid.cli.progress import SOON, progress
 from rovid.core.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -113,7 +114,8 @@ def open_planar_session(
     stored = planar_parameters_at(parameters, force=force)
     paths = logs or planar_logs(stored)
     outputs = reserve_outputs([stored.output, history_output(stored.path)], paths, force=force)
-    study = open_planar_study(paths)
+    with progress("Reading the logs …", first=SOON) as report:
+        study = open_planar_study(paths, report)
     if require_sound and not force:
         study.logs.require_sound()
     stored, notes = without_stale_values(stored, study.logs)

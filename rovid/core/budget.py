@@ -77,13 +77,13 @@ class Budget:
             self.leave_out(what)
         return self._is_over
 
-    def tell(self, words: str, done: int, total: int, since: float) -> None:
+    def tell(self, words: str, done: int, total: int, since: float, item: str = "cause") -> None:
         """Report how far a step is that began at ``since`` by the clock; not more often than once a second."""
         now = self.clock()
         if now - max(since, self._last_message) >= _PROGRESS_INTERVAL:
             self._last_message = now
             left = (now - since) / max(done, 1) * (total - done)
-            self.report(f"{words}: cause {done + 1} of {total}, about {left:.0f} s …")
+            self.report(f"{words}: {item} {done + 1} of {total}, about {left:.0f} s …")
 
     def leave_out(self, what: str) -> None:
         """Note that ``what`` was left out for lack of time."""

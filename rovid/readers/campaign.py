@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Collection, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from rovid.core.array_types import FloatArray
+from rovid.core.budget import Budget, ProgressCallback
 from rovid.core.errors import LogError
 from rovid.core.spmd import ForkedCall
 from rovid.faults.base import CampaignData, examine
@@ -23,10 +22,9 @@ from rovid.trial.cutting import split
 from rovid.trial.fault import Fault
 from rovid.trial.trial import Campaign, Remark, Trial
 
-# Bytes; larger logs get a progress bar and are not prefetched.
+# Bytes; larger logs are not prefetched.
 _LARGE = 20_000_000
 
-Progress = Callable[[Path, int], None]
 # Signature of `read_trials`.
 TrialReader = Callable[[Path, Config, str, list[Remark]], list[Trial]]
 
@@ -34,7 +32,7 @@ TrialReader = Callable[[Path, Config, str, list[Remark]], list[Trial]]
 def read_campaign(
     paths: Sequence[Path],
     config: Config,
-    progress: Progress | None = None,
+    report: ProgressCallback = lambda _: None,
     *,
     reading: TrialReader | None = None,
     without: Collection[Path] = (),
@@ -47,9 +45,8 @@ def read_campaign(
 
     Parameters
     ----------
-    progress
-        Called with each file and its size in bytes after it is read. By default a bar is shown on stderr for large
-        logs if stderr is a terminal.
+    report
+        Called with progress messages.
     reading
         Function that reads a log; `read_trials` by default.
     without
@@ -58,10 +55,11 @@ def read_campaign(
     logs, remarks = find_logs(paths, config, without)
     read = reading or read_trials
     trials = []
-    with _progress_of(logs, progress) as advance:
-        for name, path in logs:
-            trials += read(path, config, name, remarks)
-            advance(path, file_size(path))
+    budget = Budget(report=report)
+    began = budget.clock()
+    for done, (name, path) in enumerate(logs):
+        budget.tell("Reading the logs", done, len(logs), began, "log")
+        trials += read(path, config, name, remarks)
     return campaign_of(trials, config, paths, remarks)
 
 
@@ -129,22 +127,6 @@ def _medians(trials: Sequence[Trial]) -> dict[str, float]:
 
 def _are_large(logs: Sequence[tuple[str, Path]]) -> bool:
     return sum(file_size(path) for _, path in logs) >= _LARGE
-
-
-@contextmanager
-def _progress_of(logs: Sequence[tuple[str, Path]], progress: Progress | None) -> Iterator[Progress]:
-    """Function to call after each file."""
-    if progress is not None:
-        yield progress
-    elif not _are_large(logs) or not sys.stderr.isatty():
-        yield lambda _path, _size: None
-    else:
-        from rich.console import Console
-        from rich.progress import Progress as Bar
-
-        with Bar(console=Console(stderr=True), transient=True) as bar:
-            task = bar.add_task("Reading logs", total=sum(file_size(path) for _, path in logs))
-            yield lambda _path, size: bar.advance(task, size)
 
 
 # --- logs read by a forked child while this process imports the estimators --------------------------------------

@@ -183,8 +183,8 @@ def with_fit(stored: Parameters, fit: PlanarFit, provenance: Provenance) -> Para
     )
 
 
-def open_planar_study(paths: Sequence[Path]) -> PlanarStudy:
-    """Read the logs in ``paths`` for surge, sway and yaw together.
+def open_planar_study(paths: Sequence[Path], report: ProgressCallback = lambda _: None) -> PlanarStudy:
+    """Read the logs in ``paths`` for surge, sway and yaw together; ``report`` is called with progress messages.
 
     Raises
     ------
@@ -192,7 +192,7 @@ def open_planar_study(paths: Sequence[Path]) -> PlanarStudy:
         The logs or rovid.toml cannot be read.
     """
     config = load_planar_config(find_config(paths))
-    campaign = read_campaign(paths, config)
+    campaign = read_campaign(paths, config, report)
     vehicle = config.vehicle.with_logged_torque(campaign.trials)
     if stopping(campaign.faults):
         vehicle = vehicle.clamped()  # Commands of another unit than the curve are outside it.

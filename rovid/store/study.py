@@ -12,7 +12,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from rovid.core.budget import SECONDS_PER_HOUR
+from rovid.core.budget import SECONDS_PER_HOUR, ProgressCallback
 from rovid.core.errors import ConfigError, DataError, LogError, suggestion
 from rovid.core.signatures import PLAN
 from rovid.core.toml import read_toml
@@ -355,6 +355,7 @@ def open_study(
     axis: Axis = YAW,
     reading: TrialReader | None = None,
     without: Collection[Path] = (),
+    report: ProgressCallback = lambda _: None,
 ) -> Study:
     """Read the logs, or tables, in ``paths``.
 
@@ -364,6 +365,8 @@ def open_study(
         Cut-off frequency of the low-pass filter for rates in Hz; None: chosen from the data.
     reading, without
         Reader of single logs, and files to leave out, as in `read_campaign`.
+    report
+        Called with progress messages.
 
     Raises
     ------
@@ -377,7 +380,7 @@ def open_study(
             raise ConfigError(text, where="--axis", mend="Give logs, or leave --axis out.")
         return Study(paths=tuple(paths), vehicle=vehicle_without_thrusters(paths), steady=steady, sine=sine)
     config = load_config(find_config(paths), axis)
-    return study_of(read_campaign(paths, config, reading=reading, without=without), config, cutoff=cutoff)
+    return study_of(read_campaign(paths, config, report, reading=reading, without=without), config, cutoff=cutoff)
 
 
 def study_of(campaign: Campaign, config: Config, *, cutoff: float | None = None) -> Study:

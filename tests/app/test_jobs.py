@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from rovid.app.jobs import Job, JobQueue, add_step
+from rovid.app.jobs import Job, JobQueue, add_step, counted
 from tests.app.conftest import DAY, logs_into
 from tests.conftest import run_rovid
 
@@ -47,7 +47,9 @@ def test_a_job_reports_steps_and_result(folder: Path) -> None:
     work = ended(Job(arguments=("report", "day", "--no-diagnosis", "--no-control", "--no-export"), folder=folder))
     document = work.document()
     assert (document["state"], document["error"]) == ("done", "")
-    assert [step["text"] for step in document["steps"]] == [
+    # On a busy machine the reading is counted.
+    assert [step["text"].partition(":")[0].removesuffix(" …") + " …" for step in document["steps"]] == [
+        "Reading the logs …",
         "Fitting drag and inertia …",
         "Drawing and writing the page …",
     ]
@@ -59,6 +61,8 @@ def test_a_step_that_counts_on_is_one_step() -> None:
     said = ("Model with no effect: score tests …", "Model with no effect: cause 3 of 9, about 5 s …")
     for after, text in enumerate((*said, "Model with no effect: cause 5 of 9, about 3 s …", "Testing for waves …")):
         add_step(steps, float(after), text)
+    assert counted(steps[0][1]) == {"done": 4, "total": 9}
+    assert counted(steps[1][1]) == {}
     assert steps == [(0.0, "Model with no effect: cause 5 of 9, about 3 s …"), (3.0, "Testing for waves …")]
 
 

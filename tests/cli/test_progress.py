@@ -2,19 +2,41 @@
 
 from __future__ import annotations
 
-import pytest
+import io
+import sys
+import time
 
-from rovid.cli.progress import at_intervals, progress
+import pytest
+from rich.console import Console
+
+from rovid.cli.progress import Progress, lines_at_intervals, progress
 from tests.core.test_budget import Clock
 
 
-def test_without_a_terminal_a_line_is_printed_every_ten_seconds() -> None:
-    clock, lines = Clock(), list[str]()
-    show = at_intervals(lines.append, clock=clock)
-    for second in range(35):
-        clock.now = 100.0 + second
-        show(f"after {second} s")
-    assert lines == ["after 10 s", "after 20 s", "after 30 s"]
+def test_the_time_so_far_and_the_time_allowed_are_told() -> None:
+    clock = Clock()
+    shown = Progress("Diagnosing …", 60.0, clock)
+    clock.now += 12.0
+    assert str(shown) == "Diagnosing … (12 of at most 60 s)"
+    screen = Console(file=io.StringIO(), width=80)
+    shown.set("Model [bold]x\x1b[0m …")
+    screen.print(shown)
+    assert isinstance(screen.file, io.StringIO)
+    # Text from files is neither markup nor an escape sequence.
+    assert screen.file.getvalue().strip() == "Model [bold]x\\x1b[0m … (12 of at most 60 s)"
+
+
+def test_without_a_terminal_lines_are_printed_whatever_the_command_does(capsys: pytest.CaptureFixture[str]) -> None:
+    """Also while one step takes long and says nothing."""
+    shown = Progress("Fitting …")
+    with lines_at_intervals(shown, 0.05, 0.1):
+        stop = time.monotonic() + 20.0
+        said: list[str] = []
+        while len(said) < 2:
+            assert time.monotonic() < stop
+            time.sleep(0.01)
+            said += capsys.readouterr().err.splitlines()
+    assert said[:2] == ["Fitting … (0 s)", "Fitting … (0 s)"]
 
 
 def test_a_short_command_prints_nothing_without_a_terminal(
@@ -24,6 +46,38 @@ def test_a_short_command_prints_nothing_without_a_terminal(
     with progress("Fitting …") as report:
         report("Searching …")
     assert capsys.readouterr().err == ""
+
+
+def test_nothing_is_printed_for_a_program_that_asks(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ROVID_PROGRESS", "none")
+    with progress("Fitting …", first=0.01) as report:
+        report("Searching …")
+        time.sleep(0.1)
+    assert capsys.readouterr().err == ""
+
+
+def test_steps_within_a_step_are_shown_in_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A terminal has one line for them."""
+    monkeypatch.delenv("ROVID_PROGRESS", raising=False)
+    terminal = io.StringIO()
+    monkeypatch.setattr(terminal, "isatty", lambda: True)
+    monkeypatch.setattr(sys, "stderr", terminal)
+    with progress("Comparing …"), progress("Reading the logs …") as report:
+        report("Reading the logs: log 2 of 3, about 1 s …")
+        time.sleep(0.3)
+    assert "log 2 of 3" in terminal.getvalue()
+
+
+def test_a_closed_standard_error_does_not_end_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    closed = io.StringIO()
+    closed.close()
+    monkeypatch.setattr(sys, "stderr", closed)
+    monkeypatch.setenv("ROVID_PROGRESS", "lines")
+    with progress("Fitting …") as report:
+        report("Searching …")
+    assert closed.closed
 
 
 def test_each_line_is_printed_for_a_program_that_asks(

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rovid.core import budget
 from rovid.core.errors import LogError
 from rovid.readers import find_logs, read_campaign
 from rovid.trial.config import Config
@@ -124,13 +125,16 @@ def test_files_and_folders_together(tmp_path: Path, config: Config) -> None:
     assert "the same file" in said(found)
 
 
-def test_progress_is_told(tmp_path: Path, config: Config) -> None:
+def test_progress_is_told(tmp_path: Path, config: Config, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(budget, "_PROGRESS_INTERVAL", 0.0)
     (tmp_path / "a.csv").write_text(log(1))
     (tmp_path / "b.csv").write_text(log(2, rate=5.0))
-    seen: list[tuple[str, int]] = []
-    read_campaign([tmp_path], config, progress=lambda path, size: seen.append((path.name, size)))
-    assert [name for name, _ in seen] == ["a.csv", "b.csv"]
-    assert all(size > 1000 for _, size in seen)
+    seen: list[str] = []
+    read_campaign([tmp_path], config, seen.append)
+    assert [words.partition(",")[0] for words in seen] == [
+        "Reading the logs: log 1 of 2",
+        "Reading the logs: log 2 of 2",
+    ]
 
 
 def test_unreadable_folder_entries_are_told(tmp_path: Path, config: Config) -> None:
