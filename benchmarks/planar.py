@@ -40,6 +40,7 @@ SPECS = {
     ("sway_yaw_damping", "lift"): "sway_yaw_damping:lift",
     ("speed_dependent_damping", "linear"): "speed_dependent_damping:planar",
     ("speed_dependent_damping", "quadratic"): "speed_dependent_damping:planar_quadratic",
+    ("cross_flow_drag", "offset"): "cross_flow_drag:off_centre",
     ("bias_torque", "yaw"): "bias_torque:planar",
     ("bias_torque", "sway"): "bias_torque:planar",
     ("bias_torque", "surge"): "bias_torque:planar",

@@ -2,28 +2,46 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from rovid.effects.base import Coupling, Effect, EffectParameter, Numbers, compiled
 
 
 @compiled
-def strip_forces(u: float, v: float, r: float, p: Numbers) -> tuple[float, float, float]:
-    """Strip integrals of c·|v + x·r|·(v + x·r) along the hull, less their values in pure sway and in pure yaw.
-
-    The quadratic drags of sway and yaw contain these values. Source: Fossen 2011, equations 6.91 and 6.92.
-    """
-    half = 0.5 * p[1]
+def _integrals(v: float, r: float, half: float) -> tuple[float, float]:
+    """Integrals of |w|·w and x·|w|·w over x from -``half`` to ``half``, w = v + x·r."""
     bow, stern = v + half * r, v - half * r
     if bow * stern >= 0.0:
         # All strips move to the same side.
         sign = 1.0 if v >= 0.0 else -1.0
-        side = sign * 2.0 * half * (v * v + r * r * half * half / 3.0)
-        turning = sign * v * r * 4.0 * half**3 / 3.0
-    else:
-        cubes = (abs(bow) ** 3 - abs(stern) ** 3) / 3.0
-        side = cubes / r
-        turning = ((abs(bow) * bow**3 - abs(stern) * stern**3) / 4.0 - v * cubes) / (r * r)
-    side = side - 2.0 * half * abs(v) * v
-    turning = turning - 0.5 * half**4 * abs(r) * r
+        return sign * 2.0 * half * (v * v + r * r * half * half / 3.0), sign * v * r * 4.0 * half**3 / 3.0
+    cubes = (abs(bow) ** 3 - abs(stern) ** 3) / 3.0
+    return cubes / r, ((abs(bow) * bow**3 - abs(stern) * stern**3) / 4.0 - v * cubes) / (r * r)
+
+
+@compiled
+def off_centre_forces(u: float, v: float, r: float, p: Numbers) -> tuple[float, float, float]:
+    """Strip integrals of c·|v + x·r|·(v + x·r) along a hull with its middle at ``p[2]`` m ahead of the origin.
+
+    Without the side force in pure sway and the torque in pure yaw, which the quadratic drags of the base model contain.
+    Source: Fossen 2011, equations 6.91 and 6.92.
+    """
+    half, centre = 0.5 * p[1], p[2]
+    side, turning = _integrals(v + centre * r, r, half)
+    turning += centre * side
+    bow, stern = centre + half, centre - half
+    side -= 2.0 * half * abs(v) * v
+    turning -= 0.25 * (abs(bow) * bow**3 - abs(stern) * stern**3) * abs(r) * r
+    return 0.0, -p[0] * side, -p[0] * turning
+
+
+@compiled
+def strip_forces(u: float, v: float, r: float, p: Numbers) -> tuple[float, float, float]:
+    """As `off_centre_forces`, with the origin in the middle of the hull."""
+    half = 0.5 * p[1]
+    side, turning = _integrals(v, r, half)
+    side -= 2.0 * half * abs(v) * v
+    turning -= 0.5 * half**4 * abs(r) * r
     return 0.0, -p[0] * side, -p[0] * turning
 
 
@@ -52,4 +70,26 @@ EFFECT: Effect = Effect(
     acts=Coupling(strip_forces),
 )
 FORMS: tuple[Effect, ...] = ()
-PLANAR_FORMS: tuple[Effect, ...] = (EFFECT,)
+PLANAR_FORMS: tuple[Effect, ...] = (
+    EFFECT,
+    replace(
+        EFFECT,
+        form="off_centre",
+        parameters=(
+            *EFFECT.parameters,
+            EffectParameter(
+                name="centre",
+                unit="m",
+                neutral=0.0,
+                low=-10.0,
+                high=10.0,
+                initial_values=(0.2, -0.2),
+                scale="sway/rate",
+            ),
+        ),
+        equation="Y − c·(∫|w|·w dx − l·|v|·v), N − c·(∫x·|w|·w dx − |r|·r·∫|x|³ dx), w = v + x·r, "
+        "x from a − l/2 to a + l/2",
+        fingerprint="as of the plain form, and a torque in a pure drift",
+        acts=Coupling(off_centre_forces),
+    ),
+)

@@ -18,17 +18,18 @@ _COUPLED = {"sway_yaw_damping", "sway_yaw_damping:lift", "speed_dependent_dampin
 _TERMS = {
     "speed_dependent_damping:planar_quadratic": "(0.0, -{sway!r} * u * u * v, -{yaw!r} * u * u * r)",
     "bias_torque:planar": "({surge!r}, {sway!r}, {yaw!r})",
+    "cross_flow_drag": "self.strips({coefficient!r}, {length!r}, 0.0, v, r)",
+    "cross_flow_drag:off_centre": "self.strips({coefficient!r}, {length!r}, {centre!r}, v, r)",
 }
-_STRIPS = "self.strips({coefficient!r}, {length!r}, v, r)"
 _NUMBERS = """        self.M = np.array({mass!r})  # kg, kg m, kg m^2
         self.Minv = np.linalg.inv(self.M)
         self.DL = np.array({linear!r})  # linear damping
         self.DA = np.array({absolute!r})  # damping nu_j*|nu_k|
         self.V_c = {speed!r}  # m/s, speed of the current
         self.beta_c = {direction!r}  # rad, towards this direction from north"""
-_METHODS = """    def strips(self, c, length, v, r):
+_METHODS = """    def strips(self, c, length, centre, v, r):
         # Strip integrals of c*|v + x*r|*(v + x*r), less their values in pure sway and in pure yaw.
-        x = np.linspace(-0.5, 0.5, 401) * length
+        x = centre + np.linspace(-0.5, 0.5, 401) * length
         w = v + x * r
         weight = np.full(len(x), length / 400.0)
         weight[[0, -1]] *= 0.5
@@ -60,8 +61,7 @@ def export(subject: PlanarInput) -> PlanarExportResult:
     columns = [one.name for one in subject.vehicle.thrusters]
     linear, absolute, _ = subject.damping
     lag = thruster_lag(subject.thrusters)
-    texts = _TERMS | {"cross_flow_drag": _STRIPS}
-    terms = [texts[key].format(**values) for key, values in subject.effects.items() if key in texts]
+    terms = [_TERMS[key].format(**values) for key, values in subject.effects.items() if key in _TERMS]
     north, east = subject.model.current
     content = vehicle_module(
         subject.vehicle,
@@ -98,7 +98,7 @@ def export(subject: PlanarInput) -> PlanarExportResult:
             eta[5] += 0.5 * STEP * (before + nu[5])
         return np.array(rows[:: round(PERIOD / STEP)])
 
-    kept = {key for key in subject.effects if key in _COUPLED or key in texts or key in {lag.key, "current"}}
+    kept = {key for key in subject.effects if key in _COUPLED or key in _TERMS or key in {lag.key, "current"}}
     return PlanarExportResult(
         content=content,
         equation=own_equation(subject, STEP),

@@ -260,9 +260,10 @@ class PlanarCoordinates:
                     excess = 0.5 * (total - math.copysign(most, total))
                     x[at] -= excess / self.units[at]
                     x[at + 1] -= excess / self.units[at + 1]
-            if effect.key == "cross_flow_drag":
-                length = max(values[at + 1], 1e-9)
-                most = min(values[8] / length, 32.0 * values[9] / length**4)
+            if effect.id == "cross_flow_drag":
+                length, centre = max(values[at + 1], 1e-9), values[at + 2] if effect.form else 0.0
+                bow, stern = centre + 0.5 * length, centre - 0.5 * length
+                most = min(values[8] / length, 4.0 * values[9] / (abs(bow) * bow**3 - abs(stern) * stern**3))
                 x[at] = min(x[at], most / self.units[at])
             at += len(effect.parameters)
         return x

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from rovid.effects.bias_torque import planar_forces
-from rovid.effects.cross_flow_drag import strip_forces
+from rovid.effects.cross_flow_drag import off_centre_forces, strip_forces
 from rovid.effects.speed_dependent_damping import coupled_forces, coupled_quadratic_forces
 from rovid.effects.sway_yaw_damping import lift_forces, linear_forces
 from rovid.jit.decorators import compiled
@@ -23,6 +23,7 @@ from rovid.planar.model import (
 _LINEAR = COUPLING_INDEX["sway_yaw_damping"]
 _LIFT = COUPLING_INDEX["sway_yaw_damping:lift"]
 _STRIPS = COUPLING_INDEX["cross_flow_drag"]
+_OFF_CENTRE = COUPLING_INDEX["cross_flow_drag:off_centre"]
 _SPEED = COUPLING_INDEX["speed_dependent_damping:planar"]
 _SPEED_SQUARED = COUPLING_INDEX["speed_dependent_damping:planar_quadratic"]
 _BIAS = COUPLING_INDEX["bias_torque:planar"]
@@ -53,6 +54,9 @@ def coupling_forces(c: Any, held: Any, u: float, v: float, r: float) -> tuple[fl
         x, y, n = x + fx, y + fy, n + fn
     if c[_STRIPS] != 0.0:
         fx, fy, fn = strip_forces(u, v, r, c[_STRIPS : _STRIPS + 2])
+        x, y, n = x + fx, y + fy, n + fn
+    if c[_OFF_CENTRE] != 0.0:
+        fx, fy, fn = off_centre_forces(u, v, r, c[_OFF_CENTRE : _OFF_CENTRE + 3])
         x, y, n = x + fx, y + fy, n + fn
     if c[_SPEED] != 0.0 or c[_SPEED + 1] != 0.0:
         fx, fy, fn = coupled_forces(u, v, r, c[_SPEED : _SPEED + 2])

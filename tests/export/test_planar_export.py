@@ -38,6 +38,7 @@ SIZES: Mapping[str, tuple[float, ...]] = {
     "speed_dependent_damping:planar": (10.0, 20.0),
     "speed_dependent_damping:planar_quadratic": (10.0, 20.0),
     "cross_flow_drag": (30.0, 1.5),
+    "cross_flow_drag:off_centre": (30.0, 1.5, 0.3),
     "current": (0.15, 0.7),
     "bias_torque:planar": (1.0, -0.5, 0.3),
     "thruster_lag": (0.4,),

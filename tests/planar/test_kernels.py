@@ -21,6 +21,7 @@ VALUES = {
     "sway_yaw_damping": (3.0, 2.0),
     "sway_yaw_damping:lift": (-4.0, 5.0),
     "cross_flow_drag": (30.0, 1.2),
+    "cross_flow_drag:off_centre": (30.0, 1.2, 0.3),
     "speed_dependent_damping:planar": (3.0, 10.0),
     "speed_dependent_damping:planar_quadratic": (3.0, 10.0),
     "bias_torque:planar": (1.0, -2.0, 0.3),
