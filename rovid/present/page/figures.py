@@ -220,11 +220,10 @@ def _inertia(report: ReportData) -> Iterator[FigureDraft]:
     fit = report.inertia
     if fit is None:
         return
-    readings = []
-    for name, reading in fit.methods.items():
-        readings.append(f"{method_title(name)} {plus_minus(reading.value, reading.standard_error)}")
+    methods = fit.methods.items()
+    readings = [f"{method_title(name)} {plus_minus(one.value, one.standard_error)}" for name, one in methods]
     entry = report.parameters.entries.get("inertia")
-    model = None if entry is None else (entry.value, entry.standard_error)
+    model = entry and (entry.value, entry.standard_error)
     yield FigureDraft(
         "inertia",
         identification.plot_inertia_methods(fit, report.vehicle.rigid_body_inertia, model),
@@ -316,8 +315,7 @@ def _rivals(report: ReportData) -> Iterator[tuple[str, FigureDraft]]:
         others = "; ".join(f"{effect_title(other.effect, axis)} {other.bic_gain:.0f}" for other in shown)
         gain = f"Log-likelihood gained by {effect_title(effect, axis)}: {finding.bic_gain:.0f}"
         caption = "Log-likelihood gain of each cause in its place, after the parameter penalty."
-        name = f"rivals_{_file_name(effect.key)}"
-        figure = results.plot_alternatives(finding)
+        name, figure = f"rivals_{_file_name(effect.key)}", results.plot_alternatives(finding)
         yield effect.key, FigureDraft(name, figure, caption=caption, alt=f"{gain}; in its place {others}.")
 
 
