@@ -336,8 +336,7 @@ def input_files(paths: Sequence[Path]) -> list[Path]:
 
 def config_files(paths: Sequence[Path]) -> list[Path]:
     """The rovid.toml of ``paths`` and its thrust curves, as far as they exist."""
-    files: list[Path] = []
-    # Errors in rovid.toml are reported when the file is loaded.
+    files: list[Path] = []  # Errors in rovid.toml are reported when the file is loaded.
     with contextlib.suppress(ConfigError):
         config = find_config(paths)
         files.append(config)
@@ -365,8 +364,6 @@ def open_study(
         Cut-off frequency of the low-pass filter for rates in Hz; None: chosen from the data.
     reading, without
         Reader of single logs, and files to leave out, as in `read_campaign`.
-    report
-        Called with progress messages.
 
     Raises
     ------

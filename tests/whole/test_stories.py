@@ -133,8 +133,8 @@ def test_nothing_is_handed_on_that_hangs_on_a_guess(placeholder: Played, monkeyp
         assert "yaw_arm of fore and aft" in refused.err
         assert refused.err.count("\n") == 1
     page = text_of(placeholder.page)
-    assert "There is no controller: parameters.toml depends on values guessed by rovid init" in page
-    assert "Nothing can be exported: parameters.toml depends on values guessed by rovid init" in page
+    assert "A controller. parameters.toml depends on values guessed by rovid init" in page
+    assert "Exports. parameters.toml depends on values guessed by rovid init" in page
     assert not Path("rovid.json").exists()
     forced = run_rovid("export", "json", "-o", "forced.json", "--force")
     assert forced.code == 0, forced.err

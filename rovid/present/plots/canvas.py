@@ -160,10 +160,10 @@ def render_png(figure: Figure, of: str = "report") -> bytes:
 
 @report_style
 def render_svg(figure: Figure) -> bytes:
-    """The figure as SVG, text as outlines, without date: the same data give the same bytes."""
+    """The figure as SVG, text as text, without date: the same data give the same bytes."""
     buffer = io.BytesIO()
     canvas: Any = FigureCanvasSVG(figure)  # its methods carry no annotations
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), style.context({"svg.fonttype": "none"}):
         _accept_any_name(figure)
         canvas.print_svg(buffer, metadata={"Date": None, "Creator": plot_mark("report")})
     return buffer.getvalue()

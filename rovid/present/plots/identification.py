@@ -204,7 +204,7 @@ def plot_inertia_methods(fit: InertiaFit, rigid_body: float | None, model: tuple
     ends = [end for interval in intervals if interval is not None for end in interval]
     crowded = len(names) >= 2 and bool(ends) and max(ends) - min(ends) < _CROWDED * max(ends)
     rows = [(0.5 * len(names) + 0.3, 2 if crowded else 1)]
-    figure, ((whole, *more),) = panel_grid(rows, left=1.75, across=0.4, top=0.4)
+    figure, ((whole, *more),) = panel_grid(rows, left=1.75, across=0.4, top=0.62)
     _plot_methods(whole, fit, names)
     whole.set_yticks(range(len(names)), [_method_label(fit, name) for name in names])
     whole.set_xlim(left=0.0)
@@ -217,7 +217,7 @@ def plot_inertia_methods(fit: InertiaFit, rigid_body: float | None, model: tuple
             panel.axvspan(value - reach, value + reach, color=GREEN, alpha=0.25, label="the model, 95 %")
             panel.axvline(value, color=GREEN, linewidth=1.0)
     if whole.get_legend_handles_labels()[0]:
-        whole.legend(loc="lower left", bbox_to_anchor=(0.3, 1.0), borderaxespad=0.1, ncols=2)
+        figure.legend(*whole.get_legend_handles_labels(), loc="upper right", borderaxespad=0.1, ncols=2)
     for enlarged in more:
         _plot_methods(enlarged, fit, unbiased)
         enlarged.set_yticks(range(len(names)), [""] * len(names))

@@ -48,7 +48,8 @@ _MEANS, _FEWEST = 16, 10
 _SHOWN_PERCENTILES = (0.2, 99.8)
 # Trials with at least this share of the time are named, by so many characters at most.
 _NAMED_SHARE, _NAME_LENGTH = 0.018, 18
-_TRIAL_NAME: dict[str, Any] = {"rotation": 90, "fontsize": 6.5, "color": GREY, "va": "top", "ha": "left"}
+_TRIAL_NAME: dict[str, Any] = {"rotation": 90, "fontsize": 6.5, "color": GREY, "va": "top", "ha": "left", "zorder": 5}
+_TRIAL_NAME |= {"bbox": {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.6}}
 _MISSING_WIDTH, _MISSING_HEIGHT = 6.4, 2.3  # in
 _LOOKS = (("plain model", ORANGE, "--", "s"), ("extended model", BLUE, "-", "o"))
 

@@ -101,7 +101,11 @@ def test_the_worst_trial_is_shown_before_and_after(lagged: ReportData) -> None:
     assert before.fit.rmse == max(item.fit.rmse for item in lagged.simulations_without)
     assert after.fit.rmse < 0.5 * before.fit.rmse
     figure = plot_before_after(before, after, width=5.0, rows=(1.5, 1.0))
-    assert [label.get_text() for label in figure.legends[0].get_texts()] == ["measured", "without", "with"]
+    assert [label.get_text() for label in figure.legends[0].get_texts()] == [
+        "measured",
+        "plain model",
+        "extended model",
+    ]
     rate, heading = figure.axes
     assert rate.get_title(loc="left") == "yaw rate, rad/s"
     assert heading.get_title(loc="left") == "heading error, deg"
