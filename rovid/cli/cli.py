@@ -30,6 +30,7 @@ COMMANDS = (
     "diagnose",
     "compare",
     "fit_thruster",
+    "fit_thrust_scale",
     "simulate",
     "plan",
     "watch",

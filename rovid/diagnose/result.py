@@ -161,10 +161,11 @@ def unidentifiable_parameters(vehicle: Vehicle) -> tuple[str, ...]:
     # Tables state their torque without a thruster. Logs without a thruster are of a self-righting axis.
     if not vehicle.thrusters and vehicle.axis.self_righting:
         return ("inertia", "rate_scale")
+    scales = NEVER_IDENTIFIABLE[1:] if vehicle.thrust_scale_error else NEVER_IDENTIFIABLE
     thrusters = [thruster for thruster in vehicle.thrusters if thruster.curve is not None]
     if len(thrusters) > 1:
-        return NEVER_IDENTIFIABLE
-    return (*NEVER_IDENTIFIABLE, "thruster_imbalance")
+        return scales
+    return (*scales, "thruster_imbalance")
 
 
 def discriminating_experiment(finding: Finding) -> dict[str, Any] | None:

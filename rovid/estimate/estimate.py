@@ -134,6 +134,15 @@ class Estimate:
         )
         return replace(self, thrust_scale_uncertainty=uncertainty, warnings=(*self.warnings, warning))
 
+    def with_assumptions(self, assumptions: Assumptions, scale_error: float = 0.0) -> Self:
+        """The estimate with the vehicle's guesses, marked in its warnings, and a relative error of its thrust scale."""
+        return replace(
+            self,
+            assumptions=assumptions,
+            warnings=tuple(map(assumptions.mark_sentence, self.warnings)),
+            thrust_scale_uncertainty=math.hypot(self.thrust_scale_uncertainty, scale_error),
+        )
+
     def normalised_by_inertia(self) -> Self:
         """The estimate for logs without actuators: the inertia was taken to be 1 and is refused."""
         warnings = (*self.warnings, f"{UNDRIVEN[:1].upper()}{UNDRIVEN[1:]}.")

@@ -65,9 +65,8 @@ class PlanarStudy:
         """
         self._require_possible(effects)
         fit = fit_planar(self.data, effects)
-        assumptions = self.vehicle.assumptions
-        warnings = tuple(map(assumptions.mark_sentence, fit.estimate.warnings))
-        return replace(fit, estimate=replace(fit.estimate, assumptions=assumptions, warnings=warnings))
+        vehicle = self.vehicle
+        return replace(fit, estimate=fit.estimate.with_assumptions(vehicle.assumptions, vehicle.relative_scale_error))
 
     def _require_possible(self, effects: Sequence[Effect]) -> None:
         known = {form.key for form in (*PLANAR_FORMS, *planar_candidates(self.data))}

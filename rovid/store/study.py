@@ -85,8 +85,7 @@ class Study:
         }
         sources += [read_source(name, path, 0) for path, name in companions.items()]
         tables = filter(None, dict.fromkeys((self.steady, self.sine)))
-        sources += [read_source(table.name, table, len(read_table(table).rows)) for table in tables]
-        return tuple(sources)
+        return (*sources, *(read_source(table.name, table, len(read_table(table).rows)) for table in tables))
 
     def remarks(self) -> list[str]:
         """Remarks on the logs, including everything that was dropped, without the ``faults``."""
@@ -202,10 +201,8 @@ class Study:
             raise _refused(fault)
 
     def _with_assumptions(self, estimate: Estimate) -> Estimate:
-        """``estimate`` with the vehicle's guesses, which its warnings then mention."""
-        assumptions = self.vehicle.assumptions
-        warnings = tuple(map(assumptions.mark_sentence, estimate.warnings))
-        return replace(estimate, assumptions=assumptions, warnings=warnings)
+        """``estimate`` with the vehicle's guesses, and with the error of its thrust scale."""
+        return estimate.with_assumptions(self.vehicle.assumptions, self.vehicle.relative_scale_error)
 
     def _marked(self, result: _Result) -> _Result:
         """``result`` with the vehicle's guesses in its estimate."""

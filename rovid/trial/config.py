@@ -33,8 +33,8 @@ from rovid.trial.tables import bench_curve
 from rovid.trial.vehicle import Thruster, Vehicle
 
 FILE_NAME = "rovid.toml"
-_VEHICLE_NUMBERS = ("mass", "length", "width", "height", "rigid_body_inertia")
-_VEHICLE_KEYS = ("name", *_VEHICLE_NUMBERS)
+_NUMBERS = ("mass", "length", "width", "height", "rigid_body_inertia", "thrust_scale", "thrust_scale_error")
+_VEHICLE_KEYS = ("name", *_NUMBERS)
 _ARMS = tuple(axis.arm_key for axis in AXES.values())
 # Suffix of the key that marks a value as a guess of `rovid init`: yaw_arm_guessed.
 _GUESSED = "_guessed"
@@ -256,9 +256,9 @@ class _Parser:
 
     def vehicle(self, table: Mapping[str, Any], thrusters: tuple[Thruster, ...]) -> Vehicle:
         self.require_known(table, _VEHICLE_KEYS, "[vehicle]")
-        given = [key for key in _VEHICLE_NUMBERS if key in table]
-        numbers = {key: self.number(table[key], f"[vehicle] {key}", positive=True) for key in given}
+        numbers = {key: self.number(table[key], f"[vehicle] {key}", positive=True) for key in _NUMBERS if key in table}
         name = self.name(table.get("name", "vehicle"), "[vehicle] name")
+        thrusters = tuple(one.scaled(numbers.get("thrust_scale", 1.0)) for one in thrusters)
         return Vehicle(name=name, thrusters=thrusters, axis=self.axis, planar=self.planar, **numbers)
 
     def signal(self, name: str, value: Any, place: str, *, like: str = "") -> Signal:

@@ -81,4 +81,6 @@ def config_fingerprint(vehicle: Vehicle, signals: Mapping[str, str], further: Ma
             drive[f"surge of {thruster.name}"] = f"{thruster.surge_share:.12g}"
         if vehicle.planar:
             drive[f"sway of {thruster.name}"] = f"{thruster.sway_share:.12g}"
+    if vehicle.thrust_scale_error:
+        drive["thrust_scale_error"] = f"{vehicle.thrust_scale_error:.12g}"
     return ConfigFingerprint(drive=drive, signals=signals, further=further, guessed=vehicle.assumptions.items)

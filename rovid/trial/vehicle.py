@@ -156,6 +156,12 @@ class Thruster:
             return self.max_logged_torque
         return float(np.max(np.abs(self.curve.thrust)))
 
+    def scaled(self, factor: float) -> Self:
+        """The thruster with ``factor`` times the thrust of its curve."""
+        if self.curve is None or factor == 1.0:
+            return self
+        return replace(self, curve=ThrustCurve(command=self.curve.command, thrust=factor * self.curve.thrust))
+
     def torque(self, command: FloatArray) -> FloatArray:
         """(n,) N m for (n,) commands."""
         return self.arm * (command if self.curve is None else self.curve(command))
@@ -184,6 +190,9 @@ class Vehicle:
     #: kg m^2 about the axis, or kg along it; None where unknown. A given value is that of yaw; otherwise the inertia of
     #: a uniform box of the vehicle's mass and size.
     rigid_body_inertia: float | None = None
+    #: True thrust over that of the curves as given, which ``thrusters`` contain, and its standard error; 0 if unknown.
+    thrust_scale: float = 1.0
+    thrust_scale_error: float = 0.0
     axis: Axis = YAW  #: The degree of freedom.
     #: Whether surge, sway and yaw are coupled: ``thrusters`` are all that act on any of the three. ``axis`` is yaw.
     planar: bool = False
@@ -191,6 +200,11 @@ class Vehicle:
     def __post_init__(self) -> None:
         if self.axis is not YAW or self.rigid_body_inertia is None:
             object.__setattr__(self, "rigid_body_inertia", self._inertia_of_box())
+
+    @property
+    def relative_scale_error(self) -> float:
+        """Standard error of the thrust scale over the scale; 0 where unknown."""
+        return self.thrust_scale_error / self.thrust_scale
 
     @property
     def surge_shares(self) -> FloatArray:

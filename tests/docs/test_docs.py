@@ -314,7 +314,7 @@ def test_the_page_on_files_has_every_schema_and_every_key_of_the_configuration()
 
     text = (DOCS / "files.md").read_text(encoding="utf-8")
     sources = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "rovid").rglob("*.py"))
-    schemas = set(re.findall(r"\brovid-[a-z]+/1\b", sources))
+    schemas = set(re.findall(r"\brovid-[a-z-]+/1\b", sources))
     assert len(schemas) > 8
     keys = {*config._VEHICLE_KEYS, *config._THRUSTER_KEYS, "unit", "sign"}  # noqa: SLF001 - the keys are private
     keys |= {*signal_names.SIGNAL_UNITS}

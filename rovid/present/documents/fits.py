@@ -15,6 +15,7 @@ from rovid.estimate.maximum_likelihood import LikelihoodFit
 from rovid.estimate.steady_drag import DragFit
 from rovid.estimate.steady_points import SteadyPoint
 from rovid.estimate.thrust_curve import ThrustCurveFit
+from rovid.estimate.thrust_scale import ThrustScale
 from rovid.model.parameter_names import effect_ids
 from rovid.model.simulation import HORIZONS
 from rovid.signals.preprocessing import PreparedRuns
@@ -95,7 +96,7 @@ def _fit_document(estimate: Estimate, study: Study) -> Document:
         "log_likelihood": None,
         "samples": estimate.samples,
         "method": estimate.method,
-        "not_identifiable": ["thrust_scale", *estimate.refused],
+        "not_identifiable": [*["thrust_scale"] * (not study.vehicle.thrust_scale_error), *estimate.refused],
         **axis_document(estimate.axis),
         "filter": None if study.runs is None else _filter_document(study.runs),
         **guess_document(guess),
@@ -223,6 +224,19 @@ def _decay_document(fit: LikelihoodFit, study: Study, runs: PreparedRuns) -> Doc
         "damping_terms": {name: asdict(quantity) for name, quantity in decay.terms.items()},
         "over_inertia": {name: asdict(quantity) for name, quantity in decay.over_inertia.items()},
         "swings": list(map(asdict, decay.swings)),
+    }
+
+
+def thrust_scale_document(scale: ThrustScale, given: float) -> Document:
+    """The document of `rovid fit-thrust-scale --json`; ``given`` is the scale that rovid.toml has already."""
+    value = value_document(given * scale.value, "1", given * scale.standard_error)
+    return {
+        "schema": "rovid-thrust-scale/1",
+        "thrust_scale": value | {"interval_95": [given * edge for edge in scale.interval()]},
+        "scatter": scale.scatter,
+        "reference_error": scale.reference_error,
+        "readings": scale.readings,
+        "method": scale.method,
     }
 
 

@@ -103,6 +103,8 @@ def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> 
         detectable_table(diagnosis, vehicle).print(console, guess)
     unidentifiable = [UNIDENTIFIABLE[name] for name in unidentifiable_parameters(vehicle)]
     print_text(console, f"cannot be found from {axis.name} data: {'; '.join(unidentifiable)}")
+    if "thrust_scale" in unidentifiable_parameters(vehicle) and vehicle.thrusters:
+        print_text(console, "A pull, a lift or a step of inertia shows the factor on all thrust: fit-thrust-scale")
     print_labelled(console, "Next:", str(next_step(diagnosis)))
 
 

@@ -18,6 +18,7 @@ from rovid.estimate.inertia import InertiaFit
 from rovid.estimate.maximum_likelihood import LikelihoodFit
 from rovid.estimate.steady_drag import DragFit
 from rovid.estimate.thrust_curve import ThrustCurveFit
+from rovid.estimate.thrust_scale import ThrustScale
 from rovid.export.run_export import VerifiedExport
 from rovid.preflight.config_writer import assumptions_in, log_count_text
 from rovid.preflight.log_survey import LogSurvey
@@ -178,6 +179,18 @@ def show_bench(console: Console, fit: ThrustCurveFit, output: Path) -> None:
         f"{largest} N at most",
     )
     print_text(console, f"written to {output}")
+
+
+def show_thrust_scale(console: Console, scale: ThrustScale, given: float) -> None:
+    """Print the scale of all thrust, and the lines for rovid.toml."""
+    low, high = (format_number(given * edge) for edge in scale.interval())
+    value, error = given * scale.value, given * scale.standard_error
+    text = f"{plus_minus(value, error)}, 95 % interval {low} to {high}; {scale.method}"
+    print_labelled(console, "Scale of all thrust:", text)
+    print_text(console, f"The error includes {100.0 * scale.reference_error:.2g} % for the reference.")
+    print_labelled(console, "Next:", "enter in [vehicle] of rovid.toml, and fit again:")
+    print_path(console, f"  thrust_scale = {value:.6g}")
+    print_path(console, f"  thrust_scale_error = {error:.3g}")
 
 
 def show_plan(console: Console, plan: ExperimentPlan, written: Sequence[Path]) -> None:

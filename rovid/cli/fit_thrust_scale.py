@@ -1,0 +1,112 @@
+"""``rovid fit-thrust-scale``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from rovid.cli.context import console, existing_parameters, print_json
+from rovid.cli.help_format import Page
+from rovid.cli.options import Json, argument, option
+from rovid.core.errors import ConfigError, suggestion
+
+if TYPE_CHECKING:
+    from rovid.estimate.thrust_scale import ThrustScale
+    from rovid.trial.vehicle import Vehicle
+
+PAGE = Page(
+    text="""
+    Estimates the common scale of all thrust: the true thrust over that of the curves in rovid.toml. Heading data alone
+    never determine the scale, and inertia, drag and every torque are proportional to it. One of three tests does:
+
+    A bollard pull. TESTS is a CSV file with one row for each reading: the commands, in columns with the names that
+    rovid.toml gives them or with the thrusters' names, and force_N, by a spring balance, or torque_Nm.
+
+    A lift or hover. The same with weight_N, the known weight in water that the thrust holds.
+
+    A step of inertia. --before and --after are parameter files of fits without and with a body of the inertia --added,
+    that of the water around it included.
+
+    Each reading is the mean of a steady time. The command prints the two lines for [vehicle] in rovid.toml. Every later
+    fit, diagnosis and report then uses the scaled curves, and all standard errors include that of the scale. Writes
+    nothing.
+    """,
+    examples=(
+        ("Pulls of a balance that is right within 1 %", "rovid fit-thrust-scale pulls.csv --reference-error 1"),
+        ("A step of 120 kg m^2", "rovid fit-thrust-scale --before bare.toml --after loaded.toml --added 120"),
+    ),
+    see=("rovid fit-thruster", "rovid fit", "rovid help fit"),
+)
+
+
+def fit_thrust_scale(
+    tests: Annotated[
+        Path | None, argument("TESTS", "A CSV file of pulls or lifts, below the folder of the rovid.toml.")
+    ] = None,
+    *,
+    before: Annotated[Path | None, option("FILE", "Parameter file without the added inertia.")] = None,
+    after: Annotated[Path | None, option("FILE", "Parameter file with the added inertia.")] = None,
+    added: Annotated[float | None, option("INERTIA", "The added inertia in kg m^2, or mass in kg.", min=1e-9)] = None,
+    reference_error: Annotated[
+        float, option("PERCENT", "Standard error of the balance, weight or added inertia.", min=0.0, max=50.0)
+    ] = 1.0,
+    json: Json = False,
+) -> None:
+    """Estimate the common scale of all thrust from a pull, a lift or a step of inertia."""
+    from rovid.estimate.thrust_scale import scale_from_step
+    from rovid.present.documents.fits import thrust_scale_document
+    from rovid.present.terminal.results import show_thrust_scale
+
+    given = 1.0
+    if tests is not None and before is None and after is None and added is None:
+        scale, given = _of_tests(tests, reference_error / 100.0)
+    elif tests is None and before is not None and after is not None and added is not None:
+        (first, one), (second, two) = ((path, existing_parameters(path)) for path in (before, after))
+        pairs = []
+        for path, stored in ((first, one), (second, two)):
+            if "inertia" not in stored.entries:
+                raise ConfigError("holds no inertia.", where=path, mend="Run `rovid fit` with -p for this file.")
+            pairs.append((stored.entries["inertia"].value, stored.entries["inertia"].standard_error))
+        scale = scale_from_step(pairs[0], pairs[1], added, reference_error / 100.0)
+    else:
+        text = "TESTS, or --before, --after and --added together, were expected."
+        raise ConfigError(text, where="rovid fit-thrust-scale", mend="See `rovid fit-thrust-scale --help`.")
+    if json:
+        print_json(thrust_scale_document(scale, given))
+    else:
+        show_thrust_scale(console(), scale, given)
+
+
+def _of_tests(path: Path, reference_error: float) -> tuple[ThrustScale, float]:
+    """The scale by a table of pulls or lifts, and the scale that rovid.toml has already."""
+    import numpy as np
+
+    from rovid.estimate.thrust_scale import scale_from_lifts, scale_from_pulls
+    from rovid.trial.config import find_config, load_config
+    from rovid.trial.tables import read_table
+
+    config, table = load_config(find_config([path])), read_table(path)
+    vehicle: Vehicle = config.vehicle
+    columns = {
+        thruster: [name for name in (signal.sources.get("csv", ""), thruster.name) if name in table.header][:1]
+        for thruster, signal in zip(vehicle.thrusters, config.commands, strict=True)
+        if thruster.curve is not None
+    }
+    measured = [name for name in ("force_N", "weight_N", "torque_Nm") if name in table.header]
+    if len(measured) != 1 or not any(columns.values()):
+        wanted = [signal.sources.get("csv", signal.name) for signal in config.commands]
+        text = f"has the columns {', '.join(table.header)}; one of force_N, weight_N and torque_Nm, and commands "
+        text += f"({', '.join(wanted)}) were expected."
+        raise ConfigError(text, where=path, mend=suggestion(measured[0] if measured else "force_N", table.header))
+    thrust = np.zeros(len(table.rows))
+    for thruster, (name, *_) in ((one, found) for one, found in columns.items() if found):
+        command, curve = table.numbers(name), thruster.curve
+        if curve is None:  # Left out above.
+            continue
+        if curve.excess(command):
+            low, high = curve.command[[0, -1]]
+            text = f"{name} leaves the curve of {thruster.name}, which ends at {low:g} and {high:g}."
+            raise ConfigError(text, where=path, mend="Delete these rows, or extend the curve.")
+        thrust += (thruster.arm if measured[0] == "torque_Nm" else 1.0) * curve(command)
+    fit = scale_from_lifts if measured[0] == "weight_N" else scale_from_pulls
+    return fit(thrust, table.numbers(measured[0]), reference_error), vehicle.thrust_scale
