@@ -65,7 +65,8 @@ def judge_stability(equation: BodyEquation, envelope: FloatArray) -> Stability:
     """The verdict for (3,) largest speeds ``envelope`` in m/s and rad/s."""
     starts = envelope_starts(envelope)
     speeds = (float(envelope[0]), float(envelope[1]), float(envelope[2]))
-    rest = None if _grows_at_rest(equation) else _time_to_rest(equation, starts)
+    fastest = _fastest(equation, starts)
+    rest = None if _grows_at_rest(equation) else _time_to_rest(equation, starts, fastest)
     if rest is None:
         text = (
             "The model itself does not come to rest from every speed in the logs: its drag is too small along one "
@@ -76,7 +77,7 @@ def judge_stability(equation: BodyEquation, envelope: FloatArray) -> Stability:
         )
 
     def is_stable(step: float) -> bool:
-        return all(_is_stable(equation, starts, share * step, rest) for share in _SHARES)
+        return all(_is_stable(equation, starts, share * step, rest, fastest) for share in _SHARES)
 
     stable = is_stable(equation.step)
     largest = _largest_step(is_stable, equation.step, stable, rest)
@@ -136,12 +137,12 @@ def _fastest(equation: BodyEquation, starts: FloatArray) -> float:
     return max(*rates, 1e-9)
 
 
-def _time_to_rest(equation: BodyEquation, starts: FloatArray) -> float | None:
+def _time_to_rest(equation: BodyEquation, starts: FloatArray, fastest: float) -> float | None:
     """Time in s in which the exact equation comes to rest from all ``starts``; None if never."""
     exact = replace(
         equation, mass=equation.total_mass, lagged=np.zeros((3, 3)), scheme=Scheme.RUNGE_KUTTA, filter_weight=1.0
     )
-    step = 1.0 / (_FINE * _fastest(equation, starts))
+    step = 1.0 / (_FINE * fastest)
     count = int(_FINE)
     while count <= _FINE * _LONGEST:
         ends, last = exact.decay(starts, step, count).T
@@ -151,12 +152,12 @@ def _time_to_rest(equation: BodyEquation, starts: FloatArray) -> float | None:
     return None
 
 
-def _is_stable(equation: BodyEquation, starts: FloatArray, step: float, rest: float) -> bool:
+def _is_stable(equation: BodyEquation, starts: FloatArray, step: float, rest: float, fastest: float) -> bool:
     if _spectral_radius(equation, step) > 1.0 + _ROUNDING:
         return False
     if not np.any(equation.lagged):
         # A much smaller step follows the exact equation as closely as this one.
-        step = max(step, _RESOLVED / _fastest(equation, starts))
+        step = max(step, _RESOLVED / fastest)
     count = max(math.ceil(_PATIENCE * rest / step), _LEAST_STEPS)
     if count > _MOST_STEPS:
         step, count = _PATIENCE * rest / _MOST_STEPS, _MOST_STEPS
