@@ -8,6 +8,7 @@ rovid's.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -16,9 +17,9 @@ from rovid.core.escaping import xml_attribute
 from rovid.core.signatures import export_mark
 from rovid.export.interface import ExportInput, ExportResult
 from rovid.export.resimulation import first_order_lag, integrate_rate, repeat_held
-from rovid.export.thruster_curves import curve_effect_keys, number_list, thruster_curves
+from rovid.export.thruster_curves import ThrusterCurve, curve_effect_keys, number_list, thruster_curves
 
-_STEP = 0.002  # s, MuJoCo's default
+STEP = 0.002  # s, MuJoCo's default
 # Effects that an actuator or the joint represents.
 _KEPT = {"thruster_lag", "command_delay", "drag_curvature", "bias_torque", "tether_torsion"}
 
@@ -33,36 +34,23 @@ def export(subject: ExportInput) -> ExportResult:
     if lag > 0.0:
         dynamics += f' dyntype="filterexact" dynprm="{lag:.10g}"'
     if delay > 0.0:
-        dynamics += f' delay="{delay:.10g}" nsample="{math.ceil(delay / _STEP) + 2}" interp="zoh"'
-    actuators, tables = [], []
-    for curve in curves:
-        name = curve.identifier
-        actuators.append(f'    <general name="{name}" joint="yaw" gear="{-curve.arm:.10g}"{dynamics}/>')
-        tables.append(f'    <numeric name="{name}_command" data="{number_list(curve.command)}"/>')
-        tables.append(f'    <numeric name="{name}_thrust" data="{number_list(curve.thrust)}"/>')
+        dynamics += f' delay="{delay:.10g}" nsample="{math.ceil(delay / STEP) + 2}" interp="zoh"'
+    actuators = [
+        f'    <general name="{curve.identifier}" joint="yaw" gear="{-curve.arm:.10g}"{dynamics}/>' for curve in curves
+    ]
     if bias:
         actuators.append(
             f'    <general name="bias_torque" joint="yaw" gainprm="0" biastype="affine" biasprm="{bias:.10g} 0 0"/>'
         )
     damping = number_list(np.array([model.linear_drag, model.quadratic_drag, cubic]))
     spring = f' stiffness="{stiffness:.10g}"' if stiffness else ""
-    content = f"""<mujoco model={xml_attribute(subject.vehicle.name)}>
-  <!-- {export_mark("mujoco")}. Yaw identified by rovid; z up, a yaw rate is minus the heading's. -->
-  <option timestep="{_STEP:g}" gravity="0 0 0" integrator="implicitfast"/>
-  <custom>
-{chr(10).join(tables)}
-  </custom>
-  <worldbody>
-    <body name="base_link">
-      <joint name="yaw" type="hinge" axis="0 0 1" damping="{damping}"{spring}/>
-      <inertial pos="0 0 0" mass="{subject.mass:.10g}" diaginertia="{number_list(np.full(3, model.inertia))}"/>
-    </body>
-  </worldbody>
-  <actuator>
-{chr(10).join(actuators)}
-  </actuator>
-</mujoco>
-"""
+    inertia = number_list(np.full(3, model.inertia))
+    body = (
+        f'      <joint name="yaw" type="hinge" axis="0 0 1" damping="{damping}"{spring}/>',
+        f'      <inertial pos="0 0 0" mass="{subject.mass:.10g}" diaginertia="{inertia}"/>',
+    )
+    title = "Yaw identified by rovid; z up, a yaw rate is minus the heading's"
+    content = mjcf(subject.vehicle.name, title, curves, body, actuators)
 
     def advance(rate: float, angle: float, torque: float) -> float:
         size = abs(rate)
@@ -70,16 +58,16 @@ def export(subject: ExportInput) -> ExportResult:
         total = torque + bias - drag
         slope = model.linear_drag + (2.0 * model.quadratic_drag + 3.0 * cubic * size) * size
         # implicitfast: one Newton step of the velocity-dependent forces.
-        return rate + _STEP * (total - stiffness * angle) / (model.inertia + _STEP * slope)
+        return rate + STEP * (total - stiffness * angle) / (model.inertia + STEP * slope)
 
     def simulate(commands: FloatArray) -> FloatArray:
-        wait = round(delay / _STEP)
-        torque = np.zeros(len(repeat_held(commands, _STEP)))
+        wait = round(delay / STEP)
+        torque = np.zeros(len(repeat_held(commands, STEP)))
         for curve, command in zip(curves, commands.T, strict=True):
-            thrust = repeat_held(curve(command), _STEP)
+            thrust = repeat_held(curve(command), STEP)
             late = np.concatenate([np.full(wait, thrust[0]), thrust])[: len(thrust)]
-            torque -= curve.arm * first_order_lag(late, lag, _STEP)
-        return -integrate_rate(torque, advance, _STEP)
+            torque -= curve.arm * first_order_lag(late, lag, STEP)
+        return -integrate_rate(torque, advance, STEP)
 
     return ExportResult(
         content=content,
@@ -92,3 +80,30 @@ def export(subject: ExportInput) -> ExportResult:
             "The whole inertia is the body's; its other axes, and the mass where not known, are stand-ins.",
         ),
     )
+
+
+def mjcf(
+    vehicle: str, title: str, curves: Sequence[ThrusterCurve], body: Sequence[str], actuators: Sequence[str]
+) -> str:
+    """A model of one body with the thrust curves as tables; ``body`` and ``actuators`` are lines of XML."""
+    tables = [
+        f'    <numeric name="{curve.identifier}_{kind}" data="{number_list(values)}"/>'
+        for curve in curves
+        for kind, values in (("command", curve.command), ("thrust", curve.thrust))
+    ]
+    return f"""<mujoco model={xml_attribute(vehicle)}>
+  <!-- {export_mark("mujoco")}. {title}. -->
+  <option timestep="{STEP:g}" gravity="0 0 0" integrator="implicitfast"/>
+  <custom>
+{chr(10).join(tables)}
+  </custom>
+  <worldbody>
+    <body name="base_link">
+{chr(10).join(body)}
+    </body>
+  </worldbody>
+  <actuator>
+{chr(10).join(actuators)}
+  </actuator>
+</mujoco>
+"""

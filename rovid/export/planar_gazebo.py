@@ -86,9 +86,7 @@ def export_gz_sim(subject: PlanarInput) -> PlanarExportResult:
 def export_vrx(subject: PlanarInput) -> PlanarExportResult:
     """A model in SDF for VRX on gz-sim."""
     base = subject.model.base
-    linear, absolute = np.diag(base[4:7]), np.zeros((3, 3, 3))
-    for axis in range(3):
-        absolute[axis, axis, axis] = base[7 + axis]
+    linear, absolute = subject.own_damping
     largest = np.max(base[4:7] * subject.envelope + base[7:10] * subject.envelope**2)
     effort = max(EFFORT, EFFORT_FACTOR * float(largest))
     names = (("xU", 4), ("xUU", 7), ("yV", 5), ("yVV", 8), ("nR", 6), ("nRR", 9))
@@ -163,13 +161,12 @@ def export_uuv(subject: PlanarInput) -> PlanarExportResult:
     mass, izz = float(min(inertia[0, 0], inertia[1, 1])), float(inertia[2, 2])
     body = np.diag([mass, mass, izz])
     added = inertia - body
+    linear, absolute = subject.own_damping
     every_linear, _, kept = subject.damping
     kept &= {"sway_yaw_damping"}
+    if kept:
+        linear = every_linear
     base = subject.model.base
-    linear = every_linear if kept else np.diag(base[4:7])
-    absolute = np.zeros((3, 3, 3))
-    for axis in range(3):
-        absolute[axis, axis, axis] = base[7 + axis]
     north, east = subject.model.current
     kept |= {key for key in subject.effects if key == "current"}
     lag = thruster_lag(subject.thrusters)

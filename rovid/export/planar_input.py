@@ -157,12 +157,18 @@ class PlanarInput:
         known = self.vehicle.rigid_body_inertia
         return largest if known is None or known > largest else known
 
-    @cached_property
-    def damping(self) -> tuple[FloatArray, FloatArray, frozenset[str]]:
-        """(3, 3) linear and (3, 3, 3) absolute damping, and the keys of the effects in them; see `BodyEquation`."""
-        linear, absolute = np.diag(self.model.base[4:7]), np.zeros((3, 3, 3))
+    @property
+    def own_damping(self) -> tuple[FloatArray, FloatArray]:
+        """(3, 3) linear and (3, 3, 3) absolute damping of each axis by its own velocity; see `BodyEquation`."""
+        absolute = np.zeros((3, 3, 3))
         for axis in range(3):
             absolute[axis, axis, axis] = self.model.base[7 + axis]
+        return np.diag(self.model.base[4:7]), absolute
+
+    @cached_property
+    def damping(self) -> tuple[FloatArray, FloatArray, frozenset[str]]:
+        """Linear and absolute damping with that of effects, and the keys of these effects."""
+        linear, absolute = self.own_damping
         kept = set()
         for key, values in self.effects.items():
             if key == "sway_yaw_damping":

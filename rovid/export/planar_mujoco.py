@@ -11,14 +11,12 @@ import math
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.core.escaping import xml_attribute
-from rovid.core.signatures import export_mark
 from rovid.export.body_equation import BodyEquation, Scheme
+from rovid.export.mujoco import STEP, mjcf
 from rovid.export.planar_input import PlanarInput
 from rovid.export.planar_result import PlanarExportResult, simulation
 from rovid.export.thruster_curves import THRUST_LAG, ThrusterLag, number_list
 
-_STEP = 0.002  # s, MuJoCo's default
 _SPEEDS = 200  # number of speeds in the fit of the drag
 
 
@@ -38,17 +36,15 @@ def export(subject: PlanarInput) -> PlanarExportResult:
         ahead, izz = 0.0, float(base[2])
     inertia = np.array([[mass, 0.0, 0.0], [0.0, mass, mass * ahead], [0.0, mass * ahead, izz + mass * ahead**2]])
     equation = BodyEquation(
-        mass=inertia, linear=linear, absolute=absolute, constant=bias, step=_STEP, scheme=Scheme.WORLD_IMPLICIT
+        mass=inertia, linear=linear, absolute=absolute, constant=bias, step=STEP, scheme=Scheme.WORLD_IMPLICIT
     )
     dynamics = f' dyntype="filterexact" dynprm="{lag_time:.10g}"' if lag_time else ""
-    sites, actuators, tables = [], [], []
+    sites, actuators = [], []
     for unit in subject.units:
         name = unit.curve.identifier
         turn = f"{math.cos(unit.direction):.10g} {-math.sin(unit.direction):.10g} 0 0 0 0"
         sites.append(f'      <site name="{name}_site" pos="{unit.x:.10g} {-unit.y:.10g} 0"/>')
         actuators.append(f'    <general name="{name}" site="{name}_site" gear="{turn}"{dynamics}/>')
-        tables.append(f'    <numeric name="{name}_command" data="{number_list(unit.curve.command)}"/>')
-        tables.append(f'    <numeric name="{name}_thrust" data="{number_list(unit.curve.thrust)}"/>')
     signs = (1.0, -1.0, -1.0)
     gears = ("1 0 0 0 0 0", "0 1 0 0 0 0", "0 0 0 0 0 1")
     for name, gear, drag, push, sign in zip(("surge", "sway", "yaw"), gears, (*drags, 0.0), bias, signs, strict=True):
@@ -58,27 +54,16 @@ def export(subject: PlanarInput) -> PlanarExportResult:
             actuators.append(
                 f'    <general name="{name}_drag" site="origin" gear="{gear}" {fixed} biasprm="{numbers}"/>'
             )
-    content = f"""<mujoco model={xml_attribute(subject.vehicle.name)}>
-  <!-- {export_mark("mujoco")}. Surge, sway and yaw identified by rovid; z up: sway and yaw are minus rovid's. -->
-  <option timestep="{_STEP:g}" gravity="0 0 0" integrator="implicitfast"/>
-  <custom>
-{chr(10).join(tables)}
-  </custom>
-  <worldbody>
-    <body name="base_link">
-      <joint name="x" type="slide" axis="1 0 0"/>
-      <joint name="y" type="slide" axis="0 1 0"/>
-      <joint name="yaw" type="hinge" axis="0 0 1" damping="{number_list(base[[6, 9]])}"/>
-      <inertial pos="{ahead:.10g} 0 0" mass="{mass:.10g}" diaginertia="{number_list(np.full(3, izz))}"/>
-      <site name="origin"/>
-{chr(10).join(sites)}
-    </body>
-  </worldbody>
-  <actuator>
-{chr(10).join(actuators)}
-  </actuator>
-</mujoco>
-"""
+    body = (
+        '      <joint name="x" type="slide" axis="1 0 0"/>',
+        '      <joint name="y" type="slide" axis="0 1 0"/>',
+        f'      <joint name="yaw" type="hinge" axis="0 0 1" damping="{number_list(base[[6, 9]])}"/>',
+        f'      <inertial pos="{ahead:.10g} 0 0" mass="{mass:.10g}" diaginertia="{number_list(np.full(3, izz))}"/>',
+        '      <site name="origin"/>',
+        *sites,
+    )
+    title = "Surge, sway and yaw identified by rovid; z up: sway and yaw are minus rovid's"
+    content = mjcf(subject.vehicle.name, title, [unit.curve for unit in subject.units], body, actuators)
     losses = []
     if abs(base[0] - base[1]) > 1e-3 * mass:
         why = f"a body has one mass: the mean, {mass:.4g} kg, stands for {base[0]:.4g} ahead and {base[1]:.4g} sideways"
