@@ -17,7 +17,7 @@ from rovid.trial.fault import Fault
 # A wrap is a step of at least this share of the range, between ends of the range, with the heading for some samples on
 # either side: a spike returns at once.
 _SHARE, _END_SHARE, _STAYS = 0.9, 0.05, 4
-# Least number of wraps, and for periods that no known scale has; a sensor that was reset once jumps by less than a turn.
+# Least number of wraps, and for periods that no known scale has; a sensor that resets once jumps by less than a turn.
 # Largest share of the samples with a large step.
 _MIN_WRAPS, _MIN_UNUSUAL, _MOST = 2, 4, 0.05
 # Share of the samples at an end of the range, above which the sensor is clipped there. It is clipped, too, where each
