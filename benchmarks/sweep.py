@@ -29,7 +29,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from benchmarks.wide_page import marked_section
+from benchmarks.wide_page import EVIDENT_NAMED, EVIDENT_WRONG, FALSE, marked_section
 from rovid.effects.base import REFERENCE_RATE
 from tools.cases import Case, all_cases, groups, truth_of
 from tools.channels import EXTRA
@@ -449,7 +449,7 @@ A "weak" cause is a few times the detection limit given by the disturbance, a "s
 def score_card(results: Sequence[Result]) -> str:
     """How often right, how often a wrong name: in this sweep, and on the pages on hard water and on real logs."""
     head = ["test", "of", "right", "wrong", "neither"]
-    rows = [*in_short(results), *in_hard_water(), *of_real_logs()]
+    rows = [*in_short(results), *in_wide_campaigns(), *in_hard_water(), *of_real_logs()]
     return f"""\
 # Hit rates and errors of the diagnosis
 
@@ -476,6 +476,21 @@ def in_short(results: Sequence[Result]) -> Iterator[list[str]]:
         good, bad = (sum(counts[each] for each in names) for names in (right, wrong))
         if whole:
             yield [label, str(whole), *(share(each, whole) for each in (good, bad, whole - good - bad))]
+
+
+def in_wide_campaigns() -> Iterator[list[str]]:
+    """As the section on wide campaigns has it; nothing without that section."""
+    text = marked_section(DOCS / "confusion.md")
+    named, wrong, false = (
+        re.search(f"{re.escape(words)}: (\\d+) of (\\d+)", text) for words in (EVIDENT_NAMED, EVIDENT_WRONG, FALSE)
+    )
+    if named and wrong:
+        good, bad, whole = int(named[1]), int(wrong[1]), int(named[2])
+        rest = whole - good - bad
+        yield ["wide campaigns, simulated: evident causes", str(whole), *(share(n, whole) for n in (good, bad, rest))]
+    if false:
+        bad, whole = int(false[1]), int(false[2])
+        yield ["no hidden cause: no false cause", str(whole), share(whole - bad, whole), share(bad, whole), "0"]
 
 
 def in_hard_water() -> Iterator[list[str]]:

@@ -14,6 +14,10 @@ from tools.wide.causes import ALL, FORMS
 Record = dict[str, Any]
 BEGIN, END = "<!-- wide: begin -->", "<!-- wide: end -->"
 EVIDENCE = 20.0  # nats, from which a cause counts as detectable
+# Words in front of the shares that benchmarks/sweep.py repeats.
+EVIDENT_NAMED = "evident causes, exact or of a class that is said"
+EVIDENT_WRONG = "evident causes, a wrong name or an extra one"
+FALSE = "nothing hidden, a false cause"
 _GOOD = frozenset({"exact", "class", "clean"})
 
 
@@ -124,7 +128,7 @@ def section(records: Sequence[Record], revision: str = "") -> str:
     seconds = [r["said"]["diagnose"]["seconds"] for r in records] or [0.0]
     clearly = [r for r in visible if r["truth"]["evidence"] >= EVIDENCE]
     rows = [_counts("visible causes", visible, OUTCOMES)] if visible else []
-    rows += [_counts("visible, with evidence", clearly, OUTCOMES)] if clearly else []
+    rows += [_counts("evident causes", clearly, OUTCOMES)] if clearly else []
     for size in ("3 to 10 %", "10 to 30 %", "30 % or more"):
         some = [r for r in visible if _size(r) == size]
         rows += [_counts(f"changes the rate by {size}", some, OUTCOMES)] if some else []
@@ -141,13 +145,13 @@ def section(records: Sequence[Record], revision: str = "") -> str:
     )  # fmt: skip
     failures = _failures(records)
     absent = sorted(set(FORMS) - {r["truth"]["effect"] for r in visible})
-    shares = [_share("visible, exact or of a class that is said", visible, "exact", "class")] if visible else []
+    shares = [_share("visible causes, exact or of a class that is said", visible, "exact", "class")] if visible else []
     if clearly:
         shares += [
-            _share("visible, with evidence, exact or of a class that is said", clearly, "exact", "class"),
-            _share("visible, with evidence, a wrong name or an extra one", clearly, "wrong", "extra"),
+            _share(EVIDENT_NAMED, clearly, "exact", "class"),
+            _share(EVIDENT_WRONG, clearly, "wrong", "extra"),
         ]
-    shares += [_share("nothing hidden, a false cause", nothing, "false")] if nothing else []
+    shares += [_share(FALSE, nothing, "false")] if nothing else []
     of_revision = f" with revision {revision}" if revision else ""
     introduction = (
         f"{len(records)} campaigns{of_revision}, seed {seeds}, drawn by `python -m benchmarks.wide`: "
@@ -159,7 +163,8 @@ def section(records: Sequence[Record], revision: str = "") -> str:
         "one to five laws. A cause is *visible* if it changes the yaw rate by 3 % or more (root mean square, same "
         "commands, same disturbance). *Evidence* is the average gain in log-likelihood of the true cause over the "
         "plain model with fitted inertia and drags, computed from the true disturbance and noise. A cause with less "
-        f"than {EVIDENCE:.0f} nats is lost in them. The simulator shares no code with rovid. Its laws and sizes "
+        f"than {EVIDENCE:.0f} nats is lost in them, and one with more is *evident*. "
+        "The simulator shares no code with rovid. Its laws and sizes "
         "do not follow the bounds and thresholds of the diagnosis. A diagnosis took "
         f"{statistics.median(seconds):.0f} s at the median and {max(seconds):.0f} s at "
         "most, on a machine with other work."

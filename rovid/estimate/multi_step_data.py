@@ -174,7 +174,8 @@ def _true_trajectory(gridded: GriddedRun, model: Model) -> Trajectory:
     true, slopes = model.heading_sensor.to_true(trial.position)
     correction = resample(trial, true - trial.position, rates.time)[:: gridded.stride]
     slope = np.interp(gridded.time, trial.time, slopes)
-    return Trajectory.of(gridded.time, gridded.angle + correction, gridded.trajectory.rate / slope, slope)
+    rate = gridded.trajectory.rate if rates.from_gyro else gridded.trajectory.rate / slope
+    return Trajectory.of(gridded.time, gridded.angle + correction, rate, slope)
 
 
 def _term_states(

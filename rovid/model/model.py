@@ -127,7 +127,7 @@ class Model:
         Returns
         -------
         rate, position
-            (n,) body rate, and position as the sensor would measure it, at the instants of ``trial``. The position
+            (n,) body rate and position as the sensors would measure them, at the instants of ``trial``. The position
             starts at the first measured one. In yaw with logged roll and pitch, the heading rate is
             psidot = (r + thetadot sin(phi)) / (cos(phi) cos(theta)) (Fossen 2011, eq. 2.28).
         """
@@ -138,8 +138,9 @@ class Model:
         if not self.heading_sensor.deviates:
             return rate, trial.position[first] + angle - angle[first]
         true, _ = self.heading_sensor.to_true(trial.position)
-        heading, rate = self.heading_sensor.to_measured(true[first] + angle - angle[first], rate)
-        return rate, heading
+        heading, heading_rate = self.heading_sensor.to_measured(true[first] + angle - angle[first], rate)
+        # A gyro measures the rate of the body; only a rate from the heading has the deviation of the heading.
+        return (heading_rate if trial.rate is None else rate), heading
 
     def simulate_rates(self, trials: Sequence[Trial], torque_input: TorqueInput) -> list[FloatArray]:
         """(n,) rate of each trial as by `simulate`, without the position; ``torque_input`` is that of all trials."""

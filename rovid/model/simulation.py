@@ -101,7 +101,7 @@ def _position_errors(run: Run, model: Model, torque_input: TorqueInput) -> dict[
     angle, gain = (resample(trial, values, rates.time) for values in (body, gain))
     at_grid = np.searchsorted(trial.time, rates.time + 1e-9, side="right") - 1
     torque, effect_inputs = torque_input.torque[at_grid], torque_input.effect_inputs[at_grid]
-    rate, turned = rates.rate / gain, angle - angle[np.isfinite(angle)][0]
+    rate, turned = rates.rate if rates.from_gyro else rates.rate / gain, angle - angle[np.isfinite(angle)][0]
     # The filter gives no rate at the ends of a trial. The water moves there already.
     full_rate = np.where(np.isfinite(rate), rate, np.gradient(turned, rates.kernel.period))
     equation = model.equation_for(trial)

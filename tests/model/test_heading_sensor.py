@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from rovid.effects import effect_named
+from rovid.estimate.filter_data import InnovationData
+from rovid.estimate.multi_step_data import MultiStepData, prediction_errors
 from rovid.model.bound_effects import BoundEffect
 from rovid.model.heading_sensor import HeadingSensor
+from rovid.model.simulation import simulate_runs
+from rovid.model.torque_input import TorqueInput
+from rovid.signals.rates import compute_rates
+from tests import synthetic
 from tests.synthetic import clock
 
 OFF = HeadingSensor((BoundEffect(effect_named("heading_deviation"), np.array([0.08, 0.5])),))
@@ -48,3 +56,23 @@ def test_a_sensor_without_deviation_changes_nothing() -> None:
     assert np.array_equal(PLAIN.to_measured(heading, rate), (heading, rate))
     assert np.array_equal(PLAIN.to_true(heading), (heading, np.ones(50)))
     assert not PLAIN.deviation(heading).any()
+
+
+@pytest.mark.parametrize("gyro", [False, True])
+def test_a_gyro_has_no_deviation(*, gyro: bool) -> None:
+    """The true model predicts both a logged rate and the derivative of a deviating heading."""
+    deviation = effect_named("heading_deviation:two_cycles")
+    model = replace(synthetic.ROSUB, effects=(deviation,), effect_values=(0.1, 0.5))
+    time = clock(120.0)
+    torque = 400.0 * np.sign(np.sin(2.0 * np.pi * time / 40.0))
+    true = synthetic.run(time, torque)
+    rate, angle = synthetic.ROSUB.simulate(true.trial, TorqueInput.held(torque))
+    heading, _ = model.heading_sensor.to_measured(angle, rate)
+    trial = synthetic.trial(time, torque, heading, rate=rate if gyro else None)
+    run = replace(true, trial=trial, rates=compute_rates(trial, cutoff=1.0))
+    (simulated,) = simulate_runs([run], model, synthetic.LOGGED)
+    assert simulated.fit.r2 > 0.9999
+    data = InnovationData([run], synthetic.LOGGED, synthetic.ROSUB)
+    errors = prediction_errors(MultiStepData.from_data(data, synthetic.ROSUB), model)
+    # Rounding by the filter and by the grid; the deviation is 0.1 rad.
+    assert np.sqrt(np.mean(errors**2)) < 0.003
