@@ -297,7 +297,7 @@ def test_dark_and_narrow_and_print(tab: Tab) -> None:
         tab.until("document.querySelector('#viewer-panels canvas').clientWidth <= 400")
         assert tab.ask("document.documentElement.scrollWidth") <= 400
         tab.call("Emulation.setEmulatedMedia", media="print")
-        assert tab.ask("getComputedStyle(document.getElementById('trials')).display") == "none"
+        assert tab.ask("getComputedStyle(document.getElementById('viewer-root')).display") == "none"
     finally:
         tab.call("Emulation.setEmulatedMedia", media="", features=[])
         tab.call("Emulation.clearDeviceMetricsOverride")
@@ -457,6 +457,8 @@ def test_the_answer_and_the_numbers_print_on_one_sheet(browser: Tab, lagged_fold
     # Without all that follows the model there is one sheet, and it is all that is lost.
     alone = tmp_path / "alone.html"
     text = page.read_text(encoding="utf-8")
-    alone.write_text(text.replace("</style>", "#model ~ * { display: none !important; }</style>", 1), encoding="utf-8")
+    alone.write_text(
+        text.replace("</style>", "#trials, #model ~ * { display: none !important; }</style>", 1), encoding="utf-8"
+    )
     assert pages(printed(browser, alone)) == 1
     assert whole > 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import re
 import tomllib
 from pathlib import Path
@@ -63,8 +64,8 @@ def check_diagnosis(document: Document, terminal: str, page: str, stored: Docume
     errors = [rounded_errors([rate[key] for key in ("base", "extended", "noise_floor")])]
     for horizon in (10, 60):
         heading = gain[f"heading_error_{horizon}s"]
-        degrees = [value if value is None else value * 57.29577951 for value in map(heading.get, rate)]
-        errors.append(rounded_errors([degrees[0], degrees[1], degrees[3]]))
+        radians = [heading[key] for key in ("base", "extended", "noise_floor")]
+        errors.append(rounded_errors([value and math.degrees(value) for value in radians]))
     for row in errors:
         assert " ".join(row) in terminal
         assert " ".join(row) in page
