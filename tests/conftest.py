@@ -11,7 +11,6 @@ import shutil
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,7 @@ import pytest
 from jsonschema import Draft202012Validator
 from jsonschema.exceptions import best_match
 
-from rovid.cli import cli, progress
+from rovid.cli import cli
 from rovid.core.errors import RovidError
 from rovid.diagnose.result import Diagnosis
 from rovid.store import study as study_room
@@ -38,9 +37,10 @@ if "PYTEST_XDIST_WORKER" in os.environ:
 # No result depends on how busy the machine is.
 os.environ.setdefault("ROVID_BUDGET", "3600")
 
-# As wide as a pipe is taken to be; the workers that share the tests are told that of a terminal.
 # How long a command takes here is up to the machine.
 os.environ.setdefault("ROVID_PROGRESS", "none")
+
+# As wide as a pipe is taken to be; the workers that share the tests are told that of a terminal.
 os.environ["COLUMNS"] = "160"
 
 ROOT = Path(__file__).parent.parent
@@ -141,8 +141,6 @@ def _opened_once() -> Iterator[None]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(study_room, "open_study", once)
-        # A busy machine is no reason for lines of progress on standard error.
-        patch.setattr(progress, "at_intervals", partial(progress.at_intervals, seconds=3600.0))
         yield
 
 

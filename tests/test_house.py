@@ -6,6 +6,7 @@ import ast
 import subprocess
 import sys
 from collections import defaultdict
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -44,6 +45,11 @@ HEAVY = ("numpy", "pandas", "scipy", "numba", "matplotlib", "mcap", "rich.table"
 MODULES = sorted(ROOT.rglob("*.py"))
 
 
+@cache
+def parsed(path: Path) -> ast.Module:
+    return ast.parse(path.read_text())
+
+
 def named(path: Path) -> str:
     return path.relative_to(ROOT).as_posix()
 
@@ -54,7 +60,7 @@ def room(path: Path) -> str:
 
 def imported_rooms(path: Path) -> set[str]:
     found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(parsed(path)):
         names = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
         names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
         found |= {name.split(".")[1] for name in names if name.startswith("rovid.")}
@@ -80,7 +86,7 @@ def test_help_imports_nothing_heavy() -> None:
 def test_no_class_name_has_two_owners() -> None:
     owners = defaultdict(list)
     for path in MODULES:
-        for node in ast.walk(ast.parse(path.read_text())):
+        for node in ast.walk(parsed(path)):
             if isinstance(node, ast.ClassDef):
                 owners[node.name].append(named(path))
     shared = {name: paths for name, paths in owners.items() if len(paths) > 1}
@@ -107,7 +113,7 @@ def test_modules_import_each_other_in_no_circle() -> None:
         own = ".".join(("rovid", *path.relative_to(ROOT).with_suffix("").parts)).removesuffix(".__init__")
         imported = set()
         # What a function imports when it is called closes no circle.
-        for node in ast.parse(path.read_text()).body:
+        for node in parsed(path).body:
             if isinstance(node, ast.ImportFrom) and node.module:
                 targets = {f"{node.module}.{alias.name}" for alias in node.names}
                 imported |= targets if targets <= names else targets | {node.module}
@@ -134,7 +140,7 @@ def test_every_test_asserts() -> None:
     functions = [
         (path, node)
         for path in sorted(TESTS.rglob("*.py"))
-        for node in ast.walk(ast.parse(path.read_text()))
+        for node in ast.walk(parsed(path))
         if isinstance(node, ast.FunctionDef)
     ]
     helpers: set[str] = set()
