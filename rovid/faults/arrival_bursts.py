@@ -25,7 +25,7 @@ _WITHIN = 0.2
 _REGULAR = 0.3
 # Interval of a pack, in usual intervals, from which on readings were lost before it.
 _LOST = 1.5
-# Share of the stamps that are whole multiples of the unit if the clock was rounded.
+# Share of the stamps that are whole multiples of the tick of a coarse clock.
 _WHOLE = 0.9
 # Share of the changes of a command at the first readings of packs: above it the command is sent several times.
 _SENT_AGAIN = 0.5
@@ -71,11 +71,12 @@ def _last_of_packs(time: FloatArray) -> IntArray:
 
 
 def _rounded(time: FloatArray, lasts: IntArray) -> bool:
-    """Whether packs share one stamp, a whole multiple of 1 s, 0.1 s, 0.01 s ...: the clock was rounded."""
-    steps = np.diff(time[lasts])
-    unit = min(1.0, 10.0 ** np.rint(np.log10(np.median(steps))))
-    is_shared = np.median(np.diff(time)) == 0.0 and np.isclose(np.median(steps), unit, rtol=1e-6)
-    return bool(is_shared and np.mean(np.isclose(steps / unit, np.rint(steps / unit), atol=1e-6)) > _WHOLE)
+    """Whether packs share one stamp, a whole multiple of one tick: the clock is coarse, and packs have no arrival."""
+    stamps = time[lasts]
+    tick = float(np.median(np.diff(stamps)))
+    if np.median(np.diff(time)) != 0.0 or not tick > 0.0:
+        return False
+    return bool(np.mean(np.isclose(stamps / tick, np.rint(stamps / tick), rtol=0.0, atol=1e-5)) > _WHOLE)
 
 
 def _sent_again(data: ClockData, lasts: IntArray) -> bool:

@@ -79,18 +79,18 @@ def _late_motion(logs: Sequence[str], found: ResponseDelay) -> Fault:
 
 
 def _is_offset(offset: float, found: ResponseDelay, runs: Sequence[Run]) -> bool:
-    least = max(_MIN_OFFSET / runs[0].rates.kernel.cutoff, _INTERVALS * _interval(runs), _SIGNIFICANT * found.error)
+    least = max(_MIN_OFFSET / runs[0].rates.kernel.cutoff, _least_offset(runs), _SIGNIFICANT * found.error)
     return offset > least and found.improvement > _EXPLAINED
 
 
-def _interval(runs: Sequence[Run]) -> float:
-    """s, sampling interval of the motion; in joined logs of the commands, if that is longer."""
+def _least_offset(runs: Sequence[Run]) -> float:
+    """s: intervals of the motion; in joined logs an interval of the commands, by which a change may be earlier."""
     interval = float(max(run.trial.sampling_interval for run in runs))
     if not all(run.trial.companion_files for run in runs):
-        return interval
+        return _INTERVALS * interval
     changes = [run.trial.time[1:][(np.diff(run.trial.commands, axis=0) != 0.0).any(axis=1)] for run in runs]
     steps = [float(np.percentile(np.diff(change), 5.0)) for change in changes if len(change) > 2]
-    return max(interval, min(steps, default=interval))
+    return max(_INTERVALS * interval, interval + min(steps, default=interval))
 
 
 FAULT = FaultKind(

@@ -18,7 +18,7 @@ from rovid.trial.fault import Fault
 
 # Multiples of the rest that is kept, share of the log and share of all logs from which rest is long: shorter rest next
 # to a test is usual and useful. After the coast-downs of 30 undamaged campaigns it took up to 23 s. Convention.
-_LONG_RESTS, _SHARE, _SHARE_OF_ALL = 5.0, 0.25, 0.04
+_LONG_RESTS, _SHARE, _SHARE_OF_ALL = 2.5, 0.25, 0.04
 
 
 def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
@@ -78,6 +78,6 @@ FAULT = FaultKind(
     title="Rest or handling at an end of a log",
     stage="runs",
     detect=_detect,
-    false_alarms="rest beyond 15 time constants, 50 periods of the cut-off, a quarter of the log and 4 % of all logs "
+    false_alarms="rest beyond 7.5 time constants, 25 periods of the cut-off, a quarter of the log and 4 % of all logs "
     "is no test; handling as in several_releases.",
 )

@@ -16,9 +16,9 @@ from rovid.core.array_types import FloatArray
 from rovid.faults.quick_model import log_name
 from rovid.signals.preprocessing import Run
 
-# Step and range of the shifts in periods of the cut-off, range as a share of the longest run; maximum number of samples
-# in the regressions. The longer range counts: clocks are set apart whatever the vehicle.
-_STEP, _LONGEST, _SHARE, _MAX_SAMPLES = 0.1, 8.0, 0.04, 20_000
+# Step and range of the shifts in periods of the cut-off, range as a share of the longest run, at least and at most;
+# maximum number of samples in the regressions. The longer range counts: clocks are set apart whatever the vehicle.
+_STEP, _LONGEST, _SHARE, _MOST, _MAX_SAMPLES = 0.1, 8.0, 0.04, 0.2, 20_000
 # Length of a jackknife block in periods of the cut-off; the least number of blocks in which the torque varies, and its
 # least share of the mean square. The steps of one block alone have no error.
 _BLOCK, _MIN_BLOCKS, _VARIES = 8.0, 5, 1e-3
@@ -43,7 +43,8 @@ def shift_grid(runs: Sequence[Run]) -> tuple[int, int]:
     """Step between shifts to try, and the largest one, in samples."""
     kernel = runs[0].rates.kernel
     step = max(round(_STEP / (kernel.cutoff * kernel.period)), 1)
-    longest = max(_LONGEST / kernel.cutoff, _SHARE * max(run.trial.duration for run in runs))
+    duration = max(run.trial.duration for run in runs)
+    longest = min(max(_LONGEST / kernel.cutoff, _SHARE * duration), _MOST * duration)
     return step, step * max(round(longest / (step * kernel.period)), 1)
 
 
