@@ -26,6 +26,7 @@ extensions = [
     "docs.extensions.formulas",
     "docs.extensions.generated",
     "docs.extensions.docstrings",
+    "docs.extensions.search",
 ]
 source_suffix = {".md": "markdown"}
 default_role = "literal"
@@ -49,6 +50,7 @@ napoleon_use_rtype = False
 html_theme = "furo"
 html_title = f"rovid {release}"
 html_static_path = ["_static"]
+templates_path = ["_templates"]
 html_css_files = ["rovid.css"]
 html_copy_source = False
 html_show_sourcelink = False

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 from sphinx.application import Sphinx
@@ -9,10 +10,11 @@ from sphinx.util.typing import ExtensionMetadata
 from typer.main import get_command
 
 from rovid.cli.cli import app as rovid
-from rovid.effects import CATALOGUE
 
 _COMMANDS = "<!-- commands -->"
 _COLUMNS = 84
+# Pages that list the other pages of their folder.
+_LISTED = ("effects/README", "faults/README")
 
 
 def command_reference() -> str:
@@ -28,13 +30,14 @@ def _help(command: Any, parent: Any) -> str:
     return f"## rovid {command.name}\n\n```text\n{command.get_help(context).strip()}\n```\n"
 
 
-def _complete(_app: Sphinx, name: str, source: list[str]) -> None:
+def _complete(app: Sphinx, name: str, source: list[str]) -> None:
     """Insert the generated parts into a page."""
     if name == "commands":
         source[0] = source[0].replace(_COMMANDS, command_reference())
-    elif name == "effects/README":
+    elif name in _LISTED:
         # The page is also read outside Sphinx, where a table of contents would appear as text.
-        pages = "\n".join(effect.id for effect in CATALOGUE)
+        folder = Path(app.srcdir, name).parent
+        pages = "\n".join(sorted({page.stem for page in folder.glob("*.md")} - {"README"}))
         source[0] += f"\n```{{toctree}}\n:hidden:\n\n{pages}\n```\n"
 
 

@@ -66,6 +66,11 @@ def parse_form(document: object) -> FormState:
             signals=None if signals is None else {kind: _signals(group) for kind, group in signals.items()},
             commands=None if commands is None else frozenset(_text(command["source"]) for command in every),
             arms={_text(one["source"]): _number(one["arm"]) for one in every if one.get("arm") is not None},
+            directions={
+                _text(one["source"]): math.radians(_number(one["angle"]))
+                for one in every
+                if one.get("angle") is not None
+            },
             names={_text(one["source"]): _text(one["name"]) for one in every if one.get("name")},
             exclusions=tuple(map(_exclusion, document.get("leave_out", []))),
         )

@@ -155,7 +155,12 @@ def _thrusters(survey: LogSurvey) -> Iterator[str]:
             continue
         if survey.with_planar:
             source = next(iter(commands.values())).source
-            yield from share_lines(source, list(survey.planar.values()))
+            direction = survey.overrides.directions.get(source)
+            if direction is None:
+                yield from share_lines(source, list(survey.planar.values()))
+            else:
+                yield f"surge = {math.cos(direction):.4f}    # share of the thrust ahead"
+                yield f"sway = {math.sin(direction):.4f}    # share of the thrust to starboard"
         yield from (f"{mark}{line}" for line in _arm(survey, commands))
         yield f"{mark}curve = {toml_text(survey.curve)}"
         if survey.curve_guessed:

@@ -53,6 +53,8 @@ class UserOverrides:
     commands: frozenset[str] | None = None  #: Sources of the commands to use; None keeps all that were found.
     #: Source of a command -> measured yaw arm of its thruster in m.
     arms: Mapping[str, float] = field(default_factory=dict)
+    #: Source of a command -> direction of its thrust in rad from the bow to starboard.
+    directions: Mapping[str, float] = field(default_factory=dict)
     names: Mapping[str, str] = field(default_factory=dict)  #: Source of a command -> name of its thruster.
     exclusions: tuple[Exclusion, ...] = ()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +12,9 @@ import pytest
 from rovid.app.api import Api
 from rovid.app.sandbox import RootFolder
 from rovid.core.errors import RovidError
-from rovid.trial.config import load_config
+from rovid.trial.config import load_config, load_planar_config
 from tests.app.conftest import DAY, logs_into, riddle
-from tests.conftest import run_rovid
+from tests.conftest import SAMPLES, run_rovid
 
 
 def desk(top: Path) -> Api:
@@ -51,6 +52,49 @@ def test_choices_appear_in_the_file(tmp_path: Path) -> None:
     assert not config.vehicle.assumptions
     # The command line gives the same result.
     assert run_rovid("check", tmp_path / "day", "--json").document == checked["document"]
+
+
+def test_surge_sway_and_yaw_can_be_taken_together(tmp_path: Path) -> None:
+    (tmp_path / "day").mkdir()
+    for name in ("run_01.csv", "curve_main.csv"):
+        shutil.copy(SAMPLES / "planar_rov" / name, tmp_path / "day")
+    one = desk(tmp_path)
+    document = {"logs": ["day"], "axes": "planar"}
+    draft = one.draft(document)
+    assert draft["planar"] == ["surge_velocity", "sway_velocity"]
+    assert all("--axes planar" in command["line"] for command in draft["commands"])
+    assert one.check(document)["verdict"] in {"go", "care"}
+    # A placed thruster has its shares along surge and sway from its direction.
+    guessed = draft["survey"]["commands"]["csv"]
+    commands = [{"source": each["source"], "name": each["name"], "arm": 0.4, "angle": 30.0} for each in guessed]
+    one.save(document | {"commands": {"csv": commands}})
+    vehicle = load_planar_config(tmp_path / "day" / "rovid.toml").vehicle
+    assert [(round(each.surge_share, 3), round(each.sway_share, 3)) for each in vehicle.thrusters] == [
+        (0.866, 0.5)
+    ] * len(guessed)
+    assert not any("surge" in text or "sway" in text for text in one.check(document)["tasks"])
+
+
+def test_a_rovid_toml_of_the_users_own_is_shown(tmp_path: Path) -> None:
+    """Its arms and units, for the formats that there are; whatever its form."""
+    folder = logs_into(tmp_path / "day")
+    shutil.copy(DAY / "rovid.toml", folder)
+    choice = desk(tmp_path).look(["day"])["existing"]["choice"]
+    assert choice["signals"]["csv"]["heading"] == {"source": "heading_deg", "unit": "deg", "sign": 1}
+    assert [(each["name"], each["arm"]) for each in choice["commands"]["csv"]] == [("fore", 0.43), ("aft", 0.43)]
+    assert set(choice["signals"]) == {"csv"}
+    for text in ("signals = 3\nthrusters = [1, {command = 2}]\nvehicle = []", "[", ""):
+        (folder / "rovid.toml").write_text(text)
+        assert not desk(tmp_path).look(["day"])["existing"]["choice"].get("commands")
+
+
+def test_empty_folders_and_those_without_logs_are_told(tmp_path: Path) -> None:
+    (tmp_path / "day").mkdir()
+    with pytest.raises(RovidError, match=r"day: is empty\."):
+        desk(tmp_path).look(["day"])
+    (tmp_path / "day" / "notes.txt").write_text("x")
+    with pytest.raises(RovidError, match=r"day: holds no logs\."):
+        desk(tmp_path).look(["day"])
 
 
 def test_unrecognised_columns_can_be_chosen(tmp_path: Path) -> None:

@@ -37,6 +37,17 @@ def test_a_long_log_is_decimated_without_losing_peaks() -> None:
     assert min(column["low"]) == pytest.approx(-1.0, abs=1e-4)
 
 
+def test_an_angle_is_shown_without_jumps_of_whole_turns() -> None:
+    heading = (7.0 * TEN_HOURS) % 360.0
+    heading[5000:5100] = np.nan
+    columns = {"a": RawColumn(source="a", time=TEN_HOURS, values=heading)}
+    (column,) = columns_document(columns, ["a"], -np.inf, np.inf, 300, {"a": 360.0})["columns"]
+    assert column["high"][-1] == pytest.approx(7.0 * TEN_HOURS[-1], rel=1e-4)
+    assert np.all(np.diff(column["low"]) > 0.0)
+    # The readings are as logged.
+    assert 0.0 <= column["lowest"] < column["highest"] < 360.0
+
+
 def test_a_zoomed_view_has_every_sample_and_one_at_each_end() -> None:
     column = drawn(TEN_HOURS, 100.0, 110.0)
     assert column["time"][0] == pytest.approx(99.9)

@@ -33,7 +33,7 @@ from dataclasses import dataclass
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote, urlsplit
+from urllib.parse import quote, unquote, urlsplit
 
 import numpy as np
 import pytest
@@ -378,6 +378,41 @@ def test_the_site_builds_without_a_warning_or_network_and_has_valid_links(tmp_pa
     method = (site / "method.html").read_text(encoding="utf-8")
     assert method.count('<svg class="formula" role="img"') > 60
     assert "$" not in re.sub(r"<[^>]*>", "", method)
+    if has_browser():
+        assert_search_answers(site, tmp_path / "profile")
+
+
+# Questions that users have, and the section that answers each.
+ASKED = {
+    "yaw arm sign": "questions#which-sign-does-a-yaw-arm-have",
+    "length of a hold": "questions#how-long-should-a-hold-be",
+    "what is the noise floor": "questions#what-is-the-noise-floor",
+    "meaning of the evidence words": "questions#what-do-confirmed-likely-possible-and-cannot-tell-mean",
+    "likely": "questions#what-do-confirmed-likely-possible-and-cannot-tell-mean",
+    "is my log format read": "questions#does-rovid-read-my-log-format",
+    "supported formats": "questions#does-rovid-read-my-log-format",
+    "thruster lag": "effects/thruster_lag#thruster-lag",
+    "overwrite": "files#overwriting",
+}
+
+
+def assert_search_answers(site: Path, profile: Path) -> None:
+    """The first hit answers each question, with an excerpt, from local files and without a request."""
+    from tests.present.chromium import chromium
+
+    with chromium(profile) as tab:
+        for asked, answer in ASKED.items():
+            tab.call("Page.navigate", url=f"{(site / 'search.html').as_uri()}?q={quote(asked)}")
+            tab.until("Boolean(document.querySelector('#found a'))")
+            first = tab.ask("document.querySelector('#found a').getAttribute('href')")
+            assert first.replace(".html#", "#") == answer, asked
+            assert len(tab.ask("document.querySelector('#found p').textContent")) > 60
+            assert tab.ask("document.querySelectorAll('#found mark').length") > 0
+        tab.call("Page.navigate", url=f"{(site / 'search.html').as_uri()}?q=%3Cimg+src%3Dx%3E+zyzzyva")
+        tab.until("document.getElementById('count')?.textContent.includes('zyzzyva')")
+        assert tab.ask("document.querySelectorAll('article img').length") == 0
+        assert tab.complaints == []
+        assert {urlsplit(url).scheme for url in tab.requests} <= {"file", "data"}
 
 
 def build(folder: Path) -> Path:

@@ -14,7 +14,8 @@ const SIZES = ["mass", "length", "width"];
 let logs = []; // names of the chosen logs, as the server knows them
 let look = null; // the server's description of these logs
 let columns = new Map(); // "format|source" -> {kind, source, role, name, unit, sign}
-let thrusters = new Map(); // name -> {x, y, angle, arm, hand}; hand: whether the user placed the thruster
+// name -> {x, y, angle, arm, hand, placed}; hand: whether the user gave the arm, placed: with position and direction
+let thrusters = new Map();
 let vehicle = "", title = "", size = {}, stretches = [];
 let draft = null, checked = null, saved = false, running = false;
 // Logs of this size in bytes are read as a whole before the first plot; of larger ones, the first log is read ahead.
@@ -151,8 +152,8 @@ function choice({ asGuessed = false, of = logs } = {}) {
   const signals = {}, commands = {};
   for (const { kind, source, role, name, unit, sign } of columns.values()) {
     if (role === "command") {
-      const { arm, hand } = thrusters.get(name) ?? {};
-      (commands[kind] ??= []).push({ source, name, arm: hand ? arm : null });
+      const { arm, hand, angle, placed } = thrusters.get(name) ?? {};
+      (commands[kind] ??= []).push({ source, name, arm: hand ? arm : null, angle: placed ? angle : null });
     } else if (role) {
       (signals[kind] ??= {})[role === "extra" ? name : role] = { source, unit, sign };
     }
@@ -348,7 +349,7 @@ const sketch = new Sketch(byId("sketch"), (name, place) => moveThruster(name, pl
 
 function moveThruster(name, { x, y, angle }) {
   if (theirs()) return;
-  const one = { x, y, angle, hand: true };
+  const one = { x, y, angle, hand: true, placed: true };
   one.arm = Math.round(armOf(one) * 1e4) / 1e4;
   thrusters.set(name, one);
   hear(`${name}: arm ${tidy(one.arm, 3)} m`);
