@@ -215,10 +215,10 @@ def _wrapped(part: str) -> str:
 
 
 def marked_section(path: Path) -> str:
-    """The section in a page with its markers, and an empty line in front; empty where there is none."""
+    """The section in a page with its markers, what follows, and an empty line in front; empty where there is none."""
     text = path.read_text(encoding="utf-8") if path.exists() else ""
-    inside = text.partition(BEGIN)[2].partition(END)[0]
-    return f"\n{BEGIN}{inside}{END}\n" if inside else ""
+    _, marker, rest = text.partition(BEGIN)
+    return f"\n{marker}{rest}" if marker else ""
 
 
 def write_section(path: Path, records: Sequence[Record], revision: str = "") -> None:
