@@ -50,10 +50,9 @@ class _Groups:
 
 
 def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
-    count = len({log_name(run) for run in data.runs})
-    if count < _MIN_LOGS:
-        return
     model, found = fit_quick_model(data.runs, data.vehicle), list[Detection[RunsData]]()
+    # A majority is one of the logs that say something on the model.
+    count = 0 if model is None else len(model.logs)
     # Without the foreign logs the scatter of the others is smaller, which may show further ones.
     rest = data
     while model is not None and len(model.logs) >= _MIN_LOGS:
