@@ -102,7 +102,7 @@ def control_verdict(design: ControllerDesign) -> Iterator[tuple[str, str]]:
     if settling[0] < settling[1]:
         yield f"The model aid is of use: {sizes}.", "pass"
     elif overshoot[0] > overshoot[1]:
-        yield f"Use the controller without the model aid, which makes the steps worse: {sizes}.", "warn"
+        yield f"Use the controller without the model aid. With it the steps are worse: {sizes}.", "warn"
     else:
         yield f"The model aid makes little difference: {sizes}.", "pass"
 

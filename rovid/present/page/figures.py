@@ -223,7 +223,7 @@ def _inertia(report: ReportData) -> Iterator[FigureDraft]:
     methods = fit.methods.items()
     readings = [f"{method_title(name)} {plus_minus(one.value, one.standard_error)}" for name, one in methods]
     entry = report.parameters.entries.get("inertia")
-    model = entry and (entry.value, entry.standard_error)
+    model = (entry.value, entry.standard_error) if entry else None
     yield FigureDraft(
         "inertia",
         identification.plot_inertia_methods(fit, report.vehicle.rigid_body_inertia, model),

@@ -64,7 +64,7 @@ class PageSummary:
     gains: tuple[GainBars, ...]
     improvement: str
     next_step: NextStep
-    models: str  #: What the plain and the extended model are.
+    models: str  #: What the plain and the extended model are; empty where they are not mentioned.
     cautions: tuple[str, ...]
 
 
@@ -102,7 +102,7 @@ def summarize(report: ReportData) -> PageSummary:
         gains=tuple(_gain_bars(error, found=found) for error in errors),
         improvement=f"On trials that were not fitted: {improvement_words(changes)}." if found else "",
         next_step=step,
-        models=f"{PLAIN_MODEL} {EXTENDED_MODEL}" if report.extended else PLAIN_MODEL,
+        models="" if diagnosis is None else f"{PLAIN_MODEL} {EXTENDED_MODEL}" if report.extended else PLAIN_MODEL,
         cautions=tuple(warned),
     )
 

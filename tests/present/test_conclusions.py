@@ -1,0 +1,86 @@
+"""The next step, the cautions and the verdicts that terminal and page share."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+
+from rovid.control.design import ControllerDesign
+from rovid.control.specs import paper_runs
+from rovid.present.conclusions import cautions, control_verdict, fit_verdict, next_step
+from rovid.present.report_data import ReportData
+
+
+def test_where_every_cause_is_confirmed_nothing_more_is_to_run(lagged: ReportData) -> None:
+    diagnosis = lagged.diagnosis
+    assert diagnosis is not None
+    assert next_step(diagnosis).run == "nothing more to run for the causes"
+    (finding,) = diagnosis.findings
+    suspect = replace(finding, probability=0.5)
+    open_question = next_step(replace(diagnosis, verdict="suspected", findings=(), suspects=(suspect,)))
+    assert open_question.run == finding.effect.experiment
+    assert not open_question.command
+
+
+def test_cautions_name_what_makes_a_diagnosis_doubtful(lagged: ReportData) -> None:
+    diagnosis, campaign = lagged.diagnosis, lagged.campaign
+    assert diagnosis is not None
+    assert diagnosis.extended is not None
+    assert campaign is not None
+    assert list(cautions(diagnosis, campaign.trials, lagged.vehicle)) == []
+    alone = list(cautions(diagnosis, campaign.trials[:1], lagged.vehicle))
+    assert alone[0].startswith("The data are one run of ")
+    worse = replace(diagnosis.extended, held_out=replace(diagnosis.extended.held_out, rate_rmse=1.0))
+    (grown,) = cautions(replace(diagnosis, extended=worse), campaign.trials, lagged.vehicle)
+    assert grown.startswith("With the causes the yaw rate error of trials that were not fitted is larger")
+
+
+def test_a_fit_is_judged_by_its_innovations_and_its_disturbance() -> None:
+    for white, at_limit, kind in ((True, False, "pass"), (False, False, "warn"), (True, True, "warn")):
+        fit = cast("Any", SimpleNamespace(white=white, at_limit=at_limit))
+        text, judged = fit_verdict(fit)
+        assert judged == kind
+        assert ("rovid diagnose" in text) == (kind == "warn")
+
+
+def designed(*, aided: tuple[float, float], plain: tuple[float, float], stable: bool = True) -> ControllerDesign:
+    """A design with (settling time, overshoot) of every step of the paper, with and without the model aid."""
+    runs = [
+        SimpleNamespace(
+            name=step.name,
+            effects=(),
+            model_aid=aid,
+            effects_known=False,
+            metrics=SimpleNamespace(settling_time=settling, overshoot_deg=overshoot),
+        )
+        for step in paper_runs()
+        for aid, (settling, overshoot) in ((True, aided), (False, plain))
+    ]
+    margins = SimpleNamespace(stable=stable, phase_deg=46.0, gain_db=20.3)
+    return cast("ControllerDesign", SimpleNamespace(runs=runs, margins=margins, model=SimpleNamespace(effects=())))
+
+
+@pytest.mark.parametrize(
+    ("aided", "plain", "words", "kind"),
+    [
+        ((4.9, 1.7), (6.4, 0.0), "The model aid is of use", "pass"),
+        ((17.8, 8.3), (17.8, 1.2), "Use the controller without the model aid", "warn"),
+        ((6.4, 0.0), (6.4, 0.0), "The model aid makes little difference", "pass"),
+    ],
+)
+def test_the_model_aid_is_recommended_where_it_is_of_use(
+    aided: tuple[float, float], plain: tuple[float, float], words: str, kind: str
+) -> None:
+    (first, stable), (second, judged) = control_verdict(designed(aided=aided, plain=plain))
+    assert (first, stable) == ("Stable: phase margin 46 deg, gain margin 20.3 dB.", "pass")
+    assert second.startswith(words)
+    assert judged == kind
+
+
+def test_an_unstable_loop_fails() -> None:
+    ((text, kind),) = control_verdict(designed(aided=(1.0, 1.0), plain=(1.0, 1.0), stable=False))
+    assert "unstable" in text
+    assert kind == "fail"
