@@ -138,10 +138,10 @@ class FreeRuns:
         found = self._differences(model) / self.usual
         size = max(float(np.mean(found**2)), _LEAST_ERROR**2)
         windows = [found[begin:end] for begin, end in pairwise(self.offsets.tolist())]
-        return replace(self, variance=self.usual**2 * size * _correlation_time(windows))
+        return replace(self, variance=self.usual**2 * size * correlation_time(windows))
 
 
-def _correlation_time(windows: Sequence[FloatArray]) -> float:
+def correlation_time(windows: Sequence[FloatArray]) -> float:
     """Samples of (n, a) errors that count as one: the sum of the mean autocorrelation to its first zero."""
     total = np.zeros(max(map(len, windows)))
     for one in windows:

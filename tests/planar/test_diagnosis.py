@@ -9,11 +9,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rovid.core.budget import Budget
 from rovid.core.errors import DataError
+from rovid.effects import effect_named
 from rovid.estimate.fisher_information import Innovations, Jacobian
 from rovid.planar.chord_fit import Linearisation
 from rovid.planar.dataset import planar_data
 from rovid.planar.diagnosis import diagnose_planar
+from rovid.planar.fit import fit_base
+from rovid.planar.optimum import PlanarOptimum
+from rovid.planar.search import PlanarSearch
 from rovid.trial.trial import Campaign
 from tests.planar.vehicles import box_rov, campaign
 
@@ -57,3 +62,22 @@ def test_a_filter_that_diverges_next_to_the_optimum_is_refused() -> None:
     optimum: Any = SimpleNamespace(likelihood=likelihood, x=np.zeros(2))
     with pytest.raises(DataError, match="the filter diverges"):
         Linearisation.of(optimum)
+
+
+def test_a_candidate_that_diverges_loses_and_the_search_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    data = campaign(box_rov(3), runs=2, levels=6, hold=4.0, seed=2)
+    base = fit_base(data)
+    search = PlanarSearch(data, base, (effect_named("current"),), Budget())
+    (test,) = search.screen(base)
+    linearised = Linearisation.of
+
+    def diverging(optimum: PlanarOptimum) -> Linearisation:
+        if optimum.effects:
+            raise DataError("the filter diverges.")
+        return linearised(optimum)
+
+    monkeypatch.setattr(Linearisation, "of", diverging)
+    candidate = search.extended(base, test)
+    assert candidate.value == pytest.approx(base.value)
+    assert not search.is_usable(candidate)
+    assert search.run(base) is base

@@ -15,7 +15,7 @@ from rovid.estimate.fisher_information import Innovations
 from rovid.estimate.maximum_likelihood import fit_likelihood
 from rovid.planar.dataset import PlanarData
 from rovid.planar.fit import PlanarFit, fit_base, fit_planar, planar_result
-from rovid.planar.free_run_fit import fit_free_runs
+from rovid.planar.free_run_fit import correlation_time, fit_free_runs
 from rovid.planar.likelihood import PlanarLikelihood
 from rovid.planar.model import BASE_NAMES
 from rovid.planar.optimum import PlanarOptimum
@@ -122,3 +122,14 @@ def test_a_fit_of_free_runs_recovers_a_torpedo_from_far() -> None:
     # Smoothing and the noise at the start of each simulation bias this fit by some percent.
     assert fitted.model.base[:2] == pytest.approx(truth.base[:2], rel=0.1)
     assert min(fitted.free_run_r2.values()) > 0.98
+
+
+def test_correlated_errors_count_as_fewer() -> None:
+    """An autoregression of first order with the coefficient a has a correlation time of (1 + a)/(1 - a) samples."""
+    rng, a = np.random.default_rng(1), 0.8
+    errors = np.zeros((40_000, 2))
+    for k, white in enumerate(rng.normal(size=(len(errors) - 1, 2)), start=1):
+        errors[k] = a * errors[k - 1] + white
+    # Bartlett's formula: the sum over some 50 lags scatters by about 6 %.
+    assert correlation_time([errors[:25_000], errors[25_000:]]) == pytest.approx((1.0 + a) / (1.0 - a), rel=0.25)
+    assert correlation_time([rng.normal(size=(20_000, 1))]) == pytest.approx(1.0, abs=0.1)
