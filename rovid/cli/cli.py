@@ -28,6 +28,8 @@ COMMANDS = (
     "fit_inertia",
     "fit",
     "diagnose",
+    "discover",
+    "effect",
     "compare",
     "fit_thruster",
     "fit_thrust_scale",

@@ -53,6 +53,11 @@ def thrust_units() -> list[str]:
     return list(THRUST_UNITS)
 
 
+def effect_actions() -> list[str]:
+    """Actions of `rovid effect`."""
+    return ["new", "try"]
+
+
 def effects() -> list[str]:
     """Ids of the effects, parsed from the source of the catalogue, because its import takes a second."""
     lines = ast.parse(_CATALOGUE.read_text(encoding="utf-8")).body

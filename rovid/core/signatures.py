@@ -80,6 +80,9 @@ PYTHON_SOURCE = _signature("a controller in Python", rb'\A"""Heading controller,
 # rovid quotes the first name of the header, which CSV does not need, and leaves another without quotes. No other
 # program writes CSV like this, and all can read it.
 PLAN = _signature("a command file of rovid plan", rb'\A"time_s",([^\n]*,)?[^",\n]+(,[^\n]*)?\n')
+EFFECT_FILE = _signature("an effect of rovid discover", rb'\A"""[^\n]*, found by rovid discover\. ')
+# A new effect is the user's once it is written: no other file is like that.
+NEW_EFFECT = _signature("a new effect", rb"\A\0rovid effect", replaceable=False)
 CURVE = _signature("a thrust curve of rovid fit-thruster", rb'\A"command",thrust_N\n')
 # An MCAP header without profile, with this library name.
 RECORDING_LIBRARY = "rovid simulate"

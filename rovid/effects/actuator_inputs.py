@@ -246,7 +246,7 @@ def actuator_inputs(
         counts = np.concatenate((np.ones(len(past), dtype=counts.dtype), counts))
         time = np.concatenate((past, time))
     extras = {}
-    for channel, values in trial.extras.items():
+    for channel, values in trial.channels.items():
         # Between two instants a speed is interpolated later. Other channels are held.
         is_speed = at is not None and channel in SPEEDS
         chosen = rows.with_past(values[at]) if is_speed else rows.held_means(values)

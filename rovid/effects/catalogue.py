@@ -13,7 +13,7 @@ from rovid.effects.base import Effect, Term
 from rovid.effects.clock_offset import CLOCKS_APART
 from rovid.effects.further_terms import address_of, effect_at
 from rovid.effects.per_trial import trials_in_form
-from rovid.effects.plugins import further_forms, load_files
+from rovid.effects.plugins import further_forms, is_id, load_files
 from rovid.trial.axis import Axis
 from rovid.trial.vehicle import Vehicle
 
@@ -137,6 +137,21 @@ def load_plugins(files: Sequence[Path]) -> None:
     load_files(files, EFFECTS)
 
 
+def require_free_id(name: str) -> None:
+    """Refuse a name that no new effect can have.
+
+    Raises
+    ------
+    ConfigError
+        The name is taken, or has other signs than lower-case letters, digits and _.
+    """
+    if not is_id(name):
+        mend = "Use lower-case letters, digits and _, as in my_effect."
+        raise ConfigError(f"is {name!r}, which is no name of an effect.", where="NAME", mend=mend)
+    if name in {form.id for form in every_form()}:
+        raise ConfigError(f"is {name!r}, which is an effect already.", where="NAME", mend="Choose another name.")
+
+
 def every_form() -> tuple[Effect, ...]:
     """All forms of the catalogue and of the plug-ins."""
     return (*FORMS, *further_forms(EFFECTS))
@@ -167,7 +182,8 @@ def forms_for(
         if effect.per_thruster:
             found += _thruster_forms(vehicle)
             continue
-        needs_estimate = isinstance(effect.acts, Term) and effect.acts.surge_from_thrust is not None
+        estimated = isinstance(effect.acts, Term) and effect.acts.surge_from_thrust is not None
+        needs_estimate = estimated and not effect.needs
         if set(effect.needs) <= set(channels) and (estimates_speed or not needs_estimate):
             found.append(effect)
     if vehicle.thrusters and len(trials) > 1:

@@ -24,6 +24,7 @@ import numpy as np
 
 from rovid.core.errors import ConfigError, display_text
 from rovid.core.paths import require_regular
+from rovid.effects import templates
 from rovid.effects.actuator_inputs import ActuatorInputs
 from rovid.effects.base import TERM_PARAMETERS, TERM_STATES, Body, Effect, EffectParameter, Instant, Scales
 from rovid.effects.further_terms import address_of
@@ -35,7 +36,7 @@ _ID = re.compile(r"[a-z][a-z0-9_]*")
 _AT = Instant(0.1, 0.1, 1.0, 0.4, 50.0, 7.0, 0.5, 0.1, Body(5000.0, 3500.0, 130.0))
 # Scales at which effects are tried.
 _SCALES = Scales(command=2.0, torque=100.0, rate=0.1, wash=10.0)
-# Largest torque in N m or deviation in rad of an effect that is not there.
+# Largest change by an effect that is not there, in N m, N, rad or the unit of the command.
 _ROUNDING = 1e-9
 
 
@@ -61,6 +62,7 @@ class _Loaded:
     forms: tuple[Effect, ...] = ()
     origins: dict[str, Origin] | None = None  #: By effect id; None until installed plug-ins are loaded.
     warnings: tuple[str, ...] = ()
+    contents: frozenset[bytes] = frozenset()  #: Of the files, each of which is loaded once.
 
 
 _LOADED = _Loaded()
@@ -68,6 +70,36 @@ _LOADED = _Loaded()
 
 class _InvalidPluginError(Exception):
     """The plug-in does not follow the rules; the text is a sentence without its end."""
+
+
+def is_id(name: str) -> bool:
+    """Whether an effect may have this id."""
+    return _ID.fullmatch(name) is not None
+
+
+def new_files(name: str) -> dict[str, str]:
+    """File name -> text of a new effect ``name`` and of its test."""
+    folder = Path(templates.__file__).parent
+    texts = {f"{name}.py": "own_effect.py", f"test_{name}.py": "own_effect_check.py"}
+    return {
+        path: (folder / template).read_text(encoding="utf-8").replace("own_effects", "own#effects")
+        .replace("own_effect", name).replace("own#effects", "own_effects")
+        for path, template in texts.items()
+    }  # fmt: skip
+
+
+def forms_of(path: Path) -> tuple[Effect, ...]:
+    """The forms that were loaded from the file at ``path``.
+
+    Raises
+    ------
+    ConfigError
+        The plug-in was left out.
+    """
+    forms = tuple(form for form in _LOADED.forms if (_LOADED.origins or {})[form.id].plugin == path.name)
+    if not forms:
+        raise ConfigError("holds no effect that can be used; the reason stands above.", where=path, mend="Correct it.")
+    return forms
 
 
 def load_files(paths: Sequence[Path], taken: Sequence[str]) -> None:
@@ -84,7 +116,10 @@ def load_files(paths: Sequence[Path], taken: Sequence[str]) -> None:
         if not path.is_file():
             mend = "Give the Python file of an effect; `rovid effect new NAME` writes one."
             raise ConfigError("there is no such file.", where=path, mend=mend)
-        _add(path.name, taken, partial(_of_file, path))
+        content = path.read_bytes()
+        if content not in _LOADED.contents:
+            _LOADED.contents |= {content}
+            _add(path.name, taken, partial(_of_file, path, content))
 
 
 def further_forms(taken: Sequence[str]) -> tuple[Effect, ...]:
@@ -150,8 +185,7 @@ def _add(name: str, taken: Sequence[str], load: Callable[[], tuple[tuple[Effect,
     _LOADED.origins |= {form.id: Origin(plugin=name, version=version) for form in forms}
 
 
-def _of_file(path: Path) -> tuple[tuple[Effect, ...], str]:
-    content = path.read_bytes()
+def _of_file(path: Path, content: bytes) -> tuple[tuple[Effect, ...], str]:
     spec = importlib.util.spec_from_loader(f"rovid_plugin_{path.stem}", None, origin=str(path))
     assert spec is not None  # noqa: S101 - for mypy
     module = importlib.util.module_from_spec(spec)
@@ -177,7 +211,7 @@ def _forms(found: Any) -> tuple[Effect, ...]:
 
 def _check(effect: Effect, taken: Sequence[str]) -> None:
     """Raise if the effect does not follow the rules, by trying it at an instant."""
-    if not isinstance(effect.id, str) or not _ID.fullmatch(effect.id):
+    if not is_id(effect.id):
         raise _InvalidPluginError(f"the id {effect.id!r} has other signs than lower-case letters, digits and _")
     if effect.id in taken:
         raise _InvalidPluginError(f"the id {effect.id} is taken by another effect")
@@ -193,11 +227,12 @@ def _check(effect: Effect, taken: Sequence[str]) -> None:
         values = start * sizes
         if absent:
             size = slice(effect.size_count)
-            values[size] = [parameter.neutral for parameter in effect.parameters[size]]
+            values[size] = [parameter.neutral for parameter in effect.parameters[size]] * sizes[size]
         change = _change(effect, values)
         if not math.isfinite(change):
             raise _InvalidPluginError(f"the effect gives {change} at {effect.values(values)}")
-        if absent and change > _ROUNDING:
+        # A limit on changes needs finer instants than these to vanish.
+        if absent and change > _ROUNDING and not effect.parameters[0].neutral_at_infinity:
             raise _InvalidPluginError(f"the effect is not zero at the neutral value of {effect.parameters[0].name}")
     if isinstance(effect.acts, Term):
         address_of(effect)  # compiles the term

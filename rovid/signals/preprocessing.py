@@ -166,6 +166,6 @@ def _gyro_is_off(rates: Rates) -> bool:
 
 def shared_channels(runs: Sequence[Run]) -> set[str]:
     """Names of the extra channels that every run has and at least one run has readings of."""
-    every = [run.trial.extras for run in runs]
+    every = [run.trial.channels for run in runs]
     shared: set[str] = set.intersection(*map(set, every))
     return {name for name in shared if any(np.isfinite(extras[name]).any() for extras in every)}

@@ -127,6 +127,12 @@ class Trial:
             msg = f"{self.name}: time {self.time.shape}, position {self.position.shape}, {self.commands.shape}"
             raise ValueError(msg)
 
+    @property
+    def channels(self) -> Mapping[str, FloatArray]:
+        """Further channels by name, (n,) each: ``extras``, and the tilts other than the position, in rad."""
+        tilts = {"roll": self.roll, "pitch": self.pitch}
+        return {**self.extras, **{name: v for name, v in tilts.items() if v is not None and name != self.axis.name}}
+
     def __reduce__(self) -> tuple[Callable[[], Self], tuple[()]]:
         # The constructor makes the arrays read-only again: unpickled arrays are writeable.
         given = {item.name: getattr(self, item.name) for item in fields(self)}

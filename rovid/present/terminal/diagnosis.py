@@ -93,6 +93,8 @@ def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> 
         console.print()
         dependence = f"{axis.reword(signal.title)} (log-likelihood gain {gain:.0f})"
         print_text(console, f"Unexplained: {dependence}. This is a dependence, not a cause.")
+    if diagnosis.signals or diagnosis.verdict == "unexplained":
+        print_text(console, "`rovid discover LOGS` looks for a formula that predicts what is left.")
     if diagnosis.base is not None and diagnosis.extended is not None:
         _show_improvement(console, diagnosis, diagnosis.base, diagnosis.extended)
         console.print(estimate_table(diagnosis.extended.estimate))

@@ -18,6 +18,8 @@ TOPICS = (
     "axes",
     "fit",
     "diagnose",
+    "discover",
+    "own_effects",
     "compare",
     "plan",
     "watch",

@@ -1,0 +1,102 @@
+"""``rovid discover``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from rovid.cli.context import compile_in_background, console, named_axis, open_logs, print_json
+from rovid.cli.help_format import Page
+from rovid.cli.options import (
+    AxesRefused,
+    AxisName,
+    EffectsFrom,
+    Force,
+    Json,
+    Logs,
+    TimeBudget,
+    add_effects,
+    option,
+)
+from rovid.cli.planar_session import refuse_planar
+from rovid.cli.progress import progress
+from rovid.core.errors import ConfigError
+
+PAGE = Page(
+    text="""
+    Diagnoses the logs first. Then it looks for a formula of the logged and derived signals that predicts the torque
+    which no effect of the catalogue explains: products, absolute values, powers, signs, sines of angles, and a
+    first-order memory. A formula is printed only if it also predicts runs that were not fitted. It is no cause: a run
+    that changes only its signals can decide. With nothing to add it says so.
+
+    --write makes the best formula an effect, for --effects-from. Writes no other file unless --plot is given.
+
+    Use it where diagnose leaves something unexplained. It takes about twice as long as diagnose.
+    """,
+    examples=(
+        ("Formulas for a folder of logs", "rovid discover my_logs"),
+        ("The best one as an effect, and its use", "rovid discover my_logs --write my_law.py"),
+    ),
+    see=("rovid diagnose", "rovid effect", "rovid help discover"),
+)
+
+
+def discover(
+    logs: Logs,
+    *,
+    write: Annotated[
+        Path | None, option("FILE.py", "Write the best formula as an effect, which has the name of the file.")
+    ] = None,
+    plot: Annotated[Path | None, option("FILE.png", "Plot the best formula over the unexplained torque.")] = None,
+    axis: AxisName = None,
+    axes: AxesRefused = None,
+    budget: TimeBudget = None,
+    effects_from: EffectsFrom = None,
+    force: Force = False,
+    json: Json = False,
+) -> None:
+    """Find a formula that predicts what is left unexplained."""
+    refuse_planar(axes)
+    add_effects(effects_from)
+    compile_in_background()
+    from rovid.core.atomic_write import OutputFile, OutputSet
+    from rovid.core.budget import Budget
+    from rovid.core.signatures import EFFECT_FILE, png_signature
+    from rovid.diagnose.formulas.discovery import discover as find_formulas
+    from rovid.effects.plugins import is_id
+    from rovid.present.console import print_path, show_caution, show_warnings
+    from rovid.present.documents.discovery import discovery_document
+    from rovid.present.terminal.discovery import show_discovery
+    from rovid.store.study import input_files
+
+    if write is not None and not (is_id(write.stem) and write.suffix == ".py"):
+        mend = "Use lower-case letters, digits and _, as in my_law.py."
+        raise ConfigError("is no name of an effect's file.", where=write, mend=mend)
+    files = {"effect": (write, EFFECT_FILE), "plot": (plot, png_signature("formula"))}
+    wanted = {name: OutputFile(path, signature) for name, (path, signature) in files.items() if path is not None}
+    outputs = OutputSet([*wanted.values()], force=force, protected=input_files(logs))
+    study = open_logs(logs, None, named_axis(axis))
+    if study.runs is None:
+        raise ConfigError("are tables; a formula is found in logs only.", where="LOGS", mend="Give logs.")
+    if not force:
+        study.require_sound()
+    with progress("Discovering …") as report:
+        found = find_formulas(study.runs, study.vehicle, report, Budget(seconds=budget or study.default_budget))
+    if found.formulas and wanted:
+        from rovid.present.plots.discovery import formula_picture
+
+        best, contents = found.formulas[0], dict[OutputFile, str | bytes]()
+        if write is not None:
+            contents[wanted["effect"]] = found.source(best, write.stem, study.vehicle.axis.name)
+        if plot is not None:
+            contents[wanted["plot"]] = formula_picture(found, best, study.runs, study.vehicle)
+        outputs.write(contents)
+    written = {name: str(file.path) for name, file in wanted.items()} if found.formulas else {}
+    if json:
+        print_json(discovery_document(found, study.remarks()) | written)
+        return
+    show_caution(console(), study.vehicle.assumptions)
+    show_discovery(console(), found)
+    show_warnings(console(), study.remarks())
+    for path in written.values():
+        print_path(console(), f"written to {path}")

@@ -1,0 +1,96 @@
+"""``rovid effect``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from rovid.cli import completion
+from rovid.cli.context import compile_in_background, console, named_axis, open_logs, print_json
+from rovid.cli.help_format import Page
+from rovid.cli.options import AxisName, Json, argument
+from rovid.cli.progress import progress
+from rovid.core.errors import ConfigError, suggestion
+
+PAGE = Page(
+    text="""
+    new NAME writes NAME.py, an effect of your own with comments, and test_NAME.py, which hides the effect in simulated
+    logs and lets rovid find it. It replaces no file.
+
+    try FILE LOGS fits the effect of a file to logs, alone and next to the causes that the diagnosis selects, and shows
+    its log-likelihood gain next to the gains of the catalogue's effects. It writes no file.
+
+    Use it if you know an effect that the catalogue lacks. --effects-from FILE then adds the effect to other commands.
+    """,
+    examples=(
+        ("Write an effect and its test", "rovid effect new my_effect"),
+        ("Fit the effect, next to those of the catalogue", "rovid effect try my_effect.py my_logs"),
+    ),
+    see=("rovid discover", "rovid fit --effects-from", "rovid help own_effects"),
+)
+_ACTIONS = ("new", "try")
+
+
+def effect(
+    action: Annotated[str, argument("ACTION", "new or try.", autocompletion=completion.effect_actions)],
+    name: Annotated[str, argument("NAME", "The name of a new effect, or the file of one.")],
+    logs: Annotated[list[Path] | None, argument("LOGS", "Logs to try the effect on.")] = None,
+    *,
+    axis: AxisName = None,
+    json: Json = False,
+) -> None:
+    """Write an effect of your own, or try it on logs."""
+    if action not in _ACTIONS:
+        raise ConfigError(f"is {action!r}. {suggestion(action, _ACTIONS)}", where="ACTION")
+    if (action == "try") != bool(logs):
+        text = "are missing: `rovid effect try FILE LOGS`." if action == "try" else "are only for `rovid effect try`."
+        raise ConfigError(text, where="LOGS", mend="")
+    if logs:
+        _try(Path(name), logs, axis, json=json)
+    else:
+        _write(name, json=json)
+
+
+def _write(name: str, *, json: bool) -> None:
+    """Write the files of a new effect."""
+    from rovid.core.atomic_write import OutputFile, OutputSet
+    from rovid.core.signatures import NEW_EFFECT
+    from rovid.effects.catalogue import require_free_id
+    from rovid.effects.plugins import new_files
+    from rovid.present.console import print_path
+
+    require_free_id(name)
+    files = {OutputFile(Path(path), NEW_EFFECT): text for path, text in new_files(name).items()}
+    OutputSet([*files]).write(files)
+    paths = [str(file.path) for file in files]
+    if json:
+        print_json({"schema": "rovid-effect/1", "effect": name, "files": paths, "warnings": []})
+        return
+    for path in paths:
+        print_path(console(), f"written to {path}")
+    print_path(console(), f"Test it: pytest {paths[1]}   Try it: rovid effect try {paths[0]} LOGS")
+
+
+def _try(path: Path, logs: list[Path], axis: str | None, *, json: bool) -> None:
+    """Fit the effect of a file, and print its gains."""
+    compile_in_background()
+    from rovid.core.budget import Budget
+    from rovid.diagnose.effect_trial import try_effect
+    from rovid.effects import load_plugins
+    from rovid.effects.plugins import forms_of
+    from rovid.present.documents.effect_trial import effect_trial_document
+    from rovid.present.terminal.effect_trial import show_effect_trial
+
+    load_plugins([path])
+    forms = forms_of(path)
+    study = open_logs(logs, None, named_axis(axis))
+    if study.runs is None:
+        raise ConfigError("are tables; an effect is tried on logs only.", where="LOGS", mend="Give logs.")
+    study.require_effects(forms)
+    study.require_sound()
+    with progress("Fitting …") as report:
+        found = try_effect(study.runs, study.vehicle, forms, Budget(seconds=study.default_budget, report=report))
+    if json:
+        print_json(effect_trial_document(found, study.remarks()))
+    else:
+        show_effect_trial(console(), found, study.remarks())

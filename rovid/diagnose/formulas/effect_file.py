@@ -1,0 +1,154 @@
+"""The effect of a formula, as the text of a Python file in the form of a plug-in, and as the effect that it holds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rovid.diagnose.formulas.grammar import STATES, Product
+from rovid.effects import Effect
+from rovid.effects.actuator_inputs import SPEEDS
+
+_FILE = '''"""{title}, found by rovid discover. It predicts these logs; it is no proof of a cause."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from rovid.effects.base import Effect, EffectParameter, Term, compiled
+
+
+@compiled
+def _torque(at, p{states}):
+{body}
+
+{functions}
+EFFECT = Effect(
+    id="{id}",
+    title="{title}",
+    axes=("{axis}",),
+    parameters=(
+{parameters}
+    ),
+    equation="{equation}",
+    fingerprint="residual torque that follows {equation}",
+    experiment="runs in which {signals} changes and everything else is repeated",
+    needs={needs!r},
+    acts=Term(_torque{options}),
+)
+'''
+_SIGNAL = """
+def _signal(inputs, thrust, values):
+    # The logged signal; it takes the place of at.surge.
+    return np.nan_to_num({code})
+
+"""
+_FASTEST = """
+def _fastest(values):
+    return 1.0 / min({constants})
+
+"""
+_COEFFICIENT = """        EffectParameter(
+            name="{name}", unit="{unit}", neutral=0.0, low={low:.4g}, high={high:.4g},
+            initial_values=({first:.4g}, {second:.4g}), scale="torque",
+        ),"""
+_MEMORY = """        EffectParameter(
+            name="{name}", unit="s", neutral={start:.4g}, low={low:.4g}, high={high:.4g}, initial_values=({start:.4g},)
+        ),"""
+# Bounds and initial size of a coefficient, as torque over the RMS torque in use, where the product has its RMS.
+_BOUND, _FIRST = 5.0, 0.03
+# Range of a memory's time constant about its start.
+_RANGE = 20.0
+
+
+def names_of(products: Sequence[Product]) -> list[str]:
+    """Names of the parameters: coefficients c1, c2, then time constants tau1, tau2 of products with a memory."""
+    return [f"c{k}" for k in range(1, len(products) + 1)] + [f"tau{k + 1}" for k in _slow(products)]
+
+
+def is_possible(products: Sequence[Product]) -> bool:
+    """Whether one effect can hold all of the ``products``: it has room for one logged signal and four parameters."""
+    logged = {product.logged for product in products if product.logged}
+    uses_speed = any(SPEEDS[0] in product.signals for product in products)
+    return len(logged) + uses_speed <= 1 and len(names_of(products)) <= 4
+
+
+def equation(products: Sequence[Product]) -> str:
+    """The formula in words of the signals."""
+    return " + ".join(f"c{k}*{product.text}" for k, product in enumerate(products, start=1))
+
+
+def effect_source(
+    products: Sequence[Product], sizes: Sequence[float], units: Mapping[str, str], *, name: str, axis: str
+) -> str:
+    """Text of the file of an effect; ``sizes`` are the RMS values of the products."""
+    slow = _slow(products)
+    place = {k: len(products) + number for number, k in enumerate(slow)}
+    terms, derivatives = [], []
+    for k, product in enumerate(products):
+        if k in place:
+            terms.append(f"p[{k}] * x[{slow.index(k)}]")
+            derivatives.append(f"({_code(product)} - x[{slow.index(k)}]) / p[{place[k]}]")
+        else:
+            terms.append(f"p[{k}] * {_code(product)}")
+    body = f"    torque = {' + '.join(terms)}\n    return {', '.join(['torque', *derivatives])}\n"
+    parameters = [
+        _COEFFICIENT.format(
+            name=f"c{k + 1}",
+            unit=product.unit_of_coefficient(units),
+            low=-_BOUND / size,
+            high=_BOUND / size,
+            first=_FIRST / size,
+            second=-_FIRST / size,
+        )
+        for k, (product, size) in enumerate(zip(products, sizes, strict=True))
+    ]
+    for k in slow:
+        start = products[k].memory
+        parameters.append(_MEMORY.format(name=f"tau{k + 1}", start=start, low=start / _RANGE, high=start * _RANGE))
+    logged = next((product.logged for product in products if product.logged), ())
+    signals = tuple(dict.fromkeys(signal for product in products for signal in product.signals))
+    functions, options = "", ""
+    if slow:
+        functions += _FASTEST.format(constants=", ".join(f'values["tau{k + 1}"]' for k in slow) + ", 1e9")
+        options += f", states={len(slow)}, fastest=_fastest"
+    if logged:
+        code = " * ".join(factor.code(f'inputs.extras["{factor.signal}"]', "np.") for factor in logged)
+        functions += _SIGNAL.format(code=code)
+        options += ", surge_from_thrust=_signal"
+    needed = tuple(s for s in signals if s not in STATES or s in SPEEDS)
+    return _FILE.format(
+        id=name,
+        title=f"formula of {' and '.join(signals) or 'a constant'}",
+        axis=axis,
+        states=", x" if slow else "",
+        body=body,
+        functions=functions,
+        parameters="\n".join(parameters),
+        equation=equation(products),
+        signals=" or ".join(signals) or "the constant",
+        needs=needed,
+        options=options,
+    )
+
+
+def effect_of(source: str) -> Effect:
+    """The effect in the text of a file that `effect_source` wrote."""
+    names: dict[str, Any] = {"__name__": "rovid_formula"}
+    exec(compile(source, "<formula>", "exec"), names)  # noqa: S102 - the source is made here
+    effect = names["EFFECT"]
+    assert isinstance(effect, Effect)  # noqa: S101 - for mypy
+    return effect
+
+
+def _slow(products: Sequence[Product]) -> list[int]:
+    return [k for k, product in enumerate(products) if product.memory]
+
+
+def _code(product: Product) -> str:
+    """Code of a product in a compiled term, without its memory."""
+    parts = [factor.code(STATES[factor.signal], "math.") for factor in product.factors if factor.signal in STATES]
+    parts += ["at.surge"] * bool(product.logged)
+    return " * ".join(parts) or "1.0"

@@ -1,0 +1,46 @@
+"""The result of `rovid discover` on a terminal."""
+
+from __future__ import annotations
+
+from rich.console import Console
+
+from rovid.core.formatting import plus_minus
+from rovid.diagnose.formulas.discovery import Discovery, units_of
+from rovid.present.console import print_labelled, print_text
+from rovid.present.sentences import cause_title, join_words
+
+
+def show_discovery(console: Console, found: Discovery) -> None:
+    """Print each formula with its parameters and its evidence."""
+    if found.missing:
+        print_text(console, f"Too little data: {found.missing}")
+        return
+    causes = join_words(list(map(cause_title, found.causes)))
+    print_text(console, f"Causes of the catalogue that the diagnosis selects: {causes or 'none'}.")
+    if not found.formulas:
+        print_text(console, "No formula of the logged and derived signals predicts what is left.")
+        return
+    print_text(console, "A formula that predicts is no cause. A run that changes only its signals can decide.\n")
+    for formula in found.formulas:
+        units, estimate = units_of(formula, found.grammar.units if found.grammar else {}), formula.estimate
+        values = [
+            f"{name} = {plus_minus(estimate.value(name), estimate.standard_error(name))} {units[name]}"
+            for name in estimate.names
+        ]
+        print_labelled(console, "Torque in N m:", formula.text)
+        print_text(console, f"  {', '.join(values)}", 2)
+        beside = join_words(list(map(cause_title, formula.beside)))
+        print_text(
+            console,
+            f"  log-likelihood gain {formula.gain:.0f} next to {beside or 'the plain model'}, "
+            f"{formula.held_out_nats:.0f} on trials that were not fitted",
+            2,
+        )
+        print_text(
+            console,
+            f"  removes {100.0 * formula.held_out_gain:.0f} % of the free-running rate error (mean square) on trials "
+            f"that were not fitted; selected in {100.0 * formula.inclusion:.0f} % of bootstrap draws",
+            2,
+        )
+        nearest = f"similar to {cause_title(formula.nearest)}" if formula.nearest else "similar to no named effect"
+        print_text(console, f"  {nearest}\n")

@@ -1,0 +1,153 @@
+"""Formulas: units and prices of the grammar, the effect file, the regression, and laws of an independent simulation."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rovid.diagnose.formulas.effect_file import effect_of, effect_source, is_possible
+from rovid.diagnose.formulas.grammar import Factor, Grammar, Product, remembered
+from rovid.diagnose.formulas.regression import InnovationRegression
+from rovid.effects import plugins
+from rovid.effects.base import Body, Instant, Term
+from tests.conftest import Rovid
+
+UNITS = {"rate": "rad/s", "roll": "rad", "surge_velocity": "m/s", "depth": "[depth]", "thruster_torque": "N m"}
+
+
+def factor(signal: str, shape: str = "linear", centre: float = 0.0) -> Factor:
+    return Factor(signal, shape, 0.02, centre)
+
+
+@pytest.mark.parametrize(
+    ("product", "unit"),
+    [
+        (Product(()), "N m"),
+        (Product((factor("roll", "quadratic"),)), "N m/rad^2"),
+        (Product((factor("rate"),)), "N m s/rad"),
+        (Product((factor("rate"), factor("surge_velocity", "size"))), "N m s^2/(rad m)"),
+        (Product((factor("thruster_torque"), factor("depth"))), "1/[depth]"),
+        (Product((factor("thruster_torque", "sign"), factor("roll", "cosine"))), "N m"),
+        (Product((factor("thruster_torque", "quadratic"),), memory=2.0), "1/(N m)"),
+    ],
+)
+def test_the_unit_of_a_coefficient_makes_a_product_a_torque(product: Product, unit: str) -> None:
+    assert product.unit_of_coefficient(UNITS) == unit
+
+
+def test_a_longer_formula_costs_more() -> None:
+    short = [Product((factor(name),)) for name in UNITS]
+    long = [Product((factor(name, "cubic"),)) for name in UNITS]
+    grammar = Grammar((*short, *long), {}, {}, UNITS)
+    # Both are one of five; two symbols more cost a bit each.
+    assert grammar.price(long[0]) - grammar.price(short[0]) == pytest.approx(2.0 * np.log(2.0))
+    assert grammar.price(short[0]) == pytest.approx(np.log(2.0) + np.log(5.0))
+
+
+def test_a_memory_follows_a_step_by_its_time_constant() -> None:
+    time = np.linspace(0.0, 8.0, 81)
+    np.testing.assert_allclose(remembered(time, np.ones(81), 2.0), 1.0 - np.exp(-time / 2.0), atol=1e-12)
+
+
+def test_the_effect_file_computes_the_formula() -> None:
+    products = (
+        Product((factor("rate", "cubic"), factor("roll", "size", 0.1))),
+        Product((factor("thruster_torque", "sign"),), memory=3.0),
+    )
+    assert is_possible(products)
+    assert not is_possible((products[0], Product((factor("depth"),))))
+    effect = effect_of(effect_source(products, (2.0, 0.5), UNITS, name="mine", axis="yaw"))
+    assert isinstance(effect.acts, Term)
+    assert (effect.needs, effect.acts.states) == (("roll",), 1)
+    assert [parameter.unit for parameter in effect.parameters] == ["N m s^3/rad^4", "N m", "s"]
+    # at.surge holds the size of roll less 0.1.
+    at = Instant(0.3, 0.3, 1.0, 0.4, 0.05, 0.0, 0.7, 0.0, Body(5000.0, 3500.0, 130.0))
+    torque, derivatives = effect.acts.evaluate(at, (2.0, 5.0, 3.0), (0.1,))
+    assert torque == pytest.approx(2.0 * 0.3**3 * 0.7 + 5.0 * 0.1)
+    assert derivatives == pytest.approx([(np.tanh(0.05 / 0.02) - 0.1) / 3.0])
+    plugins._check(replace(effect, id="mine"), ())  # noqa: SLF001 - raises where the effect is no plug-in
+    assert effect.acts.fastest is not None
+    assert effect.acts.fastest({"tau2": 3.0}) == pytest.approx(1.0 / 3.0)
+
+
+def test_gains_are_those_of_least_squares() -> None:
+    rng = np.random.default_rng(3)
+    own, regressors = rng.normal(size=(60, 2)), rng.normal(size=(60, 3))
+    regressors[:, 2] = own @ [1.0, 2.0]  # what the model can do anyway explains nothing
+    residual = 0.4 * regressors[:, 0] + rng.normal(size=60)
+    residual -= own @ np.linalg.lstsq(own, residual, rcond=None)[0]
+    blocks = np.repeat(np.arange(6), 10)
+
+    def summed(terms: np.ndarray) -> np.ndarray:
+        return np.array([terms[blocks == k].sum(axis=0) for k in range(6)])
+
+    def outer(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        return summed(a[:, :, np.newaxis] * b[:, np.newaxis, :])
+
+    every = np.hstack((own, regressors))
+    found = InnovationRegression(
+        summed(every * residual[:, np.newaxis]), outer(own, own), outer(own, regressors), summed(regressors**2),
+        regressors.T @ regressors,
+    )  # fmt: skip
+    for k, gain in enumerate(found.gains()[:2]):
+        _, (rest,), *_ = np.linalg.lstsq(np.column_stack((own, regressors[:, k])), residual, rcond=None)
+        assert gain == pytest.approx(0.5 * (residual @ residual - rest), rel=1e-9)
+    assert found.gains()[2] == 0.0
+    twice = np.where(np.arange(6) < 3, 2.0, 0.0)
+    assert found.gains(twice)[0] != pytest.approx(found.gains()[0])
+
+
+def write_logs(folder: Path, ballast: float) -> None:
+    """Six runs of a vehicle with logged roll, and a torque ``ballast`` * roll |roll| in N m."""
+    folder.mkdir()
+    signals = 'time = { csv = "time_s" }\nheading = { csv = "heading_deg", unit = "deg" }\n'
+    signals += 'torque = { csv = "torque_Nm" }\nroll = { csv = "roll_deg", unit = "deg" }\n'
+    vehicle = '[vehicle]\nname = "simulated"\nmass = 2600.0\nlength = 2.6\nwidth = 2.0\n'
+    (folder / "rovid.toml").write_text(f"{vehicle}[signals]\n{signals}")
+    interval, steps, time = 0.2, 20, np.arange(0.0, 200.0, 0.2)
+    levels = np.random.default_rng(8).choice([-180.0, -90.0, 0.0, 90.0, 180.0], size=(2, 40))
+    torques = (
+        np.where(time % 100.0 < 70.0, 120.0, 0.0),
+        np.where(time % 100.0 < 70.0, -120.0, 0.0),
+        150.0 * np.sin(2.0 * np.pi * time / 40.0),
+        180.0 * np.sin(2.0 * np.pi * time / 20.0),
+        levels[0][(time // 11.0).astype(int)],
+        levels[1][(time // 7.0).astype(int)],
+    )
+    for number, torque in enumerate(torques):
+        rng = np.random.default_rng(number)
+        roll = 0.1 * np.sin(2.0 * np.pi * time / 37.0 + rng.uniform(0.0, 6.0)) + 0.05 * np.sin(time / 3.3 + number)
+        heading, rate, slow, rows = rng.uniform(0.0, 6.0), 0.0, 0.0, ["time_s,heading_deg,torque_Nm,roll_deg"]
+        for k, push in enumerate(torque):
+            degrees = np.degrees(heading) + rng.normal(0.0, 0.02)
+            rows.append(f"{time[k]:.1f},{degrees % 360.0:.4f},{push:.3f},{np.degrees(roll[k]):.4f}")
+            slow += -slow * interval / 4.0 + 1.5 * np.sqrt(2.0 * interval / 4.0) * rng.normal()
+            for _ in range(steps):
+                hidden = ballast * roll[k] * abs(roll[k]) + slow
+                rate += interval / steps * (push + hidden - 3500.0 * abs(rate) * rate - 130.0 * rate) / 5000.0
+                heading += interval / steps * rate
+        (folder / f"run_{number}.csv").write_text("\n".join(rows) + "\n")
+
+
+@pytest.mark.slow
+def test_a_law_of_no_catalogue_is_found_and_its_file_is_an_effect(tmp_path: Path, rovid: Rovid) -> None:
+    write_logs(tmp_path / "logs", 2500.0)
+    found = rovid("discover", "logs", "--write", "law.py", "--plot", "law.png", "--json").document
+    (best, *_) = found["formulas"]
+    assert (best["signals"], list(best["parameters"])) == (["roll"], ["c1"])
+    assert "roll*abs(roll)" in best["formula"]
+    coefficient = best["parameters"]["c1"]
+    assert coefficient["unit"] == "N m/rad^2"
+    assert abs(coefficient["value"] - 2500.0) < 4.0 * coefficient["standard_error"] + 25.0
+    assert best["held_out_gain"] > 0.8
+    fitted = rovid("fit", "logs", "--effect", "law", "--effects-from", "law.py", "--json").document
+    assert fitted["parameters"]["law.c1"]["value"] == pytest.approx(coefficient["value"], rel=0.02)
+
+
+@pytest.mark.slow
+def test_without_a_hidden_law_no_formula_is_offered(tmp_path: Path, rovid: Rovid) -> None:
+    write_logs(tmp_path / "logs", 0.0)
+    assert rovid("discover", "logs", "--json").document["formulas"] == []
