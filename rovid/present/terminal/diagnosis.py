@@ -51,6 +51,7 @@ from rovid.present.tables.diagnosis import (
 from rovid.present.tables.fits import estimate_table
 from rovid.store.study import Study
 from rovid.trial.assumptions import Assumptions
+from rovid.trial.axis import Axis
 from rovid.trial.vehicle import Vehicle
 
 _ALTERNATIVES_SHOWN = 3
@@ -89,12 +90,7 @@ def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> 
     if diagnosis.challengers:
         console.print()
         challengers_table(diagnosis, axis).print(console, guess)
-    for signal, gain in diagnosis.signals:
-        console.print()
-        dependence = f"{axis.reword(signal.title)} (log-likelihood gain {gain:.0f})"
-        print_text(console, f"Unexplained: {dependence}. This is a dependence, not a cause.")
-    if diagnosis.signals or diagnosis.verdict == "unexplained":
-        print_text(console, "`rovid discover LOGS` looks for a formula that predicts what is left.")
+    _show_unexplained(console, diagnosis, axis)
     if diagnosis.base is not None and diagnosis.extended is not None:
         _show_improvement(console, diagnosis, diagnosis.base, diagnosis.extended)
         console.print(estimate_table(diagnosis.extended.estimate))
@@ -108,6 +104,16 @@ def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> 
     if "thrust_scale" in unidentifiable_parameters(vehicle) and vehicle.thrusters:
         print_text(console, "A pull, a lift or a step of inertia shows the factor on all thrust: fit-thrust-scale")
     print_labelled(console, "Next:", str(next_step(diagnosis)))
+
+
+def _show_unexplained(console: Console, diagnosis: Diagnosis, axis: Axis) -> None:
+    """Print the signals that the remaining error follows."""
+    for signal, gain in diagnosis.signals:
+        console.print()
+        dependence = f"{axis.reword(signal.title)} (log-likelihood gain {gain:.0f})"
+        print_text(console, f"Unexplained: {dependence}. This is a dependence, not a cause.")
+    if diagnosis.signals or diagnosis.verdict == "unexplained":
+        print_text(console, "`rovid discover LOGS` looks for a formula that predicts what is left.")
 
 
 def _size_words(share: float) -> str:
