@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -13,6 +13,7 @@ from typing import cast
 from rovid.core.atomic_write import OutputFile
 from rovid.core.errors import ConfigError, suggestion
 from rovid.core.signatures import export_mark, export_signature
+from rovid.effects.bias_torque import EFFECT
 from rovid.export import ALIASES, FORMATS
 from rovid.export.interface import ExportInput, ExportResult
 from rovid.export.resimulation import Mismatch, compare_rates, rovid_rate, verification_commands
@@ -106,7 +107,7 @@ def verified_export(exporter: Exporter, subject: ExportInput) -> VerifiedExport:
             cause = " and ".join(effect.needs) or "a random phase"
             why += f"; the verification does not show its size, because it depends on {cause}"
         losses.append(ExportLoss(what=effect.key, why=why, percent_of_range=percent))
-    notes = [*subject.notes, *result.notes]
+    notes = [*subject.notes, *result.notes, *_trim(subject)]
     if not result.base_losses and kept_mismatch.percent_of_range > _VISIBLE:
         notes.append("The rest of the mismatch is due to the coarse integration step: a smaller step reduces it.")
     return VerifiedExport(
@@ -116,3 +117,15 @@ def verified_export(exporter: Exporter, subject: ExportInput) -> VerifiedExport:
         losses=tuple(losses),
         warnings=tuple(notes),
     )
+
+
+def _trim(subject: ExportInput) -> Iterator[str]:
+    """The constant torque of the model as a trim: the least change of all thrusts that cancels the torque."""
+    torque = subject.value(EFFECT.key, "torque")
+    arms = {one.name: one.arm for one in subject.vehicle.thrusters if one.curve is not None and one.arm}
+    if not torque or not arms:
+        return
+    whole = sum(arm**2 for arm in arms.values())
+    # Least squares of the thrusts with the sum of arm times thrust equal to minus the torque.
+    shares = [f"{name} by {-torque * arm / whole:+.3g} N" for name, arm in arms.items()]
+    yield f"A constant torque of {torque:.3g} N m acts. A trim of {' and '.join(shares)} cancels it."

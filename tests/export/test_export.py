@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import tomllib
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping
@@ -483,6 +484,15 @@ def test_signs_are_those_of_each_simulator(fitted: Path, tmp_path: Path) -> None
     gz = ET.parse(files["gz-sim"]).getroot()
     assert value(gz, "model/link/inertial/inertia/izz") == pytest.approx(sample_vehicle().rigid_body_inertia or 0.0)
     assert value(gz, "model/link/inertial/fluid_added_mass/rr") > 0.0
+
+
+def test_a_constant_torque_is_printed_as_a_trim_that_cancels_it(fitted: Path, tmp_path: Path) -> None:
+    document, _ = exported("json", with_effects(fitted, ("bias_torque",), tmp_path), tmp_path)
+    (trim,) = (text for text in document["warnings"] if "trim" in text)
+    thrusts = {name: float(size) for name, size in re.findall(r"(\w+) by ([-+][\d.]+) N", trim)}
+    assert thrusts.keys() == {thruster.name for thruster in sample_vehicle().thrusters}
+    torque = sum(thruster.arm * thrusts[thruster.name] for thruster in sample_vehicle().thrusters)
+    assert torque == pytest.approx(-8.0, rel=0.002)  # three digits are printed
 
 
 def test_uuv_controllers_get_a_yaml(fitted: Path, tmp_path: Path) -> None:
