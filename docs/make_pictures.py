@@ -81,7 +81,7 @@ def screen_of_open(folder: Path) -> None:
             features = [{"name": "prefers-color-scheme", "value": "light"}]
             tab.call("Emulation.setEmulatedMedia", media="", features=features)
             tab.call("Page.navigate", url=server.address)
-            tab.until("document.querySelectorAll('.chart canvas, #now-title:is(.go, .care)').length > 3")
+            tab.until("Boolean(document.querySelector('#now-title:is(.go, .care)'))")
             # Hide the path of this machine.
             tab.ask("for (const id of ['where', 'top']) document.getElementById(id).textContent = '/home/me/trials'")
             tab.ask("scrollTo(0, 0); new Promise(requestAnimationFrame)")

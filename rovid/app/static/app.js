@@ -750,7 +750,12 @@ function headlines(reading = "") {
     // The step "check" has the whole list. The arms are asked for above.
     const armsAsked = asked.some(({ step: place }) => place === "thrusters");
     const tasks = checked.tasks.filter((text) => !(armsAsked && /^Measure yaw_arm/.test(text)));
-    if (step !== "check") lines.push(...tasks.slice(0, 3).map((text) => [text]));
+    if (step !== "check") {
+      // The plots stay near the top.
+      lines.push(...tasks.slice(0, 1).map((text) => [text]));
+      const more = tasks.length - 1;
+      if (more > 0) lines.push([`${more} more ${more > 1 ? "points" : "point"} of the check.`, { step: "check", words: "the check" }]);
+    }
   } else [words, busy] = ["Reading the logs …", true];
   if (title_.textContent !== words) title_.textContent = words;
   title_.className = busy ? "busy" : verdict;
