@@ -91,12 +91,13 @@ def discover(
         if plot is not None:
             contents[wanted["plot"]] = formula_picture(found, best, study.runs, study.vehicle)
         outputs.write(contents)
+    warnings = [*study.remarks(), *found.warnings]
     written = {name: str(file.path) for name, file in wanted.items()} if found.formulas else {}
     if json:
-        print_json(discovery_document(found, study.remarks()) | written)
+        print_json(discovery_document(found, warnings) | written)
         return
     show_caution(console(), study.vehicle.assumptions)
     show_discovery(console(), found)
-    show_warnings(console(), study.remarks())
+    show_warnings(console(), warnings)
     for path in written.values():
         print_path(console(), f"written to {path}")

@@ -48,6 +48,10 @@ _NEAR = 0.5
 _COMPARABLE = 0.5
 # Draws of the block bootstrap, its seed, and the least inclusion frequency of a formula.
 _DRAWS, _SEED, _INCLUDED = 100, 56, 0.3
+_CUT_SHORT = (
+    "The budget was used up before the diagnosis came to its end: a cause of the catalogue may be missing, and a "
+    "formula may stand in for it. Give a larger --budget."
+)
 _RULES = (predicts_worse, too_large, too_small, raises_disturbance, simulates_worse)
 
 
@@ -96,6 +100,7 @@ class Discovery:
     formulas: tuple[Formula, ...] = ()
     causes: tuple[str, ...] = ()  #: Ids of the causes that the diagnosis selects.
     missing: str = ""  #: What the data lack; empty if nothing.
+    warnings: tuple[str, ...] = ()
     grammar: Grammar | None = None
 
     def source(self, formula: Formula, name: str, axis: str) -> str:
@@ -178,7 +183,8 @@ class _Search:
             formula = self._validated(one)
             if formula is not None and frozenset(formula.signals) not in signals:
                 formulas.append(formula)
-        return Discovery(formulas=tuple(formulas), causes=causes, grammar=self.grammar)
+        warnings = (_CUT_SHORT,) if self.problem.budget.not_tried else ()
+        return Discovery(formulas=tuple(formulas), causes=causes, grammar=self.grammar, warnings=warnings)
 
     def _gain(self, one: _Candidate) -> float:
         return one.without.value - one.fitted.value

@@ -20,8 +20,9 @@ def show_discovery(console: Console, found: Discovery) -> None:
     if not found.formulas:
         print_text(console, "No formula of the logged and derived signals predicts what is left.")
         return
-    print_text(console, "A formula that predicts is no cause. A run that changes only its signals can decide.\n")
+    print_text(console, "A formula that predicts is no cause. A run that changes only its signals can decide.")
     for formula in found.formulas:
+        console.print()
         units, estimate = units_of(formula, found.grammar.units if found.grammar else {}), formula.estimate
         values = [
             f"{name} = {plus_minus(estimate.value(name), estimate.standard_error(name))} {units[name]}"
@@ -43,4 +44,4 @@ def show_discovery(console: Console, found: Discovery) -> None:
             2,
         )
         nearest = f"similar to {cause_title(formula.nearest)}" if formula.nearest else "similar to no named effect"
-        print_text(console, f"  {nearest}\n")
+        print_text(console, f"  {nearest}")
