@@ -35,9 +35,6 @@ _METHOD_FREE_RUNS = "least squares of free-running simulations over some time co
 _SEARCH_SHARE = 0.12
 # Steps of a start by free-running simulations, and of each start by the likelihood.
 _START_ITERATIONS, _FIRST_ITERATIONS = 15, 4
-# Gain of mean free-running R^2 from which free-running simulations are fitted before any effect is known: then the
-# likelihood has led the model far astray.
-_ASTRAY = 0.2
 # Loss of mean free-running R^2 below the best start that a start may have to give the sizes.
 _WORSE_START = 0.2
 # Steps with all readings, after the search.
@@ -109,8 +106,10 @@ def fit_all_readings(data: PlanarData, effects: Sequence[Effect] = ()) -> Planar
 
 
 def fit_base(data: PlanarData, *, with_current: bool = False) -> PlanarOptimum:
-    """Fit without effects to thinned readings, from the best of several starts; `refined` takes all readings.
+    """The likeliest model without effects of thinned readings, from several starts; `refined` takes all readings.
 
+    Where an effect is missing, the likelihood of this model says little: only the extended one decides by which
+    criterion it is judged, see `better_simulating`.
     ``with_current``: a current is added next, so a coarse fit will do.
     """
     _require_measured(data)
@@ -146,8 +145,7 @@ def fit_base(data: PlanarData, *, with_current: bool = False) -> PlanarOptimum:
     _require_finite(best)
     if with_current:
         return best
-    found = with_latencies(PlanarOptimum.fit(best.likelihood, best.x), data)
-    return better_simulating(found, data, [] if runs is None else [simulating.model], _ASTRAY)
+    return with_latencies(PlanarOptimum.fit(best.likelihood, best.x), data)
 
 
 def _require_finite(best: PlanarOptimum) -> None:

@@ -30,6 +30,7 @@ from rovid.planar.model import PlanarModel
 from rovid.planar.optimum import PlanarOptimum
 from rovid.planar.simulation import PlanarMotion, free_run_r2, mean_free_run_r2
 from rovid.planar.smoothing import SmoothRun, measured_axes, slowest_interval, smooth_inputs, smooth_run
+from rovid.planar.start_values import start_values
 
 # Longest window in the longest time constant. Short windows let a wrong model lean on the measured speeds at their
 # start.
@@ -152,8 +153,8 @@ def correlation_time(windows: Sequence[FloatArray]) -> float:
     return float(1.0 + 2.0 * np.sum((shares * positive)[1:]))
 
 
-def fit_free_runs(best: PlanarOptimum, data: PlanarData, starts: Sequence[PlanarModel] = ()) -> PlanarOptimum:
-    """The best fit of free-running simulations from ``best`` and ``starts``, with its own noise and disturbance.
+def fit_free_runs(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
+    """The best fit of free-running simulations from ``best`` and a regression, with its own noise and disturbance.
 
     Runs that are all too short for it leave ``best`` as it is.
     """
@@ -161,10 +162,11 @@ def fit_free_runs(best: PlanarOptimum, data: PlanarData, starts: Sequence[Planar
     if runs is None:
         return best
     coordinates, count = best.coordinates, best.coordinates.noise_begin
-    points = [best.x]
-    for model in starts:
-        first = coordinates.initial(model, [one.parameters for one in best.model.effects])
-        points.append(coordinates.projected(np.concatenate((first[:count], best.x[count:]))))
+    # The likelihood may have led far astray; the regression that simulates best has not.
+    regressed = [start.model for start in start_values(data, with_current=False)]
+    start = max(regressed, key=lambda model: mean_free_run_r2(model, data, yaw_only=False))
+    first = coordinates.initial(start, [one.parameters for one in best.model.effects])
+    points = [best.x, coordinates.projected(np.concatenate((first[:count], best.x[count:])))]
     likelihood = replace(best.likelihood, free_runs=runs)
     found = min((PlanarOptimum.fit(likelihood, point) for point in points), key=lambda one: one.value)
     found = PlanarOptimum.fit(replace(likelihood, free_runs=runs.weighted(found.model)), found.x)
@@ -177,19 +179,17 @@ def fit_free_runs(best: PlanarOptimum, data: PlanarData, starts: Sequence[Planar
     return found
 
 
-def better_simulating(
-    best: PlanarOptimum, data: PlanarData, starts: Sequence[PlanarModel] = (), least: float = MAX_R2_LOSS
-) -> PlanarOptimum:
+def better_simulating(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
     """``best``, or the fit of free-running simulations where the model misses much and that fit simulates better.
 
     What a user means by a wrong model is the free-running simulation. Where the innovations are not white and the
-    disturbance is at its limit, they say little about it. ``least`` is the gain of mean R^2 that is needed.
+    disturbance is at its limit, they say little about it.
     """
     # With measurements of yaw alone the results are those of one axis.
     if best.likelihood.grid.yaw_only or best.is_multi_step or best.is_white or not best.limited.any():
         return best
     if all(value >= INNOVATIONS_R2 for value in free_run_r2(best.model, data).values()):
         return best
-    other = fit_free_runs(best, data, starts).canonical()
+    other = fit_free_runs(best, data).canonical()
     before, after = (mean_free_run_r2(one.model, data, yaw_only=False) for one in (best, other))
-    return other if after - before > least else best
+    return other if after - before > MAX_R2_LOSS else best
