@@ -83,7 +83,7 @@ def main() -> None:
         if not message:
             raise
         sys.stderr.write(f"rovid: {message}\n")
-        if isinstance(error, OSError):
+        if isinstance(error, OSError) and error.filename is None:
             # What is left in the buffer of a full device would fail again at the end of the process.
             with contextlib.suppress(OSError):
                 sys.stdout.close()

@@ -32,7 +32,7 @@ _ACTIONS = ("new", "try")
 
 
 def effect(
-    action: Annotated[str, argument("ACTION", "new or try.", autocompletion=completion.effect_actions)],
+    action: Annotated[str, argument("ACTION", "What to do: new or try.", autocompletion=completion.effect_actions)],
     name: Annotated[str, argument("NAME", "The name of a new effect, or the file of one.")],
     logs: Annotated[list[Path] | None, argument("LOGS", "Logs to try the effect on.")] = None,
     *,

@@ -16,10 +16,7 @@ PAGE = Page(
     Enter it as a server with the command "rovid" and the argument "mcp" in the settings of the assistant. It needs the
     package mcp: `pip install 'rovid[mcp]'`.
     """,
-    examples=(
-        ("Serve an assistant, which starts it by itself", "rovid mcp"),
-        ("What an assistant is told", "rovid help skill"),
-    ),
+    examples=(("Serve an assistant, which starts it by itself", "rovid mcp"),),
     see=("rovid help skill", "rovid help api"),
 )
 

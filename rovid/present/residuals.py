@@ -248,7 +248,8 @@ def _run_drivers(run: Run, axis: Axis, channels: Sequence[str]) -> Iterator[tupl
     yield f"{axis.position_words} from the start, {unit}", factor * (position - trial.first_position)
     yield "time in the trial, s", rates.time
     for name in channels:
-        yield name.replace("_", " "), resample(trial, trial.extras[name], rates.time)
+        words = name if name in trial.extras else f"{name}, rad"  # a tilt
+        yield words.replace("_", " "), resample(trial, trial.channels[name], rates.time)
 
 
 def _explained_share(driver: FloatArray, equation: FloatArray) -> float:

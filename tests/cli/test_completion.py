@@ -46,7 +46,7 @@ def offered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Offered:
 
 def test_commands_and_options(offered: Offered) -> None:
     assert offered("") == list(MANUAL)
-    assert offered("fit-") == ["fit-drag", "fit-inertia", "fit-thruster"]
+    assert offered("fit-") == ["fit-drag", "fit-inertia", "fit-thruster", "fit-thrust-scale"]
     assert {"--effect", "--axis", "--parameters", "--json"} <= set(offered("fit", "--"))
     assert offered("report", "--no-d") == ["--no-diagnosis"]
 

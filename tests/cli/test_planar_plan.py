@@ -88,15 +88,15 @@ def few(tmp_path: Path) -> Path:
 
 def test_a_plan_keeps_the_limits(few: Path, rovid: Rovid) -> None:
     limits = ("--minutes", 1.5, "--share", 0.5, "--max-rate", 45, "--turns", 2)
-    document = rovid("plan", few, "--axes", "planar", *limits, "--narrow", "sway.linear_drag", "--json").document
+    document = rovid("plan", few, "--axes", "planar", *limits, "--narrow", "yaw.linear_drag", "--json").document
     assert document["schema"] == "rovid-plan/1"
-    assert (document["axes"], document["narrow"]) == ("planar", "sway.linear_drag")
+    assert (document["axes"], document["narrow"]) == ("planar", "yaw.linear_drag")
     reasons = {one["reason"] for one in document["left_out"]}
     assert {"longer than the limit", "beyond the limit of the yaw rate"} <= reasons
     assert all(run["seconds"] <= 90.1 for run in document["runs"])
     gains = [run["gain_per_minute"] for run in document["runs"]]
     assert gains == sorted(gains, reverse=True)
-    pair = document["standard_errors"]["sway.linear_drag"]
+    pair = document["standard_errors"]["yaw.linear_drag"]
     assert math.log((pair["before"] / pair["after"]) ** 2) == pytest.approx(document["runs"][0]["gain"], rel=1e-3)
     planned = pd.read_csv("plan.csv")
     logged = pd.concat([pd.read_csv(log) for log in few.glob("run_*.csv")])

@@ -60,6 +60,9 @@ OF_OTHERS = (
     "fit-inertia tables/sine_trials.csv -p tables.toml",
     "diagnose tables -p tables.toml",
     "fleet bare -o fleet",
+    "discover day -p discovered.toml",
+    "effect new own_effect",
+    "fit-thrust-scale pull/pulls.csv",
     "help",
     "help supply_sag",
 )
@@ -76,6 +79,10 @@ def folder(tmp_path: Path) -> Path:
     ):
         shutil.copytree(SAMPLES / sample, tmp_path / name)
     shutil.copy(SAMPLES / "thruster_bench" / "kaxan_540.csv", tmp_path / "bench.csv")
+    (tmp_path / "pull").mkdir()
+    for name in ("rovid.toml", "thrust_curve.csv"):
+        shutil.copy(SAMPLES / "rosub_tank" / name, tmp_path / "pull" / name)
+    (tmp_path / "pull" / "pulls.csv").write_text("fore,aft,torque_Nm\n4,4,320\n5,5,480\n-4,-4,-310\n")
     write_short_day(tmp_path / "day", runs=RUNS)
     write_short_day(tmp_path / "bare", runs=RUNS, configured=False)
     return tmp_path
@@ -110,8 +117,8 @@ def _once(name: str, whole: Callable[..., Any], kept: dict[str, Any]) -> Callabl
 
 
 def test_every_command_is_looked_at() -> None:
-    # One serves its page until it is ended, and prints an address alone.
-    assert {command.split()[0] for command in (*OF_A_DAY, *OF_OTHERS)} == set(MANUAL) - {"open"}
+    # Two serve until they are ended: a page, of which they print an address alone, and an assistant.
+    assert {command.split()[0] for command in (*OF_A_DAY, *OF_OTHERS)} == set(MANUAL) - {"open", "mcp"}
 
 
 @pytest.mark.parametrize(

@@ -256,7 +256,7 @@ def test_one_inertia_everywhere(lagged: Played) -> None:
     assert shown is not None
     assert float(shown[1]) == pytest.approx(found, rel=1e-3)
     for trial in said["simulate after"]["trials"]:
-        assert f"{trial['yaw_rate_r2']:.4f}" in section_of(lagged.page, "simulation")
+        assert f"{trial['yaw_rate_r2']:.4f}" in section_of(lagged.page, "trials")
 
 
 def test_the_biased_inertia_stands_beside_it_as_what_it_is(lagged: Played) -> None:
