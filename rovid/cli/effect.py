@@ -8,7 +8,7 @@ from typing import Annotated
 from rovid.cli import completion
 from rovid.cli.context import compile_in_background, console, named_axis, open_logs, print_json
 from rovid.cli.help_format import Page
-from rovid.cli.options import AxisName, Json, argument
+from rovid.cli.options import AxisName, Force, Json, argument
 from rovid.cli.progress import progress
 from rovid.core.errors import ConfigError, suggestion
 
@@ -37,6 +37,7 @@ def effect(
     logs: Annotated[list[Path] | None, argument("LOGS", "Logs to try the effect on.")] = None,
     *,
     axis: AxisName = None,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Write an effect of your own, or try it on logs."""
@@ -48,10 +49,10 @@ def effect(
     if logs:
         _try(Path(name), logs, axis, json=json)
     else:
-        _write(name, json=json)
+        _write(name, force=force, json=json)
 
 
-def _write(name: str, *, json: bool) -> None:
+def _write(name: str, *, force: bool, json: bool) -> None:
     """Write the files of a new effect."""
     from rovid.core.atomic_write import OutputFile, OutputSet
     from rovid.core.signatures import NEW_EFFECT
@@ -61,7 +62,7 @@ def _write(name: str, *, json: bool) -> None:
 
     require_free_id(name)
     files = {OutputFile(Path(path), NEW_EFFECT): text for path, text in new_files(name).items()}
-    OutputSet([*files]).write(files)
+    OutputSet([*files], force=force).write(files)
     paths = [str(file.path) for file in files]
     if json:
         print_json({"schema": "rovid-effect/1", "effect": name, "files": paths, "warnings": []})
