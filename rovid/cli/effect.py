@@ -69,7 +69,8 @@ def _write(name: str, *, force: bool, json: bool) -> None:
         return
     for path in paths:
         print_path(console(), f"written to {path}")
-    print_path(console(), f"Test it: pytest {paths[1]}   Try it: rovid effect try {paths[0]} LOGS")
+    print_path(console(), f"Test it: pytest {paths[1]}")
+    print_path(console(), f"Try it: rovid effect try {paths[0]} LOGS")
 
 
 def _try(path: Path, logs: list[Path], axis: str | None, *, json: bool) -> None:
