@@ -130,7 +130,7 @@ def write_page(records: Sequence[Record], path: Path) -> None:
 and folders without a fault. The vehicles have inertias of 0.4 to 10⁵ kg m² and time constants of 0.2 to 20 s. The
 formats are CSV (one table, or two files for each run), MCAP (JSON, ROS 2), ROS 2 bags, DataFlash and ULog. Place and
 size of the fault are random. The simulator and the writers share no code with rovid. rovid reads only the files.
-The damage follows reports of real loggers, not the detectors.
+The faults imitate reports of real loggers, and were not derived from the detectors.
 
 {table(records)}
 
@@ -148,7 +148,7 @@ False causes: {most}.
 * The time of each reading is exact before the damage. Real loggers also have a varying latency.
 * `several_releases` has tests in yaw, between which a hand turns the vehicle. Free decays in roll and pitch are absent.
 * Two payloads in groups of two or three logs are seldom named: the scatter between logs of one payload is then unknown.
-* Motion that comes after its commands, with both on clocks of one file, cannot be told from a delay of the thrusters.
+* In one file with late motion, rovid cannot distinguish a clock offset from a delay of the thrusters.
 * Tlog, ROS 1 bags, Parquet and NMEA are absent.
 
 ## Failures

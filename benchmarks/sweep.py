@@ -456,7 +456,7 @@ def score_card(results: Sequence[Result]) -> str:
 {table(head, rows)}
 Calm water follows the model equation exactly, and each campaign has a complete programme of runs. This is the
 easiest case. [Hard water](hard.md) has waves, an autopilot or a pilot, and few runs; [real logs](real.md) have
-their own difficulties. For your own logs, expect hit rates like those of these two.
+their own difficulties. For your own logs, expect hit rates like those of hard water and real logs.
 """
 
 

@@ -24,12 +24,12 @@ from rovid.core.errors import ConfigError
 
 PAGE = Page(
     text="""
-    Diagnoses the logs first. Then it looks for a formula of the logged and derived signals that predicts the torque
-    which no effect of the catalogue explains: products, absolute values, powers, signs, sines of angles, and a
-    first-order memory. A formula is printed only if it also predicts runs that were not fitted. It is no cause: a run
-    that changes only its signals can decide. With nothing to add it says so.
+    Diagnoses the logs. Then searches for a formula of the logged and derived signals that predicts the torque that no
+    effect of the catalogue explains. A formula consists of products, absolute values, powers, signs, sines of angles
+    and first-order memories. A formula is printed only if it also predicts runs that were not fitted. A formula does
+    not prove a cause. Only a run that changes its signals alone can decide.
 
-    --write makes the best formula an effect, for --effects-from. Writes no other file unless --plot is given.
+    --write writes the best formula as an effect, for --effects-from. Without --write and --plot no file is written.
 
     Use it where diagnose leaves something unexplained. It takes about twice as long as diagnose.
     """,
@@ -55,7 +55,7 @@ def discover(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Find a formula that predicts what is left unexplained."""
+    """Find a formula that predicts the unexplained torque."""
     refuse_planar(axes)
     add_effects(effects_from)
     compile_in_background()

@@ -19,17 +19,17 @@ PAGE = Page(
     Estimates the common scale of all thrust: the true thrust over that of the curves in rovid.toml. Heading data alone
     never determine the scale, and inertia, drag and every torque are proportional to it. One of three tests does:
 
-    A bollard pull. TESTS is a CSV file with one row for each reading: the commands, in columns with the names that
-    rovid.toml gives them or with the thrusters' names, and force_N, by a spring balance, or torque_Nm.
+    A bollard pull. TESTS is a CSV file with one row for each reading. The columns are the commands, with their names in
+    rovid.toml or the names of the thrusters, and force_N (by a spring balance) or torque_Nm.
 
-    A lift or hover. The same with weight_N, the known weight in water that the thrust holds.
+    A lift or hover. The same columns, with weight_N, the known weight in water that the thrust holds, for force_N.
 
-    A step of inertia. --before and --after are parameter files of fits without and with a body of the inertia --added,
-    that of the water around it included.
+    A step of inertia. --before and --after are parameter files of fits without and with an added body. --added is the
+    inertia of the body, with its added mass.
 
-    Each reading is the mean of a steady time. The command prints the two lines for [vehicle] in rovid.toml. Every later
-    fit, diagnosis and report then uses the scaled curves, and all standard errors include that of the scale. Writes
-    nothing.
+    Each reading is the mean over a steady interval. The command prints the two lines for [vehicle] in rovid.toml. Enter
+    them there. Every later fit, diagnosis and report then uses the scaled curves, and all standard errors include that
+    of the scale. The command writes no file.
     """,
     examples=(
         ("Pulls of a balance that is right within 1 %", "rovid fit-thrust-scale pulls.csv --reference-error 1"),

@@ -58,7 +58,7 @@ def cautions(diagnosis: Diagnosis, trials: Sequence[Trial], vehicle: Vehicle) ->
             logs = closed[0] if len(closed) == 1 else f"{len(closed)} of {len(trials)} trials"
             yield (
                 f"The commands follow the motion in {logs}, by an autopilot or a pilot. Drag from steady states and "
-                "inertia from sines are biased by it."
+                "inertia from sines are biased by this feedback."
             )
     if diagnosis.base is None or diagnosis.extended is None or not diagnosis.extended.model.effects:
         return

@@ -102,7 +102,7 @@ def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> 
     unidentifiable = [UNIDENTIFIABLE[name] for name in unidentifiable_parameters(vehicle)]
     print_text(console, f"cannot be found from {axis.name} data: {'; '.join(unidentifiable)}")
     if "thrust_scale" in unidentifiable_parameters(vehicle) and vehicle.thrusters:
-        print_text(console, "A pull, a lift or a step of inertia shows the factor on all thrust: fit-thrust-scale")
+        print_text(console, "A pull, a lift or a step of inertia determines the factor on all thrust: fit-thrust-scale")
     print_labelled(console, "Next:", str(next_step(diagnosis)))
 
 
@@ -113,7 +113,7 @@ def _show_unexplained(console: Console, diagnosis: Diagnosis, axis: Axis) -> Non
         dependence = f"{axis.reword(signal.title)} (log-likelihood gain {gain:.0f})"
         print_text(console, f"Unexplained: {dependence}. This is a dependence, not a cause.")
     if diagnosis.signals or diagnosis.verdict == "unexplained":
-        print_text(console, "`rovid discover LOGS` looks for a formula that predicts what is left.")
+        print_text(console, "`rovid discover LOGS` searches for a formula of the unexplained torque.")
 
 
 def _size_words(share: float) -> str:

@@ -18,9 +18,9 @@ def show_discovery(console: Console, found: Discovery) -> None:
     causes = join_words(list(map(cause_title, found.causes)))
     print_text(console, f"Causes of the catalogue that the diagnosis selects: {causes or 'none'}.")
     if not found.formulas:
-        print_text(console, "No formula of the logged and derived signals predicts what is left.")
+        print_text(console, "No formula of the logged and derived signals predicts the unexplained torque.")
         return
-    print_text(console, "A formula that predicts is no cause. A run that changes only its signals can decide.")
+    print_text(console, "A formula does not prove a cause. Only a run that changes its signals alone can decide.")
     for formula in found.formulas:
         console.print()
         units, estimate = units_of(formula, found.grammar.units if found.grammar else {}), formula.estimate
