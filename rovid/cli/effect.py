@@ -14,8 +14,8 @@ from rovid.core.errors import ConfigError, suggestion
 
 PAGE = Page(
     text="""
-    new NAME writes NAME.py, an effect of your own with comments, and test_NAME.py, which hides the effect in simulated
-    logs and lets rovid find it. It replaces no file.
+    new NAME writes NAME.py, an effect of your own with comments, and test_NAME.py, which simulates logs with the
+    effect and requires that rovid finds it. Without --force it replaces no file.
 
     try FILE LOGS fits the effect of a file to logs, alone and next to the causes that the diagnosis selects, and shows
     its log-likelihood gain next to the gains of the catalogue's effects. It writes no file.
