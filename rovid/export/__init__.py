@@ -25,6 +25,7 @@ FORMATS: Mapping[str, ExportFormat] = {
     "matlab": ExportFormat("rovid_equation", "rovid.mat", "export_matlab"),
     "json": ExportFormat("rovid_equation", "rovid.json", "export_json"),
     "python-vehicle-simulator": ExportFormat("python_vehicle_simulator", "rovid_vehicle.py"),
+    "mss": ExportFormat("mss", "rovid_vehicle.m"),
 }
 # Other names -> format.
 ALIASES: Mapping[str, str] = {
@@ -39,6 +40,7 @@ ALIASES: Mapping[str, str] = {
     "simulink": "matlab",
     "octave": "matlab",
     "mat": "matlab",
+    "marine-systems-simulator": "mss",
     "fossen": "python-vehicle-simulator",
     "python": "python-vehicle-simulator",
 }
@@ -52,4 +54,5 @@ PLANAR_FORMATS: Mapping[str, tuple[str, str]] = {
     "matlab": ("planar_tables", "export_matlab"),
     "json": ("planar_tables", "export_json"),
     "python-vehicle-simulator": ("planar_python", "export"),
+    "mss": ("mss", "export_planar"),
 }

@@ -63,7 +63,7 @@ def test_commands_and_options(offered: Offered) -> None:
         (["export", ""], list(FORMATS)),
         (["help", "thruster_l"], ["thruster_lag"]),
         (["help", "l"], ["logs"]),
-        (["export", "m"], ["mujoco", "matlab"]),
+        (["export", "m"], ["mujoco", "matlab", "mss"]),
         (["fit-thruster", "--unit", ""], list(THRUST_UNITS)),
         (["plan", "--narrow", ""], list(base_names(YAW))),
     ],

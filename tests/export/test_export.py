@@ -57,6 +57,7 @@ HELD: dict[str, tuple[str, ...]] = {
     "uuv": (*CURVE, *LAGS),
     "mujoco": (*CURVE, "thruster_lag", "command_delay", "drag_curvature", "bias_torque", "tether_torsion"),
     "python-vehicle-simulator": (*CURVE, *LAGS, "drag_curvature", "drag_asymmetry", "bias_torque", "tether_torsion"),
+    "mss": (*CURVE, "drag_curvature", "drag_asymmetry", "bias_torque", "tether_torsion"),
     "ros2": tuple(SIZES),
     "matlab": tuple(SIZES),
     "json": tuple(SIZES),
@@ -436,6 +437,22 @@ def test_mujoco_in_its_own_engine(keys: tuple[str, ...], fitted: Path, tmp_path:
     ours = rovid_rates(parameters)
     assert percent(-np.array(rates), ours) < ALLOWED
     assert percent(np.array(rates), ours) > 50.0
+
+
+@pytest.mark.parametrize("keys", [(), *((key,) for key in HELD["mss"])])
+def test_the_function_for_mss_holds_its_effects_and_lists_a_lag(
+    keys: tuple[str, ...], fitted: Path, tmp_path: Path
+) -> None:
+    document, file = exported("mss", with_effects(fitted, (*keys, "thruster_lag"), tmp_path), tmp_path, ".m")
+    assert [loss["what"] for loss in document["not_held"]] == ["thruster_lag"]
+    assert document["mismatch"]["yaw_rate_percent_of_range"] > 5.0 * ALLOWED
+    assert document["mismatch_of_what_is_held"]["yaw_rate_percent_of_range"] < ALLOWED
+    if not keys:
+        # The numbers by their SNAME names: a derivative is minus the parameter.
+        numbers = dict(re.findall(r"^(\w+) = ([-+.\de]+);", file.read_text(), re.MULTILINE))
+        entries = read_parameters(fitted).entries
+        assert float(numbers["Nrr"]) == -entries["quadratic_drag"].value
+        assert float(numbers["Iz"]) - float(numbers["Nrdot"]) == pytest.approx(entries["inertia"].value)
 
 
 @pytest.mark.parametrize("keys", [(), *((key,) for key in HELD["python-vehicle-simulator"])])

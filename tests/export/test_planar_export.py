@@ -50,6 +50,7 @@ HELD: Mapping[str, set[str]] = {
     "vrx": {"thrust_asymmetry"},
     "uuv": {"sway_yaw_damping", "current", "thruster_lag", "thrust_asymmetry"},
     "python-vehicle-simulator": set(SIZES),
+    "mss": set(SIZES) - {"thruster_lag"},
     "json": set(SIZES),
     "ros2": set(SIZES),
     "matlab": set(SIZES),

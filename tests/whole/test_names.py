@@ -23,6 +23,7 @@ from rovid.cli import cli
 from rovid.effects import effect_named
 from rovid.export import FORMATS
 from rovid.export.interface import ExportInput, ExportResult
+from rovid.export.mss import derivative
 from rovid.export.run_export import load_exporter, verified_export
 from rovid.export.uuv import export_yaml
 from rovid.model.model import Model
@@ -95,12 +96,18 @@ def read_python(content: str) -> None:
     assert not STEERING.search(content)
 
 
+def read_function(content: str) -> None:
+    assert derivative(content)(np.zeros(2), np.zeros(1)).tolist() == [0.0, 0.0]
+    assert not STEERING.search(content)
+
+
 ASSERT_READABLE: dict[str, Callable[[str], None] | Callable[[bytes], None]] = {
     **dict.fromkeys(("gz-sim", "uuv", "vrx", "stonefish", "mujoco"), read_xml),
     "ros2": read_yaml,
     "matlab": read_matlab,
     "json": read_json,
     "python-vehicle-simulator": read_python,
+    "mss": read_function,
 }
 
 

@@ -1,0 +1,261 @@
+"""Marine Systems Simulator (MSS, Fossen): a function for MATLAB and Octave, [xdot, M, C, D] = rovid_vehicle(x, tau).
+
+The vehicles of MSS are such functions; the caller integrates them, here by the classical Runge-Kutta method. Axes are
+NED and names of SNAME (1950), as in Fossen 2021, chapter 6. The verification runs the text of the file, line by line.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from rovid.core.array_types import FloatArray
+from rovid.core.escaping import python_docstring
+from rovid.core.signatures import export_mark
+from rovid.export.interface import PERIOD, ExportInput, ExportResult
+from rovid.export.planar_input import PlanarInput
+from rovid.export.planar_result import PlanarExportResult
+from rovid.export.planar_tables import own_equation
+from rovid.export.resimulation import repeat_held, thrust_torque
+from rovid.export.thruster_curves import ThrusterCurve, curve_effect_keys, number_list, thruster_curves
+
+# s, step of the verification, and of the verdict on stability.
+STEP = 0.05
+# Further terms of yaw: part of the damping D in N m s/rad, and of the torque in N m.
+_YAW_DAMPING = {"drag_curvature": "{cubic!r}*r*r"}
+_YAW_FACTORS = {"drag_asymmetry": "(1 + ({ratio!r} - 1)*(r < 0))"}
+_YAW_TORQUES = {"bias_torque": "{torque!r}", "tether_torsion": "-{stiffness!r}*psi"}
+_HEAD = """function [xdot, M, C, D] = rovid_vehicle(x, tau)
+% [xdot, M, C, D] = rovid_vehicle(x, tau) returns the time derivative of the
+% state, and the matrices of {axes} of {title}.
+% {mark}.
+%
+% {equation}
+{states}
+% NED: yaw is positive clockwise from above. Integrate with rk4 and a step of
+% {step:g} s or less. Thrust in N over the command of each thruster:
+{thrusters}
+"""
+_YAW = """Iz = {rigid!r};  % kg m^2, rigid body; all of the inertia where the body's is not known
+Nrdot = {added!r};  % kg m^2
+Nr = {linear!r};  % N m s/rad
+Nrr = {quadratic!r};  % N m s^2/rad^2
+r = x(1);
+psi = x(2);
+M = Iz - Nrdot;
+C = 0;
+D = {damping};
+tau_0 = {torque};
+r_dot = (tau(1) + tau_0 - C*r - D*r)/M;
+xdot = [r_dot; r];
+end
+"""
+_PLANAR = """m = {mass!r};  % kg, rigid body
+Iz = {rigid!r};  % kg m^2, rigid body
+{derivatives}V_c = {speed!r};  % m/s, speed of the current
+beta_c = {direction!r};  % rad, towards this direction from north
+psi = x(6);
+u_c = V_c*cos(beta_c - psi);
+v_c = V_c*sin(beta_c - psi);
+u = x(1) - u_c;  % through the water
+v = x(2) - v_c;
+r = x(3);
+nu_r = [u; v; r];
+M = [m - Xudot, 0, 0; 0, m - Yvdot, -Yrdot; 0, -Yrdot, Iz - Nrdot];
+C = [0, 0, -M(2,1)*u - M(2,2)*v - M(2,3)*r; 0, 0, M(1,1)*u; M(2,2)*v + M(2,3)*r, -M(1,1)*u, 0];
+D = [{damping}];
+tau_0 = [{constant}];
+{strips}nu_r_dot = M \\ (tau + tau_0 - C * nu_r - D * nu_r);
+north = x(1)*cos(psi) - x(2)*sin(psi);
+east = x(1)*sin(psi) + x(2)*cos(psi);
+xdot = [nu_r_dot(1) + r*v_c; nu_r_dot(2) - r*u_c; nu_r_dot(3); north; east; r];
+end
+"""
+# Strip integrals of the cross-flow drag, less their values in pure sway and in pure yaw.
+_STRIPS = """xs = {centre!r} + {length!r}*(linspace(0.5, 399.5, 400)/400 - 0.5);
+w = v + xs*r;
+strip = {coefficient!r}*{length!r}/400*abs(w).*w;
+cubes = {coefficient!r}*{length!r}/400*abs(xs).*xs.*xs;
+Yh = sum(strip) - {coefficient!r}*{length!r}*abs(v)*v;
+Nh = sum(xs.*strip) - sum(cubes)*abs(r)*r;
+tau_0 = tau_0 - [0; Yh; Nh];
+"""
+_LETTERS, _SPEEDS = "XYN", "uvr"
+_NOTES = (
+    "Axes are NED and names of SNAME, as in MSS: no sign changes.",
+    "The function takes the forces of the thrusters: turn commands into thrust by the curves in its comments.",
+    f"The caller integrates: the verification and the verdict on stability are for rk4 with a step of {STEP:g} s.",
+)
+
+
+def _head(title: str, curves: Sequence[ThrusterCurve], levers: Sequence[str], **texts: str) -> str:
+    lines = [
+        f"%   {python_docstring(curve.name)}, {lever}: command {number_list(curve.command)} | thrust "
+        f"{number_list(curve.thrust)}"
+        for curve, lever in zip(curves, levers, strict=True)
+    ]
+    mark = export_mark("mss")
+    title = python_docstring(title)
+    return _HEAD.format(title=title, mark=mark, step=STEP, thrusters="\n".join(lines), **texts)
+
+
+def export(subject: ExportInput) -> ExportResult:
+    """The function for yaw: x = (r, psi), tau = N."""
+    model, curves = subject.model, thruster_curves(subject)
+    damping = " + ".join(["-Nr - Nrr*abs(r)", *_given(_YAW_DAMPING, subject.effects)])
+    content = _head(
+        subject.vehicle.name,
+        curves,
+        [f"yaw arm {curve.arm:.10g} m" for curve in curves],
+        axes="yaw",
+        equation="M*r_dot + C*r + D*r = N + tau_0",
+        states="%   x   = [r psi]', yaw rate in rad/s and heading in rad\n%   tau = N, moment of the thrusters in N m",
+    ) + _YAW.format(
+        rigid=subject.rigid_inertia,
+        added=-subject.added_inertia,
+        linear=-model.linear_drag,
+        quadratic=-model.quadratic_drag,
+        damping="*".join([f"({damping})", *_given(_YAW_FACTORS, subject.effects)]),
+        torque=" + ".join(_given(_YAW_TORQUES, subject.effects)) or "0",
+    )
+
+    def simulate(commands: FloatArray) -> FloatArray:
+        torque = thrust_torque(curves, commands, STEP)
+        return _integrate(content, torque[:, None], np.zeros(2))[:, 0]
+
+    return ExportResult(
+        content=content,
+        simulate=simulate,
+        kept_effects=curve_effect_keys(subject)
+        | (subject.effects.keys() & {*_YAW_DAMPING, *_YAW_FACTORS, *_YAW_TORQUES}),
+        notes=_NOTES,
+    )
+
+
+def export_planar(subject: PlanarInput) -> PlanarExportResult:
+    """The function for surge, sway and yaw: x = (u, v, r, north, east, psi), tau = (X, Y, N)."""
+    base, (linear, absolute, damped) = subject.model.base, subject.damping
+    names = [one.name for one in subject.vehicle.thrusters]
+    columns = [names.index(curve.name) for curve in subject.curves]
+    levers = np.array([(o.surge_share, o.sway_share, o.arm) for o in subject.actuators.thrusters.thrusters])
+    squared = dict(subject.effects.get("speed_dependent_damping:planar_quadratic", {}))
+    numbers = {
+        "Xudot": subject.mass - float(base[0]),
+        "Yvdot": subject.mass - float(base[1]),
+        "Yrdot": -float(base[3]),
+        "Nrdot": subject.rigid_inertia - float(base[2]),
+    }
+    rows = []
+    for i, force in enumerate(_LETTERS):
+        cells = []
+        for j, speed in enumerate(_SPEEDS):
+            terms = []
+            if linear[i, j]:
+                numbers[force + speed] = -float(linear[i, j])
+                terms.append(f"-{force}{speed}")
+            for k, other in enumerate(_SPEEDS):
+                if absolute[i, j, k]:
+                    numbers[force + speed + other] = -float(absolute[i, j, k])
+                    terms.append(f"-{force}{speed}{other}*abs({other})")
+            if i == j > 0 and squared:
+                numbers[f"{force}{speed}uu"] = -squared[("", "sway", "yaw")[i]]
+                terms.append(f"-{force}{speed}uu*u*u")
+            cells.append(" ".join(terms).replace(" -", " - ") or "0")
+        rows.append(", ".join(cells))
+    north, east = subject.model.current
+    strips = [
+        _STRIPS.format(**({"centre": 0.0} | dict(values)))
+        for key, values in subject.effects.items()
+        if key.startswith("cross_flow_drag")
+    ]
+    arms = [f"levers {a:.10g} ahead, {b:.10g} to starboard, {c:.10g} m in yaw" for a, b, c in levers]
+    content = _head(
+        subject.vehicle.name,
+        subject.curves,
+        arms,
+        axes="surge, sway and yaw",
+        equation="M*nu_r_dot + C(nu_r)*nu_r + D(nu_r)*nu_r = tau + tau_0, nu_r through the water",
+        states="%   x   = [u v r north east psi]', over ground: m/s, m/s, rad/s, m, m, rad\n"
+        "%   tau = [X Y N]', forces of the thrusters in N, N and N m\n"
+        "% Xuu and the like are derivatives by u*abs(u), Nvu by v*abs(u), Yvuu by v*u*u. Yrdot holds m*xg too.",
+    ) + _PLANAR.format(
+        mass=subject.mass,
+        rigid=subject.rigid_inertia,
+        derivatives="".join(f"{name} = {value!r};\n" for name, value in numbers.items()),
+        speed=float(np.hypot(north, east)),
+        direction=float(np.arctan2(east, north)),
+        damping="; ".join(rows),
+        constant="; ".join(repr(value) for value in subject.bias.tolist()),
+        strips="".join(strips),
+    )
+
+    def simulate(commands: FloatArray) -> FloatArray:
+        thrust = np.column_stack([curve(commands[:, at]) for curve, at in zip(subject.curves, columns, strict=True)])
+        states = _integrate(content, repeat_held(thrust @ levers, STEP), np.zeros(6))
+        return np.asarray(states[:, [5, 0, 1, 2]])
+
+    others = {"current", "bias_torque:planar", "speed_dependent_damping:planar_quadratic"}
+    kept = {key for key in subject.effects if key in others or key.startswith("cross_flow_drag")}
+    return PlanarExportResult(
+        content=content,
+        equation=own_equation(subject, STEP),
+        simulate=simulate,
+        kept_effects=subject.curve_keys | damped | kept,
+        notes=_NOTES,
+    )
+
+
+def _given(texts: Mapping[str, str], effects: Mapping[str, Mapping[str, float]]) -> list[str]:
+    """``texts`` of the effects of the model, with their numbers."""
+    return [texts[key].format(**values) for key, values in effects.items() if key in texts]
+
+
+def _integrate(content: str, forces: FloatArray, state: FloatArray) -> FloatArray:
+    """(n, k) states at the beginning of each `PERIOD`, under (m, j) ``forces`` for `STEP` each, by the file's text."""
+    slope, states = derivative(content), []
+    for tau in forces:
+        states.append(state)
+        a = slope(state, tau)
+        b = slope(state + 0.5 * STEP * a, tau)
+        c = slope(state + 0.5 * STEP * b, tau)
+        d = slope(state + STEP * c, tau)
+        state = state + STEP * (a + 2.0 * b + 2.0 * c + d) / 6.0
+    return np.array(states[:: round(PERIOD / STEP)])
+
+
+def derivative(content: str) -> Callable[[FloatArray, FloatArray], FloatArray]:
+    """The function of the file in Python, from state and forces to xdot.
+
+    Of the language it knows what the exporters write: one assignment in a line, matrices in brackets on one line,
+    products of C or D with spaces around the star, and the solution of linear equations with M at the end of a line.
+    """
+    lines = ["def run(x, tau):"]
+    for line in content.splitlines():
+        text = line.partition("%")[0].strip().rstrip(";")
+        if not text or text == "end" or text.startswith("function "):
+            continue
+        text = re.sub(r"\b(x|tau|nu_r_dot|M)\(([\d,]+)\)", _element, text)
+        text = re.sub(r"\[([^\[\]]*;[^\[\]]*)\](?!\w)", _matrix, text)
+        text = re.sub(r"\b([CD]) \* ", r"\1 @ ", text.replace(".*", "*"))
+        text = re.sub(r"M \\ \((.*)\)$", r"solve(M, \1)", text)
+        lines.append(f"    {text}")
+    space: dict[str, Any] = {name: getattr(np, name) for name in ("abs", "array", "cos", "linspace", "sin", "sum")}
+    space["solve"] = np.linalg.solve
+    exec("\n".join([*lines, "    return xdot"]), space)  # noqa: S102 - our own text, as its user runs it
+    run: Callable[[FloatArray, FloatArray], FloatArray] = space["run"]
+    return run
+
+
+def _element(found: re.Match[str]) -> str:
+    """An element by Python's indices, in marks that `_matrix` does not take for a matrix."""
+    indices = ", ".join(str(int(one) - 1) for one in found[2].split(","))
+    return f"{found[1]}.item({indices})"
+
+
+def _matrix(found: re.Match[str]) -> str:
+    rows = [row.strip() for row in found[1].split(";")]
+    inside = ", ".join(f"({row})" if "," in re.sub(r"\.item\([^)]*\)", "", row) else row for row in rows)
+    return f"array(({inside}))"
