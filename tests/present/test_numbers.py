@@ -27,6 +27,9 @@ Document = dict[str, Any]
 # Blanks that align decimal points, and other blanks.
 _BLANKS = re.compile(r"[\s\u00a0\u2007\u2008]+")
 
+# Standard errors by which two fits differ at most whose log-likelihoods agree to 0.1: sqrt(2 * 0.1).
+SAME_OPTIMUM = 0.45
+
 
 def plain(text: str) -> str:
     """``text`` of a terminal or of a page without markup and alignment."""
@@ -61,10 +64,11 @@ def check_diagnosis(document: Document, terminal: str, page: str, stored: Docume
             assert re.search(rf"{re.escape(title)}[^;]* {gain:.0f}\b", page), effect
     gain = document["held_out_gain"]
     rate = gain["yaw_rate_rmse"]
-    errors = [rounded_errors([rate[key] for key in ("base", "extended", "noise_floor")])]
+    sides = ("base", "extended", "noise_floor") if document["findings"] else ("base", "noise_floor")
+    errors = [rounded_errors([rate[key] for key in sides])]
     for horizon in (10, 60):
         heading = gain[f"heading_error_{horizon}s"]
-        radians = [heading[key] for key in ("base", "extended", "noise_floor")]
+        radians = [heading[key] for key in sides]
         errors.append(rounded_errors([value and math.degrees(value) for value in radians]))
     for row in errors:
         assert " ".join(row) in terminal
@@ -100,15 +104,13 @@ def test_every_command_on_a_sample_shows_one_result(sample: str, tmp_path: Path,
     check_diagnosis(document, terminal, page, tomllib.loads(file.read_text(encoding="utf-8")))
     fitted = rovid("fit", logs, "-p", tmp_path / "f.toml", "--json").document["parameters"]
     for name, parameter in document["base"]["parameters"].items():
-        # Both fit the plain model, from other starts: values agree to a tenth of their error, errors to 5 %.
+        # Both fit the plain model, from other starts.
         error = fitted[name]["standard_error"]
-        assert abs(fitted[name]["value"] - parameter["value"]) < 0.1 * error
+        assert abs(fitted[name]["value"] - parameter["value"]) < SAME_OPTIMUM * error
         assert error == pytest.approx(parameter["standard_error"], rel=0.05)
     compared = rovid("compare", file, logs, "--json").document["parameters"]
     shown = plain(rovid("compare", file, logs).out)
     for name, sides in compared.items():
         assert sized(sides["b"]) in shown, name
-        assert (
-            abs(sides["b"]["value"] - document["extended"]["parameters"][name]["value"])
-            < 0.1 * (sides["b"]["standard_error"])
-        )
+        gap = abs(sides["b"]["value"] - document["extended"]["parameters"][name]["value"])
+        assert gap < SAME_OPTIMUM * sides["b"]["standard_error"], name
