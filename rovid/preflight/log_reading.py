@@ -14,7 +14,7 @@ from rovid.core.errors import DataError, RovidError
 from rovid.core.paths import list_files
 from rovid.preflight.clock_alignment import align_clocks
 from rovid.preflight.command_effects import response_delay
-from rovid.preflight.raw_columns import RawColumn
+from rovid.preflight.raw_columns import RawColumn, word_list
 from rovid.preflight.signal_guess import ColumnMapping, map_columns
 from rovid.preflight.thruster_guess import GuessHints
 from rovid.readers.csv_dialect import read_layout
@@ -33,8 +33,7 @@ from rovid.trial.vehicle import Vehicle
 _MAX_LOGS = 12
 # Maximum number of lines about unreadable parts of one log.
 _MAX_PROBLEMS = 3
-# Words of the second column of a thrust curve.
-_THRUST = {"thrust", "force", "schub", "kraft", "poussée", "poussee", "empuje", "spinta"}
+_THRUST = word_list("thruster", "thrust")
 # Endings of the sources of orientations, from which a reader computes a heading.
 _ORIENTATIONS = ("orientation", "quaternion", "rotation", ".q")
 

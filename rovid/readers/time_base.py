@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -12,7 +11,6 @@ import numpy as np
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
 from rovid.readers.timestamps import is_plausible
 from rovid.signals.intervals import gap_limit
-from rovid.trial.signal_names import EARTH_RADIUS
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -111,29 +109,6 @@ class TimeBase:
         inside = (stamps[before] <= self.time) & (self.time <= stamps[after])
         near = stamps[after] - stamps[before] <= gap_limit(np.diff(stamps))
         return np.where(exact | (inside & near), np.interp(self.time, stamps, known), np.nan)
-
-
-# WGS 84: semi-major axis, m, and squared eccentricity.
-_SEMI_MAJOR, _ECCENTRICITY2 = 6_378_137.0, 6.694379990141e-3
-
-
-def local_position(north: TimedSeries, east: TimedSeries) -> tuple[TimedSeries, TimedSeries]:
-    """North and east, m, from the median fix, of a latitude and a longitude as arcs of `EARTH_RADIUS`, m.
-
-    To first order on the ellipsoid WGS 84, by its radii of curvature in the meridian and in the prime vertical (Torge
-    and Mueller 2012, section 4.1). At a distance d it errs by d^2 tan(latitude) / radius: 0.16 m at 1 km and 45 deg.
-    """
-    if not (north.known.size and east.known.size):
-        return north, east
-    latitude, longitude = float(np.median(north.known)) / EARTH_RADIUS, float(np.median(east.known)) / EARTH_RADIUS
-    flattening = 1.0 - _ECCENTRICITY2 * math.sin(latitude) ** 2
-    meridian = _SEMI_MAJOR * (1.0 - _ECCENTRICITY2) / flattening**1.5
-    parallel = _SEMI_MAJOR / math.sqrt(flattening) * math.cos(latitude)
-    turned = np.remainder(east.values / EARTH_RADIUS - longitude + math.pi, 2.0 * math.pi) - math.pi
-    return (
-        replace(north, values=meridian * (north.values / EARTH_RADIUS - latitude)),
-        replace(east, values=parallel * turned),
-    )
 
 
 def integral(time: FloatArray, rate: FloatArray) -> FloatArray:
