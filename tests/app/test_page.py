@@ -90,7 +90,10 @@ def test_from_a_folder_without_rovid_toml_to_the_report(browser: Browser, tmp_pa
         assert page.evaluate("document.activeElement.id") == "t-arm-b"
         page.get_by_label("b: ahead, m").fill("0,43")
         page.get_by_label("b: direction, degrees from the bow").fill("90")
-        page.get_by_label("b: direction, degrees from the bow").press("Tab")
+        # The answer of the check may move the plots, so nobody drags before it is there.
+        with page.expect_response("**/check"):
+            page.get_by_label("b: direction, degrees from the bow").press("Tab")
+        page.locator("#now-title:not(.busy)").wait_for()
         show_step(page, "signals")
         drag_over_a_plot(page)
         page.get_by_label("Reason").fill("a hand on the vehicle")
@@ -128,17 +131,22 @@ def another_folder_clears_all(page: Page, top: Path) -> None:
 
 
 def drag_over_a_plot(page: Page) -> None:
+    """An answer that arrives meanwhile may move the plot away from the mouse; then the user drags again."""
     page.get_by_label("drag leaves out").check()
-    box = page.locator(".chart .u-over").first.bounding_box()
-    assert box is not None
-    page.locator(".chart .u-over").first.scroll_into_view_if_needed()
-    box = page.locator(".chart .u-over").first.bounding_box()
-    assert box is not None
-    middle = box["y"] + box["height"] / 2
-    page.mouse.move(box["x"] + 0.2 * box["width"], middle)
-    page.mouse.down()
-    page.mouse.move(box["x"] + 0.4 * box["width"], middle, steps=4)
-    page.mouse.up()
+    plot = page.locator(".chart .u-over").first
+    for _ in range(5):
+        plot.scroll_into_view_if_needed()
+        box = plot.bounding_box()
+        assert box is not None
+        middle = box["y"] + box["height"] / 2
+        page.mouse.move(box["x"] + 0.2 * box["width"], middle)
+        page.mouse.down()
+        page.mouse.move(box["x"] + 0.4 * box["width"], middle, steps=4)
+        page.mouse.up()
+        if page.get_by_label("Reason").is_visible():
+            return
+        page.wait_for_timeout(500.0)
+    pytest.fail("a drag over a plot selects nothing")
 
 
 def run(page: Page) -> None:
