@@ -25,8 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from rovid.compare.candidates import EstimatePair, change_candidates
-from rovid.compare.difference_tests import DifferenceTest, find_changes
+from rovid.compare.difference_tests import DifferenceTest, EstimatePair, change_candidates, find_changes
 from tools.hard import draw, write_campaign
 from tools.hidden import Hidden
 from tools.programme import Hold, Run, Sine, multilevel

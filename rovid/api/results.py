@@ -12,10 +12,9 @@ import pandas as pd
 from rich.console import Console
 
 from rovid.compare.comparison import Comparison
-from rovid.core.atomic_write import OutputSet
-from rovid.core.console import SafeConsole
 from rovid.core.errors import DataError
-from rovid.core.formatting import plus_minus, to_json
+from rovid.core.formatting import SafeConsole, plus_minus, to_json
+from rovid.core.output_files import OutputSet
 from rovid.diagnose.result import Diagnosis, Finding
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.experiment_design import ExperimentPlan, command_csv

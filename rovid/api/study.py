@@ -34,7 +34,7 @@ from rovid.export.interface import export_input
 from rovid.export.run_export import select_exporter, verified_export
 from rovid.preflight.check import check_logs, check_trials, reversed_thrusters
 from rovid.readers.campaign import campaign_of
-from rovid.readers.frame import Table, thrust_curve, trials_of
+from rovid.readers.parquet_reader import Table, thrust_curve, trials_of
 from rovid.store.parameter_file import Parameters
 from rovid.store.study import Study, open_study, study_of
 from rovid.trial.axis import YAW, Axis, axis_named

@@ -15,10 +15,9 @@ from typing import Any
 from rovid.app.decimation import columns_document
 from rovid.app.form_state import FormState, choices_of, matches_digest, parse_form, read_form_data, with_form_data
 from rovid.app.sandbox import RootFolder
-from rovid.core.atomic_write import OutputFile, OutputSet
 from rovid.core.errors import ConfigError, DataError, OutputError, RovidError
-from rovid.core.paths import require_exists
-from rovid.core.toml import read_toml
+from rovid.core.input_files import read_toml, require_exists
+from rovid.core.output_files import OutputFile, OutputSet
 from rovid.preflight.check import check_logs
 from rovid.preflight.config_writer import config_files
 from rovid.preflight.log_reading import LogsRead, is_thrust_curve, log_files, read_columns, read_logs
@@ -29,9 +28,9 @@ from rovid.present.documents.results import check_document, survey_document
 from rovid.present.terminal.check import VERDICTS, check_notes, check_tasks
 from rovid.present.terminal.planar_check import planar_notes, planar_tasks
 from rovid.readers.formats import READERS
+from rovid.trial.axis import SIGNAL_UNITS
 from rovid.trial.config import FILE_NAME, load_config, load_planar_config
 from rovid.trial.fault import Excerpt, Fault
-from rovid.trial.signal_names import SIGNAL_UNITS
 from rovid.trial.vehicle_presets import load_preset, preset_names
 
 Document = dict[str, Any]

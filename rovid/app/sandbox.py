@@ -16,7 +16,7 @@ from typing import BinaryIO
 
 from rovid.app.session_folder import PART_PREFIX
 from rovid.core.errors import ConfigError, OutputError, is_visible
-from rovid.core.paths import list_files
+from rovid.core.input_files import list_files
 from rovid.trial.log_files import FORMATS
 
 # Maximum size of an uploaded file in bytes.

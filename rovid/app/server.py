@@ -28,7 +28,7 @@ from rovid.app.jobs import JobQueue
 from rovid.app.sandbox import RootFolder, Upload, clean_name
 from rovid.app.session_folder import SessionFolder, session_folder
 from rovid.core.errors import ConfigError, OutputError, RovidError
-from rovid.core.signatures import PAGE
+from rovid.core.output_files import PAGE
 from rovid.preflight.raw_columns import FULL_TURN
 from rovid.trial.log_files import FORMATS
 

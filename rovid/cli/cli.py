@@ -16,7 +16,7 @@ from typer.main import get_command
 from rovid import __version__
 from rovid.cli.help_format import FIRST_SESSION, ManualCommand, ManualGroup, Page
 from rovid.cli.streams import machine_error, prepare_streams
-from rovid.core import process_tuning
+from rovid.core import threads
 from rovid.core.errors import RovidError
 
 # The commands in the order of the help. Each has a module of its name, with its function and its manual page.
@@ -61,7 +61,7 @@ def main() -> None:
     """Run the command; a user error ends with one message and exit status 2."""
     # Before numpy is imported: the matrices are small, and threads of BLAS would compete with ours.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    process_tuning.tune_process()
+    threads.tune_process()
     prepare_streams()
     if "_ROVID_COMPLETE" in os.environ:
         # typer wraps the help texts that zsh and fish show, and a shell would read each line as a value.

@@ -83,7 +83,7 @@ def compare(
     from rovid.compare.comparison import compare as compare_campaigns
     from rovid.present.documents.diagnosis import comparison_document
     from rovid.present.terminal.diagnosis import show_comparison
-    from rovid.store.history import history_output
+    from rovid.store.load import history_output
 
     current = parameters_at(parameters, axis).path
     pages = []
@@ -143,7 +143,7 @@ def _campaign(paths: list[Path], name: str, axis: Axis, cutoff: float | None) ->
 
 
 def _is_parameter_file(path: Path) -> bool:
-    from rovid.core.signatures import PARAMETERS
+    from rovid.core.output_files import PARAMETERS
 
     return path.is_file() and (path.suffix == ".toml" or PARAMETERS.matches(path))
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import typer
 
 from rovid.core.errors import RovidError
-from rovid.core.toml import read_toml
+from rovid.core.input_files import read_toml
 from rovid.export import FORMATS
 from rovid.trial.axis import AXES, PLANAR, YAW
 

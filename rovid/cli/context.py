@@ -18,7 +18,7 @@ from rovid.core.errors import ConfigError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from rovid.core.atomic_write import OutputFile, OutputSet
+    from rovid.core.output_files import OutputFile, OutputSet
     from rovid.diagnose.result import Diagnosis
     from rovid.estimate.estimate import Estimate
     from rovid.estimate.inertia import InertiaFit
@@ -38,7 +38,7 @@ _WIDTH = 160
 
 def parameters_at(path: Path | None, axis: str | None, *, force: bool = False) -> Parameters:
     """The parameter file, or an empty one if the file does not exist or is replaced with --force."""
-    from rovid.core.signatures import PARAMETERS
+    from rovid.core.output_files import PARAMETERS
     from rovid.store.parameter_file import Parameters
 
     file = _parameter_path(path, axis)
@@ -167,7 +167,7 @@ def write_missing_config(paths: Sequence[Path], axis: Axis) -> list[str]:
 
 def reserve_outputs(outputs: Sequence[OutputFile], logs: Sequence[Path], *inputs: Path, force: bool) -> OutputSet:
     """Reserve output files; the input files and the files of the logs are protected."""
-    from rovid.core.atomic_write import OutputSet
+    from rovid.core.output_files import OutputSet
     from rovid.store.study import input_files
 
     return OutputSet(outputs, force=force, protected=[*input_files(logs), *inputs])
@@ -198,7 +198,7 @@ def open_session(
 
     Logs with a fault that no fit survives raise a `LogError` if ``require_sound``, unless ``force`` is given.
     """
-    from rovid.store.history import history_output
+    from rovid.store.load import history_output
     from rovid.trial.fault import FAULT_IDS, FaultOverrides
 
     stored = parameters_at(parameters, axis, force=force)
@@ -280,7 +280,7 @@ def store_estimate(
     A joint estimate of all parameters also goes into the history, with the effect sizes a diagnosis could detect.
     """
     from rovid.store.checks import JOINT_METHODS
-    from rovid.store.history import update_parameters
+    from rovid.store.load import update_parameters
 
     def change(current: Parameters) -> Parameters:
         fresh, _ = without_stale_values(current, study)
@@ -379,7 +379,7 @@ def print_json(document: Any) -> None:
 
 def console() -> Console:
     """The console for tables."""
-    from rovid.core.console import SafeConsole
+    from rovid.core.formatting import SafeConsole
 
     # rich uses COLUMNS or the terminal of standard input, output or error. Without them nothing is cut.
     known = "COLUMNS" in os.environ or any(map(os.isatty, range(3)))

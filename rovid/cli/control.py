@@ -75,8 +75,7 @@ def control(
     from rovid.control.control_law import c_source, python_source
     from rovid.control.design import design_controller
     from rovid.control.specs import ControllerOptions, loop_conditions
-    from rovid.core.atomic_write import OutputFile
-    from rovid.core.signatures import C_SOURCE, PYTHON_SOURCE
+    from rovid.core.output_files import C_SOURCE, PYTHON_SOURCE, OutputFile
     from rovid.present.console import show_caution, show_warnings
     from rovid.present.documents.results import control_document
     from rovid.present.terminal.diagnosis import show_control

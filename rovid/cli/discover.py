@@ -59,9 +59,8 @@ def discover(
     refuse_planar(axes)
     add_effects(effects_from)
     compile_in_background()
-    from rovid.core.atomic_write import OutputFile, OutputSet
     from rovid.core.budget import Budget
-    from rovid.core.signatures import EFFECT_FILE, png_signature
+    from rovid.core.output_files import EFFECT_FILE, OutputFile, OutputSet, png_signature
     from rovid.diagnose.formulas.discovery import discover as find_formulas
     from rovid.effects.plugins import is_id
     from rovid.present.console import print_path, show_caution, show_warnings

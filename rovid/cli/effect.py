@@ -54,8 +54,7 @@ def effect(
 
 def _write(name: str, *, force: bool, json: bool) -> None:
     """Write the files of a new effect."""
-    from rovid.core.atomic_write import OutputFile, OutputSet
-    from rovid.core.signatures import NEW_EFFECT
+    from rovid.core.output_files import NEW_EFFECT, OutputFile, OutputSet
     from rovid.effects.catalogue import require_free_id
     from rovid.effects.plugins import new_files
     from rovid.present.console import print_path

@@ -47,8 +47,7 @@ def fit_thruster(
     json: Json = False,
 ) -> None:
     """Fit a thrust curve to bench measurements."""
-    from rovid.core.atomic_write import OutputFile, OutputSet
-    from rovid.core.signatures import CURVE
+    from rovid.core.output_files import CURVE, OutputFile, OutputSet
     from rovid.estimate.thrust_curve import THRUST_UNITS, bench_readings, fit_thrust_curve
     from rovid.present.documents.fits import bench_document
     from rovid.present.terminal.results import show_bench

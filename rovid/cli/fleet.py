@@ -60,8 +60,7 @@ def fleet(
     json: Json = False,
 ) -> None:
     """Diagnose many campaigns and summarise them."""
-    from rovid.fleet.output import fleet_document, show_fleet
-    from rovid.fleet.run import FleetOptions, run_fleet
+    from rovid.fleet.run import FleetOptions, fleet_document, run_fleet, show_fleet
 
     options = FleetOptions(
         axis=named_axis(axis).name, cutoff=cutoff, jobs=jobs, cluster=cluster, patience=timeout, shrink=shrink

@@ -63,7 +63,7 @@ def init(
     json: Json = False,
 ) -> None:
     """Write a first rovid.toml for your logs."""
-    from rovid.core.atomic_write import OutputSet
+    from rovid.core.output_files import OutputSet
     from rovid.preflight.config_writer import write_config
     from rovid.preflight.log_survey import SurveyOptions, output_files, survey
     from rovid.present.documents.results import survey_document

@@ -52,7 +52,7 @@ def open(  # noqa: A001 - the command's name
     json: Json = False,
 ) -> None:
     """Set up, fit and diagnose on a page in the browser."""
-    from rovid.core.paths import require_exists
+    from rovid.core.input_files import require_exists
 
     for path in logs or []:
         require_exists(path)

@@ -88,8 +88,7 @@ def plan(
 ) -> None:
     """Design the next run."""
     add_effects(effects_from)
-    from rovid.core.atomic_write import OutputFile
-    from rovid.core.signatures import PLAN, png_signature
+    from rovid.core.output_files import PLAN, OutputFile, png_signature
     from rovid.effects import effect_named
     from rovid.estimate.candidate_runs import RunLimits
     from rovid.estimate.experiment_design import command_csv
@@ -143,8 +142,7 @@ def _plan_planar(
     json: bool,
 ) -> None:
     """Design the next run of surge, sway and yaw together."""
-    from rovid.core.atomic_write import OutputFile
-    from rovid.core.signatures import PLAN
+    from rovid.core.output_files import PLAN, OutputFile
     from rovid.estimate.experiment_design import command_csv
     from rovid.present.documents.planar import planar_plan_document
     from rovid.present.terminal.planar import show_planar_plan

@@ -13,7 +13,7 @@ from rovid.cli.progress import SOON, progress
 from rovid.core.errors import ConfigError
 
 if TYPE_CHECKING:
-    from rovid.core.atomic_write import OutputSet
+    from rovid.core.output_files import OutputSet
     from rovid.planar.fit import PlanarFit
     from rovid.store.parameter_file import Parameters
     from rovid.store.planar_study import PlanarStudy
@@ -78,7 +78,7 @@ def planar_parameters(path: Path | None) -> Parameters:
 
 def planar_parameters_at(path: Path | None, *, force: bool = False) -> Parameters:
     """The parameter file of the coupled model, or an empty one if it does not exist or is replaced with --force."""
-    from rovid.core.signatures import PARAMETERS
+    from rovid.core.output_files import PARAMETERS
     from rovid.store.parameter_file import Parameters
     from rovid.trial.axis import PLANAR
 
@@ -108,7 +108,7 @@ def open_planar_session(
     logs: Sequence[Path] | None, parameters: Path | None, *, force: bool, require_sound: bool = True
 ) -> PlanarSession:
     """Open the parameter file, reserve it with its history, and read the logs."""
-    from rovid.store.history import history_output
+    from rovid.store.load import history_output
     from rovid.store.planar_study import open_planar_study
 
     stored = planar_parameters_at(parameters, force=force)
@@ -132,7 +132,7 @@ def planar_logs(stored: Parameters) -> list[Path]:
 
 def store_planar_fit(session: PlanarSession, fit: PlanarFit) -> Parameters:
     """Store a fit in the parameter file, with a line in its history."""
-    from rovid.store.history import update_parameters
+    from rovid.store.load import update_parameters
     from rovid.store.planar_study import with_fit
 
     provenance = session.study.provenance

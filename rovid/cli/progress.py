@@ -88,7 +88,7 @@ def progress(text: str, limit: float = math.inf, first: float = _INTERVAL) -> It
 
 @contextmanager
 def _on_terminal(shown: Progress) -> Iterator[None]:
-    from rovid.core.console import SafeConsole
+    from rovid.core.formatting import SafeConsole
 
     with SafeConsole(stderr=True).status(shown):
         yield

@@ -32,8 +32,7 @@ if TYPE_CHECKING:
     from rovid.estimate.experiment_design import ExperimentPlan
     from rovid.present.documents.fits import Document
     from rovid.store.study import Study
-    from rovid.watch.session import Event
-    from rovid.watch.stop_criteria import StopCriterion
+    from rovid.watch.session import Event, StopCriterion
 
 PAGE = Page(
     text="""
@@ -86,12 +85,10 @@ def watch(
 ) -> None:
     """Follow a trial day: results after each log, and the next run."""
     compile_in_background()
-    from rovid.core.atomic_write import OutputFile
-    from rovid.core.signatures import PLAN
+    from rovid.core.output_files import PLAN, OutputFile
     from rovid.estimate.experiment_design import command_csv
     from rovid.watch.folder_monitor import FolderMonitor, Problem
-    from rovid.watch.session import SessionActions, WatchSession
-    from rovid.watch.stop_criteria import parse_criteria
+    from rovid.watch.session import SessionActions, WatchSession, parse_criteria
 
     if folder.is_file():
         raise ConfigError("is a file; a folder was expected.", where=folder, mend="Give the folder of the logs.")
@@ -174,7 +171,7 @@ def _progress() -> Iterator[Status | None]:
     if not sys.stderr.isatty():
         yield None
         return
-    from rovid.core.console import SafeConsole
+    from rovid.core.formatting import SafeConsole
 
     with SafeConsole(stderr=True).status("Looking …") as status:
         yield status

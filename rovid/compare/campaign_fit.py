@@ -23,8 +23,7 @@ from rovid.estimate.maximum_likelihood import fit_likelihood
 from rovid.model.model import Model
 from rovid.model.parameter_names import base_names, effect_ids
 from rovid.signals.preprocessing import Run, shared_channels
-from rovid.store.history import history_output, read_history
-from rovid.store.load import read_parameters
+from rovid.store.load import history_output, read_history, read_parameters
 from rovid.store.parameter_file import Parameters, Source
 from rovid.store.study import Study
 from rovid.trial.assumptions import Assumptions

@@ -10,8 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from rovid.compare.campaign_fit import CampaignFit, SharedEstimate, shared_effects, shared_estimate, with_diagnosis
-from rovid.compare.candidates import DRAG, EstimatePair, change_candidates
-from rovid.compare.difference_tests import RELEVANT_CHANGE, DifferenceTest, find_changes
+from rovid.compare.difference_tests import (
+    DRAG,
+    RELEVANT_CHANGE,
+    DifferenceTest,
+    EstimatePair,
+    change_candidates,
+    find_changes,
+)
 from rovid.core.errors import ConfigError
 from rovid.core.threads import thread_map
 from rovid.effects import Effect

@@ -1,4 +1,4 @@
-"""Tests of the difference between two estimates of the same parameters.
+"""Estimates of the same parameters in two campaigns, and tests of their difference.
 
 Each campaign contributes its own estimate with its covariance, which is inflated if its innovations are not white.
 Parameters that did not change are shared by classical minimum distance (Newey and McFadden 1994, section 2.2). This is
@@ -9,23 +9,111 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import block_diag, orth
 
-from rovid.compare.candidates import ChangeCandidate, EstimatePair
 from rovid.core.array_types import FloatArray
 from rovid.core.stats import chi2_sf
 from rovid.diagnose.evidence import Evidence, grade
 from rovid.diagnose.posterior import posterior_probability, probability_not_a_stand_in
 from rovid.diagnose.thresholds import ESTABLISHED, POSSIBLE
+from rovid.trial.assumptions import scales_with_thrust
+
+THRUST_SCALE = "thrust_scale"
+DRAG = "drag"
+_DRAGS = ("quadratic_drag", "linear_drag")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EstimatePair:
+    """Estimates of the same parameters in campaigns A and B."""
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    a: FloatArray  # (p,) values
+    b: FloatArray
+    covariance_a: FloatArray  # (p, p)
+    covariance_b: FloatArray
+    white: bool  # Whether the innovations of both models are white
+    samples: int  # Number of samples of both campaigns
+
+    @property
+    def difference(self) -> FloatArray:
+        """(p,) values of B minus A."""
+        return self.b - self.a
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(p, p) covariance of the difference."""
+        return self.covariance_a + self.covariance_b
+
+    @property
+    def errors(self) -> FloatArray:
+        """(p,) standard errors of the difference, which scale all computations."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def pooled(self) -> FloatArray:
+        """(p,) inverse-variance weighted mean of A and B."""
+        variances = [np.diag(self.covariance_a), np.diag(self.covariance_b)]
+        weight_a, weight_b = (1.0 / np.maximum(variance, 1e-300) for variance in variances)
+        return np.asarray((weight_a * self.a + weight_b * self.b) / (weight_a + weight_b))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ChangeCandidate:
+    """A possible change."""
+
+    name: str
+    parameters: tuple[str, ...]  # Names of the parameters it affects
+    directions: FloatArray  # (p, k) columns that span the change of the parameters
+    is_factor: bool = True  # Whether all its parameters change by one factor
+    # Whether it changes by the inverse factor: with less thrust all parameters relative to thrust seem larger
+    inverse: bool = False
+
+
+def change_candidates(
+    pair: EstimatePair, weak_thrusters: Sequence[str] = (), remaining_thruster: str = ""
+) -> list[ChangeCandidate]:
+    """Possible changes: of each parameter, of all drag together, of all thrust together, and of each cause.
+
+    ``weak_thrusters`` are keys of thruster gains among the parameters; ``remaining_thruster`` has no gain.
+    """
+    names = pair.names
+    candidates = [_factor(pair, name, (name,)) for name in names if "." not in name]
+    if set(_DRAGS) <= set(names):
+        candidates.append(_factor(pair, DRAG, _DRAGS))
+    torques = [name for name, unit in zip(names, pair.units, strict=True) if scales_with_thrust(unit)]
+    if "inertia" in torques:
+        candidates.append(replace(_factor(pair, THRUST_SCALE, torques), inverse=True))
+        gains = [name for name in names if name.rpartition(".")[0] in weak_thrusters]
+        if remaining_thruster and gains:
+            candidates.append(replace(_factor(pair, remaining_thruster, [*torques, *gains]), inverse=True))
+    for key in dict.fromkeys(name.rpartition(".")[0] for name in names if "." in name):
+        own = tuple(name for name in names if name.rpartition(".")[0] == key)
+        directions = np.array([[float(name == parameter) for parameter in own] for name in names])
+        directions *= pair.errors[:, np.newaxis]
+        candidates.append(ChangeCandidate(name=key, parameters=own, directions=directions, is_factor=False))
+    return candidates
+
+
+def _factor(pair: EstimatePair, name: str, parameters: Sequence[str]) -> ChangeCandidate:
+    """A change of the ``parameters`` by one factor."""
+    affected = [parameter in parameters for parameter in pair.names]
+    direction = np.where(affected, pair.pooled, 0.0)
+    # Parameters that are zero in both campaigns cannot change by a factor. The error is the step then.
+    if not np.any(np.abs(direction) > 0.0):
+        direction = np.where(affected, pair.errors, 0.0)
+    return ChangeCandidate(name=name, parameters=tuple(parameters), directions=direction[:, np.newaxis])
+
 
 # Log-likelihood ratio beyond which an alternative is ruled out: 1 in 20; a decision.
 _RULED_OUT = math.log(20.0)
 # Maximum number of changes.
 _MOST_CHANGES = 6
-# Relative change of a parameter that is relevant by default.
-RELEVANT_CHANGE = 0.1
+RELEVANT_CHANGE = 0.1  # Relative change of a parameter that is relevant by default.
 # Standard errors from zero above which a parameter may be a divisor.
 _FROM_ZERO = 3.0
 # Smallest eigenvalue of the scaled covariance.
@@ -40,9 +128,7 @@ class ParameterChange:
     """An established or possible change."""
 
     candidate: ChangeCandidate
-    #: ``ratio``, ``standard_error``: B over A if all unchanged parameters are shared; NaN unless the change is a
-    #: factor.
-    ratio: float
+    ratio: float  #: B over A if all unchanged parameters are shared; NaN unless the change is a factor.
     standard_error: float
     bic_score: float  #: Gain in log-likelihood minus the BIC penalty.
     standard_errors: float  #: Size of the change.
@@ -70,8 +156,7 @@ class DifferenceTest:
     pair: EstimatePair
     changes: tuple[ParameterChange, ...]  # Established and possible changes, the most probable first
     probabilities: Mapping[str, float]  # Parameter -> probability that it changed
-    # joint, joint_covariance: (2p,) and (2p, 2p) of A, then of B, with all unchanged parameters shared
-    joint: FloatArray
+    joint: FloatArray  # (2p,) of A, then of B, with all unchanged parameters shared
     joint_covariance: FloatArray
     detectable_changes: Mapping[str, float]  # Factor -> smallest relative change that would have been established
     p_value: float  # Probability of a larger remaining difference by chance
@@ -143,7 +228,9 @@ class _Selection:
 
     def __init__(self, pair: EstimatePair, candidates: Sequence[ChangeCandidate]) -> None:
         self.pair, self.candidates = pair, candidates
-        self._covariances = [_shrunk(each, white=pair.white) for each in (pair.covariance_a, pair.covariance_b)]
+        share = 1.0 if pair.white else _CORRELATION_SHARE
+        both = (pair.covariance_a, pair.covariance_b)
+        self._covariances = [share * each + (1.0 - share) * np.diag(np.diag(each)) for each in both]
         # Whitening transform of the difference.
         values, vectors = np.linalg.eigh(sum(self._covariances) / np.outer(pair.errors, pair.errors))
         self._whiten = (vectors / np.sqrt(np.maximum(values, _TINY))).T / pair.errors
@@ -182,7 +269,8 @@ class _Selection:
         """Add the best change while the BIC score grows, then drop changes that later ones made unnecessary."""
         chosen: list[ChangeCandidate] = []
         while len(chosen) < _MOST_CHANGES:
-            best = self._best([one for one in self.candidates if one not in chosen], chosen)
+            left = [one for one in self.candidates if one not in chosen]
+            best = self._best(left, chosen) if left else None
             if best is None or self.bic_score([*chosen, best]) <= self.bic_score(chosen):
                 break
             chosen.append(best)
@@ -192,10 +280,8 @@ class _Selection:
                 chosen = others
         return chosen
 
-    def _best(self, candidates: Sequence[ChangeCandidate], chosen: Sequence[ChangeCandidate]) -> ChangeCandidate | None:
+    def _best(self, candidates: Sequence[ChangeCandidate], chosen: Sequence[ChangeCandidate]) -> ChangeCandidate:
         """The candidate with the best score, or a single parameter of it with a similar score."""
-        if not candidates:
-            return None
         scores = [self.bic_score([*chosen, candidate]) for candidate in candidates]
         best = candidates[scores.index(max(scores))]
         for candidate, score in zip(candidates, scores, strict=True):
@@ -269,33 +355,19 @@ class _Selection:
     def joint(self, chosen: Sequence[ChangeCandidate]) -> tuple[FloatArray, FloatArray]:
         """(2p,) values of A and B and their covariance, with all parameters shared that are not ``chosen``."""
         pair, count, scale = self.pair, len(self.pair.names), self.pair.errors
-        directions = [candidate.directions for candidate in chosen]
-        basis = _orthonormal_basis(np.column_stack([np.zeros((count, 0)), *directions]) / scale[:, np.newaxis])
+        basis = np.zeros((count, 0))
+        if chosen:
+            directions = np.column_stack([candidate.directions for candidate in chosen])
+            basis = orth(directions / scale[:, np.newaxis], rcond=1e-9)
         # A is the shared part, B the shared part plus the changes.
         design = np.block([[np.eye(count), np.zeros(basis.shape)], [np.eye(count), basis]])
         scales = np.outer(scale, scale)
-        weight_a, weight_b = (np.linalg.pinv(one / scales, hermitian=True) for one in self._covariances)
-        weight = np.block([[weight_a, np.zeros_like(scales)], [np.zeros_like(scales), weight_b]])
+        weight = block_diag(*(np.linalg.pinv(one / scales, hermitian=True) for one in self._covariances))
         covariance = np.linalg.pinv(design.T @ weight @ design, hermitian=True)
         measured = np.concatenate((pair.a / scale, pair.b / scale))
         values = design @ (covariance @ (design.T @ (weight @ measured)))
-        twice = np.concatenate((scale, scale))
+        twice = np.tile(scale, 2)
         return values * twice, (design @ covariance @ design.T) * np.outer(twice, twice)
-
-
-def _shrunk(covariance: FloatArray, *, white: bool) -> FloatArray:
-    """(p, p) covariance with reduced correlations if the innovations are not white."""
-    if white:
-        return covariance
-    return _CORRELATION_SHARE * covariance + (1.0 - _CORRELATION_SHARE) * np.diag(np.diag(covariance))
-
-
-def _orthonormal_basis(directions: FloatArray) -> FloatArray:
-    """(p, r) orthonormal columns that span those of ``directions``."""
-    if not directions.shape[1]:
-        return directions
-    vectors, values, _ = np.linalg.svd(directions, full_matrices=False)
-    return np.asarray(vectors[:, values > 1e-9 * values.max()])
 
 
 def find_changes(pair: EstimatePair, candidates: Sequence[ChangeCandidate]) -> DifferenceTest:
@@ -307,8 +379,8 @@ def find_changes(pair: EstimatePair, candidates: Sequence[ChangeCandidate]) -> D
     selection = _Selection(pair, candidates)
     chosen = selection.run()
     # Candidates that were not chosen may still have changed.
-    assessed = [selection.assess(candidate, chosen) for candidate in chosen]
-    assessed += [selection.assess(candidate, chosen) for candidate in candidates if candidate not in chosen]
+    others = [candidate for candidate in candidates if candidate not in chosen]
+    assessed = [selection.assess(candidate, chosen) for candidate in (*chosen, *others)]
     by_probability = sorted(assessed, key=lambda change: -change.confidence)
     probabilities = dict.fromkeys(pair.names, 0.0)
     for change in assessed:

@@ -1,12 +1,143 @@
-"""Results as text: JSON, and numbers rounded to their uncertainty."""
+"""Text of results and text from files: JSON, rounded numbers, escapes of each format, and the safe terminal."""
 
 from __future__ import annotations
 
+import io
 import json
 import math
+import re
+from collections.abc import Collection, Sequence
+from csv import writer
+from html import escape
 from typing import Any
 
-from rovid.core.escaping import encodable, json_lines
+from rich.console import Console
+from rich.text import Text
+
+from rovid.core.errors import LINE_LENGTH, display_text, escape_invisible, is_visible
+
+# Characters; MATLAB's limit for a field's name, the narrowest of all formats with identifiers.
+_MAX_LENGTH = 63
+# A byte that is no text, as `encodable` writes it.
+_ESCAPED_BYTE = re.compile(r"\\udc([89a-f][0-9a-f])")
+# Where a spreadsheet may begin a formula: at the start of a cell, and after the separators of some countries' settings.
+_FORMULA_START = re.compile(r"(?:^|[;,|])\s*(?=[=+@-])")
+
+
+def encodable(text: str) -> str:
+    """``text`` with escapes for what UTF-8 cannot hold, such as parts of a file name in another encoding."""
+    return text.encode("utf-8", "backslashreplace").decode()
+
+
+def decoded(text: str) -> str:
+    """``text`` as it was before `encodable`."""
+    return _ESCAPED_BYTE.sub(lambda byte: chr(0xDC00 + int(byte[1], 16)), text)
+
+
+def json_lines(text: str) -> str:
+    """A JSON document with JSON escapes for the invisible characters in its strings."""
+    return "\n".join(map(_json_line, text.split("\n")))
+
+
+def _json_line(line: str) -> str:
+    # Most lines need nothing, and looking at each character takes long.
+    if line.isprintable():
+        return line
+    return "".join(map(_json_character, line))
+
+
+def _json_character(character: str) -> str:
+    if is_visible(character):
+        return character
+    return json.dumps(character)[1:-1]
+
+
+def xml_attribute(text: str) -> str:
+    """An XML attribute value with its quotes."""
+    return f'"{escape(_xml_text(text))}"'
+
+
+def xml_comment(text: str) -> str:
+    """Text of an XML comment, which must not contain two hyphens in a row."""
+    return re.sub("-(?=-)", "- ", escape(_xml_text(text), quote=False))
+
+
+def _xml_text(text: str) -> str:
+    """``text`` in characters that XML allows, without ${…} and $(…), which xacro and Stonefish would evaluate."""
+    return re.sub(r"\$(?=[{(])", "$ ", escape_invisible(text))
+
+
+def toml_text(text: str) -> str:
+    """A quoted string for TOML and for YAML, which have the same escapes."""
+    return f'"{"".join(map(_toml_character, encodable(text)))}"'
+
+
+def toml_key(text: str) -> str:
+    """``text`` as a TOML key."""
+    return text if text.isascii() and text.isidentifier() else toml_text(text)
+
+
+def _toml_character(character: str) -> str:
+    if character in '"\\':
+        return "\\" + character
+    if is_visible(character):
+        return character
+    code = ord(character)
+    return f"\\u{code:04X}" if code < 0x10000 else f"\\U{code:08X}"
+
+
+def python_docstring(text: str) -> str:
+    """Text for a Python string in three double quotes."""
+    return escape_invisible(text).replace("\\", "\\\\").replace('"', "'")
+
+
+def csv_line(cells: Sequence[str]) -> str:
+    """Names as a line of CSV without its end. A name that a spreadsheet would evaluate gets an apostrophe in front."""
+    line = io.StringIO()
+    cells = [_FORMULA_START.sub(r"\g<0>'", escape_invisible(cell)) for cell in cells]
+    writer(line, lineterminator="").writerow(cells)
+    return line.getvalue()
+
+
+def identifiers(names: Sequence[str], *, taken: Collection[str] = ()) -> list[str]:
+    """``names`` as identifiers for XML, YAML, topics and programs, distinct from each other and from ``taken``."""
+    return _distinct([_identifier(name) for name in names], taken)
+
+
+def _identifier(name: str) -> str:
+    plain = re.sub(r"[^A-Za-z0-9_]", "_", name)
+    return plain if re.match("[A-Za-z_]", plain) else f"_{plain}"
+
+
+def field_names(names: Sequence[str], *, taken: Collection[str] = ()) -> list[str]:
+    """``names`` as column or field names, with letters of any script, distinct from each other and from ``taken``."""
+    return _distinct([re.sub(r"\W+", "_", name) for name in names], taken)
+
+
+def _distinct(names: Sequence[str], taken: Collection[str]) -> list[str]:
+    """``names`` cut to the maximum length; a name that occurs again or is ``taken`` gets a number."""
+    used = set(taken)
+    # A numbered name must not be a later name either.
+    reserved = used.union(names)
+    last_number: dict[str, int] = {}
+    result = []
+    for name in names:
+        start = candidate = name[:_MAX_LENGTH]
+        if candidate in used:
+            # All numbers up to the last one of this name are used.
+            candidate, last_number[start] = _numbered(start, last_number.get(start, 1), reserved)
+        used.add(candidate)
+        reserved.add(candidate)
+        result.append(candidate)
+    return result
+
+
+def _numbered(start: str, last: int, reserved: Collection[str]) -> tuple[str, int]:
+    """``start`` with the first number above ``last`` that makes a new name, and that number."""
+    number = last + 1
+    while (candidate := f"{start[: _MAX_LENGTH - len(str(number)) - 1]}_{number}") in reserved:
+        number += 1
+    return candidate, number
 
 
 def to_json(document: Any) -> str:
@@ -64,3 +195,24 @@ def significant(value: float, digits: int) -> str:
 def rounded(value: float, decimals: int) -> str:
     """``value`` to so many decimals, negative ones before the point, without exponent; never minus zero."""
     return f"{round(value, decimals) + 0.0:.{max(decimals, 0)}f}"
+
+
+class SafeConsole(Console):
+    """A console without markup, which prints invisible characters as escapes.
+
+    Names of files, columns and thrusters come from anywhere, and are printed by it like all other text.
+    """
+
+    def __init__(self, **options: Any) -> None:  # those of Console
+        super().__init__(markup=False, emoji=False, **options)
+
+    def render_str(self, text: str, **options: Any) -> Text:  # those of Console
+        """Text of every printed string and table cell."""
+        return super().render_str(display_text(text, LINE_LENGTH), **options)
+
+
+def labelled_text(label: str, text: str = "", style: str = "bold") -> Text:
+    """``text`` after a ``label`` in that style."""
+    return Text.assemble(
+        (display_text(label, LINE_LENGTH), style), f" {display_text(text, LINE_LENGTH)}" if text else ""
+    )

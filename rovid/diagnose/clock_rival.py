@@ -21,9 +21,8 @@ from rovid.diagnose.result import Diagnosis, Finding
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects.clock_offset import CLOCKS_APART
 from rovid.faults.base import named
-from rovid.signals.preprocessing import PreparedRuns, Run, prepare
+from rovid.signals.preprocessing import PreparedRuns, Run, prepare, shift_commands
 from rovid.signals.rates import highest_cutoff
-from rovid.signals.shift import shift_commands
 from rovid.trial.fault import Fault
 from rovid.trial.trial import Campaign
 from rovid.trial.vehicle import Vehicle

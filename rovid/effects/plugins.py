@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from rovid.core.errors import ConfigError, display_text
-from rovid.core.paths import require_regular
+from rovid.core.input_files import require_regular
 from rovid.effects import templates
 from rovid.effects.actuator_inputs import ActuatorInputs
 from rovid.effects.base import TERM_PARAMETERS, TERM_STATES, Body, Effect, EffectParameter, Instant, Scales

@@ -10,7 +10,7 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
-from rovid.core.escaping import csv_line
+from rovid.core.formatting import csv_line
 from rovid.core.threads import thread_map
 from rovid.estimate.candidate_runs import CandidateRun, RunLimits, RunScales, candidate_runs
 from rovid.estimate.filter_data import InnovationData

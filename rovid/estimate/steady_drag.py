@@ -12,8 +12,8 @@ import numpy as np
 from rovid.core.array_types import BoolArray, FloatArray
 from rovid.core.errors import DataError
 from rovid.core.formatting import plus_minus, round_to_error, significant
+from rovid.core.input_files import SMALLEST
 from rovid.core.stats import chi2_sf, f_sf
-from rovid.core.toml import SMALLEST
 from rovid.estimate.estimate import Estimate, r_squared
 from rovid.estimate.lasting_disturbance import lasting_covariance
 from rovid.estimate.steady_points import SteadyPoint, TorqueBalance, WlsSolution, pooled_errors

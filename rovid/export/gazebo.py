@@ -14,8 +14,8 @@ from dataclasses import replace
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.core.escaping import xml_attribute, xml_comment
-from rovid.core.signatures import export_mark
+from rovid.core.formatting import xml_attribute, xml_comment
+from rovid.core.output_files import export_mark
 from rovid.effects.actuator_inputs import actuator_inputs
 from rovid.export.interface import ExportInput, ExportResult
 from rovid.export.resimulation import integrate_rate, thrust_torque

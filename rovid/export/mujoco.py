@@ -13,8 +13,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.core.escaping import xml_attribute
-from rovid.core.signatures import export_mark
+from rovid.core.formatting import xml_attribute
+from rovid.core.output_files import export_mark
 from rovid.export.interface import ExportInput, ExportResult
 from rovid.export.resimulation import first_order_lag, integrate_rate, repeat_held
 from rovid.export.thruster_curves import ThrusterCurve, curve_effect_keys, number_list, thruster_curves

@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.core.escaping import identifiers
+from rovid.core.formatting import identifiers
 from rovid.export.body_equation import BodyEquation, Scheme
 from rovid.export.gazebo import (
     EFFORT,

@@ -11,9 +11,8 @@ from typing import cast
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.core.atomic_write import OutputFile
 from rovid.core.errors import ConfigError
-from rovid.core.signatures import export_signature
+from rovid.core.output_files import OutputFile, export_signature
 from rovid.export import FORMATS, PLANAR_FORMATS
 from rovid.export.planar_input import PlanarInput, rovid_motion, verification_shares
 from rovid.export.planar_result import PlanarExportResult

@@ -13,9 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from rovid.core.escaping import identifiers, toml_text
-from rovid.core.formatting import to_json
-from rovid.core.signatures import export_mark
+from rovid.core.formatting import identifiers, to_json, toml_text
+from rovid.core.output_files import export_mark
 from rovid.effects.base import Coupling, WaterCurrent
 from rovid.export.body_equation import BodyEquation, Scheme
 from rovid.export.planar_input import PlanarInput, rovid_motion

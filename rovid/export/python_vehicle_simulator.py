@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.core.escaping import python_docstring
-from rovid.core.signatures import export_mark
+from rovid.core.formatting import python_docstring
+from rovid.core.output_files import export_mark
 from rovid.export.interface import PERIOD, ExportInput, ExportResult
 from rovid.export.resimulation import repeat_held
 from rovid.export.thruster_curves import (

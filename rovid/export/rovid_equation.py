@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.core.escaping import identifiers, toml_text
-from rovid.core.formatting import to_json
-from rovid.core.signatures import export_mark
+from rovid.core.formatting import identifiers, to_json, toml_text
+from rovid.core.output_files import export_mark
 from rovid.export.interface import ExportInput, ExportResult
 from rovid.export.resimulation import rovid_rate
 from rovid.model.model import Model

@@ -10,9 +10,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import cast
 
-from rovid.core.atomic_write import OutputFile
 from rovid.core.errors import ConfigError, suggestion
-from rovid.core.signatures import export_mark, export_signature
+from rovid.core.output_files import OutputFile, export_mark, export_signature
 from rovid.effects.bias_torque import EFFECT
 from rovid.export import ALIASES, FORMATS
 from rovid.export.interface import ExportInput, ExportResult

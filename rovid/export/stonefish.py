@@ -11,8 +11,8 @@ import numpy as np
 from scipy.optimize import nnls
 
 from rovid.core.array_types import FloatArray
-from rovid.core.escaping import xml_attribute
-from rovid.core.signatures import export_mark
+from rovid.core.formatting import xml_attribute
+from rovid.core.output_files import export_mark
 from rovid.export.interface import ExportInput, ExportResult
 from rovid.export.resimulation import integrate_rate, thrust_torque
 from rovid.export.thruster_curves import (

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
-from rovid.core.escaping import identifiers, xml_comment
+from rovid.core.formatting import identifiers, xml_comment
 from rovid.effects.actuator_inputs import neutral_commands
 from rovid.effects.thruster_imbalance import WITH_OTHERS
 from rovid.export.interface import ExportInput

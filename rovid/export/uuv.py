@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 
 from rovid.core.array_types import FloatArray
-from rovid.core.escaping import identifiers
-from rovid.core.signatures import export_mark
+from rovid.core.formatting import identifiers
+from rovid.core.output_files import export_mark
 from rovid.export.gazebo import frame_notes
 from rovid.export.interface import ExportInput, ExportResult, Simulate
 from rovid.export.resimulation import integrate_rate, settling_time, thrust_torque

@@ -16,7 +16,7 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
 from rovid.faults.base import ClockData, ClockStep, Detection, FaultKind
-from rovid.signals.intervals import find_leap
+from rovid.signals.segments import find_leap
 from rovid.trial.fault import Fault
 
 # Steps of one log at most, and readings from one to the next at least; more steps are no clock.

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from rovid.faults.base import Detection, FaultKind, SignalData
-from rovid.signals.intervals import gap_limit
+from rovid.signals.segments import gap_limit
 from rovid.trial.fault import Fault
 
 

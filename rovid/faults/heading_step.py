@@ -15,7 +15,7 @@ import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
 from rovid.faults.base import Detection, FaultKind, TrialData
-from rovid.signals.intervals import subsampled_median
+from rovid.signals.segments import subsampled_median
 from rovid.trial.fault import Fault
 from rovid.trial.trial import Trial
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray
 from rovid.faults.base import ClockData, Detection, FaultKind, Intervals
-from rovid.signals.intervals import subsampled_median
+from rovid.signals.segments import subsampled_median
 from rovid.trial.fault import Fault
 
 # Holes, and share of lost rows, up to which a loss is usual: sensors and recorders lose single rows, and seldom several

@@ -21,8 +21,8 @@ from rovid.core.array_types import FloatArray
 from rovid.faults.base import CampaignData, Detection, FaultKind, RunsData
 from rovid.faults.overlap import overlaps
 from rovid.faults.quick_model import QuickModel, fit_quick_model
-from rovid.signals.intervals import gap_limit
 from rovid.signals.preprocessing import Run
+from rovid.signals.segments import gap_limit
 from rovid.trial.cutting import measured_spans
 from rovid.trial.fault import Fault
 from rovid.trial.trial import Trial

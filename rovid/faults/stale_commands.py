@@ -14,7 +14,7 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.faults.base import CommandData, Detection, FaultKind
-from rovid.signals.intervals import subsampled_median
+from rovid.signals.segments import subsampled_median
 from rovid.trial.fault import Fault
 
 _MIN_COMMANDS = 10

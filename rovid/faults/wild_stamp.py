@@ -12,7 +12,7 @@ import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray
 from rovid.faults.base import ClockData, Detection, FaultKind
-from rovid.signals.intervals import find_leap
+from rovid.signals.segments import find_leap
 from rovid.trial.fault import Fault
 
 # Readings in a row that can be wild between good ones; more of them are a step of the clock.

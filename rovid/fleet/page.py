@@ -20,8 +20,18 @@ from rovid.core.errors import escape_invisible
 from rovid.core.formatting import plus_minus, significant
 from rovid.effects import CATALOGUE
 from rovid.fleet.campaigns import CampaignRecord
-from rovid.fleet.results import RULE, Fleet, Outlier, ParameterValue, causes, guessed, median_of, outliers, verdict
-from rovid.fleet.shrinkage import ShrunkParameter
+from rovid.fleet.results import (
+    RULE,
+    Fleet,
+    Outlier,
+    ParameterValue,
+    ShrunkParameter,
+    causes,
+    guessed,
+    median_of,
+    outliers,
+    verdict,
+)
 from rovid.present.number_format import DASH, parameter_title, shorten_name, unit_symbol
 from rovid.present.page.templating import template_environment
 from rovid.present.plots.canvas import (

@@ -1,14 +1,27 @@
-"""Guess the position and the velocity along an axis but yaw, from names and units."""
+"""Guess position and velocity along an axis but yaw, and the thrust of surge, sway and yaw together."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.preflight.raw_columns import COMMAND, MIN_SAMPLES, SIDE, SignalGuess, ending_unit, finite_values, word_list
-from rovid.preflight.thruster_guess import Columns
-from rovid.trial.axis import Axis
-from rovid.trial.signal_names import name_words
+from rovid.core.formatting import toml_text
+from rovid.preflight.command_effects import CommandEffect, command_effects
+from rovid.preflight.raw_columns import (
+    COMMAND,
+    MIN_SAMPLES,
+    SIDE,
+    RawColumn,
+    SignalGuess,
+    ending_unit,
+    finite_values,
+    word_list,
+)
+from rovid.preflight.thruster_guess import Columns, ThrusterCommand
+from rovid.trial.axis import AXES, GEODETIC_UNITS, LENGTH_UNITS, Axis, name_words
 
 _NOT_MEASURED = word_list("axis", "not_measured") | COMMAND | SIDE
 _SPEED = word_list("axis", "speed")
@@ -82,3 +95,126 @@ def _axis_signal(axis: Axis, source: str, words: set[str], unit: str, values: Fl
     if words & _HEIGHT and not is_rate:
         sign, reason = -1, f"{reason}; a height, converted to a depth"
     return name, SignalGuess(source=source, unit=unit, sign=sign, reason=reason + detail, is_rate=is_rate)
+
+
+Log = Mapping[str, RawColumn]
+# Words of a position on the map.
+_MAP = {"north": {"north", "northing", "nord", "norte", "n"}, "east": {"east", "easting", "ost", "est", "este", "e"}}
+# Words of a latitude and of a longitude, the limit of each in deg, and the scale of integers.
+_GLOBE = {"north": ({"lat", "latitude"}, 90.0), "east": ({"lon", "lng", "long", "longitude"}, 180.0)}
+_SCALED = "1e-7 deg"
+# Words of a thruster across the vehicle.
+_SIDEWAYS = word_list("axis", "sway") | {"tunnel", "querstrahlruder"}
+# Words of the speed of a propeller.
+_PROPELLER = {"propeller", "prop", "screw", "schraube", "rps", "rpm", "helice", "hélice", "elica"}
+# Words of velocities, accelerations and errors.
+_NOT_POSITION = COMMAND | {"v", "vel", "velocity", "speed", "rate", "acc", "std", "sigma", "err", "error", "wind"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanarGuess:
+    """Findings in the logs of one format."""
+
+    signals: Mapping[str, SignalGuess] = field(default_factory=dict)  #: Name in rovid.toml -> column.
+    #: Axis (surge, sway) -> source of a command -> its effect along that axis.
+    effects: Mapping[str, Mapping[str, CommandEffect]] = field(default_factory=dict)
+    #: Column of a propeller's speed, which turns nothing, and its largest value; empty without.
+    propeller: tuple[str, float] = ("", 0.0)
+
+
+def guess_planar(logs: Sequence[Log], taken: set[str], commands: Sequence[ThrusterCommand]) -> PlanarGuess:
+    """Velocities and positions in columns that are not ``taken``, and the effects of the ``commands`` on the former."""
+    columns: dict[str, list[RawColumn]] = {}
+    for log in logs:
+        for source, column in log.items():
+            columns.setdefault(source, []).append(column)
+    free = {source: found for source, found in columns.items() if len(found) == len(logs) and source not in taken}
+    signals: dict[str, SignalGuess] = {}
+    effects = {}
+    for name in ("surge", "sway"):
+        axis = AXES[name]
+        motion = axis_signals(axis, free, free, "").get(axis.rate_signal)
+        if motion is not None:
+            signals[axis.rate_signal] = motion
+            neutral = {command.source: command.neutral for command in commands}
+            effects[name] = command_effects(neutral, logs, motion) if neutral else {}
+    for guess in (_position, _fix):
+        positions = {name: found for name in _MAP if (found := guess(name, free)) is not None}
+        if len(positions) == len(_MAP) and len({one.unit in GEODETIC_UNITS for one in positions.values()}) == 1:
+            signals |= positions
+            break
+    propeller = ("", 0.0) if commands else _propeller(free)
+    return PlanarGuess(signals=signals, effects=effects, propeller=propeller)
+
+
+def _propeller(columns: Columns) -> tuple[str, float]:
+    for source, logged in columns.items():
+        values = finite_values(logged)
+        if name_words(source) & _PROPELLER and len(values) >= MIN_SAMPLES and np.any(values):
+            return source, float(np.max(np.abs(values)))
+    return "", 0.0
+
+
+def propeller_lines(guesses: Mapping[str, PlanarGuess]) -> Iterator[str]:
+    """A block of rovid.toml for a propeller, whose thrust is known up to a constant."""
+    sources = {kind: guess.propeller for kind, guess in guesses.items() if guess.propeller[0]}
+    if sources:
+        largest = max(most for _, most in sources.values())
+        yield ""
+        yield "# A propeller by its name. Its thrust follows the square of its speed; the constant is not in the logs."
+        yield "[[thrusters]]"
+        yield 'name = "propeller"'
+        yield "surge = 1.0"
+        yield "thrust_constant = 1.0            # N per squared unit of the speed"
+        yield "thrust_constant_guessed = 1.0    # a guess as long as both are equal; times and ratios hold"
+        yield f"max_command = {1.1 * largest:.4g}"
+        yield (
+            "command = { " + ", ".join(f"{kind} = {toml_text(source)}" for kind, (source, _) in sources.items()) + " }"
+        )
+
+
+def _position(name: str, columns: Columns) -> SignalGuess | None:
+    """North or east in a unit of length, by the name of the column."""
+    for source, logged in columns.items():
+        words, unit, values = name_words(source), ending_unit(source), finite_values(logged)
+        if not words & _MAP[name] or words & _NOT_POSITION or (unit and unit not in LENGTH_UNITS):
+            continue
+        if len(values) >= MIN_SAMPLES and np.ptp(values) > 0.0:
+            reason = f"named so; {values.min():.4g} to {values.max():.4g}"
+            return SignalGuess(source=source, unit=unit or "m", reason=reason)
+    return None
+
+
+def _fix(name: str, columns: Columns) -> SignalGuess | None:
+    """Latitude or longitude by the name of the column and its range."""
+    named, limit = _GLOBE[name]
+    for source, logged in columns.items():
+        values = finite_values(logged)
+        if not name_words(source) & named or name_words(source) & _NOT_POSITION or len(values) < MIN_SAMPLES:
+            continue
+        low, high = np.quantile(values, (0.01, 0.99))
+        unit = "deg" if max(-low, high) <= limit else _SCALED
+        if low < high and max(-low, high) * GEODETIC_UNITS[unit] <= limit * GEODETIC_UNITS["deg"]:
+            reason = f"named so; {values.min():.9g} to {values.max():.9g}, {unit}"
+            return SignalGuess(source=source, unit=unit, reason=reason)
+    return None
+
+
+def share_lines(source: str, guesses: Sequence[PlanarGuess]) -> Iterator[str]:
+    """Lines of rovid.toml for the shares of a thruster along surge and sway, each marked as a guess.
+
+    A thruster that the logs show along neither is taken to push ahead; by its name to starboard.
+    """
+    shown: dict[str, CommandEffect] = {}
+    for axis in ("surge", "sway"):
+        for effect in (guess.effects[axis].get(source) for guess in guesses if axis in guess.effects):
+            if effect is not None and effect.direction:
+                shown[axis] = effect
+    if not shown:
+        axis = "sway" if name_words(source) & _SIDEWAYS else "surge"
+        yield f"{axis} = 1.0            # share of the thrust along {axis}: an assumption, the logs do not show it"
+        yield f"{axis}_guessed = 1.0    # a guess as long as both are equal; 0 if it does not push along {axis}"
+    for axis, effect in shown.items():
+        share = f"{effect.direction:.1f}"
+        yield f"{axis} = {share}            # share of the thrust along {axis}: the sign is that of the logs"
+        yield f"{axis}_guessed = {share}    # a guess as long as both are equal ({effect.text})"

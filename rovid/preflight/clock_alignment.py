@@ -9,8 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.core.escaping import toml_key
-from rovid.core.formatting import plus_minus, round_to_error
+from rovid.core.formatting import plus_minus, round_to_error, toml_key
 from rovid.preflight.raw_columns import MIN_SAMPLES, RawColumn, is_thruster_command, is_yaw_rate
 from rovid.preflight.signal_guess import turn_of_heading
 

@@ -32,9 +32,8 @@ from rovid.faults.response_delay import coarse_delays
 from rovid.preflight.clock_alignment import SIGNIFICANT, ClockAlignment, ClockOffset, ClockOffsets, align_clocks
 from rovid.preflight.raw_columns import RawColumn
 from rovid.readers.formats import all_channels, relative_name
-from rovid.signals.preprocessing import Run, prepare
+from rovid.signals.preprocessing import Run, prepare, shift_commands
 from rovid.signals.rates import choose_cutoff
-from rovid.signals.shift import shift_commands
 from rovid.trial.config import Config
 from rovid.trial.trial import Campaign, Trial
 from rovid.trial.vehicle import Vehicle

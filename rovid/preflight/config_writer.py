@@ -9,13 +9,13 @@ from dataclasses import replace
 from pathlib import Path
 from textwrap import wrap
 
-from rovid.core.atomic_write import OutputFile, OutputSet
 from rovid.core.errors import LINE_LENGTH, RovidError, display_text
-from rovid.core.escaping import toml_key, toml_text
-from rovid.core.signatures import GUESSED_CURVE as GUESSED
+from rovid.core.formatting import toml_key, toml_text
+from rovid.core.output_files import GUESSED_CURVE as GUESSED
+from rovid.core.output_files import OutputFile, OutputSet
+from rovid.preflight.axis_guess import propeller_lines, share_lines
 from rovid.preflight.drive_guess import RudderGuess
 from rovid.preflight.log_survey import FULL_THRUST, GUESSED_CURVE, LogSurvey, all_commands, output_files
-from rovid.preflight.planar_guess import propeller_lines, share_lines
 from rovid.preflight.raw_columns import SignalGuess
 from rovid.preflight.thruster_guess import ThrusterCommand
 from rovid.readers import read_campaign

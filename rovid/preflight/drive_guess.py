@@ -26,7 +26,7 @@ from rovid.preflight.raw_columns import (
     word_list,
 )
 from rovid.preflight.thruster_guess import GuessHints, neutral_values
-from rovid.trial.signal_names import ANGLE_UNITS, ANGULAR_RATE_UNITS, HEADING_WORDS, SPEED_UNITS, name_words
+from rovid.trial.axis import ANGLE_UNITS, ANGULAR_RATE_UNITS, HEADING_WORDS, SPEED_UNITS, name_words
 
 ORDER = word_list("drive", "order")
 _RUDDER = word_list("drive", "rudder")

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from rovid.core.errors import DataError, RovidError
-from rovid.core.paths import list_files
+from rovid.core.input_files import list_files
 from rovid.preflight.clock_alignment import align_clocks
 from rovid.preflight.command_effects import response_delay
 from rovid.preflight.raw_columns import RawColumn, word_list
@@ -22,10 +22,9 @@ from rovid.readers.formats import READERS
 from rovid.readers.message_fields import split_fields
 from rovid.readers.raw_log import LogContents
 from rovid.readers.timestamps import is_plausible
-from rovid.trial.axis import YAW, Axis
+from rovid.trial.axis import CLOCK_WORDS, YAW, Axis, Signal, name_words
 from rovid.trial.config import Config
 from rovid.trial.log_files import Join, guess_parts
-from rovid.trial.signal_names import CLOCK_WORDS, Signal, name_words
 from rovid.trial.tables import CURVE_COLUMNS, column_names
 from rovid.trial.vehicle import Vehicle
 

@@ -9,18 +9,16 @@ from pathlib import Path
 
 import numpy as np
 
-from rovid.core.atomic_write import OutputFile
 from rovid.core.errors import DataError, RovidError, suggestion
-from rovid.core.paths import list_files, require_exists
-from rovid.core.signatures import CONFIG
-from rovid.core.signatures import GUESSED_CURVE as GUESSED
-from rovid.preflight.autopilot import thruster_outputs, vehicle_type
+from rovid.core.input_files import list_files, require_exists
+from rovid.core.output_files import CONFIG, OutputFile
+from rovid.core.output_files import GUESSED_CURVE as GUESSED
+from rovid.preflight.axis_guess import PlanarGuess, guess_planar
 from rovid.preflight.clock_alignment import ClockOffsets
 from rovid.preflight.log_reading import LogsRead, folder_of, is_thrust_curve, read_logs, resolve_source
-from rovid.preflight.planar_guess import PlanarGuess, guess_planar
 from rovid.preflight.raw_columns import SignalGuess
 from rovid.preflight.signal_guess import UNNAMED, ColumnMapping, map_columns
-from rovid.preflight.thruster_guess import GuessHints, ThrusterCommand
+from rovid.preflight.thruster_guess import GuessHints, ThrusterCommand, thruster_outputs, vehicle_type
 from rovid.trial.axis import YAW, Axis
 from rovid.trial.config import FILE_NAME
 from rovid.trial.cutting import Exclusion

@@ -24,7 +24,7 @@ from rovid.preflight.raw_columns import (
     word_list,
 )
 from rovid.preflight.thruster_guess import ThrusterCommand
-from rovid.trial.signal_names import ANGULAR_RATE_UNITS, name_words
+from rovid.trial.axis import ANGULAR_RATE_UNITS, name_words
 
 _CURRENT = word_list("drive", "current")
 _SHAFT = word_list("drive", "shaft")

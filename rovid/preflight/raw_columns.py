@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.trial.signal_names import CLOCK_WORDS, HEADING_WORDS, YAW_RATE_WORDS, is_per_second, name_words
+from rovid.trial.axis import CLOCK_WORDS, HEADING_WORDS, YAW_RATE_WORDS, is_per_second, name_words
 from rovid.trial.vehicle_presets import SIDE_WORDS
 
 # A whole turn in each unit of angle.

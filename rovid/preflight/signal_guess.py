@@ -33,8 +33,7 @@ from rovid.preflight.raw_columns import (
     word_list,
 )
 from rovid.preflight.thruster_guess import Columns, GuessHints, ThrusterCommand, guess_thrusters
-from rovid.trial.axis import YAW
-from rovid.trial.signal_names import HEADING_WORDS, YAW_RATE_WORDS, is_per_second, name_words
+from rovid.trial.axis import HEADING_WORDS, YAW, YAW_RATE_WORDS, is_per_second, name_words
 
 # Signals that drive the vehicle.
 _DRIVES = ("torque", "yaw_rate_order")

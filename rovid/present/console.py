@@ -9,8 +9,8 @@ from rich.cells import cell_len, chop_cells
 from rich.console import Console
 from rich.text import Text
 
-from rovid.core.console import labelled_text
 from rovid.core.errors import LINE_LENGTH, display_text
+from rovid.core.formatting import labelled_text
 from rovid.trial.assumptions import Assumptions
 from rovid.trial.fault import Fault, fault_texts
 

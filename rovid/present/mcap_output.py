@@ -9,14 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.core.atomic_write import OutputFile, OutputSet
 from rovid.core.errors import ConfigError
-from rovid.core.escaping import field_names
-from rovid.core.signatures import RECORDING, RECORDING_LIBRARY
+from rovid.core.formatting import field_names
+from rovid.core.output_files import RECORDING, RECORDING_LIBRARY, OutputFile, OutputSet
 from rovid.model.model import Model
 from rovid.model.simulation import TrialSimulation
 from rovid.present.residuals import ResidualTorque, unexplained_torques
-from rovid.readers.mcap_writer import OutputTopic, mcap_bytes, name_with_unit
+from rovid.readers.convert import OutputTopic, mcap_bytes, name_with_unit
 from rovid.signals.preprocessing import PreparedRuns
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Vehicle

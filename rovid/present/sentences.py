@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
-from rovid.compare.candidates import DRAG, THRUST_SCALE, ChangeCandidate
 from rovid.compare.comparison import Comparison
-from rovid.compare.difference_tests import ParameterChange
+from rovid.compare.difference_tests import DRAG, THRUST_SCALE, ChangeCandidate, ParameterChange
 from rovid.core.formatting import plus_minus, significant
 from rovid.diagnose.candidate_fits import Alternative
 from rovid.diagnose.evidence import CANNOT_TELL, DEFINITIONS

@@ -16,7 +16,7 @@ from typing import NamedTuple
 from urllib.parse import quote
 
 from rovid.core.errors import LogError, suggestion
-from rovid.core.paths import file_parts
+from rovid.core.input_files import file_parts
 from rovid.readers.message_topics import Decoder, TopicExtractor, TopicListing
 from rovid.readers.raw_log import LogContents, RawLog, require_library, require_mark, required_signals
 from rovid.trial.config import Config

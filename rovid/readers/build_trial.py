@@ -35,13 +35,11 @@ from rovid.faults.base import (
 )
 from rovid.faults.catalogue import fault_kinds
 from rovid.readers.cleaning import ANGLE, DISTANCE, SPEED_KIND, TURN, TURNING, Kind, clean
-from rovid.readers.geodesy import local_position
-from rovid.readers.planar_readings import planar_readings
 from rovid.readers.raw_log import ANGLES, Channel, RawLog
-from rovid.readers.time_base import TimeBase, TimedSeries, cumulative, integral
+from rovid.readers.time_base import TimeBase, TimedSeries, cumulative, integral, local_position, planar_readings
 from rovid.readers.timestamps import make_monotonic, timed_rows
 from rovid.readers.unit_checks import gyro_confirms_unit, refuse_wrong_heading
-from rovid.signals.intervals import merged_intervals, subsampled_median
+from rovid.signals.segments import merged_intervals, subsampled_median
 from rovid.trial.axis import YAW
 from rovid.trial.config import Config
 from rovid.trial.fault import Fault

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import io
+import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,18 +13,89 @@ import numpy as np
 import pandas as pd
 
 from rovid.core.array_types import FloatArray
-from rovid.core.atomic_write import OutputFile
 from rovid.core.errors import ConfigError
-from rovid.core.escaping import field_names, toml_text
-from rovid.core.paths import require_exists
-from rovid.core.signatures import LOG
+from rovid.core.formatting import field_names, toml_text
+from rovid.core.input_files import require_exists
+from rovid.core.output_files import LOG, OutputFile
 from rovid.readers import read_log
-from rovid.readers.mcap_writer import OutputTopic, mcap_bytes, name_with_unit
 from rovid.readers.raw_log import require_library
+from rovid.trial.axis import ANGLE_UNITS, SIGNAL_UNITS
 from rovid.trial.config import Config
-from rovid.trial.signal_names import ANGLE_UNITS, SIGNAL_UNITS
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Thruster
+
+# Unit -> end of a name with this unit.
+SUFFIXES: Mapping[str, str] = {
+    "rad": "rad",
+    "deg": "deg",
+    "m": "m",
+    "rad/s": "rad_s",
+    "m/s": "m_s",
+    "N m": "Nm",
+    "N": "N",
+}
+
+
+def name_with_unit(name: str, unit: str) -> str:
+    """``name`` with its ``unit`` at the end, if the unit is known."""
+    if unit not in SUFFIXES:
+        return name
+    return f"{name}_{SUFFIXES[unit]}"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OutputTopic:
+    """One topic of a recording."""
+
+    name: str
+    time: FloatArray  #: (n,) s from the beginning of the recording.
+    fields: Mapping[str, FloatArray]  #: Name -> (n,) numbers; messages leave out numbers that are not finite.
+    units: Mapping[str, str]  #: Name -> unit for the schema; "" where unknown.
+
+    def schema(self) -> dict[str, object]:
+        """JSON schema of the messages."""
+        fields = {}
+        for name in self.fields:
+            field = {"type": "number"}
+            if self.units.get(name):
+                field["description"] = self.units[name]
+            fields[name] = field
+        return {
+            "$schema": "https://json-schema.org/draft/2020-12/schema",
+            "title": self.name.strip("/"),
+            "type": "object",
+            "properties": fields,
+            "additionalProperties": False,
+        }
+
+    def messages(self) -> Iterator[tuple[int, bytes]]:
+        """(ns, text) of every message that is not empty."""
+        # Single numbers are read much faster from lists than from arrays.
+        columns = [(name, values.tolist(), np.isfinite(values).tolist()) for name, values in self.fields.items()]
+        for at, ns in enumerate(np.rint(self.time * 1e9).astype(np.int64).tolist()):
+            message = {name: values[at] for name, values, known in columns if known[at]}
+            if message:
+                yield ns, json.dumps(message, separators=(",", ":")).encode()
+
+
+def mcap_bytes(topics: Sequence[OutputTopic], library: str = "rovid") -> bytes:
+    """A whole recording, in order of time; ``library`` is its writer."""
+    from mcap.writer import CompressionType, Writer
+
+    out = io.BytesIO()
+    writer = Writer(out, compression=CompressionType.ZSTD)
+    writer.start(profile="", library=library)
+    messages = []
+    for topic in topics:
+        text = json.dumps(topic.schema()).encode()
+        schema = writer.register_schema(f"rovid.{topic.name.strip('/')}", "jsonschema", text)
+        channel = writer.register_channel(topic.name, "json", schema)
+        messages += [(ns, channel, data) for ns, data in topic.messages()]
+    for ns, channel, data in sorted(messages, key=lambda message: message[:2]):
+        writer.add_message(channel, ns, data, ns)
+    writer.finish()  # type: ignore[no-untyped-call]  # the library leaves its annotation out
+    return out.getvalue()
+
 
 _SUFFIXES = (".csv", ".mcap", ".parquet")
 _TOPIC = "/trial"

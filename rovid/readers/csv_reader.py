@@ -12,7 +12,7 @@ from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
-from typing import IO
+from typing import IO, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -20,13 +20,59 @@ import pandas as pd
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import LogError
 from rovid.readers.csv_dialect import Layout, last_whole_line, read_layout
-from rovid.readers.csv_numbers import NOTATIONS, has_thousands, read_grouped
 from rovid.readers.raw_log import Channel, FilePart, LogContents, RawLog, required_signals, required_time
-from rovid.readers.table_clock import SPLIT, clock_parts, guess_clock
-from rovid.readers.timestamps import column_to_seconds, start_epoch
+from rovid.readers.timestamps import SPLIT, clock_parts, column_to_seconds, guess_clock, start_epoch
+from rovid.trial.axis import Signal
 from rovid.trial.config import Config
-from rovid.trial.signal_names import Signal
 from rovid.trial.trial import Remark
+
+# Between groups of three digits: the sign that is not the decimal one, an apostrophe, a space, two narrow spaces.
+_SEPARATORS = "'’ \u00a0\u202f"
+_GROUPED = re.compile(rf"[+-]?\d{{1,3}}(?:[.,{_SEPARATORS}]\d{{3}})+(?:[.,]\d+)?")
+
+
+class Notation(NamedTuple):
+    """Decimal sign and thousands separators of a table."""
+
+    decimal: str
+    thousands: str
+
+    def numbers(self, cells: Sequence[str]) -> FloatArray | None:
+        """(n,) numbers of ``cells`` without outer spaces, NaN where empty; None if one is none in this notation."""
+        whole, sign = rf"(?:\d{{1,3}}(?:[{self.thousands}]\d{{3}})+|\d+)", re.escape(self.decimal)
+        number = re.compile(rf"[+-]?(?:{whole}(?:{sign}\d*)?|{sign}\d+)(?:[eE][+-]?\d+)?")
+        signs = str.maketrans({**dict.fromkeys(self.thousands), self.decimal: "."})
+        if not all(number.fullmatch(cell) for cell in cells if cell):
+            return None
+        return np.array([float(cell.translate(signs)) if cell else np.nan for cell in cells])
+
+
+NOTATIONS = (Notation(".", f",{_SEPARATORS}"), Notation(",", f".{_SEPARATORS}"))
+
+
+def has_thousands(cell: str) -> bool:
+    """Whether a cell may be a number with thousands separators."""
+    return bool(_GROUPED.fullmatch(cell))
+
+
+def read_grouped(columns: Sequence[Sequence[str]], time: int | None) -> list[FloatArray] | None:
+    """(n,) numbers of each of ``columns`` in the one notation that fits them all; None if none or both do.
+
+    Where both fit, that one is taken in which the column ``time`` goes back less often: 999, 1.000, 1.001 is a time in
+    ms with thousands separators.
+    """
+    read = [[notation.numbers(cells) for cells in columns] for notation in NOTATIONS]
+    fitting = [[one for one in numbers if one is not None] for numbers in read]
+    fitting = [numbers for numbers in fitting if len(numbers) == len(columns)]
+    if len(fitting) > 1 and time is not None:
+        one, other = (_backward_steps(numbers[time]) for numbers in fitting)
+        fitting = fitting[:1] if one < other else fitting[1:] if other < one else []
+    return fitting[0] if len(fitting) == 1 else None
+
+
+def _backward_steps(time: FloatArray) -> int:
+    return int(np.count_nonzero(np.diff(time[np.isfinite(time)]) <= 0.0))
+
 
 KIND = "csv"
 # Signal of the column that holds the rest of the seconds.

@@ -13,11 +13,11 @@ from typing import cast
 import numpy as np
 
 from rovid.core.errors import LogError
-from rovid.core.paths import require_regular
+from rovid.core.input_files import require_regular
 from rovid.readers.raw_log import Channel, LogContents, RawLog
+from rovid.trial.axis import Signal
 from rovid.trial.config import Config
 from rovid.trial.log_files import FORMATS, Join
-from rovid.trial.signal_names import Signal
 from rovid.trial.trial import Remark, Trial
 
 

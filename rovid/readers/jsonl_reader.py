@@ -23,8 +23,7 @@ from rovid.readers.message_fields import (
     stamp_getter,
 )
 from rovid.readers.raw_log import Channel, LogContents, RawLog, required_signals, required_time, wrong_format
-from rovid.readers.table_clock import SPLIT, clock_parts, guess_clock
-from rovid.readers.timestamps import column_to_seconds, start_epoch
+from rovid.readers.timestamps import SPLIT, clock_parts, column_to_seconds, guess_clock, start_epoch
 from rovid.trial.config import Config
 from rovid.trial.trial import Remark
 

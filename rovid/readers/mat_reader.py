@@ -22,10 +22,9 @@ from rovid.readers.raw_log import (
     required_time,
     wrong_format,
 )
-from rovid.readers.table_clock import guess_clock
-from rovid.readers.timestamps import EPOCH_FROM, time_unit, to_seconds
+from rovid.readers.timestamps import EPOCH_FROM, guess_clock, time_unit, to_seconds
+from rovid.trial.axis import CLOCK_WORDS, name_words
 from rovid.trial.config import Config
-from rovid.trial.signal_names import CLOCK_WORDS, name_words
 
 KIND = "mat"
 EXTRA = "mat73"

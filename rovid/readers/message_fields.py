@@ -14,7 +14,7 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import LogError
 from rovid.readers.raw_log import ANGLES, euler
-from rovid.trial.signal_names import Signal
+from rovid.trial.axis import Signal
 
 Getter = Callable[[Any], Any]
 

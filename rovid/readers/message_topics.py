@@ -25,7 +25,7 @@ from rovid.readers.message_fields import (
 )
 from rovid.readers.raw_log import Channel, LogContents, RawLog
 from rovid.readers.timestamps import EPOCH_FROM, to_seconds
-from rovid.trial.signal_names import Signal
+from rovid.trial.axis import Signal
 from rovid.trial.trial import Remark
 
 Decoder = Callable[[bytes], Any]

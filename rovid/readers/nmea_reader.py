@@ -21,7 +21,7 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import ConfigError, LogError, suggestion
-from rovid.core.paths import special_kind
+from rovid.core.input_files import special_kind
 from rovid.readers.formats import READERS
 from rovid.readers.raw_log import Channel, LogContents, RawLog, wrong_format
 from rovid.readers.timestamps import EPOCH_FROM, to_seconds

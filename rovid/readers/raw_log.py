@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import ConfigError, LogError, suggestion
 from rovid.readers.timestamps import to_seconds
+from rovid.trial.axis import Signal
 from rovid.trial.config import Config
 from rovid.trial.fault import Fault
-from rovid.trial.signal_names import Signal
 from rovid.trial.trial import Remark
 
 # Signals that a quaternion can provide.

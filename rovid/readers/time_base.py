@@ -1,16 +1,20 @@
-"""Signals of one log on their own clocks, and the common instants of a trial."""
+"""Signals of one log on their own clocks, the common instants of a trial, and positions on the globe in m."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
+from rovid.readers.cleaning import DISTANCE, SPEED_KIND, TURNING, Kind, clean
 from rovid.readers.timestamps import is_plausible
-from rovid.signals.intervals import gap_limit
+from rovid.signals.segments import gap_limit
+from rovid.trial.axis import EARTH_RADIUS
+from rovid.trial.trial import Readings, Remark
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -123,3 +127,66 @@ def cumulative(steps: FloatArray, known: IntArray, count: int) -> FloatArray:
     position = np.full(count, np.nan)
     position[known] = np.concatenate(([0.0], np.cumsum(steps)))
     return position
+
+
+# WGS 84: semi-major axis, m, and squared eccentricity.
+_SEMI_MAJOR, _ECCENTRICITY2 = 6_378_137.0, 6.694379990141e-3
+
+
+def local_position(north: TimedSeries, east: TimedSeries) -> tuple[TimedSeries, TimedSeries]:
+    """North and east, m, from the median fix, of a latitude and a longitude as arcs of `EARTH_RADIUS`, m.
+
+    To first order on the ellipsoid WGS 84, by its radii of curvature in the meridian and in the prime vertical (Torge
+    and Mueller 2012, section 4.1). At a distance d it errs by d^2 tan(latitude) / radius: 0.16 m at 1 km and 45 deg.
+    """
+    if not (north.known.size and east.known.size):
+        return north, east
+    latitude, longitude = float(np.median(north.known)) / EARTH_RADIUS, float(np.median(east.known)) / EARTH_RADIUS
+    flattening = 1.0 - _ECCENTRICITY2 * math.sin(latitude) ** 2
+    meridian = _SEMI_MAJOR * (1.0 - _ECCENTRICITY2) / flattening**1.5
+    parallel = _SEMI_MAJOR / math.sqrt(flattening) * math.cos(latitude)
+    turned = np.remainder(east.values / EARTH_RADIUS - longitude + math.pi, 2.0 * math.pi) - math.pi
+    return (
+        replace(north, values=meridian * (north.values / EARTH_RADIUS - latitude)),
+        replace(east, values=parallel * turned),
+    )
+
+
+# Signal -> limits of its readings. The heading is the position of the trial.
+PLANAR_SIGNALS: Mapping[str, Kind] = {
+    "yaw_rate": TURNING,
+    "surge_velocity": SPEED_KIND,
+    "sway_velocity": SPEED_KIND,
+    "north": DISTANCE,
+    "east": DISTANCE,
+}
+
+
+def planar_readings(
+    series: Mapping[str, TimedSeries], time: FloatArray, *, wanted: bool
+) -> tuple[dict[str, Readings], list[Remark]]:
+    """Readings of each signal of the coupled model in ``series`` between the first and the last of (n,) ``time`` in s.
+
+    Missing values, held repeats, spikes and frozen stretches are left out, the last three with a remark. A signal that
+    never changes is left out. Nothing at all unless ``wanted``, by a configuration of the coupled model.
+    """
+    if not wanted:
+        return {}, []
+    begin, end = float(time[0]), float(time[-1])
+    found, remarks = {}, list[Remark]()
+    for name, kind in PLANAR_SIGNALS.items():
+        logged = series.get(name)
+        if logged is None or logged.known.size == 0:
+            continue
+        words = name.replace("_", " ")
+        values, faults = clean(logged.known_time, logged.known, kind, words)
+        measured = np.isfinite(values)
+        if np.ptp(values[measured]) == 0.0:
+            count = int(measured.sum())
+            text = f"The {words} never changes; its {count} readings were left out."
+            remarks.append(Remark(kind="frozen", count=count, text=text))
+            continue
+        remarks += faults
+        readings = Readings(time=logged.known_time[measured], values=values[measured])
+        found[name] = readings.between(begin, end)
+    return found, remarks

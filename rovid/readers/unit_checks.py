@@ -10,7 +10,7 @@ from rovid.core.array_types import FloatArray
 from rovid.core.errors import LogError
 from rovid.readers.raw_log import Channel
 from rovid.readers.timestamps import is_plausible
-from rovid.trial.signal_names import Signal
+from rovid.trial.axis import Signal
 
 _DEG_PER_RAD = 180.0 / math.pi
 _TURN_RAD, _TURN_DEG = 2.0 * math.pi, 360.0

@@ -16,11 +16,10 @@ from typing import Any
 import numpy as np
 
 from rovid import __version__
-from rovid.core.atomic_write import OutputFile, OutputSet
 from rovid.core.errors import ConfigError
-from rovid.core.escaping import encodable
-from rovid.core.paths import file_parts
-from rovid.core.signatures import PARAMETERS
+from rovid.core.formatting import encodable
+from rovid.core.input_files import file_parts
+from rovid.core.output_files import PARAMETERS, OutputFile, OutputSet
 from rovid.effects import Effect, effect_named
 from rovid.effects.plugins import Origin, origin, require_origins
 from rovid.estimate.estimate import PER_INERTIA, Estimate

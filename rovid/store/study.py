@@ -14,8 +14,8 @@ import numpy as np
 
 from rovid.core.budget import SECONDS_PER_HOUR, ProgressCallback
 from rovid.core.errors import ConfigError, DataError, LogError, suggestion
-from rovid.core.signatures import PLAN
-from rovid.core.toml import read_toml
+from rovid.core.input_files import read_toml
+from rovid.core.output_files import PLAN
 from rovid.diagnose.result import Diagnosis, Finding, ModelAssessment
 from rovid.diagnose.tables import TableDiagnosis, diagnose_tables
 from rovid.effects import Effect, forms_for
@@ -32,8 +32,7 @@ from rovid.estimate.steady_points import points_from_table, steady_points
 from rovid.faults.catalogue import examine_runs
 from rovid.faults.thrust_unit import inertia_fault
 from rovid.readers import read_campaign
-from rovid.readers.campaign import TrialReader
-from rovid.readers.discover import candidate_files
+from rovid.readers.campaign import TrialReader, candidate_files
 from rovid.signals.preprocessing import PreparedRuns, prepare, shared_channels
 from rovid.store.parameter_file import Provenance, Source, absolute_paths, read_source, trial_source
 from rovid.trial.axis import YAW, Axis

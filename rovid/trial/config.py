@@ -8,27 +8,25 @@ from pathlib import Path
 from typing import Any
 
 from rovid.core.errors import NAME_LENGTH, ConfigError, suggestion
-from rovid.core.paths import require_exists, special_kind
-from rovid.core.toml import expected_number, read_toml
+from rovid.core.input_files import expected_number, read_toml, require_exists, special_kind
 from rovid.core.transaction import recover
-from rovid.trial.axis import AXES, YAW, Axis, other_axes
-from rovid.trial.config_fingerprint import ConfigFingerprint, config_fingerprint
-from rovid.trial.cutting import Exclusion
-from rovid.trial.drives import MOTOR_KEYS, REPLACED, RUDDER_KEYS, constant_of, logged_drive, motor_curve, steered
-from rovid.trial.fault import FaultOverrides
-from rovid.trial.geometry import (
-    GEOMETRY_KEYS,
-    PLANAR_LEVERS,
-    RUDDER_GEOMETRY_KEYS,
-    azimuth_of,
-    planar_rudder,
-    position_of,
-    propeller_diameters,
-    with_levers,
+from rovid.trial import drives
+from rovid.trial.axis import (
+    ANGLE_UNITS,
+    AXES,
+    DEFAULT_UNIT,
+    SIGNAL_UNITS,
+    STANDARD_SOURCES,
+    TIME_UNITS,
+    YAW,
+    Axis,
+    Signal,
+    other_axes,
 )
+from rovid.trial.config_fingerprint import ConfigFingerprint, config_fingerprint
+from rovid.trial.cutting import Exclusion, exclusions, join, kept_faults
+from rovid.trial.fault import FaultOverrides
 from rovid.trial.log_files import KINDS, Join
-from rovid.trial.log_tables import exclusions, join, kept_faults
-from rovid.trial.signal_names import ANGLE_UNITS, DEFAULT_UNIT, SIGNAL_UNITS, STANDARD_SOURCES, TIME_UNITS, Signal
 from rovid.trial.tables import bench_curve
 from rovid.trial.vehicle import Thruster, Vehicle
 
@@ -41,7 +39,7 @@ _GUESSED = "_guessed"
 # First bytes of a rovid.toml of rovid 0.2, which did not mark guesses.
 _UNMARKED_GUESSES = b"# Written by `rovid init`, which looked at "
 _THRUSTER_KEYS = ("name", *_ARMS, "curve", "command", "outside", *(key + _GUESSED for key in (*_ARMS, "curve")))
-_THRUSTER_KEYS += (*MOTOR_KEYS, *GEOMETRY_KEYS)
+_THRUSTER_KEYS += (*drives.MOTOR_KEYS, *drives.GEOMETRY_KEYS)
 _TABLES = ("vehicle", "thrusters", "rudders", "signals", "leave_out", "join", "faults")
 
 
@@ -187,7 +185,7 @@ class _Parser:
         self.axis = axis
         self.planar = planar
         # Keys of a thruster, one of which it has if it acts along the axis.
-        self.levers = PLANAR_LEVERS if planar else (axis.arm_key,)
+        self.levers = drives.PLANAR_LEVERS if planar else (axis.arm_key,)
 
     def error(self, place: str, message: str, mend: str = "") -> ConfigError:
         return ConfigError(message, where=f"{self.path}: {place}", mend=mend)
@@ -316,18 +314,18 @@ class _Parser:
     ) -> tuple[list[Thruster], list[Signal]]:
         """Actuators along the axis and their commands; a logged drive is removed from ``signals``."""
         pairs = [pair for index, block in enumerate(blocks) for pair in self.thruster(index, block)]
-        diameters = propeller_diameters(blocks, self)
+        diameters = drives.propeller_diameters(blocks, self)
         for index, block in enumerate(rudders):
             place = f"[[rudders]] number {index + 1}"
-            self.require_block(block, "rudders", place, (*RUDDER_KEYS, *RUDDER_GEOMETRY_KEYS))
+            self.require_block(block, "rudders", place, (*drives.RUDDER_KEYS, *drives.RUDDER_GEOMETRY_KEYS))
             name = self.name(block.get("name", f"rudder_{index + 1}"), f"{place} name")
             if self.planar:
-                thruster = planar_rudder(block, name, diameters, self)
+                thruster = drives.planar_rudder(block, name, diameters, self)
             else:
-                thruster = steered(block, name, signals, self)
+                thruster = drives.steered(block, name, signals, self)
             angle = self.signal(f"command.{name}", block["angle"], f"[[rudders]] {name!r} angle", like="heading")
             pairs.append((thruster, angle))
-        if (drive := logged_drive(signals, self, alone=not pairs)) is not None:
+        if (drive := drives.logged_drive(signals, self, alone=not pairs)) is not None:
             pairs = [(drive, signals.pop(drive.name))]
         return [thruster for thruster, _ in pairs], [command for _, command in pairs]
 
@@ -337,13 +335,13 @@ class _Parser:
         self.require_block(block, "thrusters", place, _THRUSTER_KEYS)
         name = self.name(block.get("name", f"thruster_{index + 1}"), f"{place} name")
         place = f"[[thrusters]] {name!r}"
-        block = with_levers(block, place, self)
+        block = drives.with_levers(block, place, self)
         acts = [key for key in self.levers if key in block]
         if not acts and any(other in block for other in _ARMS):
             return []
-        constant = constant_of(block)
+        constant = drives.constant_of(block)
         arm_key = self.axis.arm_key
-        replaced = REPLACED.get(constant, ())
+        replaced = drives.REPLACED.get(constant, ())
         if not acts and "arm" not in replaced:
             expected = " or ".join([", ".join(self.levers[:-1]), self.levers[-1]][not self.levers[:-1] :])
             raise self.error(place, f"has no {expected}.", f"Add {arm_key} = {_example_arm(self.axis)}.")
@@ -353,22 +351,22 @@ class _Parser:
         outside = block.get("outside", "refuse")
         if outside not in {"refuse", "clamp"}:
             raise self.error(f"{place} outside", f'is {outside!r}; "refuse" or "clamp" was expected.')
-        lever = {key: self.number(block.get(key, 0.0), f"{place} {key}") for key in (*PLANAR_LEVERS, arm_key)}
+        lever = {key: self.number(block.get(key, 0.0), f"{place} {key}") for key in (*drives.PLANAR_LEVERS, arm_key)}
         thruster = Thruster(
             name=name,
             clamp=outside == "clamp",
             arm=lever[arm_key] if arm_key in block or acts else 1.0,
-            curve=motor_curve(block, place, self) if constant else bench_curve(block["curve"], self.path.parent),
+            curve=drives.motor_curve(block, place, self) if constant else bench_curve(block["curve"], self.path.parent),
             scale_key=constant if constant == "torque_constant" or self.planar else "",
             surge_share=lever["surge"],
             sway_share=lever["sway"] if self.planar else 0.0,
-            position=position_of(block, place, self) if "position" in block else None,
+            position=drives.position_of(block, place, self) if "position" in block else None,
             arm_guessed=any(self.is_guessed(block, key, place) for key in ([constant] if constant else acts)),
             curve_guessed=not constant and self.is_guessed(block, "curve", place),
         )
         pairs = [(thruster, self.signal(f"command.{name}", block["command"], f"{place} command"))]
         if "azimuth" in block:
-            turning = azimuth_of(thruster)
+            turning = drives.azimuth_of(thruster)
             angle = self.signal(f"command.{turning.name}", block["azimuth"], f"{place} azimuth", like="heading")
             pairs.append((turning, angle))
         return pairs

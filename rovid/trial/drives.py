@@ -1,13 +1,14 @@
-"""Drives without a bench curve: motors with a constant, rudders, steered wheels, and orders to a rate controller."""
+"""Drives without a bench curve, levers of actuators from their place and direction, and rudders."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+import math
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Protocol
 
 from rovid.core.errors import ConfigError
 from rovid.trial.axis import Axis
-from rovid.trial.vehicle import Steering, ThrustCurve, Thruster
+from rovid.trial.vehicle import Rudder, Steering, ThrustCurve, Thruster
 
 # Key of a motor's constant -> power of the command to which the thrust, or the torque, is proportional. A propeller's
 # thrust is proportional to n|n| (Fossen 2011, eq. 9.8), a motor's torque to the current.
@@ -119,3 +120,127 @@ def logged_drive(signals: Collection[str], parser: ValueParser, *, alone: bool) 
         text = "is an order to a controller; surge, sway and yaw together need thrusters or rudders."
         raise parser.error(f"[signals] {names[0]}", text, "Leave --axes planar out.")
     return Thruster(name=names[0], arm=1.0, curve=None, is_rate_order=names[0] != axis.force_name)
+
+
+GEOMETRY_KEYS = ("position", "direction", "azimuth", "diameter")
+RUDDER_GEOMETRY_KEYS = ("position", "area", "lift", "behind", "slipstream", "stall")
+# Keys of a thruster that the coupled model needs: one of them at least.
+PLANAR_LEVERS = ("surge", "sway", "yaw_arm")
+# Levers below this, in shares or in m, are the rounding of cosines.
+_ROUNDING = 1e-9
+# kg/m^3 of fresh water; it only scales where a fit begins.
+_DENSITY = 1000.0
+# 1/rad; slope of the lift of a rudder of aspect ratio 1.5: 6.13 a/(a + 2.25) (Fujii 1960). A fit begins there.
+_LIFT_SLOPE = 2.45
+
+
+def with_levers(block: Mapping[str, Any], place: str, parser: ValueParser) -> Mapping[str, Any]:
+    """The ``block`` of a thruster with ``surge``, ``sway`` and ``yaw_arm`` in place of position and direction.
+
+    surge = cos(direction), sway = sin(direction), yaw_arm = x sway - y surge (Fossen 2011, eq. 12.230). A lever of zero
+    is left out.
+
+    Raises
+    ------
+    ConfigError
+        The same lever is given twice, or not at all.
+    """
+    given = [key for key in GEOMETRY_KEYS if key in block]
+    if not given:
+        return block
+    levers: dict[str, float] = {}
+    if "azimuth" in block and not parser.planar:
+        text = "turns the thrust, which a single axis cannot follow."
+        raise parser.error(f"{place} azimuth", text, "Give --axes planar.")
+    if "azimuth" in block and "position" not in block:
+        mend = "Add position = [x, y] in m, x ahead and y to starboard."
+        raise parser.error(place, "has an azimuth and no position.", mend)
+    if "direction" in block or "azimuth" in block:
+        _refuse_both(block, "direction" if "direction" in block else "azimuth", ("surge", "sway"), place, parser)
+        direction = math.radians(parser.number(block.get("direction", 0.0), f"{place} direction"))
+        levers = {"surge": math.cos(direction), "sway": math.sin(direction)}
+    if "position" in block:
+        _refuse_both(block, "position", ("yaw_arm",), place, parser)
+        if not levers and not {"surge", "sway"} & block.keys():
+            mend = "Add direction = 0 for thrust ahead, in deg, positive to starboard."
+            raise parser.error(place, "has a position and no direction.", mend)
+        x, y = position_of(block, place, parser)
+        known = {key: parser.number(block.get(key, 0.0), f"{place} {key}") for key in ("surge", "sway")} | levers
+        levers["yaw_arm"] = x * known["sway"] - y * known["surge"]
+    return {**block, **{key: value for key, value in levers.items() if abs(value) > _ROUNDING}}
+
+
+def position_of(block: Mapping[str, Any], place: str, parser: ValueParser) -> tuple[float, float]:
+    """The ``position`` of a block in m; `ConfigError` if it is not two numbers."""
+    pair = block["position"]
+    if not isinstance(pair, list) or len(pair) != 2:
+        text = f"is {pair!r}; two numbers in m were expected, ahead and to starboard."
+        raise parser.error(f"{place} position", text, "Write position = [-0.4, 0.2].")
+    x, y = (parser.number(number, f"{place} position") for number in pair)
+    return x, y
+
+
+def _refuse_both(block: Mapping[str, Any], key: str, others: tuple[str, ...], place: str, parser: ValueParser) -> None:
+    twice = [other for other in others if other in block]
+    if twice:
+        raise parser.error(place, f"has {key} and {twice[0]}; one of them was expected.", "Delete one.")
+
+
+def propeller_diameters(blocks: Sequence[Any], parser: ValueParser) -> dict[str, float | None]:
+    """Propeller diameter in m of each of [[thrusters]] by name; None where it is not given."""
+    found: dict[str, float | None] = {}
+    for index, block in enumerate(blocks):
+        name = str(block.get("name", f"thruster_{index + 1}"))
+        place = f"[[thrusters]] {name!r} diameter"
+        found[name] = parser.number(block["diameter"], place, positive=True) if "diameter" in block else None
+    return found
+
+
+def azimuth_of(thruster: Thruster) -> Thruster:
+    """The actuator whose command is the azimuth angle of ``thruster``."""
+    return Thruster(name=f"{thruster.name}.azimuth", arm=0.0, curve=None, turns=thruster.name)
+
+
+def planar_rudder(
+    block: Mapping[str, Any], name: str, diameters: Mapping[str, float | None], parser: ValueParser
+) -> Thruster:
+    """A rudder of the coupled model; ``diameters`` are those of the thrusters' propellers in m, None where unknown.
+
+    Raises
+    ------
+    ConfigError
+        There is no angle or no position, no thruster of the name ``behind``, or the block describes steered wheels.
+    """
+    place = f"[[rudders]] {name!r}"
+    if "angle" not in block:
+        raise parser.error(place, "has no angle.", 'Add angle = { csv = "COLUMN", unit = "deg" }.')
+    if "wheelbase" in block:
+        raise parser.error(
+            place, "is steered wheels, which surge, sway and yaw together do not have.", "Leave --axes planar out."
+        )
+    if "position" not in block:
+        mend = "Add position = [x, y] in m from the origin, x ahead (aft is negative) and y to starboard."
+        raise parser.error(place, "has no position.", mend)
+    x, y = position_of(block, place, parser)
+    numbers = {
+        key: parser.number(block[key], f"{place} {key}", positive=key != "coefficient")
+        for key in ("area", "lift", "coefficient", "slipstream", "stall")
+        if key in block
+    }
+    lift = numbers.get("lift")
+    if lift is None and "area" in numbers:
+        lift = 0.5 * _DENSITY * numbers["area"] * _LIFT_SLOPE
+    if lift is None and "coefficient" in numbers and x:
+        lift = abs(numbers["coefficient"] / x)
+    behind = str(block.get("behind", ""))
+    if behind and behind not in diameters:
+        text = f"is {behind!r}; the name of a thruster was expected: {', '.join(diameters) or 'there is none'}."
+        raise parser.error(f"{place} behind", text)
+    slipstream, diameter = numbers.get("slipstream"), diameters.get(behind)
+    if slipstream is None and diameter is not None:
+        # Momentum theory: the square of the speed far behind a propeller grows by 2 T/(rho A).
+        slipstream = 2.0 / (_DENSITY * 0.25 * math.pi * diameter**2)
+    stall = math.radians(numbers["stall"]) if "stall" in numbers else None
+    rudder = Rudder(position=(x, y), lift=lift, behind=behind, slipstream=slipstream, stall=stall)
+    # In place of a torque, which depends on the speed: its sense, for detectors of faults.
+    return Thruster(name=name, arm=-x * (lift or 1.0), curve=None, rudder=rudder)

@@ -14,8 +14,7 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import ConfigError, LogError, suggestion
-from rovid.core.paths import list_files, require_exists, require_regular
-from rovid.core.toml import LARGEST
+from rovid.core.input_files import LARGEST, list_files, require_exists, require_regular
 from rovid.trial.log_files import FORMATS
 from rovid.trial.vehicle import ThrustCurve
 

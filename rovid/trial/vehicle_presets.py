@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rovid.core.errors import ConfigError, suggestion
-from rovid.core.toml import expected_number, read_toml
-from rovid.trial.signal_names import word_set
+from rovid.core.input_files import expected_number, read_toml
+from rovid.trial.axis import word_set
 
 _FOLDER = Path(__file__).parent / "vehicles"
 _NUMBERS = ("mass", "length", "width", "supply")

@@ -18,7 +18,7 @@ from typing import Any
 
 import pytest
 
-from rovid.core.signatures import PARAMETERS, PLAN
+from rovid.core.output_files import PARAMETERS, PLAN
 from tests.conftest import ROOT, Rovid
 from tests.watch.days import RUNS, write_day
 from tools.programme import CAMPAIGN

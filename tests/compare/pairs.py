@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rovid.compare.candidates import EstimatePair
+from rovid.compare.difference_tests import EstimatePair
 from rovid.core.array_types import FloatArray
 
 NAMES = ("inertia", "quadratic_drag", "linear_drag", "thruster_lag.time_constant")

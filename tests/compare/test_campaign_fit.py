@@ -15,12 +15,12 @@ from rovid.compare.campaign_fit import (
     shared_effects,
     shared_estimate,
 )
-from rovid.core.atomic_write import OutputSet
 from rovid.core.errors import DataError
+from rovid.core.output_files import OutputSet
 from rovid.diagnose.result import Diagnosis, Finding
 from rovid.effects import effect_named
 from rovid.estimate.estimate import Estimate
-from rovid.store.history import history_output, update_parameters
+from rovid.store.load import history_output, update_parameters
 from rovid.store.parameter_file import Parameters
 from rovid.store.study import open_study
 from tests.compare.files import DRIVE, LAG, LAGGING, PLAIN, stored_at, times

@@ -8,8 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rovid.compare.candidates import DRAG, THRUST_SCALE, EstimatePair, change_candidates
-from rovid.compare.difference_tests import DifferenceTest, find_changes
+from rovid.compare.difference_tests import (
+    DRAG,
+    THRUST_SCALE,
+    DifferenceTest,
+    EstimatePair,
+    change_candidates,
+    find_changes,
+)
 from tests.compare.pairs import NAMES, VALUES, pair
 
 

@@ -6,7 +6,7 @@ import io
 
 from rich.table import Table
 
-from rovid.core.console import SafeConsole, labelled_text
+from rovid.core.formatting import SafeConsole, labelled_text
 
 
 def printed(thing: object) -> str:

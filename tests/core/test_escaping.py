@@ -14,8 +14,7 @@ import pytest
 import yaml
 
 from rovid.core.errors import escape_invisible
-from rovid.core.escaping import csv_line, field_names, identifiers, toml_text, xml_attribute, xml_comment
-from rovid.core.formatting import to_json
+from rovid.core.formatting import csv_line, field_names, identifiers, to_json, toml_text, xml_attribute, xml_comment
 from tests.hostile import NAMES, STEERING
 
 

@@ -18,9 +18,8 @@ from pathlib import Path
 import pytest
 
 from rovid.core import transaction
-from rovid.core.atomic_write import OutputFile, OutputSet
 from rovid.core.errors import ConfigError, OutputError
-from rovid.core.signatures import (
+from rovid.core.output_files import (
     C_SOURCE,
     CURVE,
     LOG,
@@ -29,6 +28,8 @@ from rovid.core.signatures import (
     PLAN,
     RECORDING,
     FileSignature,
+    OutputFile,
+    OutputSet,
     export_signature,
     png_signature,
 )
@@ -215,7 +216,7 @@ def test_a_full_disk_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPat
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         real(path, data)
 
-    for module in ("transaction", "atomic_write"):
+    for module in ("transaction", "output_files"):
         monkeypatch.setattr(f"rovid.core.{module}.write_synced", full)
     with pytest.raises(OutputError, match="No space left") as refused:
         output_set.write({output: f"{SCHEMA}# {output.path.name}\n" for output in outputs})
@@ -236,7 +237,7 @@ def test_the_message_where_nothing_can_be_written(tmp_path: Path, monkeypatch: p
     def full(path: Path, data: bytes) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    for module in ("transaction", "atomic_write"):
+    for module in ("transaction", "output_files"):
         monkeypatch.setattr(f"rovid.core.{module}.write_synced", full)
     assert "could not be saved anywhere else" in message(output_set, output, "x")
     assert list(Path.cwd().iterdir()) == []
@@ -263,8 +264,8 @@ def test_a_folder_that_is_not_ours_is_found_before_the_work(tmp_path: Path) -> N
         import sys
         from pathlib import Path
         from rovid.core.errors import OutputError
-        from rovid.core.atomic_write import OutputFile, OutputSet
-        from rovid.core.signatures import PLAN
+        from rovid.core.output_files import OutputFile, OutputSet
+        from rovid.core.output_files import PLAN
         try:
             OutputSet([OutputFile(Path(sys.argv[1]), PLAN)])
         except OutputError as error:
@@ -279,8 +280,8 @@ def test_a_folder_that_is_not_ours_is_found_before_the_work(tmp_path: Path) -> N
 SET = """
     import os, signal, sys
     from pathlib import Path
-    from rovid.core.atomic_write import OutputFile, OutputSet
-    from rovid.core.signatures import PARAMETERS
+    from rovid.core.output_files import OutputFile, OutputSet
+    from rovid.core.output_files import PARAMETERS
 
     folder, text = Path(sys.argv[1]), sys.argv[2]
     function, at = (sys.argv[3], int(sys.argv[4])) if len(sys.argv) > 3 else ("", 0)

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from rovid.core.errors import ConfigError, LogError
-from rovid.core.paths import list_files, require_exists, require_regular, special_kind
+from rovid.core.input_files import list_files, require_exists, require_regular, special_kind
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pipes and links are POSIX")
 

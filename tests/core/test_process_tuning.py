@@ -12,7 +12,7 @@ import pytest
 CODE = """
 import sys
 import numpy as np
-from rovid.core.process_tuning import tune_process
+from rovid.core.threads import tune_process
 
 def resident():
     with open("/proc/self/status") as status:

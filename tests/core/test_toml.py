@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from rovid.core.errors import ConfigError
-from rovid.core.toml import LARGEST, expected_number, read_toml
+from rovid.core.input_files import LARGEST, expected_number, read_toml
 
 
 def written(folder: Path, text: str | bytes) -> Path:

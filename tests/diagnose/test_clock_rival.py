@@ -11,7 +11,7 @@ from rovid.diagnose.clock_rival import _without_offset
 from rovid.diagnose.result import Diagnosis
 from rovid.effects import command_delay
 from rovid.effects.clock_offset import mean_shifted
-from rovid.signals.shift import shift_commands
+from rovid.signals.preprocessing import shift_commands
 from tests.diagnose.findings import finding
 from tests.faults.days import day
 from tests.synthetic import clock, trial

@@ -10,12 +10,11 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
-from rovid.core.console import SafeConsole
-from rovid.core.signatures import FLEET_TABLE, LOG
+from rovid.core.formatting import SafeConsole
+from rovid.core.output_files import FLEET_TABLE, LOG
 from rovid.fleet.campaigns import CampaignRecord
-from rovid.fleet.output import FleetOutput, fleet_document, parquet_table, show_fleet
-from rovid.fleet.results import Fleet
-from rovid.fleet.shrinkage import shrink
+from rovid.fleet.results import Fleet, shrink
+from rovid.fleet.run import FleetOutput, fleet_document, parquet_table, show_fleet
 from tests.conftest import ROOT
 from tests.fleet.conftest import Made, fleet_of
 

@@ -9,12 +9,11 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from rovid.core.signatures import FLEET_PAGE, PAGE
+from rovid.core.output_files import FLEET_PAGE, PAGE
 from rovid.effects import CATALOGUE
 from rovid.fleet.campaigns import CampaignRecord
 from rovid.fleet.page import cause_changes, fleet_page, headline, history, timeline
-from rovid.fleet.results import Fleet
-from rovid.fleet.shrinkage import shrink
+from rovid.fleet.results import Fleet, shrink
 from rovid.present.plots.canvas import BLACK, RED
 from tests.fleet.conftest import Made, fleet_of
 

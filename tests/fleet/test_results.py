@@ -6,8 +6,7 @@ import numpy as np
 
 from rovid.fleet.campaigns import CampaignRecord
 from rovid.fleet.page import fleet_page
-from rovid.fleet.results import causes, outliers, verdict
-from rovid.fleet.shrinkage import shrink
+from rovid.fleet.results import causes, outliers, shrink, verdict
 from tests.fleet.conftest import Made, fleet_of
 
 LOST = CampaignRecord(campaign="z", folder="", digest="", error="no logs", failure="input")

@@ -15,7 +15,7 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
-from rovid.fleet import worker
+from rovid.fleet import campaigns
 from tests.conftest import ROOT, Rovid, run_rovid
 from tests.fleet.conftest import GOOD
 
@@ -137,7 +137,7 @@ def test_changed_logs_are_diagnosed_again(
     log = tmp_path / "sea/alpha/spring/down.csv"
     log.write_text("\n".join(log.read_text().splitlines()[:-100]) + "\n")
     # New diagnoses fail, which is quick; valid results stay.
-    monkeypatch.setattr(worker, "_CODE", "raise SystemExit('once more')")
+    monkeypatch.setattr(campaigns, "_CODE", "raise SystemExit('once more')")
     document = run_rovid("fleet", tmp_path / "sea", "-o", tmp_path / "out", "--json").document
     assert document["diagnosed_anew"] == 1
     errors = {one["campaign"]: one["error"] for one in document["campaigns"] if one["error"]}
@@ -180,7 +180,7 @@ def test_a_dask_cluster_gives_the_same_bytes(done: tuple[Path, dict[str, Any]], 
 
 
 def test_a_crash_or_timeout_affects_only_its_row(sea: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(worker, "_CODE", DYING + worker._CODE)  # noqa: SLF001 - what the process runs
+    monkeypatch.setattr(campaigns, "_CODE", DYING + campaigns._CODE)  # noqa: SLF001 - what the process runs
     out = tmp_path / "out"
     fleet = (sea / "alpha", sea / "beta/summer")
     document = run_rovid("fleet", *fleet, "-o", out, "--timeout", 4, "--json").document
@@ -189,7 +189,7 @@ def test_a_crash_or_timeout_affects_only_its_row(sea: Path, tmp_path: Path, monk
     assert errors["spring"] == "no diagnosis within 4 s. Increase the limit with --timeout."
     assert errors["beta/summer"] == "its process ended with status 3"
     # Killed processes are tried again; timeouts only with a longer limit.
-    monkeypatch.setattr(worker, "_CODE", "raise SystemExit('tried')")
+    monkeypatch.setattr(campaigns, "_CODE", "raise SystemExit('tried')")
     for seconds, tried in ((3, {"alpha/summer", "beta/summer"}), (30, {"alpha/summer", "beta/summer", "spring"})):
         document = run_rovid("fleet", *fleet, "-o", out, "--timeout", seconds, "--json").document
         assert {one["campaign"] for one in document["campaigns"] if "tried" in one["error"]} == tried

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rovid.fleet.shrinkage import shrink
+from rovid.fleet.results import shrink
 from tests.fleet.conftest import Made, fleet_of
 
 

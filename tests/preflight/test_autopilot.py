@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rovid.preflight.autopilot import thruster_outputs, vehicle_type
+from rovid.preflight.thruster_guess import thruster_outputs, vehicle_type
 
 # A submarine with four motors about the vertical and two for depth, the lights on 13.
 SUB = {

@@ -12,8 +12,8 @@ import pandas as pd
 import pytest
 
 from rovid.core.array_types import FloatArray
+from rovid.preflight.axis_guess import guess_planar, propeller_lines
 from rovid.preflight.planar_check import PlanarCheck, check_planar
-from rovid.preflight.planar_guess import guess_planar, propeller_lines
 from rovid.preflight.raw_columns import RawColumn
 from rovid.readers.campaign import read_campaign
 from rovid.trial.config import load_planar_config

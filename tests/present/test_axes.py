@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from rovid.core.atomic_write import OutputSet
+from rovid.core.output_files import OutputSet
 from rovid.effects import restoring_effect
 from rovid.estimate.steady_drag import fit_drag
 from rovid.estimate.steady_points import SteadyPoint

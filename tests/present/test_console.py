@@ -9,8 +9,8 @@ import re
 import pytest
 from rich.text import Text
 
-from rovid.core.console import SafeConsole, labelled_text
 from rovid.core.errors import display_text
+from rovid.core.formatting import SafeConsole, labelled_text
 from rovid.present.console import bind_units, wrap_text
 from tests.hostile import NAMES, STEERING
 

@@ -12,8 +12,7 @@ from typing import Any
 
 import pytest
 
-from rovid.core.console import SafeConsole
-from rovid.core.formatting import plus_minus, to_json
+from rovid.core.formatting import SafeConsole, plus_minus, to_json
 from rovid.present.documents.diagnosis import diagnosis_document
 from rovid.present.number_format import parameter_title, rounded_errors
 from rovid.present.page.summary import summarize

@@ -15,8 +15,8 @@ import pytest
 from jsonschema import Draft202012Validator
 from mcap.reader import make_reader
 
-from rovid.core.escaping import field_names
-from rovid.readers import mcap_writer, read_log
+from rovid.core.formatting import field_names
+from rovid.readers import convert, read_log
 from rovid.trial.axis import axis_named
 from rovid.trial.config import Config, load_config
 from rovid.trial.trial import Trial
@@ -160,6 +160,6 @@ def test_what_cannot_be_written_is_told_first(tmp_path: Path, rovid: Rovid, monk
 def test_a_recording_keeps_the_commands_of_thrusters_with_names_alike() -> None:
     fields = dict(zip(field_names(NAMES), np.ones((len(NAMES), 3)), strict=True))
     assert len(fields) == len(NAMES)
-    assert mcap_writer.mcap_bytes(
-        [mcap_writer.OutputTopic(name="/commands", time=np.arange(3.0), fields=fields, units=dict.fromkeys(fields, ""))]
+    assert convert.mcap_bytes(
+        [convert.OutputTopic(name="/commands", time=np.arange(3.0), fields=fields, units=dict.fromkeys(fields, ""))]
     )

@@ -11,8 +11,8 @@ import pytest
 from rovid.core.errors import ConfigError, LogError
 from rovid.readers import csv_reader, read_log
 from rovid.readers.csv_reader import sources
+from rovid.trial.axis import Signal
 from rovid.trial.config import Config
-from rovid.trial.signal_names import Signal
 from rovid.trial.vehicle import Vehicle
 from tests.readers.logs import campaign, csv_text, kinds, read_csv, standard, toml, turning
 

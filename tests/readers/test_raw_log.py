@@ -21,9 +21,9 @@ from rovid.readers.raw_log import (
     wrong_format,
 )
 from rovid.readers.timestamps import is_plausible
-from rovid.signals.intervals import subsampled_median
+from rovid.signals.segments import subsampled_median
+from rovid.trial.axis import Signal
 from rovid.trial.config import Config
-from rovid.trial.signal_names import Signal
 from rovid.trial.trial import Remark
 
 

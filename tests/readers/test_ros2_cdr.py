@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap_ros2._dynamic import serialize_dynamic
 
-from rovid.readers.ros2_cdr import Message, cdr_decoder
+from rovid.readers.mcap_reader import Message, cdr_decoder
 
 FLOAT32 = st.floats(width=32, allow_nan=False)
 NUMBERS: dict[str, st.SearchStrategy[Any]] = {

@@ -9,10 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from rovid.core.atomic_write import OutputSet
 from rovid.core.errors import OutputError
-from rovid.store.history import history_output, read_history, update_parameters
-from rovid.store.load import read_parameters
+from rovid.core.output_files import OutputSet
+from rovid.store.load import history_output, read_history, read_parameters, update_parameters
 from rovid.store.parameter_file import Parameters, Source
 from rovid.trial.axis import AXES
 from tests.conftest import Rovid

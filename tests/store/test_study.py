@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rovid.core.atomic_write import OutputFile, OutputSet
 from rovid.core.errors import ConfigError, DataError
-from rovid.core.signatures import PLAN
+from rovid.core.output_files import PLAN, OutputFile, OutputSet
 from rovid.effects import effect_named
 from rovid.store.study import Study, input_files, open_study
 from rovid.trial.axis import AXES

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rovid.trial.signal_names import name_words
+from rovid.trial.axis import name_words
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,7 @@ import pytest
 from rovid.store.study import open_study
 from rovid.trial.axis import YAW
 from rovid.watch import folder_monitor
-from rovid.watch.folder_monitor import FolderMonitor
-from rovid.watch.watched_log import FolderChange, WatchedLog, read_watched_log
+from rovid.watch.folder_monitor import FolderChange, FolderMonitor, WatchedLog, read_watched_log
 from tests.watch.days import write_day
 
 

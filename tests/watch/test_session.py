@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from rovid.core.budget import ProgressCallback
 from rovid.core.errors import LogError, OutputError
 from rovid.diagnose.result import Diagnosis
 from rovid.estimate.estimate import Estimate
@@ -16,8 +17,15 @@ from rovid.store.study import Study, open_study
 from rovid.trial.axis import YAW
 from rovid.watch import session as days
 from rovid.watch.folder_monitor import FolderMonitor, Problem
-from rovid.watch.session import LogsChanged, LogsDiagnosed, ModelFitted, NextRun, Report, SessionActions, WatchSession
-from rovid.watch.stop_criteria import parse_criteria
+from rovid.watch.session import (
+    LogsChanged,
+    LogsDiagnosed,
+    ModelFitted,
+    NextRun,
+    SessionActions,
+    WatchSession,
+    parse_criteria,
+)
 from tests.watch.days import write_day
 
 
@@ -63,7 +71,7 @@ def test_a_diagnosis_is_interrupted_by_a_new_log_but_not_twice(folder: Path) -> 
     to_come = ["sine.csv", "coast.csv", "steps.csv"]
     begun: list[int] = []
 
-    def diagnose(study: Study, report: Report) -> Diagnosis:
+    def diagnose(study: Study, report: ProgressCallback) -> Diagnosis:
         assert study.campaign is not None
         begun.append(len(study.campaign.trials))
         if to_come:
@@ -84,7 +92,7 @@ def test_a_diagnosis_is_interrupted_by_a_new_log_but_not_twice(folder: Path) -> 
 
 
 def test_a_possibly_final_diagnosis_is_not_interrupted(folder: Path) -> None:
-    def diagnose(study: Study, report: Report) -> Diagnosis:
+    def diagnose(study: Study, report: ProgressCallback) -> Diagnosis:
         put(folder, "steps.csv")
         report("Looking …")
         return Diagnosis(verdict="nothing_found")

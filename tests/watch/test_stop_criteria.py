@@ -10,7 +10,7 @@ from rovid.estimate.estimate import Estimate
 from rovid.model.parameter_names import base_names
 from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import YAW, axis_named
-from rovid.watch.stop_criteria import parse_criteria
+from rovid.watch.session import parse_criteria
 
 
 def estimate(error: float, *, guess: Assumptions | None = None, refused: bool = False) -> Estimate:

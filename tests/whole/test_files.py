@@ -227,10 +227,10 @@ UPDATE = """
     import sys
     from dataclasses import replace
     from pathlib import Path
-    from rovid.core.atomic_write import OutputSet
+    from rovid.core.output_files import OutputSet
     from rovid.store.parameter_file import Entry, Parameters
     from rovid.store.load import read_parameters
-    from rovid.store.history import update_parameters
+    from rovid.store.load import update_parameters
 
     path, name = Path(sys.argv[1]), sys.argv[2]
     before = read_parameters(path) if path.exists() else Parameters(path=path)

@@ -10,10 +10,18 @@ from rovid.estimate.estimate import Estimate
 from rovid.estimate.experiment_design import commands_by_name
 from rovid.present.documents.diagnosis import diagnosis_document
 from rovid.present.documents.fits import Document, fields, likelihood_document, parameter_document
-from rovid.watch.folder_monitor import Problem
-from rovid.watch.session import Event, LogsChanged, LogsDiagnosed, ModelFitted, NextRun, SessionEnded
-from rovid.watch.stop_criteria import CriterionStatus, StopCriterion, relative_half_width
-from rovid.watch.watched_log import WatchedLog
+from rovid.watch.folder_monitor import Problem, WatchedLog
+from rovid.watch.session import (
+    CriterionStatus,
+    Event,
+    LogsChanged,
+    LogsDiagnosed,
+    ModelFitted,
+    NextRun,
+    SessionEnded,
+    StopCriterion,
+    relative_half_width,
+)
 
 SCHEMA = "rovid-watch/1"
 

@@ -9,9 +9,8 @@ from typing import TypeVar
 
 from rovid.control.design import ControllerDesign, design_controller
 from rovid.control.specs import ControllerOptions, loop_conditions
-from rovid.core.atomic_write import OutputFile, OutputSet
 from rovid.core.errors import DataError
-from rovid.core.signatures import pdf_signature
+from rovid.core.output_files import OutputFile, OutputSet, pdf_signature
 from rovid.estimate.estimate import Estimate
 from rovid.export import FORMATS
 from rovid.export.interface import export_input
@@ -22,7 +21,7 @@ from rovid.present.page.pdf import print_pdf, require_browser
 from rovid.present.page.render import claim_report, write_report
 from rovid.present.report_data import ReportData, simulate_nested_models
 from rovid.store.checks import JOINT_METHODS, check_freshness
-from rovid.store.history import history_output, update_parameters
+from rovid.store.load import history_output, update_parameters
 from rovid.store.parameter_file import Parameters
 from rovid.store.study import Study, input_files
 from rovid.trial.axis import YAW

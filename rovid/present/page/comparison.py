@@ -12,8 +12,7 @@ from markupsafe import Markup
 
 from rovid import __version__
 from rovid.compare.comparison import Comparison
-from rovid.core.atomic_write import OutputFile, OutputSet
-from rovid.core.signatures import COMPARISON
+from rovid.core.output_files import COMPARISON, OutputFile, OutputSet
 from rovid.present.number_format import parameter_title
 from rovid.present.page.templating import long_date, template_environment
 from rovid.present.plots.canvas import WIDTH, render_inline_svg

@@ -13,9 +13,8 @@ from typing import TypeVar
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from rovid.core.atomic_write import OutputFile
 from rovid.core.formatting import plus_minus
-from rovid.core.signatures import png_signature, svg_signature
+from rovid.core.output_files import OutputFile, png_signature, svg_signature
 from rovid.core.spmd import forked_workers, parallel_map
 from rovid.diagnose.cross_validation import split_runs
 from rovid.model.simulation import TrialSimulation

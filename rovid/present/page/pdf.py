@@ -10,7 +10,7 @@ import tempfile
 from pathlib import Path
 
 from rovid.core.errors import ConfigError, OutputError
-from rovid.core.signatures import plot_mark
+from rovid.core.output_files import plot_mark
 
 # Programs on the PATH, and the usual places on macOS and Windows.
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge")

@@ -13,10 +13,9 @@ import numpy as np
 
 from rovid import __version__
 from rovid.core.array_types import FloatArray
-from rovid.core.atomic_write import OutputFile, OutputSet
 from rovid.core.errors import DataError
 from rovid.core.formatting import plus_minus
-from rovid.core.signatures import PAGE, png_signature, svg_signature
+from rovid.core.output_files import PAGE, OutputFile, OutputSet, png_signature, svg_signature
 from rovid.diagnose.result import Finding, by_evidence
 from rovid.planar.diagnosis import PlanarDiagnosis
 from rovid.planar.fit import PlanarFit, is_yaw_alone

@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 
 from rovid import __version__
-from rovid.core.atomic_write import OutputFile, OutputSet
 from rovid.core.formatting import plus_minus
-from rovid.core.signatures import PAGE, png_signature
+from rovid.core.output_files import PAGE, OutputFile, OutputSet, png_signature
 from rovid.diagnose.result import discriminating_experiment
 from rovid.effects import restoring_effect
 from rovid.estimate.inertia import METHODS

@@ -24,7 +24,7 @@ from PIL.PngImagePlugin import PngInfo
 
 from rovid.core.array_types import FloatArray, IntArray
 from rovid.core.errors import escape_invisible
-from rovid.core.signatures import plot_mark
+from rovid.core.output_files import plot_mark
 from rovid.trial.assumptions import Assumptions
 
 # Palette of Okabe and Ito for every kind of colour vision; markers and dashes distinguish the lines too.

@@ -10,8 +10,7 @@ from rich.text import Text
 
 from rovid.compare.comparison import Comparison
 from rovid.control.design import ControllerDesign
-from rovid.core.console import labelled_text
-from rovid.core.formatting import plus_minus
+from rovid.core.formatting import labelled_text, plus_minus
 from rovid.diagnose.result import (
     UNIDENTIFIABLE,
     Diagnosis,

@@ -15,10 +15,17 @@ from rovid.present.documents.watch import parameters_with_previous
 from rovid.present.number_format import DASH, format_number
 from rovid.present.sentences import cause_name, evidence_words, join_words, verdict_sentence
 from rovid.present.tables.table import ResultTable, mixed_number_column, text_column
-from rovid.watch.folder_monitor import Problem
-from rovid.watch.session import Event, LogsChanged, LogsDiagnosed, ModelFitted, NextRun, SessionEnded
-from rovid.watch.stop_criteria import CriterionStatus, StopCriterion
-from rovid.watch.watched_log import WatchedLog
+from rovid.watch.folder_monitor import Problem, WatchedLog
+from rovid.watch.session import (
+    CriterionStatus,
+    Event,
+    LogsChanged,
+    LogsDiagnosed,
+    ModelFitted,
+    NextRun,
+    SessionEnded,
+    StopCriterion,
+)
 
 # Ratio of the 95 % intervals before and after a log from which the log is said to narrow them.
 _NARROWER = 1.05

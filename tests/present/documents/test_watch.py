@@ -12,7 +12,7 @@ from rovid.estimate.estimate import Estimate
 from rovid.present.documents.watch import parameters_with_previous, watch_documents, watch_start_document
 from rovid.trial.axis import YAW
 from rovid.watch.folder_monitor import Problem
-from rovid.watch.stop_criteria import parse_criteria
+from rovid.watch.session import parse_criteria
 
 ESTIMATE = Estimate(names=("inertia",), values=np.array([100.0]), covariance=np.array([[1.0]]), method="", samples=9)
 

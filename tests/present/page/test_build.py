@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from rovid.core.atomic_write import OutputSet
+from rovid.core.output_files import OutputSet
 from rovid.present.page import build
 from rovid.present.report_data import ReportData
 from rovid.store.load import read_parameters

@@ -6,10 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from rovid.compare.campaign_fit import campaign_from_parameters
-from rovid.compare.candidates import change_candidates
 from rovid.compare.comparison import Comparison, compare
-from rovid.compare.difference_tests import find_changes
-from rovid.core.atomic_write import OutputSet
+from rovid.compare.difference_tests import change_candidates, find_changes
+from rovid.core.output_files import OutputSet
 from rovid.present.page.comparison import comparison_page, write_comparison
 from rovid.present.plots import canvas
 from rovid.present.plots.results import plot_drag, plot_ratios

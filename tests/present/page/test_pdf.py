@@ -10,9 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from rovid.core.atomic_write import OutputFile, OutputSet
 from rovid.core.errors import ConfigError, OutputError
-from rovid.core.signatures import pdf_signature
+from rovid.core.output_files import OutputFile, OutputSet, pdf_signature
 from rovid.present.page import pdf
 from tests.conftest import SAMPLES, Rovid
 from tests.present.chromium import find_chromium

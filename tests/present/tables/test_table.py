@@ -9,7 +9,7 @@ import pytest
 from rich.cells import cell_len
 from rich.text import Text
 
-from rovid.core.console import SafeConsole
+from rovid.core.formatting import SafeConsole
 from rovid.present.tables.table import ResultTable, mixed_number_column, number_column, text_column
 
 

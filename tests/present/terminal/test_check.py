@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from rovid.core.console import SafeConsole
+from rovid.core.formatting import SafeConsole
 from rovid.preflight.advice import Advice
 from rovid.preflight.check import LogCheck
 from rovid.present.terminal.check import show_check

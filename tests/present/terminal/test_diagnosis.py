@@ -10,7 +10,7 @@ from rich.cells import cell_len
 
 from rovid.compare.campaign_fit import campaign_from_parameters
 from rovid.compare.comparison import Comparison, compare
-from rovid.core.console import SafeConsole
+from rovid.core.formatting import SafeConsole
 from rovid.diagnose.result import Diagnosis
 from rovid.effects import effect_named
 from rovid.present.number_format import parameter_title

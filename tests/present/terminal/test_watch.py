@@ -6,11 +6,10 @@ import io
 
 import pytest
 
-from rovid.core.console import SafeConsole
+from rovid.core.formatting import SafeConsole
 from rovid.present.terminal.watch import show_watch_event
 from rovid.watch.folder_monitor import Problem
-from rovid.watch.session import SessionEnded
-from rovid.watch.stop_criteria import CriterionStatus, StopCriterion
+from rovid.watch.session import CriterionStatus, SessionEnded, StopCriterion
 
 INERTIA = StopCriterion(name="inertia", share=0.02, is_effect=False)
 
