@@ -155,10 +155,13 @@ class PlanarSearch:
                 columns.append(change_between(line.innovations, likelihood.evaluate(point)) / share)
                 sizes.append(start[number] - neutral[number])
             matrix = np.column_stack(columns)
-            cross = line.matrix.T @ matrix
-            score = matrix.T @ residual - cross.T @ (inverse @ gradient)
-            power = matrix.T @ matrix - cross.T @ inverse @ cross
+            with np.errstate(over="ignore", invalid="ignore"):
+                cross = line.matrix.T @ matrix
+                score = matrix.T @ residual - cross.T @ (inverse @ gradient)
+                power = matrix.T @ matrix - cross.T @ inverse @ cross
             power[np.diag_indices_from(power)] *= 1.0 + 1e-9
+            if not (np.isfinite(power).all() and np.isfinite(score).all()):
+                continue  # the filter diverges at the model or next to this start
             shift = -np.linalg.lstsq(power, score, rcond=1e-12)[0]
             gain = -0.5 * float(score @ shift)
             if not math.isfinite(gain) or (best is not None and gain <= best.gain):
@@ -231,7 +234,7 @@ class PlanarSearch:
             circles = [np.array([speed, turn]) for speed in _SPEEDS for turn in turns.tolist()]
             starts, rest = [np.zeros(2), test.start, *circles], fitted.x
         coordinates = self.base.coordinates
-        kept = [one for one in fitted.effects if one.id != effect.id]
+        kept = [one for one in self.causes(fitted) if one.id != effect.id]
         for one in (*kept, effect):
             coordinates = coordinates.with_effect(one)
         likelihood = fitted.likelihood.with_coordinates(coordinates)
