@@ -227,8 +227,8 @@ class Parameters:
 
     @property
     def effects(self) -> list[str]:
-        """Ids of the effects whose parameters are here."""
-        return effect_ids(self.entries)
+        """Ids of the effects whose parameters are here, with those that the logs do not determine."""
+        return effect_ids([*self.entries, *self.assumed])
 
     def effect_forms(self) -> tuple[Effect, ...]:
         """The effects whose parameters are here.
