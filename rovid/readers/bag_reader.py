@@ -15,15 +15,17 @@ from tempfile import TemporaryDirectory
 from typing import NamedTuple
 from urllib.parse import quote
 
+from rosbags.rosbag1 import Reader
+from rosbags.typesys import Stores, get_typestore
+
 from rovid.core.errors import LogError, suggestion
 from rovid.core.input_files import file_parts
-from rovid.readers.message_topics import Decoder, TopicExtractor, TopicListing
-from rovid.readers.raw_log import LogContents, RawLog, require_library, require_mark, required_signals
+from rovid.readers.message_topics import Decoder, TopicExtractor, TopicListing, ros_decoder
+from rovid.readers.raw_log import LogContents, RawLog, require_mark, required_signals
 from rovid.trial.config import Config
 from rovid.trial.trial import Remark
 
 KIND = "bag"
-_EXTRA = "ros"
 _ROS1_MARK, _ROS2_MARK = b"#ROSBAG V", b"SQLite format 3\0"
 # Values of damaged tables are cast, so that decoding reports the damage. TYPEOF finds NULL in columns that are declared
 # NOT NULL, for which SQLite does not evaluate IS NOT NULL.
@@ -69,7 +71,6 @@ def read(path: Path, config: Config) -> RawLog:
 def sources(path: Path) -> LogContents:
     """Every field that holds a number or an orientation."""
     listing = TopicListing(path, KIND)
-    require_library("rosbags.typesys", _EXTRA, path)
     with _opened(path) as (connections, messages, damage):
         for one in connections:
             handler = listing.handler(one.topic, partial(_decoder, path, one), mapping=False)
@@ -101,7 +102,7 @@ def _opened(path: Path) -> AbstractContextManager[_Bag]:
 
 @contextmanager
 def _ros1(path: Path) -> Iterator[_Bag]:
-    reader = require_library("rosbags.rosbag1", _EXTRA, path).Reader(path)
+    reader = Reader(path)
     try:
         reader.open()
     except Exception as error:
@@ -165,19 +166,15 @@ def _unreadable(path: Path, error: Exception, mend: str) -> LogError:
 
 def _decoder(path: Path, one: _BagConnection) -> Decoder:
     """Function that turns the payloads of a connection into objects."""
-    types = require_library("rosbags.typesys", _EXTRA, path)
     try:
-        store = types.get_typestore(types.Stores.EMPTY if one.definition else types.Stores.LATEST)
-        if one.definition:
-            store.register(types.get_types_from_msg(one.definition, one.kind))
+        return ros_decoder(one.kind, one.definition, one.encoding)
+    except (KeyError, ValueError) as error:
+        text = (
+            f"the type {one.kind} of topic {one.topic!r}, encoded as {one.encoding!r}, is not defined in the bag, and "
+            f"it is none of ROS 2's own. {suggestion(one.kind, get_typestore(Stores.LATEST).fielddefs)}"
+        )
+        mend = "Convert the bag to MCAP where the type is known, or map another topic."
+        raise LogError(text, where=path, mend=mend) from error
     except Exception as error:
         text = f"the type {one.kind} of topic {one.topic!r} cannot be parsed ({str(error)[:100]!r})."
         raise LogError(text, where=path, mend="Convert the bag to MCAP, or leave it out.") from error
-    if one.kind not in store.fielddefs or one.encoding not in {"ros1", "cdr"}:
-        text = (
-            f"the type {one.kind} of topic {one.topic!r}, encoded as {one.encoding!r}, is not defined in the bag, and "
-            f"it is none of ROS 2's own. {suggestion(one.kind, store.fielddefs)}"
-        )
-        raise LogError(text, where=path, mend="Convert the bag to MCAP where the type is known, or map another topic.")
-    decode = store.deserialize_ros1 if one.encoding == "ros1" else store.deserialize_cdr
-    return lambda payload: decode(payload, one.kind)

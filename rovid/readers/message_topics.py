@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from array import array
 from collections.abc import Callable, Iterable, Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -31,11 +33,40 @@ from rovid.trial.trial import Remark
 Decoder = Callable[[bytes], Any]
 Handler = Callable[[bytes, int, int], None]  # payload, log time ns, publish time ns
 
+_SEPARATOR = re.compile(r"^={3,}\s*$", re.MULTILINE)
 # Clocks in ns; any other is a field of each message.
 _CLOCKS = ("log", "publish", "header")
 
 # ns, in the year 2262; a single later stamp comes from damage and counts as this one, far from its neighbours.
 _LAST_NS = 2**63 - 1
+
+
+@lru_cache(64)  # Compiling a definition takes longer than reading a short log.
+def ros_decoder(kind: str, definition: str, encoding: str) -> Decoder:
+    """Function that decodes messages of the type ``kind`` by rosbags; of ROS 2's own types without a ``definition``.
+
+    Raises
+    ------
+    KeyError
+        The type, or one inside it, is not defined.
+    ValueError
+        ``encoding`` is neither "cdr" nor "ros1".
+
+    rosbags raises further exceptions for a definition that cannot be parsed.
+    """
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    if encoding not in {"cdr", "ros1"}:
+        raise ValueError(f"the encoding {encoding!r} is neither cdr nor ros1")
+    store = get_typestore(Stores.EMPTY if definition else Stores.LATEST)
+    if definition:
+        # rosbags expects separators of 80 signs, and a definition after each.
+        types = get_types_from_msg(_SEPARATOR.sub("=" * 80, definition.rstrip("= \n")), kind)
+        store.register(types)
+        kind = next(iter(types))
+    store.get_msgdef(kind)  # Raises for types inside it that are not defined.
+    decode = store.deserialize_cdr if encoding == "cdr" else store.deserialize_ros1
+    return lambda payload: decode(payload, kind)
 
 
 class TopicCollector:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 import sqlite3
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -177,13 +176,3 @@ def test_what_a_damaged_table_lacks_though_it_says_it_cannot_is_left_out(tmp_pat
     np.testing.assert_allclose(np.rad2deg(trial.position[trial.measured]), HEADING, atol=1e-6)
     with pytest.raises(LogError, match="no topic for '/attitude'"):
         read(tmp_path, ".db3", '{ bag = "/attitude" }')
-
-
-@BOTH
-def test_without_rosbags_the_message_names_the_extra(
-    suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for name in ("rosbags.typesys", "rosbags.rosbag1"):
-        monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(LogError, match=r"needs the package rosbags. Install it with `pip install 'rovid\[ros\]'`"):
-        read(tmp_path, suffix, '{ bag = "/attitude" }')

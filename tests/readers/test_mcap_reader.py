@@ -168,7 +168,7 @@ BAD: dict[str, tuple[bytes, tuple[str, ...]]] = {
     "ros1": (one_encoding("ros1", "ros1msg", b"float64 data", b"x"), ("'ros1'", "'ros1msg'")),
     "idl": (one_encoding("cdr", "ros2idl", b"struct", b"x"), ("'ros2idl'", "ros2msg")),
     "bad ros2 schema": (one_encoding("cdr", "ros2msg", b"no such field line = = \xff", b"x"), ("schema", "parsed")),
-    "endless ros2 schema": (one_encoding("cdr", "ros2msg", b"test/Thing again", bytes(8)), ("message 1", "decoded")),
+    "endless ros2 schema": (one_encoding("cdr", "ros2msg", b"test/Thing again", bytes(8)), ("schema", "parsed")),
     "bad protobuf schema": (one_encoding("protobuf", "protobuf", b"\xff\xff", b"x"), ("schema", "parsed")),
     "short ros2 message": (one_encoding("cdr", "ros2msg", b"float64 data", b"\0\1\0\0ab"), ("message 1", "decoded")),
     "empty ros2 message": (one_encoding("cdr", "ros2msg", b"float64 data", b""), ("message 1", "decoded")),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import pytest
 from mcap.writer import Writer
 
 from rovid.core.errors import LogError
+from rovid.readers.message_topics import ros_decoder
 from tests.readers.logs import (
     ENCODERS,
     EPOCH,
@@ -152,3 +154,22 @@ def test_a_topic_without_messages(tmp_path: Path) -> None:
             writer.add_message(channels[topic], ns, json.dumps(fields).encode(), ns)
     with pytest.raises(LogError, match="holds no message on topic '/thrusters/fore'"):
         read_mcap(tmp_path, finished(writer, output))
+
+
+def test_ros_messages_of_any_byte_order() -> None:
+    """Short separators and names, comments, constants and times without a definition are understood."""
+    inner = "===\nMSG: test_msgs/B\nuint8 MODE_A=1  # text\nfloat64[] c\nstring<=5 d\n==="
+    decode = ros_decoder("test_msgs/A", f"uint8 a\nuint32 b  # [deg]\nB inner\ntime at\n{inner}\n", "cdr")
+    for kind, order in ((0, ">"), (1, "<")):
+        payload = struct.pack(f"{order}BxxxIIxxxxdI3sxII", 1, 2, 1, 3.0, 3, b"xy\0", 4, 5)
+        message = decode(bytes([0, kind, 0, 0]) + payload)
+        assert (message.a, message.b, message.inner.c.tolist(), message.inner.d) == (1, 2, [3.0], "xy")
+        assert (message.at.sec, message.at.nanosec) == (4, 5)
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"), [("Other a", KeyError), ("float64[ a", Exception), ("wstring a", KeyError)]
+)
+def test_ros_definitions_that_make_no_sense(text: str, problem: type[Exception]) -> None:
+    with pytest.raises(problem):
+        ros_decoder("a/A", text, "cdr")
