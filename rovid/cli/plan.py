@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 from rovid.cli import completion
 from rovid.cli.context import (
@@ -23,7 +26,9 @@ from rovid.cli.progress import progress
 from rovid.core.errors import ConfigError
 
 if TYPE_CHECKING:
+    from rovid.effects import Effect
     from rovid.estimate.candidate_runs import RunLimits
+    from rovid.store.parameter_file import Parameters
 
 PAGE = Page(
     text="""
@@ -41,6 +46,7 @@ PAGE = Page(
             "rovid plan --narrow linear_drag --minutes 5 --turns 2",
         ),
         ("The run that surge, sway and yaw together lack most", "rovid plan --axes planar"),
+        ("Pairs of causes that the standard runs separate", "rovid plan --matrix"),
         ("At 60 % of the commands, at most 10 deg/s", "rovid plan --share 0.6 --max-rate 10 -o next.csv"),
     ),
     see=("rovid diagnose", "rovid check", "rovid help plan"),
@@ -78,6 +84,14 @@ def plan(
     turns: Annotated[
         float | None, option("TURNS", "Largest distance: turns, or m along surge, sway and heave. Default: no limit.")
     ] = None,
+    matrix: Annotated[
+        bool,
+        typer.Option(
+            "--matrix",
+            help="Show which pairs of causes a programme separates, and after how many minutes: the runs of LOGS if "
+            "given, otherwise rovid's standard runs. Writes no file.",
+        ),
+    ] = False,
     output: Annotated[Path, option("FILE", "The command file.", "--output", "-o")] = Path("plan.csv"),
     axis: AxisName = None,
     axes: Axes = None,
@@ -106,7 +120,12 @@ def plan(
     if is_planar(axes, axis, between=between):
         _plan_planar(logs, parameters, output, effect, limits(angular=True), narrow or "", force=force, json=json)
         return
-    causes = tuple(effect_named(name) for name in between or ())
+    causes = tuple(dict.fromkeys(map(effect_named, between or ())))
+    if matrix:
+        if len(causes) == 1:
+            raise ConfigError("names one cause; two or more were expected.", where="--between")
+        _plan_matrix(logs, parameters_at(parameters, axis), causes, effect or (), share, json=json)
+        return
     if len({cause.id for cause in causes}) not in {0, 2} or len(causes) > 2:
         raise ConfigError(f"names {len(causes)} causes; two different ones were expected.", where="--between")
     stored = parameters_at(parameters, axis)
@@ -128,6 +147,51 @@ def plan(
         show_caution(console(), study.vehicle.assumptions)
         show_plan(console(), found, [commands.path, picture.path])
         show_warnings(console(), warnings)
+
+
+def _plan_matrix(
+    logs: Sequence[Path] | None,
+    stored: Parameters,
+    causes: Sequence[Effect],
+    effect: Sequence[str],
+    share: float,
+    *,
+    json: bool,
+) -> None:
+    """Show which pairs of causes a programme separates."""
+    from rovid.effects import effect_named
+    from rovid.estimate.candidate_runs import RunScales, standard_programme
+    from rovid.estimate.experiment_design import candidate_model, require_thrusters
+    from rovid.estimate.isolability import isolability, sized_cause, sized_causes, split_causes
+    from rovid.present.documents.results import matrix_document
+    from rovid.present.terminal.results import show_matrix
+
+    known = stored.effect_forms()
+    study = open_logs(logs or stored_logs(stored), None, stored.axis)
+    vehicle = study.vehicle
+    require_thrusters(vehicle)
+    vehicle.require_no_rudder("a run of commands")
+    with progress("Fitting …") as report:
+        forms = tuple(dict.fromkeys((*known, *map(effect_named, effect))))
+        base, fitted = split_causes(candidate_model(study.likelihood(forms), "the model"), known)
+        assert study.campaign is not None  # noqa: S101 - tables were refused by the fit
+        programme = list(study.campaign.trials)
+        if not logs:
+            scales = RunScales.from_trials(base.model, vehicle, programme, share)
+            reference = programme[0].reference
+            runs = standard_programme(scales, [thruster.name for thruster in vehicle.thrusters])
+            programme = [replace(run, reference=reference).trial(vehicle.axis) for run in runs]
+        own = {cause.effect.id: cause for cause in fitted}
+        if causes:
+            sized = [own.get(cause.id) or sized_cause(cause, base, vehicle, programme) for cause in causes]
+            tested = [cause for cause in sized if cause is not None]
+        else:
+            tested = [own.get(cause.effect.id, cause) for cause in sized_causes(base, vehicle, programme)]
+        found = isolability(base, tested, vehicle, programme, report)
+    if json:
+        print_json(matrix_document(found, vehicle))
+    else:
+        show_matrix(console(), found)
 
 
 def _plan_planar(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
 from rovid.effects.actuator_inputs import actuator_inputs
 from rovid.model.model import Model
+from rovid.trial.axis import Axis
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Vehicle
 
@@ -27,6 +28,14 @@ _SHORTEST_HOLD = 8.0
 _TURNS = (1.0, 6.0)
 # Length of a sweep in its longest periods. Convention.
 _SWEEP = 3.0
+# Beginnings of the names of the runs in the standard programme. Convention: what a crew runs first.
+_STANDARD = (
+    "hold both ways",
+    "coast-downs from both ways at 100 %",
+    "about 1 turn and back at 60 %",
+    "fast random levels up to 100 %",
+    "slow staircase",
+)
 # Duration in s and share of the full command of a constant piece.
 _Piece = tuple[float, float]
 
@@ -44,6 +53,11 @@ class CandidateRun:
     def seconds(self) -> float:
         """Duration."""
         return float(self.time[-1])
+
+    def trial(self, axis: Axis) -> Trial:
+        """The run as a trial that was not run, at rest."""
+        trial = Trial.from_commands(self.time, self.commands, name=self.name, reference=self.reference)
+        return replace(trial, axis=axis)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,6 +135,13 @@ def candidate_runs(scales: RunScales, thrusters: Sequence[str], longest: float =
     if len(thrusters) > 1 and LEAD_SECONDS + 4.0 * _hold(scales) <= longest:
         runs += [_single_thruster(name, at, scales) for at, name in enumerate(thrusters)]
     return runs
+
+
+def standard_programme(scales: RunScales, thrusters: Sequence[str]) -> list[CandidateRun]:
+    """The runs of a day before anything is known: holds, coast-downs, a sine, turns, random levels, stairs."""
+    sine = f"sine of {10.0 * scales.constant:.3g} s at 60 %"
+    wanted = (*_STANDARD, sine, *(f"{name} alone" for name in thrusters[:-1]))
+    return [run for run in candidate_runs(scales, thrusters) if run.name.startswith(wanted)]
 
 
 def _hold(scales: RunScales) -> float:

@@ -25,6 +25,8 @@ from rovid.trial.vehicle import Vehicle
 
 # Expected log-likelihood ratio in nats from which a run is decisive. Origin not recorded.
 DECISIVE_LLR = 12.0
+# Disturbance over the RMS torque, and measurement noise in rad or m, of a vehicle without logs. Of usual tank runs.
+ASSUMED_DISTURBANCE, ASSUMED_NOISE = 0.02, 2e-4
 # Smallest standard deviation of the measurement noise, against division by zero.
 _MIN_NOISE = 1e-6
 
@@ -54,6 +56,23 @@ class CandidateModel:
             noise=fitted.objective.position_noise(fitted.x),
             integrated=fitted.data.rate_only,
         )
+
+    @classmethod
+    def assumed(cls, model: Model, torque: float, memory: float) -> CandidateModel:
+        """Model without logs: a disturbance of `ASSUMED_DISTURBANCE` of the RMS ``torque``, and `ASSUMED_NOISE`."""
+        return cls(
+            name="the model",
+            model=model,
+            covariance=np.zeros((len(model.values), len(model.values))),
+            disturbance=ASSUMED_DISTURBANCE * torque,
+            memory=memory,
+            noise=ASSUMED_NOISE,
+        )
+
+    def coordinates(self, objective: InnovationLikelihood) -> FloatArray:
+        """(p,) coordinates of the model, its disturbance and its noise."""
+        noise = max(self.noise, _MIN_NOISE)
+        return objective.parametrization.coordinates_of(self.model, self.disturbance + 1e-300, self.memory, noise)
 
 
 def candidate_model(fit: LikelihoodFit, name: str) -> CandidateModel:
@@ -219,24 +238,36 @@ def _expected_information(
     return ExpectedInformation(run=run, gain=gain, rates=rates)
 
 
-def _simulated_trial(run: CandidateRun, candidate: CandidateModel, vehicle: Vehicle) -> Trial:
-    """The run as simulated by a model, without noise or disturbance."""
-    commanded = Trial.from_commands(run.time, run.commands, name=run.name, reference=run.reference)
-    trial = replace(commanded, axis=vehicle.axis)
+def noise_free(trial: Trial, candidate: CandidateModel, vehicle: Vehicle) -> Trial:
+    """The trial as simulated by a model, without noise or disturbance, where it has readings."""
     rate, position = candidate.model.simulate(trial, candidate.model.torque_input(vehicle, trial))
-    return replace(trial, rate=rate, position=position, rate_only=candidate.integrated)
+    position = np.where(trial.measured, position, np.nan)
+    return replace(trial, rate=rate, position=position, rate_only=candidate.integrated, readings={})
+
+
+def _simulated_trial(run: CandidateRun, candidate: CandidateModel, vehicle: Vehicle) -> Trial:
+    """The run as simulated by a model."""
+    return noise_free(run.trial(vehicle.axis), candidate, vehicle)
+
+
+def fit_objective(
+    trials: Sequence[Trial], candidate: CandidateModel, vehicle: Vehicle, interval: float = 0.0
+) -> InnovationLikelihood:
+    """The innovation likelihood of simulated ``trials``, with the effects of a model; readings ``interval`` s apart."""
+    measured = [trial if candidate.integrated else replace(trial, rate=None) for trial in trials]
+    # The lowest cut-off for runs of any length: the filter does not affect innovations.
+    cutoff = 0.1 / max(trial.sampling_interval for trial in trials)
+    runs = prepare(Campaign(trials=tuple(measured), sources=()), vehicle, cutoff=cutoff).items
+    bare = replace(candidate.model, effects=(), effect_values=())
+    return InnovationLikelihood(
+        InnovationData(runs, vehicle, bare, interval=interval), UNLIMITED, candidate.model.effects
+    )
 
 
 def _innovations(trial: Trial, candidate: CandidateModel, vehicle: Vehicle) -> tuple[FloatArray, FloatArray]:
     """(N,) normalised innovations of a trial under a model, and their (N, p) Jacobian in the model's own units."""
-    measured = trial if candidate.integrated else replace(trial, rate=None)
-    # The lowest cut-off for runs of any length: the filter does not affect innovations.
-    runs = prepare(Campaign(trials=(measured,), sources=()), vehicle, cutoff=0.1 / trial.sampling_interval).items
-    model = candidate.model
-    bare = replace(model, effects=(), effect_values=())
-    objective = InnovationLikelihood(InnovationData(runs, vehicle, bare), UNLIMITED, model.effects)
-    noise = max(candidate.noise, _MIN_NOISE)
-    x = objective.parametrization.coordinates_of(model, candidate.disturbance + 1e-300, candidate.memory, noise)
+    objective = fit_objective([trial], candidate, vehicle)
+    x = candidate.coordinates(objective)
     residual, matrix = list[FloatArray](), list[FloatArray]()
     for piece in objective.jacobian(x):
         # The first half of the rows are innovations, the second half belongs to their variances.

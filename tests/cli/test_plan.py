@@ -49,6 +49,21 @@ def test_a_crew_s_limits_are_kept(few: Path, rovid: Rovid) -> None:
     assert all(math.isfinite(run["gain"]) and run["gain"] > 0.0 for run in tight["runs"])
 
 
+def test_a_matrix_answers_first_and_counts_the_pairs(few: Path, rovid: Rovid) -> None:
+    causes = ("bias_torque", "tether_torsion", "thruster_lag", "drag_curvature")
+    names = [word for name in causes for word in ("--between", name)]
+    document = rovid("plan", few, "--matrix", *names, "--json").document
+    assert document["programme"]["runs"] == ["hold_01.csv", "hold_02.csv", "sine_40s.csv"]
+    assert {cause["effect"] for cause in document["causes"]} | {*document["not_visible"]} == {*causes}
+    pairs = document["pairs"]
+    assert document["separated"] == sum(pair["separated"] for pair in pairs) == 3
+    assert document["not_visible"] == ["drag_curvature"]
+    assert pairs[0]["between"] == ["bias_torque", "tether_torsion"]
+    assert document["programme"]["seconds"] > pairs[0]["seconds"] > pairs[-1]["seconds"] > 4.0
+    said = rovid("plan", few, "--matrix", *names).out
+    assert said.startswith(f"{document['separated']} of {len(pairs)} pairs of causes are told apart in 6 minutes")
+
+
 def test_a_stale_file_contributes_only_the_names_of_its_effects(few: Path, tmp_path: Path, rovid: Rovid) -> None:
     folder = shutil.copytree(few, tmp_path / "few")
     assert rovid("fit", folder, "--effect", "bias_torque").code == 0

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
 from rovid.control.design import ClosedLoopResult, ControllerDesign
 from rovid.estimate.experiment_design import ExperimentPlan, commands_by_name
+from rovid.estimate.isolability import IsolabilityMatrix
 from rovid.export.resimulation import Mismatch
 from rovid.export.run_export import VerifiedExport
 from rovid.model.simulation import FitMeasures, TrialSimulation, pooled_fit
@@ -94,6 +96,42 @@ def plan_document(
         "commands": commands_by_name(plan),
         **guess_document(vehicle.assumptions),
         "warnings": all_warnings(vehicle.assumptions, warnings),
+    }
+
+
+def matrix_document(matrix: IsolabilityMatrix, vehicle: Vehicle) -> Document:
+    """The document of `rovid plan --matrix --json`; null for a pair that is never separated."""
+
+    def finite(seconds: float) -> float | None:
+        return seconds if math.isfinite(seconds) else None
+
+    return {
+        "schema": "rovid-matrix/1",
+        **axis_document(vehicle.axis),
+        "programme": {"runs": list(matrix.runs), "seconds": matrix.seconds},
+        "causes": [{"effect": cause.name, "parameters": cause.effect.values(cause.values)} for cause in matrix.causes],
+        "not_visible": list(matrix.invisible),
+        "separated": len(matrix.pairs) - len(matrix.open_pairs),
+        "pairs": [
+            {
+                "between": [pair.first, pair.second],
+                "separated": pair.seconds <= matrix.seconds,
+                "expected_log_likelihood_ratio": pair.gain,
+                "seconds": finite(pair.seconds),
+                "with_sensor": {name: finite(seconds) for name, seconds in pair.with_sensor.items()},
+            }
+            for pair in matrix.pairs
+        ],
+        "sensors": [
+            {
+                "sensor": name,
+                "separates": [[pair.first, pair.second] for pair in matrix.separated_by(name)],
+                "causes": list(causes),
+            }
+            for name, causes in matrix.sensor_causes.items()
+        ],
+        **guess_document(vehicle.assumptions),
+        "warnings": all_warnings(vehicle.assumptions, []),
     }
 
 

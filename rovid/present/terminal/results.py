@@ -15,6 +15,7 @@ from rovid.estimate.estimate import PER_INERTIA
 from rovid.estimate.experiment_design import DECISIVE_LLR, ExperimentPlan
 from rovid.estimate.free_decay import FreeDecay, Quantity, analyse_free_decay
 from rovid.estimate.inertia import InertiaFit
+from rovid.estimate.isolability import SIZE_SHARE, IsolabilityMatrix, PairSeparation
 from rovid.estimate.maximum_likelihood import LikelihoodFit
 from rovid.estimate.steady_drag import DragFit
 from rovid.estimate.thrust_curve import ThrustCurveFit
@@ -220,6 +221,51 @@ def show_plan(console: Console, plan: ExperimentPlan, written: Sequence[Path]) -
         show_warnings(console, [undecided])
     for path in written:
         print_path(console, f"written: {path}")
+
+
+def show_matrix(console: Console, matrix: IsolabilityMatrix) -> None:
+    """Print how many pairs of causes a programme separates, the hardest pairs, and the use of further sensors."""
+    still_open = matrix.open_pairs
+    separated, minutes = len(matrix.pairs) - len(still_open), format_number(matrix.seconds / 60.0, ".0f")
+    answer = f"{separated} of {len(matrix.pairs)} pairs of causes are told apart in {minutes} minutes of this programme"
+    print_labelled(console, f"{answer}.")
+    if still_open:
+        print_labelled(console, "Not:", _pair_words(still_open))
+    if not matrix.pairs:
+        print_text(console, "Fewer than two causes are visible. Plan longer runs or larger commands.")
+    if matrix.invisible:
+        print_labelled(console, "Not visible at all:", ", ".join(matrix.invisible))
+    sensors = list(matrix.sensor_causes)
+    columns = [
+        mixed_number_column(title) for title in ("minutes", "log-likelihood", *(f"+ {name}" for name in sensors))
+    ]
+    table = ResultTable("Hardest pairs: minutes until they are told apart", text_column("causes"), *columns)
+    for pair in matrix.pairs[: max(_RUNS_SHOWN, len(still_open))]:
+        times = [_minutes(pair.with_sensor[name]) for name in sensors]
+        table.add_row(f"{pair.first} or {pair.second}", _minutes(pair.seconds), format_number(pair.gain), *times)
+    console.print()
+    console.print(table)
+    for name, causes in matrix.sensor_causes.items():
+        pairs = matrix.separated_by(name)
+        words = [f"tells apart {_pair_words(pairs)}"] if pairs else []
+        words += [f"allows tests of {', '.join(causes)}"] if causes else []
+        print_labelled(console, f"With {name}:", "; ".join(words) or "nothing more")
+    print_text(
+        console,
+        f"A pair counts as told apart from an expected log-likelihood ratio of {DECISIVE_LLR:.0f}. Minutes beyond the "
+        f"programme are those of its repetition. Causes without a fitted size change the simulated rate by "
+        f"{100.0 * SIZE_SHARE:.0f} %.",
+    )
+
+
+def _minutes(seconds: float) -> str:
+    return format_number(seconds / 60.0, ".1f") if math.isfinite(seconds) else "never"
+
+
+def _pair_words(pairs: Sequence[PairSeparation]) -> str:
+    words = [f"{pair.first} or {pair.second}" for pair in pairs[:_RUNS_SHOWN]]
+    more = [f"{len(pairs) - _RUNS_SHOWN} more"] if len(pairs) > _RUNS_SHOWN else []
+    return "; ".join(words + more)
 
 
 def show_export(console: Console, path: Path, made: VerifiedExport) -> None:

@@ -1,0 +1,360 @@
+"""Isolability: which pairs of causes a programme of runs can distinguish, and after how many minutes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import combinations
+
+import numpy as np
+from scipy import optimize
+
+from rovid.core.array_types import FloatArray
+from rovid.core.threads import thread_map
+from rovid.effects import Effect, forms_for
+from rovid.effects.actuator_inputs import SPEEDS
+from rovid.estimate.dataset import effect_scales, rms, rms_nonzero, time_constant
+from rovid.estimate.experiment_design import DECISIVE_LLR, CandidateModel, fit_objective, noise_free
+from rovid.estimate.innovation_likelihood import InnovationLikelihood
+from rovid.estimate.nested_fits import scaled_start
+from rovid.estimate.parametrization import COMMON, DISTURBANCE
+from rovid.model.model import Model
+from rovid.trial.trial import Trial
+from rovid.trial.vehicle import Vehicle
+
+# Size of a cause without a fitted one: the RMS change of the simulated rate over the RMS rate. Convention.
+SIZE_SHARE = 0.02
+# Shares of the initial size of the rival at which its fits may start, and steps of such a fit.
+_STARTS, _STEPS = (1.0, 0.3, 0.1, 0.03, 0.0), 12
+# Expected log-likelihood ratio in nats that counts as none: rounding of the filter. Convention.
+_NOTHING = 0.05
+# Distance from a bound, in scaled coordinates, within which it holds a coordinate.
+_AT_BOUND = 1e-3
+# Readings for each time constant of the vehicle that a comparison of causes needs; closer ones are thinned.
+_READINGS_PER_CONSTANT = 40.0
+# Further sensors with their channels, and the errors of their means over a second: torque over the RMS torque; voltage
+# over the rated one; speed in m/s. Of usual instruments.
+SENSORS = {"torque cell": ("torque",), "supply voltage": ("supply_voltage",), "DVL speeds": SPEEDS}
+_TORQUE_ERROR, _VOLTAGE_ERROR, _SPEED_ERROR = 0.02, 0.005, 0.01
+# Blocks of the programme at whose ends the log-likelihood ratio is computed.
+_BLOCKS = 300
+# Least eigenvalue of a scaled information, relative to the largest, below which it is flat.
+_FLAT = 1e-10
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SizedCause:
+    """A possible cause with its parameters in SI units."""
+
+    effect: Effect
+    values: FloatArray  # (k,)
+
+    @property
+    def name(self) -> str:
+        """Key of the effect."""
+        return self.effect.key
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PairSeparation:
+    """Expected evidence of a programme between two causes, either of which may be true; the smaller evidence counts."""
+
+    first: str
+    second: str
+    gain: float  # expected log-likelihood ratio over the whole programme, in nats
+    seconds: float  # s until the decision; of the repeated programme beyond its end; infinite where never
+    with_sensor: Mapping[str, float]  # the same with each further sensor
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class IsolabilityMatrix:
+    """Pairs of causes that a programme separates, the slowest first."""
+
+    #: ``runs``, ``seconds``: names of the runs of the programme, and their length.
+    runs: tuple[str, ...]
+    seconds: float
+    causes: tuple[SizedCause, ...]  # causes that the programme shows
+    invisible: tuple[str, ...]  # causes that change other parameters only, or nothing
+    pairs: tuple[PairSeparation, ...]
+    sensor_causes: Mapping[str, tuple[str, ...]]  # further sensor -> ids of effects that can be tested only with it
+
+    @cached_property
+    def open_pairs(self) -> tuple[PairSeparation, ...]:
+        """Pairs that the programme does not separate."""
+        return tuple(pair for pair in self.pairs if pair.seconds > self.seconds)
+
+    def separated_by(self, sensor: str) -> list[PairSeparation]:
+        """Pairs that the programme separates only with a further sensor."""
+        return [pair for pair in self.open_pairs if pair.with_sensor[sensor] <= self.seconds]
+
+
+def split_causes(fitted: CandidateModel, named: Sequence[Effect]) -> tuple[CandidateModel, list[SizedCause]]:
+    """The model without the ``named`` effects, and these effects at their fitted sizes."""
+    own = {one.effect: one.parameters for one in fitted.model.bound_effects}
+    kept = [effect for effect in fitted.model.effects if effect not in named]
+    values = [float(value) for effect in kept for value in own[effect]]
+    model = replace(fitted.model, effects=tuple(kept), effect_values=tuple(values))
+    return replace(fitted, model=model), [SizedCause(effect=effect, values=own[effect]) for effect in named]
+
+
+def sized_causes(base: CandidateModel, vehicle: Vehicle, programme: Sequence[Trial]) -> list[SizedCause]:
+    """One form of each effect that can be tested and that ``base`` lacks, at the size of `SIZE_SHARE`."""
+    forms: dict[str, Effect] = {}
+    for form in forms_for(vehicle, _channels(programme)):
+        # The phase of waves is random: no simulation shows them.
+        if not form.is_wave and form.id not in {effect.id for effect in base.model.effects}:
+            forms.setdefault(form.id, form)
+    sized = thread_map(lambda form: sized_cause(form, base, vehicle, programme), forms.values())
+    return [cause for cause in sized if cause is not None]
+
+
+def sized_cause(
+    effect: Effect, base: CandidateModel, vehicle: Vehicle, programme: Sequence[Trial]
+) -> SizedCause | None:
+    """The cause at the size that changes the simulated rate by `SIZE_SHARE`; None where no size does."""
+    model = base.model
+    plain = _rates(model, vehicle, programme)
+    rate = rms(plain)
+    torques = [model.torque_input(vehicle, trial).torque for trial in programme]
+    constant = time_constant(model, rate)
+    scales = effect_scales(programme, vehicle, rms_nonzero(np.concatenate(torques)), rate, constant)
+    units = np.array([scales.unit_size(parameter) for parameter in effect.parameters])
+    start = effect.initial_values[0]
+
+    def at(share: float) -> FloatArray:
+        scaled = scaled_start(effect, start, share)
+        for k, size in enumerate(effect.parameters[: effect.size_count]):
+            if size.neutral_at_infinity:
+                scaled[k] = np.clip(start[k] / share, size.low, size.high)
+        return np.asarray(scaled * units)
+
+    def excess(exponent: float) -> float:
+        changed = _rates(_with_effect(model, effect, at(math.exp(exponent))), vehicle, programme)
+        difference = rms([one - other for one, other in zip(changed, plain, strict=True)])
+        return math.log(difference / rate / SIZE_SHARE) if math.isfinite(difference) else 1.0
+
+    low, high = math.log(1e-3), math.log(30.0)
+    if excess(high) < 0.0:
+        return None
+    exponent = low if excess(low) > 0.0 else float(optimize.brentq(excess, low, high, xtol=0.02))
+    return SizedCause(effect=effect, values=at(math.exp(exponent)))
+
+
+def isolability(
+    base: CandidateModel,
+    causes: Sequence[SizedCause],
+    vehicle: Vehicle,
+    programme: Sequence[Trial],
+    report: Callable[[str], None] = lambda _: None,
+) -> IsolabilityMatrix:
+    """Expected log-likelihood ratios between all ``causes``, each in turn the true one.
+
+    The true model simulates the programme without noise. The Kalman filter of the rival predicts the simulation, with
+    the disturbance and noise of ``base``. All parameters of the rival are fitted to it. Half of the remaining
+    normalised sum of squares is the expected log-likelihood ratio of the best fits, docs/method.md, (21).
+    """
+    seconds = sum(trial.duration for trial in programme)
+    found: dict[tuple[str, str], tuple[float, dict[str, float]]] = {}
+    visible: dict[str, bool] = {}
+    for number, true in enumerate(causes, start=1):
+        report(f"Comparing causes: {true.name}, {number} of {len(causes)} …")
+        fitting = _Fitting(base, true, vehicle, programme)
+        visible[true.name] = fitting.gains(None)[""][-1] >= DECISIVE_LLR
+        rivals = [cause for cause in causes if cause is not true and visible[true.name]]
+        for rival, gains in zip(rivals, thread_map(fitting.gains, rivals), strict=True):
+            decided = {sensor: _decision(one, fitting.block_ends) for sensor, one in gains.items()}
+            found[true.name, rival.name] = float(gains[""][-1]), decided
+    shown = tuple(cause for cause in causes if visible[cause.name])
+    pairs = []
+    for one, other in combinations([cause.name for cause in shown], 2):
+        (gain, decided), (back, latest) = found[one, other], found[other, one]
+        seconds_until = max(decided[""], latest[""])
+        # A sensor never delays a decision.
+        sensors = {name: min(max(decided[name], latest[name]), seconds_until) for name in decided if name}
+        pair = PairSeparation(first=one, second=other, gain=min(gain, back), seconds=seconds_until, with_sensor=sensors)
+        pairs.append(pair)
+    return IsolabilityMatrix(
+        runs=tuple(trial.name for trial in programme),
+        seconds=seconds,
+        causes=shown,
+        invisible=tuple(name for name, seen in visible.items() if not seen),
+        pairs=tuple(sorted(pairs, key=lambda pair: (-pair.seconds, pair.gain))),
+        sensor_causes=_sensor_causes(vehicle, _channels(programme)),
+    )
+
+
+def _sensor_causes(vehicle: Vehicle, channels: set[str]) -> dict[str, tuple[str, ...]]:
+    """Ids of the effects that a vehicle with these ``channels`` can test only with each further sensor."""
+
+    def ids(logged: set[str]) -> list[str]:
+        return list(dict.fromkeys(form.id for form in forms_for(vehicle, logged)))
+
+    known = ids(channels)
+    return {
+        name: tuple(one for one in ids(channels.union(own)) if one not in known)
+        for name, own in SENSORS.items()
+        if not channels.issuperset(own)
+    }
+
+
+def _decision(gains: FloatArray, ends: FloatArray) -> float:
+    """Time in s at which the ``gains`` at block ``ends`` decide; each repetition of the programme adds the last one."""
+    reached = np.flatnonzero(gains >= DECISIVE_LLR)
+    if reached.size:
+        return float(ends[reached[0]])
+    return float(ends[-1] * DECISIVE_LLR / gains[-1]) if gains[-1] > _NOTHING else math.inf
+
+
+def _with_effect(model: Model, effect: Effect, values: FloatArray) -> Model:
+    return replace(model, effects=(*model.effects, effect), effect_values=(*model.effect_values, *map(float, values)))
+
+
+def _rates(model: Model, vehicle: Vehicle, programme: Sequence[Trial]) -> list[FloatArray]:
+    return [model.simulate(trial, model.torque_input(vehicle, trial))[0] for trial in programme]
+
+
+class _Fitting:
+    """Fits of rivals to the programme as simulated with one true cause."""
+
+    def __init__(self, base: CandidateModel, true: SizedCause, vehicle: Vehicle, programme: Sequence[Trial]) -> None:
+        self._base, self._vehicle, self._programme = base, vehicle, programme
+        truth = replace(base, model=_with_effect(base.model, true.effect, true.values))
+        usual = float(np.median([trial.sampling_interval for trial in programme]))
+        rate = rms(_rates(base.model, vehicle, programme))
+        interval = time_constant(base.model, rate) / _READINGS_PER_CONSTANT
+        if interval < 2.0 * usual:
+            interval = 0.0
+        else:
+            # White noise of the same power in fewer readings.
+            self._base = replace(base, noise=base.noise * math.sqrt(usual / interval))
+        simulated = [noise_free(trial, truth, vehicle) for trial in programme]
+        self._objective = fit_objective(simulated, base, vehicle, interval)
+        self._readings = sensor_readings(truth.model, vehicle, programme)
+        begins = np.cumsum([0.0, *(trial.duration for trial in programme)])
+        self._instants = np.concatenate(
+            [begin + span[0] for begin, span in zip(begins[:-1], self._objective.data.innovation_spans, strict=True)]
+        )
+        self.block_ends = np.linspace(0.0, begins[-1], _BLOCKS + 1)[1:]
+
+    def gains(self, rival: SizedCause | None) -> dict[str, FloatArray]:
+        """(b,) expected log-likelihood ratio at the end of each block, with all parameters of ``rival`` refitted.
+
+        Without further sensors, key "", and with each of `sensor_readings`.
+        """
+        base = self._base
+        effects = base.model.effects if rival is None else (*base.model.effects, rival.effect)
+        objective = replace(self._objective, effects=effects)
+        parametrization = objective.parametrization
+        begin = base.coordinates(self._objective)
+        starts = [begin]
+        if rival is not None:
+            own = parametrization.units[-len(rival.values) :]
+            starts = [np.concatenate((begin, rival.values / own))]
+            for initial in rival.effect.initial_values:
+                starts += [np.concatenate((begin, scaled_start(rival.effect, initial, share))) for share in _STARTS]
+        x, residual, jacobian = _fitted(objective, [np.clip(start, *parametrization.bounds) for start in starts])
+        norm = np.linalg.norm(jacobian, axis=0)
+        scale = np.where(norm > 0.0, norm, np.inf)
+        products = self._products(residual, jacobian / scale, self._instants)
+        gains = {"": _projected(products)}
+        if rival is None:
+            return gains
+        model, step = parametrization.model(x), parametrization.difference_steps(x)
+        first = sensor_readings(model, self._vehicle, self._programme)
+        moved = {}
+        for at in range(len(x) - len(rival.values), len(x)):
+            beside = parametrization.model(x + step[at] * (np.arange(len(x)) == at))
+            moved[at] = sensor_readings(beside, self._vehicle, self._programme)
+        for sensor, (instants, values) in first.items():
+            change = np.zeros((len(values), len(x)))
+            for at, readings in moved.items():
+                change[:, at] = (values - readings[sensor][1]) / step[at]
+            # As the innovations: reading less prediction, and its derivative.
+            error = self._readings[sensor][1] - values
+            gains[sensor] = _projected(products + self._products(error, change / scale, instants))
+        return gains
+
+    def _products(self, residual: FloatArray, jacobian: FloatArray, instants: FloatArray) -> FloatArray:
+        """(b, p + 1, p + 1) products of the columns of ``jacobian`` and ``residual`` up to the end of each block."""
+        joined = np.column_stack((jacobian, residual))
+        block = np.minimum(np.searchsorted(self.block_ends, instants), _BLOCKS - 1)
+        sums = np.zeros((_BLOCKS, joined.shape[1], joined.shape[1]))
+        for at in range(joined.shape[1]):
+            for other in range(at + 1):
+                weights = joined[:, at] * joined[:, other]
+                sums[:, at, other] = sums[:, other, at] = np.bincount(block, weights, minlength=_BLOCKS)
+        return sums.cumsum(axis=0)
+
+
+def _projected(products: FloatArray) -> FloatArray:
+    """(b,) half the sum of squares up to the end of each block, with the parameters fitted to these readings."""
+    information, gradient, square = products[:, :-1, :-1], products[:, :-1, -1], products[:, -1, -1]
+    step = np.linalg.pinv(information, rcond=_FLAT, hermitian=True) @ gradient[:, :, None]
+    gains = 0.5 * (square - np.sum(gradient * step[:, :, 0], axis=1))
+    return np.asarray(np.maximum(np.maximum.accumulate(gains), 0.0))
+
+
+def _fitted(objective: InnovationLikelihood, starts: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(p,) coordinates of the least squares, the (N,) normalised innovations there, and their (N, p) Jacobian.
+
+    The coordinates of disturbance and noise stay as they are at the start. Columns of fixed coordinates and of those
+    that are held by a bound are zero.
+    """
+    start = objective.most_likely(starts, 1)[0]
+    low, high = objective.parametrization.bounds
+    free = [at for at in range(len(start)) if not DISTURBANCE <= at < COMMON and low[at] < high[at]]
+
+    def point(own: FloatArray) -> FloatArray:
+        x = start.copy()
+        x[free] = own
+        return x
+
+    def residual(own: FloatArray) -> FloatArray:
+        error, variance = objective.innovations(point(own))
+        return np.asarray(error / np.sqrt(variance))
+
+    def jacobian(own: FloatArray) -> FloatArray:
+        pieces = objective.jacobian(point(own))
+        return np.concatenate([piece.matrix[: len(piece.matrix) // 2, free] for piece in pieces])
+
+    found = optimize.least_squares(
+        residual, start[free], jac=jacobian, bounds=(low[free], high[free]), x_scale="jac", max_nfev=_STEPS, ftol=1e-3
+    )
+    matrix = np.zeros((len(found.fun), len(start)))
+    matrix[:, free] = jacobian(found.x)
+    outward = np.where(found.grad > 0.0, found.x - low[free], high[free] - found.x)
+    matrix[:, np.array(free)[outward < _AT_BOUND]] = 0.0
+    return point(found.x), found.fun, matrix
+
+
+def sensor_readings(
+    model: Model, vehicle: Vehicle, programme: Sequence[Trial]
+) -> dict[str, tuple[FloatArray, FloatArray]]:
+    """(m,) s and (m,) means over a second, in standard deviations, of each sensor of `SENSORS` that is not logged."""
+    times, columns = list[FloatArray](), list[FloatArray]()
+    begin = 0.0
+    bare = replace(model, effects=(), effect_values=())
+    for trial in programme:
+        driven, plain = (one.torque_input(vehicle, trial) for one in (model, bare))
+        rest = np.abs(plain.torque) < 1e-9
+        ratio = np.where(rest, 1.0, driven.torque / np.where(rest, 1.0, plain.torque))
+        sags = any(effect.id == "supply_sag" for effect in model.effects)
+        readings = np.column_stack((driven.torque, ratio if sags else np.ones(len(ratio)), driven.effect_inputs[:, 1]))
+        second = trial.time.astype(int)
+        count = np.maximum(np.bincount(second), 1)
+        columns.append(np.column_stack([np.bincount(second, one) / count for one in readings.T]))
+        times.append(begin + 0.5 + np.arange(len(count), dtype=np.float64))
+        begin += trial.duration
+    values, time = np.concatenate(columns), np.concatenate(times)
+    torque = np.concatenate([bare.torque_input(vehicle, trial).torque for trial in programme])
+    noise = (_TORQUE_ERROR * rms_nonzero(torque), _VOLTAGE_ERROR, _SPEED_ERROR)
+    logged = _channels(programme)
+    sensors = zip(SENSORS, values.T / np.array(noise)[:, None], strict=True)
+    return {name: (time, column) for name, column in sensors if not logged.issuperset(SENSORS[name])}
+
+
+def _channels(programme: Sequence[Trial]) -> set[str]:
+    """Channels that all runs have."""
+    return set.intersection(*(set(trial.channels) for trial in programme))
