@@ -28,8 +28,8 @@ PAGE = Page(
     percent of the range of the yaw rate. Effects that the format cannot hold are listed with their size. Yaw only, or
     surge, sway and yaw together with --axes planar.
 
-    With --axes planar rovid also says whether the exported model comes to rest at the simulator's time step from every
-    speed in the logs, and the largest stable step.
+    rovid also says whether the exported model comes to rest at the simulator's time step from every speed in the logs,
+    and the largest stable step.
 
     Thrusters and the largest rate come from the logs named in the parameter file, if they exist. A parameter file that
     is out of date is refused. One that depends on guessed arms or thrust curves is refused without --force.

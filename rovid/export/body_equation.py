@@ -4,6 +4,8 @@ In axes x ahead, y to starboard, z down, with nu through the water and C of the 
 
     M nu' + C(nu) nu = tau + constant - linear nu - sum over j, k of absolute[:, j, k] nu_j |nu_k|
 
+Yaw has a cubic drag, a factor of all drag at negative rates, and a stiffness in addition.
+
 A part of M may be lagged: it multiplies the acceleration of the step before, through a filter (uuv_simulator).
 """
 
@@ -11,6 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import IntEnum
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -53,6 +56,10 @@ class BodyEquation:
     current: FloatArray = field(default_factory=lambda: np.zeros(2))  #: (2,) m/s to north and east.
     #: Whether inertia and Coriolis force are those of the velocity through the water; else over ground.
     inertia_in_water: bool = True
+    #: ``cubic``, ``ratio``, ``stiffness``: in yaw, in N m s^3/rad^3, factor of the drag at negative rates, and N m/rad.
+    cubic: float = 0.0
+    ratio: float = 1.0
+    stiffness: float = 0.0
     #: Coefficients of the planar model, whose equation then stands in place of mass and damping; else empty.
     coefficients: FloatArray = field(default_factory=lambda: np.zeros(0))
     step: float  #: s.
@@ -102,12 +109,34 @@ class BodyEquation:
             np.ascontiguousarray(self.mass),
             coefficients,
             np.zeros(INPUT_COUNT + 2 * max((len(coefficients) - RUDDER_INDEX) // RUDDER_COUNT, 0)),
+            np.array([self.cubic, self.ratio, share * self.stiffness]),
             np.empty((7, 4)),  # vectors of the compiled loops, which allocate none
         )
 
 
+@lru_cache(maxsize=32)
+def yaw_equation(
+    inertia: float, linear: float, quadratic: float, *, added: float = 0.0, bias: float = 0.0, **terms: Any
+) -> BodyEquation:
+    """Yaw alone, with further fields of `BodyEquation` in ``terms``; surge and sway stay at rest.
+
+    ``inertia`` and lagged ``added`` inertia in kg m^2, ``linear`` and ``quadratic`` drag in N m s/rad and
+    N m s^2/rad^2, ``bias`` in N m.
+    """
+    absolute = np.zeros((3, 3, 3))
+    absolute[2, 2, 2] = quadratic
+    return BodyEquation(
+        mass=inertia * np.eye(3),
+        linear=linear * np.eye(3),
+        absolute=absolute,
+        lagged=added * np.eye(3),
+        constant=np.array([0.0, 0.0, bias]),
+        **terms,
+    )
+
+
 @compiled
-def _damping(nu: Any, linear: Any, absolute: Any, out: Any) -> None:
+def _damping(nu: Any, linear: Any, absolute: Any, yaw: Any, out: Any) -> None:
     for i in range(3):
         total = 0.0
         for j in range(3):
@@ -116,6 +145,9 @@ def _damping(nu: Any, linear: Any, absolute: Any, out: Any) -> None:
                 factor += absolute[i, j, k] * abs(nu[k])
             total += factor * nu[j]
         out[i] = total
+    out[2] += yaw[0] * nu[2] ** 3
+    if nu[2] < 0.0:
+        out[2] *= yaw[1]
 
 
 @compiled
@@ -129,7 +161,7 @@ def _coriolis(nu: Any, mass: Any, out: Any) -> None:
 @compiled
 def _slope(state: Any, force: Any, filtered: Any, numbers: Any, out: Any) -> None:
     """Derivatives of the velocities over ground in body axes."""
-    inverse, total, linear, absolute, lagged, constant, current, _, in_water, _, _, _, coefficients, held, work = (
+    inverse, total, linear, absolute, lagged, constant, current, _, in_water, _, _, _, coefficients, held, yaw, work = (
         numbers
     )
     cosine, sine = np.cos(state[0]), np.sin(state[0])
@@ -140,7 +172,8 @@ def _slope(state: Any, force: Any, filtered: Any, numbers: Any, out: Any) -> Non
         held[:3] = force
         out[0], out[1], out[2] = slopes(coefficients, True, held, nu[0], nu[1], nu[2], 0.0, 0.0, 0.0)
     else:
-        _damping(nu, linear, absolute, drag)
+        _damping(nu, linear, absolute, yaw, drag)
+        drag[2] += yaw[2] * state[0]
         _coriolis(nu if in_water else state[1:4], total, inertia)
         for i in range(3):
             right[i] = force[i] + constant[i] - drag[i] - inertia[i]
@@ -177,7 +210,7 @@ def _runge_kutta(state: Any, slope: Any, force: Any, filtered: Any, numbers: Any
 @compiled
 def _advance(state: Any, filtered: Any, before: Any, force: Any, numbers: Any) -> None:
     """One step of ``state`` (heading, velocities over ground) in place."""
-    _, _, linear, absolute, _, _, current, weight, _, step, scheme, mass, _, _, work = numbers
+    _, _, linear, absolute, _, _, current, weight, _, step, scheme, mass, _, _, yaw, work = numbers
     for i in range(3):
         filtered[i] = (1.0 - weight) * filtered[i] + weight * before[i]
     slope = work[6, :3]
@@ -188,11 +221,11 @@ def _advance(state: Any, filtered: Any, before: Any, force: Any, numbers: Any) -
     if scheme == 2:
         # One Newton step of the damping: (M + h dD/dnu) nu' = forces.
         drag, later, nu, matrix = np.empty(3), np.empty(3), state[1:4].copy(), mass.copy()
-        _damping(nu, linear, absolute, drag)
+        _damping(nu, linear, absolute, yaw, drag)
         for j in range(3):
             nudge = 1e-6 * max(abs(nu[j]), 1e-3)
             nu[j] += nudge
-            _damping(nu, linear, absolute, later)
+            _damping(nu, linear, absolute, yaw, later)
             nu[j] -= nudge
             for i in range(3):
                 matrix[i, j] += step * (later[i] - drag[i]) / nudge

@@ -8,17 +8,16 @@ a lag: the link has the whole inertia. Axes are FLU, z up: the yaw rate is minus
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
-from rovid.core.array_types import FloatArray
 from rovid.core.formatting import xml_attribute, xml_comment
 from rovid.core.output_files import export_mark
 from rovid.effects.actuator_inputs import actuator_inputs
+from rovid.export.body_equation import Scheme
 from rovid.export.interface import ExportInput, ExportResult
-from rovid.export.resimulation import integrate_rate, thrust_torque
+from rovid.export.resimulation import equation_rate, thrust_torque
 from rovid.export.thruster_curves import ThrusterCurve, curve_comment, curve_effect_keys, thruster_curves
 from rovid.trial.trial import Trial
 
@@ -41,15 +40,11 @@ def export_gz_sim(subject: ExportInput) -> ExportResult:
     </plugin>"""
     fluid = f"<fluid_added_mass><rr>{added:.10g}</rr></fluid_added_mass>"
 
-    def advance(rate: float, _: float, torque: float) -> float:
-        drag = (-model.linear_drag - model.quadratic_drag * abs(rate)) * rate
-        return rate + GZ_STEP * (torque + drag) / (body + added)
-
     notes = (
         "The added inertia stands in <fluid_added_mass>, which DART alone honours; <nDotR> would count it twice.",
         "<nRabsR> needs a gz-sim that has it (its pull request 1888); older ones give <nR> the opposite sign.",
     )
-    return _model("gz-sim", subject, body, fluid, hydrodynamics, advance, GZ_STEP, notes)
+    return _model("gz-sim", subject, body, fluid, hydrodynamics, GZ_STEP, notes)
 
 
 def export_vrx(subject: ExportInput) -> ExportResult:
@@ -64,10 +59,6 @@ def export_vrx(subject: ExportInput) -> ExportResult:
       <max_effort>{effort:.10g}</max_effort>
     </plugin>"""
 
-    def advance(rate: float, _: float, torque: float) -> float:
-        drag = -(model.linear_drag + model.quadratic_drag * abs(rate)) * rate
-        return rate + VRX_STEP * (torque + min(max(drag, -effort), effort)) / model.inertia
-
     ratio = subject.added_inertia / subject.rigid_inertia
     inertia_note = (
         "The whole inertia is the link's and <nDotR> 0: VRX takes the acceleration of the step before, which lags and, "
@@ -77,7 +68,7 @@ def export_vrx(subject: ExportInput) -> ExportResult:
         inertia_note,
         "What is not written keeps SimpleHydrodynamics' defaults, which are not zero (xU, yV 20): set your own.",
     )
-    return _model("vrx", subject, model.inertia, "", hydrodynamics, advance, VRX_STEP, notes)
+    return _model("vrx", subject, model.inertia, "", hydrodynamics, VRX_STEP, notes)
 
 
 def _model(
@@ -86,11 +77,10 @@ def _model(
     izz: float,
     fluid: str,
     hydrodynamics: str,
-    advance: Callable[[float, float, float], float],
     step: float,
     notes: tuple[str, ...],
 ) -> ExportResult:
-    """An SDF model with one link, its thrusters and these hydrodynamics; ``advance`` integrates in FLU axes."""
+    """An SDF model with one link, its thrusters and these hydrodynamics, in steps of ``step`` s."""
     curves = thruster_curves(subject)
     bands = [deadband_thrust(subject, index) for index in range(len(curves))]
     thrusters = []
@@ -107,13 +97,13 @@ def _model(
         f"{hydrodynamics}\n{''.join(thrusters)}",
     )
     banded = [with_deadband(curve, band) for curve, band in zip(curves, bands, strict=True)]
-
-    def simulate(commands: FloatArray) -> FloatArray:
-        return -integrate_rate(-thrust_torque(banded, commands, step), advance, step)
-
-    kept = curve_effect_keys(subject)
+    equation = subject.equation(step, Scheme.BODY_EULER)
     return ExportResult(
-        content=content, simulate=simulate, kept_effects=kept, notes=(*frame_notes(subject), NEWTONS, *notes)
+        content=content,
+        simulate=lambda commands: equation_rate(equation, thrust_torque(banded, commands, step)),
+        equation=equation,
+        kept_effects=curve_effect_keys(subject),
+        notes=(*frame_notes(subject), NEWTONS, *notes),
     )
 
 

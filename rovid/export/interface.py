@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from rovid.core.array_types import FloatArray
+from rovid.export.body_equation import BodyEquation, Scheme, yaw_equation
 from rovid.model.model import Model
 from rovid.store.parameter_file import Entry, Parameters
 from rovid.store.study import Study
@@ -70,6 +72,17 @@ class ExportInput:
         """Added inertia in kg m^2."""
         return self.model.inertia - self.rigid_inertia
 
+    def equation(self, step: float, scheme: Scheme = Scheme.RUNGE_KUTTA, **terms: Any) -> BodyEquation:
+        """The base model's equation of yaw, in steps of ``step`` s; ``terms`` as in `yaw_equation`."""
+        own = {"inertia": self.model.inertia, "linear": self.model.linear_drag, "quadratic": self.model.quadratic_drag}
+        return yaw_equation(**(own | terms), step=step, scheme=scheme)
+
+    @property
+    def drag_terms(self) -> dict[str, Any]:
+        """Cubic drag and drag asymmetry, as terms of `equation`."""
+        ratio = self.value("drag_asymmetry", "ratio")
+        return {"cubic": self.value("drag_curvature", "cubic"), "ratio": ratio or 1.0}
+
     def with_effects(self, keys: frozenset[str]) -> Model:
         """The model with only these effects."""
         kept = tuple(effect for effect in self.model.effects if effect.key in keys)
@@ -83,6 +96,7 @@ class ExportResult:
 
     content: str | bytes
     simulate: Simulate
+    equation: BodyEquation  #: The simulator's equation for the verdict on stability.
     kept_effects: frozenset[str]  #: Keys of the effects that the file represents.
     #: (parameter, reason) of the parts of the base model that the file cannot represent.
     base_losses: tuple[tuple[str, str], ...] = ()

@@ -129,6 +129,7 @@ def export(subject: ExportInput) -> ExportResult:
     return ExportResult(
         content=content,
         simulate=simulate,
+        equation=subject.equation(STEP, **subject.drag_terms),
         kept_effects=curve_effect_keys(subject)
         | (subject.effects.keys() & {*_YAW_DAMPING, *_YAW_FACTORS, *_YAW_TORQUES}),
         notes=_NOTES,

@@ -15,8 +15,9 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.core.formatting import xml_attribute
 from rovid.core.output_files import export_mark
+from rovid.export.body_equation import Scheme
 from rovid.export.interface import ExportInput, ExportResult
-from rovid.export.resimulation import first_order_lag, integrate_rate, repeat_held
+from rovid.export.resimulation import equation_rate, first_order_lag, repeat_held
 from rovid.export.thruster_curves import ThrusterCurve, curve_effect_keys, number_list, thruster_curves
 
 STEP = 0.002  # s, MuJoCo's default
@@ -52,13 +53,7 @@ def export(subject: ExportInput) -> ExportResult:
     title = "Yaw identified by rovid; z up, a yaw rate is minus the heading's"
     content = mjcf(subject.vehicle.name, title, curves, body, actuators)
 
-    def advance(rate: float, angle: float, torque: float) -> float:
-        size = abs(rate)
-        drag = (model.linear_drag + (model.quadratic_drag + cubic * size) * size) * rate
-        total = torque + bias - drag
-        slope = model.linear_drag + (2.0 * model.quadratic_drag + 3.0 * cubic * size) * size
-        # implicitfast: one Newton step of the velocity-dependent forces.
-        return rate + STEP * (total - stiffness * angle) / (model.inertia + STEP * slope)
+    equation = subject.equation(STEP, Scheme.WORLD_IMPLICIT, bias=-bias, cubic=cubic, stiffness=stiffness)
 
     def simulate(commands: FloatArray) -> FloatArray:
         wait = round(delay / STEP)
@@ -66,12 +61,13 @@ def export(subject: ExportInput) -> ExportResult:
         for curve, command in zip(curves, commands.T, strict=True):
             thrust = repeat_held(curve(command), STEP)
             late = np.concatenate([np.full(wait, thrust[0]), thrust])[: len(thrust)]
-            torque -= curve.arm * first_order_lag(late, lag, STEP)
-        return -integrate_rate(torque, advance, STEP)
+            torque += curve.arm * first_order_lag(late, lag, STEP)
+        return equation_rate(equation, torque)
 
     return ExportResult(
         content=content,
         simulate=simulate,
+        equation=equation,
         kept_effects=curve_effect_keys(subject) | (_KEPT & subject.effects.keys()),
         notes=(
             "z is up: a yaw rate there is minus rovid's, which grows with the heading.",

@@ -19,7 +19,7 @@ from rovid.effects.base import Coupling, WaterCurrent
 from rovid.export.body_equation import BodyEquation, Scheme
 from rovid.export.planar_input import PlanarInput, rovid_motion
 from rovid.export.planar_result import PlanarExportResult
-from rovid.export.rovid_equation import yaml_lines
+from rovid.export.rovid_equation import STEP, STEP_NOTE, yaml_lines
 from rovid.model.parameter_names import unit_of
 from rovid.planar.model import SNAME
 
@@ -27,8 +27,6 @@ EQUATION = (
     "M*nu' + C(nu)*nu + linear*nu + quadratic*|nu|*nu = tau + couplings; nu = (u, v, r) through the water, C of M"
 )
 _AXES = "x ahead, y to starboard, yaw clockwise from above (NED); SI units and radians; SNAME signs of derivatives."
-# s, step for which stability is judged: these formats have no integrator of their own.
-_STEP = 0.02
 
 
 def own_equation(subject: PlanarInput, step: float) -> BodyEquation:
@@ -173,10 +171,10 @@ def _result(subject: PlanarInput, content: str | bytes, read: Mapping[str, float
     notes = [f"{_AXES} In a z-up frame sway, yaw rate and the levers of both change sign, the matrices do not."]
     if acting:
         notes.append(f"{', '.join(acting)} act between command and thrust: the reader implements them.")
-    notes.append(f"The format has no integrator: stability is judged for Runge-Kutta steps of {_STEP:g} s.")
+    notes.append(STEP_NOTE)
     return PlanarExportResult(
         content=content,
-        equation=own_equation(subject, _STEP),
+        equation=own_equation(subject, STEP),
         simulate=lambda commands: rovid_motion(subject, model, commands),
         kept_effects=frozenset(subject.effects),
         keeps_angles=True,

@@ -191,6 +191,7 @@ def export(subject: ExportInput) -> ExportResult:
     return ExportResult(
         content=content,
         simulate=simulate,
+        equation=subject.equation(STEP, **subject.drag_terms),
         kept_effects=curve_effect_keys(subject) | {key for key in subject.effects if key in _TERMS or key == lag.key},
         notes=(
             "Axes are NED, as rovid's: no sign changes.",

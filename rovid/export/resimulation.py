@@ -10,6 +10,7 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.effects.actuator_inputs import neutral_commands
+from rovid.export.body_equation import BodyEquation
 from rovid.export.interface import PERIOD, ExportInput
 from rovid.export.thruster_curves import COMMAND_LAG, NO_LAG, THRUST_LAG, ThrusterCurve, ThrusterLag
 from rovid.model.model import Model
@@ -137,18 +138,8 @@ def thrust_torque(
     return total
 
 
-def integrate_rate(torque: FloatArray, advance: Callable[[float, float, float], float], step: float) -> FloatArray:
-    """(n,) rate in rad/s at the beginning of each `PERIOD` under (m,) torques in N m for ``step`` s each, from rest.
-
-    ``advance`` maps (rate, angle, torque) to the rate after a step. The angle follows with the new rate, by the
-    semi-implicit Euler method of rigid-body engines.
-    """
-    steps = round(PERIOD / step)
-    rate = angle = 0.0
-    rates = []
-    for index, push in enumerate(torque.tolist()):
-        if index % steps == 0:
-            rates.append(rate)
-        rate = advance(rate, angle, push)
-        angle += step * rate
-    return np.array(rates)
+def equation_rate(equation: BodyEquation, torque: FloatArray) -> FloatArray:
+    """(n,) yaw rate in rad/s at the beginning of each `PERIOD` under (m,) torques in N m for a step each, from rest."""
+    forces = np.zeros((len(torque), 3))
+    forces[:, 2] = torque
+    return equation.simulate(forces, every=round(PERIOD / equation.step))[:, 3]

@@ -20,6 +20,9 @@ _BASE = ("inertia", "quadratic_drag", "linear_drag")
 _EQUATION = "inertia*rdot + quadratic_drag*|r|*r + linear_drag*r = sum(yaw_arm*thrust(command)) + effects"
 _AXES = "Yaw is positive in the sense in which the heading grows (NED: clockwise from above); SI units and radians."
 _NOTE = _AXES + " In a z-up frame the rate and the thrusters' yaw arms change sign, inertia and drag do not."
+# s, step for which stability is judged.
+STEP = 0.02
+STEP_NOTE = f"The format has no integrator: stability is judged for Runge-Kutta steps of {STEP:g} s."
 
 EffectValues = Mapping[str, Mapping[str, float]]
 
@@ -143,6 +146,7 @@ def _result(subject: ExportInput, content: str | bytes, base: Mapping[str, Any],
     return ExportResult(
         content=content,
         simulate=lambda commands: rovid_rate(subject, read, commands),
+        equation=subject.equation(STEP, **subject.drag_terms),
         kept_effects=frozenset(subject.effects),
-        notes=(_NOTE,),
+        notes=(_NOTE, STEP_NOTE),
     )

@@ -16,6 +16,7 @@ from rovid.effects.bias_torque import EFFECT
 from rovid.export import ALIASES, FORMATS
 from rovid.export.interface import ExportInput, ExportResult
 from rovid.export.resimulation import Mismatch, compare_rates, rovid_rate, verification_commands
+from rovid.export.stability import Stability, judge_yaw
 from rovid.trial.assumptions import Assumptions
 
 # % of range, promised limit of the mismatch of what a file represents.
@@ -44,6 +45,7 @@ class VerifiedExport:
     mismatch: Mismatch
     kept_mismatch: Mismatch
     losses: tuple[ExportLoss, ...]
+    stability: Stability
     warnings: tuple[str, ...]
 
 
@@ -114,6 +116,7 @@ def verified_export(exporter: Exporter, subject: ExportInput) -> VerifiedExport:
         mismatch=compare_rates(whole, theirs),
         kept_mismatch=kept_mismatch,
         losses=tuple(losses),
+        stability=judge_yaw(result.equation, subject.largest_rate),
         warnings=tuple(notes),
     )
 

@@ -11,6 +11,7 @@ import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -32,6 +33,8 @@ _FINE, _LONGEST = 10.0, 2_000.0
 _BISECTIONS, _DOUBLINGS = 12, 24
 # Number of random speeds inside the envelope, half of which are mirror images.
 _INSIDE = 32
+# Shares of the envelope for yaw alone.
+_ALONE = (-1.0, -0.5, -0.2, 0.2, 0.5, 1.0)
 # A step counts as stable only with these shares of it: beyond the limit there are islands of chance stability.
 _SHARES = (1.0, 0.85, 0.7)
 
@@ -51,14 +54,22 @@ class Stability:
 def envelope_starts(envelope: FloatArray) -> FloatArray:
     """(m, 3) velocities all over the envelope: corners, edges and faces, the same at half of it, and random ones.
 
-    Port and starboard are alike: the first of sway and yaw that is not zero is positive.
+    Port and starboard are alike: the first of sway and yaw that is not zero is positive. Yaw alone has both signs.
     """
+    if not np.any(envelope[:2]):
+        return np.outer(_ALONE, envelope)
     grid = np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=3)))
     inside = np.random.default_rng(0).uniform(-1.0, 1.0, (_INSIDE, 3))
     shares = np.concatenate((grid, 0.5 * grid, inside))
     shares = shares[(shares[:, 1] > 0.0) | ((shares[:, 1] == 0.0) & (shares[:, 2] >= 0.0))]
     starts = shares * envelope
     return np.unique(starts[np.any(starts != 0.0, axis=1)], axis=0)
+
+
+@lru_cache(maxsize=32)
+def judge_yaw(equation: BodyEquation, largest_rate: float) -> Stability:
+    """The verdict on yaw alone, up to ``largest_rate`` in rad/s; one equation of several formats is judged once."""
+    return judge_stability(equation, np.array([0.0, 0.0, largest_rate]))
 
 
 def judge_stability(equation: BodyEquation, envelope: FloatArray) -> Stability:
@@ -126,6 +137,7 @@ def _jacobian(equation: BodyEquation, speeds: FloatArray) -> FloatArray:
 def _acceleration(equation: BodyEquation, nu: FloatArray) -> FloatArray:
     mass = equation.total_mass
     drag = equation.linear @ nu + np.einsum("ijk,j,k", equation.absolute, nu, np.abs(nu))
+    drag[2] = (drag[2] + equation.cubic * nu[2] ** 3) * (equation.ratio if nu[2] < 0.0 else 1.0)
     momentum = mass @ nu
     turning = np.array([-momentum[1] * nu[2], momentum[0] * nu[2], momentum[1] * nu[0] - momentum[0] * nu[1]])
     return np.asarray(np.linalg.solve(mass, -drag - turning), dtype=np.float64)

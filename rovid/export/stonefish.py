@@ -13,8 +13,9 @@ from scipy.optimize import nnls
 from rovid.core.array_types import FloatArray
 from rovid.core.formatting import xml_attribute
 from rovid.core.output_files import export_mark
+from rovid.export.body_equation import Scheme
 from rovid.export.interface import ExportInput, ExportResult
-from rovid.export.resimulation import integrate_rate, thrust_torque
+from rovid.export.resimulation import equation_rate, thrust_torque
 from rovid.export.thruster_curves import (
     ThrusterCurve,
     curve_comment,
@@ -42,10 +43,7 @@ def export(subject: ExportInput) -> ExportResult:
     for curve, table in zip(inputs, curves, strict=True):
         if curve.side:
             thrusters += _thruster(curve, table, lag.time_constant)
-
-    def advance(rate: float, _: float, torque: float) -> float:
-        return rate + _STEP * (torque - (linear + cubic * rate * rate) * rate) / model.inertia
-
+    equation = subject.equation(_STEP, Scheme.BODY_EULER, linear=linear, quadratic=0.0, cubic=cubic)
     losses = []
     if model.quadratic_drag != 0.0:
         why = (
@@ -59,7 +57,8 @@ def export(subject: ExportInput) -> ExportResult:
         box += " (length or width not known: 1 m)"
     return ExportResult(
         content=_scenario(subject, length, width, linear, cubic, thrusters),
-        simulate=lambda commands: integrate_rate(thrust_torque(curves, commands, _STEP, lag), advance, _STEP),
+        simulate=lambda commands: equation_rate(equation, thrust_torque(curves, commands, _STEP, lag)),
+        equation=equation,
         kept_effects=curve_effect_keys(subject) | (subject.effects.keys() & {"drag_curvature", lag.key}),
         base_losses=tuple(losses),
         notes=(

@@ -9,16 +9,14 @@ from __future__ import annotations
 
 import math
 
-from rovid.core.array_types import FloatArray
 from rovid.core.formatting import identifiers
 from rovid.core.output_files import export_mark
+from rovid.export.body_equation import BodyEquation, Scheme
 from rovid.export.gazebo import frame_notes
-from rovid.export.interface import ExportInput, ExportResult, Simulate
-from rovid.export.resimulation import integrate_rate, settling_time, thrust_torque
+from rovid.export.interface import ExportInput, ExportResult
+from rovid.export.resimulation import equation_rate, settling_time, thrust_torque
 from rovid.export.thruster_curves import (
-    NO_LAG,
     ThrusterCurve,
-    ThrusterLag,
     curve_comment,
     curve_effect_keys,
     number_list,
@@ -39,7 +37,7 @@ _STABLE = 2.8
 
 def export(subject: ExportInput) -> ExportResult:
     """A xacro for uuv_simulator."""
-    body, added, note = _split_inertia(subject)
+    body, added, equation, note = _split_inertia(subject)
     lag, curves = thruster_lag(subject), thruster_curves(subject)
     inputs, input_note = thruster_inputs(curves, lag)
     name = identifiers([subject.vehicle.name])[0].lower()
@@ -60,7 +58,8 @@ def export(subject: ExportInput) -> ExportResult:
     )
     return ExportResult(
         content=content,
-        simulate=_simulator(subject, body, added, curves, lag),
+        simulate=lambda commands: equation_rate(equation, thrust_torque(curves, commands, STEP, lag)),
+        equation=equation,
         kept_effects=curve_effect_keys(subject) | (subject.effects.keys() & {lag.key}),
         notes=(*frame_notes(subject), note, input_note),
     )
@@ -68,7 +67,8 @@ def export(subject: ExportInput) -> ExportResult:
 
 def export_yaml(subject: ExportInput) -> ExportResult:
     """Model of uuv_simulator's controllers, without thrusters."""
-    model, (body, added, note) = subject.model, _split_inertia(subject)
+    model, curves = subject.model, thruster_curves(subject)
+    body, added, equation, note = _split_inertia(subject)
     lines = [
         f"# {export_mark('uuv as yaml')}.",
         "# Yaw identified by rovid; z up, a yaw rate is minus the heading's. Only the yaw entries are known.",
@@ -84,44 +84,26 @@ def export_yaml(subject: ExportInput) -> ExportResult:
     ]
     return ExportResult(
         content="\n".join(lines),
-        simulate=_simulator(subject, body, added, thruster_curves(subject), NO_LAG),
+        simulate=lambda commands: equation_rate(equation, thrust_torque(curves, commands, STEP)),
+        equation=equation,
         kept_effects=curve_effect_keys(subject),
         notes=(*frame_notes(subject), note, "The controllers' model takes forces: a thruster manager has the curves."),
     )
 
 
-def _split_inertia(subject: ExportInput) -> tuple[float, float, str]:
-    """Yaw inertia in kg m^2 of the link and of <added_mass>, and a note."""
+def _split_inertia(subject: ExportInput) -> tuple[float, float, BodyEquation, str]:
+    """Yaw inertia in kg m^2 of the link and of <added_mass>, the equation with them, and a note."""
     body, added = subject.rigid_inertia, subject.added_inertia
     late = STEP / FILTER * added / subject.model.inertia / settling_time(subject) / math.e
-    if added <= _STABLE * body and late < _VISIBLE:
-        return body, added, "The added inertia stands in <added_mass>, the body's in <inertia>."
-    note = (
-        "The whole inertia is the link's and the yaw entry of <added_mass> 0: the plugin filters the acceleration of "
-        f"the step before, which would put the rate off by {100.0 * late:.2g} % or diverge."
-    )
-    return subject.model.inertia, 0.0, note
-
-
-def _simulator(
-    subject: ExportInput, body: float, added: float, curves: list[ThrusterCurve], lag: ThrusterLag
-) -> Simulate:
-    model = subject.model
-
-    def simulate(commands: FloatArray) -> FloatArray:
-        filtered = before = 0.0
-
-        def advance(rate: float, _: float, torque: float) -> float:
-            nonlocal filtered, before
-            filtered = (1.0 - FILTER) * filtered + FILTER * before
-            drag = -(model.linear_drag + model.quadratic_drag * abs(rate)) * rate
-            before = (torque + drag - added * filtered) / body
-            return rate + STEP * before
-
-        torque = thrust_torque(curves, commands, STEP, lag)
-        return -integrate_rate(-torque, advance, STEP)
-
-    return simulate
+    note = "The added inertia stands in <added_mass>, the body's in <inertia>."
+    if added > _STABLE * body or late >= _VISIBLE:
+        body, added = subject.model.inertia, 0.0
+        note = (
+            "The whole inertia is the link's and the yaw entry of <added_mass> 0: the plugin filters the acceleration "
+            f"of the step before, which would put the rate off by {100.0 * late:.2g} % or diverge."
+        )
+    equation = subject.equation(STEP, Scheme.WORLD_EULER, inertia=body, added=added, filter_weight=FILTER)
+    return body, added, equation, note
 
 
 def xacro(

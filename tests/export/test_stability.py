@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from rovid.core.array_types import FloatArray
-from rovid.export.body_equation import BodyEquation, Scheme
-from rovid.export.stability import judge_stability
+from rovid.export.body_equation import BodyEquation, Scheme, yaw_equation
+from rovid.export.stability import judge_stability, judge_yaw
 
 # Number of random speeds in the envelope for the check.
 STARTS = 40
@@ -108,6 +108,61 @@ def test_the_verdict_is_that_of_integration_to_rest(models: int) -> None:
             assert not all(comes_to_rest(equation, envelope, step, seconds) for step in steps)
     # Both answers occur often.
     assert 0.1 * models < sum(verdicts) < 0.9 * models
+
+
+def yaw_slows(numbers: dict[str, float], scheme: Scheme, largest: float, step: float, seconds: float) -> bool:
+    """Whether every rate up to ``largest`` decays to a sixth within ``seconds``, in plain steps."""
+    linear, quadratic, cubic = numbers["linear"], numbers["quadratic"], numbers["cubic"]
+    start = largest * np.linspace(-1.0, 1.0, 20)
+    r, late, change = start, np.zeros(20), np.zeros(20)
+
+    def slope(r: FloatArray) -> FloatArray:
+        drag = (linear + quadratic * np.abs(r) + cubic * r * r) * r * np.where(r < 0.0, numbers["ratio"], 1.0)
+        return np.asarray((-drag - numbers["added"] * late) / numbers["inertia"])
+
+    with np.errstate(all="ignore"):
+        for _ in range(max(round(seconds / step), 200)):
+            late = 0.7 * late + 0.3 * change
+            change = slope(r)
+            if scheme is Scheme.RUNGE_KUTTA:
+                b = slope(r + 0.5 * step * change)
+                c = slope(r + 0.5 * step * b)
+                change = (change + 2.0 * b + 2.0 * c + slope(r + step * c)) / 6.0
+            r = r + step * change
+    return bool(np.all(np.abs(r) < np.abs(start) / 6.0))
+
+
+def test_the_verdict_on_yaw_is_that_of_integration_to_rest() -> None:
+    random = np.random.default_rng(57)
+    verdicts = []
+    for _ in range(50):
+        total, largest, slow = 10.0 ** random.uniform(-0.5, 4.0), random.uniform(0.05, 1.5), random.uniform(1.0, 40.0)
+        share, scheme = random.uniform(0.05, 1.0), Scheme(int(random.choice([0, 1, 3])))
+        added = total * random.uniform(0.2, 0.95) if scheme is Scheme.WORLD_EULER else 0.0
+        numbers = {
+            "inertia": total - added,
+            "added": added,
+            "linear": share * total / slow,
+            "quadratic": (1.0 - share) * total / slow / largest,
+            # At the largest rate from minus twice the other drag to as much.
+            "cubic": random.uniform(-2.0, 1.0) * total / slow / largest**2,
+            "ratio": random.uniform(0.8, 1.3),
+        }
+        step = slow * 10.0 ** random.uniform(-2.0, 0.6)
+        found = judge_yaw(yaw_equation(**numbers, filter_weight=0.3, step=step, scheme=scheme), largest)
+        verdicts.append(found.stable)
+        if found.rest_time is None:
+            # Where the drag is negative, the exact equation does not come to rest either.
+            assert not yaw_slows(numbers | {"inertia": total, "added": 0.0}, scheme, largest, 0.01 * slow, 20.0 * slow)
+        elif found.largest_stable_step is None:
+            assert not yaw_slows(numbers, scheme, largest, 0.01 * step, 3.0 * step)
+        elif found.stable:
+            assert yaw_slows(numbers, scheme, largest, step, 4.0 * found.rest_time)
+        else:
+            near = step * np.array([1.0, 0.85, 0.7])
+            assert not all(yaw_slows(numbers, scheme, largest, one, 4.0 * found.rest_time) for one in near)
+    # Both answers occur often.
+    assert 10 < sum(verdicts) < 40
 
 
 def test_a_known_limit_is_found() -> None:

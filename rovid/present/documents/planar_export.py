@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from rovid.export.planar_run import VELOCITIES, PlanarMismatch, VerifiedPlanarExport
-from rovid.export.stability import Stability
 from rovid.present.documents.fits import Document, all_warnings, fields, guess_document
+from rovid.present.documents.results import stability_document
 from rovid.trial.assumptions import Assumptions
 
 
@@ -24,7 +24,7 @@ def planar_export_document(name: str, file: str, made: VerifiedPlanarExport, gue
             }
             for loss in made.losses
         ],
-        "stability": _stability(made.stability),
+        "stability": stability_document(made.stability, VELOCITIES),
         **guess_document(guess),
         "warnings": all_warnings(guess, made.warnings),
     }
@@ -33,13 +33,3 @@ def planar_export_document(name: str, file: str, made: VerifiedPlanarExport, gue
 def _mismatch(mismatch: PlanarMismatch) -> Document:
     percents = {f"{name}_percent_of_range": value for name, value in mismatch.percent_of_range.items()}
     return {**percents, "rms": dict(mismatch.rms), "unit": dict(VELOCITIES)}
-
-
-def _stability(verdict: Stability) -> Document:
-    envelope = dict(zip(VELOCITIES, verdict.envelope, strict=True))
-    return {
-        **fields(verdict, "stable", "step", "largest_stable_step"),
-        "time_to_rest": verdict.rest_time,
-        "from": envelope,
-        "text": verdict.text,
-    }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from rovid.estimate.experiment_design import ExperimentPlan, commands_by_name
 from rovid.estimate.isolability import IsolabilityMatrix
 from rovid.export.resimulation import Mismatch
 from rovid.export.run_export import VerifiedExport
+from rovid.export.stability import Stability
 from rovid.model.simulation import FitMeasures, TrialSimulation, pooled_fit
 from rovid.preflight.check import LogCheck, remark_document
 from rovid.preflight.clock_alignment import ClockOffset
@@ -172,8 +173,19 @@ def export_document(name: str, file: str, made: VerifiedExport, guess: Assumptio
         "mismatch": _mismatch(made.mismatch),
         "mismatch_of_what_is_held": _mismatch(made.kept_mismatch),
         "not_held": [fields(loss, "what", "why", yaw_rate_percent_of_range="percent_of_range") for loss in made.losses],
+        "stability": stability_document(made.stability, ("yaw_rate",)),
         **guess_document(guess),
         "warnings": all_warnings(guess, made.warnings),
+    }
+
+
+def stability_document(verdict: Stability, velocities: Collection[str]) -> Document:
+    """The verdict on an exported model; its largest speeds by the names of the last ``velocities``."""
+    return {
+        **fields(verdict, "stable", "step", "largest_stable_step"),
+        "time_to_rest": verdict.rest_time,
+        "from": dict(zip(velocities, verdict.envelope[-len(velocities) :], strict=True)),
+        "text": verdict.text,
     }
 
 

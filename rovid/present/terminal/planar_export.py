@@ -9,6 +9,7 @@ from rich.console import Console
 from rovid.export.planar_run import VELOCITIES, PlanarMismatch, VerifiedPlanarExport
 from rovid.present.console import print_labelled, print_path, print_text, show_warnings
 from rovid.present.number_format import format_number
+from rovid.present.terminal.results import show_stability
 
 
 def show_planar_export(console: Console, path: Path, made: VerifiedPlanarExport) -> None:
@@ -21,7 +22,7 @@ def show_planar_export(console: Console, path: Path, made: VerifiedPlanarExport)
         name, largest = max(loss.percent_of_range.items(), key=lambda item: item[1])
         size = f"{format_number(largest, 2)} % of the range of the {name.replace('_', ' ')}"
         print_labelled(console, "Not held:", f"{loss.what}, {size}: {loss.why}.", "red")
-    print_labelled(console, "Stability:", made.stability.text, "green" if made.stability.stable else "red")
+    show_stability(console, made.stability)
     show_warnings(console, made.warnings)
 
 

@@ -21,6 +21,7 @@ from rovid.estimate.steady_drag import DragFit
 from rovid.estimate.thrust_curve import ThrustCurveFit
 from rovid.estimate.thrust_scale import ThrustScale
 from rovid.export.run_export import VerifiedExport
+from rovid.export.stability import Stability
 from rovid.preflight.config_writer import assumptions_in, log_count_text
 from rovid.preflight.log_survey import LogSurvey
 from rovid.present.conclusions import fit_verdict
@@ -283,7 +284,13 @@ def show_export(console: Console, path: Path, made: VerifiedExport) -> None:
     for loss in made.losses:
         text = f"{loss.what}, {format_number(loss.percent_of_range, 2)} % of range: {loss.why}."
         print_labelled(console, "Not held:", text, "red")
+    show_stability(console, made.stability)
     show_warnings(console, made.warnings)
+
+
+def show_stability(console: Console, verdict: Stability) -> None:
+    """Print whether an exported model comes to rest at the simulator's step."""
+    print_labelled(console, "Stability:", verdict.text, "green" if verdict.stable else "red")
 
 
 def show_survey(console: Console, survey: LogSurvey, written: Sequence[Path]) -> None:

@@ -11,6 +11,7 @@ from rovid.estimate.candidate_runs import CandidateRun
 from rovid.estimate.experiment_design import ExpectedInformation, ExperimentPlan
 from rovid.export.resimulation import Mismatch
 from rovid.export.run_export import ExportLoss, VerifiedExport
+from rovid.export.stability import Stability
 from rovid.model.simulation import simulate_runs
 from rovid.preflight.advice import Advice
 from rovid.preflight.check import LogCheck
@@ -62,14 +63,21 @@ def test_a_plan_lists_its_commands_beside_the_times_at_which_they_change() -> No
     assert (document["between"], document["narrow"]) == (None, "inertia")
 
 
+AT_REST = Stability(
+    stable=True, step=0.001, largest_stable_step=None, rest_time=9.0, envelope=(0.0, 0.0, 0.3), text="Stable."
+)
+
+
 def test_what_a_format_does_not_hold_has_its_size() -> None:
     far, near = Mismatch(percent_of_range=5.0, rms=0.01), Mismatch(percent_of_range=0.01, rms=1e-5)
     loss = ExportLoss(what="wave_torque", why="random", percent_of_range=math.nan)
-    made = VerifiedExport(content="", mismatch=far, kept_mismatch=near, losses=(loss,), warnings=())
+    made = VerifiedExport(content="", mismatch=far, kept_mismatch=near, losses=(loss,), stability=AT_REST, warnings=())
     document = export_document("gz-sim", "a.sdf", made, Assumptions())
     assert document["mismatch"] == {"yaw_rate_percent_of_range": 5.0, "rms": 0.01, "unit": "rad/s"}
     assert document["mismatch_of_what_is_held"]["rms"] == 1e-5
     assert [lost["what"] for lost in document["not_held"]] == ["wave_torque"]
+    assert document["stability"]["stable"]
+    assert document["stability"]["from"] == {"yaw_rate": 0.3}
 
 
 def test_a_check_keeps_facts_problems_and_advice_apart() -> None:

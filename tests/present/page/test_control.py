@@ -19,6 +19,7 @@ from rovid.control.step_metrics import limit_cycle
 from rovid.export import FORMATS
 from rovid.export.resimulation import Mismatch
 from rovid.export.run_export import ExportLoss, VerifiedExport
+from rovid.export.stability import Stability
 from rovid.present.number_format import format_number
 from rovid.present.page import build
 from rovid.present.page.figures import ReportFigures, draw_figures
@@ -200,12 +201,19 @@ def test_the_courses_are_those_of_the_runs(day: ReportData, pushed: ControllerDe
         assert ends["aid of drag alone"] == pytest.approx(-np.degrees(BIAS.value / pushed.law.kp), rel=0.02)
 
 
+AT_REST = Stability(
+    stable=True, step=0.001, largest_stable_step=None, rest_time=9.0, envelope=(0.0, 0.0, 0.3), text="Stable."
+)
+
+
 def test_each_reason_is_given_once() -> None:
     size = Mismatch(percent_of_range=7.6, rms=0.01)
     lag = ExportLoss(what="thruster_lag:rotor", why="there is none", percent_of_range=7.6)
     wave = ExportLoss(what="wave_torque", why="its phase is not known", percent_of_range=math.nan)
     made = {
-        name: VerifiedExport(content="", mismatch=size, kept_mismatch=size, losses=losses, warnings=())
+        name: VerifiedExport(
+            content="", mismatch=size, kept_mismatch=size, losses=losses, stability=AT_REST, warnings=()
+        )
         for name, losses in {"gz-sim": (lag, wave), "vrx": (lag,), "json": ()}.items()
     }
     assert cells(formats_table(made), "not held, % of range") == [
