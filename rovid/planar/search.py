@@ -161,14 +161,13 @@ class PlanarSearch:
                 power = matrix.T @ matrix - cross.T @ inverse @ cross
             power[np.diag_indices_from(power)] *= 1.0 + 1e-9
             if not (np.isfinite(power).all() and np.isfinite(score).all()):
-                continue  # the filter diverges at the model or next to this start
+                continue  # The filter diverges at the model or next to this start.
             shift = -np.linalg.lstsq(power, score, rcond=1e-12)[0]
             gain = -0.5 * float(score @ shift)
-            if not math.isfinite(gain) or (best is not None and gain <= best.gain):
+            if not gain > (best.gain if best else -math.inf):
                 continue
             begin = neutral.copy()
-            for number, size in enumerate(sizes):
-                begin[number] = neutral[number] + size * float(np.clip(shift[number], -5.0, 5.0))
+            begin[: len(sizes)] += np.array(sizes) * np.clip(shift, -5.0, 5.0)
             low = np.array([one.low for one in effect.parameters])
             high = np.array([one.high for one in effect.parameters])
             needed = 2.0 * (self.threshold + self.penalty * len(start))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -18,9 +19,10 @@ from rovid.preflight.raw_columns import (
     SignalGuess,
     ending_unit,
     finite_values,
+    may_be_command,
     word_list,
 )
-from rovid.preflight.thruster_guess import Columns, ThrusterCommand
+from rovid.preflight.thruster_guess import Columns, ThrusterCommand, distinct_name, neutral_value, short_name
 from rovid.trial.axis import AXES, GEODETIC_UNITS, LENGTH_UNITS, Axis, name_words
 
 _NOT_MEASURED = word_list("axis", "not_measured") | COMMAND | SIDE
@@ -105,6 +107,10 @@ _GLOBE = {"north": ({"lat", "latitude"}, 90.0), "east": ({"lon", "lng", "long", 
 _SCALED = "1e-7 deg"
 # Words of a thruster across the vehicle.
 _SIDEWAYS = word_list("axis", "sway") | {"tunnel", "querstrahlruder"}
+# Largest difference between the largest values of a column and of a known command, relative, of a command like it.
+_ALIKE = 0.25
+# Words of a thruster along the vehicle.
+_AHEAD = {"main", "aft", "stern", "forward", "haupt", "principal"}
 # Words of the speed of a propeller.
 _PROPELLER = {"propeller", "prop", "screw", "schraube", "rps", "rpm", "helice", "hélice", "elica"}
 # Words of velocities, accelerations and errors.
@@ -118,6 +124,8 @@ class PlanarGuess:
     signals: Mapping[str, SignalGuess] = field(default_factory=dict)  #: Name in rovid.toml -> column.
     #: Axis (surge, sway) -> source of a command -> its effect along that axis.
     effects: Mapping[str, Mapping[str, CommandEffect]] = field(default_factory=dict)
+    #: Commands of thrusters that do not turn the vehicle.
+    thrusters: tuple[ThrusterCommand, ...] = ()
     #: Column of a propeller's speed, which turns nothing, and its largest value; empty without.
     propeller: tuple[str, float] = ("", 0.0)
 
@@ -131,12 +139,13 @@ def guess_planar(logs: Sequence[Log], taken: set[str], commands: Sequence[Thrust
     free = {source: found for source, found in columns.items() if len(found) == len(logs) and source not in taken}
     signals: dict[str, SignalGuess] = {}
     effects = {}
+    alike = _alike(commands, free)
+    neutral = {command.source: command.neutral for command in (*commands, *alike)}
     for name in ("surge", "sway"):
         axis = AXES[name]
         motion = axis_signals(axis, free, free, "").get(axis.rate_signal)
         if motion is not None:
             signals[axis.rate_signal] = motion
-            neutral = {command.source: command.neutral for command in commands}
             effects[name] = command_effects(neutral, logs, motion) if neutral else {}
     for guess in (_position, _fix):
         positions = {name: found for name in _MAP if (found := guess(name, free)) is not None}
@@ -144,7 +153,29 @@ def guess_planar(logs: Sequence[Log], taken: set[str], commands: Sequence[Thrust
             signals |= positions
             break
     propeller = ("", 0.0) if commands else _propeller(free)
-    return PlanarGuess(signals=signals, effects=effects, propeller=propeller)
+    return PlanarGuess(signals=signals, effects=effects, thrusters=tuple(alike), propeller=propeller)
+
+
+def _alike(commands: Sequence[ThrusterCommand], columns: Columns) -> list[ThrusterCommand]:
+    """Columns with values like those of the ``commands``, by their pulses or by a name of a direction."""
+    found: list[ThrusterCommand] = []
+    largest = {max(abs(one.lowest), abs(one.highest)) for one in commands}
+    for source, logged in columns.items():
+        values, words = finite_values(logged), name_words(source)
+        if len(values) < MIN_SAMPLES or not np.ptp(values) > 0.0 or not may_be_command(source, words):
+            continue
+        low, high, neutral = float(values.min()), float(values.max()), neutral_value(values)
+        named = bool(neutral or words & (_SIDEWAYS | _AHEAD))
+        size = max(abs(low), abs(high))
+        if named and low <= neutral <= high and any(math.isclose(size, one, rel_tol=_ALIKE) for one in largest):
+            name = distinct_name(short_name(source), [one.name for one in (*commands, *found)])
+            reason = f"{low:.4g} to {high:.4g}, like the other commands; no thrust at {neutral:g}"
+            found.append(
+                ThrusterCommand(
+                    name=name, source=source, direction=0, neutral=neutral, lowest=low, highest=high, reason=reason
+                )
+            )
+    return found
 
 
 def _propeller(columns: Columns) -> tuple[str, float]:

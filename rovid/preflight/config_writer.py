@@ -13,7 +13,7 @@ from rovid.core.errors import LINE_LENGTH, RovidError, display_text
 from rovid.core.formatting import toml_key, toml_text
 from rovid.core.output_files import GUESSED_CURVE as GUESSED
 from rovid.core.output_files import OutputFile, OutputSet
-from rovid.preflight.axis_guess import propeller_lines, share_lines
+from rovid.preflight.axis_guess import PlanarGuess, propeller_lines, share_lines
 from rovid.preflight.drive_guess import RudderGuess
 from rovid.preflight.log_survey import FULL_THRUST, GUESSED_CURVE, LogSurvey, all_commands, output_files
 from rovid.preflight.raw_columns import SignalGuess
@@ -143,6 +143,7 @@ def _thrusters(survey: LogSurvey) -> Iterator[str]:
         yield ""
         yield f"# {survey.curve} is that of the type of vehicle, which is a guess."
     turning = {command.name for command in all_commands(survey.mappings) if command.direction}
+    beside = {command.name for guess in survey.planar.values() for command in guess.thrusters}
     for name, commands in _by_name(survey).items():
         # If some are known to turn the vehicle, the others are left to the user.
         mark = "# " if turning and name not in turning and not survey.with_planar else ""
@@ -154,14 +155,11 @@ def _thrusters(survey: LogSurvey) -> Iterator[str]:
             yield from _motor(commands)
             continue
         if survey.with_planar:
-            source = next(iter(commands.values())).source
-            direction = survey.overrides.directions.get(source)
-            if direction is None:
-                yield from share_lines(source, list(survey.planar.values()))
-            else:
-                yield f"surge = {math.cos(direction):.4f}    # share of the thrust ahead"
-                yield f"sway = {math.sin(direction):.4f}    # share of the thrust to starboard"
-        yield from (f"{mark}{line}" for line in _arm(survey, commands))
+            yield from _planar_shares(survey, next(iter(commands.values())).source)
+        if name in beside:
+            yield "yaw_arm = 0.0    # m: an assumption, for a thruster that does not turn the vehicle"
+        else:
+            yield from (f"{mark}{line}" for line in _arm(survey, commands))
         yield f"{mark}curve = {toml_text(survey.curve)}"
         if survey.curve_guessed:
             yield f"{mark}curve_guessed = {toml_text(survey.curve)}   # as above; put a bench curve into curve"
@@ -180,6 +178,16 @@ def _thrusters(survey: LogSurvey) -> Iterator[str]:
     elif survey.axis.self_righting and not any(mapping.commands for mapping in survey.mappings.values()):
         yield ""
         yield f"# No command acts in {survey.axis.name}: each log is assumed to be a release of the tilted vehicle."
+
+
+def _planar_shares(survey: LogSurvey, source: str) -> Iterator[str]:
+    """Lines of the shares of a thruster's force along surge and sway."""
+    direction = survey.overrides.directions.get(source)
+    if direction is None:
+        yield from share_lines(source, list(survey.planar.values()))
+    else:
+        yield f"surge = {math.cos(direction):.4f}    # share of the thrust ahead"
+        yield f"sway = {math.sin(direction):.4f}    # share of the thrust to starboard"
 
 
 def _is_motor(commands: Mapping[str, ThrusterCommand]) -> bool:
@@ -233,7 +241,8 @@ def _by_name(survey: LogSurvey) -> dict[str, dict[str, ThrusterCommand]]:
     """Name of a thruster -> format -> its command."""
     named: dict[str, dict[str, ThrusterCommand]] = {}
     for kind, mapping in survey.mappings.items():
-        for command in mapping.commands:
+        beside = survey.planar[kind].thrusters if survey.with_planar else ()
+        for command in (*mapping.commands, *beside):
             named.setdefault(command.name, {})[kind] = command
     return named
 
@@ -283,7 +292,10 @@ def _signals(survey: LogSurvey) -> Iterator[str]:
         unit_name = "deg" if survey.axis.angular else "m"
         yield f'# {survey.axis.position_signal} = {{ {next(iter(survey.mappings))} = "COLUMN", unit = "{unit_name}" }}'
     for kind, mapping in survey.mappings.items():
-        known = {one.source for one in survey.planar[kind].signals.values()} if kind in survey.planar else set()
+        guess = survey.planar.get(kind, PlanarGuess())
+        known = {one.source for one in guess.signals.values()}
+        if survey.with_planar:
+            known |= {one.source for one in guess.thrusters}
         if unused := [source for source in mapping.unused if source not in known]:
             names = [display_text(source, LINE_LENGTH) for source in unused]
             yield f"# {kind}: not used: {', '.join(names[:_MAX_UNUSED])}{', …' if len(names) > _MAX_UNUSED else ''}"

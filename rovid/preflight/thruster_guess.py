@@ -169,7 +169,7 @@ def guess_thrusters(
 ) -> tuple[ThrusterCommand, ...]:
     """Thruster commands, by the user's choice, by the autopilot's outputs, or by name."""
     ranges = _select_commands(columns, hints)
-    neutral = {source: _neutral(values) for source, values in ranges.items()}
+    neutral = {source: neutral_value(values) for source, values in ranges.items()}
     effects: Mapping[str, CommandEffect] = {}
     if position is not None and neutral:
         effects = command_effects(neutral, logs, position, self_righting=hints.axis.self_righting)
@@ -182,7 +182,7 @@ def guess_thrusters(
         label = output.label if output else ""
         if hints.profile and yaw:
             label = label or hints.profile.label(name_words(source))
-        names.append(_distinct(output.name if output else _short_name(source), names))
+        names.append(distinct_name(output.name if output else short_name(source), names))
         effect = effects.get(source, CommandEffect())
         direction, arm, reason = _direction(source, label, hints, effect, mixed)
         origin = output.reason if output else "given" if source in hints.commands else "named so"
@@ -208,7 +208,7 @@ def guess_thrusters(
 
 def neutral_values(columns: Columns, hints: GuessHints) -> dict[str, float]:
     """Source of each thruster command -> its value of no thrust."""
-    return {source: _neutral(values) for source, values in _select_commands(columns, hints).items()}
+    return {source: neutral_value(values) for source, values in _select_commands(columns, hints).items()}
 
 
 def _direction(
@@ -283,11 +283,11 @@ def _select_commands(columns: Columns, hints: GuessHints) -> dict[str, FloatArra
         if torque_logged:
             # The vehicle may have no thrusters then: a voltage has to be named that of one.
             found = {source: values for source, values in found.items() if name_words(source) & (COMMAND | SIDE)}
-        found = _prefer(found, lambda _, values: _neutral(values) == _NO_THRUST or _approaches_zero(values))
+        found = _prefer(found, lambda _, values: neutral_value(values) == _NO_THRUST or _approaches_zero(values))
         # Speeds are the response to the other commands.
         found = _prefer(found, lambda source, _: not name_words(source) & _SPEED)
         # Commands of a pilot or an autopilot reach the thrusters as pulses.
-        found = _prefer(found, lambda _, values: _neutral(values) == _NO_THRUST and _includes_no_thrust(values))
+        found = _prefer(found, lambda _, values: neutral_value(values) == _NO_THRUST and _includes_no_thrust(values))
         if found:
             return found
     return {}
@@ -298,7 +298,7 @@ def _prefer(columns: dict[str, FloatArray], is_preferred: Callable[[str, FloatAr
     return {source: values for source, values in columns.items() if is_preferred(source, values)} or columns
 
 
-def _neutral(values: FloatArray) -> float:
+def neutral_value(values: FloatArray) -> float:
     """Value of no thrust: 1500 for pulse widths in us, else 0."""
     low, high = _PULSE
     is_pulse = low <= values.min() and values.max() <= high and values.max() > 1.1 * low
@@ -338,14 +338,15 @@ def _is_motion_command(source: str) -> bool:
     return bool(words & COMMAND and words & MOTION_COMMAND and not words & LIGHT and not has_other_unit(source))
 
 
-def _short_name(source: str) -> str:
+def short_name(source: str) -> str:
     """Name of a thruster: its source without words of command and unit."""
     parts = [part for part in re.split(r"[^\w]+|_", source) if part and part.lower() not in _FILLER]
     name = "_".join(parts).lower()
     return f"thruster_{name}" if not name or name.isdigit() else name
 
 
-def _distinct(name: str, taken: Sequence[str]) -> str:
+def distinct_name(name: str, taken: Sequence[str]) -> str:
+    """``name``, with a number if it is ``taken``."""
     own, number = name, len(taken)
     while own in taken:
         number += 1

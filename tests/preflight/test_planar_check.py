@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+import shutil
 import tomllib
 from dataclasses import astuple
 from pathlib import Path
@@ -98,6 +100,19 @@ def test_a_check_names_the_runs_that_are_missing(tmp_path: Path) -> None:
     texts = [one.text for one in checked(tmp_path).advice if one.kind == "missing_run"]
     assert any("ahead and astern" in text and "surge.linear_drag and surge.quadratic_drag" in text for text in texts)
     assert any("turns at two or more speeds ahead" in text for text in texts)  # Sway follows yaw.
+
+
+def test_init_keeps_thrusters_that_do_not_turn_the_vehicle(tmp_path: Path, rovid: Rovid) -> None:
+    """A thruster ahead and one across have names of no thruster; the coupled model needs both."""
+    for path in (*sorted((SAMPLES / "planar_rov").glob("run_0[12].csv")), SAMPLES / "planar_rov" / "curve_main.csv"):
+        shutil.copy(path, tmp_path)
+    done = rovid("init", tmp_path, "--axes", "planar")
+    assert done.code == 0
+    table, _, following = done.out.partition("Next:")
+    assert all(re.search(rf"^{words} ", table, re.MULTILINE) for words in ("surge_velocity", "command of main"))
+    assert "--axes planar" in following
+    thrusters = {one["name"]: one for one in tomllib.loads((tmp_path / "rovid.toml").read_text())["thrusters"]}
+    assert (thrusters["main"]["surge"], thrusters["lateral"]["sway"], thrusters["main"]["yaw_arm"]) == (1.0, 1.0, 0.0)
 
 
 def test_init_writes_the_shares_that_the_logs_show(folder: Path, tmp_path: Path, rovid: Rovid) -> None:

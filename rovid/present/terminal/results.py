@@ -315,6 +315,20 @@ def show_survey(console: Console, survey: LogSurvey, written: Sequence[Path]) ->
         print_labelled(console, "Joined:", f"files whose names differ in {parts} form one trial.")
     for group in survey.clock_offsets.groups:
         print_labelled(console, "Clocks:", survey.clock_offsets.text(group))
+    console.print(_guess_table(survey))
+    show_warnings(console, survey.warnings)
+    for path in written:
+        print_path(console, f"written: {path}")
+    task = f"measure {guess.listing}, enter them in {config}" if guess else f"check the columns in {config}"
+    print_labelled(console, "Next:", f"{task}; then")
+    axis = "" if survey.axis is YAW else f" --axis {survey.axis.name}"
+    axis = " --axes planar" if survey.with_planar else axis
+    for name in ("check", "report"):
+        print_path(console, f"  rovid {name} {survey.folder}{axis}")
+
+
+def _guess_table(survey: LogSurvey) -> ResultTable:
+    """The columns that were recognised."""
     columns = map(text_column, ("signal", "taken from", "unit", "why"))
     table = ResultTable(f"Guessed from {log_count_text(survey)}", *columns)
     for mapping in survey.mappings.values():
@@ -324,12 +338,9 @@ def show_survey(console: Console, survey: LogSurvey, written: Sequence[Path]) ->
             table.add_row(f"command of {command.name}", command.source, "", command.reason)
         for rudder in mapping.rudders:
             table.add_row(f"angle of {rudder.name}", rudder.angle.source, rudder.angle.unit, rudder.angle.reason)
-    console.print(table)
-    show_warnings(console, survey.warnings)
-    for path in written:
-        print_path(console, f"written: {path}")
-    task = f"measure {guess.listing}, enter them in {config}" if guess else f"check the columns in {config}"
-    print_labelled(console, "Next:", f"{task}; then")
-    axis = "" if survey.axis is YAW else f" --axis {survey.axis.name}"
-    for name in ("check", "report"):
-        print_path(console, f"  rovid {name} {survey.folder}{axis}")
+    for planar in survey.planar.values() if survey.with_planar else ():
+        for command in planar.thrusters:
+            table.add_row(f"command of {command.name}", command.source, "", command.reason)
+        for name, signal_guess in planar.signals.items():
+            table.add_row(name, signal_guess.source, signal_guess.unit, signal_guess.reason)
+    return table
