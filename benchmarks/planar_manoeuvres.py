@@ -20,7 +20,7 @@ from rovid.core.array_types import FloatArray
 from rovid.effects.catalogue import effect_named
 from rovid.planar.dataset import PlanarData, planar_data
 from rovid.planar.fit import fit_planar
-from rovid.planar.simulation import simulate_planar
+from rovid.planar.free_runs import simulate_planar
 from rovid.readers.campaign import read_campaign
 from rovid.trial.config import load_planar_config
 from tools.planar import Campaign, draw, simulated, write_campaign

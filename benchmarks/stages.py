@@ -53,7 +53,7 @@ STAGES = {
 # What asks the model, and how often by what it is given: once a set of parameters.
 PASSES: dict[str, Callable[..., int]] = {
     "rovid.estimate.innovation_likelihood._evaluate_batch": len,
-    "rovid.estimate.multi_step_likelihood.prediction_errors": lambda *_: 1,
+    "rovid.estimate.multi_step.prediction_errors": lambda *_: 1,
 }
 
 Function = Callable[..., Any]

@@ -20,13 +20,12 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.diagnose.candidate_fits import fit_candidates, refine_fit
-from rovid.diagnose.score_test import score_tests
+from rovid.diagnose.screening import score_tests
 from rovid.effects import Effect, EffectParameter, forms_for
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.maximum_likelihood import INNOVATIONS_R2, add_effects, fit_innovations
-from rovid.estimate.multi_step_data import MultiStepData
-from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
+from rovid.estimate.multi_step import MultiStepData, MultiStepLikelihood
 from rovid.estimate.nested_fits import fit_with_effects
 from rovid.estimate.output_error import fit_output_error
 from rovid.model.model import Model

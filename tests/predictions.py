@@ -12,8 +12,7 @@ from rovid.effects import effect_named
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.innovation_likelihood import InnovationLikelihood
-from rovid.estimate.multi_step_data import MultiStepData
-from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
+from rovid.estimate.multi_step import MultiStepData, MultiStepLikelihood
 from rovid.signals.preprocessing import Run
 from tests import synthetic
 

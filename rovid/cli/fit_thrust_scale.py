@@ -11,7 +11,7 @@ from rovid.cli.options import Json, argument, option
 from rovid.core.errors import ConfigError, suggestion
 
 if TYPE_CHECKING:
-    from rovid.estimate.thrust_scale import ThrustScale
+    from rovid.estimate.thrust_curve import ThrustScale
     from rovid.trial.vehicle import Vehicle
 
 PAGE = Page(
@@ -53,7 +53,7 @@ def fit_thrust_scale(
     json: Json = False,
 ) -> None:
     """Estimate the common scale of all thrust from a pull, a lift or a step of inertia."""
-    from rovid.estimate.thrust_scale import scale_from_step
+    from rovid.estimate.thrust_curve import scale_from_step
     from rovid.present.documents.fits import thrust_scale_document
     from rovid.present.terminal.results import show_thrust_scale
 
@@ -81,7 +81,7 @@ def _of_tests(path: Path, reference_error: float) -> tuple[ThrustScale, float]:
     """The scale by a table of pulls or lifts, and the scale that rovid.toml has already."""
     import numpy as np
 
-    from rovid.estimate.thrust_scale import scale_from_lifts, scale_from_pulls
+    from rovid.estimate.thrust_curve import scale_from_lifts, scale_from_pulls
     from rovid.trial.config import find_config, load_config
     from rovid.trial.tables import read_table
 

@@ -16,7 +16,7 @@ from rovid.diagnose.result import Diagnosis, Finding
 from rovid.diagnose.signal_regressors import is_signal
 from rovid.effects import Effect, effect_named
 from rovid.effects.bias_torque import EFFECT as BIAS
-from rovid.effects.per_trial import trials_in_form
+from rovid.effects.further_terms import trials_in_form
 from rovid.effects.thruster_imbalance import WITH_OTHERS
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.maximum_likelihood import fit_likelihood

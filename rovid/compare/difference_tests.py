@@ -16,8 +16,7 @@ from scipy.linalg import block_diag, orth
 
 from rovid.core.array_types import FloatArray
 from rovid.core.stats import chi2_sf
-from rovid.diagnose.evidence import Evidence, grade
-from rovid.diagnose.posterior import posterior_probability, probability_not_a_stand_in
+from rovid.diagnose.evidence import Evidence, grade, posterior_probability, probability_not_a_stand_in
 from rovid.diagnose.thresholds import ESTABLISHED, POSSIBLE
 from rovid.trial.assumptions import scales_with_thrust
 

@@ -11,7 +11,7 @@ import numpy as np
 from rovid.core.array_types import ComplexArray, FloatArray
 from rovid.core.errors import DataError
 from rovid.effects.actuator_inputs import ActuatorInputs, actuator_inputs, neutral_commands
-from rovid.model.command_series import CommandSeries
+from rovid.model.actuator_model import CommandSeries
 from rovid.model.model import Model
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Vehicle

@@ -17,7 +17,7 @@ from rovid.core.errors import DataError
 from rovid.effects.actuator_inputs import SPEEDS, ActuatorInputs, TrialRows
 from rovid.effects.base import TERM_STATES
 from rovid.jit.simd import LANES
-from rovid.model.command_series import CommandSeries
+from rovid.model.actuator_model import CommandSeries
 from rovid.model.model import Model
 from rovid.model.torque_input import Intervals, TorqueInput
 from rovid.signals.numba_loops import first_order_sum

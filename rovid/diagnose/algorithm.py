@@ -43,14 +43,12 @@ from rovid.diagnose.objectives import (
     pose,
     preload,
 )
-from rovid.diagnose.rejection import first_rejection
 from rovid.diagnose.result import Diagnosis
-from rovid.diagnose.search_progress import SearchStop
 from rovid.diagnose.selection import Selection
 from rovid.diagnose.stated_selection import state
-from rovid.diagnose.stepwise import StepwiseSearch, StopRule
+from rovid.diagnose.stepwise import SearchStop, StepwiseSearch, StopRule
 from rovid.diagnose.thresholds import THRESHOLDS
-from rovid.diagnose.validation import drop_inconsistent, drop_likely, report_remainder, search_warnings
+from rovid.diagnose.validation import drop_inconsistent, drop_likely, first_rejection, report_remainder, search_warnings
 from rovid.estimate.fit_result import FitResult
 from rovid.estimate.output_error import fit_output_error
 from rovid.signals.preprocessing import PreparedRuns
@@ -104,7 +102,7 @@ def select(problem: SearchProblem, objective: SearchObjective, search: StepwiseS
 def validate(selection: Selection) -> Selection:
     """Test each effect of the model. Ban the first one that fails, search on without it, and repeat.
 
-    First, other sets challenge the model. Then each effect must pass the rules of `rovid.diagnose.rejection`. A likely
+    First, other sets challenge the model. Then each effect must pass the rules of `rovid.diagnose.validation`. A likely
     effect that fails is banned, but keeps its place until the end. After `max_rejections` bans the result of the last
     search is tested only if likely effects are dropped.
     """

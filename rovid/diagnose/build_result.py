@@ -20,9 +20,9 @@ from rovid.diagnose.cross_validation import (
     rate_floor,
     simulate_folds,
 )
-from rovid.diagnose.posterior import recalibrated
+from rovid.diagnose.evidence import recalibrated
 from rovid.diagnose.result import Diagnosis, Finding, HorizonErrors, ModelAssessment
-from rovid.diagnose.score_test import ScoreTest, bic_penalty
+from rovid.diagnose.screening import ScoreTest, bic_penalty
 from rovid.diagnose.selection import Selection
 from rovid.diagnose.signal_regressors import is_signal
 from rovid.diagnose.stated_selection import StatedSelection, is_established, model_estimate, of_effect, size_in_errors

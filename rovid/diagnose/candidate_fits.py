@@ -13,8 +13,7 @@ from rovid.core.array_types import FloatArray
 from rovid.core.budget import Budget
 from rovid.core.spmd import parallel_map
 from rovid.diagnose.cross_validation import Fold
-from rovid.diagnose.score_test import ScoreTest, bic_penalty
-from rovid.diagnose.shortlist import extended, first_of_each, further_forms
+from rovid.diagnose.screening import ScoreTest, bic_penalty, extended, first_of_each, further_forms
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect, EffectParameter
 from rovid.effects.clock_offset import CLOCKS_APART

@@ -33,7 +33,7 @@ from rovid.diagnose.candidate_fits import (
     refine_fit,
     value_at_score,
 )
-from rovid.diagnose.score_test import possible_substitutes
+from rovid.diagnose.screening import possible_substitutes
 from rovid.diagnose.selection import Selection
 from rovid.diagnose.signal_regressors import is_signal
 from rovid.diagnose.stepwise import StepwiseSearch
@@ -41,7 +41,7 @@ from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.diagnose.validation import resolve_ties
 from rovid.effects import Effect
 from rovid.effects.clock_offset import CLOCKS_APART
-from rovid.effects.per_trial import trials_in_form
+from rovid.effects.further_terms import trials_in_form
 from rovid.estimate.fit_result import FitResult
 from rovid.estimate.objective import ModelKey, NegativeLogLikelihood
 

@@ -14,7 +14,7 @@ from rovid.core.spmd import parallel_map
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.estimate.dataset import FitData, rms_rate, time_constant
 from rovid.estimate.fit_result import FitResult, fit
-from rovid.estimate.multi_step_data import MultiStepData, prediction_errors
+from rovid.estimate.multi_step import MultiStepData, prediction_errors
 from rovid.estimate.output_error import fit_output_error
 from rovid.estimate.restart_grid import HORIZONS
 from rovid.model.model import Model

@@ -36,8 +36,7 @@ from rovid.estimate.maximum_likelihood import (
     fit_innovations,
     loosen_limit,
 )
-from rovid.estimate.multi_step_data import MultiStepData
-from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
+from rovid.estimate.multi_step import MultiStepData, MultiStepLikelihood
 from rovid.estimate.objective import UNLIMITED, ModelKey, NegativeLogLikelihood
 from rovid.estimate.parametrization import DISTURBANCE
 from rovid.model.model import Model

@@ -9,10 +9,9 @@ from typing import Self
 
 from rovid.diagnose.candidate_fits import Alternative, Cause, bic_score, fit_in_parallel
 from rovid.diagnose.cross_validation import CvPiece, Fold, cross_validate, held_out_log_likelihood
-from rovid.diagnose.posterior import outlier_probability, posterior_probability, probability_not_a_stand_in
-from rovid.diagnose.search_progress import SearchStop
+from rovid.diagnose.evidence import outlier_probability, posterior_probability, probability_not_a_stand_in
 from rovid.diagnose.signal_regressors import is_signal
-from rovid.diagnose.stepwise import StepwiseSearch
+from rovid.diagnose.stepwise import SearchStop, StepwiseSearch
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.diagnose.wave_test import WaveTest
 from rovid.effects import Effect

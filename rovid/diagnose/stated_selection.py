@@ -22,10 +22,9 @@ from rovid.diagnose.validation import Suspected, drop_likely, suspects
 from rovid.effects import Effect
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.fit_result import FitResult
-from rovid.estimate.instrumental_variables import require_inertia
 from rovid.estimate.maximum_likelihood import misspecification_covariance, require_swing
 from rovid.estimate.missing_torque import include_missing_torque
-from rovid.estimate.output_error import MIN_INERTIA_SIGMAS
+from rovid.estimate.output_error import MIN_INERTIA_SIGMAS, require_inertia
 from rovid.estimate.unknown_past import water_warning
 from rovid.model.parameter_names import without_form
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -21,19 +22,44 @@ from rovid.diagnose.candidate_fits import (
     model_words,
     simplest_form,
 )
-from rovid.diagnose.score_test import ScoreTest, possible_substitutes, score_tests
-from rovid.diagnose.search_progress import SearchProgress, SearchStop
-from rovid.diagnose.shortlist import best_forms, gains_by_cause, group_by_cause, shortlist
+from rovid.diagnose.screening import (
+    ScoreTest,
+    best_forms,
+    gains_by_cause,
+    group_by_cause,
+    possible_substitutes,
+    score_tests,
+    shortlist,
+)
 from rovid.diagnose.signal_regressors import is_signal
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect
 from rovid.estimate.fit_result import FitResult
 from rovid.estimate.maximum_likelihood import loosen_limit
+from rovid.estimate.objective import ModelKey
 
 # Gain of the best form of each further effect, largest first; computed on demand.
 Gains = Callable[[], Sequence[float]]
 # Whether a search cannot succeed from a model with these further gains.
 StopRule = Callable[[FitResult, Gains], bool]
+
+
+class SearchStop(enum.Enum):
+    """Why a search ended before its model no longer changed."""
+
+    ADEQUATE = enum.auto()  # `StepwiseSearch.is_adequate`; of the last run alone
+    HOPELESS = enum.auto()  # `StepwiseSearch.is_hopeless`
+    CUT_SHORT = enum.auto()  # `THRESHOLDS.max_screenings`, or `THRESHOLDS.max_effects` rounds without an end
+    OUT_OF_TIME = enum.auto()  # `StepwiseSearch.budget`
+
+
+@dataclass(eq=False)
+class SearchProgress:
+    """Models that a search has seen, and why it ended early."""
+
+    exchanged: set[ModelKey] = field(default_factory=set)  # models that an exchange replaced
+    screened: set[ModelKey] = field(default_factory=set)  # models with fitted extensions
+    stops: set[SearchStop] = field(default_factory=set)
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,13 +228,10 @@ class StepwiseSearch:
         chosen = max(fits, key=bic_score, default=current)
         # There are more pairs than single effects (multiple testing).
         penalty = math.log(max(len(singles), 1))
-        if chosen is not current and bic_score(chosen) - penalty > bic_score(current):
-            return chosen
-        return current
+        return chosen if bic_score(chosen) - penalty > bic_score(current) else current
 
     def _plausible_extensions(self, current: FitResult) -> list[FitResult]:
-        extensions = self.extensions(current)
-        return [fitted for fitted in extensions if self.is_allowed(fitted.effects[-1]) and is_plausible(fitted)]
+        return [one for one in self.extensions(current) if self.is_allowed(one.effects[-1]) and is_plausible(one)]
 
     def _loosen(self, current: FitResult) -> FitResult:
         """``current`` with the widest admissible limit of the disturbance, less the effects not needed then.
@@ -256,16 +279,9 @@ class StepwiseSearch:
 
     def _best(self, fits: Sequence[FitResult], default: FitResult) -> FitResult:
         """The best named effect, or a signal regressor that gains clearly more."""
-        named, signals = list[FitResult](), list[FitResult]()
-        for fitted in fits:
-            effect = fitted.effects[-1]
-            if not self.is_allowed(effect):
-                continue
-            if is_signal(effect):
-                signals.append(fitted)
-            elif is_plausible(fitted):
-                named.append(fitted)
-        chosen = max(named, key=bic_score, default=default)
+        allowed = [fitted for fitted in fits if self.is_allowed(fitted.effects[-1])]
+        signals = [fitted for fitted in allowed if is_signal(fitted.effects[-1])]
+        chosen = max(filter(self._may_lead, allowed), key=bic_score, default=default)
         signal = max(signals, key=bic_score, default=default)
         gain = max(bic_score(chosen) - bic_score(default), 0.0)
         handicap = THRESHOLDS.signal_handicap + THRESHOLDS.signal_handicap_share * gain
@@ -330,8 +346,7 @@ class StepwiseSearch:
         if current.key not in self.cache.score_tests:
             if self.is_out_of_time("score tests"):
                 return []
-            words = f"score tests of {len(self.candidates)} candidate forms"
-            self.budget.report(f"Model with {model_words(current)}: {words} …")
+            self.budget.report(f"Model with {model_words(current)}: score tests of {len(self.candidates)} forms …")
             selected = {effect.id for effect in current.effects}
             forms = [effect for effect in self.candidates if effect.id not in selected]
             self.cache.score_tests[current.key] = score_tests(current, forms)
@@ -368,8 +383,7 @@ class StepwiseSearch:
 
     def without_all(self, current: FitResult, *, except_waves: bool = False) -> FitResult:
         """``current`` without effects, or with its waves alone."""
-        dropped = [effect for effect in current.effects if not (effect.is_wave and except_waves)]
-        return self.without(current, *dropped)
+        return self.without(current, *(one for one in current.effects if not (one.is_wave and except_waves)))
 
     def without(self, current: FitResult, *dropped: Effect) -> FitResult:
         """``current`` without some effects, all other parameters refitted."""

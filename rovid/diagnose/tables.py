@@ -19,7 +19,7 @@ from rovid.effects.base import OnHeading, Scales, WaveTorque
 from rovid.estimate.dataset import time_constant
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.inertia import InertiaFit, row_names, table_drag
-from rovid.model.command_series import CommandSeries
+from rovid.model.actuator_model import CommandSeries
 from rovid.model.model import Model
 from rovid.model.torque_input import MAX_SUBDIVISION
 from rovid.trial.tables import CsvTable

@@ -13,7 +13,7 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.diagnose.candidate_fits import bic_score, fit_coarse, fit_in_parallel, is_plausible
 from rovid.diagnose.cross_validation import CvPiece, cross_validate, held_out_log_likelihood
-from rovid.diagnose.posterior import posterior_probability, probability_not_a_stand_in
+from rovid.diagnose.evidence import posterior_probability, probability_not_a_stand_in
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect
 from rovid.estimate.filter_data import InnovationData

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from rovid.core.array_types import FloatArray
-from rovid.effects import per_trial
+from rovid.effects import further_terms
 from rovid.effects.base import (
     ActuatorInputs,
     Coupling,
@@ -72,14 +72,14 @@ PLANAR_FORMS: tuple[Effect, ...] = (
 
 def for_trials(names: Sequence[str]) -> Effect:
     """The form with another torque in each of these trials, as by a tether or a current."""
-    torques = per_trial.one_size_per_trial(EFFECT.parameters[0], len(names), 0.02)
+    torques = further_terms.one_size_per_trial(EFFECT.parameters[0], len(names), 0.02)
 
     def in_trials(inputs: ActuatorInputs, torque: FloatArray, values: Values) -> FloatArray:
-        return torque + per_trial.held_sizes(inputs, names, [values[one.name] for one in torques], 0.0)
+        return torque + further_terms.held_sizes(inputs, names, [values[one.name] for one in torques], 0.0)
 
     return replace(
         EFFECT,
-        form=per_trial.form_name(names),
+        form=further_terms.form_name(names),
         title="different constant torque in each trial",
         parameters=torques,
         size_count=len(torques),

@@ -7,12 +7,11 @@ from importlib import import_module
 from pathlib import Path
 
 from rovid.core.errors import ConfigError, suggestion
-from rovid.effects import bias_torque, restoring, supply_sag, thruster_imbalance
+from rovid.effects import bias_torque, restoring_curve, supply_sag, thruster_imbalance
 from rovid.effects.actuator_inputs import SPEEDS
 from rovid.effects.base import Effect, Term
 from rovid.effects.clock_offset import CLOCKS_APART
-from rovid.effects.further_terms import address_of, effect_at
-from rovid.effects.per_trial import trials_in_form
+from rovid.effects.further_terms import address_of, effect_at, trials_in_form
 from rovid.effects.plugins import further_forms, is_id, load_files
 from rovid.trial.axis import Axis
 from rovid.trial.vehicle import Vehicle
@@ -92,12 +91,12 @@ PLANAR_FORMS: tuple[Effect, ...] = tuple(
 # The plain forms.
 CATALOGUE: tuple[Effect, ...] = tuple(effect for effect in FORMS if not effect.form)
 # Restoring torque or force by weight and buoyancy, part of the base model of these axes.
-_RESTORING = {"heave": restoring.LIFT, "roll": restoring.RIGHTING, "pitch": restoring.RIGHTING}
+_RESTORING = {"heave": restoring_curve.LIFT, "roll": restoring_curve.RIGHTING, "pitch": restoring_curve.RIGHTING}
 # Effects that are terms of the equation of motion. A term's index here is its kind in the compiled loops.
 TERM_EFFECTS: tuple[Effect, ...] = (
     *(effect for effect in FORMS if isinstance(effect.acts, Term)),
-    restoring.LIFT,
-    restoring.RIGHTING,
+    restoring_curve.LIFT,
+    restoring_curve.RIGHTING,
 )
 TERMS = tuple(effect.acts for effect in TERM_EFFECTS if isinstance(effect.acts, Term))
 _KINDS = {effect: kind for kind, effect in enumerate(TERM_EFFECTS)}

@@ -1,23 +1,34 @@
-"""Terms outside the catalogue: compiled alone, and called by the compiled loops through their address."""
+"""Forms of effects outside the catalogue's list: further terms, and sizes of their own in some trials.
 
-# mypy: allow-untyped-calls, allow-untyped-decorators
+A further term is compiled alone, and called by the compiled loops through its address. A form with another size in each
+trial, or in one trial alone, names the trials. Parts of a trial, cut for validation, have the size of that trial, their
+`TrialRows.parent`.
+"""
 
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numba
 import numpy as np
 from numba import carray  # type: ignore[attr-defined]  # as above
 
-from rovid.effects.base import Body, Effect, Instant, Term
-from rovid.jit.call_by_address import FUNCTIONS, RESULTS, SIGNATURE
-from rovid.jit.decorators import compiled
+from rovid.core.array_types import FloatArray
+from rovid.effects.base import ActuatorInputs, Body, Effect, EffectParameter, Instant, Term
+from rovid.jit.decorators import FUNCTIONS, RESULTS, SIGNATURE, compiled
 from rovid.jit.simd import LANES, broadcast, traced
+
+# mypy: allow-untyped-calls, allow-untyped-decorators
+
 
 # Numbers in `flattened`.
 _COUNT = 19
+# Address of its function -> effect.
+_EFFECTS: dict[int, Effect] = {}
+_ONE, _SEVERAL, _SEPARATOR = "trial ", "trials ", "|"
 
 
 @traced
@@ -44,10 +55,6 @@ def flattened(at: Any, p: Any, x: Any) -> Any:
         broadcast(x[0]),
         broadcast(x[1]),
     )
-
-
-# Address of its function -> effect.
-_EFFECTS: dict[int, Effect] = {}
 
 
 @functools.cache
@@ -111,3 +118,36 @@ def _lane_by_lane(term: Term, numbers: Any) -> Any:
         torque, derivatives = term.evaluate(at, tuple(n[13:17]), tuple(n[17:]))
         found[: 1 + len(derivatives), lane] = torque, *derivatives
     return tuple(found)
+
+
+def form_name(names: Sequence[str]) -> str:
+    """Name of the form for trials with these ``names``."""
+    return (_ONE if len(names) == 1 else _SEVERAL) + _SEPARATOR.join(names)
+
+
+def trials_in_form(form: str) -> tuple[str, ...]:
+    """Names of the trials in the name of a ``form``; empty for other forms."""
+    if form.startswith(_ONE):
+        return (form.removeprefix(_ONE),)
+    if form.startswith(_SEVERAL):
+        return tuple(form.removeprefix(_SEVERAL).split(_SEPARATOR))
+    return ()
+
+
+def one_size_per_trial(size: EffectParameter, count: int, start: float) -> tuple[EffectParameter, ...]:
+    """``count`` parameters like ``size``. Each has one initial value ``start``, with the other parameters neutral."""
+    parameters = []
+    for own in range(count):
+        initial_values = [size.neutral] * count
+        initial_values[own] = start
+        parameters.append(replace(size, name=f"{size.name}_{own + 1}", initial_values=tuple(initial_values)))
+    return tuple(parameters)
+
+
+def held_sizes(inputs: ActuatorInputs, names: Sequence[str], sizes: Sequence[float], otherwise: float) -> FloatArray:
+    """(n,) size in the trial of each instant; ``otherwise`` in trials that are not among ``names``."""
+    by_name = dict(zip(names, sizes, strict=True))
+    series = np.full(len(inputs.time), otherwise)
+    for trial in inputs.trials:
+        series[trial.rows] = by_name.get(trial.parent, otherwise)
+    return series

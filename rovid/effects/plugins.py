@@ -26,9 +26,21 @@ from rovid.core.errors import ConfigError, display_text
 from rovid.core.input_files import require_regular
 from rovid.effects import templates
 from rovid.effects.actuator_inputs import ActuatorInputs
-from rovid.effects.base import TERM_PARAMETERS, TERM_STATES, Body, Effect, EffectParameter, Instant, Scales
+from rovid.effects.base import (
+    TERM_PARAMETERS,
+    TERM_STATES,
+    Body,
+    Effect,
+    EffectParameter,
+    Instant,
+    OnCommand,
+    OnHeading,
+    OnThrust,
+    OnTorque,
+    Scales,
+    Term,
+)
 from rovid.effects.further_terms import address_of
-from rovid.effects.stages import OnCommand, OnHeading, OnThrust, OnTorque, Term
 
 GROUP = "rovid.effects"
 _ID = re.compile(r"[a-z][a-z0-9_]*")

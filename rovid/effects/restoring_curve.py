@@ -1,9 +1,12 @@
-"""A restoring torque that is not proportional to the sine of the tilt, as of a hull with inclined sides."""
+"""Restoring torque and net buoyancy, part of the base model of some axes, and the effect of another restoring curve."""
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
+
+from rovid.core.array_types import FloatArray
 from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, compiled
 
 
@@ -27,3 +30,66 @@ EFFECT: Effect = Effect(
     acts=Term(_term),
 )
 FORMS: tuple[Effect, ...] = (EFFECT,)
+
+
+@compiled
+def _lift(at: Instant, p: Numbers) -> float:
+    return -p[0]
+
+
+@compiled
+def _righting(at: Instant, p: Numbers) -> float:
+    return -p[0] * math.sin(at.angle + at.start - p[1])
+
+
+# Fossen 2011, eq. 4.6: (W - B) along z, and z_G W sin(theta) about y, where buoyancy acts at the origin.
+LIFT: Effect = Effect(
+    id="buoyancy",
+    title="net buoyancy",
+    parameters=(
+        EffectParameter(
+            name="net_buoyancy", unit="N m", neutral=0.0, low=-3.0, high=3.0, initial_values=(0.01,), scale="torque"
+        ),
+    ),
+    equation="− B",
+    fingerprint="a constant force",
+    experiment="holds up and down",
+    acts=Term(_lift),
+)
+RIGHTING: Effect = Effect(
+    id="restoring",
+    title="restoring torque",
+    parameters=(
+        EffectParameter(
+            name="restoring_stiffness",
+            unit="N m/rad",
+            neutral=0.0,
+            low=0.0,
+            high=1e3,
+            initial_values=(1.0,),
+            scale="torque",
+        ),
+        EffectParameter(name="trim", unit="rad", neutral=0.0, low=-1.0, high=1.0, initial_values=(0.0,)),
+    ),
+    equation="− K·sin(θ − θ0)",
+    fingerprint="a tilt in proportion to the torque",
+    experiment="holds both ways and a release",
+    acts=Term(_righting),
+)
+
+
+def regressors(restoring: Effect | None, position: FloatArray) -> FloatArray:
+    """(n, k) regressors of ``restoring`` at (n,) positions: it is linear in k coefficients."""
+    if restoring is None:
+        return np.empty((len(position), 0))
+    if restoring is LIFT:
+        return np.ones((len(position), 1))
+    return np.column_stack((np.sin(position), np.cos(position)))
+
+
+def from_regressors(restoring: Effect | None, coefficients: FloatArray) -> FloatArray:
+    """(k,) parameters of ``restoring`` for the (k,) coefficients of its regressors."""
+    if restoring is not RIGHTING:
+        return coefficients
+    # K sin(theta - theta0) = (K cos theta0) sin theta - (K sin theta0) cos theta
+    return np.array([math.hypot(*coefficients), math.atan2(-coefficients[1], coefficients[0])])

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.effects import per_trial
+from rovid.effects import further_terms
 from rovid.effects.actuator_dynamics import lagged
 from rovid.effects.base import ActuatorInputs, Effect, EffectParameter, OnThrust, Values
 
@@ -128,11 +128,11 @@ def for_trials(names: Sequence[str]) -> Effect:
         return _for_several(names)
 
     def in_trial(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
-        return thrust * per_trial.held_sizes(inputs, names, [values["gain"]], 1.0)[:, None]
+        return thrust * further_terms.held_sizes(inputs, names, [values["gain"]], 1.0)[:, None]
 
     return replace(
         EFFECT,
-        form=per_trial.form_name(names),
+        form=further_terms.form_name(names),
         title="different thrust in one trial",
         parameters=(_TRIAL_GAIN,),
         equation="T' = g·T in the named trial",
@@ -144,16 +144,16 @@ def for_trials(names: Sequence[str]) -> Effect:
 
 
 def _for_several(names: Sequence[str]) -> Effect:
-    gains = per_trial.one_size_per_trial(_TRIAL_GAIN, len(names) - 1, 1.1)
+    gains = further_terms.one_size_per_trial(_TRIAL_GAIN, len(names) - 1, 1.1)
 
     def in_trials(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
         own = [values[gain.name] for gain in gains]
         last = max(len(names) - sum(own), 0.0)
-        return thrust * per_trial.held_sizes(inputs, names, [*own, last], 1.0)[:, None]
+        return thrust * further_terms.held_sizes(inputs, names, [*own, last], 1.0)[:, None]
 
     return replace(
         EFFECT,
-        form=per_trial.form_name(names),
+        form=further_terms.form_name(names),
         title="different thrust in each trial",
         parameters=gains,
         size_count=len(gains),

@@ -16,7 +16,7 @@ from rovid.effects.actuator_inputs import SPEEDS, actuator_inputs, neutral_comma
 from rovid.effects.base import Scales
 from rovid.estimate.input_cache import InputCache
 from rovid.model.model import Model
-from rovid.model.past import with_past
+from rovid.model.ode import with_past
 from rovid.model.simulation import fit_measures, simulated_rate
 from rovid.signals.preprocessing import Run
 from rovid.trial.axis import Axis
@@ -151,7 +151,7 @@ class FitData(ABC):
 
     @cached_property
     def driven_runs(self) -> Sequence[Run]:
-        """The runs with the commands before their first sample, see `rovid.model.past`."""
+        """The runs with the commands before their first sample, see `rovid.model.ode`."""
         vehicle, body = self.vehicle, self.initial_model.body
         if vehicle is None:
             return self.runs

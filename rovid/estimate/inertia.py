@@ -13,8 +13,7 @@ from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
 from rovid.core.formatting import plus_minus, significant
 from rovid.estimate.estimate import Estimate
-from rovid.estimate.instrumental_variables import Regression, fit_regression
-from rovid.estimate.sine_inertia import (
+from rovid.estimate.oscillation_tests import (
     InertiaReading,
     SineTrial,
     harmonic_balance,
@@ -24,6 +23,7 @@ from rovid.estimate.sine_inertia import (
     require_motion,
     sine_trials,
 )
+from rovid.estimate.output_error import Regression, fit_regression
 from rovid.model.model import Model
 from rovid.signals.preprocessing import Run
 from rovid.trial.axis import YAW, Axis

@@ -13,7 +13,7 @@ import numpy as np
 
 from rovid.core.array_types import BoolArray, IntArray
 from rovid.core.lru_cache import SizedCache
-from rovid.model.command_series import CommandSeries
+from rovid.model.actuator_model import CommandSeries
 from rovid.model.model import Model
 from rovid.model.torque_input import MAX_SUBDIVISION, Intervals, TorqueInput
 from rovid.signals.preprocessing import Run

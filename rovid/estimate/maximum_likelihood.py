@@ -16,12 +16,10 @@ from rovid.estimate.estimate import PER_INERTIA, Estimate
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.innovation_likelihood import InnovationLikelihood
-from rovid.estimate.instrumental_variables import require_inertia
 from rovid.estimate.missing_torque import include_missing_torque
-from rovid.estimate.multi_step_data import MultiStepData
-from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
+from rovid.estimate.multi_step import MultiStepData, MultiStepLikelihood
 from rovid.estimate.nested_fits import covariance_of_optima, fit_with_effects
-from rovid.estimate.output_error import MIN_INERTIA_SIGMAS, fit_output_error
+from rovid.estimate.output_error import MIN_INERTIA_SIGMAS, fit_output_error, require_inertia
 from rovid.estimate.unknown_past import water_warning
 from rovid.model.model import Model
 from rovid.model.parameter_names import unit_of

@@ -36,7 +36,7 @@ class NegativeLogLikelihood(ABC):
     """Negative log-likelihood of the measurements, as a function of (p,) scaled coordinates.
 
     The two final subclasses are `rovid.estimate.innovation_likelihood.InnovationLikelihood` and
-    `rovid.estimate.multi_step_likelihood.MultiStepLikelihood`. An innovation is here the error of any prediction.
+    `rovid.estimate.multi_step.MultiStepLikelihood`. An innovation is here the error of any prediction.
     """
 
     data: FitData

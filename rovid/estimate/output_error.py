@@ -1,30 +1,279 @@
-"""Output-error fit: least squares of the free-running rate, within physical bounds."""
+"""Regressions that start the likelihood fits.
+
+Instrumental variables regress the torque on acceleration, |r| r, r and position over all excited data. The output-error
+fit then minimises the squared error of the free-running rate within physical bounds.
+"""
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from itertools import compress
 
 import numpy as np
 
-from rovid.core.array_types import FloatArray
+from rovid.core.array_types import BoolArray, FloatArray, IntArray
 from rovid.core.errors import DataError
+from rovid.core.formatting import plus_minus
 from rovid.core.spmd import parallel_map
 from rovid.effects import restoring_effect
+from rovid.effects.restoring_curve import from_regressors, regressors
 from rovid.estimate.dataset import rms, rms_rate, time_constant
-from rovid.estimate.instrumental_variables import fit_free_swings, fit_regression
+from rovid.estimate.estimate import Estimate, r_squared, varies
 from rovid.model.model import Model
+from rovid.model.parameter_names import base_names
 from rovid.model.simulation import simulated_rate
 from rovid.model.torque_input import TorqueInput
 from rovid.signals.preprocessing import Run
+from rovid.trial.axis import Axis
 
+# Slice of the drags among the unknowns: inertia, quadratic and linear drag, and those of the restoring torque.
+_DRAGS = slice(1, 3)
+# Shortest jackknife block in periods of the cut-off, longer than the memory of waves and eddies; usual number of blocks
+# in all logs, and the least number.
+_BLOCK, _USUAL_BLOCKS, _BLOCKS = 30.0, 60, 12
+# Largest number of renewals of the instruments, and the relative change at which they have converged.
+_PASSES, _CONVERGED = 8, 1e-4
+# Least ratio of the rate's standard deviation to that of its noise: half the power is motion.
+_MIN_MOTION = 2.0**0.5
+
+EXCITATION_ADVICE = "Run sines, steps or a pseudo-random command that change the rate."
 # Least number of standard errors of the inertia from zero. Steady holds are compatible with any inertia.
 MIN_INERTIA_SIGMAS = 2.0
 # Shortest time constant of a first model, in sampling intervals.
 _SHORTEST_DECAY = 0.2
 # Least scale of a trim in rad, and of a lift or a stiffness over the RMS torque.
 _LEAST_RESTORING = 1e-2
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Regression:
+    """The instrumental-variable estimate, and the (p,) plain least-squares one, which shows the bias by noise.
+
+    ``r_squared`` is NaN where the torque never changes.
+    """
+
+    estimate: Estimate
+    least_squares: FloatArray
+    r_squared: float
+
+
+def fit_regression(runs: Sequence[Run], *, min_sigmas: float = 3.0) -> Regression:
+    """Fit T = I rdot + DQ |r| r + DL r + g, all signals through the same filter; g is the restoring torque.
+
+    Sensor noise and the disturbance torque are in the regressors, which biases least squares. The
+    instruments are the same regressors from a noise-free simulation under the measured torque, renewed with
+    each estimate (the refined instrumental variable method, Young 2011; Ljung 1999, section 7.6). They are
+    correlated with the torque but not with the noise. Drag is bounded below by zero. The covariance is a jackknife
+    over 12 to 60 blocks, within which the residuals may be correlated. docs/method.md, (10).
+
+    Parameters
+    ----------
+    min_sigmas
+        Least number of standard errors of the inertia from zero.
+
+    Raises
+    ------
+    DataError
+        The vehicle was not excited enough to determine its inertia.
+    """
+    torque, blocks = _torque_and_blocks(runs)
+    axis = runs[0].trial.axis
+    raw = _measured_regressors(runs)[np.concatenate([run.valid for run in runs])]
+    _require_motion(runs, raw, torque)
+    plain = _solve(raw, raw, torque, np.ones(raw.shape[1], dtype=bool))
+    values = _physical_start(plain, raw, torque)
+    for _ in range(_PASSES):
+        instruments, correction = _instruments(runs, _model(axis, values))
+        measured = raw + correction
+        free, new = _bounded(instruments, measured, torque, axis)
+        done = bool(np.all(np.abs(new - values) <= _CONVERGED * np.abs(new).clip(1e-12)))
+        values = new
+        if done:
+            break
+    residuals = torque - measured @ values
+    # The covariance is that of the free fit, since taking a drag's zero as certain would understate all errors.
+    covariance = _jackknife_covariance(instruments, measured, torque, blocks)
+    names = base_names(axis)
+    derivatives = _parameter_derivatives(axis, values)
+    text = "{} would come out negative in the regression; it is held at zero, its lower bound."
+    estimate = Estimate(
+        names=names,
+        values=_model(axis, values).values,
+        covariance=derivatives @ covariance @ derivatives.T,
+        method="regression on all excited data, instrumental variables",
+        samples=len(torque),
+        degrees_of_freedom=float(len(np.unique(blocks)) - len(names)),
+        warnings=tuple(map(text.format, compress(names, ~free))),
+        axis=axis,
+    )
+    require_inertia(estimate, min_sigmas)
+    return Regression(estimate=estimate, least_squares=plain, r_squared=r_squared(torque, residuals))
+
+
+def fit_free_swings(runs: Sequence[Run]) -> Model:
+    """Least squares of the acceleration in free swings; inertia 1 kg m^2, all torques per kg m^2.
+
+    Raises
+    ------
+    DataError
+        The vehicle does not swing.
+    """
+    from scipy.optimize import lsq_linear
+
+    axis = runs[0].trial.axis
+    every = _measured_regressors(runs)[np.concatenate([run.rates.valid for run in runs])]
+    acceleration, others = every[:, 0], np.ascontiguousarray(every[:, 1:])
+    _require_motion(runs, every, np.ones(len(acceleration)))
+    scale = np.linalg.norm(others, axis=0)
+    low = np.array([0.0, 0.0, *np.full(len(scale) - 2, -np.inf)])
+    values = lsq_linear(others / scale, -acceleration, bounds=(low, np.inf)).x / scale
+    if not values[2] > 0.0:
+        raise DataError(
+            f"the free motion in {axis.name} is no swing: there is no restoring torque.",
+            mend=f"Give logs of releases, or map what drives the vehicle: [[thrusters]] with {axis.arm_key}.",
+        )
+    return _model(axis, np.array([1.0, *values]))
+
+
+def require_inertia(estimate: Estimate, min_sigmas: float) -> None:
+    """Raise DataError if the inertia is less than ``min_sigmas`` standard errors from zero, or its error unknown."""
+    value, error = estimate.value("inertia"), estimate.standard_error("inertia")
+    if not value >= min_sigmas * error:
+        raise _not_excited(f"the inertia is {plus_minus(value, error)} {estimate.unit('inertia')}")
+
+
+def _not_excited(why: str) -> DataError:
+    return DataError(f"inertia cannot be determined from these logs: {why}.", mend=EXCITATION_ADVICE)
+
+
+def _require_motion(runs: Sequence[Run], regressors: FloatArray, torque: FloatArray) -> None:
+    if not len(torque):
+        raise _not_excited("no stretch is long enough for the filter")
+    if not np.any(torque):
+        raise _not_excited("the thrusters never push")
+    noise = float(np.linalg.norm([run.rates.rate_noise for run in runs])) / len(runs) ** 0.5
+    if not varies(regressors[:, 2], noise=_MIN_MOTION * noise):
+        raise _not_excited("the rate hardly changes by more than its noise")
+
+
+def _torque_and_blocks(runs: Sequence[Run]) -> tuple[FloatArray, IntArray]:
+    """(n,) filtered torque and block number at every valid instant of all runs."""
+    seconds = sum(run.valid.sum() * run.rates.kernel.period for run in runs)
+    length = min(max(_BLOCK / runs[0].rates.kernel.cutoff, seconds / _USUAL_BLOCKS), seconds / _BLOCKS)
+    torque, blocks, first = [], [], 0
+    for run in runs:
+        torque.append(run.filtered_torque[run.valid])
+        blocks.append(first + (run.rates.time[run.valid] // length).astype(np.intp))
+        first = int(np.max(blocks[-1], initial=first)) + 1
+    return np.concatenate(torque), np.concatenate(blocks)
+
+
+def _measured_regressors(runs: Sequence[Run]) -> FloatArray:
+    """(n, p) regressors from the filtered motion of all runs."""
+    motion = np.hstack([(run.rates.rate, run.rates.acceleration, run.rates.position) for run in runs])
+    return _regressors(runs[0].trial.axis, *motion)
+
+
+def _regressors(axis: Axis, rate: FloatArray, acceleration: FloatArray, position: FloatArray) -> FloatArray:
+    """(n, p) regressors of inertia, quadratic drag, linear drag and each restoring unknown."""
+    return np.column_stack((acceleration, np.abs(rate) * rate, rate, regressors(restoring_effect(axis), position)))
+
+
+def _model(axis: Axis, unknowns: FloatArray) -> Model:
+    return Model.from_values([*unknowns[:3], *from_regressors(restoring_effect(axis), unknowns[3:])], axis)
+
+
+def _parameter_derivatives(axis: Axis, unknowns: FloatArray) -> FloatArray:
+    """(p, p) derivatives of the parameters by the unknowns."""
+    steps = np.diag(1e-6 * np.maximum(np.abs(unknowns), 1e-9))
+    here = _model(axis, unknowns).values
+    return np.column_stack([(_model(axis, unknowns + step).values - here) / step.sum() for step in steps])
+
+
+def _instruments(runs: Sequence[Run], model: Model) -> tuple[FloatArray, FloatArray]:
+    """(n, p) regressors of the noise-free simulation, and corrections of the measured regressors.
+
+    The low pass of |r| r is not |r| r of the low pass. The difference is small but correlated with the
+    acceleration. It is taken from the simulation and added to the measured regressors.
+    """
+
+    def simulate(run: Run) -> tuple[FloatArray, FloatArray]:
+        kernel = run.rates.kernel
+        rate, position = model.simulate(run.trial, TorqueInput.held(run.torque))
+        rate = np.interp(run.rates.time, run.trial.time, rate)
+        position = np.interp(run.rates.time, run.trial.time, position)
+        clean = _regressors(model.axis, kernel.smooth(rate), kernel.rate(rate), kernel.smooth(position))
+        correction = np.zeros_like(clean)
+        correction[:, 1] = kernel.smooth(np.abs(rate) * rate) - clean[:, 1]
+        return (clean + correction)[run.valid], correction[run.valid]
+
+    pairs = parallel_map(simulate, runs)
+    # The filtered simulation is NaN only where the measurement is, except in gaps of the gyro.
+    instruments, corrections = (np.nan_to_num(np.concatenate(each)) for each in zip(*pairs, strict=True))
+    return instruments, corrections
+
+
+def _bounded(
+    instruments: FloatArray, measured: FloatArray, torque: FloatArray, axis: Axis
+) -> tuple[BoolArray, FloatArray]:
+    """Which unknowns are free, and all values; a drag that would be negative is held at zero."""
+    free = np.ones(measured.shape[1], dtype=bool)
+    values = _solve(instruments, measured, torque, free)
+    while (values[_DRAGS] < 0.0).any():
+        # The drag with the largest negative torque first.
+        torques = values[_DRAGS] * np.linalg.norm(measured[:, _DRAGS], axis=0)
+        free[1 + int(np.argmin(torques))] = False
+        values = _solve(instruments, measured, torque, free)
+    if not values[0] > 0.0:
+        signs = f"{axis.arm_key}, command and {axis.required_signals}"
+        raise DataError(
+            f"the inertia comes out negative: the vehicle moves against its {axis.force_name}, or hardly at all.",
+            mend=f"Check in rovid.toml the signs of {signs}. {EXCITATION_ADVICE}",
+        )
+    return free, values
+
+
+def _solve(instruments: FloatArray, measured: FloatArray, torque: FloatArray, free: BoolArray) -> FloatArray:
+    """(p,) values at which the residuals are orthogonal to the instruments; unknowns that are not ``free`` are zero."""
+    values = np.zeros(len(free))
+    z, x = instruments[:, free], measured[:, free]
+    scale = np.linalg.norm(x, axis=0)
+    values[free] = np.linalg.lstsq(z.T @ (x / scale), z.T @ torque, rcond=1e-12)[0] / scale
+    return values
+
+
+def _physical_start(plain: FloatArray, measured: FloatArray, torque: FloatArray) -> FloatArray:
+    """Least squares where it is physical; else bounded least squares with a positive inertia and drag."""
+    if (plain[:3] > 0.0).all():
+        return plain
+    from scipy.optimize import lsq_linear
+
+    scale = np.linalg.norm(measured, axis=0)
+    low = np.where(np.arange(len(plain)) < 3, 0.0, -np.inf)
+    values = lsq_linear(measured / scale, torque, bounds=(low, np.inf)).x / scale
+    floor = 1e-3 * np.linalg.norm(torque) / scale[:3]
+    values[:3] = np.maximum(values[:3], floor * np.array([1.0, 0.0, 1.0]))
+    return np.asarray(values)
+
+
+def _jackknife_covariance(
+    instruments: FloatArray, measured: FloatArray, torque: FloatArray, blocks: IntArray
+) -> FloatArray:
+    """(p, p) covariance by leaving out one block at a time, for residuals that are correlated within blocks."""
+    scale = np.linalg.norm(measured, axis=0)
+    z, x = instruments, measured / scale
+    edges = np.flatnonzero(np.diff(blocks, prepend=-1))
+    moments = np.add.reduceat(z[:, :, None] * x[:, None, :], edges)
+    products = np.add.reduceat(z * torque[:, None], edges)
+    # Sums over all blocks less one.
+    inverses = np.linalg.pinv(moments.sum(axis=0) - moments)
+    other_products = products.sum(axis=0) - products
+    without = (inverses @ other_products[:, :, None])[:, :, 0] / scale
+    count = len(edges)
+    deviations = without - without.mean(axis=0)
+    return np.asarray((count - 1) / count * deviations.T @ deviations)
 
 
 def fit_output_error(runs: Sequence[Run], *, min_sigmas: float = MIN_INERTIA_SIGMAS) -> Model:

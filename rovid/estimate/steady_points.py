@@ -11,7 +11,7 @@ import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray
 from rovid.effects import restoring_effect
-from rovid.effects.restoring import regressors
+from rovid.effects.restoring_curve import regressors
 from rovid.signals.preprocessing import Run
 from rovid.signals.segments import Hold, find_holds
 from rovid.trial.axis import Axis

@@ -37,7 +37,7 @@ class _Beginnings(NamedTuple):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class UnknownPasts:
-    """Runs that do not begin at rest, see `rovid.model.past`; docs/method.md, (12a).
+    """Runs that do not begin at rest, see `rovid.model.ode`; docs/method.md, (12a).
 
     The error of the torque before the first sample, and the states of water in motion at the first sample, are further
     states. Innovations are linear in them. The filter without them, and one with another value of each, give the

@@ -17,10 +17,9 @@ from rovid.export.interface import PERIOD, ExportInput
 from rovid.export.thruster_curves import ThrusterCurve, curve_effect_keys, thruster_curves
 from rovid.model.bound_effects import BoundEffect
 from rovid.model.model import Model
-from rovid.planar.actuators import PlanarActuators, PlanarCommands
 from rovid.planar.dataset import PlanarData
-from rovid.planar.integration import STATES, SURGE, simulate_runs
-from rovid.planar.model import PlanarModel
+from rovid.planar.equations import STATES, SURGE, simulate_runs
+from rovid.planar.model import PlanarActuators, PlanarCommands, PlanarModel
 from rovid.store.parameter_file import Entry, Parameters
 from rovid.store.planar_study import PlanarStudy, planar_model
 from rovid.trial.assumptions import Assumptions
@@ -255,7 +254,7 @@ def planar_input(stored: Parameters, study: PlanarStudy | None) -> PlanarInput:
 
 def largest_speeds(model: PlanarModel, data: PlanarData) -> FloatArray:
     """(3,) largest speeds in the logs: measured ones where there are any, else those of the simulated runs."""
-    from rovid.planar.simulation import simulate_planar
+    from rovid.planar.free_runs import simulate_planar
 
     sizes = np.zeros(3)
     names = ("surge_velocity", "sway_velocity", "yaw_rate")

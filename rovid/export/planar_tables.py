@@ -133,7 +133,7 @@ def _cells(blocks: list[dict[str, Any]]) -> np.ndarray[Any, Any]:
 
 
 def _rudders(subject: PlanarInput) -> list[dict[str, Any]]:
-    """Numbers of each rudder, as in `rovid.planar.actuators`; in m, rad, N s^2/(m^2 rad) and m^2/(s^2 N)."""
+    """Numbers of each rudder, as in `rovid.planar.model`; in m, rad, N s^2/(m^2 rad) and m^2/(s^2 N)."""
     return [
         {
             "name": one.name,

@@ -12,7 +12,7 @@ from rovid.core.formatting import identifiers, xml_comment
 from rovid.effects.actuator_inputs import neutral_commands
 from rovid.effects.thruster_imbalance import WITH_OTHERS
 from rovid.export.interface import ExportInput
-from rovid.model.command_series import CommandSeries
+from rovid.model.actuator_model import CommandSeries
 from rovid.trial.trial import Trial
 
 # Memoryless effects between the command and the thrust of one thruster.

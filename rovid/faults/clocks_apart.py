@@ -2,27 +2,190 @@
 
 Where the motion comes later, a delay of the thrusters looks the same. With commands and motion in joined files, such a
 delay is listed, and stays a rival of every delay or lag.
+
+The delay of the motion after the commands has either sign. The torque, shifted in time, is fitted by acceleration, drag
+and trim. The shift with the smallest residual is the delay. Its standard error is a jackknife over blocks, because the
+residuals are autocorrelated.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
+from rovid.core.array_types import FloatArray
 from rovid.core.formatting import plus_minus
 from rovid.faults.base import Detection, FaultKind, RunsData, named
 from rovid.faults.quick_model import log_name
-from rovid.faults.response_delay import ResponseDelay, response_delay
 from rovid.signals.preprocessing import Run
 from rovid.trial.fault import Fault
 
+# Step and range of the shifts in periods of the cut-off, range as a share of the longest run, at least and at most;
+# maximum number of samples in the regressions. The longer range counts: clocks are set apart whatever the vehicle.
+_STEP, _LONGEST, _SHARE, _MOST, _MAX_SAMPLES = 0.1, 8.0, 0.04, 0.2, 20_000
+# Length of a jackknife block in periods of the cut-off; the least number of blocks in which the torque varies, and its
+# least share of the mean square. The steps of one block alone have no error.
+_BLOCK, _MIN_BLOCKS, _VARIES = 8.0, 5, 1e-3
+# A log has a delay of its own if that reduces its residual below this share.
+_OWN_DELAY = 0.5
+
+#: (p, p), (p, m) and (m,) moments of p regressors, and of the torque at each of m shifts.
+Moments = tuple[FloatArray, FloatArray, FloatArray]
 # Smallest offset in periods of the cut-off, in sampling intervals, and in standard errors; and the least share of the
 # mean square residual that it explains. Feedback and waves move the delay of undamaged logs by one sampling
 # interval and explain 8 % at most (60 campaigns).
 _MIN_OFFSET, _INTERVALS, _SIGNIFICANT, _EXPLAINED = 0.04, 2.0, 5.0, 0.2
 # Probability that a delay of joined files is an offset of their clocks: the logs do not show which.
 _RIVAL = 0.5
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ResponseDelay:
+    """Delay of the motion after the commands in s, negative where the motion comes first, with its standard error."""
+
+    delay: float
+    error: float
+    improvement: float  #: Share of the mean square residual that the shift removes.
+    values: FloatArray  #: (p,) parameters of the regression without a shift; the trim is the last one.
+
+
+def shift_grid(runs: Sequence[Run]) -> tuple[int, int]:
+    """Step between shifts to try, and the largest one, in samples."""
+    kernel = runs[0].rates.kernel
+    step = max(round(_STEP / (kernel.cutoff * kernel.period)), 1)
+    duration = max(run.trial.duration for run in runs)
+    longest = min(max(_LONGEST / kernel.cutoff, _SHARE * duration), _MOST * duration)
+    return step, step * max(round(longest / (step * kernel.period)), 1)
+
+
+def response_delay(runs: Sequence[Run], values: FloatArray | None = None) -> ResponseDelay | None:
+    """The delay; None where the logs do not determine one within the range of the shifts.
+
+    ``values``: (p,) parameters of the regression if they are known; only the last one, the trim, is fitted then. One
+    sine alone determines no delay without them.
+    """
+    period = runs[0].rates.kernel.period
+    step, reach = shift_grid(runs)
+    stride = sum(len(run.filtered_torque) for run in runs) // _MAX_SAMPLES + 1
+    blocks = [block for run in runs for block in _blocks(run, reach, step, stride, period)]
+    if len(blocks) < _MIN_BLOCKS:
+        return None
+    xx, xt, tt, variation = (np.array(each) for each in zip(*blocks, strict=True))
+    if np.count_nonzero(variation > _VARIES * tt[:, tt.shape[1] // 2].mean()) < _MIN_BLOCKS:
+        return None
+    sums = xx.sum(axis=0), xt.sum(axis=0), tt.sum(axis=0)
+    total, fitted = _residuals(sums, values)
+    best, every = _minimum(total), []
+    if best is None:
+        return None
+    for at in range(len(blocks)):
+        rest = sums[0] - xx[at], sums[1] - xt[at], sums[2] - tt[at]
+        others, _ = _residuals(rest, values)
+        every.append(_minimum(others))
+    found = np.array([each for each in every if each is not None])
+    if len(found) < len(blocks):
+        return None
+    count, unit, middle = len(found), step * period, len(total) // 2
+    error = math.sqrt((count - 1.0) / count * float(np.sum((found - found.mean()) ** 2)))
+    at_zero, smallest = float(total[middle]), float(total.min())
+    return ResponseDelay(
+        delay=float(middle - best) * unit,
+        error=error * unit,
+        improvement=1.0 - smallest / max(at_zero, 1e-300),
+        values=fitted if values is not None else fitted[:, middle],
+    )
+
+
+def coarse_delays(runs: Sequence[Run]) -> dict[str, float]:
+    """Delay of the response in s, to one step of the shifts, by log; that of all logs unless one differs much.
+
+    A log differs where both its own model and the model of all logs halve its residual: one sine alone determines no
+    delay, and the model of all logs may miss a cause.
+    """
+    step, reach = shift_grid(runs)
+    period = runs[0].rates.kernel.period
+    stride = sum(len(run.filtered_torque) for run in runs) // _MAX_SAMPLES + 1
+    parts: dict[str, list[Moments]] = {}
+    for run in runs:
+        for xx, xt, tt, _ in _blocks(run, reach, step, stride, period):
+            parts.setdefault(log_name(run), []).append((xx, xt, tt))
+    if not parts:
+        return {}
+    moments = {name: _sums(each) for name, each in parts.items()}
+    total, fitted = _residuals(_sums(moments.values()))
+    common = int(np.argmin(total))
+    delays = {}
+    for run in runs:
+        best = common
+        if (own := moments.get(log_name(run))) is not None:
+            known, _ = _residuals(own, fitted[:, common])
+            free, _ = _residuals(own)
+            best = int(np.argmin(known))
+            if not (known[best] < _OWN_DELAY * known[common] and free[best] < _OWN_DELAY * free[common]):
+                best = common
+        delays[log_name(run)] = float((len(total) // 2 - best) * step * period)
+    return delays
+
+
+def _blocks(
+    run: Run, reach: int, step: int, stride: int, period: float
+) -> Iterator[tuple[FloatArray, FloatArray, FloatArray, float]]:
+    """(p, p), (p, m) and (m,) moments of regressors and of the torque at each of m shifts; its variation."""
+    torque, rates = run.filtered_torque, run.rates
+    count = len(torque)
+    if count <= 2 * reach:
+        return
+    windows = np.lib.stride_tricks.sliding_window_view(torque, 2 * reach + 1)[::stride, ::step]
+    inside = np.arange(reach, count - reach)[::stride]
+    known = rates.valid[inside] & np.isfinite(windows).all(axis=1)
+    rate, position = rates.rate[inside], rates.position[inside]
+    columns = [rates.acceleration[inside], np.abs(rate) * rate, rate]
+    if run.trial.axis.self_righting:
+        columns += [np.sin(position), np.cos(position)]
+    x = np.column_stack((*columns, np.ones(len(inside))))
+    length = max(int(_BLOCK / (rates.kernel.cutoff * period * stride)), 10)
+    for first in range(0, len(inside), length):
+        rows = np.flatnonzero(known[first : first + length]) + first
+        if len(rows):
+            block, shifted = x[rows], windows[rows]
+            yield (
+                block.T @ block,
+                block.T @ shifted,
+                np.sum(shifted**2, axis=0),
+                float(np.var(shifted[:, shifted.shape[1] // 2]) * len(rows)),
+            )
+
+
+def _sums(moments: Iterable[Moments]) -> Moments:
+    xx, xt, tt = (np.sum(each, axis=0) for each in zip(*moments, strict=True))
+    return xx, xt, tt
+
+
+def _residuals(moments: Moments, values: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+    """(m,) sums of squares, and (p, m) parameters at each shift; the (p,) ``values`` if they are given."""
+    xx, xt, tt = moments
+    if values is not None:
+        # Torque that the known parameters leave, and its trim.
+        known = values[:-1]
+        rest = tt - 2.0 * known @ xt[:-1] + known @ xx[:-1, :-1] @ known
+        return np.asarray(rest - (xt[-1] - known @ xx[:-1, -1]) ** 2 / xx[-1, -1]), values
+    size = np.sqrt(np.diag(xx)).clip(1e-300)
+    scaled = xt / size[:, None]
+    fitted = np.linalg.lstsq(xx / size[:, None] / size, scaled, rcond=1e-12)[0]
+    return np.asarray(tt - np.sum(scaled * fitted, axis=0)), fitted / size[:, None]
+
+
+def _minimum(residuals: FloatArray) -> float | None:
+    """Place of the smallest residual by a parabola; None at an end."""
+    at = int(np.argmin(residuals))
+    if not 0 < at < len(residuals) - 1:
+        return None
+    before, here, after = residuals[at - 1 : at + 2]
+    bend = before - 2.0 * here + after
+    return at + (0.5 * (before - after) / bend if bend > 0.0 else 0.0)
 
 
 def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:

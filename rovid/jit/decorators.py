@@ -1,4 +1,7 @@
-"""Decorators that compile functions with numba, and keep the machine code on disk."""
+"""Decorators that compile functions with numba and keep the machine code on disk, and calls of functions by address.
+
+A function that is called by its address is compiled later, and changes no loop.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,10 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 import numba
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic, overload
 
 from rovid.jit.cache_dirs import can_cache
 
@@ -24,6 +31,15 @@ _PRIVATE_MODULES = (
     "numba.core.runtime.nrt",
     "numba.core.typing.templates",
 )
+# For functions that a loop calls several times in each step. Numba passes an array as seven numbers or more, and such a
+# call would cost more than the function itself.
+njit_inline = numba.njit(error_model="numpy", nogil=True, inline="always")
+# Number of vectors that such a function returns.
+RESULTS = 3
+# C signature: (count * LANES) numbers, (RESULTS * LANES) results.
+SIGNATURE = types.void(types.CPointer(types.float64), types.CPointer(types.float64))
+# Address -> function of vectors, for loops that are not compiled. Compiled functions are kept alive here.
+FUNCTIONS: dict[int, Callable[..., Any]] = {}
 
 
 def _has_private_modules() -> bool:
@@ -53,11 +69,6 @@ def njit_noalloc(function: Function) -> Function:
     return _cached(loop(function), function)
 
 
-# For functions that a loop calls several times in each step. Numba passes an array as seven numbers or more, and such a
-# call would cost more than the function itself.
-njit_inline = numba.njit(error_model="numpy", nogil=True, inline="always")
-
-
 def is_cached(function: Any) -> bool:
     """Whether the machine code of a compiled ``function``, as it is now, is on disk."""
     return hasattr(function, "_cache") and bool(function._cache.is_valid())  # noqa: SLF001 - as below
@@ -70,3 +81,34 @@ def _cached(dispatcher: Any, function: Function) -> Function:
 
         dispatcher._cache = ContentHashCache(function)  # noqa: SLF001 - numba has no public way to define validity
     return dispatcher  # type: ignore[no-any-return]  # has the signature of the function
+
+
+# mypy: allow-untyped-calls, allow-untyped-decorators
+
+
+def call_at(address: int, numbers: Any) -> Any:
+    """`RESULTS` vectors that the function at ``address`` returns for a tuple of vectors."""
+    return FUNCTIONS[address](numbers)
+
+
+def _lower(context: Any, builder: Any, sig: Any, values: Any) -> Any:
+    address, numbers = values
+    array = ir.DoubleType().as_pointer()
+    function = ir.FunctionType(ir.VoidType(), [array, array]).as_pointer()
+    given = cgutils.alloca_once_value(builder, numbers)
+    found = cgutils.alloca_once(builder, context.get_value_type(sig.return_type))
+    pointers = [builder.bitcast(one, array) for one in (given, found)]
+    builder.call(builder.inttoptr(address, function), pointers)
+    return builder.load(found)
+
+
+@intrinsic
+def _call(_: Any, address: Any, numbers: Any) -> Any:
+    return types.UniTuple(numbers.dtype, RESULTS)(address, numbers), _lower
+
+
+@overload(call_at, strict=False)
+def _call_at(address: Any, numbers: Any) -> Any:
+    if isinstance(address, types.Integer) and isinstance(numbers, types.UniTuple):
+        return lambda address, numbers: _call(address, numbers)  # type: ignore[call-arg]  # noqa: PLW0108 - numba's form
+    return None

@@ -29,7 +29,7 @@ class BoundEffect(NamedTuple):
 
 
 def effects_at(effects: Sequence[BoundEffect], stage: type[Action]) -> Iterator[tuple[BoundEffect, Action]]:
-    """Effects acting at ``stage``, a class of `rovid.effects.stages`, each with its action there."""
+    """Effects acting at ``stage``, a class of `rovid.effects.base`, each with its action there."""
     for one in effects:
         if isinstance(one.effect.acts, stage):
             yield one, one.effect.acts

@@ -1,9 +1,9 @@
-"""Scaled coordinates of a planar fit: order, bounds, and the map to model and noise."""
+"""Scaled coordinates of a planar fit: order, bounds, map to model and noise, and combinations the data leave open."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
@@ -14,8 +14,8 @@ from rovid.core.array_types import BoolArray, FloatArray
 from rovid.effects import Effect, EffectParameter
 from rovid.effects.base import Coupling, Scales, WaterCurrent
 from rovid.model.bound_effects import BoundEffect
-from rovid.planar.kernels import NOISE_COUNT, NOISE_LATENCY, NOISE_SENSOR, SENSORS
-from rovid.planar.model import BASE_COUNT, PlanarModel, RudderModel, from_log_cholesky, log_cholesky
+from rovid.planar.kernels import NOISE_COUNT, NOISE_LATENCY, NOISE_SENSOR
+from rovid.planar.model import BASE_COUNT, SENSORS, PlanarModel, RudderModel, from_log_cholesky, log_cholesky
 
 # Half range of the log inertias about those of the best regression: a factor of 30. Those of sway and yaw are half
 # logarithms. The last is that of their coupling.
@@ -34,6 +34,10 @@ _INSTRUMENTS = (("yaw_rate",), ("surge_velocity", "sway_velocity"), ("north", "e
 _LATENCY_RANGE = 0.7
 # Difference step of scaled coordinates. That of effects is relative, to this share of the initial value at least.
 _STEP, _LEAST_SIZE = 1e-5, 0.1
+# Largest standard error of a determined combination, in units of its scale: three standard errors make one unit.
+MAX_ERROR = 1.0 / 3.0
+# Least share of a parameter in a combination that is listed.
+_LEAST_SHARE = 0.1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -293,3 +297,54 @@ def _instruments(sensors: Sequence[str]) -> tuple[tuple[str, ...], ...]:
 def is_of_actuators(effect: Effect) -> bool:
     """Whether an effect of the planar model acts between command and thrust."""
     return not isinstance(effect.acts, Coupling | WaterCurrent)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Undetermined:
+    """A combination of parameters along which the data hardly change the likelihood."""
+
+    combination: Mapping[str, float]  #: Parameter -> its share in SI; the largest relative change is that of 1.
+    text: str  #: A sentence for people.
+
+
+def undetermined_directions(
+    names: Sequence[str], covariance: FloatArray, scale: FloatArray, free: BoolArray
+) -> tuple[tuple[Undetermined, ...], tuple[str, ...]]:
+    """Undetermined combinations, and the names of the parameters that are refused because of them.
+
+    Parameters
+    ----------
+    names, covariance, scale
+        (q,) parameters, (q, q) covariance and (q,) typical sizes in SI.
+    free
+        (q,) parameters that were estimated.
+    """
+    own = np.flatnonzero(free & (scale > 0.0))
+    scaled = covariance[np.ix_(own, own)] / np.outer(scale[own], scale[own])
+    if not np.isfinite(scaled).all():
+        return (), tuple(names[at] for at in own.tolist())
+    errors = np.sqrt(np.maximum(np.diag(scaled), 0.0))
+    refused = tuple(names[at] for at, error in zip(own.tolist(), errors, strict=True) if error > MAX_ERROR)
+    values, vectors = np.linalg.eigh(scaled)
+    found = []
+    for value, vector in sorted(zip(values, vectors.T, strict=True), key=lambda pair: -pair[0]):
+        if value <= MAX_ERROR**2:
+            break
+        shares = {names[at]: float(share) for at, share in zip(own.tolist(), vector, strict=True)}
+        largest = max(shares, key=lambda name: abs(shares[name]))
+        listed = {name: share / shares[largest] for name, share in shares.items()}
+        listed = {name: share for name, share in listed.items() if abs(share) >= _LEAST_SHARE}
+        # Many small errors may add up in a direction although each parameter is known well enough.
+        if not set(refused).isdisjoint(listed):
+            found.append(Undetermined(combination=listed, text=_text(listed)))
+    return tuple(found), refused
+
+
+def _text(listed: Mapping[str, float]) -> str:
+    if len(listed) == 1:
+        (name,) = listed
+        return f"{name} has next to no influence on what these runs measure."
+    first, *others = sorted(listed, key=lambda name: -abs(listed[name]))
+    signs = ("together" if listed[name] > 0.0 else "against it" for name in others)
+    parts = ", ".join(f"{name} ({sign})" for name, sign in zip(others, signs, strict=True))
+    return f"These runs hardly change if {first} and {parts} change in proportion; only other combinations are known."

@@ -16,19 +16,18 @@ import numpy as np
 from rovid.core.budget import Budget, BudgetUse, ProgressCallback
 from rovid.core.errors import DataError
 from rovid.diagnose.candidate_fits import Challenger
-from rovid.diagnose.posterior import posterior_probability, probability_not_a_stand_in, recalibrated
-from rovid.diagnose.rejection import certain_growth
+from rovid.diagnose.evidence import posterior_probability, probability_not_a_stand_in, recalibrated
 from rovid.diagnose.result import Finding, OtherCause
 from rovid.diagnose.thresholds import THRESHOLDS
+from rovid.diagnose.validation import certain_growth
 from rovid.effects import Effect
 from rovid.effects.base import Coupling
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.maximum_likelihood import INNOVATIONS_R2
-from rovid.planar.candidates import planar_candidates
 from rovid.planar.dataset import PlanarData
-from rovid.planar.effect_fits import with_hull_lift
+from rovid.planar.effect_fits import planar_candidates, with_hull_lift
 from rovid.planar.fit import PlanarFit, fit_base, planar_result, refined
-from rovid.planar.free_run_fit import better_simulating, fit_free_runs
+from rovid.planar.free_runs import better_simulating, fit_free_runs
 from rovid.planar.held_out import HeldOut, Parts, PlanarScores, held_out, noise_floors
 from rovid.planar.model import AXIS_NAMES
 from rovid.planar.optimum import PlanarOptimum

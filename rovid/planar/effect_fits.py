@@ -1,15 +1,16 @@
-"""Fits of the planar model with further effects."""
+"""Effects that the planar model can hold, and its fits with further ones."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
-from rovid.effects import Effect, effect_named
-from rovid.effects.base import Coupling, WaterCurrent
+from rovid.effects import PLANAR_FORMS, Effect, effect_named, forms_for
+from rovid.effects.base import Coupling, OnCommand, OnThrust, OnTorque, WaterCurrent
 from rovid.planar.dataset import PlanarData
 from rovid.planar.optimum import PlanarOptimum
 from rovid.planar.start_values import start_values
@@ -72,3 +73,24 @@ def _current_starts(base: PlanarOptimum, effect: Effect, data: PlanarData) -> li
         # The disturbance and the noise of a model without the current say nothing.
         starts.append(np.concatenate((anew[:at], own, anew[at:])))
     return starts
+
+
+def planar_candidates(data: PlanarData) -> tuple[Effect, ...]:
+    """All forms that the planar model can hold and these logs can show."""
+    thrusters = data.actuators.thrusters
+    channels = set.intersection(*(set(run.trial.extras) for run in data.runs))
+    acting = forms_for(thrusters, channels, [run.name for run in data.runs])
+    actuators = [form for form in acting if isinstance(form.acts, OnCommand | OnThrust | OnTorque)]
+    if not {"surge_velocity", "sway_velocity", "north", "east"} & set(data.sensors):
+        return tuple(actuators)
+    return (*PLANAR_FORMS, *actuators)
+
+
+@dataclass(frozen=True, eq=False)
+class PlanarScoreTest:
+    """Predicted gain of one form next to a model, by the score test (Rao 1948)."""
+
+    effect: Effect
+    gain: float  #: Nats.
+    start: FloatArray  #: (k,) initial values of a fit, in units of the scales.
+    detectable: float  #: Smallest distance of the first size from its neutral value that a search would add, SI.

@@ -15,19 +15,15 @@ from rovid.effects import Effect, effect_named
 from rovid.effects.base import WaterCurrent
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.maximum_likelihood import DISTURBANCE_LIMITS, INNOVATIONS_R2
-from rovid.planar.coordinates import PlanarCoordinates
-from rovid.planar.dataset import PlanarData
+from rovid.planar.coordinates import PlanarCoordinates, Undetermined, undetermined_directions
+from rovid.planar.dataset import PlanarData, measured_axes
 from rovid.planar.effect_fits import HULL_LIFT, add_effect, with_hull_lift
-from rovid.planar.free_run_fit import FreeRuns, better_simulating
-from rovid.planar.kernels import NOISE_SENSOR, NOISE_TIME, SENSORS
+from rovid.planar.free_runs import FreeRuns, better_simulating, free_run_r2, mean_free_run_r2
+from rovid.planar.kernels import NOISE_SENSOR, NOISE_TIME
 from rovid.planar.likelihood import PlanarLikelihood
-from rovid.planar.model import AXIS_NAMES, BASE_COUNT, PlanarModel
+from rovid.planar.model import AXIS_NAMES, BASE_COUNT, SENSORS, PlanarModel
 from rovid.planar.optimum import PlanarOptimum
-from rovid.planar.preparation import planar_grid, planar_sizes
-from rovid.planar.simulation import free_run_r2, mean_free_run_r2
-from rovid.planar.smoothing import measured_axes
-from rovid.planar.start_values import start_values
-from rovid.planar.undetermined import Undetermined, undetermined_directions
+from rovid.planar.start_values import planar_grid, planar_sizes, start_values
 
 _METHOD = "maximum likelihood of the innovations of an extended Kalman filter, surge, sway and yaw together"
 _METHOD_FREE_RUNS = "least squares of free-running simulations over some time constants, surge, sway and yaw together"

@@ -16,13 +16,11 @@ import numpy as np
 from rovid.core.array_types import FloatArray, IntArray
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.estimate.fisher_information import negative_log_likelihoods
-from rovid.planar.chord_fit import Linearisation, chord_fit
-from rovid.planar.dataset import PlanarData
-from rovid.planar.integration import CURRENT, HEADING, NORTH, STATES, SURGE, simulate_runs
-from rovid.planar.kernels import NOISE_SENSOR, SENSORS
-from rovid.planar.model import CURRENT_INDEX, INPUT_COUNT
-from rovid.planar.optimum import PlanarOptimum
-from rovid.planar.smoothing import measured_axes, slowest_interval, smooth_run
+from rovid.planar.dataset import PlanarData, measured_axes, slowest_interval, smooth_run
+from rovid.planar.equations import CURRENT, HEADING, NORTH, STATES, SURGE, simulate_runs
+from rovid.planar.kernels import NOISE_SENSOR
+from rovid.planar.model import CURRENT_INDEX, INPUT_COUNT, SENSORS
+from rovid.planar.optimum import Linearisation, PlanarOptimum, chord_fit
 
 # Horizons of heading errors in s; the longer one is the length of a free-running simulation.
 HORIZONS = (10.0, 60.0)

@@ -1,4 +1,4 @@
-"""Compiled extended Kalman filter of the planar model, with the states of `rovid.planar.integration`."""
+"""Compiled extended Kalman filter of the planar model, with the states of `rovid.planar.equations`."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from rovid.jit.decorators import compiled
-from rovid.planar.equations import fastest, has_couplings, slopes, speed_jacobian
-from rovid.planar.integration import (
+from rovid.planar.equations import (
     CURRENT,
     FORCE,
     HEADING,
@@ -20,11 +19,13 @@ from rovid.planar.integration import (
     SURGE,
     YAW,
     advance_state,
+    fastest,
+    has_couplings,
+    slopes,
+    speed_jacobian,
 )
-from rovid.planar.model import CURRENT_INDEX
+from rovid.planar.model import CURRENT_INDEX, SENSORS
 
-# Sensors by their index in the events.
-SENSORS = ("heading", "yaw_rate", "surge_velocity", "sway_velocity", "north", "east")
 # Entries of ``noise``: standard deviations of the disturbances in N and N m, their correlation times in s, the standard
 # deviation of each sensor, and the latency of each sensor in s beyond that of its stamps.
 NOISE_STD, NOISE_TIME, NOISE_SENSOR = 0, 3, 6

@@ -19,14 +19,14 @@ from rovid.estimate.fisher_information import (
     total_negative_log_likelihood,
 )
 from rovid.planar.coordinates import PlanarCoordinates, is_of_actuators
-from rovid.planar.integration import STATES
-from rovid.planar.kernels import SENSORS, filter_runs
-from rovid.planar.model import PlanarModel
-from rovid.planar.smoothing import run_inputs
+from rovid.planar.dataset import run_inputs
+from rovid.planar.equations import STATES
+from rovid.planar.kernels import filter_runs
+from rovid.planar.model import SENSORS, PlanarModel
 
 if TYPE_CHECKING:
     from rovid.planar.dataset import PlanarData, PlanarRun
-    from rovid.planar.free_run_fit import FreeRuns
+    from rovid.planar.free_runs import FreeRuns
 
 # Sensors with a first reading that starts the filter and has no innovation.
 _STARTING = [SENSORS.index(name) for name in ("heading", "north", "east")]

@@ -1,20 +1,42 @@
-"""The planar model: surge, sway and yaw of a vehicle in a current. docs/planar.md, (1) to (4)."""
+"""The planar model: surge, sway and yaw of a vehicle in a current. docs/planar.md, (1) to (4).
+
+Forces of actuators act along surge, sway and yaw, after the effects between command and thrust. Thrusters give forces
+that depend on the commands alone: `PlanarForces.force`. Rudders give forces that depend on the motion; `PlanarForces`
+holds their angles and the thrusts in whose slipstream they stand, and the equation of motion has the rest. For a rudder
+at (x, y) with the angle delta, in water in which the vehicle has the velocity (u, v, r):
+
+    u_R = u - y r,  v_R = v + x r                                       velocity of the rudder through the water
+    a = |u_R| u_R + s max(T, 0)                                         T thrust of the propeller ahead of it
+    alpha = delta + atan2(v_R, sqrt(|a|))                               angle of attack, within +-stall
+    F = lift (|a| + v_R^2) sin(alpha)                                   delta changes its sign where a < 0
+    X = -F sin(delta),  Y = -F cos(delta),  N = x Y - y X
+
+(Soeding 1998; Yasukawa and Yoshimura 2015, eqs. 7, 14 and 21, with a flow straightening of 1.) ``lift``, ``slipstream``
+s and ``stall`` are parameters of the model; `Rudder` holds what rovid.toml says of them, None where nothing is known.
+By momentum theory s is 2/(rho A), A the area of the propeller's disc, for the slipstream far behind the propeller, and
+about two thirds of that where a rudder stands.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Self
 
 import numpy as np
 
-from rovid.core.array_types import FloatArray
+from rovid.core.array_types import FloatArray, IntArray
 from rovid.effects import PLANAR_FORMS, Effect
-from rovid.effects.base import Coupling, Values, WaterCurrent
+from rovid.effects.base import Coupling, OnCommand, Values, WaterCurrent
+from rovid.model.actuator_model import ActuatorModel, CommandSeries
 from rovid.model.bound_effects import BoundEffect
 from rovid.model.parameter_names import PLANAR_UNITS
-from rovid.trial.trial import read_only
+from rovid.trial.trial import Past, Trial, read_only
+from rovid.trial.vehicle import Rudder, Vehicle
 
+# Sensors in their order. Heading in rad, unwrapped; rates and velocities over ground in body axes; north and east in m.
+SENSORS = ("heading", "yaw_rate", "surge_velocity", "sway_velocity", "north", "east")
 # Degrees of freedom, in the order of all vectors of forces and speeds.
 AXIS_NAMES = ("surge", "sway", "yaw")
 BASE_NAMES = tuple(PLANAR_UNITS)
@@ -38,6 +60,12 @@ RUDDER_COUNT = 5
 # Columns of the inputs before those of the rudders (angle, thrust ahead of it): forces X, Y, N.
 INPUT_COUNT = 3
 RUDDER_INPUTS = 2
+# Effects of time, which act on angles as on thrusts: they have no parameter in the unit of a command or of a thrust.
+_OF_TIME = ("clock_offset", "command_delay", "thruster_lag")
+# Changes of thrusters' commands over those of angles, below which a vehicle is steered by angles.
+_STEERED = 0.05
+# Longest part in s of an interval within which thrust is held, and most parts of one interval.
+_PART, _MOST_PARTS = 0.02, 8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,3 +189,180 @@ def from_log_cholesky(numbers: FloatArray, scale: FloatArray) -> FloatArray:
             np.sqrt(scale[1] * scale[2]) * side * coupled,
         ]
     )
+
+
+@dataclass(frozen=True, eq=False)
+class PlanarForces:
+    """Means from each of n instants to the next; the last value is held."""
+
+    force: FloatArray  #: (n, 3) N, N, N m; of all thrusters along surge, sway and yaw.
+    angle: FloatArray  #: (n, p) rad; of each rudder.
+    slipstream_thrust: FloatArray  #: (n, p) N; of the thruster ahead of each rudder, zero for a free rudder.
+
+
+@dataclass(frozen=True, eq=False)
+class PlanarActuators:
+    """The actuators of a vehicle, sorted into thrusters, azimuth angles and rudders."""
+
+    vehicle: Vehicle
+    #: Whether the vehicle is steered by its angles, with thrusters that hardly change: effects on commands, such as a
+    #: slew limit, then act on the angles and have parameters in rad. Otherwise they act on the thrusters.
+    steered: bool = False
+
+    @classmethod
+    def of(cls, vehicle: Vehicle, trials: Sequence[Trial]) -> Self:
+        """The actuators of ``vehicle``, as they are used in ``trials``."""
+        changes = sum(np.count_nonzero(np.diff(trial.commands, axis=0), axis=0) for trial in trials)
+        is_angle = np.array([one.is_angle for one in vehicle.thrusters])
+        of_angles, of_thrusts = np.sum(changes * is_angle), np.sum(changes * ~is_angle)
+        return cls(vehicle, steered=bool(of_thrusts < _STEERED * of_angles))
+
+    @cached_property
+    def thruster_columns(self) -> IntArray:
+        """(k,) columns of ``Trial.commands`` that command thrust."""
+        return np.flatnonzero([not one.is_angle for one in self.vehicle.thrusters])
+
+    @cached_property
+    def angle_columns(self) -> IntArray:
+        """(a,) columns of ``Trial.commands`` that are azimuth or rudder angles."""
+        return np.flatnonzero([one.is_angle for one in self.vehicle.thrusters])
+
+    @cached_property
+    def thrusters(self) -> Vehicle:
+        """The vehicle with its k thrusters alone."""
+        return self._with(self.thruster_columns)
+
+    @cached_property
+    def angles(self) -> Vehicle:
+        """The vehicle with its azimuth and rudder angles alone; the "thrust" of each is the angle in rad."""
+        vehicle = self._with(self.angle_columns)
+        # Unwrapped angles have no limit.
+        return replace(vehicle, thrusters=tuple(replace(one, max_logged_torque=np.inf) for one in vehicle.thrusters))
+
+    def _with(self, columns: IntArray) -> Vehicle:
+        return replace(self.vehicle, thrusters=tuple(self.vehicle.thrusters[at] for at in columns.tolist()))
+
+    @cached_property
+    def matrix(self) -> FloatArray:
+        """(3, k) force along surge and sway, and torque in yaw, of 1 N of each thruster at the azimuth 0."""
+        rows = [(one.surge_share, one.sway_share, one.arm) for one in self.thrusters.thrusters]
+        return np.array(rows, dtype=np.float64).reshape(-1, 3).T
+
+    @cached_property
+    def rudders(self) -> tuple[Rudder, ...]:
+        """(p,) the rudders, in the order of `PlanarForces.angle`."""
+        return tuple(one.rudder for one in self.angles.thrusters if one.rudder is not None)
+
+    @cached_property
+    def rudder_names(self) -> tuple[str, ...]:
+        """(p,) names of the rudders."""
+        return tuple(one.name for one in self.angles.thrusters if one.rudder is not None)
+
+    @cached_property
+    def _behind(self) -> list[int]:
+        """(p,) number of the thruster ahead of each rudder; -1 for none."""
+        names = [one.name for one in self.thrusters.thrusters]
+        return [names.index(one.behind) if one.behind else -1 for one in self.rudders]
+
+    @cached_property
+    def _turned(self) -> list[tuple[int, int]]:
+        """Number of each thruster that has an azimuth, and of that angle among the angles."""
+        names = [one.name for one in self.thrusters.thrusters]
+        return [(names.index(one.turns), at) for at, one in enumerate(self.angles.thrusters) if one.turns]
+
+    def _is_of_steering(self, one: BoundEffect) -> bool:
+        return self.steered and isinstance(one.effect.acts, OnCommand) and not _is_of_time(one)
+
+    def forces(self, commands: PlanarCommands, effects: Sequence[BoundEffect] = ()) -> PlanarForces:
+        """Forces of one trial, with the ``effects`` between command and thrust.
+
+        Effects of time (delay, lag, clock offset) act on angles, too; effects on commands where the vehicle is
+        ``steered``. All others act on thrusters alone.
+        """
+        on_angles = [one for one in effects if _is_of_time(one) or self._is_of_steering(one)]
+        on_thrusts = [one for one in effects if not self._is_of_steering(one)]
+        thrusts, angles = ActuatorModel(tuple(on_thrusts)), ActuatorModel(tuple(on_angles))
+        # Thrusts that are needed by themselves, and the rows of forces that any other thruster drives.
+        alone = sorted({number for number, _ in self._turned} | {at for at in self._behind if at >= 0})
+        fixed = self.matrix.copy()
+        fixed[:, [number for number, _ in self._turned]] = 0.0
+        driven = np.flatnonzero(fixed.any(axis=1)).tolist()
+        weights = [*fixed[driven], *np.eye(fixed.shape[1])[alone]]
+        found = thrusts.mean_forces(commands.of_thrusts(_parts(thrusts)), weights)
+        force = np.zeros((commands.count, 3))
+        for axis, series in zip(driven, found, strict=False):
+            force[:, axis] = series
+        thrust = dict(zip(alone, found[len(driven) :], strict=True))
+        angle = np.zeros((commands.count, 0))
+        if len(self.angle_columns):
+            of_angles = commands.of_angles(_parts(angles))
+            angle = _columns(angles.mean_forces(of_angles, list(np.eye(len(self.angle_columns)))), commands.count)
+            # Azimuth angles are slow beside thrust: their means turn the mean thrust.
+            for number, at in self._turned:
+                force += _turned_force(self.thrusters, number, thrust[number], angle[:, at])
+        is_rudder = [one.rudder is not None for one in self.angles.thrusters]
+        behind = [thrust[at] if at >= 0 else np.zeros(commands.count) for at in self._behind]
+        return PlanarForces(force, angle[:, is_rudder], _columns(behind, commands.count))
+
+
+class PlanarCommands:
+    """The commands of one trial, of thrusters and of angles, kept for all models that are compared."""
+
+    def __init__(self, actuators: PlanarActuators, trial: Trial) -> None:
+        self.count = len(trial.time)
+        self._actuators = actuators
+        self._interval = float(np.median(np.diff(trial.time)))
+        self._thrusts = _with_columns(trial, actuators.thruster_columns)
+        self._angles = _with_columns(trial, actuators.angle_columns, unwrapped=True)
+        self._known: dict[tuple[bool, int], CommandSeries] = {}
+
+    def of_thrusts(self, parts: int) -> CommandSeries:
+        """Commands of the thrusters, with each interval in at most so many ``parts``."""
+        return self._series(self._actuators.thrusters, self._thrusts, parts, turning=False)
+
+    def of_angles(self, parts: int) -> CommandSeries:
+        """Angles, likewise."""
+        return self._series(self._actuators.angles, self._angles, parts, turning=True)
+
+    def _series(self, vehicle: Vehicle, trial: Trial, parts: int, *, turning: bool) -> CommandSeries:
+        parts = max(1, min(parts, int(np.ceil(self._interval / _PART))))
+        key = turning, parts
+        if key not in self._known:
+            self._known[key] = CommandSeries.from_trials(vehicle, [trial], parts)
+        return self._known[key]
+
+
+def _is_of_time(one: BoundEffect) -> bool:
+    # The other forms of a lag have a reference thrust.
+    return one.effect.id in _OF_TIME and one.effect.form in {"", "command", "double"}
+
+
+def _parts(model: ActuatorModel) -> int:
+    return 1 if model.has_exact_means else min(model.subdivision, _MOST_PARTS)
+
+
+def _columns(series: Sequence[FloatArray], count: int) -> FloatArray:
+    return np.column_stack(series) if series else np.zeros((count, 0))
+
+
+def _with_columns(trial: Trial, columns: IntArray, *, unwrapped: bool = False) -> Trial:
+    """``trial`` with some columns of its commands, before its first instant, too."""
+    past = trial.past
+    before = np.zeros((0, len(columns))) if past is None else past.commands[:, columns]
+    commands = np.concatenate((before, trial.commands[:, columns]))
+    if unwrapped and commands.size:
+        commands = np.unwrap(commands, axis=0)
+    if past is not None:
+        past = Past(time=past.time, commands=commands[: len(before)], estimated=past.estimated)
+    return replace(trial, commands=commands[len(before) :], past=past)
+
+
+def _turned_force(vehicle: Vehicle, number: int, thrust: FloatArray, azimuth: FloatArray) -> FloatArray:
+    """(n, 3) force of a thruster with (n,) ``thrust`` in N at (n,) ``azimuth`` in rad."""
+    one = vehicle.thrusters[number]
+    x, y = one.position or (0.0, 0.0)
+    cos, sin = np.cos(azimuth), np.sin(azimuth)
+    ahead = one.surge_share * cos - one.sway_share * sin
+    starboard = one.surge_share * sin + one.sway_share * cos
+    turned = np.column_stack((ahead, starboard, x * starboard - y * ahead))
+    return np.asarray(thrust[:, None] * turned)

@@ -23,17 +23,17 @@ from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import PLANAR_FORMS, Effect
 from rovid.effects.base import WaterCurrent
 from rovid.estimate.fisher_information import inverse_information
-from rovid.planar.candidates import PlanarScoreTest
-from rovid.planar.chord_fit import (
+from rovid.planar.dataset import PlanarData
+from rovid.planar.effect_fits import PlanarScoreTest
+from rovid.planar.optimum import (
     Linearisation,
+    PlanarOptimum,
     change_between,
     chord_fit,
     coordinates_without,
     neutral_values,
     residual_of,
 )
-from rovid.planar.dataset import PlanarData
-from rovid.planar.optimum import PlanarOptimum
 
 # Share of the way from the neutral value to an initial value at which a score test takes its difference quotient.
 _PROBE = 0.05

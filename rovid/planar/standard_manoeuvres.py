@@ -13,9 +13,10 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
-from rovid.planar.dataset import PlanarData, PlanarRun
+from rovid.planar.dataset import PlanarData, PlanarRun, measured_axes, slowest_interval, smooth_run
+from rovid.planar.equations import HEADING, NORTH, STATES, SURGE, simulate_runs
 from rovid.planar.fit import PlanarFit
-from rovid.planar.integration import HEADING, NORTH, STATES, SURGE, simulate_runs
+from rovid.planar.free_runs import measured_start, simulate_planar
 from rovid.planar.manoeuvres import (
     ManoeuvreMeasure,
     Measures,
@@ -27,8 +28,6 @@ from rovid.planar.manoeuvres import (
     zigzag,
 )
 from rovid.planar.model import INPUT_COUNT, RUDDER_INPUTS, PlanarModel
-from rovid.planar.simulation import measured_start, simulate_planar
-from rovid.planar.smoothing import measured_axes, slowest_interval, smooth_run
 
 # Quantile of the speeds ahead in the runs that is the approach speed.
 _APPROACH = 0.75

@@ -12,13 +12,12 @@ from rovid.core.array_types import BoolArray, FloatArray, IntArray
 from rovid.model.bound_effects import BoundEffect
 from rovid.model.simulation import HORIZONS, FitMeasures, fit_measures
 from rovid.planar.coordinates import is_of_actuators
-from rovid.planar.dataset import PlanarData, PlanarRun
+from rovid.planar.dataset import PlanarData, PlanarRun, measured_axes, run_inputs, smooth_run
+from rovid.planar.equations import HEADING, NORTH, STATES, simulate_runs
 from rovid.planar.fit import is_yaw_alone
-from rovid.planar.integration import HEADING, NORTH, STATES, simulate_runs
+from rovid.planar.free_runs import PlanarMotion, estimated_start, simulate_planar
 from rovid.planar.model import AXIS_NAMES, PlanarModel
 from rovid.planar.reference import forces
-from rovid.planar.simulation import PlanarMotion, estimated_start, simulate_planar
-from rovid.planar.smoothing import measured_axes, run_inputs, smooth_run
 from rovid.trial.trial import Readings
 
 SENSOR_UNITS = {

@@ -13,8 +13,8 @@ from rovid.core.errors import DataError, RovidError
 from rovid.core.formatting import plus_minus, significant
 from rovid.effects.actuator_inputs import neutral_commands
 from rovid.estimate.estimate import Estimate
-from rovid.estimate.instrumental_variables import fit_regression
 from rovid.estimate.maximum_likelihood import fit_likelihood
+from rovid.estimate.output_error import fit_regression
 from rovid.preflight.clock_alignment import ClockOffsets
 from rovid.preflight.command_effects import ThrusterCheck
 from rovid.preflight.feedback_detection import SIGNIFICANCE_LEVEL, Feedback

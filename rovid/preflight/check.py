@@ -13,7 +13,7 @@ from rovid.core.errors import RovidError
 from rovid.estimate.inner_loop import InnerLoop, find_inner_loop, ordered_rate
 from rovid.faults.base import resolve
 from rovid.faults.catalogue import examine_runs
-from rovid.faults.response_delay import response_delay
+from rovid.faults.clocks_apart import response_delay
 from rovid.preflight.advice import Advice, advise
 from rovid.preflight.clock_alignment import SIGNIFICANT, ClockOffsets
 from rovid.preflight.clock_offsets import estimate_clock_offsets

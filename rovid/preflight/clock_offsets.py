@@ -22,13 +22,13 @@ from rovid.core.stats import chi2_sf
 from rovid.effects import Effect, effect_named
 from rovid.effects.base import ActuatorInputs, EffectParameter, OnTorque, Values
 from rovid.effects.clock_offset import mean_shifted
-from rovid.effects.per_trial import form_name
+from rovid.effects.further_terms import form_name
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.maximum_likelihood import INNOVATIONS_R2, fit_innovations
 from rovid.estimate.nested_fits import fit_with_effects
 from rovid.estimate.output_error import fit_output_error
-from rovid.faults.response_delay import coarse_delays
+from rovid.faults.clocks_apart import coarse_delays
 from rovid.preflight.clock_alignment import SIGNIFICANT, ClockAlignment, ClockOffset, ClockOffsets, align_clocks
 from rovid.preflight.raw_columns import RawColumn
 from rovid.readers.formats import all_channels, relative_name

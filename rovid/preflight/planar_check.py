@@ -13,8 +13,7 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import RovidError
 from rovid.core.formatting import plus_minus
-from rovid.planar.dataset import PlanarData, PlanarRun, planar_data
-from rovid.planar.smoothing import SmoothRun, measured_axes, sensor_noise, smooth_run
+from rovid.planar.dataset import PlanarData, PlanarRun, SmoothRun, measured_axes, planar_data, sensor_noise, smooth_run
 from rovid.preflight.advice import Advice
 from rovid.preflight.check import read_each_log, verdict_of
 from rovid.readers.campaign import examine_campaign

@@ -12,7 +12,7 @@ from rovid.core.formatting import plus_minus
 from rovid.effects import every_form
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.innovation_likelihood import InnovationLikelihood
-from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
+from rovid.estimate.multi_step import MultiStepLikelihood
 from rovid.model.parameter_names import effect_ids
 from rovid.store.parameter_file import Entry, Parameters, Provenance, Source, sha256
 from rovid.trial.axis import PLANAR

@@ -11,13 +11,13 @@ import numpy as np
 from rovid.core.budget import Budget, ProgressCallback
 from rovid.core.errors import ConfigError, suggestion
 from rovid.effects import FORMS, PLANAR_FORMS, Effect, effect_named
-from rovid.effects.stages import Actuating
+from rovid.effects.base import Actuating
 from rovid.estimate.candidate_runs import RunLimits
 from rovid.faults.catalogue import examine_runs
 from rovid.model.bound_effects import BoundEffect
-from rovid.planar.candidates import planar_candidates
 from rovid.planar.dataset import PlanarData, planar_data
 from rovid.planar.diagnosis import PlanarDiagnosis, diagnose_planar
+from rovid.planar.effect_fits import planar_candidates
 from rovid.planar.experiment import PlanarPlan, plan_planar
 from rovid.planar.fit import PlanarFit, fit_all_readings, fit_planar
 from rovid.planar.model import BASE_COUNT, PlanarModel, RudderModel

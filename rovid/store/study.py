@@ -19,14 +19,14 @@ from rovid.core.output_files import PLAN
 from rovid.diagnose.result import Diagnosis, Finding, ModelAssessment
 from rovid.diagnose.tables import TableDiagnosis, diagnose_tables
 from rovid.effects import Effect, forms_for
-from rovid.effects.per_trial import trials_in_form
+from rovid.effects.further_terms import trials_in_form
 from rovid.estimate.candidate_runs import RunLimits
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.experiment_design import ExperimentPlan, candidate_model, plan_experiment, require_thrusters
 from rovid.estimate.inertia import InertiaFit, fit_inertia, fit_inertia_table, rigid_body_warnings
 from rovid.estimate.inner_loop import find_inner_loop
-from rovid.estimate.instrumental_variables import Regression
 from rovid.estimate.maximum_likelihood import LikelihoodFit, fit_likelihood
+from rovid.estimate.output_error import Regression
 from rovid.estimate.steady_drag import DragFit, fit_drag
 from rovid.estimate.steady_points import points_from_table, steady_points
 from rovid.faults.catalogue import examine_runs
@@ -301,7 +301,7 @@ class Study:
             return Diagnosis(verdict="too_little_data", missing=from_tables.missing, from_tables=from_tables)
         if stopping(self.faults) and not force:
             return Diagnosis(verdict="bad_logs", missing=" ".join(fault_texts(stopping(self.faults))))
-        from rovid.diagnose.clock_rival import diagnose_logs
+        from rovid.diagnose.log_rivals import diagnose_logs
 
         diagnosis = diagnose_logs(self.runs, self.vehicle, report, budget)
         warnings = [*diagnosis.warnings]

@@ -53,7 +53,7 @@ class Past:
 
     time: FloatArray  #: (m,) s, increasing, all below 0.
     commands: FloatArray  #: (m, k), each held until the next instant.
-    #: Whether no log has these commands, and they are estimated from the motion; see `rovid.model.past`.
+    #: Whether no log has these commands, and they are estimated from the motion; see `rovid.model.ode`.
     estimated: bool = False
 
 

@@ -105,7 +105,7 @@ class Rudder:
     """A rudder of the coupled model: its command is its angle in rad, its force a function of the motion.
 
     The angle is positive with the trailing edge to starboard, which turns the bow of a vehicle to starboard if it moves
-    ahead and its rudder is aft. `rovid.planar.actuators` holds the equation.
+    ahead and its rudder is aft. `rovid.planar.model` holds the equation.
     """
 
     position: tuple[float, float]  #: m, x ahead and y to starboard of the origin.

@@ -12,7 +12,7 @@ from rovid.diagnose.selection import Selection
 from rovid.diagnose.stepwise import StepwiseSearch
 from rovid.effects import effect_named
 from rovid.estimate.fit_result import fit
-from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
+from rovid.estimate.multi_step import MultiStepLikelihood
 from tests import synthetic
 from tests.predictions import BIAS, biased
 

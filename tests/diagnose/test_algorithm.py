@@ -22,8 +22,8 @@ from rovid.diagnose.objectives import (
     screening_data,
     thin_for_waves,
 )
-from rovid.diagnose.rejection import Rejection, first_rejection
 from rovid.diagnose.result import Diagnosis
+from rovid.diagnose.validation import Rejection, first_rejection
 from rovid.diagnose.wave_test import WaveTest
 from rovid.effects import Effect, effect_named
 from rovid.estimate.filter_data import InnovationData

@@ -21,15 +21,14 @@ from rovid.diagnose.candidate_fits import (
     refine_fit,
     value_at_score,
 )
-from rovid.diagnose.score_test import Directions, ScoreTest
-from rovid.diagnose.shortlist import shortlist
+from rovid.diagnose.screening import Directions, ScoreTest, shortlist
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect, effect_named
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fisher_information import Innovations, NormalEquations
 from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.innovation_likelihood import InnovationLikelihood
-from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
+from rovid.estimate.multi_step import MultiStepLikelihood
 from rovid.estimate.objective import NegativeLogLikelihood
 from tests import synthetic
 from tests.predictions import BIAS, NOISE, TIME, TORQUE, biased

@@ -15,7 +15,7 @@ from rovid.diagnose.stepwise import StepwiseSearch
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect, bias_torque, effect_named
 from rovid.estimate.fit_result import FitResult, fit
-from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
+from rovid.estimate.multi_step import MultiStepLikelihood
 from tests import synthetic
 from tests.predictions import BIAS, biased
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rovid.diagnose.clock_rival import _without_offset
+from rovid.diagnose.log_rivals import _without_offset
 from rovid.diagnose.result import Diagnosis
 from rovid.effects import command_delay
 from rovid.effects.clock_offset import mean_shifted

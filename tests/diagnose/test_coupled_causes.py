@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rovid.diagnose.coupled_causes import coupled_causes, coupled_sentence
+from rovid.diagnose.log_rivals import coupled_causes, coupled_sentence
 from rovid.diagnose.result import Diagnosis, Finding
 from rovid.effects import effect_named
 from rovid.estimate.estimate import Estimate

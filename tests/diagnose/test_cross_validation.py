@@ -23,8 +23,7 @@ from rovid.diagnose.cross_validation import (
 from rovid.effects import effect_named
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult, fit
-from rovid.estimate.multi_step_data import MultiStepData
-from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
+from rovid.estimate.multi_step import MultiStepData, MultiStepLikelihood
 from rovid.model.model import Model
 from rovid.signals.preprocessing import Run
 from rovid.signals.rates import compute_rates

@@ -7,8 +7,14 @@ from dataclasses import replace
 import pytest
 
 from rovid.core.budget import Budget
-from rovid.diagnose.evidence import CANNOT_TELL, DEFINITIONS, Evidence, confirming_gain, grade
-from rovid.diagnose.posterior import probability_not_a_stand_in
+from rovid.diagnose.evidence import (
+    CANNOT_TELL,
+    DEFINITIONS,
+    Evidence,
+    confirming_gain,
+    grade,
+    probability_not_a_stand_in,
+)
 from rovid.diagnose.result import Diagnosis
 from rovid.diagnose.selection import Selection
 from rovid.diagnose.stepwise import StepwiseSearch

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rovid.diagnose import foreign_rival
-from rovid.diagnose.foreign_rival import diagnose_majority, few_logs
+from rovid.diagnose import log_rivals
+from rovid.diagnose.log_rivals import diagnose_majority, few_logs
 from rovid.diagnose.result import Diagnosis
 from rovid.effects import bias_torque, supply_sag
 from rovid.signals.preprocessing import PreparedRuns
@@ -52,7 +52,7 @@ def test_what_the_other_logs_do_not_show_is_not_established(
     def diagnosed(prepared: PreparedRuns, *_: object) -> Diagnosis:
         return every if len(prepared.items) == len(NAMES) else others
 
-    monkeypatch.setattr(foreign_rival, "diagnose", diagnosed)
+    monkeypatch.setattr(log_rivals, "diagnose", diagnosed)
     result = diagnose_majority(runs, VEHICLE, lambda _: None)
     if found_by_others:
         assert result is every

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from rovid.diagnose.formulas.effect_file import effect_of, effect_source, is_possible
-from rovid.diagnose.formulas.grammar import Factor, Grammar, Product, remembered
-from rovid.diagnose.formulas.regression import InnovationRegression
+from rovid.diagnose.formulas.grammar import Factor, Grammar, InnovationRegression, Product, remembered
 from rovid.effects import plugins
 from rovid.effects.base import Body, Instant, Term
 from tests.conftest import Rovid

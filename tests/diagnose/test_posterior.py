@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rovid.diagnose.candidate_fits import fit_coarse
-from rovid.diagnose.posterior import (
+from rovid.diagnose.evidence import (
     has_consistent_size,
     outlier_probability,
     posterior_probability,
@@ -20,8 +20,7 @@ from rovid.diagnose.posterior import (
 from rovid.diagnose.thresholds import ESTABLISHED, POSSIBLE
 from rovid.effects import effect_named
 from rovid.estimate.filter_data import InnovationData
-from rovid.estimate.multi_step_data import MultiStepData
-from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
+from rovid.estimate.multi_step import MultiStepData, MultiStepLikelihood
 from tests import synthetic
 from tests.predictions import TIME, fitted, records, weakened
 

@@ -8,17 +8,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rovid.diagnose import rejection
+from rovid.diagnose import validation
 from rovid.diagnose.algorithm import validate
 from rovid.diagnose.candidate_fits import Alternative
 from rovid.diagnose.cross_validation import HeldOutScores
-from rovid.diagnose.posterior import probability_not_a_stand_in
-from rovid.diagnose.rejection import first_rejection, raises_disturbance, simulates_worse
+from rovid.diagnose.evidence import probability_not_a_stand_in
 from rovid.diagnose.selection import Selection
 from rovid.diagnose.thresholds import THRESHOLDS
+from rovid.diagnose.validation import first_rejection, raises_disturbance, simulates_worse
 from rovid.effects import EffectParameter, effect_named
 from rovid.estimate.fit_result import FitResult, fit
-from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
+from rovid.estimate.multi_step import MultiStepLikelihood
 from tests.predictions import BIAS
 
 UNEQUAL = effect_named("thrust_asymmetry")
@@ -29,7 +29,7 @@ def passing(
 ) -> None:
     """Every effect has such a held-out gain, such a size in standard errors, and such a probability."""
     monkeypatch.setattr(Selection, "held_out_gain", lambda *_: gain)
-    monkeypatch.setattr(rejection, "significance", lambda *_: size)
+    monkeypatch.setattr(validation, "significance", lambda *_: size)
     monkeypatch.setattr(Selection, "probability", lambda *_: probability)
 
 
@@ -118,7 +118,7 @@ def test_an_effect_that_is_nothing_on_all_data_is_rejected(
     full = replace(selection.model)
     monkeypatch.setattr(Selection, "full_data", lambda *_: full)
     sizes = {id(selection.model): 10.0, id(full): 0.4}
-    monkeypatch.setattr(rejection, "significance", lambda fitted, _: sizes[id(fitted)])
+    monkeypatch.setattr(validation, "significance", lambda fitted, _: sizes[id(fitted)])
     assert reason_of(selection) == "differs from zero by only 0.4 standard errors on all data"
 
 
@@ -158,7 +158,7 @@ def test_no_parameter_may_be_at_the_limit_of_its_range(
     monkeypatch.setattr(FitResult, "effect_coordinates", lambda *_: np.array([size, 0.7]))
     full = replace(selection.model)
     monkeypatch.setattr(Selection, "full_data", lambda *_: full)
-    assert bool(rejection.at_bound_on_all_data(selection, late)) is fails
+    assert bool(validation.at_bound_on_all_data(selection, late)) is fails
 
 
 def with_growths(monkeypatch: pytest.MonkeyPatch, growths: dict[str, np.ndarray]) -> None:
@@ -172,8 +172,8 @@ def with_growths(monkeypatch: pytest.MonkeyPatch, growths: dict[str, np.ndarray]
         own = squares("rate", fitted)
         return HeldOutScores(log_likelihood=0.0, rate_r2=0.0, rate_rmse=0.0, rate_squares=own, position_errors={})
 
-    monkeypatch.setattr(rejection, "horizon_squares", lambda fitted, *_: squares("position", fitted))
-    monkeypatch.setattr(rejection, "simulate_folds", scores)
+    monkeypatch.setattr(validation, "horizon_squares", lambda fitted, *_: squares("position", fitted))
+    monkeypatch.setattr(validation, "simulate_folds", scores)
 
 
 @pytest.mark.parametrize("quantity", ["position", "rate"])
@@ -214,9 +214,9 @@ def test_chance_makes_held_out_errors_worse_at_the_stated_level(
 ) -> None:
     """Of effects that change nothing in the mean, one in twenty is rejected."""
     rng = np.random.default_rng(1)
-    monkeypatch.setattr(rejection, "THRESHOLDS", replace(THRESHOLDS, held_out_growth=0.0))
+    monkeypatch.setattr(validation, "THRESHOLDS", replace(THRESHOLDS, held_out_growth=0.0))
     without = np.ones((8, 1))
-    drawn = (rejection.certain_growth(np.exp(rng.normal(0.0, 0.2, (8, 1))), without) for _ in range(4000))
+    drawn = (validation.certain_growth(np.exp(rng.normal(0.0, 0.2, (8, 1))), without) for _ in range(4000))
     share = float(np.mean([growth > 0.0 for growth in drawn]))
     assert share == pytest.approx(THRESHOLDS.held_out_growth_level, abs=4.0 * math.sqrt(0.05 * 0.95 / 4000))
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rovid.core.array_types import FloatArray
-from rovid.diagnose.score_test import possible_substitutes, score_tests
+from rovid.diagnose.screening import possible_substitutes, score_tests
 from rovid.diagnose.stepwise import StepwiseSearch
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect, effect_named

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from rovid.diagnose.candidate_fits import bic_score, simplest_form
-from rovid.diagnose.search_progress import SearchStop
-from rovid.diagnose.stepwise import StepwiseSearch
+from rovid.diagnose.stepwise import SearchStop, StepwiseSearch
 from rovid.effects import effect_named
 from rovid.estimate.fit_result import FitResult, fit
-from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
+from rovid.estimate.multi_step import MultiStepLikelihood
 from tests.predictions import BIAS, biased
 
 CANDIDATES = [BIAS, effect_named("drag_curvature"), effect_named("thrust_asymmetry")]

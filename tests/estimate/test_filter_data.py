@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rovid.core.array_types import FloatArray
-from rovid.diagnose.score_test import score_tests
+from rovid.diagnose.screening import score_tests
 from rovid.effects import effect_named
 from rovid.estimate import filter_data
 from rovid.estimate.filter_data import InnovationData

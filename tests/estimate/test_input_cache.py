@@ -9,7 +9,7 @@ import pytest
 
 from rovid.effects import Effect, effect_named
 from rovid.estimate.input_cache import InputCache
-from rovid.model.command_series import CommandSeries
+from rovid.model.actuator_model import CommandSeries
 from rovid.model.torque_input import MAX_SUBDIVISION
 from rovid.signals.preprocessing import Run
 from tests import synthetic

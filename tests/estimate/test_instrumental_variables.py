@@ -9,8 +9,7 @@ import pytest
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
-from rovid.estimate.instrumental_variables import fit_regression
-from rovid.estimate.output_error import fit_output_error
+from rovid.estimate.output_error import fit_output_error, fit_regression
 from rovid.model.model import Model
 from rovid.signals.preprocessing import Run
 from tests.synthetic import ROSUB, clock, gauss_markov, run

@@ -11,8 +11,7 @@ from rovid.core.array_types import FloatArray
 from rovid.estimate.dataset import NOISE_FLOOR, time_constant
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import fit
-from rovid.estimate.multi_step_data import MultiStepData, prediction_errors
-from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
+from rovid.estimate.multi_step import MultiStepData, MultiStepLikelihood, prediction_errors
 from rovid.estimate.restart_grid import HORIZONS
 from rovid.model.model import Model
 from rovid.signals.rates import compute_rates

@@ -22,8 +22,7 @@ from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from rovid.estimate.maximum_likelihood import add_effects
-from rovid.estimate.multi_step_data import MultiStepData
-from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
+from rovid.estimate.multi_step import MultiStepData, MultiStepLikelihood
 from rovid.estimate.nested_fits import (
     DISTINGUISHABLE,
     covariance_of_optima,

@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rovid.diagnose.score_test import score_tests
+from rovid.diagnose.screening import score_tests
 from rovid.effects import effect_named
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fisher_information import NormalEquations, grouped_scores, jacobian_chunks
 from rovid.estimate.fit_result import fit
 from rovid.estimate.innovation_likelihood import InnovationLikelihood
-from rovid.estimate.multi_step_data import MultiStepData
-from rovid.estimate.multi_step_likelihood import MultiStepLikelihood
+from rovid.estimate.multi_step import MultiStepData, MultiStepLikelihood
 from tests import synthetic
 from tests.predictions import NOISE, TIME, TORQUE
 

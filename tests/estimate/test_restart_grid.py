@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rovid.estimate.filter_data import InnovationData
-from rovid.estimate.multi_step_data import MultiStepData
+from rovid.estimate.multi_step import MultiStepData
 from rovid.estimate.restart_grid import HORIZONS, GriddedRun, IntervalMeans, RestartGrid, Trajectory
 from tests import synthetic
 

@@ -11,7 +11,14 @@ import pytest
 from rovid.core.errors import DataError
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.inertia import fit_inertia, fit_inertia_table
-from rovid.estimate.sine_inertia import SineTrial, harmonic_balance, orbit_integral, peak_bias, peak_method, sine_trials
+from rovid.estimate.oscillation_tests import (
+    SineTrial,
+    harmonic_balance,
+    orbit_integral,
+    peak_bias,
+    peak_method,
+    sine_trials,
+)
 from rovid.model.model import Model
 from rovid.signals.preprocessing import Run
 from rovid.signals.rates import compute_rates

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rovid.core.errors import DataError
-from rovid.estimate.thrust_scale import ThrustScale, scale_from_lifts, scale_from_pulls, scale_from_step
+from rovid.estimate.thrust_curve import ThrustScale, scale_from_lifts, scale_from_pulls, scale_from_step
 
 TRUE, REFERENCE = 1.13, 0.01
 Made = Callable[[np.random.Generator], ThrustScale]

@@ -17,7 +17,7 @@ from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from rovid.estimate.parametrization import COMMON, DISTURBANCE, MEMORY, NOISE
 from rovid.estimate.unknown_past import water_warning
-from rovid.model.past import with_moved_past
+from rovid.model.ode import with_moved_past
 from rovid.model.reference import ExtendedKalmanFilter
 from rovid.model.reference import Noise as FilterNoise
 from rovid.signals.preprocessing import Run

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from rovid.faults.base import RunsData, examine
-from rovid.faults.clocks_apart import FAULT
-from rovid.faults.response_delay import response_delay
+from rovid.faults.clocks_apart import FAULT, response_delay
 from rovid.signals.preprocessing import Run
 from rovid.trial.fault import Fault, FaultOverrides
 from tests import synthetic

@@ -38,7 +38,7 @@ DIGESTS = """
 CHANGES = [
     # An equation is part of each step with effects, as is what it calls.
     ("effects/bias_torque.py", "return p[0]", "return -p[0]", {"step"}),
-    ("effects/stages.py", "* abs(rate) +", "* abs(rate) -", {"step"}),
+    ("effects/base.py", "* abs(rate) +", "* abs(rate) -", {"step"}),
     ("model/kernels/rk4.py", "2.0 * slopes[0]", "3.0 * slopes[0]", {"step", "bare"}),
     ("effects/base.py", "REFERENCE_RATE = 0.3", "REFERENCE_RATE = 0.4", {"step"}),
     ("effects/catalogue.py", '    "coulomb_resistance",\n', "", {"step"}),

@@ -12,7 +12,7 @@ import pytest
 from rovid.core.array_types import IntArray
 from rovid.effects import Effect
 from rovid.effects.actuator_inputs import SampleSelection
-from rovid.model.command_series import CommandSeries
+from rovid.model.actuator_model import CommandSeries
 from rovid.model.model import Model
 from rovid.trial.trial import Trial
 from tests.effects.test_effects import EVERY, VEHICLE, logs, numbers

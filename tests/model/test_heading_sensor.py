@@ -9,9 +9,9 @@ import pytest
 
 from rovid.effects import effect_named
 from rovid.estimate.filter_data import InnovationData
-from rovid.estimate.multi_step_data import MultiStepData, prediction_errors
+from rovid.estimate.multi_step import MultiStepData, prediction_errors
 from rovid.model.bound_effects import BoundEffect
-from rovid.model.heading_sensor import HeadingSensor
+from rovid.model.model import HeadingSensor
 from rovid.model.simulation import simulate_runs
 from rovid.model.torque_input import TorqueInput
 from rovid.signals.rates import compute_rates

@@ -22,8 +22,7 @@ from rovid.effects.base import TERM_PARAMETERS, TERM_STATES, Body, Instant, Numb
 from rovid.jit.simd import LANES, load, store, switch
 from rovid.model.bound_effects import BoundEffect, Equation, PackedTerms, pack_terms, stack_terms
 from rovid.model.kernels import SCRATCH_ROWS, ekf3_innovations, ekf5_innovations, predict_multi_step, simulate
-from rovid.model.kernels.effect_terms import call_sum_terms, taking_lanes
-from rovid.model.kernels.simd_io import load_body
+from rovid.model.kernels.effect_terms import call_sum_terms, load_body, taking_lanes
 from rovid.model.model import Model
 from rovid.model.torque_input import TorqueInput
 from tests.conftest import ROOT

@@ -12,7 +12,7 @@ from rovid.effects import Effect
 from rovid.effects.base import Actuating
 from rovid.model.kernels import simulate
 from rovid.model.model import Model
-from rovid.model.past import with_moved_past, with_past
+from rovid.model.ode import with_moved_past, with_past
 from rovid.trial.cutting import split
 from rovid.trial.trial import Trial
 from tests import synthetic

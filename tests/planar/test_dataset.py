@@ -13,7 +13,7 @@ from rovid.core.array_types import FloatArray
 from rovid.core.errors import ConfigError
 from rovid.effects.catalogue import effect_named
 from rovid.model.bound_effects import BoundEffect
-from rovid.planar.dataset import SENSORS
+from rovid.planar.model import SENSORS
 from rovid.trial.config import load_config, load_planar_config
 from tests.planar.campaign import CURVE, PORT_AND_STARBOARD, SIGNALS, Motion, read, stamps_of, write_campaign, write_log
 

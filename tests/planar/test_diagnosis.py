@@ -13,11 +13,10 @@ from rovid.core.budget import Budget
 from rovid.core.errors import DataError
 from rovid.effects import effect_named
 from rovid.estimate.fisher_information import Innovations, Jacobian
-from rovid.planar.chord_fit import Linearisation
 from rovid.planar.dataset import planar_data
 from rovid.planar.diagnosis import diagnose_planar
 from rovid.planar.fit import fit_base
-from rovid.planar.optimum import PlanarOptimum
+from rovid.planar.optimum import Linearisation, PlanarOptimum
 from rovid.planar.search import PlanarSearch
 from rovid.trial.trial import Campaign
 from tests.planar.vehicles import box_rov, campaign

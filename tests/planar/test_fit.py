@@ -15,7 +15,7 @@ from rovid.estimate.fisher_information import Innovations
 from rovid.estimate.maximum_likelihood import fit_likelihood
 from rovid.planar.dataset import PlanarData
 from rovid.planar.fit import PlanarFit, fit_base, fit_planar, planar_result
-from rovid.planar.free_run_fit import correlation_time, fit_free_runs
+from rovid.planar.free_runs import correlation_time, fit_free_runs
 from rovid.planar.likelihood import PlanarLikelihood
 from rovid.planar.model import BASE_NAMES
 from rovid.planar.optimum import PlanarOptimum

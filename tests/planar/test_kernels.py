@@ -9,8 +9,8 @@ from scipy.integrate import solve_ivp
 from rovid.core.array_types import FloatArray
 from rovid.effects import PLANAR_FORMS, effect_named
 from rovid.model.bound_effects import BoundEffect
-from rovid.planar import integration, kernels, reference
-from rovid.planar.model import PlanarModel, RudderModel, from_log_cholesky, log_cholesky
+from rovid.planar import equations, kernels, reference
+from rovid.planar.model import SENSORS, PlanarModel, RudderModel, from_log_cholesky, log_cholesky
 
 BASE = np.array([30.0, 45.0, 3.0, 2.0, 10.0, 20.0, 2.0, 15.0, 40.0, 4.0])
 SPEEDS = np.array([0.5, 0.3, 0.4])
@@ -61,8 +61,8 @@ def test_free_run_agrees_with_scipy(case: str) -> None:
     model, columns = case_model(case)
     time, inputs = np.arange(400) * 0.1, held_inputs(400, columns)
     start = np.array([0.3, 0.6, -0.05, 0.02, 1.0, 2.0])
-    states = np.zeros((400, integration.STATES))
-    integration.simulate_runs(np.array([0, 400]), time, inputs, start[None], SPEEDS, False, model.coefficients, states)
+    states = np.zeros((400, equations.STATES))
+    equations.simulate_runs(np.array([0, 400]), time, inputs, start[None], SPEEDS, False, model.coefficients, states)
     current = np.array(model.current)
     rotated = np.array([[np.cos(0.3), np.sin(0.3)], [-np.sin(0.3), np.cos(0.3)]]) @ current
 
@@ -94,11 +94,11 @@ def test_filter_agrees_with_the_reference(case: str) -> None:
     time, inputs = np.cumsum(rng.uniform(0.02, 0.1, count)), held_inputs(count, columns)
     start, start_std = np.array([0.3, 0.6, -0.05, 0.02, 1.0, 2.0]), np.full(3, 0.1)
     truth = reference.simulate(model, time, inputs, start)
-    motion = dict(zip(kernels.SENSORS, (truth[:, [0, 3, 1, 2, 4, 5]]).T, strict=True))
-    noise = dict(zip(kernels.SENSORS, (0.01, 0.02, 0.02, 0.03, 0.2, 0.3), strict=True))
+    motion = dict(zip(SENSORS, (truth[:, [0, 3, 1, 2, 4, 5]]).T, strict=True))
+    noise = dict(zip(SENSORS, (0.01, 0.02, 0.02, 0.03, 0.2, 0.3), strict=True))
     events: list[list[tuple[str, float]]] = []
     for k in range(count):
-        seen = [name for name in kernels.SENSORS if rng.uniform() < 0.4]
+        seen = [name for name in SENSORS if rng.uniform() < 0.4]
         events.append([(name, motion[name][k] + noise[name] * rng.normal()) for name in seen])
     disturbance = np.array([[2.0, 1.0, 0.3], [3.0, 2.0, 5.0]])
     expected = reference.filter_innovations(
@@ -106,10 +106,10 @@ def test_filter_agrees_with_the_reference(case: str) -> None:
     )
     numbers = np.concatenate((*disturbance, list(noise.values()), np.zeros(len(noise))))
     offsets = np.cumsum([0, *map(len, events)])
-    sensors = np.array([kernels.SENSORS.index(name) for each in events for name, _ in each])
+    sensors = np.array([SENSORS.index(name) for each in events for name, _ in each])
     values = np.array([value for each in events for _, value in each])
     error, variance = np.zeros((2, len(values)))
-    states = np.zeros((count, integration.STATES))
+    states = np.zeros((count, equations.STATES))
     stds = np.array([0.0, *start_std, 0.0, 0.0])
     grid = np.array([0, count]), time, inputs, offsets, sensors, values, start[None], stds[None], SPEEDS, False
     kernels.filter_runs(*grid, model.coefficients, numbers, error, variance, states)

@@ -4,7 +4,7 @@
 2. *Regress*: `regression` predicts the gain of every product of the grammar. Each pays for the length of its code.
 3. *Fit*: the best products become effects in the form of a plug-in, and are fitted with all other parameters by maximum
    likelihood. A second product is added if its gain pays for it.
-4. *Validate*: a formula passes the rules of `rovid.diagnose.rejection` that concern size and prediction. A formula
+4. *Validate*: a formula passes the rules of `rovid.diagnose.validation` that concern size and prediction. A formula
    next to the plain model also has to beat the causes of the diagnosis.
 """
 
@@ -23,14 +23,13 @@ from rovid.diagnose.algorithm import decide
 from rovid.diagnose.candidate_fits import bic_score, fit_from_best_start, is_plausible
 from rovid.diagnose.cross_validation import missing_data, simulate_folds, split_runs
 from rovid.diagnose.formulas.effect_file import effect_of, effect_source, is_possible, names_of
-from rovid.diagnose.formulas.grammar import Grammar, Product
-from rovid.diagnose.formulas.regression import InnovationRegression, inclusion, product_effects, regress
+from rovid.diagnose.formulas.grammar import Grammar, InnovationRegression, Product, inclusion, product_effects, regress
 from rovid.diagnose.objectives import SearchProblem, pose, preload, without_waves
-from rovid.diagnose.rejection import predicts_worse, raises_disturbance, simulates_worse, too_large, too_small
 from rovid.diagnose.selection import Selection
 from rovid.diagnose.signal_regressors import is_signal
 from rovid.diagnose.stated_selection import model_estimate
 from rovid.diagnose.thresholds import THRESHOLDS
+from rovid.diagnose.validation import predicts_worse, raises_disturbance, simulates_worse, too_large, too_small
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.fit_result import FitResult
 from rovid.estimate.output_error import fit_output_error

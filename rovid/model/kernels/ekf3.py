@@ -12,9 +12,16 @@ from rovid.effects.base import TERM_STATES
 from rovid.jit.decorators import njit_inline, njit_noalloc
 from rovid.jit.simd import LANES, broadcast, exp, extract, load, maximum, minimum, reduce_max, sqrt, store, traced
 from rovid.model.bound_effects import Equation
-from rovid.model.kernels.effect_terms import SCRATCH_ROWS
+from rovid.model.kernels.effect_terms import (
+    SCRATCH_ROWS,
+    clear_rows,
+    fill_rows,
+    gather,
+    gather_effect_inputs,
+    load_body,
+    store_column,
+)
 from rovid.model.kernels.rk4 import MAX_STEPS, drag_damping, drag_slopes, plain_step, rk4_step, state_substeps
-from rovid.model.kernels.simd_io import clear_rows, fill_rows, gather, gather_effect_inputs, load_body, store_column
 from rovid.model.kernels.warmup import warmed_up
 
 # Step of the covariance in shares of the shortest time constant: the transition of fourth order is then exact to 1e-4.

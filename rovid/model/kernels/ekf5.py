@@ -29,10 +29,18 @@ from rovid.model.kernels.covariance5 import (
     subtract_square,
     transition,
 )
-from rovid.model.kernels.effect_terms import SCRATCH_ROWS, call_sum_terms
+from rovid.model.kernels.effect_terms import (
+    SCRATCH_ROWS,
+    call_sum_terms,
+    clear_rows,
+    fill_rows,
+    gather,
+    gather_effect_inputs,
+    load_body,
+    store_column,
+)
 from rovid.model.kernels.ekf3 import SAME, filter_step_count, step_limits
 from rovid.model.kernels.rk4 import drag_slopes, plain_step, rk4_step, state_substeps
-from rovid.model.kernels.simd_io import clear_rows, fill_rows, gather, gather_effect_inputs, load_body, store_column
 from rovid.model.kernels.warmup import warmed_up
 
 # Step in shares of the shortest time constant: the transition of sixth order is then exact to 1e-4.

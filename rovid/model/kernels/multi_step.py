@@ -11,7 +11,15 @@ from rovid.effects.base import TERM_STATES, Body
 from rovid.jit.decorators import njit_noalloc
 from rovid.jit.simd import LANES, broadcast, extract, insert, maximum, nan_unless_below, reduce_max
 from rovid.model.bound_effects import Equation
-from rovid.model.kernels.effect_terms import SCRATCH_ROWS, call_sum_terms, reset_states
+from rovid.model.kernels.effect_terms import (
+    SCRATCH_ROWS,
+    broadcast_equation,
+    call_sum_terms,
+    clear_rows,
+    copy_rows,
+    gather,
+    reset_states,
+)
 from rovid.model.kernels.rk4 import (
     NODES,
     advance_states,
@@ -22,7 +30,6 @@ from rovid.model.kernels.rk4 import (
     step_count,
     wanted_steps,
 )
-from rovid.model.kernels.simd_io import broadcast_equation, clear_rows, copy_rows, gather
 from rovid.model.kernels.warmup import warmed_up
 
 # A prediction has diverged at so many times the largest measured rate.

@@ -16,8 +16,14 @@ from rovid.effects.base import TERM_STATES, Body
 from rovid.jit.decorators import njit_inline, njit_noalloc
 from rovid.jit.simd import LANES, broadcast, extract, insert, load, maximum, minimum, reduce_max, sqrt, store, traced
 from rovid.model.bound_effects import Equation
-from rovid.model.kernels.effect_terms import SCRATCH_ROWS, reset_states, sum_terms
-from rovid.model.kernels.simd_io import broadcast_equation, copy_rows, gather
+from rovid.model.kernels.effect_terms import (
+    SCRATCH_ROWS,
+    broadcast_equation,
+    copy_rows,
+    gather,
+    reset_states,
+    sum_terms,
+)
 
 # Nodes of stages two to four as shares of the step, and six times the weights of all four stages.
 NODES = (0.5, 0.5, 1.0)

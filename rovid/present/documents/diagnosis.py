@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 
 from rovid.compare.comparison import Comparison, CrossPrediction
-from rovid.diagnose.coupled_causes import coupled_causes
+from rovid.diagnose.log_rivals import coupled_causes
 from rovid.diagnose.result import (
     NEVER_IDENTIFIABLE,
     Diagnosis,

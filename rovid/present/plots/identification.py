@@ -12,10 +12,10 @@ from matplotlib.figure import Figure
 from rovid.core.array_types import FloatArray
 from rovid.core.stats import t_quantile
 from rovid.effects import restoring_effect
-from rovid.effects.restoring import regressors
+from rovid.effects.restoring_curve import regressors
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.inertia import InertiaFit
-from rovid.estimate.sine_inertia import SineTrial
+from rovid.estimate.oscillation_tests import SineTrial
 from rovid.estimate.steady_drag import DragFit
 from rovid.model.model import Model
 from rovid.present.number_format import arm_words, shorten_name, steady_state_words, unit_symbol

@@ -13,13 +13,12 @@ from rich.console import Console
 from rovid.core.formatting import plus_minus, rounded
 from rovid.estimate.estimate import PER_INERTIA
 from rovid.estimate.experiment_design import DECISIVE_LLR, ExperimentPlan
-from rovid.estimate.free_decay import FreeDecay, Quantity, analyse_free_decay
 from rovid.estimate.inertia import InertiaFit
 from rovid.estimate.isolability import SIZE_SHARE, IsolabilityMatrix, PairSeparation
 from rovid.estimate.maximum_likelihood import LikelihoodFit
+from rovid.estimate.oscillation_tests import FreeDecay, Quantity, analyse_free_decay
 from rovid.estimate.steady_drag import DragFit
-from rovid.estimate.thrust_curve import ThrustCurveFit
-from rovid.estimate.thrust_scale import ThrustScale
+from rovid.estimate.thrust_curve import ThrustCurveFit, ThrustScale
 from rovid.export.run_export import VerifiedExport
 from rovid.export.stability import Stability
 from rovid.preflight.config_writer import assumptions_in, log_count_text

@@ -1,39 +1,172 @@
-"""The clock as a rival of the causes: commands with stamps later than their action.
+"""Rivals of the causes of a diagnosis: the clock, a foreign log, and the coupled model.
 
 The clock of a joined file may be late, and a logger may write a command at the end of the interval in which it acted.
 `rovid.diagnose.objectives.pose` adds the clock offset to the candidates. Where the offset is established, the commands
 are moved by it and the diagnosis is repeated. Where it is possible, it is a fault that may act, and no cause.
+
+A log of another vehicle or payload passes for a cause with another size in each trial, or in one trial. Each size is
+compared with those of the other trials. Where one or two logs, and fewer than half, have nearly all of the differences,
+the diagnosis is repeated without these logs. If the cause is not established there, it is not established at all: the
+logs are set aside, and the cause is a suspect next to them.
+
+Some causes of a diagnosis of yaw are motion along surge and sway, which the coupled model explains.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import combinations
 
+import numpy as np
+
+from rovid.core.array_types import FloatArray
 from rovid.core.budget import Budget, ProgressCallback
 from rovid.core.formatting import plus_minus
+from rovid.diagnose.algorithm import diagnose
 from rovid.diagnose.candidate_fits import Challenger
-from rovid.diagnose.coupled_causes import coupled_sentence
-from rovid.diagnose.foreign_rival import diagnose_majority
 from rovid.diagnose.objectives import preload
 from rovid.diagnose.result import Diagnosis, Finding
 from rovid.diagnose.thresholds import THRESHOLDS
+from rovid.effects.actuator_inputs import SPEEDS
 from rovid.effects.clock_offset import CLOCKS_APART
+from rovid.effects.further_terms import trials_in_form
 from rovid.faults.base import named
 from rovid.signals.preprocessing import PreparedRuns, Run, prepare, shift_commands
 from rovid.signals.rates import highest_cutoff
+from rovid.trial.axis import YAW
 from rovid.trial.fault import Fault
-from rovid.trial.trial import Campaign
+from rovid.trial.trial import Campaign, Trial
 from rovid.trial.vehicle import Vehicle
 
+# Logs at least, of which a minority can be foreign; logs at most that are taken for foreign.
+_MIN_LOGS, _MOST_FOREIGN = 4, 2
+# Share of the differences (chi-square) that the other logs keep, below which the evidence comes from a few logs.
+_LEFT = 0.25
+# Effects of yaw that stand for motion along surge and sway, which the coupled model has as states.
+_OF_MOTION = ("sideslip_moment", "speed_dependent_damping")
+# Effects that slow motion along sway may imitate; they count next to one of the former alone.
+_IMITATED = ("wave_torque", "heading_dependent_torque")
+_POSITIONS = {"north", "east"}
 _LEAD = f"{CLOCKS_APART.id}.lead"
-# Share of the probability of a delay that is its own: the logs do not prefer a delay to a clock offset. Convention.
+# Share of the probability of a cause that is its own: the logs distinguish it from no clock offset, and no foreign log.
 _EVEN = 0.5
 # s; a longer delay of the drive is unlikely: bus, radio and controller take a tenth of it. Decision.
 _LONG_DELAY = 0.5
 # Effects that a clock offset between commands and motion resembles.
 _DELAYS = ("command_delay", "thruster_lag")
+
+
+def diagnose_majority(
+    prepared: PreparedRuns, vehicle: Vehicle, report: ProgressCallback, budget: Budget | None = None
+) -> Diagnosis:
+    """The diagnosis, in which no cause is established whose only evidence is that a few logs differ from the others."""
+    diagnosis = diagnose(prepared, vehicle, report, budget)
+    names = tuple(dict.fromkeys(run.trial.parent or run.trial.name for run in prepared.items))
+    doubted = [(finding, logs) for finding in diagnosis.findings if (logs := few_logs(finding, len(names)))]
+    if not doubted:
+        return diagnosis
+    remaining, remedy = diagnosis, "none"
+    few = dict.fromkeys(name for _, logs in doubted for name in logs)
+    if len(names) >= _MIN_LOGS and 2 * len(few) < len(names) and not (budget and budget.skips("foreign_log")):
+        report(f"Repeating the diagnosis without {' and '.join(few)} …")
+        kept = tuple(run for run in prepared.items if not {run.trial.parent, run.trial.name} & few.keys())
+        others = diagnose(replace(prepared, items=kept), vehicle, report, budget)
+        shown = {finding.effect.id for finding in others.findings}
+        doubted = [(finding, logs) for finding, logs in doubted if finding.effect.id not in shown]
+        if doubted and others.verdict != "too_little_data":
+            remaining, remedy = others, "set_aside"
+    for finding, logs in doubted:
+        findings = tuple(one for one in remaining.findings if one is not finding)
+        remaining = _with_suspect(replace(remaining, findings=findings), finding, _foreign_fault(finding, logs, remedy))
+    return remaining
+
+
+def few_logs(finding: Finding, count: int) -> tuple[str, ...]:
+    """The one or two of ``count`` logs that alone show a size of their own; empty if there are none, or more logs."""
+    names = trials_in_form(finding.effect.form)
+    if len(names) < 2 or count < _MIN_LOGS:
+        return names
+    sizes, covariance = _sizes(finding, len(names))
+    every = _differences(sizes, covariance, range(len(names)))
+    for few in range(1, _MOST_FOREIGN + 1):
+        if 2 * few >= len(names):
+            break
+        left = {
+            out: _differences(sizes, covariance, [at for at in range(len(names)) if at not in out])
+            for out in combinations(range(len(names)), few)
+        }
+        out = min(left, key=lambda each: left[each])
+        if left[out] < _LEFT * every:
+            return tuple(names[at] for at in out)
+    return ()
+
+
+def _sizes(finding: Finding, count: int) -> tuple[FloatArray, FloatArray]:
+    """(count,) sizes of the trials, and their covariance. The last size may follow from the mean of all, which is 1."""
+    estimate = finding.estimate
+    places = [estimate.names.index(f"{finding.effect.key}.{one.name}") for one in finding.effect.parameters[:count]]
+    values, covariance = estimate.values[places], estimate.covariance[np.ix_(places, places)]
+    if len(places) == count:
+        return values, covariance
+    added = np.vstack((np.eye(len(places)), -np.ones(len(places))))
+    return np.append(values, count - values.sum()), added @ covariance @ added.T
+
+
+def _differences(sizes: FloatArray, covariance: FloatArray, rows: Sequence[int]) -> float:
+    """Chi-square of the differences between the sizes of these ``rows``."""
+    contrast = np.eye(len(rows))[1:] - np.eye(len(rows))[0]
+    among = contrast @ covariance[np.ix_(rows, rows)] @ contrast.T
+    differences = contrast @ sizes[list(rows)]
+    return float(differences @ np.linalg.pinv(among, rcond=1e-12, hermitian=True) @ differences)
+
+
+def _with_suspect(diagnosis: Diagnosis, finding: Finding, fault: Fault) -> Diagnosis:
+    """``diagnosis`` with the ``finding`` as its first suspect, and the ``fault`` as the rival."""
+    suspect = replace(finding, probability=_EVEN * finding.probability)
+    verdict = "found" if diagnosis.findings else "suspected"
+    suspects = (suspect, *(one for one in diagnosis.suspects if one.effect.id != finding.effect.id))
+    return replace(diagnosis, verdict=verdict, suspects=suspects, faults=(*diagnosis.faults, fault))
+
+
+def _foreign_fault(finding: Finding, logs: tuple[str, ...], remedy: str) -> Fault:
+    belong = "does not belong" if len(logs) == 1 else "do not belong"
+    done = "It was set aside." if len(logs) == 1 else "They were set aside."
+    text = (
+        f"{named(logs)} {belong} to the other logs, or {finding.effect.title} acts there: the other logs alone do not "
+        f"show it. {done if remedy == 'set_aside' else 'Repeat these runs, and compare.'}"
+    )
+    return Fault(
+        fault="foreign_log",
+        logs=logs,
+        text=text,
+        confidence=_EVEN * finding.probability,
+        remedy="set_aside" if remedy == "set_aside" else "none",
+    )
+
+
+def coupled_causes(diagnosis: Diagnosis, trials: Iterable[Trial]) -> tuple[str, ...]:
+    """Ids of findings that the coupled model would explain; none if no speed or position is logged."""
+    every = list(trials)
+    logged = [set(trial.extras) | set(trial.readings) for trial in every]
+    if not every or any(trial.axis is not YAW for trial in every):
+        return ()
+    if not all(SPEEDS[1] in names or names >= _POSITIONS for names in logged):
+        return ()
+    found = [one.effect.id for one in diagnosis.findings]
+    if not any(name in _OF_MOTION for name in found):
+        return ()
+    return tuple(name for name in found if name in _OF_MOTION or name in _IMITATED)
+
+
+def coupled_sentence(diagnosis: Diagnosis, trials: Iterable[Trial]) -> str:
+    """Recommendation of the coupled model; empty where the diagnosis gives no reason for it."""
+    coupled, count = coupled_causes(diagnosis, trials), len(diagnosis.findings)
+    if not coupled:
+        return ""
+    share = f"{len(coupled)} of {count} causes are" if count > 1 else "The cause is"
+    return f"{share} motion along surge and sway: run `rovid diagnose --axes planar`, which fits it together with yaw."
 
 
 def diagnose_logs(
@@ -64,7 +197,7 @@ def _diagnose(prepared: PreparedRuns, vehicle: Vehicle, report: ProgressCallback
         return _without_offset(diagnosis, prepared.items)
     short = [run.trial.name for run in prepared.items if run.trial.duration <= 2.0 * lead]
     left_out = f" {named(short)} {'is' if len(short) == 1 else 'are'} too short for that: left out." if short else ""
-    fault = _fault(offset, prepared.items, f"The commands were moved by it.{left_out}")
+    fault = _offset_fault(offset, prepared.items, f"The commands were moved by it.{left_out}")
     trials = tuple(shift_commands(trial, -lead) for trial in long)
     corrected = prepare(
         Campaign(trials=trials, sources=()), vehicle, cutoff=min(prepared.cutoff, highest_cutoff(trials))
@@ -83,7 +216,7 @@ def _without_offset(diagnosis: Diagnosis, runs: Sequence[Run]) -> Diagnosis:
     every = [finding for finding in (*diagnosis.findings, *diagnosis.suspects) if finding.effect is not CLOCKS_APART]
     offset, faults = _clock_offset((*diagnosis.findings, *diagnosis.suspects)), list[Fault]()
     if offset is not None:
-        faults.append(_fault(offset, runs, "It may act."))
+        faults.append(_offset_fault(offset, runs, "It may act."))
     findings = [finding for finding in diagnosis.findings if finding in every]
     suspects = [finding for finding in diagnosis.suspects if finding in every]
     for delay in [
@@ -139,7 +272,7 @@ def _delay_fault(delay: Finding, runs: Sequence[Run]) -> Fault:
     )
 
 
-def _fault(offset: Finding, runs: Sequence[Run], done: str) -> Fault:
+def _offset_fault(offset: Finding, runs: Sequence[Run], done: str) -> Fault:
     lead, error = offset.estimate.value(_LEAD), offset.estimate.standard_error(_LEAD)
     joined = _joined(runs)
     text = f"The vehicle responds {plus_minus(lead, error)} s before its commands, which is impossible: "
