@@ -18,9 +18,12 @@ import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any, BinaryIO, Generic, NoReturn, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
 
 from rovid.core.threads import CORES_VARIABLE, core_count, thread_map
+
+if TYPE_CHECKING:  # Imported where it is used: most commands start no process.
+    from multiprocessing.connection import Connection
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -122,31 +125,27 @@ class ForkedCall(Generic[Result]):
     """
 
     def __init__(self, function: Callable[[], Result]) -> None:
+        from multiprocessing import Pipe
+
         self._child: int | None = None
-        self._pipe: BinaryIO | None = None
+        self._pipe: Connection | None = None
         if not can_fork():
             return
-        reads, writes = os.pipe()
-        try:
-            self._child = fork_process()
-        except OSError:
-            os.close(reads)
-            os.close(writes)
-            return
-        if self._child == 0:
-            os.close(reads)
-            self._run_in_child(function, writes)
-        os.close(writes)
-        self._pipe = os.fdopen(reads, "rb")
-
-    @staticmethod
-    def _run_in_child(function: Callable[[], object], writes: int) -> NoReturn:
-        try:
-            silence_child()
-            with os.fdopen(writes, "wb") as pipe:
-                pickle.dump(function(), pipe, protocol=pickle.HIGHEST_PROTOCOL)
-        finally:
-            os._exit(0)
+        reads, writes = Pipe(duplex=False)
+        with writes:
+            try:
+                self._child = fork_process()
+            except OSError:
+                reads.close()
+                return
+            if self._child == 0:
+                try:
+                    reads.close()
+                    silence_child()
+                    writes.send(function())
+                finally:
+                    os._exit(0)
+        self._pipe = reads
 
     @property
     def is_running(self) -> bool:
@@ -157,11 +156,10 @@ class ForkedCall(Generic[Result]):
         """Wait for the result."""
         if self._pipe is None:
             return None
-        data = self._pipe.read()
-        self.stop()
         result: Result | None = None
-        with contextlib.suppress(EOFError, pickle.UnpicklingError):
-            result = pickle.loads(data)  # noqa: S301 - written by a copy of this process
+        with contextlib.suppress(EOFError, OSError, pickle.UnpicklingError):
+            result = self._pipe.recv()
+        self.stop()
         return result
 
     def stop(self) -> None:
@@ -181,10 +179,11 @@ class ForkedCall(Generic[Result]):
 
 def _start_workers(count: int) -> list[int] | None:
     """Fork up to ``count`` workers: their process numbers, None in a worker."""
-    indices, connections, workers = os.pipe(), list[_Connection](), list[int]()
+    from multiprocessing import Pipe
+
+    indices, connections, workers = os.pipe(), list["Connection"](), list[int]()
     for _ in range(count):
-        to_parent, to_worker = os.pipe(), os.pipe()
-        ours, theirs = _Connection(to_parent[0], to_worker[1]), _Connection(to_worker[0], to_parent[1])
+        ours, theirs = Pipe()
         try:
             worker = fork_process()
         except OSError:
@@ -209,45 +208,13 @@ def _start_workers(count: int) -> list[int] | None:
     return workers
 
 
-@dataclass(frozen=True, eq=False)
-class _Connection:
-    """Pipe ends to and from another process. Each message is a pickled object behind its length in bytes."""
-
-    reads: int
-    writes: int
-
-    def send(self, message: object) -> None:
-        data = pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL)
-        with os.fdopen(self.writes, "wb", closefd=False) as pipe:
-            pipe.write(_INDEX.pack(len(data)) + data)
-
-    def receive(self) -> Any:
-        """The next message; `EOFError` if the other process has ended."""
-        (length,) = _INDEX.unpack(self._read(_INDEX.size))
-        return pickle.loads(self._read(length))  # noqa: S301 - written by a copy of this process
-
-    def _read(self, size: int) -> bytes:
-        """Exactly ``size`` bytes. A buffer would read ahead into the next message."""
-        data = bytearray()
-        while len(data) < size:
-            part = os.read(self.reads, size - len(data))
-            if not part:
-                raise EOFError
-            data += part
-        return bytes(data)
-
-    def close(self) -> None:
-        os.close(self.reads)
-        os.close(self.writes)
-
-
 @dataclass(eq=False)
 class _Team:
     """One process among those that share the items of a map."""
 
     indices: int  #: Pipe end from which every process reads the index of its next item.
     index_writer: int | None  #: Pipe end to which the first process writes all indices; None in a worker.
-    connections: Sequence[_Connection]  #: Those to the workers, or the one to the first process.
+    connections: Sequence[Connection]  #: Those to the workers, or the one to the first process.
     is_busy: bool = False  #: Whether this process is doing its part of a map.
     #: The environment's limit on cores before. In a team each process has one core.
     cores_before: str | None = field(default_factory=lambda: os.environ.get(CORES_VARIABLE))
@@ -281,7 +248,7 @@ class _Team:
         if self.index_writer is None:
             (first,) = self.connections
             try:
-                return bool(first.receive())
+                return bool(first.recv())
             except (OSError, EOFError):
                 os._exit(1)
         answer = question()
@@ -304,10 +271,10 @@ class _Team:
         if self.index_writer is None:
             (first,) = self.connections
             first.send(done)
-            done.update(first.receive())
+            done.update(first.recv())
             return
         for connection in self.connections:
-            done.update(connection.receive())
+            done.update(connection.recv())
         for connection in self.connections:
             connection.send(done)
 

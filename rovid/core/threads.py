@@ -30,17 +30,13 @@ def tune_process() -> None:
     gc.set_threshold(_GC_THRESHOLD)
     atexit.register(gc.freeze)
     if sys.platform == "linux":
-        _tune_malloc()
+        # Let glibc use one heap for all threads, and no heap for large arrays; by itself it raises that limit to 32 MB.
+        import ctypes
 
-
-def _tune_malloc() -> None:
-    """Let glibc use one heap for all threads, and no heap for large arrays; by itself it raises that limit to 32 MB."""
-    import ctypes
-
-    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
-    if mallopt is not None:
-        for parameter, value in ((_M_ARENA_MAX, 1), (_M_MMAP_THRESHOLD, _LARGE), (_M_TRIM_THRESHOLD, _LARGE)):
-            mallopt(parameter, value)
+        mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
+        if mallopt is not None:
+            for parameter, value in ((_M_ARENA_MAX, 1), (_M_MMAP_THRESHOLD, _LARGE), (_M_TRIM_THRESHOLD, _LARGE)):
+                mallopt(parameter, value)
 
 
 # Environment variable: how many cores this process may use, if it shares them with other processes of rovid.

@@ -70,7 +70,12 @@ def detect_feedback(trials: Sequence[Trial], vehicle: Vehicle) -> list[Feedback]
     """Significant feedback, one entry a log, and reversals at one position that may be those of a zigzag test."""
     results: dict[str, list[Feedback]] = {}
     for trial in trials:
-        effort = _effort(trial, vehicle)
+        # (n,) commanded torque in N m or force in N by linear thrust curves: a dead zone would hide small commands.
+        gains = []
+        for thruster in vehicle.thrusters:
+            curve = thruster.curve
+            gains.append(thruster.arm * (1.0 if curve is None else float(np.ptp(curve.thrust)) / curve.span))
+        effort = np.asarray(trial.commands @ np.array(gains))
         # A missing command makes the range NaN, and this condition false.
         if np.ptp(effort) > 0.0 and trial.measured.sum() >= _MIN_SAMPLES:
             for test in (_test_flow, _test_steps, _test_reversals):
@@ -90,15 +95,6 @@ def _combined(results: Sequence[Feedback]) -> list[Feedback]:
     alone = [result.chance for result in results]
     chances = np.where(np.less(alone, _LOG_LEVEL), np.minimum(alone, together), alone).tolist()
     return [replace(result, chance=chance) for result, chance in zip(results, chances, strict=True)]
-
-
-def _effort(trial: Trial, vehicle: Vehicle) -> FloatArray:
-    """(n,) commanded torque in N m or force in N by linear thrust curves: a dead zone would hide small commands."""
-    gains = []
-    for thruster in vehicle.thrusters:
-        curve = thruster.curve
-        gains.append(thruster.arm * (1.0 if curve is None else float(np.ptp(curve.thrust)) / curve.span))
-    return np.asarray(trial.commands @ np.array(gains))
 
 
 # ---- commands that change continuously
@@ -203,7 +199,14 @@ def _innovations(rate: FloatArray, command: FloatArray) -> FloatArray:
 
 
 def _test_steps(trial: Trial, effort: FloatArray) -> Feedback | None:
-    at = _step_rows(trial, effort)
+    # Rows of `trial.time` at which a new level begins.
+    span = float(np.ptp(effort))
+    changes = np.flatnonzero(np.abs(np.diff(effort)) > 1e-6 * span) + 1
+    # Thrusters change within a few samples. Longer sequences of changes are no step.
+    apart = np.flatnonzero(np.diff(trial.time[changes]) > _SIMULTANEOUS * trial.sampling_interval) + 1
+    bursts = [burst for burst in np.split(changes, apart) if 0 < len(burst) <= 3]
+    steps = [burst[-1] for burst in bursts if abs(effort[burst[-1]] - effort[burst[0] - 1]) > _STEP_SIZE * span]
+    at = np.array(steps, dtype=np.intp)
     if len(at) < _MIN_STEPS:
         return None
     instants = trial.time[at]
@@ -222,17 +225,6 @@ def _test_steps(trial: Trial, effort: FloatArray) -> Feedback | None:
         return None
     chance, share = _one_sided_f_test(own, motion / np.std(motion, axis=0), after)
     return Feedback(name=trial.name, seen_in="steps", chance=chance, share=share)
-
-
-def _step_rows(trial: Trial, effort: FloatArray) -> IntArray:
-    """Rows of ``trial.time`` at which a new level begins."""
-    span = float(np.ptp(effort))
-    changes = np.flatnonzero(np.abs(np.diff(effort)) > 1e-6 * span) + 1
-    # Thrusters change within a few samples. Longer sequences of changes are no step.
-    apart = np.flatnonzero(np.diff(trial.time[changes]) > _SIMULTANEOUS * trial.sampling_interval) + 1
-    bursts = [burst for burst in np.split(changes, apart) if 0 < len(burst) <= 3]
-    steps = [burst[-1] for burst in bursts if abs(effort[burst[-1]] - effort[burst[0] - 1]) > _STEP_SIZE * span]
-    return np.array(steps, dtype=np.intp)
 
 
 def _motion_before(trial: Trial, instants: FloatArray, window: float) -> tuple[FloatArray, FloatArray]:

@@ -5,7 +5,6 @@ Nothing is interpolated or smoothed. A value that is no measurement becomes NaN 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -248,7 +247,13 @@ def _find_frozen(samples: _Samples) -> BoolArray | None:
     if end and len(samples.angle) - end >= _STUCK_SAMPLES:
         around = _FROZEN_RATIO * _max_step_around(steps, end, len(steps))
         bad[end:] = abs(steps[end - 1]) > max(samples.min_jump, around)
-    for first, last in _still_runs(samples, moves):
+    # (first, last) index of each run of identical values that ends in a jump.
+    starts = np.concatenate(([0], moves + 1))[: len(moves)]
+    lengths = moves - starts + 1
+    limit = max(samples.kind.spike, samples.max_swing, 3.0 * samples.quantum)
+    jump = np.abs(samples.wrapped_steps[moves]) > limit
+    chosen = jump & ((lengths >= _STUCK_SAMPLES) | ((starts == 0) & (lengths > 1)))
+    for first, last in zip(starts[chosen].tolist(), moves[chosen].tolist(), strict=True):
         around = _FROZEN_RATIO * _max_step_around(steps, first, last)
         jump_out = abs(steps[last])
         jump_in = jump_out if first == 0 else abs(steps[first - 1])
@@ -258,16 +263,6 @@ def _find_frozen(samples: _Samples) -> BoolArray | None:
         elif length >= _FROZEN_SAMPLES and jump_out > around:
             bad[first + 1 : last + 1] = True  # The first value was measured.
     return bad
-
-
-def _still_runs(samples: _Samples, moves: IntArray) -> Iterator[tuple[int, int]]:
-    """(first, last) index of each run of identical values that ends in a jump."""
-    starts = np.concatenate(([0], moves + 1))[: len(moves)]
-    lengths = moves - starts + 1
-    limit = max(samples.kind.spike, samples.max_swing, 3.0 * samples.quantum)
-    jump = np.abs(samples.wrapped_steps[moves]) > limit
-    chosen = jump & ((lengths >= _STUCK_SAMPLES) | ((starts == 0) & (lengths > 1)))
-    return zip(starts[chosen].tolist(), moves[chosen].tolist(), strict=True)
 
 
 def _max_step_around(steps: FloatArray, first: int, last: int) -> float:

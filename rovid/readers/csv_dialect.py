@@ -204,7 +204,7 @@ def _header_lines(lines: list[str], wanted: Collection[str], path: Path) -> tupl
 
     @cache  # Most lines are data below the header, and are not split.
     def cells(at: int) -> list[str]:
-        return _best_split(lines[at])
+        return max((_split(lines[at], sign) for sign in _DELIMITERS), key=len)
 
     def have_data(rows: list[int]) -> bool:
         return all(_has_data(cells(at)) for at in rows)
@@ -229,11 +229,6 @@ def _has_data(cells: Sequence[str]) -> bool:
     """Whether a row holds a number or a time; next to text, 1 is the unit of a number without one."""
     known = set(filter(None, cells))
     return any(map(_DATUM.fullmatch, known - {"1"})) or known <= {"1"}
-
-
-def _best_split(line: str) -> list[str]:
-    """Cells of a line by the delimiter that gives most."""
-    return max((_split(line, sign) for sign in _DELIMITERS), key=len)
 
 
 def _has_content(line: str) -> bool:

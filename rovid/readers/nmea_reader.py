@@ -190,7 +190,9 @@ class _Text:
                 continue
             is_cut = False
             cells = body.split(b",")
-            address = _address(cells)
+            # Address of a sentence, or the word that follows the address of iXblue's own sentences.
+            own = cells[0] == b"PIXSE" and len(cells) > 1
+            address = cells[own].decode("ascii", "replace")
             kind = _kind(address)
             self._seen[address] += 1
             if kind in _TIMING:
@@ -268,12 +270,6 @@ def _lines(path: Path) -> Iterator[tuple[bytes, bool]]:
         while block := file.readline(_MAX_LINE):
             for line in block.splitlines(keepends=True):
                 yield line.rstrip(b"\r\n"), line.endswith((b"\r", b"\n"))
-
-
-def _address(cells: list[bytes]) -> str:
-    """Address of a sentence, or the word that follows the address of iXblue's own sentences."""
-    own = cells[0] == b"PIXSE" and len(cells) > 1
-    return cells[own].decode("ascii", "replace")
 
 
 def _kind(address: str) -> str:

@@ -150,7 +150,15 @@ class TelemetryLog:
 
     def _decoded(self, kind: Any, begins: array[int], ends: array[int]) -> dict[str, NDArray[Any]]:
         """Fields and arrival in us, without messages that have a wrong checksum."""
-        layout = _payload_layout(kind)
+        # Numpy type of the payload of a message; an array of numbers is one field.
+        letters = bytes(kind.native_format).decode().lstrip("<")
+        fields: list[Any] = []
+        for name, letter, count in zip(kind.ordered_fieldnames, letters, kind.array_lengths, strict=True):
+            if letter == "c":
+                fields.append((name, f"S{count or 1}"))
+            else:
+                fields.append((name, f"<{letter}", (count,) if count else ()))
+        layout = np.dtype(fields)
         extra = bytes([kind.crc_extra])
         checksum = self.dialect.x25crc
         stamps, payloads = array("Q"), bytearray()
@@ -184,15 +192,3 @@ def _frame_header(head: bytes) -> tuple[int, int, int, int]:
     if head[0] == _V1:
         return head[1] + _AROUND_V1, head[5], head[3], head[4]
     return 0, 0, 0, 0
-
-
-def _payload_layout(kind: Any) -> np.dtype[Any]:
-    """Numpy type of the payload of a message; an array of numbers is one field."""
-    letters = bytes(kind.native_format).decode().lstrip("<")
-    fields: list[Any] = []
-    for name, letter, count in zip(kind.ordered_fieldnames, letters, kind.array_lengths, strict=True):
-        if letter == "c":
-            fields.append((name, f"S{count or 1}"))
-        else:
-            fields.append((name, f"<{letter}", (count,) if count else ()))
-    return np.dtype(fields)

@@ -13,7 +13,6 @@ from rovid.core.errors import ConfigError, suggestion
 from rovid.effects import FORMS, PLANAR_FORMS, Effect, effect_named
 from rovid.effects.base import Actuating
 from rovid.estimate.candidate_runs import RunLimits
-from rovid.faults.catalogue import examine_runs
 from rovid.model.bound_effects import BoundEffect
 from rovid.planar.dataset import PlanarData, planar_data
 from rovid.planar.diagnosis import PlanarDiagnosis, diagnose_planar
@@ -24,9 +23,8 @@ from rovid.planar.model import BASE_COUNT, PlanarModel, RudderModel
 from rovid.planar.start_values import planar_rudders
 from rovid.planar.trial_simulation import PlanarTrialSimulation, simulate_planar_trials
 from rovid.readers import read_campaign
-from rovid.signals.preprocessing import prepare
 from rovid.store.parameter_file import OpenCombination, Parameters, Provenance
-from rovid.store.study import Study
+from rovid.store.study import Study, study_of
 from rovid.trial.config import find_config, load_planar_config
 from rovid.trial.fault import fault_texts, stopping
 from rovid.trial.vehicle import Vehicle
@@ -192,19 +190,7 @@ def open_planar_study(paths: Sequence[Path], report: ProgressCallback = lambda _
     """
     config = load_planar_config(find_config(paths))
     campaign = read_campaign(paths, config, report)
-    vehicle = config.vehicle.with_logged_torque(campaign.trials)
-    if stopping(campaign.faults):
-        vehicle = vehicle.clamped()  # Commands of another unit than the curve are outside it.
-    runs = prepare(campaign, vehicle, cutoff=None)
-    items, faults = examine_runs(runs.items, vehicle, config.faults)
-    campaign = replace(campaign, trials=tuple(run.trial for run in items))
-    logs = Study(
-        paths=tuple(paths),
-        vehicle=vehicle,
-        campaign=campaign,
-        runs=replace(runs, items=items),
-        faults=(*campaign.faults, *faults),
-        overrides=config.faults,
-        settings=config.fingerprint,
-    )
-    return PlanarStudy(logs=logs, data=planar_data(campaign, vehicle))
+    logs = study_of(campaign, config, planar=True)
+    trials = () if logs.runs is None else tuple(run.trial for run in logs.runs.items)
+    campaign = replace(campaign, trials=trials)
+    return PlanarStudy(logs=replace(logs, campaign=campaign), data=planar_data(campaign, logs.vehicle))

@@ -376,13 +376,13 @@ def open_study(
     return study_of(read_campaign(paths, config, report, reading=reading, without=without), config, cutoff=cutoff)
 
 
-def study_of(campaign: Campaign, config: Config, *, cutoff: float | None = None) -> Study:
-    """The study of a ``campaign`` that was read with ``config``; see `open_study`."""
+def study_of(campaign: Campaign, config: Config, *, cutoff: float | None = None, planar: bool = False) -> Study:
+    """The study of a ``campaign`` that was read with ``config``; see `open_study`, and `open_planar_study`."""
     vehicle = config.vehicle.with_logged_torque(campaign.trials)
     if stopping(campaign.faults):
         vehicle = vehicle.clamped()  # Commands of another unit than the curve are outside it.
     runs = prepare(campaign, vehicle, cutoff=cutoff)
-    if (loop := find_inner_loop(runs.items, config)) is not None:
+    if not planar and (loop := find_inner_loop(runs.items, config)) is not None:
         raise loop.error
     items, faults = examine_runs(runs.items, vehicle, config.faults)
     return Study(
