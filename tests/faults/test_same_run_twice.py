@@ -24,7 +24,7 @@ from tests.readers.logs import (
     to_ns,
     turning,
 )
-from tests.readers.test_discover import log, names
+from tests.readers.test_formats import log, names
 from tests.synthetic import LOGGED
 
 

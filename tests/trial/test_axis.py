@@ -1,4 +1,4 @@
-"""What the degrees of freedom are called, and which of them a rovid.toml is about."""
+"""Degrees of freedom and the signals that measure them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 import pytest
 
 from rovid.core.errors import ConfigError
-from rovid.trial.axis import AXES, YAW, axis_named, other_axes
+from rovid.trial.axis import AXES, YAW, axis_named, name_words, other_axes
 
 
 def test_units_of_a_straight_axis_lose_their_metres_and_radians() -> None:
@@ -44,3 +44,18 @@ def test_an_axis_that_there_is_not_is_refused_with_those_there_are() -> None:
 )
 def test_the_axes_that_a_rovid_toml_is_about(signals: list[str], keys: list[str], axes: list[str]) -> None:
     assert other_axes(signals, keys) == axes
+
+
+@pytest.mark.parametrize(
+    ("source", "found"),
+    [
+        ("/phins/heading.data", {"phins", "heading", "data"}),
+        ("yawRate_dps", {"yaw", "rate", "dps"}),
+        ("RCOU.C1", {"rcou", "c", "1"}),
+        ("IMUTemp", {"imu", "temp"}),
+        ("Höhe über Grund", {"höhe", "über", "grund"}),
+        ("___", set()),
+    ],
+)
+def test_words_end_where_a_reader_sees_them_end(source: str, found: set[str]) -> None:
+    assert name_words(source) == found
