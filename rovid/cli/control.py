@@ -25,6 +25,8 @@ PAGE = Page(
     Prints gains, stability margins with their spread over the parameters' uncertainty, and closed-loop simulations with
     and without the effects in the file. --c and --python write the controller as source code.
 
+    --law gives the gains of an autopilot's own heading loop, as its parameters, judged by the same margins.
+
     Use it to find gains or to judge your own. The damping ratio refers to the identified yaw inertia. Yaw only. A
     parameter file that is out of date is refused. One that depends on guessed arms or thrust curves is refused without
     --force.
@@ -32,7 +34,7 @@ PAGE = Page(
     examples=(
         ("Gains, margins and simulations for the identified vehicle", "rovid control"),
         ("Judge your own gains, with a step from 0 to 45 deg", "rovid control --kp 100 --kd 710 --step 0:45"),
-        ("A controller at 5 Hz with 0.3 s of delay", "rovid control --period 0.2 --delay 0.3"),
+        ("Gains of ArduSub, as its parameters", "rovid control --law ardusub"),
         ("As source code", "rovid control --c heading.c --python heading.py"),
     ),
     see=("rovid fit", "rovid export", "rovid help control"),
@@ -60,6 +62,14 @@ def control(
         float | None,
         option("S", "Time constant of the low-pass filter of the rate in s. Default: chosen by the design."),
     ] = None,
+    law: Annotated[
+        str,
+        option(
+            "NAME",
+            "Control law: model, or the heading loop of an autopilot: ardusub, ardurover (PID on the yaw rate, with "
+            "filters) or px4 (PD).",
+        ),
+    ] = "model",
     step: Annotated[
         list[str] | None, option("FROM:TO", "Simulate one more heading step, in deg, as 350:40. Repeatable.")
     ] = None,
@@ -72,9 +82,10 @@ def control(
 ) -> None:
     """Design a heading controller."""
     add_effects(effects_from)
-    from rovid.control.control_law import c_source, python_source
+    from rovid.control.control_law import ControlLaw, c_source, python_source
     from rovid.control.design import design_controller
     from rovid.control.specs import ControllerOptions, loop_conditions
+    from rovid.core.errors import ConfigError
     from rovid.core.output_files import C_SOURCE, PYTHON_SOURCE, OutputFile
     from rovid.present.console import show_caution, show_warnings
     from rovid.present.documents.results import control_document
@@ -89,8 +100,11 @@ def control(
         period=period,
         delay=delay,
         rate_filter=rate_filter,
+        law=law,
         steps=tuple(step or ()),
     )
+    if law != "model" and (c or python):
+        raise ConfigError(f"is {law}; --c and --python write the model-aided law alone.", where="--law")
     stored = yaw_parameters(parameters)
     model = stored.model()
     paths = logs or stored_logs(stored)
@@ -106,7 +120,7 @@ def control(
     conditions = loop_conditions(options, model, study.position_noise(), study.median_torque())
     with progress("Simulating the closed loop …"):
         result = design_controller(stored, study.vehicle, conditions, options)
-    if generators:
+    if generators and isinstance(result.law, ControlLaw):
         outputs.write({output: source(result.law, assumptions) for output, source in generators.items()})
     warnings = [*fault_texts(study.faults), *study.remarks(), *remarks]
     if json:

@@ -34,6 +34,7 @@ class Allocation:
     torque: FloatArray
     commands: FloatArray
     limited: bool  #: Whether a bench curve limits the torque.
+    inverse: bool = True  #: Whether the commands exert ``torque``; else only a nominal torque.
 
     @property
     def lowest(self) -> float:
@@ -75,15 +76,19 @@ def _one_way(vehicle: Vehicle, model: Model, sign: float) -> tuple[FloatArray, F
         edge, end = where.dead_zone[at][side], thruster.curve.command[-side]
         columns.append(edge + share * (end - edge))
     commands = np.column_stack(columns)
-    # A trial of its own for each level.
-    trials = ActuatorInputs.concatenated([where] * _LEVELS)
-    series = CommandSeries(vehicle, trials, np.repeat(commands, 2, axis=0))
-    torque = np.maximum.accumulate(np.maximum(sign * model.actuators.torque_inputs(series).torque[::2], 0.0))
+    torque = np.maximum.accumulate(np.maximum(sign * command_torque(vehicle, model, commands), 0.0))
     # Among commands with equal torque the largest one, and at the top the smallest one.
     keep = np.append(np.diff(torque) > 0.0, False) | (np.arange(_LEVELS) == np.searchsorted(torque, torque[-1]))
     torque, commands = torque[keep], commands[keep]
     torque[0] = max(torque[0], _TINY * torque[-1])
     return torque, commands
+
+
+def command_torque(vehicle: Vehicle, model: Model, commands: FloatArray) -> FloatArray:
+    """(m,) torque in N m at the beginning of a trial with each of (m, k) ``commands``."""
+    trials = ActuatorInputs.concatenated([bare_inputs(vehicle, np.array([0.0, 1.0]))] * len(commands))
+    series = CommandSeries(vehicle, trials, np.repeat(commands, 2, axis=0))
+    return model.actuators.torque_inputs(series).torque[::2]
 
 
 def bare_inputs(vehicle: Vehicle, time: FloatArray, parts: int = 1) -> ActuatorInputs:
@@ -116,7 +121,7 @@ class ActuatorProbe:
         DataError
             An effect acts between command and torque, and the thrusters turn the vehicle one way only.
         """
-        if model.actuators.is_plain:
+        if model.actuators.is_plain and self.allocation.inverse:
             return self.frequencies, np.ones(_FREQUENCIES, dtype=np.complex128)
         series, readings = self._sines
         torque = model.actuators.torque_inputs(series).torque

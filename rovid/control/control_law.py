@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rovid import __version__
-from rovid.core.array_types import FloatArray
+from rovid.core.array_types import ComplexArray, FloatArray
 from rovid.effects import term_effect
 from rovid.effects.base import TERM_STATES, Instant, Term
 from rovid.model.model import Model
@@ -20,6 +20,8 @@ from rovid.trial.assumptions import Assumptions
 
 # Shapes of torques at rest in the catalogue: constant, odd in the turned angle, once and twice a turn.
 NO_STATIC_TERMS = (0.0,) * 7
+# rad, step of the central difference of the torque at rest.
+_DIFFERENCE = 1e-4
 _TURNS = np.linspace(-2.0, 2.0, 97) * 2.0 * math.pi
 
 
@@ -65,6 +67,24 @@ class ControlLaw:
         if self.rate_filter <= 0.0:
             return 1.0
         return -math.expm1(-self.period / self.rate_filter)
+
+    @property
+    def lag(self) -> float:
+        """Lag in s at low frequency: hold and difference of headings take half a period each."""
+        return self.period + self.rate_filter
+
+    def noise(self, heading_noise: float) -> float:
+        """Standard deviation in N m of the torque by the filtered rate under white ``heading_noise`` in rad."""
+        return self.kd * heading_noise * self.blend / self.period * math.sqrt(2.0 / (2.0 - self.blend))
+
+    def feedback(self, frequency: FloatArray) -> tuple[ComplexArray, float]:
+        """(f,) negative wanted torque per heading, and per yaw rate, which is not measured."""
+        back = np.exp(-1j * frequency * self.period)
+        rate = self.blend * (1.0 - back) / self.period / (1.0 - (1.0 - self.blend) * back)
+        # Slope of the compensation of torques at rest.
+        change = self.static_torque(_DIFFERENCE, _DIFFERENCE) - self.static_torque(-_DIFFERENCE, -_DIFFERENCE)
+        slope = change / (2.0 * _DIFFERENCE)
+        return np.asarray(self.kp - slope + (self.kd - self.linear_drag) * rate), 0.0
 
     @staticmethod
     def initial_state(heading: float) -> ControllerState:

@@ -6,10 +6,21 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from rovid.control.actuators import ActuatorProbe, Allocation, allocate, one_way_only
+from rovid.control.autopilot import (
+    AUTOPILOTS,
+    NOISE_SHARE,
+    SATURATING_ERROR,
+    AutopilotLaw,
+    autopilot_loop,
+    autopilot_parameters,
+    constant_gains,
+    default_gains,
+)
 from rovid.control.closed_loop import ClosedLoop, ClosedLoopRun, Plant, simulate_loops
 from rovid.control.control_law import NO_STATIC_TERMS, ControlLaw, static_terms_of
 from rovid.control.specs import WAVE_PERIOD, ControllerOptions, HeadingManoeuvre, LoopConditions, standard_manoeuvres
@@ -33,8 +44,6 @@ from rovid.trial.vehicle import Thruster, Vehicle
 _DISTURBANCE = 0.02
 # Time constant of the rate filter: product with the bandwidth, and minimum in sampling periods.
 _FILTER_SHARE, _FILTER_PERIODS = 0.05, 2.0
-# rad, heading error that may saturate the thrusters; torque due to noise relative to the torque in use.
-_SATURATING_ERROR, _NOISE_SHARE = 0.2, 0.1
 # Number of models drawn from the covariance.
 _DRAWS = 60
 # Length of a run in time constants of the slower closed-loop mode, and at least in s.
@@ -71,7 +80,7 @@ class MarginSpread:
 class ControllerDesign:
     """A controller with the properties of its loop."""
 
-    law: ControlLaw  #: With full model aid.
+    law: ControlLaw | AutopilotLaw  #: With full model aid, or of an autopilot.
     model: Model
     conditions: LoopConditions
     allocation: Allocation
@@ -81,7 +90,15 @@ class ControllerDesign:
     lag: float  #: s, total delay of the loop at the crossover frequency.
     margins: Margins
     spread: MarginSpread | None
-    runs: tuple[ClosedLoopResult, ...]
+    runs: tuple[ClosedLoopResult, ...]  #: Empty for an autopilot.
+    autopilot: str = ""  #: One of `AUTOPILOTS`; empty for the model-aided law.
+
+    @property
+    def autopilot_parameters(self) -> dict[str, float]:
+        """Parameters of the autopilot by its names; empty for the model-aided law."""
+        if not isinstance(self.law, AutopilotLaw):
+            return {}
+        return autopilot_parameters(AUTOPILOTS[self.autopilot], self.law)
 
 
 def design_controller(
@@ -94,21 +111,41 @@ def design_controller(
     DataError
         No bandwidth has sufficient margins, or the thrusters cannot turn the vehicle both ways.
     """
-    model = parameters.model()
+    model, autopilot = parameters.model(), AUTOPILOTS.get(options.law)
+    if not vehicle.thrusters and autopilot is not None:
+        raise DataError(
+            "without thrusters the torque of an autopilot's full output is not known.",
+            where="--law",
+            mend="Give logs with thrusters and their curves, or leave --law out.",
+        )
     if not vehicle.thrusters:
         # Results from tables know no thrusters: the torque itself is commanded.
         vehicle = replace(vehicle, thrusters=(Thruster(name="torque", arm=1.0, curve=None),))
-    allocation = allocate(vehicle, model)
     kp, kd, bandwidth = options.kp, options.kd, options.bandwidth
-    if kp is None or kd is None:
-        bandwidth = bandwidth or choose_bandwidth(model, vehicle, allocation, conditions, options.damping)
-        kp, kd = pd_gains(model.inertia, options.damping, bandwidth)
-    law = control_law(model, allocation, conditions, kp, kd)
-    loop = open_loop(law, model, vehicle, allocation, conditions)
+    runs: list[ClosedLoopResult] = []
+    law: ControlLaw | AutopilotLaw
+    if autopilot is not None:
+        gains_of = default_gains(model, options.damping)
+        if kp is not None and kd is not None:
+            gains_of, bandwidth = constant_gains(kp, kd), math.sqrt(kp / model.inertia)
+        law, loop, probe = autopilot_loop(model, vehicle, conditions, autopilot, gains_of, bandwidth)
+        allocation = probe.allocation
+    else:
+        allocation = allocate(vehicle, model)
+        if kp is None or kd is None:
+            bandwidth = bandwidth or choose_bandwidth(model, vehicle, allocation, conditions, options.damping)
+            kp, kd = pd_gains(model.inertia, options.damping, bandwidth)
+        law = control_law(model, allocation, conditions, kp, kd)
+        loop, probe = (
+            open_loop(law, model, vehicle, allocation, conditions),
+            _probe(model, vehicle, allocation, conditions),
+        )
+        manoeuvres = standard_manoeuvres(options.parsed_steps(), conditions.torque_in_use)
+        runs = closed_runs(law, model, vehicle, allocation, conditions, manoeuvres)
     margins = loop.margins()
-    manoeuvres = standard_manoeuvres(options.parsed_steps(), conditions.torque_in_use)
     return ControllerDesign(
         law=law,
+        autopilot="" if autopilot is None else options.law,
         model=model,
         conditions=conditions,
         allocation=allocation,
@@ -116,8 +153,8 @@ def design_controller(
         bandwidth=math.sqrt(law.kp / model.inertia),
         lag=loop.total_lag(margins.crossover),
         margins=margins,
-        spread=_margin_spread(loop, parameters, vehicle, allocation, conditions),
-        runs=tuple(closed_runs(law, model, vehicle, allocation, conditions, manoeuvres)),
+        spread=_margin_spread(loop, parameters, probe, model.steady_rate(conditions.torque_in_use)),
+        runs=tuple(runs),
     )
 
 
@@ -183,10 +220,9 @@ def choose_bandwidth(
         kp, kd = pd_gains(model.inertia, damping, bandwidth)
         return control_law(model, allocation, conditions, kp, kd)
 
-    limit = math.sqrt(capacity / _SATURATING_ERROR / model.inertia)
+    limit = math.sqrt(capacity / SATURATING_ERROR / model.inertia)
     for bandwidth in BANDWIDTHS.tolist():
-        law = law_at(bandwidth)
-        if law.kd * rate_noise(law, conditions.heading_noise) > _NOISE_SHARE * conditions.torque_in_use:
+        if law_at(bandwidth).noise(conditions.heading_noise) > NOISE_SHARE * conditions.torque_in_use:
             limit = min(limit, bandwidth)
             break
     # Motion and actuators do not depend on the gains.
@@ -194,31 +230,21 @@ def choose_bandwidth(
     return largest_bandwidth(lambda bandwidth: replace(template, law=law_at(bandwidth)), limit)
 
 
-def rate_noise(law: ControlLaw, heading_noise: float) -> float:
-    """Standard deviation in rad/s of the filtered rate under white ``heading_noise`` in rad."""
-    return heading_noise * law.blend / law.period * math.sqrt(2.0 / (2.0 - law.blend))
-
-
-def _margin_spread(
-    loop: OpenLoop, parameters: Parameters, vehicle: Vehicle, allocation: Allocation, conditions: LoopConditions
-) -> MarginSpread | None:
+def _margin_spread(loop: OpenLoop, parameters: Parameters, probe: ActuatorProbe, fastest: float) -> MarginSpread | None:
     """Monte Carlo over the covariance of the parameters with the controller fixed; None without a covariance."""
     if not any(value > 0.0 for value in parameters.covariance.values()):
         return None
-    best = parameters.model()
-    probe, fastest = _probe(best, vehicle, allocation, conditions), best.steady_rate(conditions.torque_in_use)
     margins = []
     for model in sample_models(parameters, _DRAWS, seed=0):
         drawn = replace(loop, motion=linearise(model, fastest), actuators=probe.frequency_response(model))
         margins.append(drawn.margins())
-    return MarginSpread(
-        draws=len(margins),
-        stable=float(np.mean([one.stable for one in margins])),
-        gain_db=float(np.percentile([one.gain_db for one in margins], 5.0)),
-        phase_deg=float(np.percentile([one.phase_deg for one in margins], 5.0)),
-        delay_s=float(np.percentile([one.delay_s for one in margins], 5.0)),
-        sensitivity_peak=float(np.percentile([one.sensitivity_peak for one in margins], 95.0)),
-    )
+    bounds = {}
+    for name, share in (("gain_db", 0.05), ("phase_deg", 0.05), ("delay_s", 0.05), ("sensitivity_peak", 0.95)):
+        values = np.array([getattr(one, name) for one in margins])
+        # Between two infinite margins there is nothing to interpolate.
+        method: Literal["linear", "lower"] = "linear" if np.all(np.isfinite(values)) else "lower"
+        bounds[name] = float(np.quantile(values, share, method=method))
+    return MarginSpread(draws=len(margins), stable=float(np.mean([one.stable for one in margins])), **bounds)
 
 
 # ---- closed-loop runs

@@ -8,9 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rovid.core.errors import ConfigError
+from rovid.core.errors import ConfigError, suggestion
 from rovid.model.model import Model
 
+# Names of `rovid control --law`.
+LAWS = ("model", "ardusub", "ardurover", "px4")
 WAVE_PERIOD = 8.0  # s
 # Without logs: rad, heading noise of the paper's instrument; rad/s, rate whose drag is the torque in use.
 _HEADING_NOISE, _RATE_IN_USE = math.radians(0.01), 0.15
@@ -35,6 +37,7 @@ class ControllerOptions:
     period: float = 0.1
     delay: float = 0.0
     rate_filter: float | None = None
+    law: str = "model"  #: Model-aided PD, or an autopilot of `rovid.control.autopilot.AUTOPILOTS`.
     steps: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -49,6 +52,14 @@ class ControllerOptions:
             raise ConfigError("needs the other gain too.", where="--kp" if self.kd is None else "--kd")
         if self.kp is not None and self.bandwidth is not None:
             raise ConfigError("contradicts --kp and --kd.", where="--bandwidth", mend="Leave one out.")
+        if self.law not in LAWS:
+            raise ConfigError(f"is {self.law!r}. {suggestion(self.law, LAWS)}", where="--law")
+        if self.law != LAWS[0] and (self.steps or self.rate_filter is not None):
+            raise ConfigError(
+                "is for the model-aided law; an autopilot has its own rate.",
+                where="--step" if self.steps else "--rate-filter",
+                mend="Leave it out.",
+            )
         self.parsed_steps()
 
     def parsed_steps(self) -> list[tuple[float, float]]:

@@ -5,20 +5,23 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
-from rovid.control.control_law import ControlLaw, effect_torque
+from rovid.control.control_law import effect_torque
 from rovid.core.array_types import ComplexArray, FloatArray
 from rovid.core.errors import DataError
 from rovid.effects.base import TERM_STATES
 from rovid.model.model import Model
 from rovid.store.parameter_file import Parameters
 
-# Number of frequencies of the open loop.
-_FREQUENCIES = 1200
+# Number of frequencies of the open loop, and the largest lowest one in rad/s.
+_FREQUENCIES, _LOWEST = 1200, 3e-4
 # Multiples of the sampling frequency for aliasing in the sampled plant, whose response falls with the cube.
 _ALIASES = np.arange(-15, 16)
+# rad, phase from -180 degrees that counts as -180 degrees at the Nyquist frequency.
+_ROUNDING = 1e-3
 # rad and rad/s, step of central differences.
 _DIFFERENCE = 1e-4
 # Amplitudes of the rate for the describing function, and angles in a quarter of a period.
@@ -64,11 +67,23 @@ class Margins:
     sensitivity_peak: float  #: Maximum of |1/(1 + L)|.
 
 
+class FeedbackLaw(Protocol):
+    """A sampled controller of heading: period and lag in s, and its response."""
+
+    @property
+    def period(self) -> float: ...  # noqa: D102
+    @property
+    def lag(self) -> float: ...  # noqa: D102
+
+    def feedback(self, frequency: FloatArray) -> tuple[ComplexArray, ComplexArray | float]:
+        """(f,) negative wanted torque per heading, and per yaw rate, at (f,) ``frequency`` in rad/s."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OpenLoop:
     """The loop about rest, opened at the torque."""
 
-    law: ControlLaw  #: Controller.
+    law: FeedbackLaw
     #: (n, n) and (n,): state and input matrix of the linearised motion, with heading and rate as the first two states
     #: and torque as the input.
     motion: tuple[FloatArray, FloatArray]
@@ -90,18 +105,10 @@ class OpenLoop:
         heading = scale * np.polyval(added, s) / np.polyval(own, s)
         # Zero-order hold, which is equal for all aliases; delay; sampling.
         held = -np.expm1(-1j * frequency * period) / period
-        sampled = np.exp(-1j * frequency * self.delay) * ((heading / s) @ np.exp(-1j * aliases * self.delay))
-        return np.asarray(self.controller(frequency) * self.actuation(frequency) * held * sampled)
-
-    def controller(self, frequency: FloatArray) -> ComplexArray:
-        """(f,) negative wanted torque per heading."""
-        law = self.law
-        back = np.exp(-1j * frequency * law.period)
-        rate = law.blend * (1.0 - back) / law.period / (1.0 - (1.0 - law.blend) * back)
-        # Slope of the compensation of torques at rest.
-        change = law.static_torque(_DIFFERENCE, _DIFFERENCE) - law.static_torque(-_DIFFERENCE, -_DIFFERENCE)
-        slope = change / (2.0 * _DIFFERENCE)
-        return np.asarray(law.kp - slope + (law.kd - law.linear_drag) * rate)
+        late = np.exp(-1j * aliases * self.delay)
+        by_heading, by_rate = self.law.feedback(frequency)
+        sampled = by_heading * ((heading / s) @ late) + by_rate * (heading @ late)
+        return np.asarray(np.exp(-1j * frequency * self.delay) * sampled * self.actuation(frequency) * held)
 
     def actuation(self, frequency: FloatArray) -> ComplexArray:
         """(f,) response of the actuators, with gain and delay interpolated."""
@@ -117,15 +124,14 @@ class OpenLoop:
         return np.asarray(gain * np.exp(-1j * frequency * delay))
 
     def total_lag(self, frequency: float) -> float:
-        """Total delay in s at ``frequency`` in rad/s; hold and difference of headings take half a period each."""
+        """Total delay in s at ``frequency`` in rad/s."""
         response = complex(self.actuation(np.array([frequency]))[0])
-        fixed = self.delay + self.law.period + self.law.rate_filter
-        return fixed - float(np.angle(response)) / frequency
+        return self.delay + self.law.lag - float(np.angle(response)) / frequency
 
     def margins(self) -> Margins:
-        """Margins from the response over five decades up to the Nyquist frequency."""
+        """Margins from the response over five decades or more up to the Nyquist frequency."""
         highest = math.pi / self.law.period
-        frequency = np.geomspace(1e-5 * highest, highest * (1.0 - 1e-9), _FREQUENCIES)
+        frequency = np.geomspace(min(1e-5 * highest, _LOWEST), highest * (1.0 - 1e-9), _FREQUENCIES)
         response = self.transfer(frequency)
         x, size = np.log(frequency), np.log(np.maximum(np.abs(response), _MIN_GAIN))
         # Phase above -180 degrees. At low frequency, as of a constant, 1/s or 1/s^2, it is between 0 and 180 degrees.
@@ -156,9 +162,9 @@ def _gain_margins(x: FloatArray, size: FloatArray, above: FloatArray) -> tuple[b
     """Whether the loop is stable, and the largest increase and decrease of its gain as natural logarithms.
 
     By the Nyquist criterion, the phase of a stable loop passes -180 degrees with a gain above one as often downwards as
-    upwards.
+    upwards, and once more upwards if it begins below, as with three integrators.
     """
-    rest, beyond, balance = [], [], 0
+    rest, beyond, balance = [], [], int(above[0] < 0.0)
     for at, falling in _crossings(x, above):
         gain = float(np.interp(at, x, size))
         if gain > 0.0:
@@ -166,6 +172,9 @@ def _gain_margins(x: FloatArray, size: FloatArray, above: FloatArray) -> tuple[b
             balance += 1 if falling else -1
         elif gain <= 0.0:
             rest.append(-gain)
+    # At the Nyquist frequency the response is real.
+    if size[-1] <= 0.0 and abs(math.remainder(above[-1], 2.0 * math.pi)) < _ROUNDING:
+        rest.append(-float(size[-1]))
     down = min(beyond, default=math.inf)
     if balance != 0:
         return False, -max(beyond), down

@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 
 class ExportFormat(NamedTuple):
-    """Module of the exporter, file that it writes by default, and name of the exporter in the module."""
+    """Module of the exporter, file that it writes by default, and name of the exporter in the module.
+
+    ``other`` has the exporters for files with other suffixes.
+    """
 
     module: str
     file: str
     function: str = "export"
+    other: Mapping[str, str] = MappingProxyType({})
 
 
 # Formats in the order of all lists. Shell completion imports this module, which therefore imports no exporter.
 FORMATS: Mapping[str, ExportFormat] = {
     "gz-sim": ExportFormat("gazebo", "gz_sim.sdf", "export_gz_sim"),
-    "uuv": ExportFormat("uuv", "uuv.xacro"),
+    "uuv": ExportFormat("uuv", "uuv.xacro", other={".yaml": "export_yaml", ".yml": "export_yaml"}),
     "vrx": ExportFormat("gazebo", "vrx.sdf", "export_vrx"),
     "stonefish": ExportFormat("stonefish", "stonefish.scn"),
     "mujoco": ExportFormat("mujoco", "mujoco.xml"),
@@ -26,6 +31,8 @@ FORMATS: Mapping[str, ExportFormat] = {
     "json": ExportFormat("rovid_equation", "rovid.json", "export_json"),
     "python-vehicle-simulator": ExportFormat("python_vehicle_simulator", "rovid_vehicle.py"),
     "mss": ExportFormat("mss", "rovid_vehicle.m"),
+    "ardupilot": ExportFormat("autopilots", "ardupilot.parm", "export_ardupilot", {".py": "export_sitl"}),
+    "px4": ExportFormat("autopilots", "px4.txt", "export_px4"),
 }
 # Other names -> format.
 ALIASES: Mapping[str, str] = {
@@ -40,6 +47,9 @@ ALIASES: Mapping[str, str] = {
     "simulink": "matlab",
     "octave": "matlab",
     "mat": "matlab",
+    "ardusub": "ardupilot",
+    "ardurover": "ardupilot",
+    "sitl": "ardupilot",
     "marine-systems-simulator": "mss",
     "fossen": "python-vehicle-simulator",
     "python": "python-vehicle-simulator",

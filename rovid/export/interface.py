@@ -38,6 +38,9 @@ class ExportInput:
     largest_rate: float  #: rad/s, largest yaw rate in the logs.
     commands: FloatArray  #: (k, 2) smallest and largest command of each thruster in the logs.
     reference: Mapping[str, float]  #: Median of each further channel of the logs.
+    #: ``heading_noise``, ``torque_in_use``: of the logs, in rad and N m; None without logs.
+    heading_noise: float | None = None
+    torque_in_use: float | None = None
     notes: tuple[str, ...] = ()  #: Assumptions about the vehicle and its trials.
     guess: Assumptions = field(default_factory=Assumptions)  #: Arms and curves that were not measured.
 
@@ -95,7 +98,7 @@ class ExportResult:
     """Content of an exported file, and the simulator's equation with the numbers in it."""
 
     content: str | bytes
-    simulate: Simulate
+    simulate: Simulate | None  #: None where the file holds no model of the vehicle.
     equation: BodyEquation  #: The simulator's equation for the verdict on stability.
     kept_effects: frozenset[str]  #: Keys of the effects that the file represents.
     #: (parameter, reason) of the parts of the base model that the file cannot represent.
@@ -126,6 +129,8 @@ def export_input(stored: Parameters, study: Study | None) -> ExportInput:
             largest_rate=max(float(np.nanmax(np.abs(run.rates.rate))) for run in study.runs.items),
             commands=np.column_stack([np.nanmin(commands, axis=0), np.nanmax(commands, axis=0)]),
             reference=reference | dict(trials[0].reference),
+            heading_noise=study.position_noise(),
+            torque_in_use=study.median_torque(),
         )
     largest = float(model.drag(np.array(_ASSUMED_RATE)))
     thruster = Thruster(name="yaw_torque", arm=1.0, curve=None, max_logged_torque=largest)

@@ -73,7 +73,7 @@ def select_planar_exporter(name: str, path: Path | None) -> tuple[PlanarExporter
     require_format(name)
     if name not in PLANAR_FORMATS:
         raise ConfigError(
-            f"is {name!r}, which cannot hold surge, sway and yaw together: its drag and added mass follow from meshes.",
+            f"is {name!r}, which cannot hold surge, sway and yaw together.",
             where="FORMAT",
             mend=f"Give one of {', '.join(PLANAR_FORMATS)}.",
         )

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
+
+import numpy as np
 
 from rovid.core.errors import ConfigError, suggestion
 from rovid.core.output_files import OutputFile, export_mark, export_signature
-from rovid.effects.bias_torque import EFFECT
 from rovid.export import ALIASES, FORMATS
 from rovid.export.interface import ExportInput, ExportResult
 from rovid.export.resimulation import Mismatch, compare_rates, rovid_rate, verification_commands
 from rovid.export.stability import Stability, judge_yaw
+from rovid.export.thruster_curves import TrimShare, constant_trim
 from rovid.trial.assumptions import Assumptions
 
 # % of range, promised limit of the mismatch of what a file represents.
@@ -47,12 +49,14 @@ class VerifiedExport:
     losses: tuple[ExportLoss, ...]
     stability: Stability
     warnings: tuple[str, ...]
+    trim: tuple[TrimShare, ...] = ()  #: Cancels the constant torque of the model.
 
 
-def load_exporter(name: str) -> Exporter:
-    """Exporter of one of `rovid.export.FORMATS`."""
-    module = import_module(f"rovid.export.{FORMATS[name].module}")
-    return cast("Exporter", getattr(module, FORMATS[name].function))
+def load_exporter(name: str, suffix: str = "") -> Exporter:
+    """Exporter of one of `rovid.export.FORMATS`, for a file with this ``suffix``."""
+    form = FORMATS[name]
+    module = import_module(f"rovid.export.{form.module}")
+    return cast("Exporter", getattr(module, form.other.get(suffix, form.function)))
 
 
 def require_format(name: str) -> None:
@@ -71,11 +75,7 @@ def select_exporter(name: str, path: Path | None) -> tuple[Exporter, OutputFile]
     """
     require_format(name)
     target = path or Path(FORMATS[name].file)
-    if name == "uuv" and target.suffix in {".yaml", ".yml"}:
-        from rovid.export.uuv import export_yaml
-
-        return export_yaml, OutputFile(target, export_signature("uuv as yaml"))
-    return load_exporter(name), OutputFile(target, export_signature(name))
+    return load_exporter(name, target.suffix), OutputFile(target, export_signature(name))
 
 
 def with_notice(content: str | bytes, guess: Assumptions) -> str | bytes:
@@ -92,11 +92,16 @@ def verified_export(exporter: Exporter, subject: ExportInput) -> VerifiedExport:
     commands = verification_commands(subject)
     whole = rovid_rate(subject, subject.model, commands)
     kept = rovid_rate(subject, subject.with_effects(result.kept_effects), commands)
-    theirs = result.simulate(commands)
+    theirs = np.full(len(commands), np.nan) if result.simulate is None else result.simulate(commands)
     kept_mismatch = compare_rates(kept, theirs)
     losses = []
     for what, why in result.base_losses:
-        losses.append(ExportLoss(what=what, why=why, percent_of_range=kept_mismatch.percent_of_range))
+        percent = kept_mismatch.percent_of_range
+        if result.simulate is None:
+            without: dict[str, Any] = {what: 0.0}
+            bare = replace(subject.model, **without)
+            percent = compare_rates(whole, rovid_rate(subject, bare, commands)).percent_of_range
+        losses.append(ExportLoss(what=what, why=why, percent_of_range=percent))
     for effect in subject.model.effects:
         if effect.key in result.kept_effects:
             continue
@@ -108,7 +113,11 @@ def verified_export(exporter: Exporter, subject: ExportInput) -> VerifiedExport:
             cause = " and ".join(effect.needs) or "a random phase"
             why += f"; the verification does not show its size, because it depends on {cause}"
         losses.append(ExportLoss(what=effect.key, why=why, percent_of_range=percent))
-    notes = [*subject.notes, *result.notes, *_trim(subject)]
+    notes, trim = [*subject.notes, *result.notes], constant_trim(subject)
+    if trim:
+        parts = [f"{one.thruster} by {one.text}" for one in trim]
+        torque = subject.value("bias_torque", "torque")
+        notes.append(f"A constant torque of {torque:.3g} N m acts. A trim of {' and '.join(parts)} cancels it.")
     if not result.base_losses and kept_mismatch.percent_of_range > _VISIBLE:
         notes.append("The rest of the mismatch is due to the coarse integration step: a smaller step reduces it.")
     return VerifiedExport(
@@ -117,17 +126,6 @@ def verified_export(exporter: Exporter, subject: ExportInput) -> VerifiedExport:
         kept_mismatch=kept_mismatch,
         losses=tuple(losses),
         stability=judge_yaw(result.equation, subject.largest_rate),
+        trim=tuple(trim),
         warnings=tuple(notes),
     )
-
-
-def _trim(subject: ExportInput) -> Iterator[str]:
-    """The constant torque of the model as a trim: the least change of all thrusts that cancels the torque."""
-    torque = subject.value(EFFECT.key, "torque")
-    arms = {one.name: one.arm for one in subject.vehicle.thrusters if one.curve is not None and one.arm}
-    if not torque or not arms:
-        return
-    whole = sum(arm**2 for arm in arms.values())
-    # Least squares of the thrusts with the sum of arm times thrust equal to minus the torque.
-    shares = [f"{name} by {-torque * arm / whole:+.3g} N" for name, arm in arms.items()]
-    yield f"A constant torque of {torque:.3g} N m acts. A trim of {' and '.join(shares)} cancels it."

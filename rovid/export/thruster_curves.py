@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -93,6 +94,34 @@ def thruster_curves(subject: ExportInput) -> list[ThrusterCurve]:
             )
         )
     return curves
+
+
+class TrimShare(NamedTuple):
+    """Constant thrust in N of one thruster, and the command for it; NaN beyond the ends of its curve."""
+
+    thruster: str
+    thrust: float
+    command: float
+
+    @property
+    def text(self) -> str:
+        """Thrust and command in words."""
+        command = f"command {self.command:.4g}" if math.isfinite(self.command) else "beyond its curve"
+        return f"{self.thrust:+.3g} N ({command})"
+
+
+def constant_trim(subject: ExportInput) -> list[TrimShare]:
+    """The least change of all thrusts that cancels the constant torque of the model; empty without one."""
+    torque = subject.value("bias_torque", "torque")
+    curves = [one for one in thruster_curves(subject) if one.side and one.arm] if torque else []
+    shares = []
+    for curve in curves:
+        # Least squares of the thrusts with the sum of arm times thrust equal to minus the torque.
+        thrust = -torque * curve.arm / sum(one.arm**2 for one in curves)
+        order = np.argsort(curve.thrust, kind="stable")
+        command = np.interp(thrust, curve.thrust[order], curve.command[order], left=np.nan, right=np.nan)
+        shares.append(TrimShare(curve.name, thrust, float(command)))
+    return shares
 
 
 def _corners(x: FloatArray, y: FloatArray) -> IntArray:

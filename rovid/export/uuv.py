@@ -70,7 +70,7 @@ def export_yaml(subject: ExportInput) -> ExportResult:
     model, curves = subject.model, thruster_curves(subject)
     body, added, equation, note = _split_inertia(subject)
     lines = [
-        f"# {export_mark('uuv as yaml')}.",
+        f"# {export_mark('uuv')}.",
         "# Yaw identified by rovid; z up, a yaw rate is minus the heading's. Only the yaw entries are known.",
         f"mass: {subject.mass:.10g}",
         "inertial:",

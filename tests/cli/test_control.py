@@ -43,6 +43,15 @@ def test_control_of_a_trial_day_writes_its_source(rovid: Rovid, csv_day: Path, t
     assert turn["overshoot_deg"] < 5.0  # it goes through north, not around
     assert "rovid_control_step" in (tmp_path / "out.c").read_text()
     compile((tmp_path / "out.py").read_text(), "out.py", "exec")
+    for law, gain in (("ardusub", "ATC_RAT_YAW_P"), ("ardurover", "ATC_STR_RAT_P"), ("px4", "UUV_YAW_D")):
+        tuned = rovid("control", "--law", law, "--json").document
+        assert tuned["law"] == law
+        assert tuned["autopilot_parameters"][gain] > 0.0
+        assert tuned["damping_ratio"] == pytest.approx(0.7, abs=0.01)  # gains of four digits
+        assert tuned["margins"]["phase_deg"] >= 45.0
+        assert tuned["runs"] == []
+    given = rovid("control", "--law", "px4", "--kp", "100", "--kd", "710", "--json").document
+    assert given["gains"] == pytest.approx({"kp": 100.0, "kd": 710.0}, rel=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -54,6 +63,10 @@ def test_control_of_a_trial_day_writes_its_source(rovid: Rovid, csv_day: Path, t
         (("--step", "20-120"), "--step"),
         (("--step", "0:inf"), "--step"),
         (("--period", "0"), "--period"),
+        (("--law", "ardu"), "ardusub"),
+        (("--law", "px4", "--step", "0:20"), "--step"),
+        (("--law", "px4", "--python", "out.py"), "model-aided law alone"),
+        (("--law", "px4"), "without thrusters"),
         (("--delay", "nan"), "--delay"),
         (("--delay", "90"), "the delay of the loop is too long"),
     ],

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import math
 import re
+import runpy
+import struct
 import tomllib
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping
@@ -528,7 +530,7 @@ def test_an_export_without_logs_reports_its_assumptions(fitted: Path, tmp_path: 
     for name in FORMATS:
         document, _ = exported(name, alone, tmp_path)
         assert any("largest yaw rate of 0.3 rad/s is assumed" in text for text in document["warnings"])
-        if name != "stonefish":
+        if name not in {"stonefish", "ardupilot", "px4"}:
             assert document["mismatch"]["yaw_rate_percent_of_range"] < ALLOWED
     document, file = exported("gz-sim", alone, tmp_path)
     assert any("rigid-body inertia is not known" in text for text in document["warnings"])
@@ -554,6 +556,55 @@ def test_a_file_with_guessed_values_carries_a_notice(name: str, fitted: Path, tm
     assert mark in file.read_bytes()
     # It is known as rovid's own still.
     assert run_rovid("export", name, "-p", path, "-o", file, "--force", "--json").document["guessed"]
+
+
+AUTOPILOT_NAMES = {
+    "ardupilot": {"ATC_ANG_YAW_P"}
+    | {f"ATC_RAT_YAW_{key}" for key in ["P", "I", "D", "FF", "IMAX", "FLTT", "FLTE", "FLTD"]},
+    "px4": {"UUV_YAW_P", "UUV_YAW_D"},
+}
+
+
+@pytest.mark.parametrize("name", AUTOPILOT_NAMES)
+def test_an_autopilot_gets_gains_with_their_margins_and_a_trim(name: str, fitted: Path, tmp_path: Path) -> None:
+    keys = ("bias_torque", "thruster_lag")
+    document, file = exported(name, with_effects(fitted, keys, tmp_path), tmp_path)
+    text = file.read_text()
+    lines = [line.removeprefix("param set ").replace(",", " ") for line in text.splitlines() if line[0] != "#"]
+    found = {line.split()[0]: float(line.split()[1]) for line in lines}
+    assert set(found) == AUTOPILOT_NAMES[name]
+    assert all(0.0 <= number < 100.0 for number in found.values())
+    assert "phase margin" in text
+    lost = {one["what"]: one["yaw_rate_percent_of_range"] for one in document["not_held"]}
+    assert set(lost) == {"thruster_lag", "quadratic_drag"} | ({"linear_drag"} if name == "px4" else set())
+    assert lost["thruster_lag"] > 1.0
+    arms = {one.name: one.arm for one in load_config(fitted.parent / "day" / "rovid.toml").vehicle.thrusters}
+    torque = sum(arms[one["thruster"]] * one["thrust"] for one in document["trim"])
+    assert torque == pytest.approx(-SIZES["bias_torque"]["torque"])
+    assert "Trim of" in text
+    assert document["mismatch"]["rms"] is None
+    assert document["stability"]["stable"]
+
+
+def test_ardupilots_sitl_is_answered_by_the_vehicle(fitted: Path, tmp_path: Path) -> None:
+    document, file = exported("ardupilot", fitted, tmp_path, ".py")
+    assert document["mismatch"]["yaw_rate_percent_of_range"] < ALLOWED
+    space = runpy.run_path(str(file), run_name="sitl")
+    state = (0.0, 0.0, 0.0, space["VEHICLE"].u_actual)
+    assert space["advance"](state, struct.pack("<HHI16H", 1, 50, 0, *[1500] * 16))[1] is None
+    for count in range(3000):
+        state, answer = space["advance"](state, struct.pack("<HHI16H", 18458, 50, count, 1700, *[1500] * 15))
+    motion = json.loads(answer)
+    # One thruster at half of its commands, until drag balances it.
+    model, fore = (
+        read_parameters(fitted).model(),
+        load_config(fitted.parent / "day" / "rovid.toml").vehicle.thrusters[0],
+    )
+    assert fore.curve is not None
+    torque = fore.arm * float(np.interp(0.5 * fore.curve.command[-1], fore.curve.command, fore.curve.thrust))
+    assert motion["timestamp"] == pytest.approx(60.0)
+    assert motion["imu"]["gyro"][2] == pytest.approx(model.steady_rate(torque), rel=1e-3)
+    assert abs(motion["attitude"][2]) <= math.pi
 
 
 def test_the_text_output_is_short(fitted: Path, rovid: Rovid) -> None:

@@ -284,7 +284,7 @@ def test_tables_hold_every_parameter() -> None:
 
 
 def test_a_format_that_cannot_hold_the_model_is_refused() -> None:
-    assert set(FORMATS) - set(PLANAR_FORMATS) == {"stonefish"}
+    assert set(FORMATS) - set(PLANAR_FORMATS) == {"stonefish", "ardupilot", "px4"}
     with pytest.raises(ConfigError, match="cannot hold surge, sway and yaw together"):
         select_planar_exporter("stonefish", None)
     with pytest.raises(ConfigError, match="mujoco"):

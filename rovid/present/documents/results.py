@@ -7,6 +7,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
+from rovid.control.autopilot import AutopilotLaw
 from rovid.control.design import ClosedLoopResult, ControllerDesign
 from rovid.estimate.experiment_design import ExperimentPlan, commands_by_name
 from rovid.estimate.isolability import IsolabilityMatrix
@@ -139,16 +140,22 @@ def matrix_document(matrix: IsolabilityMatrix, vehicle: Vehicle) -> Document:
 def control_document(design: ControllerDesign, warnings: Sequence[str], guess: Assumptions) -> Document:
     """The document of `rovid control --json`; times in s, angles in deg, torques in N m, frequencies in rad/s."""
     law, margins, spread = design.law, design.margins, design.spread
-    lag = {"total": design.lag, "delay": design.conditions.delay, "period": law.period, "rate_filter": law.rate_filter}
+    lag = {"total": design.lag, "delay": design.conditions.delay, "period": law.period}
+    own: Document = {"law": design.autopilot or "model"}
+    if isinstance(law, AutopilotLaw):
+        own |= {"autopilot_parameters": design.autopilot_parameters, "torque_of_full_output": law.full}
+    else:
+        lag["rate_filter"] = law.rate_filter
     return {
         "schema": "rovid-control/1",
+        **own,
         "gains": fields(law, "kp", "kd"),
         "damping_ratio": design.damping,
         "bandwidth": design.bandwidth,
         "margins": fields(margins, "gain_db", "phase_deg", "delay_s"),
         **fields(margins, "stable", "gain_down_db", "crossover", "sensitivity_peak", lag_margin_s="lag_s"),
         "lag": lag,
-        "torque_limits": [law.lowest, law.highest],
+        "torque_limits": [design.allocation.lowest, design.allocation.highest],
         "torque_in_use": design.conditions.torque_in_use,
         "monte_carlo": None if spread is None else vars(spread),
         "effects": [effect.key for effect in design.model.effects],
@@ -174,6 +181,7 @@ def export_document(name: str, file: str, made: VerifiedExport, guess: Assumptio
         "mismatch_of_what_is_held": _mismatch(made.kept_mismatch),
         "not_held": [fields(loss, "what", "why", yaw_rate_percent_of_range="percent_of_range") for loss in made.losses],
         "stability": stability_document(made.stability, ("yaw_rate",)),
+        "trim": [one._asdict() for one in made.trim],
         **guess_document(guess),
         "warnings": all_warnings(guess, made.warnings),
     }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 
+from rovid.control.control_law import ControlLaw
 from rovid.control.design import ClosedLoopResult, ControllerDesign
 from rovid.export import FORMATS
 from rovid.export.run_export import ExportLoss, VerifiedExport
@@ -29,12 +30,17 @@ def gains_table(design: ControllerDesign, guess: Assumptions | None = None) -> R
 def _gain_rows(design: ControllerDesign) -> Iterator[tuple[str, str, str, str]]:
     """Quantity, value, unit, and the bound that 95 % of the draws from the parameter covariance keep."""
     law, margins, spread = design.law, design.margins, design.spread
+    for name, value in design.autopilot_parameters.items():
+        yield name, format_number(value, ".4g"), "", DASH
     yield "gain on heading kp", format_number(law.kp, ".5g"), "N m/rad", DASH
     yield "gain on yaw rate kd", format_number(law.kd, ".5g"), "N m s/rad", DASH
     yield "damping ratio", format_number(design.damping, ".3f"), "", DASH
     yield "bandwidth", format_number(design.bandwidth, ".3g"), "rad/s", DASH
     yield "sampling period", format_number(law.period, "g"), "s", DASH
-    yield "time constant of the rate filter", format_number(law.rate_filter, ".2g"), "s", DASH
+    if isinstance(law, ControlLaw):
+        yield "time constant of the rate filter", format_number(law.rate_filter, ".2g"), "s", DASH
+    else:
+        yield "torque of full output", format_number(law.full, ".4g"), "N m", DASH
     yield "total delay of the loop", format_number(design.lag, ".2g"), "s", DASH
     for title, torque in zip(("least torque", "largest torque"), torque_limits(design), strict=False):
         yield title, torque, "N m", DASH
@@ -53,7 +59,7 @@ def _gain_rows(design: ControllerDesign) -> Iterator[tuple[str, str, str, str]]:
 
 def torque_limits(design: ControllerDesign) -> list[str]:
     """The least and the largest torque of the thrusters in N m; empty where they are not known."""
-    return equal_decimals((design.law.lowest, design.law.highest)) if design.allocation.limited else []
+    return equal_decimals((design.allocation.lowest, design.allocation.highest)) if design.allocation.limited else []
 
 
 def _bounded(value: float, form: str) -> str:

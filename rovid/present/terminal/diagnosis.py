@@ -196,7 +196,8 @@ def show_control(console: Console, design: ControllerDesign, guess: Assumptions)
         print_text(console, f"{stable} of {design.spread.draws} loops drawn from the parameter uncertainty are stable")
     if not design.allocation.limited:
         print_text(console, "no thrusters are known: the torque itself is commanded, without limit")
-    runs_table(design).print(console, guess)
+    if design.runs:
+        runs_table(design).print(console, guess)
     if design.model.effects:
         titles = [effect_title(effect, design.model.axis) for effect in design.model.effects]
         print_text(console, f"effects of the model: {join_words(titles)}")

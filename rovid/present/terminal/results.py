@@ -276,8 +276,11 @@ def show_export(console: Console, path: Path, made: VerifiedExport) -> None:
 
     size = difference(made.mismatch.percent_of_range, made.mismatch.rms)
     print_path(console, str(path))
-    print_text(console, f"Written, and re-simulated with the target's equation: yaw rate off by {size}")
-    if made.losses:
+    if math.isnan(made.mismatch.rms):
+        print_text(console, "Written. The file holds no model of the vehicle to re-simulate.")
+    else:
+        print_text(console, f"Written, and re-simulated with the target's equation: yaw rate off by {size}")
+    if made.losses and not math.isnan(made.kept_mismatch.rms):
         size = difference(made.kept_mismatch.percent_of_range, made.kept_mismatch.rms)
         print_text(console, f"without the parts that the target lacks: {size}")
     for loss in made.losses:

@@ -1,0 +1,157 @@
+"""ArduPilot and PX4: gains of the heading loop as parameters, and a vehicle for the JSON interface of ArduPilot's SITL.
+
+Neither holds a model of the vehicle. ArduPilot's own simulated submarine has its inertia and drag in its source
+(SIM_Submarine.cpp). Its JSON interface (libraries/SITL/examples/JSON) takes the motion from another program: there the
+vehicle of `rovid.export.python_vehicle_simulator` moves. The names of the parameters stand in the sources that
+`rovid.control.autopilot` cites.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+from rovid.control.autopilot import AUTOPILOTS, AutopilotLaw, autopilot_loop, autopilot_parameters, default_gains
+from rovid.control.specs import ControllerOptions, loop_conditions
+from rovid.control.tuning import Margins
+from rovid.core.errors import DataError, escape_invisible
+from rovid.core.output_files import export_mark
+from rovid.export import python_vehicle_simulator
+from rovid.export.interface import ExportInput, ExportResult
+from rovid.export.thruster_curves import constant_trim, number_list, thruster_curves
+
+_GAINS = (
+    "The file holds gains. Inertia and drag of the vehicle are not among the autopilot's parameters; they act in the "
+    "gains."
+)
+_SITL = '''
+
+# ---- the JSON interface of ArduPilot's SITL: start sim_vehicle.py with --model JSON:127.0.0.1, and run this file
+
+
+def command_of(index, pulse):
+    """Command of a thruster for the pulse width of servo output index + 1 in us, 1100 to 1900 over its range."""
+    _, neutral, command, _ = VEHICLE.thrusters[index]
+    output = min(max((pulse - 1500.0) / 400.0, -1.0), 1.0)
+    return neutral + output * (command[-1] - neutral if output > 0.0 else neutral - command[0])
+
+
+def advance(state, packet):
+    """The next (time, heading, yaw rate, thrusters), and the answer to a packet of SITL; None if it is not one."""
+    magic, rate, _ = struct.unpack_from("<HHI", packet)
+    if magic not in (18458, 29569) or rate == 0:
+        return state, None
+    pulses = struct.unpack_from("<16H", packet, 8)
+    commands = [command_of(index, pulses[index] or 1500) for index in range(VEHICLE.dimU)]
+    time, heading, turning, acting = state
+    eta, nu = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, heading], [0.0, 0.0, 0.0, 0.0, 0.0, turning]])
+    nu, acting = VEHICLE.dynamics(eta, nu, acting, commands, 1.0 / rate)
+    state = (time + 1.0 / rate, heading + float(nu[5]) / rate, float(nu[5]), acting)
+    motion = {
+        "timestamp": state[0],
+        "imu": {"gyro": [0.0, 0.0, state[2]], "accel_body": [0.0, 0.0, -9.80665]},
+        "position": [0.0, 0.0, 0.0],
+        "attitude": [0.0, 0.0, math.remainder(state[1], 2.0 * math.pi)],
+        "velocity": [0.0, 0.0, 0.0],
+    }
+    return state, ("\\n" + json.dumps(motion) + "\\n").encode()
+
+
+VEHICLE = RovidVehicle()
+
+if __name__ == "__main__":
+    link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    link.bind(("", 9002))
+    state = (0.0, 0.0, 0.0, VEHICLE.u_actual)
+    while True:
+        packet, address = link.recvfrom(256)
+        state, answer = advance(state, packet)
+        if answer is not None:
+            link.sendto(answer, address)
+'''
+
+
+def export_ardupilot(subject: ExportInput) -> ExportResult:
+    """Parameters of ArduSub, and as comments those of ArduRover."""
+    lines, notes = _head("ardupilot", subject), [_GAINS]
+    for name, mark in (("ardusub", ""), ("ardurover", "# ")):
+        parameters, texts = _tuned(name, subject)
+        lines += [f"# {AUTOPILOTS[name].title}. {text}" for text in texts]
+        lines += [f"{mark}{key},{value:.10g}" for key, value in parameters.items()]
+        notes += [f"{AUTOPILOTS[name].title}: {text}" for text in texts[:1]]
+    notes.append("A vehicle for the JSON interface of SITL: rovid export ardupilot -o FILE.py.")
+    return _result(subject, lines, notes, ("quadratic_drag",))
+
+
+def export_px4(subject: ExportInput) -> ExportResult:
+    """Parameters of the underwater vehicle's attitude control, as commands of PX4's shell."""
+    parameters, texts = _tuned("px4", subject)
+    lines = _head("px4", subject) + [f"# {text}" for text in texts]
+    lines += [f"param set {key} {value:.10g}" for key, value in parameters.items()]
+    texts.append("No integral: a constant torque without trim turns the vehicle by the torque over kp.")
+    return _result(subject, lines, [_GAINS, *texts], ("quadratic_drag", "linear_drag"))
+
+
+def export_sitl(subject: ExportInput) -> ExportResult:
+    """A program that moves the vehicle for ArduPilot's SITL."""
+    made = python_vehicle_simulator.export(subject)
+    content = str(made.content).replace(export_mark("python-vehicle-simulator"), export_mark("ardupilot"))
+    content = content.replace("\nimport math\n", "\nimport json\nimport math\nimport socket\nimport struct\n", 1)
+    notes = (
+        "Servo outputs 1 and up are the thrusters in the order of rovid.toml, 1100 to 1900 us over each curve's range.",
+        "Yaw alone moves; the vehicle stays level at one place.",
+    )
+    return replace(made, content=content + _SITL, notes=notes)
+
+
+def _head(name: str, subject: ExportInput) -> list[str]:
+    """Comments on the outputs and the trim."""
+    vehicle = escape_invisible(subject.vehicle.name)
+    lines = [f"# {export_mark(name)}.", f"# {vehicle}: yaw identified by rovid, positive clockwise from above."]
+    for curve in thruster_curves(subject):
+        ends = number_list(curve.command[[0, -1]])
+        lines.append(
+            f"# {escape_invisible(curve.name)}: command at the ends {ends}, at rest {curve.neutral:.6g}, yaw arm "
+            f"{curve.arm:.6g} m."
+        )
+    return lines + [f"# Trim of {escape_invisible(one.thruster)}: {one.text}." for one in constant_trim(subject)]
+
+
+def _tuned(name: str, subject: ExportInput) -> tuple[dict[str, float], list[str]]:
+    """Parameters of the autopilot ``name``, and sentences on the loop."""
+    model, options = subject.model, ControllerOptions(law=name)
+    conditions = loop_conditions(options, model, subject.heading_noise, subject.torque_in_use)
+    try:
+        law, loop, _ = autopilot_loop(
+            model, subject.vehicle, conditions, AUTOPILOTS[name], default_gains(model, options.damping)
+        )
+    except DataError as error:
+        return {}, [f"No gains: {error}"]
+    return autopilot_parameters(AUTOPILOTS[name], law), list(_loop_texts(law, loop.margins()))
+
+
+def _loop_texts(law: AutopilotLaw, margins: Margins) -> Iterator[str]:
+    up, down = (
+        f"{one:.1f} dB" if math.isfinite(one) else "without limit" for one in (margins.gain_db, margins.gain_down_db)
+    )
+    yield (
+        f"Loop at {1.0 / law.period:g} Hz: phase margin {margins.phase_deg:.0f} deg, gain margin {up} up and {down} "
+        f"down, delay margin {margins.delay_s:.2f} s, peak of the sensitivity {margins.sensitivity_peak:.2f}."
+    )
+    yield (
+        f"An output of 1 is {law.full:.4g} N m, with every thruster at the end of its curve. "
+        f"kp is {law.kp:.4g} N m/rad."
+    )
+
+
+def _result(subject: ExportInput, lines: list[str], notes: list[str], lost: tuple[str, ...]) -> ExportResult:
+    trimmed = {"bias_torque"} if constant_trim(subject) else set()
+    return ExportResult(
+        content="\n".join(lines) + "\n",
+        simulate=None,
+        equation=subject.equation(0.02, **subject.drag_terms),
+        kept_effects=frozenset(trimmed & subject.effects.keys()),
+        base_losses=tuple((name, "the loop has no term for it: feedback takes its place") for name in lost),
+        notes=(*notes, "Stability is judged for the vehicle alone in Runge-Kutta steps of 0.02 s."),
+    )
