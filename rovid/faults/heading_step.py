@@ -33,6 +33,8 @@ _MAX_INTERVAL = 1.5
 # A jump up to this many steps after a change of the commands may be motion, unless the commands change at least this
 # often elsewhere, without a jump, and it is this many times larger than the steps of the motion elsewhere.
 _COMMAND_STEPS, _MIN_CHANGES, _FASTER = 20, 5, 1.3
+# A jump that is undone within this many readings, to this share of its size, is a wild reading.
+_MAX_WILD, _RETURNED = 3, 0.5
 # This many jumps of one size, within this share, are wraps.
 _REPEATED, _SAME_SIZE = 3, 0.05
 # Share of the commanded range that is a change of the commands.
@@ -131,10 +133,28 @@ def _jumps(steps: _Steps) -> IntArray:
         # All that were taken so far are jumps if the smallest of them stands out from the rest.
         limit = max(_RATIO * float(left.max()), _SIGMAS * sigma, _MIN_STEP)
         if size[found].min() > limit:
-            return np.array(found)[~_are_commanded(steps, np.array(found))]
+            jumps = np.array([at for at in found if not _returns(steps, at)], dtype=int)
+            return jumps[~_are_commanded(steps, jumps)]
         if size[order[0]] < _MIN_STEP:
             break
     return np.array([], dtype=int)
+
+
+def _returns(steps: _Steps, at: int) -> bool:
+    """Whether a step back follows or precedes the step ``at``, and the path continues without the readings between."""
+    rates, count = np.diff(steps.angle) / np.diff(steps.time), len(steps.angle)
+    for length in range(1, _MAX_WILD + 1):
+        for back, first in ((at - length, at - length), (at + length, at)):
+            last = first + length + 1
+            if first < 0 or last >= count or -steps.departures[back] / steps.departures[at] < _RETURNED:
+                continue
+            near = np.concatenate((rates[max(first - _REACH, 0) : first], rates[last : last + _REACH]))
+            seconds = steps.time[last] - steps.time[first]
+            rate = (steps.angle[last] - steps.angle[first]) / seconds
+            left = abs(rate - np.clip(rate, near.min(initial=rate), near.max(initial=rate))) * seconds
+            if left < _RETURNED * abs(steps.departures[at]):
+                return True
+    return False
 
 
 def _are_commanded(steps: _Steps, jumps: IntArray) -> BoolArray:

@@ -19,6 +19,8 @@ _DEG = np.pi / 180.0
 # A spike deviates by this many robust standard deviations, over at most this many samples; close spikes hide each
 # other, so the search is repeated this often.
 _SPIKE_SIGMAS, _MAX_SPIKE_LENGTH, _MORE_ROUNDS = 6.0, 3, 2
+# Number of spikes of one value, at least half of all, from which on that value means "no reading".
+_MIN_DROPOUTS = 3
 # Share of a spike's height that its edges must have: a smooth swing out and back is motion.
 _EDGE_SHARE = 0.6
 # A frozen stretch has this many identical values, and ends in a jump this many times larger than the steps around it.
@@ -74,6 +76,12 @@ class _Samples:
         steps = self.steps.copy()
         steps[self.wraps] = self.kind.wrap(steps[self.wraps])
         return steps
+
+    @cached_property
+    def sigma(self) -> float:
+        """Robust standard deviation of a sample from the mean of its neighbours."""
+        bend = np.diff(self.wrapped_steps)
+        return 1.4826 * float(np.median(np.abs(bend[:: len(bend) // 10_000 + 1]))) / 2.0
 
     @cached_property
     def max_swing(self) -> float:
@@ -166,7 +174,24 @@ def _find_spikes(samples: _Samples) -> BoolArray | None:
         if more is None or not more.any():
             break
         bad[np.flatnonzero(~bad)[more]] = True
-    return bad
+    return bad | _dropouts(samples, bad)
+
+
+def _dropouts(samples: _Samples, bad: BoolArray) -> BoolArray:
+    """(n,) further samples with the value that most spikes have: a sensor's "no reading", near the path by chance."""
+    values, counts = np.unique(samples.angle[bad], return_counts=True)
+    common = int(np.argmax(counts))
+    if counts[common] < max(_MIN_DROPOUTS, 0.5 * counts.sum()):
+        return np.zeros_like(bad)
+    silent = (samples.angle == values[common]) & ~bad
+    known = np.flatnonzero(~silent & ~bad)
+    after = np.clip(np.searchsorted(known, np.flatnonzero(silent)), 1, len(known) - 1)
+    first, last = known[after - 1], known[after]
+    time, angle, wrap = samples.time, samples.angle, samples.kind.wrap
+    share = (time[silent] - time[first]) / (time[last] - time[first])
+    deviation = wrap(values[common] - angle[first] - share * wrap(angle[last] - angle[first]))
+    silent[silent] = np.abs(deviation) > max(_SPIKE_SIGMAS * samples.sigma, samples.kind.spike)
+    return silent
 
 
 def _spikes_once(samples: _Samples) -> BoolArray | None:
@@ -174,10 +199,7 @@ def _spikes_once(samples: _Samples) -> BoolArray | None:
     if count < 6:
         return None
     bend = np.diff(samples.wrapped_steps)
-    sample = bend[:: len(bend) // 10_000 + 1]
-    # Standard deviation of a sample from the mean of its neighbours.
-    sigma = 1.4826 * float(np.median(np.abs(sample))) / 2.0
-    limit = max(_SPIKE_SIGMAS * sigma, samples.kind.spike, samples.max_swing)
+    limit = max(_SPIKE_SIGMAS * samples.sigma, samples.kind.spike, samples.max_swing)
     if bend.max() <= limit and bend.min() >= -limit:
         return None
     limit = max(limit, 2.5 * samples.flicker)

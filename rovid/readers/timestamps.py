@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
 from rovid.core.errors import LogError
-from rovid.signals.segments import find_leap
+from rovid.signals.segments import find_leap, subsampled_median
 from rovid.trial.axis import CLOCK_WORDS, NOT_CLOCK, name_words
 from rovid.trial.trial import Remark
 
@@ -20,14 +20,19 @@ if TYPE_CHECKING:  # pandas takes long to import.
     import pandas as pd
 
 _SCALE = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-# Unit at the end of a column's name: "time_ms", "t [us]", "stamp(ns)".
-_UNIT_AT_END = re.compile(r"[\s_.\[(](ms|us|µs|μs|ns)[\])]?$", re.IGNORECASE)
+# Unit at the end of a column's name: "time_ms", "t [us]", "stamp(ns)", "millis", "t_usec", "TimeUS".
+_UNIT_AT_END = re.compile(
+    r"(?:^|[^a-z]|(?-i:(?<=[a-z])(?=[A-Z])))(?:(m|u|µ|μ|n)s(?:ec)?s?|(milli|micro|nano)s?(?:ec(?:ond)?s?)?)\W*$",
+    re.IGNORECASE,
+)
 # Largest magnitude of a plausible time, angle or command; larger numbers come from damage.
 _IMPLAUSIBLE = 1e15
 # s; a time from here on (1973) counts from 1970.
 EPOCH_FROM = 1e8
 # s; recorders store messages out of order by less than this.
 _MAX_DISORDER = 1.0
+# Intervals by which rows of a table are out of order; a larger disorder is another fault, and is refused.
+_MAX_PLACES = 10
 # Share of samples with the stamp of the sample before, above which a log is refused.
 _MAX_DUPLICATE = 0.5
 # s; closer time stamps are equal; a longer run (35 days) is refused, because floats lose ticks beyond.
@@ -47,7 +52,8 @@ def time_unit(name: str, magnitude: float, declared: str) -> str:
     if declared in _SCALE:
         return declared
     if named := _UNIT_AT_END.search(name):
-        return named[1].lower().replace("µ", "u").replace("μ", "u")
+        prefix = (named[1] or named[2]).lower()
+        return {"milli": "ms", "micro": "us", "nano": "ns", "µ": "us", "μ": "us"}.get(prefix, prefix + "s")
     for unit, lowest in (("ns", 1e17), ("us", 1e14), ("ms", 1e11)):
         if magnitude >= lowest:
             return unit
@@ -156,14 +162,14 @@ def make_monotonic(
     """Time and values of one clock in strictly increasing time, with remarks on order and duplicates.
 
     The faults of the clock have been remedied before. Samples with one time stamp are merged: each signal keeps its
-    first value that is not missing. Messages are sorted where the format is ``sortable``. Raises `LogError` if time
-    still runs backwards or leaps, or most time stamps repeat.
+    first value that is not missing. Messages are sorted where the format is ``sortable``, and any rows that then follow
+    each other at even intervals. Raises `LogError` if time still runs backwards or leaps, or most time stamps repeat.
     """
     steps = np.diff(time)
     remarks: list[Remark] = []
     if steps.size and not steps.min() > _TICK:
         rows = np.arange(len(time))
-        if sortable and -_MAX_DISORDER <= steps.min() < 0.0:
+        if (sortable and -_MAX_DISORDER <= steps.min() < 0.0) or _are_shuffled(time):
             count = int(np.count_nonzero(steps < 0))
             text = f"{clock}: {count} messages are stored out of order; they were sorted."
             remarks.append(Remark(kind="backward", count=count, text=text))
@@ -173,6 +179,14 @@ def make_monotonic(
         steps = np.diff(time)
     _refuse_leap(time, steps, clock, where)
     return time, values, remarks
+
+
+def _are_shuffled(time: FloatArray) -> bool:
+    """Whether rows are a few places off even intervals. A clock that was set back interleaves its rows instead."""
+    steps = np.diff(np.sort(time))
+    interval = subsampled_median(steps)
+    disorder = float(np.max(np.maximum.accumulate(time) - time))
+    return bool(steps.min() > 0.5 * interval and disorder < _MAX_PLACES * interval)
 
 
 def _refuse_backward(stamps: FloatArray, clock: str, place: Callable[[int], str], where: str) -> None:
@@ -279,8 +293,8 @@ def clock_parts(clock: str, present: Collection[str]) -> ClockParts | None:
 def guess_clock(numbers: Mapping[str, FloatArray], dated: Sequence[str], texts: Sequence[str] = ()) -> str:
     """The most likely time among columns of ``numbers``, of dates, and of ``texts``; empty if there is none.
 
-    The order of preference: seconds in two columns; by its name; dates and times of day; the first column of numbers
-    that does not count rows.
+    The order of preference: seconds in two columns; by its name; dates and times of day; by its name, where stamps
+    repeat or step back, which is a fault to report; the first column of numbers that does not count rows.
     """
     splits = [parts for name in numbers if (parts := clock_parts(name, numbers)) is not None]
     joined = [str(parts) for parts in splits if _is_split(parts, numbers)]
@@ -288,10 +302,22 @@ def guess_clock(numbers: Mapping[str, FloatArray], dated: Sequence[str], texts: 
     numeric = [name for name, values in numbers.items() if name not in rests and _is_increasing(values)]
     increasing = [*numeric, *dated, *texts]
     named = [name for name in increasing if name_words(name) & CLOCK_WORDS]
-    likely = [name for name in named if not name_words(name) & NOT_CLOCK]
+    likely = [name for name in named if _is_named_clock(name)]
     uneven = [name for name in numeric if not _counts_rows(numbers[name])]
     plain = [name for name in likely or named if name in numbers or name in dated]
-    return next(iter(joined or plain or list(dated) or likely or named or uneven or numeric), "")
+    faulty = [name for name, values in numbers.items() if _is_named_clock(name) and _mostly_grows(values)]
+    return next(iter(joined or plain or list(dated) or likely or named or faulty or uneven or numeric), "")
+
+
+def _is_named_clock(name: str) -> bool:
+    words = name_words(name)
+    return bool(words & CLOCK_WORDS) and not words & NOT_CLOCK
+
+
+def _mostly_grows(values: FloatArray) -> bool:
+    """Whether more than half of the steps that are not zero are forward."""
+    steps = np.diff(values[np.isfinite(values)])
+    return bool(np.count_nonzero(steps > 0.0) > 0.5 * np.count_nonzero(steps))
 
 
 def _is_split(parts: ClockParts, numbers: Mapping[str, FloatArray]) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -50,6 +51,17 @@ def test_several_jumps_are_all_found(tmp_path: Path) -> None:
 @pytest.mark.parametrize("seed", range(4, 8))
 def test_undamaged_logs_have_no_jump(seed: int, tmp_path: Path) -> None:
     assert not [name for name, trial in undamaged(seed, tmp_path) if found(trial, "heading_step")]
+
+
+def test_a_wild_reading_is_no_jump(tmp_path: Path) -> None:
+    """Slow logs hold wild readings that a vehicle could follow; the heading is back with the next reading."""
+    drive = dict(drives(3))["sine 5.0"]
+    for length in (1, 2):
+        heading = drive.heading.copy()
+        heading[243 : 243 + length] += 6.0
+        trial = replace(drive, heading=heading, time=5.0 * drive.time).trial(tmp_path)
+        assert trial.measured.all()
+        assert found(trial, "heading_step") == []
 
 
 def test_spikes_wraps_and_frozen_stretches_are_no_jumps(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from rovid.readers.raw_log import (
     split_instance,
     wrong_format,
 )
-from rovid.readers.timestamps import is_plausible
+from rovid.readers.timestamps import guess_clock, is_plausible, time_unit
 from rovid.signals.segments import subsampled_median
 from rovid.trial.axis import Signal
 from rovid.trial.config import Config
@@ -235,6 +235,21 @@ def test_declared_time_units(unit: str, scale: float, tmp_path: Path) -> None:
     assert_standard(trial.position, trial.time)
 
 
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [("millis", "ms"), ("TimeUS", "us"), ("t_usec", "us"), ("Zeit [μs]", "us"), ("status", "s"), ("Times", "s")],
+)
+def test_a_unit_in_the_name_of_the_clock(name: str, unit: str) -> None:
+    assert time_unit(name, 5e5, "auto") == unit
+
+
+def test_a_clock_by_name_whose_stamps_repeat_or_step_back_stays_the_clock() -> None:
+    other = {"distance": TIME * 3.0}
+    for faulty in (np.floor(TIME), np.concatenate((TIME[:200], TIME[:200])), np.roll(TIME, 1)):
+        assert guess_clock({"time_s": faulty, **other}, []) == "time_s"
+    assert guess_clock({"time_s": np.zeros(len(TIME)), **other}, []) == "distance"
+
+
 def test_nanoseconds_lose_no_digit(tmp_path: Path) -> None:
     ticks = 1767787200000000001 + np.arange(400) * 50_000_007
     trial = read_csv(tmp_path, csv_text(standard(time_s=ticks)))
@@ -263,6 +278,13 @@ def test_a_clock_without_order_is_refused(tmp_path: Path) -> None:
     np.random.default_rng(1).shuffle(time)
     with pytest.raises(LogError, match=r"time_s runs backwards at line \d+, from"):
         read_csv(tmp_path, csv_text(standard(time_s=time)))
+
+
+def test_rows_out_of_order_are_sorted(tmp_path: Path) -> None:
+    rows = np.argsort(np.arange(len(TIME)) + np.random.default_rng(2).uniform(0.0, 4.0, len(TIME)))
+    trial = read_csv(tmp_path, csv_text({name: np.asarray(values)[rows] for name, values in standard().items()}))
+    assert_standard(trial.position, trial.time)
+    assert set(kinds(trial)) == {"backward"}
 
 
 def test_coarse_stamps_that_hide_gaps_are_refused(tmp_path: Path) -> None:

@@ -220,3 +220,17 @@ def test_a_sensor_that_dies_is_left_out_to_the_end() -> None:
     assert counts(done) == {"frozen": int(np.sum(dead == 0.0))}
     # A vehicle that stops is none.
     assert counts(cleaned(*course([(10, 8), (5, 0)], 0.1))) == {}
+
+
+def test_the_value_of_dropouts_is_left_out_where_the_path_is_near_it() -> None:
+    """A sensor that sends 0 for no reading does so near north, too, by less than a vehicle can move at 2 Hz."""
+    time, path = course([(80, 4), (40, -3), (80, 5)], 0.5)
+    degrees = np.round((path + RNG.normal(0.0, 0.05, len(path))) % 360.0, 2)
+    lost = RNG.choice(np.arange(5, len(time) - 5), 12, replace=False)
+    near = np.flatnonzero(np.abs((path + 180.0) % 360.0 - 180.0 - 3.0) < 1.0)[:2]
+    degrees[[*lost, *near]] = 0.0
+    position, remarks = cleaned(time, degrees)
+    assert np.isnan(position[near]).all()
+    assert {remark.kind for remark in remarks} == {"outlier"}
+    measured = np.isfinite(position)
+    np.testing.assert_allclose(np.rad2deg(position)[measured], path[measured], atol=0.5)
