@@ -49,11 +49,12 @@ _OF_MOTION = ("sideslip_moment", "speed_dependent_damping")
 # Effects that slow motion along sway may imitate; they count next to one of the former alone.
 _IMITATED = ("wave_torque", "heading_dependent_torque")
 _POSITIONS = {"north", "east"}
-_LEAD = f"{CLOCKS_APART.id}.lead"
 # Share of the probability of a cause that is its own: the logs distinguish it from no clock offset, and no foreign log.
 _EVEN = 0.5
 # s; a longer delay of the drive is unlikely: bus, radio and controller take a tenth of it. Decision.
 _LONG_DELAY = 0.5
+# Standard errors by which a delay exceeds the lateness of the stamps, if it is the drive's own. Convention.
+_CERTAIN = 2.0
 # Effects that a clock offset between commands and motion resembles.
 _DELAYS = ("command_delay", "thruster_lag")
 
@@ -191,32 +192,41 @@ def _diagnose(prepared: PreparedRuns, vehicle: Vehicle, report: ProgressCallback
     offset = _clock_offset(diagnosis.findings)
     if offset is None:
         return _without_offset(diagnosis, prepared.items)
-    lead = offset.estimate.value(_LEAD)
+    lead, _ = _size(offset, "lead")
     long = [run.trial for run in prepared.items if run.trial.duration > 2.0 * lead]
     if not long:
         return _without_offset(diagnosis, prepared.items)
     short = [run.trial.name for run in prepared.items if run.trial.duration <= 2.0 * lead]
     left_out = f" {named(short)} {'is' if len(short) == 1 else 'are'} too short for that: left out." if short else ""
-    fault = _offset_fault(offset, prepared.items, f"The commands were moved by it.{left_out}")
     trials = tuple(shift_commands(trial, -lead) for trial in long)
     corrected = prepare(
         Campaign(trials=trials, sources=()), vehicle, cutoff=min(prepared.cutoff, highest_cutoff(trials))
     )
     report("Repeating the diagnosis with the clocks corrected …")
-    diagnosis = _without_offset(diagnose_majority(corrected, vehicle, report, budget), corrected.items)
-    return replace(diagnosis, faults=(fault, *diagnosis.faults))
+    diagnosis = diagnose_majority(corrected, vehicle, report, budget)
+    return _without_offset(diagnosis, prepared.items, offset, f"The commands were moved by it.{left_out}")
 
 
 def _clock_offset(findings: Sequence[Finding]) -> Finding | None:
     return next((finding for finding in findings if finding.effect is CLOCKS_APART), None)
 
 
-def _without_offset(diagnosis: Diagnosis, runs: Sequence[Run]) -> Diagnosis:
-    """``diagnosis`` with clock offsets as faults; a delay that may be one is no more than a suspect."""
+def _without_offset(
+    diagnosis: Diagnosis, runs: Sequence[Run], moved: Finding | None = None, done: str = "It may act."
+) -> Diagnosis:
+    """``diagnosis`` with clock offsets as faults; a delay that may be one is no more than a suspect.
+
+    ``moved`` is an offset by which the commands were moved before the diagnosis.
+    """
     every = [finding for finding in (*diagnosis.findings, *diagnosis.suspects) if finding.effect is not CLOCKS_APART]
-    offset, faults = _clock_offset((*diagnosis.findings, *diagnosis.suspects)), list[Fault]()
+    offset, faults = moved or _clock_offset((*diagnosis.findings, *diagnosis.suspects)), list[Fault]()
     if offset is not None:
-        faults.append(_offset_fault(offset, runs, "It may act."))
+        scatter = [finding for finding in every if _is_scatter(finding, offset)]
+        every = [finding for finding in every if finding not in scatter]
+        if scatter:
+            size = plus_minus(*_size(scatter[0], "delay"))
+            done += f" Their lateness scatters by {size} s, as where the logger reads the commands only for its rows."
+        faults.append(_offset_fault(offset, runs, done))
     findings = [finding for finding in diagnosis.findings if finding in every]
     suspects = [finding for finding in diagnosis.suspects if finding in every]
     for delay in [
@@ -238,8 +248,22 @@ def _without_offset(diagnosis: Diagnosis, runs: Sequence[Run]) -> Diagnosis:
 
 def _may_be_offset(delay: Finding, runs: Sequence[Run]) -> bool:
     """Whether the clocks of commands and motion may differ by the delay: in joined logs, or in all logs by topics."""
-    size = delay.estimate.value(f"{delay.effect.key}.delay")
+    size, _ = _size(delay, "delay")
     return bool(_joined(runs)) or (all(run.trial.separate_clocks for run in runs) and size > _LONG_DELAY)
+
+
+def _is_scatter(finding: Finding, offset: Finding) -> bool:
+    """Whether a command delay leaves the commands ahead of their stamps: stamps that are late by chance, no delay."""
+    if finding.effect.id != "command_delay":
+        return False
+    (delay, error), (lead, lead_error) = _size(finding, "delay"), _size(offset, "lead")
+    return delay - lead < _CERTAIN * math.hypot(error, lead_error)
+
+
+def _size(finding: Finding, parameter: str) -> tuple[float, float]:
+    """Value of a parameter, and its standard error."""
+    name = f"{finding.effect.key}.{parameter}"
+    return finding.estimate.value(name), finding.estimate.standard_error(name)
 
 
 def _joined(runs: Sequence[Run]) -> tuple[str, ...]:
@@ -249,8 +273,7 @@ def _joined(runs: Sequence[Run]) -> tuple[str, ...]:
 
 def _delay_fault(delay: Finding, runs: Sequence[Run]) -> Fault:
     """The clock offset that looks like a command delay."""
-    name = f"{delay.effect.key}.delay"
-    size, error = delay.estimate.value(name), delay.estimate.standard_error(name)
+    size, error = _size(delay, "delay")
     text = (
         f"The vehicle responds {plus_minus(size, error)} s after its commands: a command delay, or a clock of the "
         "commands that is behind the clock of the motion. The logs do not show which. "
@@ -273,7 +296,7 @@ def _delay_fault(delay: Finding, runs: Sequence[Run]) -> Fault:
 
 
 def _offset_fault(offset: Finding, runs: Sequence[Run], done: str) -> Fault:
-    lead, error = offset.estimate.value(_LEAD), offset.estimate.standard_error(_LEAD)
+    lead, error = _size(offset, "lead")
     joined = _joined(runs)
     text = f"The vehicle responds {plus_minus(lead, error)} s before its commands, which is impossible: "
     if joined:

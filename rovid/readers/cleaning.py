@@ -183,7 +183,7 @@ def _dropouts(samples: _Samples, bad: BoolArray) -> BoolArray:
     common = int(np.argmax(counts))
     if counts[common] < max(_MIN_DROPOUTS, 0.5 * counts.sum()):
         return np.zeros_like(bad)
-    silent = (samples.angle == values[common]) & ~bad
+    silent: BoolArray = (samples.angle == values[common]) & ~bad
     known = np.flatnonzero(~silent & ~bad)
     after = np.clip(np.searchsorted(known, np.flatnonzero(silent)), 1, len(known) - 1)
     first, last = known[after - 1], known[after]

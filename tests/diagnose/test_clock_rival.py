@@ -10,7 +10,7 @@ import pytest
 from rovid.diagnose.log_rivals import _without_offset
 from rovid.diagnose.result import Diagnosis
 from rovid.effects import command_delay
-from rovid.effects.clock_offset import mean_shifted
+from rovid.effects.clock_offset import CLOCKS_APART, mean_shifted
 from rovid.signals.preprocessing import shift_commands
 from tests.diagnose.findings import finding
 from tests.faults.days import day
@@ -43,3 +43,15 @@ def test_a_long_delay_between_topics_may_be_an_offset(delay: float, separate: bo
     assert bool(result.findings) == kept
     assert [fault.fault for fault in result.faults] == ([] if kept else ["clocks_apart"])
     assert result.verdict == ("found" if kept else "suspected")
+
+
+@pytest.mark.parametrize(("delay", "kept"), [(0.2, False), (0.41, False), (0.6, True)])
+def test_stamps_that_are_late_by_chance_are_no_delay(delay: float, kept: bool) -> None:
+    """A logger that reads the commands for its rows alone stamps them late, by up to an interval."""
+    found = Diagnosis(verdict="found", findings=(finding(command_delay.FORMS[-1], [delay, 1.0]),))
+    result = _without_offset(found, day("small", 0), finding(CLOCKS_APART, [0.4]), "The commands were moved by it.")
+    assert bool(result.findings) == kept
+    assert result.verdict == ("found" if kept else "nothing_found")
+    (fault,) = result.faults
+    assert fault.fault == "clocks_apart"
+    assert ("scatters by" in fault.text) != kept
