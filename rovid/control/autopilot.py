@@ -95,7 +95,7 @@ class AutopilotLaw:
 
 
 class Autopilot(NamedTuple):
-    """An autopilot's loop: period in s, whether it has integral, feedforward and filters, and names of its gains."""
+    """An autopilot's loop: period in s, whether it is ArduPilot's cascade, and names of its gains."""
 
     title: str
     period: float
@@ -103,12 +103,12 @@ class Autopilot(NamedTuple):
     names: Mapping[str, str]  #: Name of the parameter -> name of the field of `AutopilotLaw`.
 
 
-def _ardupilot(angle: str, rate: str) -> dict[str, str]:
+def _ardupilot(angle: str, rate: str, *, feedforward: bool) -> dict[str, str]:
     fields = {
         "P": "proportional",
         "I": "integral",
         "D": "derivative",
-        "FF": "feedforward",
+        **({"FF": "feedforward"} if feedforward else {}),
         "IMAX": "integral_limit",
         "FLTT": "target_filter",
         "FLTE": "error_filter",
@@ -117,10 +117,11 @@ def _ardupilot(angle: str, rate: str) -> dict[str, str]:
     return {angle: "angle", **{rate + key: field for key, field in fields.items()}}
 
 
-# By the names of `rovid control --law`. Periods: SCHED_LOOP_RATE of 400 Hz, 0.02 s of Rover, 250 Hz of PX4.
+# By the names of `rovid control --law`. ArduSub calls update_all without get_ff: its FF does not act.
+# Periods: SCHED_LOOP_RATE of 400 Hz, 0.02 s of Rover, 250 Hz of PX4.
 AUTOPILOTS: Mapping[str, Autopilot] = {
-    "ardusub": Autopilot("ArduSub", 0.0025, True, _ardupilot("ATC_ANG_YAW_P", "ATC_RAT_YAW_")),
-    "ardurover": Autopilot("ArduRover", 0.02, True, _ardupilot("ATC_STR_ANG_P", "ATC_STR_RAT_")),
+    "ardusub": Autopilot("ArduSub", 0.0025, True, _ardupilot("ATC_ANG_YAW_P", "ATC_RAT_YAW_", feedforward=False)),
+    "ardurover": Autopilot("ArduRover", 0.02, True, _ardupilot("ATC_STR_ANG_P", "ATC_STR_RAT_", feedforward=True)),
     "px4": Autopilot("PX4", 0.004, False, {"UUV_YAW_P": "output_gain", "UUV_YAW_D": "proportional"}),
 }
 
@@ -203,7 +204,7 @@ def autopilot_loop(
         if not autopilot.cascade:
             return law
         hertz = _rounded(_FILTERS * bandwidth / (2.0 * math.pi))
-        feedforward = _rounded(model.linear_drag / full)
+        feedforward = _rounded(model.linear_drag / full) if "feedforward" in autopilot.names.values() else 0.0
         return replace(
             law,
             angle=_rounded(kp / (kd + feedforward * full)),

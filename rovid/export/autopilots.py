@@ -25,6 +25,7 @@ _GAINS = (
     "The file holds gains. Inertia and drag of the vehicle are not among the autopilot's parameters; they act in the "
     "gains."
 )
+_LOST = ("quadratic_drag", "linear_drag")
 _SITL = '''
 
 # ---- the JSON interface of ArduPilot's SITL: start sim_vehicle.py with --model JSON:127.0.0.1, and run this file
@@ -81,7 +82,7 @@ def export_ardupilot(subject: ExportInput) -> ExportResult:
         lines += [f"{mark}{key},{value:.10g}" for key, value in parameters.items()]
         notes += [f"{AUTOPILOTS[name].title}: {text}" for text in texts[:1]]
     notes.append("A vehicle for the JSON interface of SITL: rovid export ardupilot -o FILE.py.")
-    return _result(subject, lines, notes, ("quadratic_drag",))
+    return _result(subject, lines, notes)
 
 
 def export_px4(subject: ExportInput) -> ExportResult:
@@ -90,7 +91,7 @@ def export_px4(subject: ExportInput) -> ExportResult:
     lines = _head("px4", subject) + [f"# {text}" for text in texts]
     lines += [f"param set {key} {value:.10g}" for key, value in parameters.items()]
     texts.append("No integral: a constant torque without trim turns the vehicle by the torque over kp.")
-    return _result(subject, lines, [_GAINS, *texts], ("quadratic_drag", "linear_drag"))
+    return _result(subject, lines, [_GAINS, *texts])
 
 
 def export_sitl(subject: ExportInput) -> ExportResult:
@@ -145,13 +146,13 @@ def _loop_texts(law: AutopilotLaw, margins: Margins) -> Iterator[str]:
     )
 
 
-def _result(subject: ExportInput, lines: list[str], notes: list[str], lost: tuple[str, ...]) -> ExportResult:
+def _result(subject: ExportInput, lines: list[str], notes: list[str]) -> ExportResult:
     trimmed = {"bias_torque"} if constant_trim(subject) else set()
     return ExportResult(
         content="\n".join(lines) + "\n",
         simulate=None,
         equation=subject.equation(0.02, **subject.drag_terms),
         kept_effects=frozenset(trimmed & subject.effects.keys()),
-        base_losses=tuple((name, "the loop has no term for it: feedback takes its place") for name in lost),
+        base_losses=tuple((name, "the loop has no term for it: feedback takes its place") for name in _LOST),
         notes=(*notes, "Stability is judged for the vehicle alone in Runge-Kutta steps of 0.02 s."),
     )

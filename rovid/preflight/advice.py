@@ -37,6 +37,8 @@ _SAME_LEVEL = 0.1
 _AT_END, _SATURATED = 1e-3, 0.02
 # Ratio of the estimated inertia to that of the rigid body that only wrong units or curves explain.
 _IMPLAUSIBLE = 20.0
+# The same ratio below which the scale of the thrust is in doubt: a body of uniform density has 1, and the water adds.
+_LIGHT = 0.8
 # Relative standard error of a parameter that is not determined; of a drag or buoyancy relative to the total.
 _UNCERTAIN = 0.25
 
@@ -289,6 +291,13 @@ def _undetermined(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[Advice]:
             "times the inertia of its mass and size."
         )
         yield Advice(kind="scale", text=text)
+    spread = 2.0 * estimate.standard_error("inertia")
+    if body and not vehicle.relative_scale_error and body / _IMPLAUSIBLE < inertia < _LIGHT * body - spread:
+        text = (
+            "Measure the thrust by a pull or a hover for `rovid fit-thrust-scale`: by its motion the vehicle would "
+            f"have {significant(inertia / body, 2)} times the inertia of its mass and size, to which the water adds."
+        )
+        yield Advice(kind="thrust_scale", text=text)
     for name, size in _relevant_sizes(runs, estimate).items():
         value, spread = estimate.value(name), estimate.standard_error(name)
         if spread > _UNCERTAIN * max(abs(value), size):

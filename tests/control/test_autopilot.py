@@ -54,7 +54,8 @@ class Loop:
         most = p["ATC_RAT_YAW_IMAX"]
         self.integrator = min(max(self.integrator + self.error * p["ATC_RAT_YAW_I"] * dt, -most), most)
         pid = p["ATC_RAT_YAW_P"] * self.error + self.integrator + p["ATC_RAT_YAW_D"] * self.derivative
-        return pid + p["ATC_RAT_YAW_FF"] * self.target
+        # ArduSub does not add it.
+        return pid + p.get("ATC_RAT_YAW_FF", 0.0) * self.target
 
 
 def headings(

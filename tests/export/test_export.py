@@ -559,8 +559,10 @@ def test_a_file_with_guessed_values_carries_a_notice(name: str, fitted: Path, tm
 
 
 AUTOPILOT_NAMES = {
-    "ardupilot": {"ATC_ANG_YAW_P"}
-    | {f"ATC_RAT_YAW_{key}" for key in ["P", "I", "D", "FF", "IMAX", "FLTT", "FLTE", "FLTD"]},
+    "ardupilot": {
+        "ATC_ANG_YAW_P",
+        *(f"ATC_RAT_YAW_{key}" for key in ("P", "I", "D", "IMAX", "FLTT", "FLTE", "FLTD")),
+    },
     "px4": {"UUV_YAW_P", "UUV_YAW_D"},
 }
 
@@ -576,7 +578,7 @@ def test_an_autopilot_gets_gains_with_their_margins_and_a_trim(name: str, fitted
     assert all(0.0 <= number < 100.0 for number in found.values())
     assert "phase margin" in text
     lost = {one["what"]: one["yaw_rate_percent_of_range"] for one in document["not_held"]}
-    assert set(lost) == {"thruster_lag", "quadratic_drag"} | ({"linear_drag"} if name == "px4" else set())
+    assert set(lost) == {"thruster_lag", "quadratic_drag", "linear_drag"}
     assert lost["thruster_lag"] > 1.0
     arms = {one.name: one.arm for one in load_config(fitted.parent / "day" / "rovid.toml").vehicle.thrusters}
     torque = sum(arms[one["thruster"]] * one["thrust"] for one in document["trim"])

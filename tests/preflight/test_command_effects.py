@@ -160,3 +160,8 @@ def test_implausible_arms_are_reported(tmp_path: Path, rovid: Rovid) -> None:
     write_day("rosub_hidden", tmp_path / "day", "43.0")
     advice = rovid("check", "day", "--json").document["advice"]
     assert [one for one in advice if one["kind"] == "scale"]
+    write_day("rosub_hidden", tmp_path / "weak", "0.1")
+    advice = rovid("check", "weak", "--json").document["advice"]
+    assert any(one["kind"] == "thrust_scale" and "rovid fit-thrust-scale" in one["text"] for one in advice)
+    advice = rovid("check", SAMPLES / "rosub_hidden", "--json").document["advice"]
+    assert not [one for one in advice if "scale" in one["kind"]]
