@@ -155,7 +155,7 @@ def blank_plots(*drawn: str) -> Iterator[None]:
     from rovid.present.page import figures
     from rovid.present.plots import canvas
 
-    figure, whole = Figure(figsize=(0.5, 0.5)), figures._render  # noqa: SLF001 - what draws one
+    figure, whole = Figure(figsize=(0.5, 0.5)), figures.render_draft
     as_png, as_svg = canvas.render_png(figure), canvas.render_svg(figure)
 
     def picture(sketch: figures.FigureDraft, guess: Assumptions) -> figures.ReportFigure:
@@ -164,7 +164,7 @@ def blank_plots(*drawn: str) -> Iterator[None]:
         return figures.ReportFigure(name=sketch.name, caption=sketch.caption, alt=sketch.alt, png=as_png, svg=as_svg)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(figures, "_render", picture)
+        patch.setattr(figures, "render_draft", picture)
         yield
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -58,6 +59,16 @@ PAGE = Page(
 )
 
 
+_JOURNAL = "Also write the plots for a journal into plots/WIDTH: 84mm or 174mm wide, PNG at 300 dpi. Repeatable."
+
+
+class JournalWidth(StrEnum):
+    """Width of a plot in print."""
+
+    COLUMN = "84mm"
+    PAGE = "174mm"
+
+
 def report(
     logs: OptionalLogs = None,
     *,
@@ -81,6 +92,14 @@ def report(
     pdf: Annotated[
         bool, typer.Option("--pdf", help="Also print report.pdf, with the Chromium, Chrome or Edge of this machine.")
     ] = False,
+    journal: Annotated[
+        list[JournalWidth] | None,
+        option(
+            "WIDTH",
+            "Also write the plots for a journal, 84 or 174 mm wide at 300 dpi, into plots/WIDTH. Repeatable.",
+            "--journal",
+        ),
+    ] = None,
     cutoff: Cutoff = None,
     budget: TimeBudget = None,
     force: Force = False,
@@ -91,8 +110,8 @@ def report(
     add_effects(effects_from)
     if is_planar(axes, axis, cutoff=cutoff):
         _report_planar(
-            logs, parameters, output or Path("report_planar"), diagnosed=diagnosis, pdf=pdf, budget=budget, force=force,
-            json=json,
+            logs, parameters, output or Path("report_planar"), diagnosed=diagnosis, pdf=pdf, journal=journal or (),
+            budget=budget, force=force, json=json,
         )  # fmt: skip
         return
     compile_in_background()
@@ -118,6 +137,7 @@ def report(
             controlled=control,
             exported=export,
             pdf=pdf,
+            journal=journal or (),
             force=force,
             report=show_progress,
         )
@@ -151,6 +171,7 @@ def _report_planar(
     *,
     diagnosed: bool,
     pdf: bool,
+    journal: Sequence[str],
     budget: float | None,
     force: bool,
     json: bool,
@@ -171,6 +192,7 @@ def _report_planar(
             diagnosed=diagnosed,
             budget=budget,
             pdf=pdf,
+            journal=journal or (),
             force=force,
             report=show_progress,
         )

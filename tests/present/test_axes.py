@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import re
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -50,7 +51,7 @@ def shown(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
         shutil.copy(SAMPLES / sample / name, logs)
     kept: list[ReportData] = []
 
-    def write(target: Path, evidence: ReportData, *, claim: OutputSet) -> Path:
+    def write(target: Path, evidence: ReportData, *, claim: OutputSet, journal: Sequence[str] = ()) -> Path:
         kept.append(evidence)
         return write_report(target, evidence, claim=claim)
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import io
+import re
 from dataclasses import replace
 
 import matplotlib as mpl
 import numpy as np
+import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -54,6 +56,23 @@ def test_no_text_leaves_the_figure(day: ReportData) -> None:
         assert box.y0 >= 0.0, name
         assert box.x1 <= figure.get_figwidth(), name
         assert box.y1 <= figure.get_figheight(), name
+
+
+@pytest.mark.parametrize("width", ["84mm", "174mm"])
+def test_a_journal_gets_its_width_with_all_text_within(day: ReportData, width: str) -> None:
+    with canvas.journal_plots(canvas.JOURNAL_WIDTHS[width]):
+        for name, figure in figures(day).items():
+            image, svg = Image.open(io.BytesIO(canvas.render_png(figure))), canvas.render_svg(figure).decode()
+            assert abs(image.width - canvas.JOURNAL_WIDTHS[width] / 25.4 * 300.0) < 1.0, name
+            assert image.info["dpi"] == pytest.approx((300.0, 300.0), rel=1e-4)
+            size = re.search(r'<svg[^>]* width="([^"]*)" height="([\d.]*)mm" viewBox="0 0 ([\d.]*) ([\d.]*)"', svg)
+            assert size is not None
+            assert size[1] == width
+            assert float(size[2]) == pytest.approx(float(width[:-2]) * float(size[4]) / float(size[3]), abs=0.01)
+            # Text is text, and 6 points high or more in print; the names of trials in one panel are smaller.
+            least = 5.0 if name == "residuals" else 6.0
+            points = [float(one) for one in re.findall(r"font(?:-size)?: ([\d.]+)px", svg)]
+            assert min(points) * float(width[:-2]) / 25.4 * 72.0 / float(size[3]) > least
 
 
 def test_overview_holds_every_trial(day: ReportData) -> None:

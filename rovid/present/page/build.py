@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
@@ -41,6 +41,7 @@ def build_report(
     controlled: bool = True,
     exported: bool = True,
     pdf: bool = False,
+    journal: Sequence[str] = (),
     force: bool = False,
     report: _Report = lambda _: None,
 ) -> tuple[Path, ReportData]:
@@ -59,6 +60,8 @@ def build_report(
         Whether to design a heading controller, and to export to every simulator; in yaw only.
     pdf
         Whether to print the page too, into `pdf_output` of ``folder``.
+    journal
+        Widths of plots for a journal, which are written too; see `write_report`.
     force
         Whether to overwrite files of other programs; the report's inputs are never overwritten.
     report
@@ -85,7 +88,7 @@ def build_report(
         data = replace(data, simulations=tuple(simulations))
     if data.diagnosis is not None:
         data = replace(data, nested=simulate_nested_models(study, data.diagnosis))
-    written = write_report(folder, data, claim=page)
+    written = write_report(folder, data, claim=page, journal=journal)
     if pdf:
         report("Printing the page …")
         paper.write({pdf_output(folder): print_pdf(written, browser)})

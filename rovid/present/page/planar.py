@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -15,7 +15,7 @@ from rovid import __version__
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
 from rovid.core.formatting import plus_minus
-from rovid.core.output_files import PAGE, OutputFile, OutputSet, png_signature, svg_signature
+from rovid.core.output_files import OutputSet
 from rovid.diagnose.result import Finding, by_evidence
 from rovid.planar.diagnosis import PlanarDiagnosis
 from rovid.planar.fit import PlanarFit, is_yaw_alone
@@ -23,7 +23,7 @@ from rovid.planar.standard_manoeuvres import SteeringSystem, model_manoeuvres, r
 from rovid.planar.trial_simulation import PlanarTrialSimulation, missing_forces, worst_run
 from rovid.present.number_format import format_number, unit_symbol
 from rovid.present.page.build import pdf_output
-from rovid.present.page.figures import FigureDraft, ReportFigure, existing_plots
+from rovid.present.page.figures import FigureDraft, ReportFigure, claim_page, plot_files, render_draft, write_page
 from rovid.present.page.pdf import print_pdf, require_browser
 from rovid.present.page.templating import long_date, template_environment
 from rovid.present.plots import canvas
@@ -37,7 +37,6 @@ from rovid.present.terminal.planar_diagnosis import planar_held_out_table
 from rovid.store.parameter_file import Parameters
 from rovid.store.planar_study import PlanarStudy, planar_effect
 from rovid.store.study import input_files
-from rovid.trial.assumptions import Assumptions
 from rovid.trial.fault import fault_texts
 
 
@@ -77,6 +76,7 @@ def build_planar_report(
     diagnosed: bool,
     budget: float | None,
     pdf: bool,
+    journal: Sequence[str],
     force: bool,
     report: Callable[[str], None],
 ) -> tuple[Path, PlanarReport]:
@@ -90,6 +90,8 @@ def build_planar_report(
         Whether to look for causes, and for how many seconds; otherwise the model has the effects of ``stored``.
     pdf, force
         Whether to print the page too, and whether to replace files of other programs.
+    journal
+        Names of `canvas.JOURNAL_WIDTHS`: the plots are also written that wide.
 
     Raises
     ------
@@ -97,7 +99,7 @@ def build_planar_report(
         The folder or the parameter file cannot be written.
     """
     inputs = [*input_files(study.logs.paths), stored.path]
-    claim = _claim(folder, force=force, protected=inputs)
+    claim = claim_page(folder, "planar_tracks", force=force, protected=inputs)
     browser = require_browser() if pdf else ""
     paper = OutputSet([pdf_output(folder)] if pdf else [], force=force, protected=inputs)
     diagnosis = study.diagnosis(report, budget=budget) if diagnosed else None
@@ -122,7 +124,7 @@ def build_planar_report(
         headline=fit_sentence(full) if diagnosis is None else verdict_sentence(diagnosis, study.vehicle.assumptions),
         diagnosis=diagnosis,
     )
-    page = _write(folder, contents, claim)
+    page = _write(folder, contents, claim, journal)
     if pdf:
         report("Printing the page …")
         paper.write({pdf_output(folder): print_pdf(page, browser)})
@@ -142,26 +144,18 @@ def _missing(
     return MissingForces(run=run.name, time=time, base=forces, full=forces if full is base else held)
 
 
-def _claim(folder: Path, *, force: bool, protected: Iterable[Path]) -> OutputSet:
-    """Permission to write the page and its plots into ``folder``."""
-    plots_folder = folder / "plots"
-    first = OutputFile(plots_folder / "planar_tracks.png", png_signature("report"))
-    outputs = dict.fromkeys((OutputFile(folder / "index.html", PAGE), *existing_plots(plots_folder), first))
-    return OutputSet(list(outputs), force=force, protected=protected)
-
-
-def _write(folder: Path, report: PlanarReport, claim: OutputSet) -> Path:
+def _write(folder: Path, report: PlanarReport, claim: OutputSet, journal: Sequence[str]) -> Path:
     """Write ``folder``/index.html and the plots; return the page."""
-    figures = {draft.name: _rendered(draft, report.study.vehicle.assumptions) for draft in _drafts(report)}
-    page = OutputFile(folder / "index.html", PAGE)
-    files: dict[OutputFile, str | bytes | Callable[[], str | bytes]] = {}
-    for figure in figures.values():
-        files[OutputFile(folder / "plots" / f"{figure.name}.png", png_signature("report"))] = figure.png
-        files[OutputFile(folder / "plots" / f"{figure.name}.svg", svg_signature("report"))] = figure.svg
-    older = [plot for plot in existing_plots(folder / "plots") if plot not in files]
-    stale = [plot.path for plot in older if plot.path.is_file() and plot.signature.matches(plot.path)]
-    claim.write({**files, page: _render(report, figures)}, stale=stale)
-    return page.path
+
+    def draw() -> dict[str, ReportFigure]:
+        return {draft.name: render_draft(draft, report.study.vehicle.assumptions) for draft in _drafts(report)}
+
+    figures = draw()
+    plots = plot_files(figures.values(), folder / "plots")
+    for name in journal:
+        with canvas.journal_plots(canvas.JOURNAL_WIDTHS[name]):
+            plots |= plot_files(draw().values(), folder / "plots" / name)
+    return write_page(folder, _render(report, figures), plots, claim)
 
 
 def _drafts(report: PlanarReport) -> Iterator[FigureDraft]:
@@ -203,12 +197,6 @@ def _drafts(report: PlanarReport) -> Iterator[FigureDraft]:
             caption=f"{lost.run}: forces that each model misses along each axis, from the smoothed motion.",
             alt=f"Missing forces of {lost.run} against time.",
         )
-
-
-def _rendered(draft: FigureDraft, guess: Assumptions) -> ReportFigure:
-    figure = canvas.mark_guessed(draft.figure, guess)
-    png, svg = canvas.render_png(figure), canvas.render_svg(figure)
-    return ReportFigure(name=draft.name, caption=draft.caption, alt=draft.alt, png=png, svg=svg)
 
 
 def _shown(items: Sequence[PlanarTrialSimulation], worst: int) -> list[int]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Any
@@ -12,17 +12,18 @@ import numpy as np
 
 from rovid import __version__
 from rovid.core.formatting import plus_minus
-from rovid.core.output_files import PAGE, OutputFile, OutputSet, png_signature
+from rovid.core.output_files import OutputSet
 from rovid.diagnose.result import discriminating_experiment
 from rovid.effects import restoring_effect
 from rovid.estimate.inertia import METHODS
 from rovid.model.parameter_names import base_names
 from rovid.present.conclusions import control_verdict
 from rovid.present.number_format import arm_words, parameter_title, steady_state_words, unit_symbol
-from rovid.present.page.figures import ReportFigures, draw_figures, existing_plots
+from rovid.present.page.figures import ReportFigures, claim_page, draw_figures, write_page
 from rovid.present.page.summary import size_words, summarize
 from rovid.present.page.templating import long_date, read_assets, template_environment
 from rovid.present.page.viewer_data import viewer_document
+from rovid.present.plots.canvas import JOURNAL_WIDTHS, journal_plots
 from rovid.present.report_data import ReportData
 from rovid.present.residuals import rms_sizes, unexplained_torques
 from rovid.present.sentences import effect_title, evidence_definitions, evidence_words
@@ -42,19 +43,16 @@ def claim_report(folder: Path, *, force: bool = False, protected: Iterable[Path]
     OutputError
         A file of another program has the name of one of the report's, or the folder cannot be written.
     """
-    plots = folder / "plots"
-    # The plots are not known yet; one name stands for those that do not exist.
-    one_plot = OutputFile(plots / "inertia.png", png_signature("report"))
-    outputs = dict.fromkeys((_page(folder), *existing_plots(plots), one_plot))
-    return OutputSet(list(outputs), force=force, protected=protected)
-
-
-def _page(folder: Path) -> OutputFile:
-    return OutputFile(folder / "index.html", PAGE)
+    return claim_page(folder, "inertia", force=force, protected=protected)
 
 
 def write_report(
-    folder: Path, report: ReportData, *, claim: OutputSet | None = None, today: date | None = None
+    folder: Path,
+    report: ReportData,
+    *,
+    claim: OutputSet | None = None,
+    today: date | None = None,
+    journal: Sequence[str] = (),
 ) -> Path:
     """Write ``folder``/index.html and ``folder``/plots/*.png and *.svg; return the page.
 
@@ -66,6 +64,8 @@ def write_report(
         Permission to write, where it was requested before.
     today
         The date on the page; today's date, UTC, if None.
+    journal
+        Names of `JOURNAL_WIDTHS`: the plots are also written that wide, each width into a folder of its name.
 
     Raises
     ------
@@ -75,11 +75,11 @@ def write_report(
     claim = claim or claim_report(folder)
     figures = draw_figures(report)
     text = render_page(report, figures, today=today or datetime.now(UTC).date())
-    page, plots = _page(folder), figures.files(folder / "plots")
-    older = [plot for plot in existing_plots(folder / "plots") if plot not in plots]
-    stale = [plot.path for plot in older if plot.path.is_file() and plot.signature.matches(plot.path)]
-    claim.write({**plots, page: text}, stale=stale)
-    return page.path
+    plots = figures.files(folder / "plots")
+    for name in journal:
+        with journal_plots(JOURNAL_WIDTHS[name]):
+            plots |= draw_figures(report).files(folder / "plots" / name)
+    return write_page(folder, text, plots, claim)
 
 
 def render_page(report: ReportData, figures: ReportFigures, *, today: date) -> str:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import io
 import re
 import warnings
 from collections.abc import Callable, Iterator, Sequence
+from contextvars import ContextVar
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
@@ -64,6 +66,14 @@ _VARIABLES = {
     "#e2e2e2": "line",
 }
 POINTS = 1200
+# Widths of a column and of a page of most journals, in mm, and pixels per inch of the PNG.
+JOURNAL_WIDTHS = {"84mm": 84.0, "174mm": 174.0}
+_JOURNAL_DPI, _INCH = 300.0, 25.4
+# Size in print relative to the drawing: text of 10 points has 8.
+_IN_PRINT = 0.8
+# in; panels of a narrower figure stand one below another.
+_ONE_COLUMN = 5.5
+_journal: ContextVar[float | None] = ContextVar("journal", default=None)
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -78,6 +88,16 @@ def report_style(draw: Callable[P, R]) -> Callable[P, R]:
             return draw(*args, **kwargs)
 
     return under_style
+
+
+@contextlib.contextmanager
+def journal_plots(width: float) -> Iterator[None]:
+    """Draw and render figures ``width`` mm wide in print."""
+    token = _journal.set(width)
+    try:
+        yield
+    finally:
+        _journal.reset(token)
 
 
 def panel_grid(
@@ -107,8 +127,20 @@ def panel_grid(
     share_x
         One horizontal axis for all rows, labelled in the last.
     width
-        Of the figure in inches.
+        Of the figure in inches; less in a narrow journal, whose panels stand one below another.
     """
+    journal = _journal.get()
+    if journal is not None:
+        width = min(width, journal / _INCH / _IN_PRINT)
+    if journal is not None and width < _ONE_COLUMN:
+        # Legends above the panels have no place beside their titles.
+        left, top = min(left, 0.4 * width), top + 0.25
+    if width < _ONE_COLUMN and any(count > 1 for _, count in rows):
+        single = [(tall, 1) for tall, count in rows for _ in range(count)]
+        margins = {"left": left, "right": right, "top": top - 0.25, "bottom": bottom, "down": max(down, 0.75) + 0.3}
+        figure, column = panel_grid(single, share_x=share_x, width=width, **margins)
+        each = iter(row[0] for row in column)
+        return figure, [[next(each) for _ in range(count)] for _, count in rows]
     height = top + sum(tall for tall, _ in rows) + down * (len(rows) - 1) + bottom
     figure = Figure(figsize=(width, height))
     panels: list[list[Axes]] = []
@@ -143,18 +175,24 @@ def mark_guessed(figure: Figure, guess: Assumptions) -> Figure:
 @report_style
 def render_png(figure: Figure, of: str = "report") -> bytes:
     """The figure as PNG with a palette, a third of the size of full colour; ``of`` is the kind of document."""
+    journal = _journal.get()
     canvas: Any = FigureCanvasAgg(figure)  # its methods carry no annotations
     with warnings.catch_warnings():
         _accept_any_name(figure)
         canvas.draw()
-    pixels = np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., :3])
-    image = Image.fromarray(pixels).quantize(_COLOURS, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+        if journal is None:
+            drawn = Image.fromarray(np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., :3]))
+        else:
+            box, pixels = figure.get_tightbbox(canvas.get_renderer()), io.BytesIO()
+            figure.savefig(pixels, bbox_inches=box, dpi=_JOURNAL_DPI * journal / _INCH / box.width)
+            drawn = Image.open(pixels).convert("RGB")
+    image = drawn.quantize(_COLOURS, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
     # The octree quantiser darkens white slightly, which is visible on the white page.
     image.putpalette([255 if level > _NEARLY_WHITE else level for level in image.getpalette() or ()])
     buffer = io.BytesIO()
     text = PngInfo()
     text.add_text("Software", plot_mark(of))
-    image.save(buffer, format="png", pnginfo=text)
+    image.save(buffer, format="png", pnginfo=text, **({} if journal is None else {"dpi": (_JOURNAL_DPI, _JOURNAL_DPI)}))
     return buffer.getvalue()
 
 
@@ -165,8 +203,14 @@ def render_svg(figure: Figure) -> bytes:
     canvas: Any = FigureCanvasSVG(figure)  # its methods carry no annotations
     with warnings.catch_warnings(), style.context({"svg.fonttype": "none"}):
         _accept_any_name(figure)
-        canvas.print_svg(buffer, metadata={"Date": None, "Creator": plot_mark("report")})
-    return buffer.getvalue()
+        metadata = {"Date": None, "Creator": plot_mark("report")}
+        if (journal := _journal.get()) is None:
+            canvas.print_svg(buffer, metadata=metadata)
+            return buffer.getvalue()
+        figure.savefig(buffer, format="svg", bbox_inches="tight", pad_inches=0.0, metadata=metadata)
+    wide, high = (float(size) for size in re.findall(rb'(?:width|height)="([\d.]+)pt"', buffer.getvalue())[:2])
+    size = f'width="{journal:g}mm" height="{journal * high / wide:.2f}mm"'.encode()
+    return re.sub(rb'width="[\d.]+pt" height="[\d.]+pt"', size, buffer.getvalue(), count=1)
 
 
 @report_style

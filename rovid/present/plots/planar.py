@@ -88,7 +88,6 @@ def plot_speeds(base: PlanarTrialSimulation, full: PlanarTrialSimulation) -> Fig
         name = "simulated" if base is full else "with causes"
         panel.plot(*decimate_min_max(*_speed(full, speed)), color=BLACK, linewidth=1.1, label=name)
         panel.set_ylabel(f"{title},\n{SENSOR_UNITS[speed]}")
-        panel.yaxis.set_label_coords(-0.075, 0.5)
         panel.locator_params(axis="y", nbins=5)
         if speed in full.fits and math.isfinite(full.fits[speed].r2):
             panel.set_title(f"R² {full.fits[speed].r2:.3f}", fontsize=8, loc="right", pad=2)
@@ -100,6 +99,7 @@ def plot_speeds(base: PlanarTrialSimulation, full: PlanarTrialSimulation) -> Fig
     figure.legend(list(handles.values()), list(handles), ncols=3, loc="upper right", borderaxespad=0.1)
     panels[-1][0].set_xlabel("time, s")
     panels[-1][0].set_xlim(0.0, full.motion.time[-1])
+    figure.align_ylabels()
     return figure
 
 
@@ -124,10 +124,10 @@ def plot_missing_forces(
         panel.plot(*decimate_min_max(time, force), color=BLUE, linewidth=1.1, label=label)
         panel.axhline(0.0, color=BLACK, linewidth=0.6)
         panel.set_ylabel(f"{axis},\n{_FORCE_UNITS[axis]}")
-        panel.yaxis.set_label_coords(-0.075, 0.5)
         panel.locator_params(axis="y", nbins=5)
     panels[0][0].set_title(shorten_name(name, 48))
     figure.legend(*panels[0][0].get_legend_handles_labels(), ncols=2, loc="upper right", borderaxespad=0.1)
+    figure.align_ylabels()
     panels[-1][0].set_xlabel("time, s")
     return figure
 

@@ -25,8 +25,6 @@ from rovid.present.plots.canvas import (
 
 PER_SHEET = 24
 _COLUMNS = 3
-# Horizontal position of the axis labels, as a share of the width of the axes.
-_LABEL = -0.085
 # Points of a line for each inch of the figure's width.
 _POINTS_PER_INCH = 100
 
@@ -138,9 +136,9 @@ def plot_trial(item: TrialSimulation) -> Figure:
     }
     for panel, label in labels.items():
         panel.set_ylabel(label)
-        panel.yaxis.set_label_coords(_LABEL, 0.5)
         if panel is not rate:
             panel.locator_params(axis="y", nbins=4)
+    figure.align_ylabels()
     title = shorten_name(trial.name, 48)
     if math.isfinite(item.fit.r2):
         title += f"   R² {item.fit.r2:.4f}, fit {item.fit.fit_percent:.1f} %"

@@ -89,7 +89,7 @@ def titles(page: str) -> tuple[str, ...]:
 @pytest.fixture(scope="module")
 def folder(day: ReportData, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("report")
-    write_report(folder, day, today=TODAY)
+    write_report(folder, day, today=TODAY, journal=("84mm",))
     return folder
 
 
