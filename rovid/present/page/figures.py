@@ -2,77 +2,34 @@
 
 from __future__ import annotations
 
-import base64
 import itertools
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
 from markupsafe import Markup
-from matplotlib.figure import Figure
 
 from rovid.core.formatting import plus_minus
-from rovid.core.output_files import PAGE, OutputFile, OutputSet, png_signature, svg_signature
+from rovid.core.output_files import OutputFile
 from rovid.core.spmd import forked_workers, parallel_map
 from rovid.diagnose.cross_validation import split_runs
 from rovid.model.simulation import TrialSimulation
 from rovid.present.number_format import format_number, steady_state_words, unit_symbol
+from rovid.present.page.plot_files import FigureDraft, ReportFigure, plot_files, render_draft
 from rovid.present.plots import canvas, faults, identification, residuals, results, trials
-from rovid.present.plots.canvas import JOURNAL_WIDTHS
 from rovid.present.report_data import ReportData, worst_first
 from rovid.present.residuals import missing_without, rms_sizes, unexplained_torques
 from rovid.present.sentences import effect_title
 from rovid.present.tables.diagnosis import ALTERNATIVES_SHOWN
 from rovid.present.tables.fits import method_title
 from rovid.signals.preprocessing import PreparedRuns
-from rovid.trial.assumptions import Assumptions
 from rovid.trial.fault import Fault
 
 # Most large trial plots and plots of faults: a page with more opens slowly on a tablet. The page lists all of them.
 LARGE_PLOTS, FAULT_PLOTS = 40, 8
-# File names of the plots of any report.
-_FILE_NAMES = re.compile(
-    r"(fault_\d\d|thrust_curves|steady_\w+|inertia|residuals|diagnosis_gain|diagnosis_residuals|closed_loop|rivals_\w+|missing_\w+|planar_\w+"
-    r"|(sine_runs|overview)(_\d\d+)?|trial_\d\d+_\w*)\.(png|svg)"
-)
 _T = TypeVar("_T")
-
-
-def plot_files(figures: Iterable[ReportFigure], folder: Path) -> dict[OutputFile, bytes]:
-    """Each plot as PNG and as SVG in ``folder``."""
-    files = {}
-    for figure in figures:
-        files[OutputFile(folder / f"{figure.name}.png", png_signature("report"))] = figure.png
-        files[OutputFile(folder / f"{figure.name}.svg", svg_signature("report"))] = figure.svg
-    return files
-
-
-@dataclass(frozen=True, kw_only=True)
-class ReportFigure:
-    """A plot: file name without suffix, caption, alternative text, and its bytes."""
-
-    name: str
-    caption: str
-    alt: str
-    png: bytes
-    svg: bytes
-
-    @property
-    def data(self) -> str:
-        """The PNG in base64."""
-        return base64.b64encode(self.png).decode("ascii")
-
-
-@dataclass(frozen=True, eq=False)
-class FigureDraft:
-    """A plot that is not yet rendered: file name without suffix, caption and alternative text."""
-
-    name: str
-    figure: Figure
-    caption: str = field(kw_only=True)
-    alt: str = field(kw_only=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,37 +71,6 @@ class ReportFigures:
         return plot_files(itertools.chain.from_iterable(each), folder)
 
 
-def existing_plots(folder: Path) -> list[OutputFile]:
-    """Files in ``folder`` and its folders for journals with names of a report's plots, whatever program wrote them."""
-    signatures = {".png": png_signature("report"), ".svg": svg_signature("report")}
-    files = [path for one in (folder, *(folder / name for name in JOURNAL_WIDTHS)) for path in sorted(one.glob("*"))]
-    plots = filter(lambda path: _FILE_NAMES.fullmatch(path.name), files)
-    return [OutputFile(path, signatures[path.suffix]) for path in plots]
-
-
-def claim_page(folder: Path, plot: str, *, force: bool, protected: Iterable[Path]) -> OutputSet:
-    """Permission to write a page and its plots into ``folder``.
-
-    Raises
-    ------
-    OutputError
-        A file of another program has the name of one of the report's, or the folder cannot be written.
-    """
-    # The plots are not known yet; one stands for those that do not exist.
-    first = OutputFile(folder / "plots" / f"{plot}.png", png_signature("report"))
-    outputs = dict.fromkeys((OutputFile(folder / "index.html", PAGE), *existing_plots(folder / "plots"), first))
-    return OutputSet(list(outputs), force=force, protected=protected)
-
-
-def write_page(folder: Path, text: str, plots: Mapping[OutputFile, bytes], claim: OutputSet) -> Path:
-    """Write ``folder``/index.html and its ``plots`` together, and remove those of an older page; return the page."""
-    page = OutputFile(folder / "index.html", PAGE)
-    older = [plot for plot in existing_plots(folder / "plots") if plot not in plots]
-    stale = [plot.path for plot in older if plot.path.is_file() and plot.signature.matches(plot.path)]
-    claim.write({**plots, page: text}, stale=stale)
-    return page.path
-
-
 def draw_figures(report: ReportData) -> ReportFigures:
     """Draw all plots that the data allow; on Linux several processes share the work."""
     with forked_workers():
@@ -182,13 +108,6 @@ def _faults(found: Sequence[Fault]) -> Iterator[FigureDraft]:
     for number, fault in enumerate([fault for fault in found if fault.excerpt][:FAULT_PLOTS], 1):
         plot = faults.plot_fault(fault)
         yield FigureDraft(f"fault_{number:02d}", plot, caption=f"{fault.title}.", alt="The signal at the fault.")
-
-
-def render_draft(draft: FigureDraft, guess: Assumptions) -> ReportFigure:
-    """The plot as PNG and SVG; its assumptions are marked where the unit of an axis depends on them."""
-    figure = canvas.mark_guessed(draft.figure, guess)
-    png, svg = canvas.render_png(figure), canvas.render_svg(figure)
-    return ReportFigure(name=draft.name, caption=draft.caption, alt=draft.alt, png=png, svg=svg)
 
 
 def _worst(report: ReportData) -> WorstTrialFigure | None:
