@@ -11,8 +11,10 @@ import pytest
 
 from rovid.core.errors import ConfigError
 from rovid.estimate.estimate import Estimate
+from rovid.planar.model import BASE_COUNT, PlanarModel
 from rovid.store.load import read_parameters
 from rovid.store.parameter_file import Parameters, Source, absolute_paths
+from rovid.store.planar_study import planar_model
 
 NAMES = ("inertia", "quadratic_drag", "linear_drag")
 COVARIANCE = np.array([[100.0, -30.0, 2.0], [-30.0, 900.0, -55.0], [2.0, -55.0, 9.0]])
@@ -52,6 +54,16 @@ def test_round_trip(tmp_path: Path) -> None:
     assert found == replace(stored, covariance=found.covariance)
     assert found.covariance == pytest.approx(dict(stored.covariance))
     assert found.model().inertia == 5057.0  # to the last digit
+
+
+def test_the_model_has_effects_that_the_logs_leave_open(tmp_path: Path) -> None:
+    base = PlanarModel(base=np.arange(1.0, 1.0 + BASE_COUNT), effects=(), rudders=())
+    lift = {"sway_yaw_damping:lift.yaw_by_sway": -3.0, "sway_yaw_damping:lift.sway_by_yaw": 2.0}
+    assumed = dict(zip(base.names, base.base.tolist(), strict=True)) | lift
+    model = planar_model(Parameters(path=tmp_path / "parameters_planar.toml", assumed=assumed))
+    assert [(one.effect.key, one.parameters.tolist()) for one in model.effects] == [
+        ("sway_yaw_damping:lift", [-3.0, 2.0])
+    ]
 
 
 def test_separate_fits_have_no_covariance(tmp_path: Path) -> None:
