@@ -103,7 +103,7 @@ def _diagnose_planar(
 ) -> None:
     """Diagnose surge, sway and yaw together."""
     from rovid.present.console import print_text, show_caution, show_faults, show_warnings
-    from rovid.present.documents.planar_diagnosis import planar_diagnosis_document, planar_faults
+    from rovid.present.documents.planar_diagnosis import planar_diagnosis_document
     from rovid.present.terminal.planar_diagnosis import show_planar_diagnosis
 
     session = open_planar_session(logs, parameters, force=force, require_sound=False)
@@ -118,7 +118,7 @@ def _diagnose_planar(
         return
     guess = study.vehicle.assumptions
     show_caution(console(), guess)
-    show_faults(console(), planar_faults(diagnosis, study))
+    show_faults(console(), study.logs.faults)
     show_planar_diagnosis(console(), diagnosis, guess)
     show_warnings(console(), [*study.remarks(), *diagnosis.warnings])
     if diagnosis.extended is not None:

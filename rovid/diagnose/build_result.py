@@ -20,12 +20,12 @@ from rovid.diagnose.cross_validation import (
     rate_floor,
     simulate_folds,
 )
-from rovid.diagnose.evidence import recalibrated
+from rovid.diagnose.evidence import recalibrated, size_in_errors
 from rovid.diagnose.result import Diagnosis, Finding, HorizonErrors, ModelAssessment
 from rovid.diagnose.screening import ScoreTest, bic_penalty
 from rovid.diagnose.selection import Selection
 from rovid.diagnose.signal_regressors import is_signal
-from rovid.diagnose.stated_selection import StatedSelection, is_established, model_estimate, of_effect, size_in_errors
+from rovid.diagnose.stated_selection import StatedSelection, is_established, model_estimate
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.diagnose.validation import Suspected
 from rovid.effects import CATALOGUE, Effect, EffectParameter
@@ -101,14 +101,14 @@ def _assess(
 def _finding(selection: Selection, cause: Cause, estimate: Estimate) -> Finding:
     """Established cause, with the runs that distinguish it from others where that is open."""
     effect, held_out_gain = cause.effect, selection.held_out_gain(cause.effect)
-    probability, own = selection.probability(cause, held_out_gain), of_effect(estimate, effect)
+    probability, own = selection.probability(cause, held_out_gain), estimate.only(effect.parameter_names)
     finding = Finding(
         effect=effect,
         estimate=own,
         gain=cause.gain,
         bic_gain=cause.bic_gain,
         held_out_gain=held_out_gain,
-        standard_errors=size_in_errors(selection, effect, own),
+        standard_errors=size_in_errors(effect, own.values, own.covariance, selection.data.scales),
         probability=recalibrated(probability, white=selection.model.is_white),
         alternatives=cause.alternatives,
         indistinguishable=(*selection.indistinguishable(cause), *_without_signal(selection, effect)),
@@ -121,7 +121,7 @@ def _finding(selection: Selection, cause: Cause, estimate: Estimate) -> Finding:
 def _suspect_finding(selection: Selection, suspected: Suspected) -> Finding:
     """Suspect with its size in the model that it extends."""
     one, fitted = suspected.alternative, selection.full_data(suspected.alternative.fitted)
-    own = of_effect(model_estimate(fitted, white=False), one.effect)
+    own = model_estimate(fitted, white=False).only(one.effect.parameter_names)
     further = selection.search.further_causes(selection.model)
     others = [other.effect for other in suspected.others]
     excluded = {one.effect.id, *(effect.id for effect in selection.inconsistent)}
@@ -131,7 +131,7 @@ def _suspect_finding(selection: Selection, suspected: Suspected) -> Finding:
         gain=selection.model.value - one.fitted.value,
         bic_gain=one.bic_gain,
         held_out_gain=suspected.held_out_gain,
-        standard_errors=size_in_errors(selection, one.effect, own),
+        standard_errors=size_in_errors(one.effect, own.values, own.covariance, selection.data.scales),
         probability=suspected.probability,
         alternatives=tuple(other for other in further if other.effect.id not in excluded),
         indistinguishable=(*others, *_without_signal(selection, one.effect)),
@@ -146,14 +146,14 @@ def _wave_finding(selection: Selection) -> Finding | None:
     if waves is None or waves.fitted is None or waves.probability < THRESHOLDS.possible:
         return None
     effect = waves.fitted.effects[-1]
-    own = of_effect(model_estimate(waves.fitted, white=False), effect)
+    own = model_estimate(waves.fitted, white=False).only(effect.parameter_names)
     return Finding(
         effect=effect,
         estimate=own,
         gain=waves.gain,
         bic_gain=waves.bic_gain,
         held_out_gain=waves.held_out_gain,
-        standard_errors=size_in_errors(selection, effect, own),
+        standard_errors=size_in_errors(effect, own.values, own.covariance, selection.data.scales),
         probability=waves.probability,
         alternatives=(),
         indistinguishable=(),

@@ -183,7 +183,7 @@ def _better(selection: Selection, fits: Sequence[FitResult]) -> FitResult | None
         least = search.required_score(model, fitted) + THRESHOLDS.exchange_gain
         if _has_sizes_by_trial(model) and not _has_sizes_by_trial(fitted):
             # Sizes that a common cause explains as well are no sizes of their own.
-            least -= selection.tie_margin(bic_score(model) - bic_score(search.without_all(model)))
+            least -= THRESHOLDS.tie(bic_score(model) - bic_score(search.without_all(model)))
         is_better = bic_score(fitted) >= least
         if len(fitted.effects) > len(model.effects):
             # Unless the innovations are white, more causes gain by what the equations of fewer causes approximate.

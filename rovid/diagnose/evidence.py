@@ -13,6 +13,7 @@ from rovid.core.stats import f_sf, logistic, logit, t_cdf
 from rovid.diagnose.candidate_fits import fit_coarse
 from rovid.diagnose.thresholds import ESTABLISHED, THRESHOLDS
 from rovid.effects import Effect, supply_sag
+from rovid.effects.base import Scales
 from rovid.effects.further_terms import trials_in_form
 from rovid.estimate.fit_result import FitResult
 
@@ -98,11 +99,21 @@ def effect_sizes(fitted: FitResult, effect: Effect, *, sandwich: bool) -> tuple[
 
     Where the neutral value is infinite, the distance is counted from zero.
     """
-    sizes = effect.parameters[: effect.size_count]
-    at = [fitted.model.names.index(f"{effect.key}.{size.name}") for size in sizes]
-    scales = fitted.data.scales
-    neutral = [0.0 if size.neutral_at_infinity else size.neutral * scales.unit_size(size) for size in sizes]
-    return fitted.model.values[at] - neutral, fitted.covariance(sandwich=sandwich)[np.ix_(at, at)]
+    at = [fitted.model.names.index(name) for name in effect.parameter_names[: effect.size_count]]
+    away = fitted.model.values[at] - fitted.data.scales.neutral_sizes(effect)
+    return away, fitted.covariance(sandwich=sandwich)[np.ix_(at, at)]
+
+
+def size_in_errors(effect: Effect, values: FloatArray, covariance: FloatArray, scales: Scales) -> float:
+    """Mahalanobis distance of the sizes of ``effect`` from their neutral values; 0 where they are not determined.
+
+    ``values`` (k,) and ``covariance`` (k, k) are those of its parameters.
+    """
+    own = slice(effect.size_count)
+    away, covariance = values[own] - scales.neutral_sizes(effect), covariance[own, own]
+    if not np.isfinite(covariance).all():
+        return 0.0
+    return math.sqrt(max(float(away @ np.linalg.lstsq(covariance, away, rcond=None)[0]), 0.0))
 
 
 def unit_direction(away: FloatArray) -> FloatArray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -109,18 +109,37 @@ class HorizonErrors:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Diagnosis:
-    """Result of `rovid diagnose`."""
+class Conclusion:
+    """What the diagnosis of any model concludes."""
 
     verdict: str  #: found, suspected, nothing_found, unexplained, too_little_data or bad_logs.
-    #: ``base``, ``extended``: model without, and with the established causes; None with too little data.
-    base: ModelAssessment | None = None
-    extended: ModelAssessment | None = None
     #: ``findings``, ``suspects``: established causes, the largest gain first; likely or possible ones, the most
     #: probable first.
     findings: tuple[Finding, ...] = ()
     suspects: tuple[Finding, ...] = ()
     challengers: tuple[Challenger, ...] = ()  #: Other sets of causes, the closest to the established set first.
+    #: Each effect that was not found, with the smallest detectable size of its first parameter; may be infinite.
+    detectable: tuple[tuple[Effect, float], ...] = ()
+    warnings: tuple[str, ...] = ()
+    missing: str = ""  #: Message on the data that are missing.
+    budget: BudgetUse | None = None  #: The time that the diagnosis was allowed, and that it took.
+
+    @property
+    def causes(self) -> tuple[Finding, ...]:
+        """Findings and suspects by their evidence, the best first; then by the gain on held-out trials."""
+        every, words = (*self.findings, *self.suspects), list(Evidence)
+        return tuple(
+            sorted(every, key=lambda one: (words.index(one.evidence), -one.held_out_gain, -one.standard_errors))
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Diagnosis(Conclusion):
+    """Result of `rovid diagnose`."""
+
+    #: ``base``, ``extended``: model without, and with the established causes; None with too little data.
+    base: ModelAssessment | None = None
+    extended: ModelAssessment | None = None
     horizons: tuple[HorizonErrors, ...] = ()  #: Position errors after half to eight time constants.
     #: Logged signals that explain part of the motion, each with its BIC gain.
     signals: tuple[tuple[Effect, float], ...] = ()
@@ -131,29 +150,13 @@ class Diagnosis:
     noise_floor: float = math.nan  #: RMS rate error of a perfect model.
     #: Horizon in s -> RMS position error of a perfect model in rad or m; NaN where unknown.
     position_floors: Mapping[float, float] = field(default_factory=dict)
-    #: Each effect that was not found, with the smallest detectable size of its first parameter; may be infinite.
-    detectable: tuple[tuple[Effect, float], ...] = ()
-    warnings: tuple[str, ...] = ()
     faults: tuple[Fault, ...] = ()  #: Faults of the logs that the diagnosis found.
-    missing: str = ""  #: Message on the data that are missing.
-    budget: BudgetUse | None = None  #: The time that the diagnosis was allowed, and that it took.
     from_tables: TableDiagnosis | None = None  #: Diagnosis of tables, where there are no logs.
-
-    @property
-    def causes(self) -> tuple[Finding, ...]:
-        """Findings and suspects by their evidence."""
-        return by_evidence((*self.findings, *self.suspects))
 
     @property
     def detectable_sizes(self) -> dict[str, float]:
         """Effect id -> smallest detectable size, of the effects that were not found."""
         return {effect.id: size for effect, size in self.detectable}
-
-
-def by_evidence(causes: Iterable[Finding]) -> tuple[Finding, ...]:
-    """``causes`` by their evidence, the best first; then the larger gain on held-out trials."""
-    grades = list(Evidence)
-    return tuple(sorted(causes, key=lambda one: (grades.index(one.evidence), -one.held_out_gain, -one.standard_errors)))
 
 
 def unidentifiable_parameters(vehicle: Vehicle) -> tuple[str, ...]:

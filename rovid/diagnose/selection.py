@@ -121,14 +121,9 @@ class Selection:
             alternatives.append(replace(one, bic_gain=gain))
         return replace(cause, alternatives=tuple(sorted(alternatives, key=lambda one: -one.bic_gain)))
 
-    def tie_margin(self, bic_gain: float) -> float:
-        """Difference of BIC gain in nats from which a cause with ``bic_gain`` is distinguishable from another."""
-        # Part of any gain belongs to the form of the equation, which is approximate even where innovations are white.
-        return THRESHOLDS.tie_margin + min(THRESHOLDS.tie_share * bic_gain, THRESHOLDS.tie_cap)
-
     def indistinguishable(self, cause: Cause) -> tuple[Effect, ...]:
         """Named alternatives of ``cause`` within the tie margin, and the causes of other sets that are as close."""
-        margin, model = self.tie_margin(cause.bic_gain), self.model
+        margin, model = THRESHOLDS.tie(cause.bic_gain), self.model
         close = [one.effect for one in cause.alternatives if abs(one.bic_gain - cause.bic_gain) < margin]
         own = {effect.id for effect in model.effects}
         for fitted in self.search.cache.challengers.get(model.key, []):

@@ -14,6 +14,7 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.diagnose.candidate_fits import Cause, bic_score, is_plausible
+from rovid.diagnose.evidence import size_in_errors
 from rovid.diagnose.result import Finding
 from rovid.diagnose.selection import Selection
 from rovid.diagnose.signal_regressors import is_signal
@@ -41,7 +42,8 @@ class StatedSelection:
 
     def size_in_errors(self, effect: Effect) -> float:
         """Size of an ``effect`` of the model in the standard errors that are stated."""
-        return size_in_errors(self.selection, effect, of_effect(self.estimate, effect))
+        own = self.estimate.only(effect.parameter_names)
+        return size_in_errors(effect, own.values, own.covariance, self.selection.data.scales)
 
 
 def state(selection: Selection) -> StatedSelection:
@@ -177,20 +179,3 @@ def _effect_key(name: str) -> str:
     """Key of the effect in a parameter name; empty for a parameter of the base model."""
     key, _, _ = name.rpartition(".")
     return key
-
-
-def of_effect(estimate: Estimate, effect: Effect) -> Estimate:
-    """The parameters of ``effect`` alone."""
-    at = [estimate.names.index(f"{effect.key}.{parameter.name}") for parameter in effect.parameters]
-    names, covariance = tuple(estimate.names[k] for k in at), estimate.covariance[np.ix_(at, at)]
-    return replace(estimate, names=names, values=estimate.values[at], covariance=covariance)
-
-
-def size_in_errors(selection: Selection, effect: Effect, own: Estimate) -> float:
-    """Mahalanobis distance of the sizes of ``effect``, with the estimate ``own``, from their neutral values."""
-    sizes, scales = effect.parameters[: effect.size_count], selection.data.scales
-    # A size whose neutral value is infinite is as far from it, in errors, as from zero.
-    neutral = [0.0 if size.neutral_at_infinity else size.neutral * scales.unit_size(size) for size in sizes]
-    away = own.values[: len(sizes)] - neutral
-    covariance = own.covariance[: len(sizes), : len(sizes)]
-    return math.sqrt(max(float(away @ np.linalg.lstsq(covariance, away, rcond=None)[0]), 0.0))

@@ -351,6 +351,11 @@ class Thresholds:
     """Ratios to the rigid-body inertia between which an explanation may lie. Set: a closed hull full of water has 4.
     Halved or doubled: other explanations are allowed."""
 
+    def tie(self, bic_gain: float) -> float:
+        """Difference of BIC gain in nats from which a cause with ``bic_gain`` is distinguishable from another."""
+        # Part of any gain belongs to the form of the equation, which is approximate even where innovations are white.
+        return self.tie_margin + min(self.tie_share * bic_gain, self.tie_cap)
+
 
 THRESHOLDS = Thresholds()
 # Probabilities that other rooms use to word a finding.

@@ -107,7 +107,7 @@ def outdone(selection: Selection, effect: Effect) -> str:
     Within the margin of a tie the two are not distinguishable, and the result names both.
     """
     cause, search = selection.cause(effect), selection.search
-    least = cause.bic_gain + selection.tie_margin(cause.bic_gain)
+    least = cause.bic_gain + THRESHOLDS.tie(cause.bic_gain)
     for one in cause.alternatives:
         if one.bic_gain >= least and not is_signal(one.effect) and not search.is_allowed(one.effect):
             return f"gains less than {one.effect.title}, which failed a test"

@@ -287,6 +287,11 @@ class Effect:
         return f"{self.id}:{self.form}" if self.form else self.id
 
     @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Names of the parameters in estimates and files, as ``thruster_lag.time_constant``."""
+        return tuple(f"{self.key}.{parameter.name}" for parameter in self.parameters)
+
+    @property
     def changes_torque_input(self) -> bool:
         """Whether the torque input depends on the effect's parameters."""
         estimates_surge = isinstance(self.acts, Term) and self.acts.surge_from_thrust is not None
@@ -356,6 +361,12 @@ class Scales:
         }
         first, *others = parameter.scale.split("/")
         return float(sizes[first] / math.prod(sizes[name] for name in others))
+
+    def neutral_sizes(self, effect: Effect) -> FloatArray:
+        """(s,) neutral values of the sizes of ``effect`` in SI; 0 where the neutral value is infinite."""
+        sizes = effect.parameters[: effect.size_count]
+        neutral = [0.0 if size.neutral_at_infinity else size.neutral * self.unit_size(size) for size in sizes]
+        return np.array(neutral)
 
 
 def canonical_phases(numbers: FloatArray) -> FloatArray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Self
 
@@ -76,6 +76,12 @@ class Estimate:
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", read_only(self.values))
         object.__setattr__(self, "covariance", read_only(self.covariance))
+
+    def only(self, names: Sequence[str]) -> Self:
+        """The estimate of the parameters ``names`` alone."""
+        at = [self.names.index(name) for name in names]
+        covariance = self.covariance[np.ix_(at, at)]
+        return replace(self, names=tuple(names), values=self.values[at], covariance=covariance)
 
     def value(self, name: str) -> float:
         """Value of the parameter ``name``."""

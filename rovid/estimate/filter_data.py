@@ -12,8 +12,7 @@ import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
 from rovid.core.lru_cache import SizedCache
-from rovid.estimate.dataset import NOISE_FLOOR, FitData, rms
-from rovid.estimate.input_cache import InputCache
+from rovid.estimate.dataset import NOISE_FLOOR, FitData, InputCache, rms
 from rovid.estimate.unknown_past import UnknownPasts
 from rovid.model.filter_batch import FilterData
 from rovid.model.model import Model

@@ -11,8 +11,7 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray, IntArray
 from rovid.effects.base import TERM_STATES
-from rovid.estimate.dataset import FitData
-from rovid.estimate.input_cache import InputCache
+from rovid.estimate.dataset import FitData, InputCache
 from rovid.jit.decorators import compiled
 from rovid.model.bound_effects import term_values
 from rovid.model.filter_batch import FilterData, FilterInputs, ParameterBatch

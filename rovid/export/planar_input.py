@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -15,10 +15,9 @@ from rovid.effects.actuator_inputs import neutral_commands
 from rovid.effects.base import Coupling, WaterCurrent
 from rovid.export.interface import PERIOD, ExportInput
 from rovid.export.thruster_curves import ThrusterCurve, curve_effect_keys, thruster_curves
-from rovid.model.bound_effects import BoundEffect
 from rovid.model.model import Model
 from rovid.planar.dataset import PlanarData
-from rovid.planar.equations import STATES, SURGE, simulate_runs
+from rovid.planar.free_runs import PlanarMotion
 from rovid.planar.model import PlanarActuators, PlanarCommands, PlanarModel
 from rovid.store.parameter_file import Entry, Parameters
 from rovid.store.planar_study import PlanarStudy, planar_model
@@ -297,21 +296,8 @@ def rovid_motion(subject: PlanarInput, model: PlanarModel, commands: FloatArray)
     """(n, 4) heading and velocities over ground of ``model``, from rest under (n, k) ``commands`` for `PERIOD` each."""
     time = PERIOD * np.arange(len(commands), dtype=np.float64)
     trial = Trial.from_commands(time, commands)
-    actuating = [one for one in model.effects if not isinstance(one.effect.acts, Coupling | WaterCurrent)]
-    inputs = equation_inputs(subject.actuators, trial, actuating)
-    states = np.zeros((len(time), STATES))
+    actuators = subject.actuators
+    inputs = actuators.forces(PlanarCommands(actuators, trial), model.actuator_effects).inputs
     scale = np.maximum(subject.envelope, 1e-3)
-    offsets = np.array([0, len(time)])
-    simulate_runs(offsets, time, inputs, np.zeros((1, 6)), scale, False, model.coefficients, states)
-    heading = states[:, 0]
-    north, east = model.current
-    ahead = states[:, SURGE] + north * np.cos(heading) + east * np.sin(heading)
-    side = states[:, SURGE + 1] - north * np.sin(heading) + east * np.cos(heading)
-    return np.column_stack((heading, ahead, side, states[:, SURGE + 2]))
-
-
-def equation_inputs(actuators: PlanarActuators, trial: Trial, effects: Sequence[BoundEffect]) -> FloatArray:
-    """(n, 3 + 2 p) forces of the thrusters, and angle and slipstream's thrust of each rudder, from row to row."""
-    held = actuators.forces(PlanarCommands(actuators, trial), effects)
-    pairs = np.stack((held.angle, held.slipstream_thrust), axis=2).reshape(len(held.force), -1)
-    return np.ascontiguousarray(np.hstack((held.force, pairs)), dtype=np.float64)
+    motion = PlanarMotion.simulated(model, np.array([0, len(time)]), time, inputs, np.zeros((1, 6)), scale)
+    return np.column_stack([motion.sensor(name) for name in ("heading", "surge_velocity", "sway_velocity", "yaw_rate")])

@@ -7,13 +7,11 @@ coast-down is a test. It is idle as well from the instant at which the vehicle i
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from functools import partial
 
 from rovid.faults.base import Detection, FaultKind, RunsData
-from rovid.faults.free_stretches import FreeStretch, free_motion, log_starts, without_intervals
 from rovid.faults.quick_model import log_name
-from rovid.signals.preprocessing import Run
+from rovid.faults.several_releases import FreeStretch, cut_out, free_motion, log_starts
 from rovid.trial.fault import Fault
 
 # Multiples of the rest that is kept, share of the log and share of all logs from which rest is long: shorter rest next
@@ -47,7 +45,7 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
             text=f"{name}: no actuator pushes {where}, and the vehicle {what}.",
             remedy="cut",
         )
-        repair = partial(_without, run=run, intervals=[span for _, span in idle])
+        repair = partial(cut_out, run=run, intervals=[span for _, span in idle])
         yield Detection(fault=fault, done="That was cut off.", repair=repair)
 
 
@@ -64,13 +62,6 @@ def _interval(stretch: FreeStretch, duration: float) -> tuple[float, float]:
 def _is_idle(stretch: FreeStretch, interval: tuple[float, float], duration: float, total: float) -> bool:
     seconds = interval[1] - interval[0]
     return bool(stretch.hand) or seconds > max(_LONG_RESTS * stretch.kept, _SHARE * duration, _SHARE_OF_ALL * total)
-
-
-def _without(data: RunsData, run: Run, intervals: list[tuple[float, float]]) -> RunsData:
-    runs: list[Run] = []
-    for one in data.runs:
-        runs += without_intervals(run, intervals, data.vehicle) if one is run else [one]
-    return replace(data, runs=runs)
 
 
 FAULT = FaultKind(

@@ -120,7 +120,7 @@ class Model:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of all parameters, in the order of ``values``."""
-        return (*base_names(self.axis), *(f"{e.key}.{p.name}" for e in self.effects for p in e.parameters))
+        return (*base_names(self.axis), *(name for effect in self.effects for name in effect.parameter_names))
 
     @property
     def values(self) -> FloatArray:

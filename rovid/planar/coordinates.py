@@ -12,7 +12,7 @@ import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray
 from rovid.effects import Effect, EffectParameter
-from rovid.effects.base import Coupling, Scales, WaterCurrent
+from rovid.effects.base import Scales
 from rovid.model.bound_effects import BoundEffect
 from rovid.planar.kernels import NOISE_COUNT, NOISE_LATENCY, NOISE_SENSOR
 from rovid.planar.model import BASE_COUNT, SENSORS, PlanarModel, RudderModel, from_log_cholesky, log_cholesky
@@ -292,11 +292,6 @@ def _instruments(sensors: Sequence[str]) -> tuple[tuple[str, ...], ...]:
         return ()
     found = (tuple(name for name in names if name in sensors) for names in _INSTRUMENTS)
     return tuple(names for names in found if names)
-
-
-def is_of_actuators(effect: Effect) -> bool:
-    """Whether an effect of the planar model acts between command and thrust."""
-    return not isinstance(effect.acts, Coupling | WaterCurrent)
 
 
 @dataclass(frozen=True, kw_only=True)

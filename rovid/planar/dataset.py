@@ -9,7 +9,7 @@ steps. For start values, `smooth_run` takes the readings through one Gaussian ke
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Self
 
 import numpy as np
@@ -167,19 +167,27 @@ class SmoothRun:
     accelerations: FloatArray  #: (g, 3) of the speeds.
     inputs: FloatArray  #: (g, k) as in `rovid.planar.reference.forces`.
 
+    @classmethod
+    def stacked(cls, runs: Sequence[Self], most: int) -> Self:
+        """The runs one after the other, thinned to ``most`` points."""
+        every = sum(len(run.time) for run in runs) // most + 1
+        columns = ([getattr(run, one.name)[::every] for run in runs] for one in fields(cls))
+        return cls(*map(np.concatenate, columns))
+
+    def in_current(self, north: float, east: float) -> Self:
+        """The same with speeds and accelerations relative to a current."""
+        cosine, sine, r = np.cos(self.heading), np.sin(self.heading), self.speeds[:, 2]
+        ahead, across = north * cosine + east * sine, east * cosine - north * sine
+        zero = np.zeros(len(r))
+        speeds = self.speeds - np.column_stack((ahead, across, zero))
+        accelerations = self.accelerations - np.column_stack((across * r, -ahead * r, zero))
+        return replace(self, speeds=speeds, accelerations=accelerations)
+
 
 def measured_axes(sensors: tuple[str, ...]) -> tuple[bool, bool, bool]:
     """Whether surge, sway and yaw are measured by these ``sensors``, as a speed or as a position."""
     position = "north" in sensors and "east" in sensors
     return position or "surge_velocity" in sensors, position or "sway_velocity" in sensors, True
-
-
-def run_inputs(run: PlanarRun, effects: tuple[object, ...] = ()) -> FloatArray:
-    """(n, k) inputs of the equations from each instant of ``run`` to the next, with actuator ``effects``."""
-    held = run.forces(effects)  # type: ignore[arg-type]  # bound effects
-    # The angle of each rudder is followed by the thrust ahead of it.
-    pairs = np.stack((held.angle, held.slipstream_thrust), axis=2).reshape(len(held.force), -1)
-    return np.ascontiguousarray(np.hstack((held.force, pairs)), dtype=np.float64)
 
 
 def _edges(run: PlanarRun, width: float) -> FloatArray:
@@ -188,9 +196,9 @@ def _edges(run: PlanarRun, width: float) -> FloatArray:
     return np.asarray(run.time[0] + step * np.arange(int((run.time[-1] - run.time[0]) / step) + 1))
 
 
-def smooth_inputs(run: PlanarRun, width: float, effects: tuple[object, ...] = ()) -> FloatArray:
+def smooth_inputs(run: PlanarRun, width: float, effects: tuple[BoundEffect, ...] = ()) -> FloatArray:
     """(g, k) inputs on the grid of `smooth_run`, with ``effects`` between command and thrust."""
-    edges, inputs = _edges(run, width), run_inputs(run, effects)
+    edges, inputs = _edges(run, width), run.forces(effects).inputs
     step = width / _POINTS
     area = np.vstack((np.zeros(inputs.shape[1]), np.cumsum(inputs[:-1] * np.diff(run.time)[:, None], axis=0)))
     means = [np.diff(np.interp(edges, run.time, column)) / step for column in area.T]
@@ -198,7 +206,7 @@ def smooth_inputs(run: PlanarRun, width: float, effects: tuple[object, ...] = ()
     return np.asarray(forced[_REACH * _POINTS : len(edges) - 1 - _REACH * _POINTS])
 
 
-def smooth_run(run: PlanarRun, width: float, effects: tuple[object, ...] = ()) -> SmoothRun | None:
+def smooth_run(run: PlanarRun, width: float, effects: tuple[BoundEffect, ...] = ()) -> SmoothRun | None:
     """Motion of ``run`` through a kernel with a standard deviation of ``width`` s; None for too short a run.
 
     ``effects`` are those between command and thrust, for the inputs.

@@ -13,11 +13,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from rovid.core.budget import Budget, BudgetUse, ProgressCallback
+from rovid.core.budget import Budget, ProgressCallback
 from rovid.core.errors import DataError
-from rovid.diagnose.candidate_fits import Challenger
 from rovid.diagnose.evidence import posterior_probability, probability_not_a_stand_in, recalibrated
-from rovid.diagnose.result import Finding, OtherCause
+from rovid.diagnose.result import Conclusion, Finding, OtherCause
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.diagnose.validation import certain_growth
 from rovid.effects import Effect
@@ -32,7 +31,6 @@ from rovid.planar.held_out import HeldOut, Parts, PlanarScores, held_out, noise_
 from rovid.planar.model import AXIS_NAMES
 from rovid.planar.optimum import PlanarOptimum
 from rovid.planar.search import PlanarSearch
-from rovid.trial.fault import Fault, fault_texts, stopping
 
 # Most suspects of a result.
 _MOST_SUSPECTS = 3
@@ -54,27 +52,17 @@ class PlanarAssessment:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class PlanarDiagnosis:
-    """Result of `rovid diagnose --axes planar`; names and meaning are those of `rovid.diagnose.result.Diagnosis`."""
+class PlanarDiagnosis(Conclusion):
+    """Result of `rovid diagnose --axes planar`."""
 
-    verdict: str  #: found, suspected, nothing_found, unexplained, too_little_data or bad_logs.
     #: ``base``, ``extended``: model without, and with the established causes; None with too little data.
     base: PlanarAssessment | None = None
     extended: PlanarAssessment | None = None
-    findings: tuple[Finding, ...] = ()
-    suspects: tuple[Finding, ...] = ()
-    challengers: tuple[Challenger, ...] = ()
     #: Axis (surge, sway, yaw) -> variance of the disturbance over that of the disturbance and all forces in use.
     unexplained_shares: Mapping[str, float] = field(default_factory=dict)
     #: As `PlanarScores.rmse` and `PlanarScores.heading_errors`, of a perfect model.
     noise_floors: Mapping[str, float] = field(default_factory=dict)
     heading_floors: Mapping[float, float] = field(default_factory=dict)
-    #: Each effect that was not found, with the smallest detectable size of its first parameter; may be infinite.
-    detectable: tuple[tuple[Effect, float], ...] = ()
-    warnings: tuple[str, ...] = ()
-    faults: tuple[Fault, ...] = ()
-    missing: str = ""
-    budget: BudgetUse | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,17 +81,9 @@ class _Tested:
 
 
 def diagnose_planar(
-    data: PlanarData,
-    report: ProgressCallback = lambda _: None,
-    budget: Budget | None = None,
-    faults: Sequence[Fault] = (),
+    data: PlanarData, report: ProgressCallback = lambda _: None, budget: Budget | None = None
 ) -> PlanarDiagnosis:
-    """Find the causes that the planar base model misses, within the ``budget``; ``report`` is called with each step.
-
-    Logs with one of the ``faults`` that no fit survives are not diagnosed.
-    """
-    if stopping(faults):
-        return PlanarDiagnosis(verdict="bad_logs", missing=" ".join(fault_texts(stopping(faults))))
+    """Find the causes that the planar base model misses, within the ``budget``; ``report`` is called with each step."""
     own = replace(budget or Budget(), report=report)
     if missing := _missing(data):
         return PlanarDiagnosis(verdict="too_little_data", missing=missing)
@@ -183,8 +163,8 @@ class _Gate:
         held_out_gain = with_it.log_likelihood - without.log_likelihood
         errors = model.size_in_errors(effect)
         others = _others(search, model, effect, rest)
-        margin = THRESHOLDS.tie_margin + min(THRESHOLDS.tie_share * max(bic_gain, 0.0), THRESHOLDS.tie_cap)
-        equivalent = tuple(one.effect for one in others if one.bic_gain > bic_gain - margin)
+        close = bic_gain - THRESHOLDS.tie(max(bic_gain, 0.0))
+        equivalent = tuple(one.effect for one in others if one.bic_gain > close)
         # Correlated innovations count as fewer: by the sandwich errors, the gain is half the square of the distance.
         robust = bic_gain if model.is_white else min(bic_gain, 0.5 * errors**2)
         gains = {effect.id: robust} | {one.effect.id: one.bic_gain + robust - bic_gain for one in others}
@@ -218,13 +198,8 @@ def _others(search: PlanarSearch, model: PlanarOptimum, effect: Effect, rest: Pl
 
 def _is_at_bound(fitted: PlanarOptimum, effect: Effect) -> bool:
     """Whether a parameter of ``effect`` is at a bound that is not its neutral value."""
-    coordinates, at = fitted.coordinates, fitted.coordinates.effects_begin
-    for one in coordinates.effects:
-        if one.key == effect.key:
-            break
-        at += len(one.parameters)
-    for number, parameter in enumerate(effect.parameters):
-        value, span = float(fitted.x[at + number]), 1e-3 * (parameter.high - parameter.low)
+    for value, parameter in zip(fitted.x[fitted.place(effect)].tolist(), effect.parameters, strict=True):
+        span = 1e-3 * (parameter.high - parameter.low)
         for bound in (parameter.low, parameter.high):
             if abs(value - bound) <= min(span, 1e-3 * max(abs(bound), 1e-3)) and bound != parameter.neutral:
                 return True
@@ -330,20 +305,13 @@ def _result(
 
 
 def _is_refused(fit: PlanarFit, effect: Effect) -> bool:
-    return any(f"{effect.key}.{one.name}" in fit.estimate.refused for one in effect.parameters[: effect.size_count])
-
-
-def _of_effect(estimate: Estimate, effect: Effect) -> Estimate:
-    """The parameters of ``effect`` alone."""
-    at = [estimate.names.index(f"{effect.key}.{parameter.name}") for parameter in effect.parameters]
-    names, covariance = tuple(estimate.names[k] for k in at), estimate.covariance[np.ix_(at, at)]
-    return replace(estimate, names=names, values=estimate.values[at], covariance=covariance)
+    return any(name in fit.estimate.refused for name in effect.parameter_names[: effect.size_count])
 
 
 def _finding(one: _Tested, estimate: Estimate, model: PlanarOptimum, *, is_complete: bool) -> Finding:
     return Finding(
         effect=one.effect,
-        estimate=_of_effect(estimate, one.effect),
+        estimate=estimate.only(one.effect.parameter_names),
         gain=one.gain,
         bic_gain=one.bic_gain,
         held_out_gain=one.held_out_gain,

@@ -24,13 +24,12 @@ from rovid.core.array_types import FloatArray, IntArray
 from rovid.estimate.estimate import r_squared
 from rovid.estimate.fisher_information import Innovations
 from rovid.estimate.maximum_likelihood import INNOVATIONS_R2, MAX_R2_LOSS
-from rovid.planar.coordinates import PlanarSizes, is_of_actuators
+from rovid.planar.coordinates import PlanarSizes
 from rovid.planar.dataset import (
     PlanarData,
     PlanarRun,
     SmoothRun,
     measured_axes,
-    run_inputs,
     sensor_noise,
     slowest_interval,
     smooth_inputs,
@@ -78,6 +77,23 @@ class PlanarMotion:
     through_water: FloatArray
 
     @classmethod
+    def simulated(
+        cls,
+        model: PlanarModel,
+        offsets: IntArray,
+        time: FloatArray,
+        inputs: FloatArray,
+        starts: FloatArray,
+        speed: FloatArray,
+        *,
+        yaw_only: bool = False,
+    ) -> PlanarMotion:
+        """The motion by `rovid.planar.equations.simulate_runs`, of runs or windows one after the other."""
+        states = np.zeros((len(time), STATES))
+        simulate_runs(offsets, time, inputs, starts, speed, yaw_only, model.coefficients, states)
+        return cls.of_states(time, states, model.current)
+
+    @classmethod
     def of_states(cls, time: FloatArray, states: FloatArray, current: tuple[float, float]) -> PlanarMotion:
         """The motion of (n, 12) states of `rovid.planar.kernels`, in a current to north and east in m/s."""
         heading = states[:, HEADING]
@@ -111,13 +127,11 @@ def simulate_planar(
     yaw_only
         Whether surge and sway are left out.
     """
-    inputs = run_inputs(run, tuple(one for one in model.effects if is_of_actuators(one.effect)))
+    inputs = run.forces(model.actuator_effects).inputs
     first = measured_start(run) if start is None else np.asarray(start, dtype=np.float64)
-    states = np.zeros((len(run.time), STATES))
     speed = np.maximum(np.abs(first[1:4]), 0.1)
     offsets = np.array([0, len(run.time)])
-    simulate_runs(offsets, run.time, inputs, first[None], speed, yaw_only, model.coefficients, states)
-    return PlanarMotion.of_states(run.time, states, model.current)
+    return PlanarMotion.simulated(model, offsets, run.time, inputs, first[None], speed, yaw_only=yaw_only)
 
 
 def measured_start(run: PlanarRun) -> FloatArray:
@@ -145,17 +159,13 @@ def estimated_start(model: PlanarModel, run: PlanarRun, *, yaw_only: bool) -> Fl
     events = max(int(np.searchsorted(run.event_index, last)), _START_READINGS)
     index, sensor, value = run.event_index[:events], run.event_sensor[:events], run.event_value[:events]
     rows = slice(0, int(index[-1]) + 2)
-    inputs, time = (
-        run_inputs(run, tuple(one for one in model.effects if is_of_actuators(one.effect)))[rows],
-        run.time[rows],
-    )
+    inputs, time = run.forces(model.actuator_effects).inputs[rows], run.time[rows]
     noise = np.array([sensor_noise(run, SENSORS[at]) if at in sensor else 1.0 for at in range(len(SENSORS))])
     weight = 1.0 / np.where(noise > 0.0, noise, 1.0)[sensor]
 
     def simulated(first: FloatArray) -> FloatArray:
-        states, offsets = np.zeros((len(time), STATES)), np.array([0, len(time)])
-        simulate_runs(offsets, time, inputs, first[None], speed, yaw_only, model.coefficients, states)
-        motion = PlanarMotion.of_states(time, states, model.current)
+        offsets = np.array([0, len(time)])
+        motion = PlanarMotion.simulated(model, offsets, time, inputs, first[None], speed, yaw_only=yaw_only)
         return weight * np.column_stack([motion.sensor(name) for name in SENSORS])[index, sensor]
 
     steps = 1e-4 * np.array([1.0, *speed, 1.0, 1.0])
@@ -260,7 +270,7 @@ class FreeRuns:
 
     def _inputs(self, model: PlanarModel) -> FloatArray:
         """(n, k) inputs from each row to the next, through the kernel of the speeds."""
-        effects = tuple(one for one in model.effects if is_of_actuators(one.effect))
+        effects = model.actuator_effects
         if not effects:
             return self._measured[3]
         return self._held([smooth_inputs(self.data.runs[at], self.width, effects) for at, _ in self.smooth])
@@ -268,12 +278,9 @@ class FreeRuns:
     def _differences(self, model: PlanarModel) -> FloatArray:
         """(n, a) simulated minus measured speeds in SI; bounded where the simulation diverges."""
         time, speeds, starts, _ = self._measured
-        states, most = np.zeros((len(time), STATES)), _LARGEST * self.usual
+        most = _LARGEST * self.usual
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            simulate_runs(
-                self.offsets, time, self._inputs(model), starts, self.scale, False, model.coefficients, states
-            )
-            motion = PlanarMotion.of_states(time, states, model.current)
+            motion = PlanarMotion.simulated(model, self.offsets, time, self._inputs(model), starts, self.scale)
             found = np.column_stack([motion.sensor(name) for name in _SPEEDS]) - speeds
         return np.clip(np.where(np.isfinite(found), found, math.inf)[:, self._axes], -most, most)
 

@@ -17,9 +17,9 @@ from rovid.core.array_types import FloatArray, IntArray
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.estimate.fisher_information import negative_log_likelihoods
 from rovid.planar.dataset import PlanarData, measured_axes, slowest_interval, smooth_run
-from rovid.planar.equations import CURRENT, HEADING, NORTH, STATES, SURGE, simulate_runs
+from rovid.planar.free_runs import PlanarMotion
 from rovid.planar.kernels import NOISE_SENSOR
-from rovid.planar.model import CURRENT_INDEX, INPUT_COUNT, SENSORS
+from rovid.planar.model import INPUT_COUNT, SENSORS
 from rovid.planar.optimum import Linearisation, PlanarOptimum, chord_fit
 
 # Horizons of heading errors in s; the longer one is the length of a free-running simulation.
@@ -215,55 +215,34 @@ def window_errors(
     offsets = np.cumsum([0, *(end - begin for _, _, begin, end in windows)])
     inputs = grid.inputs(planar)[every]
     first = states[[begin for _, _, begin, _ in windows]]
-    starts = _over_ground(first, planar.current)
-    coefficients = planar.coefficients
+    time = grid.time[every]
+    # The change of a wandering current counts as speed over ground.
+    started = PlanarMotion.of_states(time[offsets[:-1]], first, planar.current)
+    starts = np.column_stack([started.sensor(name) for name in ("heading", *_SPEEDS, "north", "east")])
 
     def simulated(forces: FloatArray) -> FloatArray:
-        result = np.zeros((len(every), STATES))
-        simulate_runs(offsets, grid.time[every], forces, starts, grid.speed, grid.yaw_only, coefficients, result)
-        north, east = coefficients[CURRENT_INDEX : CURRENT_INDEX + 2]
-        cosine, sine = np.cos(result[:, HEADING]), np.sin(result[:, HEADING])
-        surge = result[:, SURGE] + north * cosine + east * sine
-        sway = result[:, SURGE + 1] + east * cosine - north * sine
-        return np.column_stack((result[:, HEADING], surge, sway, result[:, SURGE + 2]))
+        motion = PlanarMotion.simulated(planar, offsets, time, forces, starts, grid.speed, yaw_only=grid.yaw_only)
+        return np.column_stack([motion.sensor(name) for name in ("heading", *_SPEEDS)])
 
     motion = simulated(inputs)
     reference = (
-        simulated(inputs + _random_forces(model, grid.time[every], offsets, inputs.shape))
-        if disturbed
-        else (parts.measured[every])
+        simulated(inputs + _random_forces(model, time, offsets, inputs.shape)) if disturbed else (parts.measured[every])
     )
     with np.errstate(invalid="ignore", over="ignore"):
         error = motion - reference
         error[:, 0] = np.angle(np.exp(1j * error[:, 0])) if disturbed is False else error[:, 0]
     for at in range(len(windows)):
         own = slice(int(offsets[at]), int(offsets[at + 1]))
-        time = grid.time[every[own]] - grid.time[every[own][0]]
+        elapsed = time[own] - time[own][0]
         for axis in range(3):
             known = error[own, 1 + axis]
             known = known[np.isfinite(known)]
             if known.size:
                 found[at, axis] = float(np.mean(known**2))
         for number, horizon in enumerate(HORIZONS):
-            if time[-1] >= 0.98 * horizon:
-                found[at, 3 + number] = float(error[own, 0][int(np.argmin(np.abs(time - horizon)))] ** 2)
+            if elapsed[-1] >= 0.98 * horizon:
+                found[at, 3 + number] = float(error[own, 0][int(np.argmin(np.abs(elapsed - horizon)))] ** 2)
     return found
-
-
-def _over_ground(states: FloatArray, current: tuple[float, float]) -> FloatArray:
-    """(w, 6) starts of simulations from filtered states; the change of a wandering current counts as speed."""
-    north, east = current[0] + states[:, CURRENT], current[1] + states[:, CURRENT + 1]
-    cosine, sine = np.cos(states[:, HEADING]), np.sin(states[:, HEADING])
-    return np.column_stack(
-        (
-            states[:, HEADING],
-            states[:, SURGE] + north * cosine + east * sine,
-            states[:, SURGE + 1] + east * cosine - north * sine,
-            states[:, SURGE + 2],
-            states[:, NORTH],
-            states[:, NORTH + 1],
-        )
-    )
 
 
 def _random_forces(model: PlanarOptimum, time: FloatArray, offsets: IntArray, shape: tuple[int, ...]) -> FloatArray:

@@ -18,11 +18,10 @@ from rovid.estimate.fisher_information import (
     jacobian_chunks,
     total_negative_log_likelihood,
 )
-from rovid.planar.coordinates import PlanarCoordinates, is_of_actuators
-from rovid.planar.dataset import run_inputs
+from rovid.planar.coordinates import PlanarCoordinates
 from rovid.planar.equations import STATES
 from rovid.planar.kernels import filter_runs
-from rovid.planar.model import SENSORS, PlanarModel
+from rovid.planar.model import SENSORS, PlanarModel, is_of_actuators
 
 if TYPE_CHECKING:
     from rovid.planar.dataset import PlanarData, PlanarRun
@@ -118,10 +117,10 @@ class PlanarGrid:
 
     def inputs(self, model: PlanarModel) -> FloatArray:
         """(n, k) inputs of ``model``: means from each instant to the next."""
-        effects = tuple(one for one in model.effects if is_of_actuators(one.effect))
+        effects = model.actuator_effects
         columns = []
         for number, run in enumerate(self.runs):
-            held = run_inputs(run, effects)
+            held = run.forces(effects).inputs
             time = self.time[self.offsets[number] : self.offsets[number + 1]]
             if len(time) == len(run.time):
                 columns.append(held)

@@ -68,6 +68,11 @@ _STEERED = 0.05
 _PART, _MOST_PARTS = 0.02, 8
 
 
+def is_of_actuators(effect: Effect) -> bool:
+    """Whether an effect of the planar model acts between command and thrust."""
+    return not isinstance(effect.acts, Coupling | WaterCurrent)
+
+
 @dataclass(frozen=True, kw_only=True)
 class RudderModel:
     """A rudder with its coefficients."""
@@ -94,7 +99,7 @@ class PlanarModel:
     def names(self) -> tuple[str, ...]:
         """Names of all parameters, in the order of ``values``."""
         of_rudders = [f"rudder.{rudder.name}.{part}" for rudder in self.rudders for part in ("lift", "slipstream")]
-        of_effects = [f"{one.effect.key}.{p.name}" for one in self.effects for p in one.effect.parameters]
+        of_effects = [name for one in self.effects for name in one.effect.parameter_names]
         return (*BASE_NAMES, *of_rudders, *of_effects)
 
     @property
@@ -134,6 +139,11 @@ class PlanarModel:
         """Current to north and to east in m/s; zeros without one."""
         north, east = self.coefficients[CURRENT_INDEX : CURRENT_INDEX + 2]
         return float(north), float(east)
+
+    @property
+    def actuator_effects(self) -> tuple[BoundEffect, ...]:
+        """Effects between command and thrust."""
+        return tuple(one for one in self.effects if is_of_actuators(one.effect))
 
     @property
     def coefficients(self) -> FloatArray:
@@ -198,6 +208,12 @@ class PlanarForces:
     force: FloatArray  #: (n, 3) N, N, N m; of all thrusters along surge, sway and yaw.
     angle: FloatArray  #: (n, p) rad; of each rudder.
     slipstream_thrust: FloatArray  #: (n, p) N; of the thruster ahead of each rudder, zero for a free rudder.
+
+    @property
+    def inputs(self) -> FloatArray:
+        """(n, 3 + 2 p) inputs of the equations: the angle of each rudder is followed by the thrust ahead of it."""
+        pairs = np.stack((self.angle, self.slipstream_thrust), axis=2).reshape(len(self.force), -1)
+        return np.ascontiguousarray(np.hstack((self.force, pairs)), dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,6 +5,7 @@ A chord fit takes steps with one Jacobian, which is corrected by Broyden's updat
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,6 +17,7 @@ import numpy as np
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
 from rovid.core.errors import DataError
 from rovid.core.threads import thread_map
+from rovid.diagnose.evidence import size_in_errors
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect
 from rovid.estimate.fisher_information import (
@@ -177,14 +179,15 @@ class PlanarOptimum:
 
     def size_in_errors(self, effect: Effect) -> float:
         """Mahalanobis distance of the sizes of ``effect`` from their neutral values."""
-        sizes = effect.parameters[: effect.size_count]
-        at = [self.model.names.index(f"{effect.key}.{size.name}") for size in sizes]
-        scales = self.coordinates.sizes.effects
-        neutral = [0.0 if size.neutral_at_infinity else size.neutral * scales.unit_size(size) for size in sizes]
-        away, covariance = self.model.values[at] - neutral, self.covariance[np.ix_(at, at)]
-        if not np.isfinite(covariance).all():
-            return 0.0
-        return math.sqrt(max(float(away @ np.linalg.lstsq(covariance, away, rcond=None)[0]), 0.0))
+        at = [self.model.names.index(name) for name in effect.parameter_names]
+        values, covariance = self.model.values[at], self.covariance[np.ix_(at, at)]
+        return size_in_errors(effect, values, covariance, self.coordinates.sizes.effects)
+
+    def place(self, effect: Effect) -> slice:
+        """Places of the parameters of one of the effects among the coordinates."""
+        before = itertools.takewhile(lambda one: one.key != effect.key, self.effects)
+        begin = self.coordinates.effects_begin + sum(len(one.parameters) for one in before)
+        return slice(begin, begin + len(effect.parameters))
 
     def with_effect(self, effect: Effect, further: Sequence[FloatArray] = (), iterations: int = _ITERATIONS) -> Self:
         """The best fit with one more effect, from each of its initial values and from ``further`` coordinates."""
@@ -347,16 +350,11 @@ def neutral_values(effect: Effect, start: FloatArray) -> FloatArray:
 
 def coordinates_without(fitted: PlanarOptimum, effect: Effect) -> tuple[PlanarCoordinates, FloatArray, IntArray]:
     """Coordinates without one effect, their values, and the kept columns."""
-    coordinates, at = fitted.coordinates, fitted.coordinates.effects_begin
-    for one in coordinates.effects:
-        if one.key == effect.key:
-            break
-        at += len(one.parameters)
-    columns = np.delete(np.arange(len(fitted.x)), np.arange(at, at + len(effect.parameters)))
-    left = tuple(one for one in coordinates.effects if one.key != effect.key)
+    coordinates = fitted.coordinates
+    columns = np.delete(np.arange(len(fitted.x)), fitted.place(effect))
     kept = replace(
         coordinates,
-        effects=left,
+        effects=tuple(one for one in coordinates.effects if one.key != effect.key),
         units=coordinates.units[columns],
         low=coordinates.low[columns],
         high=coordinates.high[columns],

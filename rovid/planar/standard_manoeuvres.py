@@ -14,9 +14,8 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
 from rovid.planar.dataset import PlanarData, PlanarRun, measured_axes, slowest_interval, smooth_run
-from rovid.planar.equations import HEADING, NORTH, STATES, SURGE, simulate_runs
 from rovid.planar.fit import PlanarFit
-from rovid.planar.free_runs import measured_start, simulate_planar
+from rovid.planar.free_runs import PlanarMotion, measured_start, simulate_planar
 from rovid.planar.manoeuvres import (
     ManoeuvreMeasure,
     Measures,
@@ -154,20 +153,19 @@ def _simulated(
     if not first[1:4].any():
         first[1] = system.approach_speed
     time = step * np.arange(len(steering), dtype=np.float64)
-    states = np.zeros((len(time), STATES))
     scale = np.array([system.approach_speed, system.approach_speed, 0.1])
     offsets = np.array([0, len(time)])
     held = system.inputs(still, steering)
-    simulate_runs(offsets, time, held, first[None], scale, False, still.coefficients, states)
+    motion = PlanarMotion.simulated(still, offsets, time, held, first[None], scale)
     return Track(
         time=time,
-        heading=states[:, HEADING],
-        yaw_rate=states[:, SURGE + 2],
+        heading=motion.heading,
+        yaw_rate=motion.yaw_rate,
         steering=steering,
-        north=states[:, NORTH],
-        east=states[:, NORTH + 1],
-        surge=states[:, SURGE],
-        sway=states[:, SURGE + 1],
+        north=motion.north,
+        east=motion.east,
+        surge=motion.surge_velocity,
+        sway=motion.sway_velocity,
     )
 
 

@@ -52,31 +52,6 @@ class StartValues:
     residual: float  #: Share of the variance of the forces that the regression leaves.
 
 
-@dataclass(frozen=True, eq=False)
-class _StackedRuns:
-    """Smoothed runs, stacked."""
-
-    heading: FloatArray
-    speeds: FloatArray
-    accelerations: FloatArray
-    inputs: FloatArray
-
-    @classmethod
-    def of(cls, runs: Sequence[SmoothRun]) -> _StackedRuns:
-        names = ("heading", "speeds", "accelerations", "inputs")
-        every = sum(len(run.time) for run in runs) // _MOST_POINTS + 1
-        return cls(*(np.concatenate([getattr(run, name)[::every] for run in runs]) for name in names))
-
-    def in_current(self, north: float, east: float) -> _StackedRuns:
-        """The same with speeds and accelerations relative to a current."""
-        cosine, sine, r = np.cos(self.heading), np.sin(self.heading), self.speeds[:, 2]
-        ahead, across = north * cosine + east * sine, east * cosine - north * sine
-        zero = np.zeros(len(r))
-        speeds = self.speeds - np.column_stack((ahead, across, zero))
-        accelerations = self.accelerations - np.column_stack((across * r, -ahead * r, zero))
-        return replace(self, speeds=speeds, accelerations=accelerations)
-
-
 def planar_rudders(data: PlanarData) -> tuple[RudderModel, ...]:
     """The rudders of the vehicle, with what rovid.toml gives of them."""
     found = []
@@ -108,7 +83,7 @@ def start_values(data: PlanarData, *, with_current: bool) -> list[StartValues]:
         runs = [smooth for run in data.runs if (smooth := smooth_run(run, width * max(intervals))) is not None]
         if sum(len(run.time) for run in runs) < 4 * BASE_COUNT:
             break
-        found.append(_start(data, _StackedRuns.of(runs), with_current=with_current))
+        found.append(_start(data, SmoothRun.stacked(runs, _MOST_POINTS), with_current=with_current))
     if not found:
         raise DataError(
             f"the runs are too short: {max(run.duration for run in data.runs):.1f} s at most.",
@@ -117,7 +92,7 @@ def start_values(data: PlanarData, *, with_current: bool) -> list[StartValues]:
     return found
 
 
-def _start(data: PlanarData, rows: _StackedRuns, *, with_current: bool) -> StartValues:
+def _start(data: PlanarData, rows: SmoothRun, *, with_current: bool) -> StartValues:
     axes = np.array(measured_axes(data.sensors))
     rudders = planar_rudders(data)
     speed = np.sqrt(np.mean(rows.speeds**2, axis=0))
@@ -149,7 +124,7 @@ def _start(data: PlanarData, rows: _StackedRuns, *, with_current: bool) -> Start
     return StartValues(model=model, current=current, force=force, speed=speed, time=time, residual=best)
 
 
-def _slipstreams(rudders: tuple[RudderModel, ...], rows: _StackedRuns) -> list[FloatArray]:
+def _slipstreams(rudders: tuple[RudderModel, ...], rows: SmoothRun) -> list[FloatArray]:
     """Slipstream factors to try: the given ones, or those that add a share of the squared speed."""
     thrust = rows.inputs[:, INPUT_COUNT + 1 :: RUDDER_INPUTS]
     if not rudders or not thrust.any():
@@ -162,7 +137,7 @@ def _slipstreams(rudders: tuple[RudderModel, ...], rows: _StackedRuns) -> list[F
 
 
 def _regression(
-    rows: _StackedRuns, axes: FloatArray, rudders: tuple[RudderModel, ...], slipstreams: FloatArray
+    rows: SmoothRun, axes: FloatArray, rudders: tuple[RudderModel, ...], slipstreams: FloatArray
 ) -> tuple[float, FloatArray]:
     """Share of the variance left, and (10 + rudders,) base parameters and lifts, by bounded least squares.
 
@@ -219,7 +194,7 @@ def _bounded(columns: Sequence[FloatArray], target: FloatArray, free: tuple[int,
     return values, 2.0 * float(solved.cost) * size**2 / power
 
 
-def _unit_rudder_forces(rudder: RudderModel, slipstream: float, rows: _StackedRuns, number: int) -> FloatArray:
+def _unit_rudder_forces(rudder: RudderModel, slipstream: float, rows: SmoothRun, number: int) -> FloatArray:
     """(g, 3) forces of a rudder with a lift of 1; as `rovid.planar.reference.forces`."""
     u, v, r = rows.speeds.T
     angle, thrust = rows.inputs[:, INPUT_COUNT + RUDDER_INPUTS * number :][:, :RUDDER_INPUTS].T
@@ -233,7 +208,7 @@ def _unit_rudder_forces(rudder: RudderModel, slipstream: float, rows: _StackedRu
 
 
 def _plausible(
-    base: FloatArray, rows: _StackedRuns, axes: FloatArray, lever: float
+    base: FloatArray, rows: SmoothRun, axes: FloatArray, lever: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Base parameters with positive inertia, (3,) RMS forces and (3,) time constants; ``lever`` of the rudders in m."""
     base = base.copy()

@@ -9,11 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
-from rovid.model.bound_effects import BoundEffect
 from rovid.model.simulation import HORIZONS, FitMeasures, fit_measures
-from rovid.planar.coordinates import is_of_actuators
-from rovid.planar.dataset import PlanarData, PlanarRun, measured_axes, run_inputs, smooth_run
-from rovid.planar.equations import HEADING, NORTH, STATES, simulate_runs
+from rovid.planar.dataset import PlanarData, PlanarRun, measured_axes, smooth_run
 from rovid.planar.fit import is_yaw_alone
 from rovid.planar.free_runs import PlanarMotion, estimated_start, simulate_planar
 from rovid.planar.model import AXIS_NAMES, PlanarModel
@@ -97,21 +94,17 @@ def missing_forces(
     Inverse dynamics of the smoothed motion through the water: the force that equation (1) of docs/planar.md lacks.
     """
     linear, quadratic = model.base[4:7], model.base[7:10]
-    effects = _of_actuators(model)
+    effects = model.actuator_effects
     smooth = smooth_run(run, _width(run), effects)
     if smooth is None:
         return None
     speed = np.sqrt(np.mean(smooth.speeds**2, axis=0))
     rates = (linear + 2.0 * quadratic * speed) / np.diag(model.mass_matrix)
     smooth = smooth_run(run, max(_width(run), _SMOOTH_SHARE / float(rates.max())), effects) or smooth
-    (north, east), r = model.current, smooth.speeds[:, 2]
-    cosine, sine = np.cos(smooth.heading), np.sin(smooth.heading)
-    ahead, across = north * cosine + east * sine, east * cosine - north * sine
-    speeds = smooth.speeds - np.column_stack((ahead, across, np.zeros(len(r))))
-    accelerations = smooth.accelerations - np.column_stack((across * r, -ahead * r, np.zeros(len(r))))
+    smooth = smooth.in_current(*model.current)
     missing = np.array([
         model.mass_matrix @ change + model.coriolis_matrix(now.tolist()) @ now - forces(model, now, inputs)
-        for now, change, inputs in zip(speeds, accelerations, smooth.inputs, strict=True)
+        for now, change, inputs in zip(smooth.speeds, smooth.accelerations, smooth.inputs, strict=True)
     ])  # fmt: skip
     known = (False, False, True) if yaw_only else measured_axes(run.sensors)
     return smooth.time, {name: missing[:, at] for at, name in enumerate(AXIS_NAMES) if known[at]}
@@ -140,10 +133,6 @@ def _simulated(model: PlanarModel, run: PlanarRun, *, yaw_only: bool) -> PlanarT
         track_errors={seconds: None if yaw_only else _rms(track) for seconds, (_, track) in errors.items()},
         track_rms=math.nan if yaw_only else _track_rms(run, motion),
     )
-
-
-def _of_actuators(model: PlanarModel) -> tuple[BoundEffect, ...]:
-    return tuple(one for one in model.effects if is_of_actuators(one.effect))
 
 
 def _width(run: PlanarRun) -> float:
@@ -205,14 +194,12 @@ def _restart_errors(
     ])  # fmt: skip
     rows = np.concatenate([np.arange(begin, end + 1) for begin, end in zip(first, last, strict=True)])
     ends = np.cumsum(last - first + 1)
-    states = np.zeros((len(rows), STATES))
-    inputs = run_inputs(run, _of_actuators(model))[rows]
+    inputs = run.forces(model.actuator_effects).inputs[rows]
     speed = np.maximum(np.sqrt(np.mean(smooth.speeds**2, axis=0)), 1e-3)
     offsets = np.concatenate(([0], ends))
-    simulate_runs(offsets, run.time[rows], inputs, starts, speed, yaw_only, model.coefficients, states)
-    reached = states[ends - 1]
-    heading = reached[:, HEADING] - read("heading", last)
-    track = np.hypot(reached[:, NORTH] - read("north", last), reached[:, NORTH + 1] - read("east", last))
+    motion = PlanarMotion.simulated(model, offsets, run.time[rows], inputs, starts, speed, yaw_only=yaw_only)
+    heading = motion.heading[ends - 1] - read("heading", last)
+    track = np.hypot(motion.north[ends - 1] - read("north", last), motion.east[ends - 1] - read("east", last))
     return heading[has_heading], track[has_track]
 
 

@@ -10,11 +10,10 @@ from rovid.compare.difference_tests import DRAG, THRUST_SCALE, ChangeCandidate, 
 from rovid.core.formatting import plus_minus, significant
 from rovid.diagnose.candidate_fits import Alternative
 from rovid.diagnose.evidence import CANNOT_TELL, DEFINITIONS
-from rovid.diagnose.result import UNIDENTIFIABLE, Diagnosis, Finding, OtherCause
+from rovid.diagnose.result import UNIDENTIFIABLE, Conclusion, Finding, OtherCause
 from rovid.diagnose.signal_regressors import is_signal
 from rovid.effects import PLANAR_FORMS, Effect, effect_named, every_form
 from rovid.model.parameter_names import without_form
-from rovid.planar.diagnosis import PlanarDiagnosis
 from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import YAW, Axis
 
@@ -53,7 +52,7 @@ def other_causes(finding: Finding) -> list[Alternative | OtherCause]:
     return [other for other in finding.alternatives if not is_signal(other.effect)]
 
 
-def verdict_sentence(diagnosis: Diagnosis | PlanarDiagnosis, guess: Assumptions) -> str:
+def verdict_sentence(diagnosis: Conclusion, guess: Assumptions) -> str:
     """The result of a diagnosis in one sentence."""
     model = f"The plain model{guess.curve_clause}"
     if diagnosis.verdict == "found":

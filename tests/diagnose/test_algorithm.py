@@ -1,4 +1,4 @@
-"""The algorithm: direct one-step selection, multi-step selection, and the choice between them."""
+"""The algorithm of the diagnosis, and its budget."""
 
 from __future__ import annotations
 
@@ -15,14 +15,10 @@ from rovid.core.budget import Budget, ProgressCallback
 from rovid.diagnose import algorithm
 from rovid.diagnose.algorithm import diagnose, select_by_innovations, select_by_predictions, select_directly
 from rovid.diagnose.cross_validation import cv_pieces
-from rovid.diagnose.objectives import (
-    InnovationObjective,
-    SearchProblem,
-    cannot_whiten,
-    screening_data,
-    thin_for_waves,
-)
+from rovid.diagnose.evidence import Evidence
+from rovid.diagnose.objectives import InnovationObjective, SearchProblem, cannot_whiten, screening_data, thin_for_waves
 from rovid.diagnose.result import Diagnosis
+from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.diagnose.validation import Rejection, first_rejection
 from rovid.diagnose.wave_test import WaveTest
 from rovid.effects import Effect, effect_named
@@ -31,6 +27,7 @@ from rovid.estimate.fit_result import FitResult
 from rovid.estimate.output_error import fit_output_error
 from rovid.signals.preprocessing import PreparedRuns
 from tests import synthetic
+from tests.core.test_budget import Clock
 from tests.predictions import NOISE, TIME, TORQUE
 
 LAG, WAVES = effect_named("thruster_lag"), effect_named("wave_torque")
@@ -220,3 +217,39 @@ def test_a_direct_selection_that_fails_validation_is_searched_by_predictions(mon
     assert direct.extended is not None
     assert rejected.extended is not None
     np.testing.assert_allclose(direct.extended.estimate.values, rejected.extended.estimate.values, rtol=1e-3)
+
+
+def diagnosed_until(looks: float) -> tuple[Diagnosis, Budget]:
+    """Diagnosis of a lag of 1.5 s that may look ``looks`` times at the clock."""
+    budget = Budget(looks, share=1.0, clock=Clock(tick=1.0))
+    return diagnose(prepared(), synthetic.LOGGED, budget=budget), budget
+
+
+@pytest.fixture(scope="module")
+def looks_in_all() -> int:
+    """Looks of a diagnosis that comes to its end."""
+    diagnosis, budget = diagnosed_until(1e9)
+    assert [finding.effect.id for finding in diagnosis.findings] == ["thruster_lag"]
+    assert not budget.not_tried
+    assert not any("budget" in warning for warning in diagnosis.warnings)
+    return int(budget.used)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.3, 0.6])
+def test_what_is_found_in_part_of_the_time_is_likely_at_most(looks_in_all: int, share: float) -> None:
+    diagnosis, budget = diagnosed_until(1.0 + share * looks_in_all)
+    assert budget.not_tried
+    assert diagnosis.findings == ()
+    for suspect in diagnosis.suspects:
+        assert suspect.evidence is not Evidence.CONFIRMED
+        assert suspect.probability < THRESHOLDS.established
+    if diagnosis.verdict != "too_little_data":
+        assert any("budget" in warning for warning in diagnosis.warnings)
+    # After the end the clock is looked at a few times more, not by each of many fits.
+    assert budget.used < 1.0 + share * looks_in_all + 0.6 * looks_in_all
+
+
+def test_a_cause_that_was_fitted_before_the_end_is_a_suspect(looks_in_all: int) -> None:
+    diagnosis, _ = diagnosed_until(0.6 * looks_in_all)
+    assert [suspect.effect.id for suspect in diagnosis.suspects][:1] == ["thruster_lag"]
+    assert diagnosis.verdict == "suspected"

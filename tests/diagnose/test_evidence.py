@@ -1,26 +1,131 @@
-"""The scale of evidence: words for a cause by its gain on held-out trials and its size in standard errors."""
+"""Probabilities of causes, and the words for them."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from rovid.core.budget import Budget
+from rovid.diagnose.candidate_fits import fit_coarse
 from rovid.diagnose.evidence import (
     CANNOT_TELL,
     DEFINITIONS,
     Evidence,
     confirming_gain,
     grade,
+    has_consistent_size,
+    outlier_probability,
+    posterior_probability,
     probability_not_a_stand_in,
+    recalibrated,
 )
 from rovid.diagnose.result import Diagnosis
 from rovid.diagnose.selection import Selection
 from rovid.diagnose.stepwise import StepwiseSearch
-from rovid.diagnose.thresholds import THRESHOLDS
+from rovid.diagnose.thresholds import ESTABLISHED, POSSIBLE, THRESHOLDS
 from rovid.effects import effect_named
+from rovid.estimate.filter_data import InnovationData
+from rovid.estimate.multi_step import MultiStepData, MultiStepLikelihood
+from tests import synthetic
+from tests.predictions import TIME, fitted, records, weakened
 from tests.present.test_sentences import LAG
+
+
+@pytest.mark.parametrize(
+    ("worths", "alike", "least", "most"),
+    [
+        ({}, (), 0.0, 0.0),
+        ({"a": 0.0}, ("a",), 0.49, 0.51),
+        ({"a": 10.0, "b": 10.0}, ("a",), 0.49, 0.51),
+        ({"a": 10.0, "b": 10.0}, ("a", "b"), 0.95, 0.98),
+        ({"a": 3.0} | {f"other {k}": -2.0 for k in range(20)}, ("a",), 0.44, 0.48),
+        ({"a": 1e4}, ("a",), 0.95, 0.98),
+        ({"a": -1e4}, ("a",), 0.0, 1e-9),
+    ],
+)
+def test_posterior_probability(worths: dict[str, float], alike: tuple[str, ...], least: float, most: float) -> None:
+    found = posterior_probability(worths, alike, len(worths))
+    assert least <= found <= most
+    assert math.isfinite(found)
+
+
+@pytest.mark.parametrize(("white", "least", "enough"), [(False, 19.0, 21.0), (True, 12.0, 14.0)])
+def test_a_small_held_out_gain_caps_the_probability(white: bool, least: float, enough: float) -> None:
+    def sure(gain: float) -> float:
+        return probability_not_a_stand_in(gain, gain, white=white)
+
+    assert sure(6.0) == pytest.approx(0.5)
+    assert sure(least) < ESTABLISHED <= sure(enough)
+    assert sure(-1e6) < 1e-6
+    assert sure(1e6) == sure(2e6) < 0.98
+    assert posterior_probability({"a": least}, ("a",), 1, cap=sure(least)) == sure(least)
+
+
+def test_with_white_innovations_the_smaller_gain_counts() -> None:
+    for gains in ((30.0, 6.0), (6.0, 30.0)):
+        assert probability_not_a_stand_in(*gains, white=True) == pytest.approx(0.5)
+    assert probability_not_a_stand_in(30.0, 6.0, white=False) > ESTABLISHED
+
+
+@pytest.mark.parametrize("white", [True, False])
+def test_recalibration_is_monotonic_and_keeps_established_causes(white: bool) -> None:
+    said = [recalibrated(sure, white=white) for sure in (0.0, 1e-3, 0.05, 0.3, 0.5, 0.8, ESTABLISHED, 0.97, 1.0)]
+    assert said == sorted(said)
+    assert (said[0], said[-1]) == (0.0, 1.0)
+    assert recalibrated(ESTABLISHED, white=white) >= ESTABLISHED
+    assert recalibrated(0.93, white=white) < ESTABLISHED
+    assert recalibrated(1e-3, white=white) < POSSIBLE
+
+
+def test_with_white_innovations_there_is_no_recalibration() -> None:
+    assert recalibrated(0.15, white=True) == 0.15
+    assert recalibrated(0.15, white=False) > 0.3
+
+
+def test_a_true_cause_has_a_consistent_size() -> None:
+    found, near = fitted("bias_torque", records(disturbance=np.full(len(TIME), 8.0)))
+    assert has_consistent_size(found, near, found.effects[0])
+
+
+def test_a_size_that_one_step_predictions_do_not_show_is_inconsistent() -> None:
+    found, near = fitted("bias_torque", records(disturbance=np.full(len(TIME), 8.0)))
+    at = len(found.common_coordinates)
+    twice = found.x.copy()
+    twice[at] *= 2.0
+    assert not has_consistent_size(replace(found, x=twice), near, found.effects[0])
+    turned = found.x.copy()
+    turned[at] *= -1.0
+    assert not has_consistent_size(replace(found, x=turned), near, found.effects[0])
+
+
+@pytest.mark.parametrize(
+    ("shares", "stands"),
+    [
+        ((0.0, 0.0, 0.4, 0.0), True),
+        ((0.0, 0.01, 0.4, -0.01, 0.0), True),
+        # Within the scatter of the others, and of any battery.
+        ((0.2, -0.2, 0.4, 0.0), False),
+        ((0.0, 0.0, 0.05, 0.0), False),
+        # Three trials are too few.
+        ((0.0, 0.0, 0.15), False),
+    ],
+)
+def test_a_trial_is_an_outlier_relative_to_the_scatter_of_the_others(shares: Sequence[float], stands: bool) -> None:
+    ahead = MultiStepData.from_data(
+        InnovationData(weakened(shares), synthetic.LOGGED, synthetic.ROSUB), synthetic.ROSUB
+    )
+    odd = effect_named("supply_sag:trial run_2")
+    objective = MultiStepLikelihood(ahead, effects=(odd,))
+    begin = objective.parametrization.initial()
+    begin[-1] = 0.8
+    fitted = fit_coarse(objective, begin, 20)
+    assert fitted.x[-1] < 0.99
+    assert (outlier_probability(fitted, odd) >= ESTABLISHED) is stands
+
 
 MOST = THRESHOLDS.max_probability
 FAR, NEAR = THRESHOLDS.confirmed_standard_errors, THRESHOLDS.likely_standard_errors

@@ -1,7 +1,8 @@
-"""Rules of validation: which effects of a selected model are rejected, and how the search continues."""
+"""Validation of a selected model: rejection rules, ties, suspects."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -11,17 +12,27 @@ import pytest
 from rovid.diagnose import validation
 from rovid.diagnose.algorithm import validate
 from rovid.diagnose.candidate_fits import Alternative, Cause, bic_score
+from rovid.diagnose.cross_validation import HeldOutScores
+from rovid.diagnose.evidence import probability_not_a_stand_in
 from rovid.diagnose.selection import Selection
 from rovid.diagnose.signal_regressors import signal_regressors
 from rovid.diagnose.stepwise import StepwiseSearch
 from rovid.diagnose.thresholds import THRESHOLDS
-from rovid.diagnose.validation import drop_inconsistent, report_remainder, resolve_ties
+from rovid.diagnose.validation import (
+    drop_inconsistent,
+    first_rejection,
+    raises_disturbance,
+    report_remainder,
+    resolve_ties,
+    simulates_worse,
+)
 from rovid.diagnose.wave_test import WaveTest
-from rovid.effects import Effect, effect_named
-from rovid.estimate.fit_result import FitResult
+from rovid.effects import Effect, EffectParameter, effect_named
+from rovid.estimate.fit_result import FitResult, fit
+from rovid.estimate.multi_step import MultiStepLikelihood
 from tests.predictions import BIAS
 
-BEND, UNEQUAL = effect_named("drag_curvature"), effect_named("thrust_asymmetry")
+UNEQUAL = effect_named("thrust_asymmetry")
 
 
 def passing(
@@ -31,6 +42,222 @@ def passing(
     monkeypatch.setattr(Selection, "held_out_gain", lambda *_: gain)
     monkeypatch.setattr(validation, "significance", lambda *_: size)
     monkeypatch.setattr(Selection, "probability", lambda *_: probability)
+
+
+def reason_of(selection: Selection) -> str:
+    rejected = first_rejection(selection)
+    return "" if rejected is None else rejected.reason
+
+
+def test_a_cause_that_acts_passes_all_tests(selection: Selection) -> None:
+    assert selection.held_out_gain(BIAS) > 20.0
+    assert first_rejection(selection) is None
+    assert validate(selection).model.effects == (BIAS,)
+
+
+@pytest.mark.parametrize(("gain", "held_out"), [(14.0, 20.0), (20.0, 13.0)])
+def test_the_smaller_of_expected_and_held_out_gain_caps_a_probability(
+    selection: Selection, monkeypatch: pytest.MonkeyPatch, gain: float, held_out: float
+) -> None:
+    """White innovations; both gains are of other trials, so one nat for the only parameter is all that they differ."""
+    monkeypatch.setattr(FitResult, "is_white", True)
+    selection = replace(selection, model=replace(selection.model))  # without the cached property
+    capped = probability_not_a_stand_in(13.0, 13.0, white=True)
+    assert selection.stand_in_cap(BIAS, gain, held_out, 0.0) == pytest.approx(capped)
+    assert selection.stand_in_cap(BIAS, gain + 2.0, held_out + 2.0, 2.0) == pytest.approx(capped)
+
+
+@pytest.mark.parametrize(("gain", "fails"), [(-3.0, True), (0.0, True), (1e-9, False)])
+def test_an_effect_must_gain_on_held_out_trials(
+    selection: Selection, monkeypatch: pytest.MonkeyPatch, gain: float, *, fails: bool
+) -> None:
+    passing(monkeypatch, gain=gain)
+    assert ("predicts held-out trials worse" in reason_of(selection)) is fails
+
+
+def test_an_effect_must_not_be_at_its_bound(selection: Selection, monkeypatch: pytest.MonkeyPatch) -> None:
+    passing(monkeypatch)
+    x = selection.model.x.copy()
+    x[-1] = BIAS.parameters[0].high
+    at_bound = replace(selection, model=replace(selection.model, x=x))
+    assert reason_of(selection) == ""
+    assert "physically plausible" in reason_of(at_bound)
+
+
+@pytest.mark.parametrize(
+    ("multi_step", "least"),
+    [(False, THRESHOLDS.min_standard_errors), (True, THRESHOLDS.min_standard_errors_multi_step)],
+)
+def test_an_effect_must_differ_from_zero_by_its_standard_errors(
+    selection: Selection, monkeypatch: pytest.MonkeyPatch, least: float, *, multi_step: bool
+) -> None:
+    selection = replace(selection, multi_step=multi_step)
+    passing(monkeypatch, size=least)
+    assert reason_of(selection) == ""
+    passing(monkeypatch, size=0.99 * least)
+    assert "standard errors" in reason_of(selection)
+
+
+@pytest.mark.parametrize(
+    ("probability", "reason", "is_likely"),
+    [
+        (0.95, "", False),
+        (0.9499, "is likely, but not established", True),
+        (0.5, "is likely, but not established", True),
+        (0.4999, "is possible, but not established", False),
+    ],
+)
+def test_an_effect_must_be_probable(
+    selection: Selection, monkeypatch: pytest.MonkeyPatch, probability: float, reason: str, *, is_likely: bool
+) -> None:
+    passing(monkeypatch, probability=probability)
+    rejected = first_rejection(selection)
+    assert reason_of(selection) == reason
+    assert (rejected is not None and rejected.is_likely) is is_likely
+
+
+def test_an_effect_that_was_passed_over_is_not_tested(selection: Selection, monkeypatch: pytest.MonkeyPatch) -> None:
+    passing(monkeypatch, gain=-1.0)
+    assert first_rejection(selection, [BIAS.key]) is None
+
+
+def test_an_effect_that_is_nothing_on_all_data_is_rejected(
+    selection: Selection, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The search uses thinned data; the size on all data counts too."""
+    passing(monkeypatch)
+    full = replace(selection.model)
+    monkeypatch.setattr(Selection, "full_data", lambda *_: full)
+    sizes = {id(selection.model): 10.0, id(full): 0.4}
+    monkeypatch.setattr(validation, "significance", lambda fitted, _: sizes[id(fitted)])
+    assert reason_of(selection) == "differs from zero by only 0.4 standard errors on all data"
+
+
+@pytest.mark.parametrize(
+    ("margins", "banned", "fails"), [(1.01, True, True), (0.99, True, False), (-1.0, True, False), (1.01, False, False)]
+)
+def test_no_cause_takes_the_place_of_a_better_one_that_failed(
+    selection: Selection, monkeypatch: pytest.MonkeyPatch, margins: float, *, banned: bool, fails: bool
+) -> None:
+    passing(monkeypatch)
+    cause = selection.cause(BIAS)
+    gain = margins * THRESHOLDS.tie(cause.bic_gain)
+    other = Alternative(UNEQUAL, cause.bic_gain + gain, selection.model)
+    monkeypatch.setattr(Selection, "cause", lambda *_: replace(cause, alternatives=(other,)))
+    tested = selection.ban(UNEQUAL) if banned else selection
+    assert ("gains less than" in reason_of(tested)) is fails
+
+
+def test_the_weakest_effect_is_rejected_first(selection: Selection, monkeypatch: pytest.MonkeyPatch) -> None:
+    passing(monkeypatch, gain=-1.0)
+    objective = selection.base.objective.with_effects((BIAS, UNEQUAL))
+    both = fit(objective, np.concatenate((selection.model.x, UNEQUAL.initial_values[0])))
+    rejected = first_rejection(replace(selection, model=both))
+    assert rejected is not None
+    assert rejected.effect is UNEQUAL
+
+
+@pytest.mark.parametrize(("high", "fails"), [(0.7, True), (0.71, False)])
+def test_no_parameter_may_be_at_the_limit_of_its_range(
+    selection: Selection, monkeypatch: pytest.MonkeyPatch, high: float, *, fails: bool
+) -> None:
+    """A second parameter, such as a memory, may be at a limit where the size is not."""
+    passing(monkeypatch)
+    memory = EffectParameter(name="memory", unit="s", neutral=0.0, low=0.0, high=high, initial_values=(0.1,))
+    late = replace(BIAS, parameters=(*BIAS.parameters, memory))
+    (size,) = selection.model.effect_coordinates(BIAS)
+    monkeypatch.setattr(FitResult, "effect_coordinates", lambda *_: np.array([size, 0.7]))
+    full = replace(selection.model)
+    monkeypatch.setattr(Selection, "full_data", lambda *_: full)
+    assert bool(validation.at_bound_on_all_data(selection, late)) is fails
+
+
+def with_growths(monkeypatch: pytest.MonkeyPatch, growths: dict[str, np.ndarray]) -> None:
+    """The RMS errors of "position", (p, q), and "rate", (p,), of the pieces grow by these shares with an effect."""
+
+    def squares(name: str, fitted: FitResult) -> np.ndarray:
+        growth = np.array(growths[name])
+        return 1e-4 * (1.0 + growth * bool(fitted.effects)) ** 2
+
+    def scores(fitted: FitResult, _: object) -> HeldOutScores:
+        own = squares("rate", fitted)
+        return HeldOutScores(log_likelihood=0.0, rate_r2=0.0, rate_rmse=0.0, rate_squares=own, position_errors={})
+
+    monkeypatch.setattr(validation, "horizon_squares", lambda fitted, *_: squares("position", fitted))
+    monkeypatch.setattr(validation, "simulate_folds", scores)
+
+
+@pytest.mark.parametrize("quantity", ["position", "rate"])
+@pytest.mark.parametrize(("growth", "fails"), [(0.06, True), (0.019, False), (-0.3, False)])
+def test_an_effect_must_make_neither_held_out_rate_nor_position_worse(
+    selection: Selection, monkeypatch: pytest.MonkeyPatch, quantity: str, growth: float, *, fails: bool
+) -> None:
+    passing(monkeypatch)
+    growths = {"position": np.full((8, 2), -0.5), "rate": np.full(8, -0.5)}
+    growths[quantity] = np.full_like(growths[quantity], growth)
+    growths["position"][3, 0] = math.nan
+    with_growths(monkeypatch, growths)
+    assert (f"makes the {quantity} errors on held-out trials 6 % larger" == reason_of(selection)) is fails
+
+
+@pytest.mark.parametrize("quantity", ["position", "rate"])
+@pytest.mark.parametrize(
+    ("pieces", "fails"),
+    [
+        ([-0.1] * 7 + [3.0], False),
+        ([0.1] * 7 + [-0.02], True),
+        ([0.3, -0.2, 0.25, -0.15, 0.2, -0.1, 0.1, 0.0], False),
+    ],
+    ids=["one goes wrong", "one does not", "scatter"],
+)
+def test_held_out_pieces_are_compared_in_pairs(
+    selection: Selection, monkeypatch: pytest.MonkeyPatch, quantity: str, pieces: list[float], *, fails: bool
+) -> None:
+    """Pooled, the piece that goes wrong outweighs the seven that improve: the mean square error grows to 2.7 times."""
+    growths = {"position": np.full((8, 2), -0.5), "rate": np.full(8, -0.5)}
+    growths[quantity] = np.array(pieces) if quantity == "rate" else np.array(pieces)[:, np.newaxis] * np.ones(2)
+    with_growths(monkeypatch, growths)
+    assert bool(simulates_worse(selection, BIAS)) is fails
+
+
+def test_chance_makes_held_out_errors_worse_at_the_stated_level(
+    selection: Selection, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of effects that change nothing in the mean, one in twenty is rejected."""
+    rng = np.random.default_rng(1)
+    monkeypatch.setattr(validation, "THRESHOLDS", replace(THRESHOLDS, held_out_growth=0.0))
+    without = np.ones((8, 1))
+    drawn = (validation.certain_growth(np.exp(rng.normal(0.0, 0.2, (8, 1))), without) for _ in range(4000))
+    share = float(np.mean([growth > 0.0 for growth in drawn]))
+    assert share == pytest.approx(THRESHOLDS.held_out_growth_level, abs=4.0 * math.sqrt(0.05 * 0.95 / 4000))
+
+
+@pytest.mark.parametrize(
+    ("size", "memory", "fails"),
+    [(1.05, 3.0, False), (1.5, 3.0, True), (0.5, 3.0, False), (1.5, 12.0, False)],
+    ids=["within its error", "larger", "smaller", "slower"],
+)
+def test_an_effect_must_not_raise_the_disturbance(
+    selection: Selection, monkeypatch: pytest.MonkeyPatch, size: float, memory: float, *, fails: bool
+) -> None:
+    """The size of 1 N m and the memory of 3 s without the effect have a standard error of 0.05 N m or more."""
+    seconds = sum(float(np.ptp(run.trial.time)) for run in selection.data.runs)
+    assert THRESHOLDS.disturbance_growth * math.sqrt(3.0 / seconds) > 0.05
+    with_effect = selection.model.objective.effects
+    monkeypatch.setattr(
+        MultiStepLikelihood, "disturbance", lambda own, _: (size, memory) if own.effects == with_effect else (1.0, 3.0)
+    )
+    assert bool(raises_disturbance(selection, BIAS)) is fails
+
+
+def test_a_cause_that_acts_lowers_the_disturbance_and_the_held_out_errors(selection: Selection) -> None:
+    assert raises_disturbance(selection, BIAS) == ""
+    assert simulates_worse(selection, BIAS) == ""
+    without = selection.search.without(selection.model, BIAS)
+    assert selection.model.disturbance[0] < 0.9 * without.disturbance[0]
+
+
+BEND = effect_named("drag_curvature")
 
 
 def test_the_probability_falls_with_the_held_out_gain(selection: Selection) -> None:

@@ -1,12 +1,25 @@
-"""A fitted model: coordinates and covariance."""
+"""A fit with its covariance, and the normal equations behind it."""
 
 from __future__ import annotations
 
+import math
+import warnings
+
 import numpy as np
 import pytest
+from scipy import signal
+from scipy.stats import norm
 
 from rovid.effects import effect_named
 from rovid.estimate.filter_data import InnovationData
+from rovid.estimate.fisher_information import (
+    OUTLIER,
+    inverse_information,
+    is_white,
+    negative_log_likelihoods,
+    sandwich_covariance,
+    whitening_gain,
+)
 from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from tests import synthetic
@@ -70,3 +83,88 @@ def test_a_threshold_between_two_commands_has_the_error_of_the_gap_between_them(
     # Up to the ramp of the switch the gap is 20 to 100 N m; errors grow by a factor until the likelihood falls.
     assert 0.2 * (width - 20.0) < error < 2.0 * (100.0 - width)
     assert error <= wider < 10.0 * error
+
+
+def test_likelihood_is_normal_except_for_outliers() -> None:
+    error, variance = np.array([0.0, 0.5, -1.0]), np.array([1.0, 4.0, 0.25])
+    assert negative_log_likelihoods(error, variance) == pytest.approx(-norm.logpdf(error, scale=np.sqrt(variance)))
+    # Beyond the limit in proportion, and without a jump in value or slope.
+    near, far, farther = negative_log_likelihoods(OUTLIER + np.array([0.0, 1.0, 2.0]), np.ones(3))
+    assert far - near == pytest.approx(OUTLIER)
+    assert farther - far == pytest.approx(OUTLIER)
+
+
+def test_a_diverged_innovation_has_a_finite_likelihood() -> None:
+    assert np.isfinite(negative_log_likelihoods(np.array([1e200]), np.ones(1))).all()
+
+
+def test_a_negative_variance_gives_nan_without_a_warning() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        runaway, sound = negative_log_likelihoods(np.ones(2), np.array([-1.0, 1.0]))
+    assert math.isnan(runaway)
+    assert math.isfinite(sound)
+
+
+UNITS = np.diag((1e6, 1e-3))
+SHAPE = np.array([[2.0, 0.5], [0.5, 1.0]])
+
+
+def test_the_inverse_does_not_depend_on_units() -> None:
+    assert inverse_information(UNITS @ SHAPE @ UNITS) == pytest.approx(np.linalg.inv(UNITS @ SHAPE @ UNITS), rel=1e-6)
+
+
+def test_a_flat_direction_gets_a_large_finite_variance() -> None:
+    flat = inverse_information(np.array([[1.0, 1.0], [1.0, 1.0]]))
+    assert np.isfinite(flat).all()
+    # The sum of both is known, their difference is not.
+    along, across = np.array([1.0, 1.0]), np.array([1.0, -1.0])
+    assert along @ flat @ along == pytest.approx(1.0, rel=1e-6)
+    assert across @ flat @ across > 1e6
+
+
+def test_the_sandwich_equals_the_inverse_information_for_consistent_scores() -> None:
+    rng = np.random.default_rng(1)
+    scores = rng.multivariate_normal([0.0, 0.0], SHAPE, 20_000)
+    bread = np.linalg.inv(SHAPE * len(scores))
+    # Scatter of so many is known to one percent.
+    assert sandwich_covariance(bread, scores) == pytest.approx(bread, rel=0.05)
+    assert sandwich_covariance(bread, 2.0 * scores) == pytest.approx(4.0 * sandwich_covariance(bread, scores))
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_the_sandwich_of_fewer_than_two_groups_is_the_inverse_information(count: int) -> None:
+    bread = np.linalg.inv(SHAPE)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        np.testing.assert_array_equal(sandwich_covariance(bread, np.ones((count, 2))), bread)
+
+
+@pytest.mark.parametrize("name", ["coloured", "spiky"])
+def test_coloured_and_spiky_series_are_not_white(name: str) -> None:
+    rng = np.random.default_rng()
+    white = rng.normal(size=20_000)
+    series = {
+        "coloured": white[1:] + 0.1 * white[:-1],
+        "spiky": np.where(rng.random(20_000) < 0.005, 20.0, 1.0) * white,
+    }[name]
+    assert not is_white([series])
+
+
+def test_white_series_are_seldom_rejected() -> None:
+    rng = np.random.default_rng()
+    trials = rng.normal(size=(200, 25, 200))
+    # One in a thousand expected: more than three of 200 happens once in 15 000 runs.
+    assert sum(not is_white(list(series)) for series in trials) <= 3
+
+
+def test_the_whitening_gain_of_a_first_order_autoregression() -> None:
+    """Of a first-order autoregression of unit variance: half the count times -log(1 - a^2)."""
+    rng, memory, count = np.random.default_rng(3), 0.6, 20000
+    noise = rng.normal(size=count) * math.sqrt(1.0 - memory**2)
+    series = signal.lfilter([1.0], [1.0, -memory], noise)
+    assert whitening_gain([series]) == pytest.approx(-0.5 * count * math.log(1.0 - memory**2), rel=0.03)
+    assert whitening_gain([rng.normal(size=count)]) < 30.0
+    assert whitening_gain([np.zeros(50)]) == 0.0
+    assert whitening_gain([np.array([1.0] + 60 * [np.nan])]) == 0.0
+    assert math.isfinite(whitening_gain([np.ones(50)]))

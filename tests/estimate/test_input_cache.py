@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from rovid.effects import Effect, effect_named
-from rovid.estimate.input_cache import InputCache
+from rovid.estimate.dataset import InputCache
 from rovid.model.actuator_model import CommandSeries
 from rovid.model.torque_input import MAX_SUBDIVISION
 from rovid.signals.preprocessing import Run
 from tests import synthetic
 from tests.effects.test_effects import EVERY
-from tests.model.test_command_series import model_with
+from tests.model.test_actuator_model import model_with
 
 TIME = synthetic.clock(60.0)
 COMMAND = np.where(TIME % 20.0 < 10.0, 2.0, -2.0)

@@ -1,4 +1,4 @@
-"""A heading that jumps and stays."""
+"""Steps and gaps of the heading."""
 
 from __future__ import annotations
 
@@ -93,3 +93,21 @@ def test_a_stated_reset_is_cut_once(tmp_path: Path) -> None:
     assert "states a reset of the heading at 30.00 s, by +5.7 deg" in detection.fault.text
     stepped = drive.with_step(300, 25.0).trial(tmp_path)
     assert len(list(FAULT.detect(TrialData(trial=stepped, vehicle=VEHICLE, resets=((29.95, 0.44),))))) == 1
+
+
+def test_gaps_are_counted_and_left_open(tmp_path: Path) -> None:
+    drive = dict(drives(1))["sine 5.0"]
+    cells = [f"{value:.3f}" for value in drive.heading % 360.0]
+    for first, last in ((100, 130), (300, 309)):
+        cells[first:last] = [""] * (last - first)
+    trial = drive.trial(tmp_path, heading=cells)
+    (fault,) = found(trial, "heading_gaps")
+    assert fault.at == pytest.approx((9.9, 29.9))
+    assert fault.size == pytest.approx(3.1 + 1.0)
+    assert "in 2 gaps, 4.1 s in all, the longest of 3.1 s from 9.9 s on" in fault.text
+    assert not np.isfinite(trial.position[100:130]).any()
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_undamaged_logs_have_no_gaps(seed: int, tmp_path: Path) -> None:
+    assert not [name for name, trial in undamaged(seed, tmp_path) if found(trial, "heading_gaps")]

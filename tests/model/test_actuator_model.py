@@ -1,16 +1,23 @@
-"""The actuator model: uncertainty of the thrust scale."""
+"""The way from commands to torque."""
 
 from __future__ import annotations
 
+import gc
 import math
+import weakref
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from rovid.effects import effect_named
+from rovid.core.array_types import IntArray
+from rovid.effects import Effect, effect_named
+from rovid.effects.actuator_inputs import SampleSelection
+from rovid.model.actuator_model import CommandSeries
 from rovid.model.model import Model
+from rovid.trial.trial import Trial
 from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
+from tests.effects.test_effects import EVERY, VEHICLE, logs, numbers
 from tests.synthetic import trial
 
 
@@ -32,3 +39,83 @@ def test_the_uncertainty_of_the_thrust_scale() -> None:
     assert bare.actuators.thrust_scale_uncertainty(vehicle, [run]) == 0.0
     lagging = replace(bare, effects=(effect_named("thruster_lag"),), effect_values=(0.7,))
     assert lagging.actuators.thrust_scale_uncertainty(vehicle, [run]) == 0.0
+
+
+LOGS = logs()
+STEPS = [np.arange(first, len(log.time) - last, 7) for log, first, last in zip(LOGS, (0, 3, 1), (0, 5, 2), strict=True)]
+
+
+def model_with(effect: Effect) -> Model:
+    """With the parameters of its first start."""
+    values = tuple(numbers(effect, start=True).tolist())
+    return Model(inertia=5e3, quadratic_drag=3e3, linear_drag=1e2, effects=(effect,), effect_values=values)
+
+
+@pytest.mark.parametrize(("parts", "at"), [(1, None), (1, STEPS), (4, None), (4, STEPS)])
+@pytest.mark.parametrize("effect", EVERY, ids=lambda effect: effect.key)
+def test_concatenated_trials_are_driven_like_each(effect: Effect, parts: int, at: list[IntArray] | None) -> None:
+    model = model_with(effect)
+    given = CommandSeries.from_trials(VEHICLE, LOGS, parts)
+    together = model.actuators.torque_inputs(given, None if at is None else given.intervals_between(at)).by_trial
+    for number, found in enumerate(together):
+        one = CommandSeries.from_trials(VEHICLE, [LOGS[number]], parts)
+        alone = model.actuators.torque_inputs(one, None if at is None else one.intervals_between([at[number]]))
+        assert len(found.torque) == len(LOGS[number].time if at is None else at[number])
+        for name in ("torque", "timing_moment", "effect_inputs", "impulse_variance"):
+            # Sums over thrusters may be rounded otherwise.
+            np.testing.assert_allclose(getattr(found, name), getattr(alone, name), rtol=1e-12, atol=1e-9)
+
+
+def telling(log: Trial, steps: IntArray) -> IntArray:
+    """The steps, the ends, and where the command changed or did so within half a second."""
+    changed = np.append(False, np.any(np.diff(log.commands, axis=0) != 0.0, axis=1))
+    since = log.time - np.maximum.accumulate(np.where(changed, log.time, -np.inf))
+    keep = since <= 0.5
+    keep[[0, -1]] = keep[steps] = True
+    return np.flatnonzero(keep)
+
+
+@pytest.mark.parametrize(
+    "effect", [one for one in EVERY if model_with(one).actuators.has_exact_means], ids=lambda effect: effect.key
+)
+def test_instants_in_a_held_command_may_be_left_out(effect: Effect) -> None:
+    model = model_with(effect)
+    # Those of the logs change at every instant.
+    logs = [replace(log, commands=log.commands[np.arange(len(log.time)) // 60 * 60]) for log in LOGS]
+    at = [telling(log, steps) for log, steps in zip(logs, STEPS, strict=True)]
+    assert sum(map(len, at)) < 0.6 * sum(len(log.time) for log in logs)
+    every, few = CommandSeries.from_trials(VEHICLE, logs), CommandSeries.from_trials(VEHICLE, logs, at=at)
+    places = [np.searchsorted(here, steps) for here, steps in zip(at, STEPS, strict=True)]
+    over_all = model.actuators.torque_inputs(every, every.intervals_between(STEPS))
+    over_few = model.actuators.torque_inputs(few, few.intervals_between(places))
+    for found, wanted in zip(over_few.by_trial, over_all.by_trial, strict=True):
+        # The last step has no next one: its mean ends at the next instant of the series, whichever that is. A drop
+        # that follows the clock is the mean of what is held in between.
+        np.testing.assert_allclose(found.torque[:-1], wanted.torque[:-1], rtol=1e-4, atol=1e-4)
+
+
+def test_means_of_selected_samples_ignore_nan() -> None:
+    time, held = np.array([0.0, 1.0, 2.0, 4.0, 5.0]), np.array([1.0, np.nan, 3.0, 5.0, 7.0])
+    chosen = SampleSelection.of(time, np.array([0, 2, 4]))
+    assert chosen.means(held).tolist() == [1.0, (2.0 * 3.0 + 5.0) / 3.0, 7.0]
+    assert np.isnan(SampleSelection.of(time, np.array([0, 1, 2, 4])).means(held)).tolist() == [
+        False,
+        True,
+        False,
+        False,
+    ]
+
+
+def test_equal_command_series_are_one_object() -> None:
+    first = CommandSeries.from_trials(VEHICLE, LOGS)
+    assert CommandSeries.from_trials(VEHICLE, LOGS) is first
+    others = [
+        CommandSeries.from_trials(VEHICLE, LOGS[:2]),
+        CommandSeries.from_trials(VEHICLE, LOGS, 4),
+        CommandSeries.from_trials(VEHICLE, LOGS[::-1]),
+    ]
+    assert all(other is not first for other in others)
+    gone = weakref.ref(first)
+    del first
+    gc.collect()
+    assert gone() is None

@@ -10,6 +10,7 @@ from rovid.compare.comparison import Comparison, CrossPrediction
 from rovid.diagnose.log_rivals import coupled_causes
 from rovid.diagnose.result import (
     NEVER_IDENTIFIABLE,
+    Conclusion,
     Diagnosis,
     Finding,
     ModelAssessment,
@@ -38,7 +39,7 @@ from rovid.present.sentences import change_sentence, document_key, other_causes
 from rovid.present.tables.diagnosis import inertia_ratios
 from rovid.store.study import Study
 from rovid.trial.assumptions import Assumptions
-from rovid.trial.axis import Axis
+from rovid.trial.axis import YAW, Axis
 from rovid.trial.fault import Fault, fault_texts
 
 
@@ -50,19 +51,8 @@ def diagnosis_document(diagnosis: Diagnosis, study: Study) -> Document:
     document = {
         "schema": "rovid-diagnosis/1",
         **axis_document(axis),
-        "verdict": diagnosis.verdict,
+        **conclusion_document(diagnosis, axis),
         "base": _assessment(diagnosis.base, axis),
-        "findings": list(map(finding_document, diagnosis.findings)),
-        "suspects": list(map(finding_document, diagnosis.suspects)),
-        "challengers": [
-            {
-                "effects": list(one.causes),
-                "faults": list(one.faults),
-                "log_likelihood_difference": one.log_likelihood_difference,
-                "price_difference": one.price_difference,
-            }
-            for one in diagnosis.challengers
-        ],
         "horizons": [
             {
                 "seconds": errors.seconds,
@@ -82,10 +72,7 @@ def diagnosis_document(diagnosis: Diagnosis, study: Study) -> Document:
             ],
         },
         "not_identifiable": list(unidentifiable_parameters(study.vehicle)),
-        "detectable": _detectable(diagnosis, axis),
         "next_experiment": next_experiment(diagnosis) | {"needed": not is_settled(diagnosis)},
-        "missing": diagnosis.missing or None,
-        "budget": None if diagnosis.budget is None else asdict(diagnosis.budget),
         **guess_document(study.vehicle.assumptions),
     }
     if diagnosis.from_tables is not None:
@@ -106,14 +93,28 @@ def all_faults(diagnosis: Diagnosis, study: Study) -> list[Fault]:
     return [*(fault for fault in study.faults if fault.fault not in later), *diagnosis.faults]
 
 
-def _detectable(diagnosis: Diagnosis, axis: Axis) -> Document:
-    """Effect and parameter -> the smallest size that would have been found; None where no size would."""
-    document = {}
+def conclusion_document(diagnosis: Conclusion, axis: Axis = YAW) -> Document:
+    """What the diagnosis of any model concludes: causes, other sets of causes, and what it could not see."""
+    detectable = {}
     for effect, size in diagnosis.detectable:
-        name = effect.parameters[0].name
-        unit = unit_of(f"{effect.key}.{name}", axis)
-        document[f"{effect.id}.{name}"] = value_document(size if math.isfinite(size) else None, unit)
-    return document
+        unit = unit_of(effect.parameter_names[0], axis)
+        # Effect and parameter -> the smallest size that would have been found; None where no size would.
+        key = f"{effect.id}.{effect.parameters[0].name}"
+        detectable[key] = value_document(size if math.isfinite(size) else None, unit)
+    challengers = [
+        {"effects": list(one.causes), "faults": list(one.faults)}
+        | fields(one, "log_likelihood_difference", "price_difference")
+        for one in diagnosis.challengers
+    ]
+    return {
+        "verdict": diagnosis.verdict,
+        "findings": list(map(finding_document, diagnosis.findings)),
+        "suspects": list(map(finding_document, diagnosis.suspects)),
+        "challengers": challengers,
+        "detectable": detectable,
+        "missing": diagnosis.missing or None,
+        "budget": None if diagnosis.budget is None else asdict(diagnosis.budget),
+    }
 
 
 def _table_diagnosis(diagnosis: TableDiagnosis) -> Document:

@@ -3,60 +3,39 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
 from typing import Any
 
 from rovid.diagnose.result import discriminating_experiment
-from rovid.model.parameter_names import unit_of, without_form
+from rovid.model.parameter_names import without_form
 from rovid.planar.diagnosis import PlanarAssessment, PlanarDiagnosis
 from rovid.planar.trial_simulation import SENSOR_UNITS
-from rovid.present.documents.diagnosis import finding_document
-from rovid.present.documents.fits import Document, all_warnings, fault_documents, guess_document, value_document
+from rovid.present.documents.diagnosis import conclusion_document
+from rovid.present.documents.fits import Document, all_warnings, fault_documents, guess_document
 from rovid.present.documents.planar import AXES_DOCUMENT, planar_parameters, undetermined_document
 from rovid.store.planar_study import PlanarStudy, open_combinations
-from rovid.trial.fault import Fault, fault_texts
+from rovid.trial.fault import fault_texts
 
 
 def planar_diagnosis_document(diagnosis: PlanarDiagnosis, study: PlanarStudy) -> Document:
     """The document of `rovid diagnose --axes planar --json`; angles in rad."""
-    guess, faults = study.vehicle.assumptions, planar_faults(diagnosis, study)
+    guess, faults = study.vehicle.assumptions, study.logs.faults
     final = diagnosis.extended or diagnosis.base
     return {
         "schema": "rovid-diagnosis/1",
         **AXES_DOCUMENT,
-        "verdict": diagnosis.verdict,
+        **conclusion_document(diagnosis),
         "base": _assessment(diagnosis.base),
-        "findings": list(map(finding_document, diagnosis.findings)),
-        "suspects": list(map(finding_document, diagnosis.suspects)),
-        "challengers": [
-            {
-                "effects": list(one.causes),
-                "faults": list(one.faults),
-                "log_likelihood_difference": one.log_likelihood_difference,
-                "price_difference": one.price_difference,
-            }
-            for one in diagnosis.challengers
-        ],
         "horizons": _horizons(diagnosis),
         "extended": _assessment(diagnosis.extended),
         "held_out_gain": _held_out_gain(diagnosis),
         "unexplained": {"share_of_variance": dict(diagnosis.unexplained_shares), "depends_on": []},
         "undetermined": [] if final is None else undetermined_document(open_combinations(final.fit)),
         "not_identifiable": ["thrust_scale", *(() if final is None else final.fit.estimate.refused)],
-        "detectable": _detectable(diagnosis),
         "next_experiment": next_planar_experiment(diagnosis),
-        "missing": diagnosis.missing or None,
-        "budget": None if diagnosis.budget is None else asdict(diagnosis.budget),
         **guess_document(guess),
         "faults": fault_documents(faults),
         "warnings": all_warnings(guess, [*fault_texts(faults), *study.remarks(), *diagnosis.warnings]),
     }
-
-
-def planar_faults(diagnosis: PlanarDiagnosis, study: PlanarStudy) -> list[Fault]:
-    """Faults that the logs alone show, and those that the diagnosis found."""
-    later = {fault.fault for fault in diagnosis.faults}
-    return [*(fault for fault in study.logs.faults if fault.fault not in later), *diagnosis.faults]
 
 
 def next_planar_experiment(diagnosis: PlanarDiagnosis) -> dict[str, Any]:
@@ -126,13 +105,3 @@ def _held_out_gain(diagnosis: PlanarDiagnosis) -> Document | None:
 
 def _pair(before: float, after: float | None, unit: str, floor: float | None) -> Document:
     return {"base": before, "extended": after, "noise_floor": floor, "unit": unit}
-
-
-def _detectable(diagnosis: PlanarDiagnosis) -> Document:
-    """Effect and parameter -> the smallest size that would have been found; None where no size would."""
-    document = {}
-    for effect, size in diagnosis.detectable:
-        name = effect.parameters[0].name
-        finite = size if math.isfinite(size) else None
-        document[f"{effect.id}.{name}"] = value_document(finite, unit_of(f"{effect.key}.{name}"))
-    return document

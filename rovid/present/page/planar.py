@@ -16,7 +16,7 @@ from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
 from rovid.core.formatting import plus_minus
 from rovid.core.output_files import OutputSet
-from rovid.diagnose.result import Finding, by_evidence
+from rovid.diagnose.result import Finding
 from rovid.planar.diagnosis import PlanarDiagnosis
 from rovid.planar.fit import PlanarFit, is_yaw_alone
 from rovid.planar.standard_manoeuvres import SteeringSystem, model_manoeuvres, run_manoeuvres, turning_curve
@@ -247,7 +247,7 @@ def _render(report: PlanarReport, figures: Mapping[str, ReportFigure]) -> str:
     environment.globals["guess"] = guess
     speeds = [figure for name, figure in figures.items() if name.startswith("planar_speeds")]
     found = report.diagnosis
-    causes = () if found is None else by_evidence((*found.findings, *found.suspects))
+    causes = () if found is None else found.causes
     context: dict[str, Any] = {
         "vehicle": study.vehicle,
         "minutes": sum(run.duration for run in study.data.runs) / 60.0,

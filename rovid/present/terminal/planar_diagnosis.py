@@ -6,7 +6,6 @@ import math
 
 from rich.console import Console
 
-from rovid.diagnose.result import by_evidence
 from rovid.planar.diagnosis import PlanarAssessment, PlanarDiagnosis
 from rovid.planar.trial_simulation import SENSOR_UNITS
 from rovid.present.console import print_labelled, print_text
@@ -25,10 +24,9 @@ def show_planar_diagnosis(console: Console, diagnosis: PlanarDiagnosis, guess: A
     print_labelled(console, verdict_sentence(diagnosis, guess))
     if diagnosis.missing:
         print_text(console, diagnosis.missing)
-    causes = by_evidence((*diagnosis.findings, *diagnosis.suspects))
-    for finding in causes:
+    for finding in diagnosis.causes:
         show_finding(console, finding)
-    for sentence in evidence_definitions(causes):
+    for sentence in evidence_definitions(diagnosis.causes):
         print_text(console, sentence)
     base, extended = diagnosis.base, diagnosis.extended
     if base is not None and extended is not None:

@@ -1,0 +1,153 @@
+"""Rivals of the causes: the clock, a foreign log, and the coupled model."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rovid.diagnose import log_rivals
+from rovid.diagnose.log_rivals import _without_offset, coupled_causes, coupled_sentence, diagnose_majority, few_logs
+from rovid.diagnose.result import Diagnosis, Finding
+from rovid.effects import bias_torque, command_delay, effect_named, supply_sag
+from rovid.effects.clock_offset import CLOCKS_APART, mean_shifted
+from rovid.estimate.estimate import Estimate
+from rovid.signals.preprocessing import PreparedRuns, shift_commands
+from rovid.trial.trial import Trial
+from tests.diagnose.findings import finding
+from tests.faults.days import day
+from tests.synthetic import VEHICLE, clock, trial
+
+
+def test_commands_move_against_the_motion() -> None:
+    time = clock(60.0)
+    command = np.sign(np.random.default_rng(1).normal(size=61))[time.astype(int)]
+    moved = shift_commands(trial(time, command, np.sin(0.3 * time)), 0.5)
+    # The common time begins at 0.5 s, where the first command begins now.
+    np.testing.assert_allclose(moved.position[moved.measured], np.sin(0.3 * (moved.time[moved.measured] + 0.5)))
+    np.testing.assert_array_equal(moved.commands[:, 0], np.interp(moved.time + 0.01, time, command).round())
+    assert abs(moved.duration - 59.5) < 1e-9
+
+
+def test_a_held_value_is_moved_by_its_delay() -> None:
+    time, values = np.arange(0.0, 10.0, 0.5), np.zeros(20)
+    values[8:] = 2.0  # from 4 s on
+    early, late = mean_shifted(time, values, -1.0), mean_shifted(time, values, 0.75)
+    np.testing.assert_allclose(early, np.where(time >= 3.0, 2.0, 0.0))
+    np.testing.assert_allclose(late[8:11], [0.0, 1.0, 2.0])
+
+
+@pytest.mark.parametrize(("delay", "separate", "kept"), [(0.3, True, True), (0.8, True, False), (0.8, False, True)])
+def test_a_long_delay_between_topics_may_be_an_offset(delay: float, separate: bool, kept: bool) -> None:
+    runs = [replace(run, trial=replace(run.trial, separate_clocks=separate)) for run in day("small", 0)]
+    found = Diagnosis(verdict="found", findings=(finding(command_delay.FORMS[0], [delay]),))
+    result = _without_offset(found, runs)
+    assert bool(result.findings) == kept
+    assert [fault.fault for fault in result.faults] == ([] if kept else ["clocks_apart"])
+    assert result.verdict == ("found" if kept else "suspected")
+
+
+@pytest.mark.parametrize(("delay", "kept"), [(0.2, False), (0.41, False), (0.6, True)])
+def test_stamps_that_are_late_by_chance_are_no_delay(delay: float, kept: bool) -> None:
+    """A logger that reads the commands for its rows alone stamps them late, by up to an interval."""
+    found = Diagnosis(verdict="found", findings=(finding(command_delay.FORMS[-1], [delay, 1.0]),))
+    result = _without_offset(found, day("small", 0), finding(CLOCKS_APART, [0.4]), "The commands were moved by it.")
+    assert bool(result.findings) == kept
+    assert result.verdict == ("found" if kept else "nothing_found")
+    (fault,) = result.faults
+    assert fault.fault == "clocks_apart"
+    assert ("scatters by" in fault.text) != kept
+
+
+NAMES = tuple(run.trial.name for run in day("small", 0))
+
+
+@pytest.mark.parametrize("module", [supply_sag, bias_torque])
+@pytest.mark.parametrize("logs", [(2,), (0, 5), (4, 5)])
+def test_one_or_two_logs_with_a_size_of_their_own_are_named(module: object, logs: tuple[int, ...]) -> None:
+    assert module in (supply_sag, bias_torque)
+    names = NAMES[:6]
+    sizes = np.full(6, 1.0)
+    sizes[list(logs)] = 0.6
+    sizes += 1.0 - sizes.mean()
+    effect = supply_sag.for_trials(names) if module is supply_sag else bias_torque.for_trials(names)
+    assert few_logs(finding(effect, sizes.tolist()), 6) == tuple(names[at] for at in logs)
+
+
+def test_sizes_that_vary_over_all_logs_are_a_cause() -> None:
+    effect = supply_sag.for_trials(NAMES[:6])
+    assert few_logs(finding(effect, [0.8, 0.88, 0.96, 1.04, 1.12, 1.2]), 6) == ()
+    assert few_logs(finding(supply_sag.for_trials(NAMES[1:2]), [0.8]), 6) == NAMES[1:2]
+    assert few_logs(finding(supply_sag.FORMS[0], [0.1, 0.1]), 6) == ()
+
+
+@pytest.mark.parametrize("found_by_others", [False, True])
+def test_what_the_other_logs_do_not_show_is_not_established(
+    found_by_others: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    runs = PreparedRuns(items=tuple(day("small", 0)), cutoff=1.0, chosen=True, remarks=())
+    cause = finding(supply_sag.for_trials(NAMES[1:2]), [0.8])
+    every = Diagnosis(verdict="found", findings=(cause,))
+    others = Diagnosis(verdict="nothing_found")
+    if found_by_others:
+        others = replace(every, findings=(finding(supply_sag.for_trials(NAMES[2:3]), [0.8]),))
+
+    def diagnosed(prepared: PreparedRuns, *_: object) -> Diagnosis:
+        return every if len(prepared.items) == len(NAMES) else others
+
+    monkeypatch.setattr(log_rivals, "diagnose", diagnosed)
+    result = diagnose_majority(runs, VEHICLE, lambda _: None)
+    if found_by_others:
+        assert result is every
+        return
+    (suspect,), (fault,) = result.suspects, result.faults
+    assert not result.findings
+    assert (result.verdict, suspect.effect, suspect.probability) == ("suspected", cause.effect, 0.5 * 0.99)
+    assert (fault.fault, fault.logs, fault.remedy) == ("foreign_log", NAMES[1:2], "set_aside")
+    assert f"{NAMES[1]} does not belong to the other logs" in fault.text
+
+
+def found(*names: str) -> Diagnosis:
+    estimate = Estimate(names=(), values=np.zeros(0), covariance=np.zeros((0, 0)), method="", samples=0)
+    findings = tuple(
+        Finding(
+            effect=effect_named(name),
+            estimate=estimate,
+            gain=50.0,
+            bic_gain=45.0,
+            held_out_gain=40.0,
+            standard_errors=9.0,
+            probability=0.97,
+            alternatives=(),
+            indistinguishable=(),
+        )
+        for name in names
+    )
+    return Diagnosis(verdict="found", findings=findings)
+
+
+def with_channels(*channels: str) -> Trial:
+    time = np.arange(10.0)
+    extras = {name: np.zeros(10) for name in channels}
+    return Trial(
+        name="run", path=Path("run"), time=time, position=np.zeros(10), commands=np.zeros((10, 1)), extras=extras
+    )
+
+
+@pytest.mark.parametrize(
+    ("names", "channels", "coupled"),
+    [
+        (("sideslip_moment", "thruster_lag"), ("surge_velocity", "sway_velocity"), ("sideslip_moment",)),
+        (("sideslip_moment", "wave_torque"), ("surge_velocity", "sway_velocity"), ("sideslip_moment", "wave_torque")),
+        (("wave_torque", "thruster_lag"), ("surge_velocity", "sway_velocity"), ()),
+        (("sideslip_moment",), (), ()),
+    ],
+)
+def test_motion_along_sway_recommends_the_coupled_model_where_it_is_logged(
+    names: tuple[str, ...], channels: tuple[str, ...], coupled: tuple[str, ...]
+) -> None:
+    diagnosis, trials = found(*names), [with_channels(*channels)]
+    assert coupled_causes(diagnosis, trials) == coupled
+    assert ("--axes planar" in coupled_sentence(diagnosis, trials)) == bool(coupled)
