@@ -10,28 +10,37 @@ from typing import NamedTuple
 class ExportFormat(NamedTuple):
     """Module of the exporter, file that it writes by default, and name of the exporter in the module.
 
-    ``other`` has the exporters for files with other suffixes.
+    ``planar`` has module and name of the exporter of surge, sway and yaw together; ``other`` the exporters in the first
+    module for files with other suffixes.
     """
 
     module: str
     file: str
     function: str = "export"
+    planar: tuple[str, str] | None = None
     other: Mapping[str, str] = MappingProxyType({})
 
 
 # Formats in the order of all lists. Shell completion imports this module, which therefore imports no exporter.
 FORMATS: Mapping[str, ExportFormat] = {
-    "gz-sim": ExportFormat("gazebo", "gz_sim.sdf", "export_gz_sim"),
-    "uuv": ExportFormat("uuv", "uuv.xacro", other={".yaml": "export_yaml", ".yml": "export_yaml"}),
-    "vrx": ExportFormat("gazebo", "vrx.sdf", "export_vrx"),
+    "gz-sim": ExportFormat("gazebo", "gz_sim.sdf", "export_gz_sim", ("planar_gazebo", "export_gz_sim")),
+    "uuv": ExportFormat(
+        "uuv",
+        "uuv.xacro",
+        planar=("planar_gazebo", "export_uuv"),
+        other={".yaml": "export_yaml", ".yml": "export_yaml"},
+    ),
+    "vrx": ExportFormat("gazebo", "vrx.sdf", "export_vrx", ("planar_gazebo", "export_vrx")),
     "stonefish": ExportFormat("stonefish", "stonefish.scn"),
-    "mujoco": ExportFormat("mujoco", "mujoco.xml"),
-    "ros2": ExportFormat("rovid_equation", "ros2.yaml", "export_ros2"),
-    "matlab": ExportFormat("rovid_equation", "rovid.mat", "export_matlab"),
-    "json": ExportFormat("rovid_equation", "rovid.json", "export_json"),
-    "python-vehicle-simulator": ExportFormat("python_vehicle_simulator", "rovid_vehicle.py"),
-    "mss": ExportFormat("mss", "rovid_vehicle.m"),
-    "ardupilot": ExportFormat("autopilots", "ardupilot.parm", "export_ardupilot", {".py": "export_sitl"}),
+    "mujoco": ExportFormat("mujoco", "mujoco.xml", planar=("planar_mujoco", "export")),
+    "ros2": ExportFormat("rovid_equation", "ros2.yaml", "export_ros2", ("planar_tables", "export_ros2")),
+    "matlab": ExportFormat("rovid_equation", "rovid.mat", "export_matlab", ("planar_tables", "export_matlab")),
+    "json": ExportFormat("rovid_equation", "rovid.json", "export_json", ("planar_tables", "export_json")),
+    "python-vehicle-simulator": ExportFormat(
+        "python_vehicle_simulator", "rovid_vehicle.py", planar=("planar_python", "export")
+    ),
+    "mss": ExportFormat("mss", "rovid_vehicle.m", planar=("mss", "export_planar")),
+    "ardupilot": ExportFormat("autopilots", "ardupilot.parm", "export_ardupilot", other={".py": "export_sitl"}),
     "px4": ExportFormat("autopilots", "px4.txt", "export_px4"),
 }
 # Other names -> format.
@@ -53,16 +62,4 @@ ALIASES: Mapping[str, str] = {
     "marine-systems-simulator": "mss",
     "fossen": "python-vehicle-simulator",
     "python": "python-vehicle-simulator",
-}
-# Formats that can hold surge, sway and yaw together -> module and name of the exporter.
-PLANAR_FORMATS: Mapping[str, tuple[str, str]] = {
-    "gz-sim": ("planar_gazebo", "export_gz_sim"),
-    "uuv": ("planar_gazebo", "export_uuv"),
-    "vrx": ("planar_gazebo", "export_vrx"),
-    "mujoco": ("planar_mujoco", "export"),
-    "ros2": ("planar_tables", "export_ros2"),
-    "matlab": ("planar_tables", "export_matlab"),
-    "json": ("planar_tables", "export_json"),
-    "python-vehicle-simulator": ("planar_python", "export"),
-    "mss": ("mss", "export_planar"),
 }

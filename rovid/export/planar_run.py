@@ -13,7 +13,7 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import ConfigError
 from rovid.core.output_files import OutputFile, export_signature
-from rovid.export import FORMATS, PLANAR_FORMATS
+from rovid.export import FORMATS
 from rovid.export.planar_input import PlanarInput, rovid_motion, verification_shares
 from rovid.export.planar_result import PlanarExportResult
 from rovid.export.run_export import require_format, with_notice
@@ -71,13 +71,14 @@ def select_planar_exporter(name: str, path: Path | None) -> tuple[PlanarExporter
         There is no such format, or it cannot hold the coupled model.
     """
     require_format(name)
-    if name not in PLANAR_FORMATS:
+    planar = FORMATS[name].planar
+    if planar is None:
         raise ConfigError(
             f"is {name!r}, which cannot hold surge, sway and yaw together.",
             where="FORMAT",
-            mend=f"Give one of {', '.join(PLANAR_FORMATS)}.",
+            mend=f"Give one of {', '.join(one for one, form in FORMATS.items() if form.planar)}.",
         )
-    module, function = PLANAR_FORMATS[name]
+    module, function = planar
     exporter = cast("PlanarExporter", getattr(import_module(f"rovid.export.{module}"), function))
     return exporter, OutputFile(path or Path(FORMATS[name].file), export_signature(name))
 

@@ -6,7 +6,6 @@ and the quadratic damping as diagonal, in its axes (NED, starboard and clockwise
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Mapping
 from typing import Any
@@ -19,7 +18,7 @@ from rovid.effects.base import Coupling, WaterCurrent
 from rovid.export.body_equation import BodyEquation, Scheme
 from rovid.export.planar_input import PlanarInput, rovid_motion
 from rovid.export.planar_result import PlanarExportResult
-from rovid.export.rovid_equation import STEP, STEP_NOTE, yaml_lines
+from rovid.export.rovid_equation import STEP, STEP_NOTE, mat_file, yaml_lines
 from rovid.model.parameter_names import unit_of
 from rovid.planar.model import SNAME
 
@@ -94,8 +93,6 @@ def export_ros2(subject: PlanarInput) -> PlanarExportResult:
 
 def export_matlab(subject: PlanarInput) -> PlanarExportResult:
     """A .mat file of version 5 with one struct ``rovid``, and in it the matrices of MSS."""
-    from scipy.io import loadmat, savemat
-
     linear, _, _ = subject.damping
     keys = dict(zip(subject.model.names, identifiers(list(subject.model.names)), strict=True))
     document = {
@@ -110,13 +107,8 @@ def export_matlab(subject: PlanarInput) -> PlanarExportResult:
         "rudders": _cells(_rudders(subject)),
         "effects": [one.effect.equation for one in subject.model.effects],
     }
-    stream: Any = io.BytesIO()
-    savemat(stream, {"rovid": document}, oned_as="column", long_field_names=True)
-    # The file begins with 116 bytes of text.
-    title = f"MATLAB 5.0 MAT-file. {export_mark('matlab')}. {subject.guess.file_notice}".ljust(116)
-    content = title.encode() + stream.getvalue()[116:]
-    written: Any = io.BytesIO(content)
-    read = loadmat(written, simplify_cells=True)["rovid"]["parameters"]
+    content, written = mat_file(document, subject.guess)
+    read = written["parameters"]
     return _result(subject, content, {name: float(read[keys[name]]) for name in subject.model.names})
 
 

@@ -15,6 +15,7 @@ from rovid.core.output_files import export_mark
 from rovid.export.interface import ExportInput, ExportResult
 from rovid.export.resimulation import rovid_rate
 from rovid.model.model import Model
+from rovid.trial.assumptions import Assumptions
 
 _BASE = ("inertia", "quadratic_drag", "linear_drag")
 _EQUATION = "inertia*rdot + quadratic_drag*|r|*r + linear_drag*r = sum(yaw_arm*thrust(command)) + effects"
@@ -59,8 +60,6 @@ def _yaml(value: Any) -> str:
 
 def export_matlab(subject: ExportInput) -> ExportResult:
     """A .mat file of version 5 with one struct ``rovid``."""
-    from scipy.io import loadmat, savemat
-
     keys = _field_names(subject)
     values = _base_parameters(subject) | {
         "equation": _EQUATION,
@@ -68,15 +67,22 @@ def export_matlab(subject: ExportInput) -> ExportResult:
         "thrusters": np.array(_thruster_entries(subject, np.array), dtype=object),
         "effects": {keys[key]: values for key, values in subject.effects.items()},
     }
+    content, read = mat_file(values, subject.guess)
+    effects = {key: {name: read["effects"][keys[key]][name] for name in own} for key, own in subject.effects.items()}
+    return _result(subject, content, read, effects)
+
+
+def mat_file(values: Mapping[str, Any], guess: Assumptions) -> tuple[bytes, Any]:
+    """Content of a .mat file of version 5 with one struct ``rovid``, and the struct as read back from it."""
+    from scipy.io import loadmat, savemat
+
     stream: Any = io.BytesIO()
     savemat(stream, {"rovid": values}, oned_as="column", long_field_names=True)
     # The file begins with 116 bytes of text.
-    title = f"MATLAB 5.0 MAT-file. {export_mark('matlab')}. {subject.guess.file_notice}".ljust(116)
+    title = f"MATLAB 5.0 MAT-file. {export_mark('matlab')}. {guess.file_notice}".ljust(116)
     content = title.encode() + stream.getvalue()[116:]
     written: Any = io.BytesIO(content)
-    read = loadmat(written, simplify_cells=True)["rovid"]
-    effects = {key: {name: read["effects"][keys[key]][name] for name in own} for key, own in subject.effects.items()}
-    return _result(subject, content, read, effects)
+    return content, loadmat(written, simplify_cells=True)["rovid"]
 
 
 def export_json(subject: ExportInput) -> ExportResult:

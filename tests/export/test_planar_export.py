@@ -21,7 +21,7 @@ from scipy.io import loadmat
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import ConfigError
 from rovid.effects import effect_named
-from rovid.export import FORMATS, PLANAR_FORMATS
+from rovid.export import FORMATS
 from rovid.export.planar_input import PlanarInput, rovid_motion, verification_shares
 from rovid.export.planar_run import VerifiedPlanarExport, select_planar_exporter, verified_planar_export
 from rovid.model.bound_effects import BoundEffect
@@ -284,7 +284,7 @@ def test_tables_hold_every_parameter() -> None:
 
 
 def test_a_format_that_cannot_hold_the_model_is_refused() -> None:
-    assert set(FORMATS) - set(PLANAR_FORMATS) == {"stonefish", "ardupilot", "px4"}
+    assert {name for name, form in FORMATS.items() if form.planar is None} == {"stonefish", "ardupilot", "px4"}
     with pytest.raises(ConfigError, match="cannot hold surge, sway and yaw together"):
         select_planar_exporter("stonefish", None)
     with pytest.raises(ConfigError, match="mujoco"):
