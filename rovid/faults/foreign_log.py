@@ -28,6 +28,9 @@ _LEVEL = 1e-3
 _MIN_DEVIATION, _MIN_STEP = 0.2, 0.06
 # Logarithm of the share of the usual RMS torque, about its mean, that a log needs: another log says nothing by itself.
 _EXCITED = np.log(0.2)
+# Standard errors by which a factor is negative; no vehicle has a negative inertia or drag.
+_CERTAIN = 3.0
+_OPPOSITE = " That is impossible: its heading or its commands have the opposite sign, or its columns changed places."
 # Largest relative standard error of a log that takes part in groups.
 _MAX_ERROR = 0.05
 # Likelihood ratio of two levels against one with scatter: 99.5 % quantile of the best split of n normal deviates, by
@@ -81,6 +84,7 @@ def _foreign(log: LogMoments, count: int) -> Detection[RunsData]:
     text = (
         f"{log.name} does not belong to the other logs: their model leaves {100.0 * log.misfit:.0f} % of its torque "
         f"unexplained, and its {('inertia', 'drag')[at]} is {plus_minus(factor, error)} times theirs."
+        + (_OPPOSITE if factor + _CERTAIN * error < 0.0 else "")
     )
     fault = Fault(
         fault="foreign_log",

@@ -3,12 +3,16 @@
 A log counts where its torque, through the time constant of the other logs, is a good share of theirs. Then its rate
 over that torque is compared with the other logs' median. Quadratic drag alone lets that ratio vary by the square root
 of the torques' ratio, at most twofold here.
+
+A stretch of a log, as after a circuit breaker or on the ground, counts by the same rule with standard deviations in
+windows: a constant torque may balance a tether, a current or friction.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,6 +28,10 @@ _FULL = 0.3
 # Rate per torque as a share of the median, below which a log does not respond: the vehicle would have 400 times the
 # quadratic drag, or 20 times the linear drag and inertia.
 _NONE = 0.05
+# The same share, above which another stretch of the log responds.
+_RESPONDS = 0.5
+# Length of a window in time constants, and its smallest number of samples.
+_WINDOW, _MIN_SAMPLES = 5.0, 20
 
 
 def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
@@ -41,24 +49,76 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
     tau = model.time_constant
     torques = {name: _rms([_torque(run, tau) for run in runs]) for name, runs in parts.items()}
     pushed = {name: torque for name, torque in torques.items() if torque > 0.0}
+    still = set[str]()
     for name, torque in pushed.items():
         others = [other for other in pushed if other != name]
         enough = others and torque > _FULL * float(np.median([pushed[other] for other in others]))
         response = rates[name] / torque
         if enough and response < _NONE * float(np.median([rates[other] / pushed[other] for other in others])):
+            still.add(name)
             yield _found(name, parts[name], rates[name])
+    yield from _stretches({name: runs for name, runs in parts.items() if name not in still}, tau)
 
 
-def _found(name: str, runs: list[Run], rate: float) -> Detection[RunsData]:
+def _stretches(parts: Mapping[str, Sequence[Run]], tau: float) -> Iterator[Detection[RunsData]]:
+    """Logs in which the vehicle does not respond for a while."""
+    windows = {name: [window for run in runs for window in _windows(run, tau)] for name, runs in parts.items()}
+    for name, own in windows.items():
+        others = [
+            window for other, those in windows.items() if other != name for window in those if window.torque > 0.0
+        ]
+        if not others:
+            continue
+        enough = _FULL * float(np.median([window.torque for window in others]))
+        usual = float(np.median([window.rate / window.torque for window in others]))
+        pushed = [window for window in own if window.torque > enough]
+        silent = [window for window in pushed if window.rate < _NONE * usual * window.torque]
+        # A log that responds nowhere is another vehicle's.
+        if silent and any(window.rate > _RESPONDS * usual * window.torque for window in pushed):
+            yield _found(name, parts[name], float(np.median([window.rate for window in silent])), silent[0].start)
+
+
+class _Window(NamedTuple):
+    """Part of a run: its start in s, and standard deviations of its rate (rad/s or m/s) and torque (N m or N)."""
+
+    start: float
+    rate: float
+    torque: float
+
+
+def _windows(run: Run, tau: float) -> Iterator[_Window]:
+    """Overlapping windows of some time constants of the vehicle, in which the rate is known."""
+    torque, period = first_order(held_torque(run), tau, run.rates.kernel.period), run.rates.kernel.period
+    length = max(_MIN_SAMPLES, round(_WINDOW * tau / period))
+    for first in range(0, len(torque) - length + 1, length // 8):
+        rows = slice(first, first + length)
+        if run.valid[rows].all():
+            rate = float(np.sqrt(max(float(np.var(run.rates.rate[rows])) - run.rates.rate_noise**2, 0.0)))
+            yield _Window(float(run.rates.time[first]), rate, float(np.std(torque[rows])))
+
+
+def _found(name: str, runs: Sequence[Run], rate: float, at: float | None = None) -> Detection[RunsData]:
     axis = runs[0].trial.axis
     largest = max(float(np.abs(run.torque).max()) for run in runs)
     unit = "N m" if axis.angular else "N"
+    since = "" if at is None else f" from {at:.1f} s on, for some time or to the end"
     text = (
-        f"{name}: the vehicle does not respond. Its {axis.force_name} reaches {largest:.3g} {unit}, its "
+        f"{name}: the vehicle does not respond{since}. Its {axis.force_name} reaches {largest:.3g} {unit}, its "
         f"{axis.rate_words} stays at {rate:.2g} {axis.rate_unit} RMS."
     )
-    fault = Fault(fault="no_response", logs=(name,), text=text, size=rate, unit=axis.rate_unit, remedy="set_aside")
-    return Detection(fault=fault, done="It was set aside.", repair=partial(without, log=name))
+    fault = Fault(
+        fault="no_response",
+        logs=(name,),
+        at=() if at is None else (at,),
+        text=text,
+        size=rate,
+        unit=axis.rate_unit,
+        remedy="set_aside",
+    )
+    done = "It was set aside."
+    if at is not None:
+        done = "The log was set aside. To use its other part, leave that stretch out under [[leave_out]] in rovid.toml."
+    return Detection(fault=fault, done=done, repair=partial(without, log=name))
 
 
 def _motion(run: Run) -> float:

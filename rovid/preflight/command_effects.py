@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -340,9 +341,16 @@ def check_thrusters(trials: Sequence[Trial], vehicle: Vehicle) -> list[ThrusterC
     position = SignalGuess(source="", reason="", unit="rad" if vehicle.axis.angular else "m")
     neutral = dict.fromkeys(names, 0.0)
     # Curves give the torque, whatever its exponent in the command.
-    effects = command_effects(
-        neutral, logs, position, self_righting=vehicle.axis.self_righting, exponents=_EXPONENTS[:1]
+    examine = partial(
+        command_effects, neutral, position=position, self_righting=vehicle.axis.self_righting, exponents=_EXPONENTS[:1]
     )
+    effects = examine(logs)
+    if len(logs) > 2 and any(effect.direction < 0 for effect in effects.values()):
+        # One odd log, in which a thruster failed or columns changed places, turns no arm around.
+        for at in range(len(logs)):
+            for name, rest in examine([*logs[:at], *logs[at + 1 :]]).items():
+                if effects[name].direction < 0 < rest.direction:
+                    effects[name] = replace(effects[name], is_contradicted=True)
     errors = {name: abs(one.gain / one.t_statistic) if one.t_statistic else np.inf for name, one in effects.items()}
     weights = np.array([errors[name] ** -2.0 for name in names])
     gains = np.array([effects[name].gain for name in names])

@@ -37,6 +37,14 @@ def test_a_foreign_log_with_most_of_the_thrust_is_no_majority() -> None:
     assert set(names) <= set(kept)
 
 
+def test_a_log_with_the_opposite_sign_is_told_so() -> None:
+    """Commands of the opposite sign are a vehicle with the opposite sign of inertia and drag."""
+    kept, (fault,) = found(day("large", 1, {"steps.csv": scaled(model("large"), -1.0, -1.0)}))
+    assert (fault.logs, len(kept)) == (("steps.csv",), 9)
+    assert "opposite sign" in fault.text
+    assert fault.size == pytest.approx(-1.0, abs=0.2)
+
+
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("vehicle", VEHICLES)
 @pytest.mark.parametrize("factors", [(2.9, 2.6), (0.4, 0.5), (1.0, 1.8), (1.8, 1.8)])

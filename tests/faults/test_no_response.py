@@ -28,6 +28,17 @@ def test_a_log_without_motion_is_named_and_set_aside(vehicle: str, name: str, se
     assert (fault.remedy, len(kept.runs)) == ("none", 10)
 
 
+@pytest.mark.parametrize("vehicle", VEHICLES)
+def test_a_log_whose_thrusters_stop_pushing_is_named_with_the_instant(vehicle: str) -> None:
+    runs = day(vehicle, 1, off="random.csv", disturbance=0.002)
+    data, (fault,) = examine([FAULT], RunsData(runs=runs, vehicle=LOGGED), FaultOverrides())
+    assert (fault.logs, fault.remedy, len(data.runs)) == (("random.csv",), "set_aside", 9)
+    half = 0.5 * runs[-1].trial.time[-1]
+    # The window of five time constants begins after the coast-down.
+    assert half <= fault.at[0] < 1.5 * half
+    assert "[[leave_out]]" in fault.text
+
+
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("disturbance", [0.002, 0.1])
 @pytest.mark.parametrize("vehicle", VEHICLES)

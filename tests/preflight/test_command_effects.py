@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from rovid.preflight.command_effects import check_thrusters, command_effects
 from rovid.preflight.raw_columns import RawColumn, SignalGuess
@@ -88,6 +89,26 @@ def test_reversed_and_ineffective_thrusters_are_found() -> None:
     found = check_thrusters([trial((0.4, -0.4, 0.0))], vehicle(0.4, 0.4, 0.4))
     assert [push.is_reversed for push in found] == [False, True, False]
     assert [push.is_ineffective for push in found] == [False, False, True]
+
+
+def test_one_odd_log_turns_no_arm_around() -> None:
+    """Three move together. In one log of four the first, four times as strong, runs alone; then none pushes."""
+    arms = np.array([0.4, -0.4, 0.3])
+    trials = []
+    for seed in range(4):
+        rng, time = np.random.default_rng(seed), np.arange(0.0, 240.0, 0.1)
+        commands = np.outer(np.repeat(rng.uniform(-1.0, 1.0, 80), 30), [1.0, -1.0, 0.8])
+        torque = commands @ (100.0 * arms)
+        if seed == 3:
+            torque[1200:] = 0.0
+            commands[:1200, 1:] = 0.0
+            torque[:1200] = 160.0 * commands[:1200, 0]
+        rate = lfilter([0.1 / 200.0], [1.0, -(1.0 - 0.1 * 120.0 / 200.0)], torque + rng.normal(0.0, 5.0, 2400))
+        angle = 0.1 * np.cumsum(rate)
+        trials.append(Trial(name="a", path=Path("a"), time=time, position=angle, commands=commands))
+    assert not [push.name for push in check_thrusters(trials, vehicle(*arms)) if push.is_reversed]
+    contradicted = [push.observed.is_contradicted for push in check_thrusters(trials, vehicle(*arms))]
+    assert contradicted == [False, True, True]
 
 
 def collinear_trial(seed: int) -> Trial:
