@@ -86,6 +86,7 @@ def build_diagnosis(stated: StatedSelection, warnings: list[str]) -> Diagnosis:
         nested_models=_nested_models(selection, causes),
         detectable=_detectable(selection),
         warnings=tuple(warnings),
+        fitted=None if model.data.means_only else CandidateModel.from_fit("the model", model, estimate.covariance),
     )
 
 

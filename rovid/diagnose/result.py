@@ -15,7 +15,7 @@ from rovid.diagnose.signal_regressors import signal_name
 from rovid.diagnose.tables import TableDiagnosis
 from rovid.effects import Effect, effect_named
 from rovid.estimate.estimate import Estimate
-from rovid.estimate.experiment_design import ExperimentPlan, commands_by_name
+from rovid.estimate.experiment_design import CandidateModel, ExperimentPlan, commands_by_name
 from rovid.model.model import Model
 from rovid.trial.fault import Fault
 from rovid.trial.vehicle import Vehicle
@@ -151,6 +151,8 @@ class Diagnosis(Conclusion):
     #: Horizon in s -> RMS position error of a perfect model in rad or m; NaN where unknown.
     position_floors: Mapping[float, float] = field(default_factory=dict)
     faults: tuple[Fault, ...] = ()  #: Faults of the logs that the diagnosis found.
+    #: The extended model with its disturbance and noise; None unless all predictions are one-step.
+    fitted: CandidateModel | None = None
     from_tables: TableDiagnosis | None = None  #: Diagnosis of tables, where there are no logs.
 
     @property

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations
 
@@ -26,14 +26,15 @@ from rovid.trial.vehicle import Vehicle
 
 # Size of a cause without a fitted one: the RMS change of the simulated rate over the RMS rate. Convention.
 SIZE_SHARE = 0.02
-# Shares of the initial size of the rival at which its fits may start, and steps of such a fit.
-_STARTS, _STEPS = (1.0, 0.3, 0.1, 0.03, 0.0), 12
+# Shares of the initial size of the rival at which its fit may start, and steps of a coarse and of a full fit.
+# Above this log-likelihood ratio (nats) of a coarse fit, the pair is separated whatever a full fit gives.
+_STARTS, _COARSE_STEPS, _STEPS, _CERTAIN = (1.0, 0.2, 0.04), 3, 12, 10.0 * DECISIVE_LLR
 # Expected log-likelihood ratio in nats that counts as none: rounding of the filter. Convention.
 _NOTHING = 0.05
 # Distance from a bound, in scaled coordinates, within which it holds a coordinate.
 _AT_BOUND = 1e-3
 # Readings for each time constant of the vehicle that a comparison of causes needs; closer ones are thinned.
-_READINGS_PER_CONSTANT = 40.0
+_READINGS_PER_CONSTANT = 20.0
 # Further sensors with their channels, and the errors of their means over a second: torque over the RMS torque; voltage
 # over the rated one; speed in m/s. Of usual instruments.
 SENSORS = {"torque cell": ("torque",), "supply voltage": ("supply_voltage",), "DVL speeds": SPEEDS}
@@ -65,7 +66,7 @@ class PairSeparation:
     second: str
     gain: float  # expected log-likelihood ratio over the whole programme, in nats
     seconds: float  # s until the decision; of the repeated programme beyond its end; infinite where never
-    with_sensor: Mapping[str, float]  # the same with each further sensor
+    with_sensor: Mapping[str, float] = field(default_factory=dict)  # the same with each further sensor
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -160,10 +161,10 @@ def isolability(
     visible: dict[str, bool] = {}
     for number, true in enumerate(causes, start=1):
         report(f"Comparing causes: {true.name}, {number} of {len(causes)} …")
-        fitting = _Fitting(base, true, vehicle, programme)
+        fitting = ExpectedFits(base, true, vehicle, programme)
         visible[true.name] = fitting.gains(None)[""][-1] >= DECISIVE_LLR
         rivals = [cause for cause in causes if cause is not true and visible[true.name]]
-        for rival, gains in zip(rivals, thread_map(fitting.gains, rivals), strict=True):
+        for rival, gains in zip(rivals, thread_map(fitting.gains, [rival.effect for rival in rivals]), strict=True):
             decided = {sensor: _decision(one, fitting.block_ends) for sensor, one in gains.items()}
             found[true.name, rival.name] = float(gains[""][-1]), decided
     shown = tuple(cause for cause in causes if visible[cause.name])
@@ -183,6 +184,23 @@ def isolability(
         pairs=tuple(sorted(pairs, key=lambda pair: (-pair.seconds, pair.gain))),
         sensor_causes=_sensor_causes(vehicle, _channels(programme)),
     )
+
+
+def expected_separations(
+    fitted: CandidateModel,
+    causes: Sequence[tuple[SizedCause, Sequence[Effect]]],
+    vehicle: Vehicle,
+    programme: Sequence[Trial],
+) -> list[PairSeparation]:
+    """Evidence of the programme between each of the ``causes``, taken as true, and its rivals."""
+    found = []
+    for cause, rivals in causes:
+        base, _ = split_causes(fitted, [effect for effect in fitted.model.effects if effect is cause.effect])
+        fits = ExpectedFits(base, cause, vehicle, programme)
+        for rival, gains in zip(rivals, thread_map(fits.gains, rivals), strict=True):
+            gain, seconds = float(gains[""][-1]), _decision(gains[""], fits.block_ends)
+            found.append(PairSeparation(first=cause.name, second=rival.key, gain=gain, seconds=seconds))
+    return found
 
 
 def _sensor_causes(vehicle: Vehicle, channels: set[str]) -> dict[str, tuple[str, ...]]:
@@ -215,7 +233,7 @@ def _rates(model: Model, vehicle: Vehicle, programme: Sequence[Trial]) -> list[F
     return [model.simulate(trial, model.torque_input(vehicle, trial))[0] for trial in programme]
 
 
-class _Fitting:
+class ExpectedFits:
     """Fits of rivals to the programme as simulated with one true cause."""
 
     def __init__(self, base: CandidateModel, true: SizedCause, vehicle: Vehicle, programme: Sequence[Trial]) -> None:
@@ -238,23 +256,26 @@ class _Fitting:
         )
         self.block_ends = np.linspace(0.0, begins[-1], _BLOCKS + 1)[1:]
 
-    def gains(self, rival: SizedCause | None) -> dict[str, FloatArray]:
+    def gains(self, rival: Effect | None) -> dict[str, FloatArray]:
         """(b,) expected log-likelihood ratio at the end of each block, with all parameters of ``rival`` refitted.
 
         Without further sensors, key "", and with each of `sensor_readings`.
         """
         base = self._base
-        effects = base.model.effects if rival is None else (*base.model.effects, rival.effect)
+        effects = base.model.effects if rival is None else (*base.model.effects, rival)
         objective = replace(self._objective, effects=effects)
         parametrization = objective.parametrization
         begin = base.coordinates(self._objective)
-        starts = [begin]
-        if rival is not None:
-            own = parametrization.units[-len(rival.values) :]
-            starts = [np.concatenate((begin, rival.values / own))]
-            for initial in rival.effect.initial_values:
-                starts += [np.concatenate((begin, scaled_start(rival.effect, initial, share))) for share in _STARTS]
-        x, residual, jacobian = _fitted(objective, [np.clip(start, *parametrization.bounds) for start in starts])
+        own = (
+            [scaled_start(rival, initial, share) for initial in rival.initial_values for share in _STARTS]
+            if rival
+            else []
+        )
+        starts = [np.concatenate((begin, one)) for one in own] or [begin]
+        start = objective.most_likely([np.clip(start, *parametrization.bounds) for start in starts], 1)[0]
+        x, residual, jacobian = _fitted(objective, start, _COARSE_STEPS)
+        if 0.5 * residual @ residual < _CERTAIN:
+            x, residual, jacobian = _fitted(objective, x, _STEPS)
         norm = np.linalg.norm(jacobian, axis=0)
         scale = np.where(norm > 0.0, norm, np.inf)
         products = self._products(residual, jacobian / scale, self._instants)
@@ -264,7 +285,7 @@ class _Fitting:
         model, step = parametrization.model(x), parametrization.difference_steps(x)
         first = sensor_readings(model, self._vehicle, self._programme)
         moved = {}
-        for at in range(len(x) - len(rival.values), len(x)):
+        for at in range(len(x) - len(rival.parameters), len(x)):
             beside = parametrization.model(x + step[at] * (np.arange(len(x)) == at))
             moved[at] = sensor_readings(beside, self._vehicle, self._programme)
         for sensor, (instants, values) in first.items():
@@ -296,13 +317,14 @@ def _projected(products: FloatArray) -> FloatArray:
     return np.asarray(np.maximum(np.maximum.accumulate(gains), 0.0))
 
 
-def _fitted(objective: InnovationLikelihood, starts: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _fitted(
+    objective: InnovationLikelihood, start: FloatArray, steps: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """(p,) coordinates of the least squares, the (N,) normalised innovations there, and their (N, p) Jacobian.
 
     The coordinates of disturbance and noise stay as they are at the start. Columns of fixed coordinates and of those
     that are held by a bound are zero.
     """
-    start = objective.most_likely(starts, 1)[0]
     low, high = objective.parametrization.bounds
     free = [at for at in range(len(start)) if not DISTURBANCE <= at < COMMON and low[at] < high[at]]
 
@@ -320,7 +342,7 @@ def _fitted(objective: InnovationLikelihood, starts: Sequence[FloatArray]) -> tu
         return np.concatenate([piece.matrix[: len(piece.matrix) // 2, free] for piece in pieces])
 
     found = optimize.least_squares(
-        residual, start[free], jac=jacobian, bounds=(low[free], high[free]), x_scale="jac", max_nfev=_STEPS, ftol=1e-3
+        residual, start[free], jac=jacobian, bounds=(low[free], high[free]), x_scale="jac", max_nfev=steps, ftol=1e-3
     )
     matrix = np.zeros((len(found.fun), len(start)))
     matrix[:, free] = jacobian(found.x)

@@ -14,7 +14,9 @@ from rovid.diagnose.cross_validation import split_runs
 from rovid.diagnose.result import Diagnosis, ModelAssessment
 from rovid.diagnose.signal_regressors import is_signal
 from rovid.effects import Effect
+from rovid.effects.per_trial import trials_in_form
 from rovid.estimate.inertia import InertiaFit
+from rovid.estimate.isolability import PairSeparation, SizedCause, expected_separations
 from rovid.estimate.steady_drag import DragFit
 from rovid.export.run_export import VerifiedExport
 from rovid.model.model import Model
@@ -26,6 +28,9 @@ from rovid.trial.axis import Axis
 from rovid.trial.fault import Fault
 from rovid.trial.trial import Campaign
 from rovid.trial.vehicle import Vehicle
+
+# Causes, and rivals of each, between which the expected evidence is computed: one fit for each.
+_CAUSES_COMPARED, _RIVALS_COMPARED = 4, 3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,6 +59,7 @@ class ReportData:
     #: Every trial simulated without causes first, and with all causes, the report's model, last; empty without a
     #: diagnosis of logs.
     nested: tuple[NestedSimulation, ...] = ()
+    separations: tuple[PairSeparation, ...] = ()  #: Expected evidence of the logs between causes and their rivals.
     #: ``diagnosis``, ``control``, ``exports``: none without a refusal where they were not requested; controller and
     #: exports exist for yaw only.
     diagnosis: Diagnosis | None = None
@@ -122,6 +128,21 @@ def simulate_nested_models(study: Study, diagnosis: Diagnosis) -> tuple[NestedSi
         return NestedSimulation(model=model, simulations=tuple(simulate_runs(runs.items, model, study.vehicle)))
 
     return tuple(thread_map(simulated, models))
+
+
+def separations(study: Study, diagnosis: Diagnosis) -> tuple[PairSeparation, ...]:
+    """Expected evidence of the logs between each cause and its nearest rivals; empty where there is none."""
+    if diagnosis.fitted is None or study.runs is None or not study.vehicle.thrusters:
+        return ()
+    causes = []
+    for finding in diagnosis.causes[:_CAUSES_COMPARED]:
+        effects = [one.effect for one in finding.alternatives]
+        others = [one for one in effects if not (one.is_wave or is_signal(one) or trials_in_form(one.form))]
+        if others and not finding.effect.is_wave:
+            cause = SizedCause(effect=finding.effect, values=finding.estimate.values)
+            causes.append((cause, others[:_RIVALS_COMPARED]))
+    trials = [run.trial for run in study.runs.items]
+    return tuple(expected_separations(diagnosis.fitted, causes, study.vehicle, trials))
 
 
 def effects_of(nested: Sequence[NestedSimulation]) -> tuple[Effect, ...]:

@@ -19,7 +19,7 @@ from rovid.model.model import Model
 from rovid.model.simulation import simulate_runs
 from rovid.present.page.pdf import print_pdf, require_browser
 from rovid.present.page.render import claim_report, write_report
-from rovid.present.report_data import ReportData, simulate_nested_models
+from rovid.present.report_data import ReportData, separations, simulate_nested_models
 from rovid.store.checks import JOINT_METHODS, check_freshness
 from rovid.store.load import history_output, update_parameters
 from rovid.store.parameter_file import Parameters
@@ -87,7 +87,8 @@ def build_report(
         simulations = simulate_runs(study.runs.items, _model_of(study, data.parameters), study.vehicle)
         data = replace(data, simulations=tuple(simulations))
     if data.diagnosis is not None:
-        data = replace(data, nested=simulate_nested_models(study, data.diagnosis))
+        nested, pairs = simulate_nested_models(study, data.diagnosis), separations(study, data.diagnosis)
+        data = replace(data, nested=nested, separations=pairs)
     written = write_report(folder, data, claim=page, journal=journal)
     if pdf:
         report("Printing the page …")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from rovid.compare.comparison import Comparison
 from rovid.compare.difference_tests import DifferenceTest
@@ -21,8 +21,11 @@ from rovid.diagnose.result import (
 from rovid.diagnose.signal_regressors import is_signal
 from rovid.diagnose.tables import TableDiagnosis
 from rovid.diagnose.thresholds import ESTABLISHED
+from rovid.effects import effect_named
 from rovid.estimate.estimate import Estimate, Ratio
+from rovid.estimate.experiment_design import DECISIVE_LLR
 from rovid.estimate.inertia import METHODS
+from rovid.estimate.isolability import PairSeparation
 from rovid.model.parameter_names import unit_of
 from rovid.present.number_format import DASH, format_number, parameter_title, rounded_errors, unit_symbol
 from rovid.present.sentences import document_key, effect_title, join_words
@@ -142,6 +145,18 @@ def challengers_table(diagnosis: Diagnosis, axis: Axis) -> ResultTable:
     for one in diagnosis.challengers:
         titles = join_words([axis.reword(effect.title) for effect in one.effects]) or "no cause"
         table.add_row(titles, format_number(-one.score_difference, ".0f"), format_number(one.price_difference, ".0f"))
+    return table
+
+
+def separations_table(pairs: Sequence[PairSeparation], axis: Axis) -> ResultTable:
+    """Expected log-likelihood ratio of each cause to its rivals, and minutes of the logs until it decides."""
+    columns = map(mixed_number_column, ("log-likelihood", "minutes until it decides"))
+    caption = f"Each cause as the true one, its rival fitted in its place; {DECISIVE_LLR:.0f} decides"
+    table = ResultTable(caption, text_column("cause"), text_column("rival"), *columns)
+    for pair in pairs:
+        minutes = format_number(pair.seconds / 60.0, ".1f") if math.isfinite(pair.seconds) else "never"
+        names = (effect_title(effect_named(name), axis) for name in (pair.first, pair.second))
+        table.add_row(*names, format_number(pair.gain), minutes)
     return table
 
 
