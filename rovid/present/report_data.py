@@ -14,7 +14,7 @@ from rovid.diagnose.cross_validation import split_runs
 from rovid.diagnose.result import Diagnosis, ModelAssessment
 from rovid.diagnose.signal_regressors import is_signal
 from rovid.effects import Effect
-from rovid.effects.per_trial import trials_in_form
+from rovid.effects.further_terms import trials_in_form
 from rovid.estimate.inertia import InertiaFit
 from rovid.estimate.isolability import PairSeparation, SizedCause, expected_separations
 from rovid.estimate.steady_drag import DragFit
