@@ -235,28 +235,29 @@ class _Selection:
         self._whiten = (vectors / np.sqrt(np.maximum(values, _TINY))).T / pair.errors
         self._z = self._whiten @ pair.difference
         self._penalty = 0.5 * math.log(max(pair.samples, 2))
-
-    def gain(self, chosen: Sequence[ChangeCandidate]) -> float:
-        """Gain in log-likelihood over no change."""
-        residual = self._residual(chosen)
-        return 0.5 * float(self._z @ self._z - residual @ residual)
+        self._gains: dict[tuple[ChangeCandidate, ...], tuple[float, int]] = {}
 
     def bic_score(self, chosen: Sequence[ChangeCandidate]) -> float:
         """Gain minus the BIC penalty."""
-        return self.gain(chosen) - self._penalty * self._free_parameters(chosen)
+        gain, count = self._gain_and_count(chosen)
+        return gain - self._penalty * count
+
+    def _gain_and_count(self, chosen: Sequence[ChangeCandidate]) -> tuple[float, int]:
+        """Gain in log-likelihood over no change, and free parameters. Linearly dependent directions count once."""
+        key = tuple(chosen)
+        if key not in self._gains:
+            residual = self._residual(chosen)
+            count = int(np.linalg.matrix_rank(self._directions(chosen), rtol=1e-9)) if chosen else 0
+            self._gains[key] = 0.5 * float(self._z @ self._z - residual @ residual), count
+        return self._gains[key]
 
     def p_value(self, chosen: Sequence[ChangeCandidate]) -> float:
         """Probability of a larger residual by chance (chi-square test)."""
-        residual, dof = self._residual(chosen), len(self._z) - self._free_parameters(chosen)
+        residual, dof = self._residual(chosen), len(self._z) - self._gain_and_count(chosen)[1]
         return chi2_sf(dof, float(residual @ residual)) if dof else 1.0
 
     def _directions(self, chosen: Sequence[ChangeCandidate]) -> FloatArray:
-        whitened = [self._whiten @ candidate.directions for candidate in chosen]
-        return np.column_stack([np.zeros((len(self._z), 0)), *whitened])
-
-    def _free_parameters(self, chosen: Sequence[ChangeCandidate]) -> int:
-        # Linearly dependent directions count once.
-        return int(np.linalg.matrix_rank(self._directions(chosen), rtol=1e-9)) if chosen else 0
+        return np.column_stack([self._whiten @ candidate.directions for candidate in chosen])
 
     def _residual(self, chosen: Sequence[ChangeCandidate]) -> FloatArray:
         return self._project_out(self._directions(chosen), self._z) if chosen else self._z
@@ -298,7 +299,7 @@ class _Selection:
         limit = max(score - _RULED_OUT, 0.0)
         similar = [other for other in rest if other is not candidate and scores[other.name] > limit]
         equivalent = [candidate.name, *(other.name for other in similar)]
-        gain = self.gain([*others, candidate]) - self.gain(others)
+        gain = self._gain_and_count([*others, candidate])[0] - self._gain_and_count(others)[0]
         cap = probability_not_a_stand_in(gain, gain, white=self.pair.white)
         ratio, error = self._ratio(candidate, others)
         return ParameterChange(

@@ -135,3 +135,10 @@ def _is_subsequence(letters: str, name: str) -> bool:
 def quoted_list(names: Iterable[str]) -> str:
     """Names from files, each in quotes, separated by commas."""
     return ", ".join(f"'{display_text(name, NAME_LENGTH // 3)}'" for name in names)
+
+
+def shortened_list(names: Iterable[str], most: int = 5) -> str:
+    """The first of ``names``, and the number of the others."""
+    every = list(names)
+    more = f" and {len(every) - most} more" if len(every) > most else ""
+    return ", ".join(every[:most]) + more

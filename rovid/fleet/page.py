@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rovid import __version__
-from rovid.core.errors import escape_invisible
+from rovid.core.errors import escape_invisible, shortened_list
 from rovid.core.formatting import plus_minus, significant
 from rovid.effects import CATALOGUE
 from rovid.fleet.campaigns import CampaignRecord
@@ -50,8 +50,6 @@ from rovid.trial.axis import axis_named
 
 _TITLES = {effect.id: effect.title for effect in CATALOGUE}
 FOUND, SUSPECTED, ABSENT = "found", "suspected", "·"
-# Number of campaigns named in the caution about guesses.
-_NAMED = 5
 # Verdict -> marker, colour, fill style and words.
 VERDICTS: Mapping[str, tuple[str, str, Literal["full", "none"], str]] = {
     "found": ("o", ORANGE, "full", "cause found"),
@@ -123,9 +121,8 @@ def caution(fleet: Fleet) -> str:
     names = [record.campaign for record in fleet.done if guessed(record)]
     if not names:
         return ""
-    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
     return (
-        f"Arms or thrust curves are guesses in {', '.join(names[:_NAMED])}{more}: inertia and drag there are "
+        f"Arms or thrust curves are guesses in {shortened_list(names)}: inertia and drag there are "
         "placeholders and are not compared with other campaigns."
     )
 

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from rovid.core.errors import DataError, RovidError
+from rovid.core.errors import DataError, RovidError, shortened_list
 from rovid.core.formatting import plus_minus, significant
 from rovid.effects.actuator_inputs import neutral_commands
 from rovid.estimate.estimate import Estimate
@@ -89,12 +89,6 @@ def advise(
         found += _missing_runs(runs.items, vehicle)
         found += _undetermined(runs.items, vehicle)
     return sorted(found, key=lambda one: ("grave", "care", "aside").index(one.weight))
-
-
-def shortened_list(names: Sequence[str], most: int = 5) -> str:
-    """The first of ``names``, and the number of the others."""
-    more = len(names) - most
-    return ", ".join(names[:most]) + (f" and {more} more" if more > 0 else "")
 
 
 # ---- deficiencies of the logs

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -10,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from rovid.core.errors import RovidError
-from rovid.estimate.inner_loop import InnerLoop, find_inner_loop, ordered_rate
+from rovid.estimate.inner_loop import find_inner_loop
 from rovid.faults.base import resolve
 from rovid.faults.catalogue import examine_runs
 from rovid.faults.clocks_apart import response_delay
@@ -21,7 +22,7 @@ from rovid.preflight.command_effects import ThrusterCheck, check_thrusters
 from rovid.preflight.feedback_detection import Feedback, detect_feedback
 from rovid.readers import find_logs, read_trials
 from rovid.readers.campaign import examine_campaign
-from rovid.signals.preprocessing import prepare
+from rovid.signals.preprocessing import Run, prepare
 from rovid.signals.rates import choose_cutoff, white_noise
 from rovid.signals.segments import find_holds, find_sines
 from rovid.store.study import Study
@@ -96,19 +97,25 @@ def check_trials(
             problems[trial.parent or trial.name] = str(error)
     usable = {id(trial) for trial, _ in rows}
     trials = [trial for trial in trials if id(trial) in usable]
+    checked = LogCheck(rows=tuple(rows), problems=problems, remarks=tuple(remarks), advice=(), faults=faults)
     if stopping(faults):
-        return LogCheck(rows=tuple(rows), problems=problems, remarks=tuple(remarks), advice=(), faults=faults)
-    if (loop := _inner_loop(trials, config)) is not None:
-        advice = Advice(kind="inner_loop", text=f"{loop.error}", weight="grave")
-        return LogCheck(rows=tuple(rows), problems=problems, remarks=tuple(remarks), advice=(advice,), faults=faults)
-    trials, more = _examine_runs(trials, config)
+        return checked
+    more: tuple[Fault, ...] = ()
+    runs: Sequence[Run] = ()
+    with suppress(RovidError):  # `advise` reports logs that are too short.
+        runs = prepare(Campaign(trials=tuple(trials), sources=()), config.vehicle).items if trials else ()
+    if runs and (loop := find_inner_loop(runs, config)) is not None:
+        return replace(checked, advice=(Advice(kind="inner_loop", text=f"{loop.error}", weight="grave"),))
+    if runs and trials[0].has_actuators:
+        # The trials that stay after the remedies of faults that torque and rates show.
+        kept, more = examine_runs(runs, config.vehicle, config.faults)
+        prepared = {id(run.trial) for run in runs}
+        trials = [*(run.trial for run in kept), *(trial for trial in trials if id(trial) not in prepared)]
     feedback = detect_feedback(trials, vehicle)
     clocks = _confirmed_offsets(estimate_clock_offsets(trials, config), trials, vehicle)
     thrusters = check_thrusters(trials, vehicle)
-    return LogCheck(
-        rows=tuple(rows),
-        problems=problems,
-        remarks=tuple(remarks),
+    return replace(
+        checked,
         advice=tuple(advise(trials, vehicle, feedback, clocks, thrusters, all_read=not problems)),
         feedback=tuple(feedback),
         clocks=clocks,
@@ -142,30 +149,6 @@ def _clock_faults(clocks: ClockOffsets, found: Sequence[Fault], config: Config) 
         is_found = any(each.fault == fault.fault and each.stops for each in found)
         if clock.certain and not is_found:
             yield resolve(fault, config.faults)
-
-
-def _inner_loop(trials: Sequence[Trial], config: Config) -> InnerLoop | None:
-    """The controller that answers the only command; None if there is none, or the logs are too short to tell."""
-    if not trials or not ordered_rate(config):
-        return None
-    try:
-        runs = prepare(Campaign(trials=tuple(trials), sources=()), config.vehicle)
-    except RovidError:  # `advise` reports it.
-        return None
-    return find_inner_loop(runs.items, config)
-
-
-def _examine_runs(trials: Sequence[Trial], config: Config) -> tuple[Sequence[Trial], tuple[Fault, ...]]:
-    """The trials that stay after the remedies of faults that torque and rates show, and these faults."""
-    if not trials or not trials[0].has_actuators:
-        return trials, ()
-    try:
-        runs = prepare(Campaign(trials=tuple(trials), sources=()), config.vehicle)
-    except RovidError:  # `advise` reports it.
-        return trials, ()
-    kept, faults = examine_runs(runs.items, config.vehicle, config.faults)
-    prepared = {id(run.trial) for run in runs.items}
-    return [*(run.trial for run in kept), *(trial for trial in trials if id(trial) not in prepared)], faults
 
 
 def _cutoff(trials: Sequence[Trial]) -> float:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rovid.core.array_types import FloatArray
+from rovid.core.errors import shortened_list
 from rovid.core.formatting import plus_minus, round_to_error, toml_key
 from rovid.preflight.raw_columns import MIN_SAMPLES, RawColumn, is_thruster_command, is_yaw_rate
 from rovid.preflight.signal_guess import turn_of_heading
@@ -110,9 +111,8 @@ class ClockOffsets:
         if self.lag and not first.by:
             text += f" In addition, thrust seems to lag the command by {self.lag:.2g} s."
         if others:
-            listed = [f"{other.name} {plus_minus(other.offset, other.error)}" for other in others[:_MAX_LISTED]]
-            more = f" and {len(others) - _MAX_LISTED} more" if len(others) > _MAX_LISTED else ""
-            text += f" Likewise, s to be added: {', '.join(listed)}{more}."
+            listed = [f"{other.name} {plus_minus(other.offset, other.error)}" for other in others]
+            text += f" Likewise, s to be added: {shortened_list(listed, _MAX_LISTED)}."
         return text
 
 

@@ -8,6 +8,7 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from textwrap import wrap
+from typing import TypeVar
 
 from rovid.core.errors import LINE_LENGTH, RovidError, display_text
 from rovid.core.formatting import toml_key, toml_text
@@ -23,6 +24,7 @@ from rovid.trial.assumptions import Assumptions
 from rovid.trial.config import load_config
 from rovid.trial.tables import curve_csv
 
+Guess = TypeVar("Guess", SignalGuess, ThrusterCommand)
 # Width of a comment in characters.
 _WIDTH = 110
 # Maximum number of unused columns that are listed.
@@ -78,7 +80,7 @@ def log_count_text(survey: LogSurvey) -> str:
 def assumptions_in(survey: LogSurvey) -> Assumptions:
     """Arms, and a new curve, in the written file that were not measured."""
     turning = {command.name for command in all_commands(survey.mappings) if command.direction}
-    thrusters = _by_name(survey)
+    thrusters = _commands(survey)
     if turning:
         thrusters = {name: commands for name, commands in thrusters.items() if name in turning}
     items: list[str] = []
@@ -144,7 +146,7 @@ def _thrusters(survey: LogSurvey) -> Iterator[str]:
         yield f"# {survey.curve} is that of the type of vehicle, which is a guess."
     turning = {command.name for command in all_commands(survey.mappings) if command.direction}
     beside = {command.name for guess in survey.planar.values() for command in guess.thrusters}
-    for name, commands in _by_name(survey).items():
+    for name, commands in _commands(survey).items():
         # If some are known to turn the vehicle, the others are left to the user.
         mark = "# " if turning and name not in turning and not survey.with_planar else ""
         yield ""
@@ -237,13 +239,21 @@ def _rudder_blocks(survey: LogSurvey) -> Iterator[str]:
             yield f"wheelbase_guessed = {rudder.wheelbase:g}    # a guess as long as both are equal"
 
 
-def _by_name(survey: LogSurvey) -> dict[str, dict[str, ThrusterCommand]]:
+def _commands(survey: LogSurvey) -> dict[str, dict[str, ThrusterCommand]]:
     """Name of a thruster -> format -> its command."""
-    named: dict[str, dict[str, ThrusterCommand]] = {}
+    commands = {}
     for kind, mapping in survey.mappings.items():
         beside = survey.planar[kind].thrusters if survey.with_planar else ()
-        for command in (*mapping.commands, *beside):
-            named.setdefault(command.name, {})[kind] = command
+        commands[kind] = {one.name: one for one in (*mapping.commands, *beside)}
+    return _by_name(commands)
+
+
+def _by_name(guesses: Mapping[str, Mapping[str, Guess]]) -> dict[str, dict[str, Guess]]:
+    """The guesses by format and name, as name -> format -> guess."""
+    named: dict[str, dict[str, Guess]] = {}
+    for kind, each in guesses.items():
+        for name, guess in each.items():
+            named.setdefault(name, {})[kind] = guess
     return named
 
 
@@ -280,11 +290,7 @@ def _signals(survey: LogSurvey) -> Iterator[str]:
     clocks = {kind: clock for kind, clock in survey.clock_sources.items() if clock and kind in survey.mappings}
     if clocks:
         yield f"time = {_inline_table(clocks)}"
-    named: dict[str, dict[str, SignalGuess]] = {}
-    for kind, mapping in survey.mappings.items():
-        for name, signal in mapping.signals.items():
-            named.setdefault(name, {})[kind] = signal
-    for name, guesses in named.items():
+    for name, guesses in _by_name({kind: one.signals for kind, one in survey.mappings.items()}).items():
         yield from _reasons(guesses)
         yield f"{toml_key(name)} = {_source_table(guesses)}"
     yield from _planar_signals(survey)
@@ -303,10 +309,7 @@ def _signals(survey: LogSurvey) -> Iterator[str]:
 
 def _planar_signals(survey: LogSurvey) -> Iterator[str]:
     """Velocities and positions, as comments unless surge, sway and yaw are wanted together."""
-    named: dict[str, dict[str, SignalGuess]] = {}
-    for kind, guess in survey.planar.items():
-        for name, signal in guess.signals.items():
-            named.setdefault(name, {})[kind] = signal
+    named = _by_name({kind: one.signals for kind, one in survey.planar.items()})
     mark = "" if survey.with_planar else "# "
     if named and mark:
         yield "# For surge, sway and yaw together (--axes planar), give surge and sway, the shares of the thrust, of"

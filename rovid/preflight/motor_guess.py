@@ -12,7 +12,6 @@ from rovid.preflight.drive_guess import MIN_R2, ORDER, RPM, Columns, Log, Respon
 from rovid.preflight.raw_columns import (
     LIGHT,
     MIN_SAMPLES,
-    NOT_HEADING,
     SUPPLY,
     RawColumn,
     SignalGuess,
@@ -29,7 +28,6 @@ from rovid.trial.axis import ANGULAR_RATE_UNITS, name_words
 _CURRENT = word_list("drive", "current")
 _SHAFT = word_list("drive", "shaft")
 _VEHICLE = word_list("drive", "vehicle")
-_OTHER_SPEED = NOT_HEADING | {"acc", "accel", "acceleration"}
 # rad/s, limit of a yaw rate without a unit: two turns a second; decision.
 _FASTEST = 4.0 * np.pi
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from rovid.core.errors import RovidError
+from rovid.core.errors import RovidError, shortened_list
 from rovid.core.formatting import plus_minus
 from rovid.effects import every_form
 from rovid.estimate.estimate import Estimate
@@ -126,15 +126,9 @@ def _remarks(stored: Parameters, own: ConfigFingerprint | None, provenance: Prov
         fitted = [source.name for source in stored.sources]
         present = [source.name for source in provenance.sources]
         if new := [log for log in present if log not in fitted]:
-            yield f"{_several(new)}: added after the fit and not part of it."
+            yield f"{shortened_list(dict.fromkeys(new), _NAMED)}: added after the fit and not part of it."
         if missing := [log for log in fitted if log not in present]:
-            yield f"{_several(missing)}: part of the fit, but not among these logs."
-
-
-def _several(names: Sequence[str]) -> str:
-    names = list(dict.fromkeys(names))
-    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-    return f"{', '.join(names[:_NAMED])}{more}"
+            yield f"{shortened_list(dict.fromkeys(missing), _NAMED)}: part of the fit, but not among these logs."
 
 
 def method_disagreement(entries: Mapping[str, Entry], estimate: Estimate) -> list[str]:

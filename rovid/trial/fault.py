@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
+from rovid.core.errors import shortened_list
 from rovid.trial.log_files import is_called
 
 if TYPE_CHECKING:  # numpy takes long to import.
@@ -40,8 +41,6 @@ FAULT_IDS = (
 
 # The only difference between two sentences on the same fault of two logs.
 _NUMBER = re.compile(r"[-+]?\d[\d.,]*(?:e[-+]?\d+)?")
-# Number of further logs that one sentence lists.
-_MOST_LISTED = 5
 
 Remedy = Literal["cut", "left_out", "unknown", "zero", "counted_once", "set_aside", "none"]
 
@@ -118,8 +117,7 @@ def fault_texts(faults: Iterable[Fault]) -> list[str]:
     texts = []
     for first, *others in groups.values():
         logs = [log for log in dict.fromkeys(log for fault in others for log in fault.logs) if log not in first.logs]
-        more = f" and {len(logs) - _MOST_LISTED} more" if len(logs) > _MOST_LISTED else ""
-        texts.append(f"{first.text} Likewise in {', '.join(logs[:_MOST_LISTED])}{more}." if logs else first.text)
+        texts.append(f"{first.text} Likewise in {shortened_list(logs)}." if logs else first.text)
     return texts
 
 

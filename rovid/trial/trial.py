@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rovid.core.array_types import BoolArray, FloatArray
+from rovid.core.errors import shortened_list
 from rovid.trial.axis import YAW, Axis
 from rovid.trial.fault import Fault
 
@@ -265,8 +266,8 @@ class Campaign:
 _NUMBER = re.compile(r"(?<![\w.])\d+(?:[.,:]\d+)*(?!\w)")
 
 
-def merged_remarks(trials: Sequence[Trial], limit: int = 5) -> list[str]:
-    """Remarks on ``trials``; equal remarks are merged, led by the log with the largest count, with ``limit`` others."""
+def merged_remarks(trials: Sequence[Trial]) -> list[str]:
+    """Remarks on ``trials``; equal remarks are merged, led by the log with the largest count, with five others."""
     groups: dict[tuple[str, str], list[tuple[Remark, str]]] = {}
     for trial in trials:
         for remark in trial.remarks:
@@ -276,8 +277,6 @@ def merged_remarks(trials: Sequence[Trial], limit: int = 5) -> list[str]:
         (first, name), *others = sorted(group, key=lambda pair: -pair[0].count)
         text = f"{name}: {first.text}"
         if others:
-            listed = ", ".join(f"{log} ({remark.count})" for remark, log in others[:limit])
-            more = f" and {len(others) - limit} more" if len(others) > limit else ""
-            text += f" Likewise in {listed}{more}."
+            text += f" Likewise in {shortened_list(f'{log} ({remark.count})' for remark, log in others)}."
         texts.append(text)
     return texts

@@ -93,7 +93,7 @@ def test_placeholders_are_not_compared(made: Made) -> None:
 def test_shrunk_values_are_closer_to_the_truth_with_valid_errors(made: Made) -> None:
     rng = np.random.default_rng(4)
     before, after, inside, mean_inside = [], [], [], []
-    for _ in range(25):
+    for _ in range(15):
         # Ten vehicles with two campaigns each; scatters of 2 % and 1 %, errors of 4 %.
         own = np.repeat(rng.normal(0.0, 0.02, 10), 2) + rng.normal(0.0, 0.01, 20)
         truth = 5000.0 * np.exp(own)

@@ -145,6 +145,7 @@ def test_changed_logs_are_diagnosed_again(
     assert set(errors) == {"spring", LOST}
 
 
+@pytest.mark.slow
 def test_a_killed_run_continues_to_the_same_bytes(done: tuple[Path, dict[str, Any]], sea: Path, tmp_path: Path) -> None:
     out = without(done[0], tmp_path / "out", "beta/summer", "spring")
     kept = out / "campaigns"

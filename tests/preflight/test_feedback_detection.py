@@ -43,7 +43,7 @@ def test_pseudo_random_runs_are_no_feedback() -> None:
     assert detect_feedback(trials, LOGGED) == []
 
 
-@pytest.mark.parametrize(("campaigns", "runs"), [(20, 15), slow(40, 40)])
+@pytest.mark.parametrize(("campaigns", "runs"), [(12, 9), slow(40, 40)])
 def test_hard_campaigns_are_no_feedback(campaigns: int, runs: int) -> None:
     found: dict[str, list[bool]] = {}
     for seed in range(campaigns):

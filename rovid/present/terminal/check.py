@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 
 from rich.console import Console
 
-from rovid.preflight.advice import shortened_list
+from rovid.core.errors import shortened_list
 from rovid.preflight.check import LogCheck
 from rovid.present.console import print_labelled, print_text, show_warnings
 from rovid.present.number_format import NAME_LENGTH, format_number, shorten_name
