@@ -193,7 +193,7 @@ def autopilot_loop(
     ]
     probe = max(probes, key=lambda one: float(np.abs(one.frequency_response(model)[1][0])))
     frequencies, response = actuators = probe.frequency_response(model)
-    gain, late = float(np.abs(response[0])), float(-np.angle(response[0]) / frequencies[0])
+    gain, late = float(np.abs(response[0])), max(float(-np.angle(response[0]) / frequencies[0]), 0.0)
     full = gain * mixer.highest
 
     def law_at(bandwidth: float, lead: float) -> AutopilotLaw:

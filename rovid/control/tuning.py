@@ -177,7 +177,7 @@ def _gain_margins(x: FloatArray, size: FloatArray, above: FloatArray) -> tuple[b
         rest.append(-float(size[-1]))
     down = min(beyond, default=math.inf)
     if balance != 0:
-        return False, -max(beyond), down
+        return False, -max(beyond, default=math.inf), down
     return True, min(rest, default=math.inf), down
 
 

@@ -152,6 +152,21 @@ def test_the_trim_stops_nine_tenths_of_the_drift_by_a_constant_torque(name: str)
     assert drift[1] < 0.1 * drift[0]
 
 
+def test_without_linear_drag_a_low_gain_ends_in_a_slow_oscillation_of_the_integral() -> None:
+    """Three integrators: the phase is below -180 degrees at low frequency, and the gain has a lower limit."""
+    law, margins = tuned("ardusub", replace(PAPER, linear_drag=0.0), EVEN, DELAY)
+    assert margins.stable
+    assert str(law.derivative) == "0.0"
+    s = 1j * np.geomspace(1e-3, 0.5, 100_000) * law.angle
+    filtered = 1.0 / (1.0 + s / (2.0 * math.pi * law.error_filter))
+    pid = law.full * law.gain * filtered * (law.proportional + law.integral / s)
+    response = (law.angle * filtered + s) * pid * np.exp(-s * DELAY) / (PAPER.inertia * s**2)
+    lowest = np.flatnonzero(np.diff(np.sign(response.imag)))[0]
+    assert response.real[lowest] < -1.0
+    # The loop is sampled at 400 Hz, far above these frequencies.
+    assert margins.gain_down_db == pytest.approx(20.0 * math.log10(-response.real[lowest]), abs=0.05)
+
+
 def test_a_trim_beyond_a_curve_has_no_command() -> None:
     model = with_effect("bias_torque", 1e4)
     entries = {"bias_torque.torque": Entry(value=1e4, standard_error=0.1, unit="N m", method="")}
