@@ -1,18 +1,55 @@
-"""Freshness of a parameter file, from its input files."""
+"""Unchanged inputs of a parameter file, and agreement of the methods."""
 
 from __future__ import annotations
 
 import shutil
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from rovid.store.checks import check_freshness
+from rovid.estimate.estimate import Estimate
+from rovid.estimate.innovation_likelihood import InnovationLikelihood
+from rovid.store.checks import check_freshness, method_disagreement
 from rovid.store.load import read_parameters
-from rovid.store.parameter_file import Parameters, Provenance, absolute_paths, read_source
+from rovid.store.parameter_file import Entry, Parameters, Provenance, absolute_paths, read_source
 from tests.store.test_parameter_file import estimate
 from tests.trial.test_config_fingerprint import CURVE, TOML, settings
+
+ORBIT = "orbit integral over whole periods"
+
+
+def estimated(inertia: float, error: float, method: str) -> Estimate:
+    return Estimate(
+        names=("inertia",),
+        values=np.array([inertia]),
+        covariance=np.array([[error**2]]),
+        method=method,
+        samples=9,
+    )
+
+
+def entries(inertia: float, error: float, method: str) -> Mapping[str, Entry]:
+    return {"inertia": Entry(value=inertia, standard_error=error, unit="kg m^2", method=method)}
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "believed"),
+    [(ORBIT, InnovationLikelihood.method, "this result"), (InnovationLikelihood.method, ORBIT, "the other result")],
+)
+def test_disagreeing_methods_give_one_warning(before: str, now: str, believed: str) -> None:
+    (text,) = method_disagreement(entries(67.0, 2.0, before), estimated(17.0, 1.0, now))
+    assert "22 joint standard errors" in text
+    assert f"Use {believed}" in text
+
+
+def test_agreeing_methods_give_no_warning() -> None:
+    assert method_disagreement(entries(67.0, 2.0, ORBIT), estimated(62.0, 1.0, InnovationLikelihood.method)) == []
+    assert method_disagreement({}, estimated(62.0, 1.0, InnovationLikelihood.method)) == []
+    # The same command again, with more logs.
+    assert method_disagreement(entries(67.0, 2.0, ORBIT), estimated(17.0, 1.0, ORBIT)) == []
 
 
 def origin_of(folder: Path, toml: str = TOML) -> Provenance:
