@@ -107,7 +107,8 @@ class OpenLoop:
         held = -np.expm1(-1j * frequency * period) / period
         late = np.exp(-1j * aliases * self.delay)
         by_heading, by_rate = self.law.feedback(frequency)
-        sampled = by_heading * ((heading / s) @ late) + by_rate * (heading @ late)
+        # Sums in place of products of matrices, whose threads take ten times as long here.
+        sampled = by_heading * np.sum(heading / s * late, axis=1) + by_rate * np.sum(heading * late, axis=1)
         return np.asarray(np.exp(-1j * frequency * self.delay) * sampled * self.actuation(frequency) * held)
 
     def actuation(self, frequency: FloatArray) -> ComplexArray:
