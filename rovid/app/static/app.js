@@ -507,7 +507,7 @@ function showCheck() {
 }
 
 function logTable(rows, parent) {
-  const table = element("table", "", element("div", "", parent, { class: "scroll" }));
+  const table = element("table", "", element("div", "", parent, { class: "scroll", tabindex: "0", role: "region", "aria-label": "Table of logs" }));
   element("caption", "Logs", table);
   const head = element("tr", "", element("thead", "", table));
   for (const words of ["log", "s", "held commands", "sines", "Hz", "samples", "remarks"]) element("th", words, head, { scope: "col", class: words === "log" || words === "remarks" ? "" : "n" });
