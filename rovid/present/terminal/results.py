@@ -321,7 +321,7 @@ def show_survey(console: Console, survey: LogSurvey, written: Sequence[Path]) ->
     show_warnings(console, survey.warnings)
     for path in written:
         print_path(console, f"written: {path}")
-    task = f"measure {guess.listing}, enter them in {config}" if guess else f"check the columns in {config}"
+    task = f"measure {guess.listing}, and enter the result in {config}" if guess else f"check the columns in {config}"
     print_labelled(console, "Next:", f"{task}; then")
     axis = "" if survey.axis is YAW else f" --axis {survey.axis.name}"
     axis = " --axes planar" if survey.with_planar else axis
@@ -343,6 +343,8 @@ def _guess_table(survey: LogSurvey) -> ResultTable:
     for planar in survey.planar.values() if survey.with_planar else ():
         for command in planar.thrusters:
             table.add_row(f"command of {command.name}", command.source, "", command.reason)
+        if planar.propeller[0]:
+            table.add_row("command of propeller", planar.propeller[0], "", "named so; it does not turn the vehicle")
         for name, signal_guess in planar.signals.items():
             table.add_row(name, signal_guess.source, signal_guess.unit, signal_guess.reason)
     return table
