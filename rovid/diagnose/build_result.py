@@ -142,19 +142,22 @@ def _suspect_finding(selection: Selection, suspected: Suspected) -> Finding:
 
 
 def _wave_finding(selection: Selection) -> Finding | None:
-    """Waves as a finding or suspect; None where they are improbable."""
+    """Waves as a finding or suspect; None where they are improbable, or smaller than their standard error."""
     waves = selection.waves
     if waves is None or waves.fitted is None or waves.probability < THRESHOLDS.possible:
         return None
     effect = waves.fitted.effects[-1]
     own = model_estimate(waves.fitted, white=False).only(effect.parameter_names)
+    size = size_in_errors(effect, own.values, own.covariance, selection.data.scales)
+    if size < THRESHOLDS.min_standard_errors_suspect:
+        return None
     return Finding(
         effect=effect,
         estimate=own,
         gain=waves.gain,
         bic_gain=waves.bic_gain,
         held_out_gain=waves.held_out_gain,
-        standard_errors=size_in_errors(effect, own.values, own.covariance, selection.data.scales),
+        standard_errors=size,
         probability=waves.probability,
         alternatives=(),
         indistinguishable=(),

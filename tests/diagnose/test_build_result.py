@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from rovid.diagnose import stated_selection
+from rovid.diagnose import build_result, stated_selection
 from rovid.diagnose.algorithm import conclude
-from rovid.diagnose.build_result import subsets
+from rovid.diagnose.build_result import _wave_finding, subsets
 from rovid.diagnose.candidate_fits import Alternative
 from rovid.diagnose.selection import Selection
 from rovid.diagnose.stated_selection import average_over_suspects, is_established, state
@@ -141,3 +143,12 @@ def test_waves_are_established_by_the_same_rule(
 ) -> None:
     (finding,) = conclude(selection, ()).findings
     assert is_established(replace(finding, standard_errors=errors, probability=probability)) is expected
+
+
+@pytest.mark.parametrize(("size", "is_suspect"), [(0.9, False), (1.1, True)])
+def test_waves_smaller_than_their_standard_error_are_no_suspect(
+    selection: Selection, monkeypatch: pytest.MonkeyPatch, size: float, is_suspect: bool
+) -> None:
+    waves: Any = SimpleNamespace(fitted=selection.model, probability=0.97, gain=42.0, bic_gain=30.0, held_out_gain=9.0)
+    monkeypatch.setattr(build_result, "size_in_errors", lambda *_: size)
+    assert (_wave_finding(replace(selection, waves=waves)) is not None) == is_suspect
