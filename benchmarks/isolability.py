@@ -16,7 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import binomtest, norm
+from scipy.stats import norm
 
 from rovid.effects import effect_named
 from rovid.estimate.experiment_design import CandidateModel
@@ -62,6 +62,8 @@ RUNS = (
 )
 # Expected ratios in nats, where the decision is open.
 RANGE = (0.05, 4.0)
+# Realised ratio in nats within which both causes fit alike, and which counts half.
+TIE = 0.05
 DYNAMICS = ROSUB.dynamics
 BASE = CandidateModel(
     name="the truth",
@@ -116,15 +118,16 @@ def main() -> None:
     options = parser.parse_args()
     rows = []
     for name, rival, wanted, found in campaigns(options.count, options.seed):
-        rows.append((wanted, norm.cdf(math.sqrt(0.5 * wanted)), found > 0.0))
+        right = 0.5 if abs(found) < TIE else float(found > 0.0)
+        rows.append((wanted, float(norm.cdf(math.sqrt(0.5 * wanted))), right))
         print(f"{name:20} {rival:20} {wanted:6.2f} {found:7.2f}", flush=True)
-    print("expected ratio | campaigns | right, predicted | right, realised | p of the difference")
-    for low, high in ((0.0, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, math.inf), (0.0, math.inf)):
+    print("expected ratio | campaigns | right, predicted | right, realised | standard deviations")
+    for low, high in ((0.0, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, math.inf)):
         some = [(chance, right) for wanted, chance, right in rows if low <= wanted < high]
         if some:
-            chance, right = float(np.mean([one for one, _ in some])), sum(right for _, right in some)
-            test = binomtest(right, len(some), chance).pvalue
-            print(f"{low:g} to {high:g} | {len(some)} | {chance * len(some):.1f} | {right} | {test:.2f}")
+            chances, right = np.array([chance for chance, _ in some]), sum(right for _, right in some)
+            deviation = (right - chances.sum()) / math.sqrt(np.sum(chances * (1.0 - chances)))
+            print(f"{low:g} to {high:g} | {len(some)} | {chances.sum():.1f} | {right:g} | {deviation:+.1f}")
 
 
 if __name__ == "__main__":

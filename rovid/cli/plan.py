@@ -46,6 +46,7 @@ PAGE = Page(
             "rovid plan --narrow linear_drag --minutes 5 --turns 2",
         ),
         ("The run that surge, sway and yaw together lack most", "rovid plan --axes planar"),
+        ("A run with optimised levels and switching times", "rovid plan --narrow inertia --design --max-rate 10"),
         ("Pairs of causes that the standard runs separate", "rovid plan --matrix"),
         ("At 60 % of the commands, at most 10 deg/s", "rovid plan --share 0.6 --max-rate 10 -o next.csv"),
     ),
@@ -84,6 +85,9 @@ def plan(
     turns: Annotated[
         float | None, option("TURNS", "Largest distance: turns, or m along surge, sway and heave. Default: no limit.")
     ] = None,
+    design: Annotated[
+        bool, typer.Option("--design", help="Also optimise levels and switching times of a run within the limits.")
+    ] = False,
     matrix: Annotated[
         bool,
         typer.Option(
@@ -115,7 +119,7 @@ def plan(
     def limits(*, angular: bool) -> RunLimits:
         factor = math.pi / 180.0 if angular else 1.0
         rate, travel = math.inf if max_rate is None else factor * max_rate, math.inf if turns is None else turns
-        return RunLimits(share=share, seconds=60.0 * minutes, rate=rate, travel=travel)
+        return RunLimits(share=share, seconds=60.0 * minutes, rate=rate, travel=travel, design=design)
 
     if is_planar(axes, axis, between=between):
         _plan_planar(logs, parameters, output, effect, limits(angular=True), narrow or "", force=force, json=json)

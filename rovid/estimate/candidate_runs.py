@@ -68,6 +68,7 @@ class RunLimits:
     seconds: float = 600.0
     rate: float = math.inf
     travel: float = math.inf
+    design: bool = False  # Whether levels and switching times of a run are optimised within the limits
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -130,7 +131,7 @@ def candidate_runs(scales: RunScales, thrusters: Sequence[str], longest: float =
     for name, pieces in _named_pieces(scales):
         # A slow vehicle has long runs: only those that are wanted are sampled.
         if LEAD_SECONDS + sum(seconds for seconds, _ in pieces) <= longest:
-            time, shares = _sampled(pieces, scales)
+            time, shares = sampled_shares(pieces, scales)
             runs.append(CandidateRun(name=name, time=time, commands=scales.commands(shares)))
     if len(thrusters) > 1 and LEAD_SECONDS + 4.0 * _hold(scales) <= longest:
         runs += [_single_thruster(name, at, scales) for at, name in enumerate(thrusters)]
@@ -206,7 +207,7 @@ def _random_levels(typical: float, level: float, length: float) -> list[_Piece]:
     return pieces
 
 
-def _sampled(pieces: Sequence[_Piece], scales: RunScales) -> tuple[FloatArray, FloatArray]:
+def sampled_shares(pieces: Sequence[_Piece], scales: RunScales) -> tuple[FloatArray, FloatArray]:
     """(n,) time in s after a lead, and (n,) share of the full command from each instant on."""
     lengths, shares = zip(*pieces, strict=True)
     ends = LEAD_SECONDS + np.cumsum(lengths)
@@ -220,7 +221,7 @@ def _sampled(pieces: Sequence[_Piece], scales: RunScales) -> tuple[FloatArray, F
 
 def _single_thruster(name: str, at: int, scales: RunScales) -> CandidateRun:
     hold = _hold(scales)
-    time, shares = _sampled([(hold, 1.0), (hold, 0.0), (hold, -1.0), (hold, 0.0)], scales)
+    time, shares = sampled_shares([(hold, 1.0), (hold, 0.0), (hold, -1.0), (hold, 0.0)], scales)
     commands = scales.commands(np.zeros(len(time)))
     commands[:, at] = scales.commands(shares)[:, at]
     return CandidateRun(name=f"{name} alone, both ways, {hold:.0f} s each", time=time, commands=commands)

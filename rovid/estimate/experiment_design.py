@@ -18,15 +18,17 @@ from rovid.estimate.fit_result import FitResult
 from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from rovid.estimate.maximum_likelihood import LikelihoodFit
 from rovid.estimate.objective import UNLIMITED
+from rovid.estimate.run_design import design_run
 from rovid.model.model import Model
 from rovid.signals.preprocessing import prepare
 from rovid.trial.trial import Campaign, Trial
 from rovid.trial.vehicle import Vehicle
 
-# Expected log-likelihood ratio in nats from which a run is decisive. Origin not recorded.
+# Expected log-likelihood ratio in nats from which a run is decisive. The realised ratio, of twice the variance, then
+# exceeds 6 with a probability of 0.89.
 DECISIVE_LLR = 12.0
-# Disturbance over the RMS torque, and measurement noise in rad or m, of a vehicle without logs. Of usual tank runs.
-ASSUMED_DISTURBANCE, ASSUMED_NOISE = 0.02, 2e-4
+# Largest logarithm of a ratio of variances whose exponential is taken.
+_MAX_GAIN = 500.0
 # Smallest standard deviation of the measurement noise, against division by zero.
 _MIN_NOISE = 1e-6
 
@@ -55,18 +57,6 @@ class CandidateModel:
             memory=memory,
             noise=fitted.objective.position_noise(fitted.x),
             integrated=fitted.data.rate_only,
-        )
-
-    @classmethod
-    def assumed(cls, model: Model, torque: float, memory: float) -> CandidateModel:
-        """Model without logs: a disturbance of `ASSUMED_DISTURBANCE` of the RMS ``torque``, and `ASSUMED_NOISE`."""
-        return cls(
-            name="the model",
-            model=model,
-            covariance=np.zeros((len(model.values), len(model.values))),
-            disturbance=ASSUMED_DISTURBANCE * torque,
-            memory=memory,
-            noise=ASSUMED_NOISE,
         )
 
     def coordinates(self, objective: InnovationLikelihood) -> FloatArray:
@@ -102,6 +92,12 @@ class ExpectedInformation:
         """Gain for each minute of the run."""
         return 60.0 * self.gain / self.run.seconds
 
+    @property
+    def information_per_minute(self) -> float:
+        """The same; of a parameter the information over that before the run, which adds up over runs."""
+        information = math.expm1(min(self.gain, _MAX_GAIN)) if len(self.rates) == 1 else self.gain
+        return 60.0 * information / self.run.seconds
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExperimentPlan:
@@ -135,6 +131,8 @@ def plan_experiment(
 ) -> ExperimentPlan:
     """Rank candidate runs that distinguish two models, or that improve the ``parameter`` of one model.
 
+    With ``limits.design``, a run with optimised levels and switching times, as long as the best run, is one of them.
+
     Raises
     ------
     DataError
@@ -156,6 +154,9 @@ def plan_experiment(
     if not parameter and len(models) == 1:
         parameter = least_certain_parameter(models[0])
     ranked = rank_runs(runs, models, vehicle, limits, parameter=parameter)
+    if limits.design:
+        designed = _designed_run(models, vehicle, scales, limits, parameter, ranked[0].run)
+        ranked = rank_runs([designed, *runs], models, vehicle, limits, parameter=parameter)
     rate = float(np.sqrt(np.mean(ranked[0].rates ** 2)))
     return ExperimentPlan(
         models=tuple(models),
@@ -164,6 +165,23 @@ def plan_experiment(
         thrusters=names,
         disturbance_rate=models[0].disturbance * models[0].model.rate_std_per_torque(rate, models[0].memory),
     )
+
+
+def _designed_run(
+    models: Sequence[CandidateModel],
+    vehicle: Vehicle,
+    scales: RunScales,
+    limits: RunLimits,
+    parameter: str,
+    like: CandidateRun,
+) -> CandidateRun:
+    """The run with optimised levels and switching times, of about the duration of the run ``like``."""
+
+    def worth(run: CandidateRun) -> float:
+        found = _expected_information(replace(run, reference=like.reference), models, vehicle, limits, parameter)
+        return -1.0 if found is None else found.information_per_minute
+
+    return replace(design_run(worth, scales, like.seconds), reference=like.reference)
 
 
 def require_thrusters(vehicle: Vehicle) -> None:

@@ -100,3 +100,19 @@ def test_runs_beyond_the_limit_are_not_sampled() -> None:
     slow = Model(inertia=1e9, quadratic_drag=0.0, linear_drag=1.0)
     scales = RunScales.from_trials(slow, synthetic.VEHICLE, [log], 1.0)
     assert max(run.seconds for run in candidate_runs(scales, ("a", "b"), 600.0)) <= 600.0
+
+
+def test_a_designed_run_is_worth_more_than_the_list_within_the_same_limits() -> None:
+    time = synthetic.clock(60.0, rate=5.0)
+    log = synthetic.trial(time, np.where(time < 30.0, 2.0, -2.0))
+    limits = RunLimits(seconds=120.0, travel=1.0)
+    listed, designed = (
+        plan_experiment([model_with()], VEHICLE, [log], replace(limits, design=design), "inertia").best
+        for design in (False, True)
+    )
+    assert designed.run.name.startswith("designed: ")
+    # Of the list, no run is as regular and as fast.
+    assert designed.information_per_minute > 2.0 * listed.information_per_minute
+    assert np.abs(designed.run.commands).max() <= 2.0 + 1e-9
+    angle = np.cumsum(designed.rates[0]) * 0.2
+    assert np.ptp(angle) <= 2.0 * math.pi
