@@ -122,6 +122,11 @@ def plan(
         return RunLimits(share=share, seconds=60.0 * minutes, rate=rate, travel=travel, design=design)
 
     if is_planar(axes, axis, between=between):
+        if matrix or design:
+            where = "--matrix" if matrix else "--design"
+            raise ConfigError(
+                "is for one axis; it does not exist for --axes planar.", where=where, mend="Leave it out."
+            )
         _plan_planar(logs, parameters, output, effect, limits(angular=True), narrow or "", force=force, json=json)
         return
     causes = tuple(dict.fromkeys(map(effect_named, between or ())))

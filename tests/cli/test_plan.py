@@ -83,6 +83,8 @@ def test_a_stale_file_contributes_only_the_names_of_its_effects(few: Path, tmp_p
         (("--between", "thruster_lag", "--between", "thruster_lag"), "two different ones"),
         (("--between", "thruster_lag", "--between", "comand_delay"), "'command_delay'"),
         (("--narrow", "inertai"), "'inertia'"),
+        (("--matrix", "--between", "thruster_lag"), "names one cause; two or more were expected"),
+        (("--matrix", "--axes", "planar"), "--matrix: is for one axis"),
         (("--minutes", 0.2), "no run stays within these limits"),
     ],
 )
