@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -192,24 +193,30 @@ def _usable_trials(trials: Sequence[Trial]) -> tuple[Sequence[Trial], list[Remar
 
 def _gyro_remarks(runs: Sequence[Run]) -> list[Remark]:
     """A remark on runs where the logged rate differs from the position's derivative by a bias, unit or sign."""
-    off = [run for run in runs if _gyro_is_off(run.rates)]
+    compared = [run for run in runs if math.isfinite(run.rates.gyro_gain)]
+    if not compared:
+        return []
+    # A unit or a sign is the same in all runs, and a short run shows it poorly.
+    gain = float(np.median([run.rates.gyro_gain for run in compared]))
+    is_scaled = abs(gain - 1.0) > _GYRO_GAIN
+    off = [run for run in compared if is_scaled or _has_offset(run.rates)]
     if not off:
         return []
-    axis = off[0].trial.axis
-    gain, offset = np.median([(run.rates.gyro_gain, run.rates.gyro_offset) for run in off], axis=0)
+    axis, offset = off[0].trial.axis, float(np.median([run.rates.gyro_offset for run in off]))
     names = ", ".join(run.trial.name for run in off)
+    scaled = f"is {gain:.3g} times the {axis.position_words}'s derivative, with" if is_scaled else "has"
     text = (
-        f"{names}: the logged {axis.rate_words} is {gain:.3g} times the {axis.position_words}'s derivative, with an "
-        f"offset of {offset:.2g} {axis.rate_unit}. The results rest on the logged {axis.rate_words}. Check its unit "
-        f"and sign, or delete {axis.rate_signal} in rovid.toml to use the {axis.position_words}'s derivative instead."
+        f"{names}: the logged {axis.rate_words} {scaled} an offset of {offset:.2g} {axis.rate_unit}. The results rest "
+        f"on it. Check its unit and sign, or delete {axis.rate_signal} in rovid.toml to use the "
+        f"{axis.position_words}'s derivative instead."
     )
     return [Remark(kind="gyro", count=len(off), text=text)]
 
 
-def _gyro_is_off(rates: Rates) -> bool:
+def _has_offset(rates: Rates) -> bool:
     known = rates.rate[np.isfinite(rates.rate)]
     rms = float(np.linalg.norm(known)) / max(len(known), 1) ** 0.5
-    return abs(rates.gyro_gain - 1.0) > _GYRO_GAIN or abs(rates.gyro_offset) > _GYRO_OFFSET * rms
+    return bool(abs(rates.gyro_offset) > _GYRO_OFFSET * rms)
 
 
 def shared_channels(runs: Sequence[Run]) -> set[str]:

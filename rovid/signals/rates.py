@@ -13,6 +13,9 @@ from rovid.core.array_types import ComplexArray, FloatArray
 from rovid.core.errors import DataError
 from rovid.trial.trial import Trial
 
+# Least R² between a logged rate and the position's derivative at which the regression is on the logged rate. Below it,
+# one of the two is another quantity, whose ratio would be large by chance. A convention.
+_RELATED = 0.25
 # Convolution and spectrum are implemented below because importing scipy.signal or scipy.fft takes longer than they do.
 # Half width of the kernel in units of 1/cutoff. A sinc under a Hann window of this width is flat to a third of the
 # cut-off and 44 dB down beyond twice the cut-off.
@@ -158,12 +161,12 @@ def compute_rates(trial: Trial, *, cutoff: float) -> Rates:
     if trial.rate is not None:
         gyro = resample(trial, trial.rate, grid)
         gyro_rate, gyro_acceleration = kernel.smooth(gyro), kernel.rate(gyro)
-        gyro_gain, gyro_offset = _gain_and_offset(gyro_rate, rate)
+        gyro_noise = white_noise(gyro)
+        filtered_noise = np.linalg.norm([kernel.value, kernel.first], axis=1) * gyro_noise
+        gyro_gain, gyro_offset = _gain_and_offset(gyro_rate, rate, float(filtered_noise[0]))
         # In gaps of the gyro, the position's derivative is used.
         rate = np.where(np.isfinite(gyro_rate), gyro_rate, rate)
         acceleration = np.where(np.isfinite(gyro_acceleration), gyro_acceleration, acceleration)
-        gyro_noise = white_noise(gyro)
-        filtered_noise = np.linalg.norm([kernel.value, kernel.first], axis=1) * gyro_noise
         rate_noise, acceleration_noise = float(filtered_noise[0]), float(filtered_noise[1])
         if trial.rate_only:
             noise, gyro_gain, gyro_offset = gyro_noise, math.nan, math.nan
@@ -182,13 +185,20 @@ def compute_rates(trial: Trial, *, cutoff: float) -> Rates:
     )
 
 
-def _gain_and_offset(gyro: FloatArray, rate: FloatArray) -> tuple[float, float]:
-    """Slope and intercept of (m,) ``gyro`` against the position's ``rate``; NaN where the rate is constant."""
+def _gain_and_offset(gyro: FloatArray, rate: FloatArray, noise: float) -> tuple[float, float]:
+    """Slope and intercept of (m,) ``gyro`` against the position's ``rate``; NaN where the rate is constant.
+
+    The derivative of a position is the noisier of the two, which would lower the slope of a regression on it. The
+    regression is therefore on the gyro, less the variance of its white ``noise`` (Fuller 1987, section 1.2).
+    """
     known = np.isfinite(gyro) & np.isfinite(rate)
     if not known.any() or np.ptp(rate[known]) == 0.0:
         return math.nan, math.nan
-    gain, offset = np.polynomial.polynomial.polyfit(rate[known], gyro[known], 1)[::-1]
-    return float(gain), float(offset)
+    (of_gyro, both), (_, of_rate) = np.cov(gyro[known], rate[known], bias=True)
+    true = of_gyro - noise**2
+    is_related = true > 0.5 * of_gyro and both**2 > _RELATED * of_gyro * of_rate
+    gain = true / both if is_related else both / of_rate
+    return float(gain), float(np.mean(gyro[known]) - gain * np.mean(rate[known]))
 
 
 def highest_cutoff(trials: Sequence[Trial]) -> float:

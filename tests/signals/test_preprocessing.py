@@ -62,6 +62,15 @@ def test_a_gyro_that_is_off_gives_a_remark() -> None:
         assert "Check its unit and sign" in remark.text
 
 
+def test_the_noise_of_a_heading_is_no_scale_of_the_gyro() -> None:
+    rng = np.random.default_rng(5)
+    run = turning()
+    noisy = replace(run, position=run.position + 0.02 * rng.standard_normal(len(TIME)))
+    runs = prepare(campaign(noisy), synthetic.LOGGED, cutoff=1.0)
+    assert runs.items[0].rates.gyro_gain == pytest.approx(1.0, abs=0.03)
+    assert not runs.remarks
+
+
 def test_a_shared_channel_is_in_every_trial_and_has_readings() -> None:
     some, none = np.ones(len(TIME)), np.full(len(TIME), np.nan)
     runs = prepare(campaign(turning(a=some, b=none, c=some), turning(a=none, b=none)), synthetic.LOGGED)
