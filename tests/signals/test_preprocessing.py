@@ -65,7 +65,7 @@ def test_a_gyro_that_is_off_gives_a_remark() -> None:
 def test_the_noise_of_a_heading_is_no_scale_of_the_gyro() -> None:
     rng = np.random.default_rng(5)
     run = turning()
-    noisy = replace(run, position=run.position + 0.02 * rng.standard_normal(len(TIME)))
+    noisy = replace(run, position=run.position + 0.06 * rng.standard_normal(len(TIME)))
     runs = prepare(campaign(noisy), synthetic.LOGGED, cutoff=1.0)
     assert runs.items[0].rates.gyro_gain == pytest.approx(1.0, abs=0.03)
     assert not runs.remarks
