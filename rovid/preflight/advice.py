@@ -16,7 +16,7 @@ from rovid.estimate.estimate import Estimate
 from rovid.estimate.maximum_likelihood import fit_likelihood
 from rovid.estimate.output_error import fit_regression
 from rovid.preflight.clock_alignment import ClockOffsets
-from rovid.preflight.command_effects import ThrusterCheck
+from rovid.preflight.command_effects import ThrusterCheck, all_reversed
 from rovid.preflight.feedback_detection import SIGNIFICANCE_LEVEL, Feedback
 from rovid.signals.preprocessing import Run, prepare
 from rovid.signals.segments import Hold, SineRun, find_holds, find_sines
@@ -80,7 +80,9 @@ def advise(
         text = f"Measure {vehicle.assumptions.listing}, and put it into rovid.toml, where rovid init wrote a guess."
         found.append(Advice(kind="guessed", text=text))
     found += _joined_clocks(clocks) if clocks else ()
-    for check in thrusters:
+    if text := all_reversed(thrusters, vehicle.axis):
+        found.append(Advice(kind="thruster", text=text, weight="grave"))
+    for check in () if text else thrusters:
         if text := check.text(vehicle.axis):
             found.append(Advice(kind="thruster", text=text, weight="grave" if check.is_reversed else "care"))
     found += _saturation(runs.items, vehicle)

@@ -18,7 +18,7 @@ from rovid.faults.clocks_apart import response_delay
 from rovid.preflight.advice import Advice, advise
 from rovid.preflight.clock_alignment import SIGNIFICANT, ClockOffsets
 from rovid.preflight.clock_offsets import estimate_clock_offsets
-from rovid.preflight.command_effects import ThrusterCheck, check_thrusters
+from rovid.preflight.command_effects import ThrusterCheck, all_reversed, check_thrusters
 from rovid.preflight.feedback_detection import Feedback, detect_feedback
 from rovid.readers import find_logs, read_trials
 from rovid.readers.campaign import examine_campaign
@@ -184,7 +184,8 @@ def reversed_thrusters(study: Study) -> str:
     if study.runs is None or not study.runs.items[0].trial.has_actuators:
         return ""
     checks = check_thrusters([run.trial for run in study.runs.items], study.vehicle)
-    return " ".join(check.text(study.vehicle.axis) for check in checks if check.is_reversed)
+    every = all_reversed(checks, study.vehicle.axis)
+    return every or " ".join(check.text(study.vehicle.axis) for check in checks if check.is_reversed)
 
 
 def remark_document(remark: Remark) -> dict[str, Any]:

@@ -327,6 +327,16 @@ class ThrusterCheck:
         return ""
 
 
+def all_reversed(checks: Sequence[ThrusterCheck], axis: Axis) -> str:
+    """Advice where each of several thrusters is reversed, as by a heading counted to port (ENU); else empty."""
+    if len(checks) < 2 or not all(check.is_reversed for check in checks):
+        return ""
+    return (
+        f"More {axis.force_name} of every thruster makes the {axis.position_words} fall. Give the "
+        f"{axis.position_words} sign = -1 in [signals] of rovid.toml, or turn each {axis.arm_key} around."
+    )
+
+
 def check_thrusters(trials: Sequence[Trial], vehicle: Vehicle) -> list[ThrusterCheck]:
     """Check of each thruster against the motion in ``trials``; none for a vehicle without thrusters."""
     names = [thruster.name for thruster in vehicle.thrusters]

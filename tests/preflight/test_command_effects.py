@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from rovid.preflight.command_effects import check_thrusters, command_effects
+from rovid.preflight.command_effects import all_reversed, check_thrusters, command_effects
 from rovid.preflight.raw_columns import RawColumn, SignalGuess
+from rovid.trial.axis import YAW
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import ThrustCurve, Thruster, Vehicle
 from tests.conftest import SAMPLES, Rovid
@@ -89,6 +90,14 @@ def test_reversed_and_ineffective_thrusters_are_found() -> None:
     found = check_thrusters([trial((0.4, -0.4, 0.0))], vehicle(0.4, 0.4, 0.4))
     assert [push.is_reversed for push in found] == [False, True, False]
     assert [push.is_ineffective for push in found] == [False, False, True]
+
+
+def test_a_heading_of_the_other_sign_is_one_advice() -> None:
+    found = check_thrusters([trial((0.4, -0.4, 0.3))], vehicle(-0.4, 0.4, -0.3))
+    assert "sign = -1" in all_reversed(found, YAW)
+    found = check_thrusters([trial((0.4, -0.4, 0.3))], vehicle(-0.4, 0.4, 0.3))
+    assert [push.is_reversed for push in found] == [True, True, False]
+    assert not all_reversed(found, YAW)
 
 
 def test_one_odd_log_turns_no_arm_around() -> None:
