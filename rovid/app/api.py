@@ -26,7 +26,7 @@ from rovid.preflight.planar_check import PlanarCheck, check_planar
 from rovid.preflight.raw_columns import RawColumn
 from rovid.present.documents.results import check_document, survey_document
 from rovid.present.terminal.check import VERDICTS, check_notes, check_tasks
-from rovid.present.terminal.planar_check import planar_notes, planar_tasks
+from rovid.present.terminal.planar import planar_notes, planar_tasks
 from rovid.readers.formats import READERS
 from rovid.trial.axis import SIGNAL_UNITS
 from rovid.trial.config import FILE_NAME, load_config, load_planar_config

@@ -58,8 +58,8 @@ def _check_planar(logs: Logs, *, json: bool) -> None:
     """Check the logs for surge, sway and yaw together."""
     from rovid.preflight.planar_check import check_planar
     from rovid.present.console import show_caution
-    from rovid.present.documents.planar_check import planar_check_document
-    from rovid.present.terminal.planar_check import show_planar_check
+    from rovid.present.documents.planar import planar_check_document
+    from rovid.present.terminal.planar import show_planar_check
     from rovid.trial.config import find_config, load_planar_config
 
     config = load_planar_config(find_config(logs))

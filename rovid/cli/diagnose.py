@@ -103,8 +103,8 @@ def _diagnose_planar(
 ) -> None:
     """Diagnose surge, sway and yaw together."""
     from rovid.present.console import print_text, show_caution, show_faults, show_warnings
-    from rovid.present.documents.planar_diagnosis import planar_diagnosis_document
-    from rovid.present.terminal.planar_diagnosis import show_planar_diagnosis
+    from rovid.present.documents.planar import planar_diagnosis_document
+    from rovid.present.terminal.planar import show_planar_diagnosis
 
     session = open_planar_session(logs, parameters, force=force, require_sound=False)
     study = session.study

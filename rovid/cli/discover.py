@@ -64,8 +64,8 @@ def discover(
     from rovid.diagnose.formulas.discovery import discover as find_formulas
     from rovid.effects.plugins import is_id
     from rovid.present.console import print_path, show_caution, show_warnings
-    from rovid.present.documents.discovery import discovery_document
-    from rovid.present.terminal.discovery import show_discovery
+    from rovid.present.documents.effects import discovery_document
+    from rovid.present.terminal.effects import show_discovery
     from rovid.store.study import input_files
 
     if write is not None and not (is_id(write.stem) and write.suffix == ".py"):
@@ -82,7 +82,7 @@ def discover(
     with progress("Discovering …") as report:
         found = find_formulas(study.runs, study.vehicle, report, Budget(seconds=budget or study.default_budget))
     if found.formulas and wanted:
-        from rovid.present.plots.discovery import formula_picture
+        from rovid.present.plots.results import formula_picture
 
         best, contents = found.formulas[0], dict[OutputFile, str | bytes]()
         if write is not None:

@@ -79,8 +79,8 @@ def _try(path: Path, logs: list[Path], axis: str | None, *, json: bool) -> None:
     from rovid.diagnose.effect_trial import try_effect
     from rovid.effects import load_plugins
     from rovid.effects.plugins import forms_of
-    from rovid.present.documents.effect_trial import effect_trial_document
-    from rovid.present.terminal.effect_trial import show_effect_trial
+    from rovid.present.documents.effects import effect_trial_document
+    from rovid.present.terminal.effects import show_effect_trial
 
     load_plugins([path])
     forms = forms_of(path)

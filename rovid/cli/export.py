@@ -99,8 +99,8 @@ def _export_planar(name: str, output: Path | None, parameters: Path | None, *, f
     from rovid.export.planar_input import planar_input
     from rovid.export.planar_run import select_planar_exporter, verified_planar_export
     from rovid.present.console import show_caution
-    from rovid.present.documents.planar_export import planar_export_document
-    from rovid.present.terminal.planar_export import show_planar_export
+    from rovid.present.documents.planar import planar_export_document
+    from rovid.present.terminal.planar import show_planar_export
     from rovid.store.planar_study import open_planar_study
 
     exporter, target = select_planar_exporter(name, output)

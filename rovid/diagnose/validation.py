@@ -41,7 +41,7 @@ _CUT_SHORT = (
     "The search ended before it was complete, because each addition asked for another one. The effects found may stand "
     "in for other causes."
 )
-_OUT_OF_TIME = (
+OUT_OF_TIME = (
     "The budget of {:.0f} s was used up before the search came to its end. What was found is likely at most. Give a "
     "larger --budget."
 )
@@ -309,7 +309,7 @@ def search_warnings(selection: Selection, notes: Sequence[str]) -> list[str]:
     if SearchStop.CUT_SHORT in selection.search.progress.stops:
         warnings.append(_CUT_SHORT)
     if selection.is_out_of_time:
-        warnings.append(_OUT_OF_TIME.format(selection.search.budget.seconds))
+        warnings.append(OUT_OF_TIME.format(selection.search.budget.seconds))
     warnings += [_INCONSISTENT.format(effect.title) for effect in selection.inconsistent]
     warnings += selection.messages
     return warnings

@@ -17,8 +17,8 @@ from rovid.export.interface import PERIOD, ExportInput
 from rovid.export.thruster_curves import ThrusterCurve, curve_effect_keys, thruster_curves
 from rovid.model.model import Model
 from rovid.planar.dataset import PlanarData
-from rovid.planar.free_runs import PlanarMotion
-from rovid.planar.model import PlanarActuators, PlanarCommands, PlanarModel
+from rovid.planar.free_runs import PlanarMotion, simulate_planar
+from rovid.planar.model import AXIS_SPEEDS, PlanarActuators, PlanarCommands, PlanarModel
 from rovid.store.parameter_file import Entry, Parameters
 from rovid.store.planar_study import PlanarStudy, planar_model
 from rovid.trial.assumptions import Assumptions
@@ -253,13 +253,10 @@ def planar_input(stored: Parameters, study: PlanarStudy | None) -> PlanarInput:
 
 def largest_speeds(model: PlanarModel, data: PlanarData) -> FloatArray:
     """(3,) largest speeds in the logs: measured ones where there are any, else those of the simulated runs."""
-    from rovid.planar.free_runs import simulate_planar
-
     sizes = np.zeros(3)
-    names = ("surge_velocity", "sway_velocity", "yaw_rate")
     for run in data.runs:
         motion = None
-        for axis, name in enumerate(names):
+        for axis, name in enumerate(AXIS_SPEEDS):
             if name in run.sensors:
                 # Single wild readings are no speeds of the vehicle.
                 size = float(np.quantile(np.abs(run.readings(name).values), 0.999))
@@ -300,4 +297,4 @@ def rovid_motion(subject: PlanarInput, model: PlanarModel, commands: FloatArray)
     inputs = actuators.forces(PlanarCommands(actuators, trial), model.actuator_effects).inputs
     scale = np.maximum(subject.envelope, 1e-3)
     motion = PlanarMotion.simulated(model, np.array([0, len(time)]), time, inputs, np.zeros((1, 6)), scale)
-    return np.column_stack([motion.sensor(name) for name in ("heading", "surge_velocity", "sway_velocity", "yaw_rate")])
+    return np.column_stack([motion.sensor(name) for name in ("heading", *AXIS_SPEEDS)])

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -214,15 +214,7 @@ def _early_motion(logs: Sequence[str], found: ResponseDelay) -> Fault:
         "is impossible. The clock of the commands is ahead by that, and by the delay of the thrusters in addition. Put "
         "commands and motion on one clock, or shift one of them."
     )
-    return Fault(
-        fault="clocks_apart",
-        logs=tuple(logs),
-        text=text,
-        size=found.delay,
-        standard_error=found.error,
-        unit="s",
-        stops=True,
-    )
+    return replace(_fault(logs, found, text), stops=True)
 
 
 def _late_motion(logs: Sequence[str], found: ResponseDelay) -> Fault:
@@ -230,15 +222,12 @@ def _late_motion(logs: Sequence[str], found: ResponseDelay) -> Fault:
         f"{named(logs)}: the vehicle moves {plus_minus(found.delay, found.error)} s after the commands of another "
         "file: a delay, or a clock that is behind. The logs do not show which."
     )
-    return Fault(
-        fault="clocks_apart",
-        logs=tuple(logs),
-        text=text,
-        size=found.delay,
-        standard_error=found.error,
-        unit="s",
-        confidence=_RIVAL,
-    )
+    return replace(_fault(logs, found, text), confidence=_RIVAL)
+
+
+def _fault(logs: Sequence[str], found: ResponseDelay, text: str) -> Fault:
+    size, error = found.delay, found.error
+    return Fault(fault="clocks_apart", logs=tuple(logs), text=text, size=size, standard_error=error, unit="s")
 
 
 def _is_offset(offset: float, found: ResponseDelay, runs: Sequence[Run]) -> bool:

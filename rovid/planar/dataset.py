@@ -26,6 +26,8 @@ from rovid.trial.vehicle import Vehicle
 _SAME_INSTANT = 1e-4
 # Number of latest forces that a run remembers.
 _REMEMBERED = 8
+# Width of the smoothing of measured speeds that are compared with a model, in intervals of the slowest sensor.
+SMOOTHED_INTERVALS = 2.0
 # Grid points in a standard deviation of the kernel, standard deviations to each side, and the least points of a run.
 _POINTS, _REACH, _LEAST = 3, 3, 8
 
@@ -271,6 +273,11 @@ def slowest_interval(run: PlanarRun) -> float:
         used -= {"north", "east"}
     stamps = [run.readings(name).time for name in used]
     return max(float(np.median(np.diff(time))) for time in stamps if len(time) > 1)
+
+
+def smooth_motion(run: PlanarRun) -> SmoothRun | None:
+    """`smooth_run` with a width of two intervals of the slowest sensor, for comparisons with a model."""
+    return smooth_run(run, SMOOTHED_INTERVALS * slowest_interval(run))
 
 
 def sensor_noise(run: PlanarRun, name: str) -> float:

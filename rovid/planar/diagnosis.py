@@ -15,13 +15,12 @@ import numpy as np
 
 from rovid.core.budget import Budget, ProgressCallback
 from rovid.core.errors import DataError
-from rovid.diagnose.evidence import posterior_probability, probability_not_a_stand_in, recalibrated
+from rovid.diagnose.evidence import posterior_probability, probability_not_a_stand_in, recalibrated, size_in_errors
 from rovid.diagnose.result import Conclusion, Finding, OtherCause
 from rovid.diagnose.thresholds import THRESHOLDS
-from rovid.diagnose.validation import certain_growth
+from rovid.diagnose.validation import OUT_OF_TIME, certain_growth
 from rovid.effects import Effect
 from rovid.effects.base import Coupling
-from rovid.estimate.estimate import Estimate
 from rovid.estimate.maximum_likelihood import INNOVATIONS_R2
 from rovid.planar.dataset import PlanarData
 from rovid.planar.effect_fits import planar_candidates, with_hull_lift
@@ -34,10 +33,6 @@ from rovid.planar.search import PlanarSearch
 
 # Most suspects of a result.
 _MOST_SUSPECTS = 3
-_OUT_OF_TIME = (
-    "The budget of {:.0f} s was used up before the search came to its end. What was found is likely at most. Give a "
-    "larger --budget."
-)
 _FORMLESS = (
     "{} improves the prediction of held-out parts, but the base model is not exact here: its form is not established."
 )
@@ -63,21 +58,6 @@ class PlanarDiagnosis(Conclusion):
     #: As `PlanarScores.rmse` and `PlanarScores.heading_errors`, of a perfect model.
     noise_floors: Mapping[str, float] = field(default_factory=dict)
     heading_floors: Mapping[float, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, eq=False)
-class _Tested:
-    """One cause of a model with what the tests say of it."""
-
-    effect: Effect
-    gain: float
-    bic_gain: float
-    held_out_gain: float
-    standard_errors: float
-    growth: float  #: Certain relative growth of the errors of free-running simulations on held-out parts.
-    probability: float
-    others: tuple[OtherCause, ...]
-    equivalent: tuple[Effect, ...]
 
 
 def diagnose_planar(
@@ -154,14 +134,18 @@ class _Gate:
             known = self._known[key] = fitted, held_out(self.parts, fitted, self.search.line(fitted))
         return known[1]
 
-    def tested(self, model: PlanarOptimum, effect: Effect) -> _Tested:
-        """What the tests say of one ``effect`` of the ``model``."""
+    def tested(self, model: PlanarOptimum, effect: Effect) -> tuple[Finding, float]:
+        """What the tests say of one ``effect`` of the ``model``, and the growth of held-out simulation errors with it.
+
+        The estimate is that of the search. The growth is certain and relative; see `certain_growth`.
+        """
         search = self.search
         rest = search.without(model, effect)
         gain, bic_gain = rest.value - model.value, search.score(model) - search.score(rest)
         with_it, without = self.held_out(model), self.held_out(rest)
         held_out_gain = with_it.log_likelihood - without.log_likelihood
-        errors = model.size_in_errors(effect)
+        estimate = model.effect_estimate(effect)
+        errors = size_in_errors(effect, estimate.values, estimate.covariance, model.coordinates.sizes.effects)
         others = _others(search, model, effect, rest)
         close = bic_gain - THRESHOLDS.tie(max(bic_gain, 0.0))
         equivalent = tuple(one.effect for one in others if one.bic_gain > close)
@@ -173,17 +157,19 @@ class _Gate:
         probability = recalibrated(
             posterior_probability(gains, names, search.causes_tried, cap=cap), white=model.is_white
         )
-        return _Tested(
-            effect,
-            gain,
-            bic_gain,
-            held_out_gain,
-            errors,
-            certain_growth(with_it.by_part, without.by_part),
-            min(probability, THRESHOLDS.max_probability),
-            others,
-            equivalent,
+        finding = Finding(
+            effect=effect,
+            estimate=estimate,
+            gain=gain,
+            bic_gain=bic_gain,
+            held_out_gain=held_out_gain,
+            standard_errors=errors,
+            probability=min(probability, THRESHOLDS.max_probability),
+            alternatives=others,
+            indistinguishable=equivalent,
+            white=model.is_white,
         )
+        return finding, certain_growth(with_it.by_part, without.by_part)
 
 
 def _others(search: PlanarSearch, model: PlanarOptimum, effect: Effect, rest: PlanarOptimum) -> tuple[OtherCause, ...]:
@@ -206,7 +192,7 @@ def _is_at_bound(fitted: PlanarOptimum, effect: Effect) -> bool:
     return False
 
 
-def _rejection(fitted: PlanarOptimum, tested: _Tested) -> str:
+def _rejection(fitted: PlanarOptimum, tested: Finding, growth: float) -> str:
     """Why a cause is never claimed; empty where it passes."""
     if tested.held_out_gain <= THRESHOLDS.min_held_out_gain:
         return f"fits these logs but predicts held-out parts worse (log-likelihood {tested.held_out_gain:.1f})"
@@ -214,8 +200,8 @@ def _rejection(fitted: PlanarOptimum, tested: _Tested) -> str:
         return "would be larger than is physically plausible"
     if tested.standard_errors < THRESHOLDS.min_standard_errors:
         return f"differs from nothing by only {tested.standard_errors:.1f} standard errors"
-    if tested.growth > THRESHOLDS.held_out_growth:
-        return f"makes the errors of held-out simulations {100.0 * tested.growth:.0f} % larger"
+    if growth > THRESHOLDS.held_out_growth:
+        return f"makes the errors of held-out simulations {100.0 * growth:.0f} % larger"
     if tested.probability < THRESHOLDS.likely:
         return "is possible, but not established"
     return ""
@@ -223,32 +209,32 @@ def _rejection(fitted: PlanarOptimum, tested: _Tested) -> str:
 
 def _validated(
     search: PlanarSearch, gate: _Gate, model: PlanarOptimum
-) -> tuple[PlanarOptimum, list[_Tested], list[str]]:
+) -> tuple[PlanarOptimum, list[Finding], list[str]]:
     """The model with causes that pass the gate, the tests of them and of those that were likely at most, messages."""
     messages: list[str] = []
     for _ in range(THRESHOLDS.max_rejections):
-        tested = sorted((gate.tested(model, effect) for effect in search.causes(model)), key=lambda one: one.bic_gain)
-        failed = next(((one, why) for one in tested if (why := _rejection(model, one))), None)
+        tested = [gate.tested(model, effect) for effect in search.causes(model)]
+        tested.sort(key=lambda one: one[0].bic_gain)
+        failed = next(((one, why) for one, growth in tested if (why := _rejection(model, one, growth))), None)
         if failed is None:
-            return model, tested, messages
+            return model, [one for one, _ in tested], messages
         one, why = failed
         messages.append(f"{one.effect.title} {why}: it is not claimed.")
         search.banned.add(one.effect.key)
         rest = search.without(model, one.effect)
         model = rest if search.budget.is_late else search.challenged(search.run(search.polish(rest)))
     for effect in search.causes(model):
-        one = gate.tested(model, effect)
-        if why := _rejection(model, one):
+        if why := _rejection(model, *gate.tested(model, effect)):
             messages.append(f"{effect.title} {why}: it is not claimed.")
             model = search.polish(search.without(model, effect))
-    return model, [gate.tested(model, effect) for effect in search.causes(model)], messages
+    return model, [gate.tested(model, effect)[0] for effect in search.causes(model)], messages
 
 
 # --- Result -----------------------------------------------------------------------------------------------------------
 
 
 def _result(
-    search: PlanarSearch, parts: Parts, model: PlanarOptimum, tested: Sequence[_Tested], messages: Sequence[str]
+    search: PlanarSearch, parts: Parts, model: PlanarOptimum, tested: Sequence[Finding], messages: Sequence[str]
 ) -> PlanarDiagnosis:
     gate, data = _Gate(search, parts), search.data
     late = bool(search.budget.not_tried)
@@ -268,12 +254,13 @@ def _result(
     for one in established:
         if _is_refused(fit, one.effect):
             messages = [*messages, f"{one.effect.title} shows, but these logs do not determine its size."]
-        findings.append(_finding(one, fit.estimate, model, is_complete=not late))
+        own = fit.estimate.only(one.effect.parameter_names)
+        findings.append(replace(one, estimate=own, is_complete=not late))
     likely = planar_result(data, model).estimate if len(established) < len(tested) else fit.estimate
     for one in tested:
         if one not in established:
-            probability = min(one.probability, THRESHOLDS.max_suspect_probability)
-            suspects.append(_finding(replace(one, probability=probability), likely, model, is_complete=not late))
+            own, probability = likely.only(one.effect.parameter_names), _as_suspect(one.probability)
+            suspects.append(replace(one, estimate=own, probability=probability, is_complete=not late))
     suspects += _further(search, gate, model, {one.effect.id for one in tested})
     floors = noise_floors(parts, final)
     scores = gate.held_out(final).scores
@@ -287,7 +274,7 @@ def _result(
         verdict = "unexplained"
     warnings = [*fit.warnings, *dict.fromkeys(messages)]
     if late:
-        warnings.append(_OUT_OF_TIME.format(search.budget.seconds))
+        warnings.append(OUT_OF_TIME.format(search.budget.seconds))
     return PlanarDiagnosis(
         verdict=verdict,
         base=base,
@@ -308,20 +295,8 @@ def _is_refused(fit: PlanarFit, effect: Effect) -> bool:
     return any(name in fit.estimate.refused for name in effect.parameter_names[: effect.size_count])
 
 
-def _finding(one: _Tested, estimate: Estimate, model: PlanarOptimum, *, is_complete: bool) -> Finding:
-    return Finding(
-        effect=one.effect,
-        estimate=estimate.only(one.effect.parameter_names),
-        gain=one.gain,
-        bic_gain=one.bic_gain,
-        held_out_gain=one.held_out_gain,
-        standard_errors=one.standard_errors,
-        probability=one.probability,
-        alternatives=one.others,
-        indistinguishable=one.equivalent,
-        white=model.is_white,
-        is_complete=is_complete,
-    )
+def _as_suspect(probability: float) -> float:
+    return min(probability, THRESHOLDS.max_suspect_probability)
 
 
 def _further(search: PlanarSearch, gate: _Gate, model: PlanarOptimum, known: Collection[str]) -> list[Finding]:
@@ -337,14 +312,14 @@ def _further(search: PlanarSearch, gate: _Gate, model: PlanarOptimum, known: Col
             continue
         if search.score(fitted) - search.score(model) <= 0.0:
             break
-        one = gate.tested(fitted, effect)
-        probability = min(one.probability, THRESHOLDS.max_suspect_probability)
+        one, _ = gate.tested(fitted, effect)
+        probability = _as_suspect(one.probability)
         if probability < THRESHOLDS.possible or one.standard_errors < THRESHOLDS.min_standard_errors_suspect:
             continue
         if one.held_out_gain <= THRESHOLDS.min_held_out_gain or _is_at_bound(fitted, effect):
             continue
-        estimate = planar_result(search.data, fitted).estimate
-        found.append(_finding(replace(one, probability=probability), estimate, fitted, is_complete=True))
+        estimate = planar_result(search.data, fitted).estimate.only(effect.parameter_names)
+        found.append(replace(one, estimate=estimate, probability=probability))
     return found
 
 

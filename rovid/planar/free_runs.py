@@ -33,16 +33,15 @@ from rovid.planar.dataset import (
     sensor_noise,
     slowest_interval,
     smooth_inputs,
+    smooth_motion,
     smooth_run,
 )
 from rovid.planar.equations import CURRENT, HEADING, NORTH, STATES, SURGE, simulate_runs
 from rovid.planar.likelihood import CriterionRows
-from rovid.planar.model import AXIS_NAMES, SENSORS, PlanarModel
+from rovid.planar.model import AXIS_NAMES, AXIS_SPEEDS, SENSORS, PlanarModel
 from rovid.planar.optimum import PlanarOptimum
 from rovid.planar.start_values import start_values
 
-# Width of the smoothing of measured speeds, in intervals of the slowest sensor.
-_R2_WIDTH = 2.0
 # Time constants whose readings determine the start of a simulation, least number of readings, Gauss-Newton steps.
 _START_TIMES, _START_READINGS, _START_ITERATIONS = 2.0, 30, 4
 # Longest window in the longest time constant. Short windows let a wrong model lean on the measured speeds at their
@@ -56,8 +55,6 @@ _LEAST_CHANGE = 0.1
 _LARGEST, _LEAST_ERROR = 30.0, 0.02
 # Steps to fit noise and disturbance.
 _NOISE_ITERATIONS = 12
-# Names of the sensors of the smoothed speeds.
-_SPEEDS = ("surge_velocity", "sway_velocity", "yaw_rate")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -137,7 +134,7 @@ def simulate_planar(
 def measured_start(run: PlanarRun) -> FloatArray:
     """(6,) heading, u and v over ground, r, north and east at the first instant, by the readings; zeros where none."""
     start = np.zeros(6)
-    smooth = smooth_run(run, _R2_WIDTH * slowest_interval(run))
+    smooth = smooth_motion(run)
     if smooth is not None:
         start[1:4] = smooth.speeds[0]
     for at, name in ((0, "heading"), (4, "north"), (5, "east")):
@@ -187,7 +184,7 @@ def free_run_r2(model: PlanarModel, data: PlanarData, *, yaw_only: bool = False)
     measured: list[FloatArray] = []
     simulated: list[FloatArray] = []
     for run in data.runs:
-        smooth = smooth_run(run, _R2_WIDTH * slowest_interval(run))
+        smooth = smooth_motion(run)
         if smooth is None:
             continue
         start = estimated_start(model, run, yaw_only=yaw_only)
@@ -258,7 +255,7 @@ class FreeRuns:
         """Origin of the (n a,) errors."""
         count = len(self._axes)
         run = np.concatenate([np.full(len(one.time), at) for at, one in self.smooth])
-        sensors = np.array([SENSORS.index(_SPEEDS[axis]) for axis in self._axes.tolist()], dtype=np.intp)
+        sensors = np.array([SENSORS.index(AXIS_SPEEDS[axis]) for axis in self._axes.tolist()], dtype=np.intp)
         first = [self.data.runs[at].time[0] for at, _ in self.smooth]
         time = np.concatenate([one.time - begin for (_, one), begin in zip(self.smooth, first, strict=True)])
         return CriterionRows(np.repeat(run, count), np.repeat(time, count), np.tile(sensors, len(time)))
@@ -281,7 +278,7 @@ class FreeRuns:
         most = _LARGEST * self.usual
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             motion = PlanarMotion.simulated(model, self.offsets, time, self._inputs(model), starts, self.scale)
-            found = np.column_stack([motion.sensor(name) for name in _SPEEDS]) - speeds
+            found = np.column_stack([motion.sensor(name) for name in AXIS_SPEEDS]) - speeds
         return np.clip(np.where(np.isfinite(found), found, math.inf)[:, self._axes], -most, most)
 
     def errors(self, model: PlanarModel) -> Innovations:

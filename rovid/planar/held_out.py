@@ -16,20 +16,18 @@ import numpy as np
 from rovid.core.array_types import FloatArray, IntArray
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.estimate.fisher_information import negative_log_likelihoods
-from rovid.planar.dataset import PlanarData, measured_axes, slowest_interval, smooth_run
+from rovid.model.simulation import HORIZONS
+from rovid.planar.dataset import SMOOTHED_INTERVALS, PlanarData, measured_axes, slowest_interval, smooth_run
 from rovid.planar.free_runs import PlanarMotion
 from rovid.planar.kernels import NOISE_SENSOR
-from rovid.planar.model import INPUT_COUNT, SENSORS
+from rovid.planar.model import AXIS_SPEEDS, INPUT_COUNT, SENSORS
 from rovid.planar.optimum import Linearisation, PlanarOptimum, chord_fit
 
-# Horizons of heading errors in s; the longer one is the length of a free-running simulation.
-HORIZONS = (10.0, 60.0)
 # Steps of a fit without a fold, from the fit to all readings.
 _FOLD_STEPS = 4
 _FOLDS = 4
-# Least time between two restarts in s, most restarts, and the width of the smoothing in intervals of readings.
-_RESTART, _MOST_WINDOWS, _WIDTH = 15.0, 200, 2.0
-_SPEEDS = ("surge_velocity", "sway_velocity", "yaw_rate")
+# Least time between two restarts in s, and most restarts.
+_RESTART, _MOST_WINDOWS = 15.0, 200
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,16 +117,17 @@ class Parts:
         instant = np.repeat(np.arange(len(grid.time)), np.diff(grid.event_offsets))
         for number, run in enumerate(grid.runs):
             own = slice(int(grid.offsets[number]), int(grid.offsets[number + 1]))
-            time, widths = grid.time[own], [_WIDTH * slowest_interval(run)] * 3
+            time, widths = grid.time[own], [SMOOTHED_INTERVALS * slowest_interval(run)] * 3
             if "heading" in run.sensors:
-                widths[2] = _WIDTH * float(np.median(np.diff(run.readings("heading").time)))
+                widths[2] = SMOOTHED_INTERVALS * float(np.median(np.diff(run.readings("heading").time)))
             for axis, width in enumerate(widths):
-                if axes[axis] and _SPEEDS[axis] not in run.sensors and (smooth := smooth_run(run, width)) is not None:
+                is_derived = axes[axis] and AXIS_SPEEDS[axis] not in run.sensors
+                if is_derived and (smooth := smooth_run(run, width)) is not None:
                     found[own, 1 + axis] = np.interp(time, smooth.time, smooth.speeds[:, axis], np.nan, np.nan)
             if "heading" in run.sensors:
                 heading = run.readings("heading")
                 found[own, 0] = np.interp(time, heading.time, heading.values)
-        for axis, name in enumerate(_SPEEDS):
+        for axis, name in enumerate(AXIS_SPEEDS):
             read = grid.sensors == SENSORS.index(name)
             found[instant[read], 1 + axis] = grid.values[read]
         return found
@@ -157,7 +156,7 @@ class HeldOut:
         ]
         return PlanarScores(
             log_likelihood=self.log_likelihood,
-            rmse={name: value for name, value in zip(_SPEEDS, root[:3], strict=True) if math.isfinite(value)},
+            rmse={name: value for name, value in zip(AXIS_SPEEDS, root[:3], strict=True) if math.isfinite(value)},
             heading_errors={s: value for s, value in zip(HORIZONS, root[3:], strict=True) if math.isfinite(value)},
         )
 
@@ -218,11 +217,11 @@ def window_errors(
     time = grid.time[every]
     # The change of a wandering current counts as speed over ground.
     started = PlanarMotion.of_states(time[offsets[:-1]], first, planar.current)
-    starts = np.column_stack([started.sensor(name) for name in ("heading", *_SPEEDS, "north", "east")])
+    starts = np.column_stack([started.sensor(name) for name in ("heading", *AXIS_SPEEDS, "north", "east")])
 
     def simulated(forces: FloatArray) -> FloatArray:
         motion = PlanarMotion.simulated(planar, offsets, time, forces, starts, grid.speed, yaw_only=grid.yaw_only)
-        return np.column_stack([motion.sensor(name) for name in ("heading", *_SPEEDS)])
+        return np.column_stack([motion.sensor(name) for name in ("heading", *AXIS_SPEEDS)])
 
     motion = simulated(inputs)
     reference = (
@@ -268,7 +267,7 @@ def noise_floors(parts: Parts, fitted: PlanarOptimum) -> PlanarScores:
     every = list(range(len(parts.windows)))
     squares = window_errors(parts, fitted, states, every, disturbed=True)
     noise = fitted.coordinates.noise(fitted.x)[NOISE_SENSOR : NOISE_SENSOR + len(SENSORS)]
-    for axis, name in enumerate(_SPEEDS):
+    for axis, name in enumerate(AXIS_SPEEDS):
         if name in parts.data.sensors:
             squares[:, axis] += float(noise[SENSORS.index(name)]) ** 2
     if "heading" in parts.data.sensors:

@@ -39,6 +39,8 @@ from rovid.trial.vehicle import Rudder, Vehicle
 SENSORS = ("heading", "yaw_rate", "surge_velocity", "sway_velocity", "north", "east")
 # Degrees of freedom, in the order of all vectors of forces and speeds.
 AXIS_NAMES = ("surge", "sway", "yaw")
+# Sensors of these speeds.
+AXIS_SPEEDS = ("surge_velocity", "sway_velocity", "yaw_rate")
 BASE_NAMES = tuple(PLANAR_UNITS)
 # Names of the base parameters as SNAME (1950) derivatives: the parameter is the negative of the derivative, for the
 # inertias beside the rigid body's part.

@@ -17,9 +17,9 @@ import numpy as np
 from rovid.core.array_types import BoolArray, FloatArray, IntArray
 from rovid.core.errors import DataError
 from rovid.core.threads import thread_map
-from rovid.diagnose.evidence import size_in_errors
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.effects import Effect
+from rovid.estimate.estimate import Estimate
 from rovid.estimate.fisher_information import (
     OUTLIER,
     Innovations,
@@ -177,11 +177,12 @@ class PlanarOptimum:
         jacobian, count = self.coordinates.value_jacobian(self.x), self.coordinates.noise_begin
         return np.asarray(jacobian @ self.coordinate_covariance[:count, :count] @ jacobian.T)
 
-    def size_in_errors(self, effect: Effect) -> float:
-        """Mahalanobis distance of the sizes of ``effect`` from their neutral values."""
+    def effect_estimate(self, effect: Effect) -> Estimate:
+        """The parameters of one of the effects."""
         at = [self.model.names.index(name) for name in effect.parameter_names]
         values, covariance = self.model.values[at], self.covariance[np.ix_(at, at)]
-        return size_in_errors(effect, values, covariance, self.coordinates.sizes.effects)
+        samples = int(self.likelihood.grid.used.sum())
+        return Estimate(names=effect.parameter_names, values=values, covariance=covariance, method="", samples=samples)
 
     def place(self, effect: Effect) -> slice:
         """Places of the parameters of one of the effects among the coordinates."""

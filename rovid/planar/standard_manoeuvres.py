@@ -13,7 +13,7 @@ import numpy as np
 
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
-from rovid.planar.dataset import PlanarData, PlanarRun, measured_axes, slowest_interval, smooth_run
+from rovid.planar.dataset import PlanarData, PlanarRun, measured_axes, smooth_motion
 from rovid.planar.fit import PlanarFit
 from rovid.planar.free_runs import PlanarMotion, measured_start, simulate_planar
 from rovid.planar.manoeuvres import (
@@ -38,8 +38,6 @@ _LONGEST, _SAMPLES, _SECTIONS = 60.0, 50.0, 5
 _COARSER = 3
 # Relative change of a parameter that is not determined, and change of a measure, in shares, that then counts.
 _DOUBT, _SENSITIVE = 0.2, 0.01
-# Width of the smoothing of measured speeds, in intervals of the slowest sensor.
-_WIDTH = 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -277,7 +275,7 @@ def _run_tracks(
     model: PlanarModel, system: SteeringSystem, run: PlanarRun, sensors: Sequence[str]
 ) -> tuple[Track, Track] | None:
     """The measured and the simulated track through the water of a run; None for a run that is too short."""
-    smooth = smooth_run(run, _WIDTH * slowest_interval(run))
+    smooth = smooth_motion(run)
     if smooth is None:
         return None
     # Smoothing leaves out both ends, where an approach may lie: there the heading is as read, and the speeds are held.

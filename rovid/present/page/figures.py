@@ -18,7 +18,7 @@ from rovid.diagnose.cross_validation import split_runs
 from rovid.model.simulation import TrialSimulation
 from rovid.present.number_format import format_number, steady_state_words, unit_symbol
 from rovid.present.page.plot_files import FigureDraft, ReportFigure, plot_files, render_draft
-from rovid.present.plots import canvas, faults, identification, residuals, results, trials
+from rovid.present.plots import canvas, identification, residuals, results, trials
 from rovid.present.report_data import ReportData, worst_first
 from rovid.present.residuals import missing_without, rms_sizes, unexplained_torques
 from rovid.present.sentences import effect_title
@@ -106,7 +106,7 @@ def _draw(report: ReportData) -> ReportFigures:
 
 def _faults(found: Sequence[Fault]) -> Iterator[FigureDraft]:
     for number, fault in enumerate([fault for fault in found if fault.excerpt][:FAULT_PLOTS], 1):
-        plot = faults.plot_fault(fault)
+        plot = results.plot_fault(fault)
         yield FigureDraft(f"fault_{number:02d}", plot, caption=f"{fault.title}.", alt="The signal at the fault.")
 
 

@@ -23,17 +23,25 @@ from rovid.planar.standard_manoeuvres import SteeringSystem, model_manoeuvres, r
 from rovid.planar.trial_simulation import PlanarTrialSimulation, missing_forces, worst_run
 from rovid.present.number_format import format_number, unit_symbol
 from rovid.present.page.build import pdf_output
-from rovid.present.page.pdf import print_pdf, require_browser
 from rovid.present.page.plot_files import FigureDraft, ReportFigure, claim_page, plot_files, render_draft, write_page
-from rovid.present.page.templating import long_date, template_environment
+from rovid.present.page.templating import long_date, print_pdf, require_browser, template_environment
 from rovid.present.plots import canvas
 from rovid.present.plots import planar as plots
 from rovid.present.sentences import cause_name, evidence_definitions, evidence_words, verdict_sentence
-from rovid.present.tables.manoeuvres import model_manoeuvre_tables, run_manoeuvre_tables
-from rovid.present.tables.planar import planar_parameters_table, planar_simulation_table
+from rovid.present.tables.planar import (
+    model_manoeuvre_tables,
+    planar_parameters_table,
+    planar_simulation_table,
+    run_manoeuvre_tables,
+)
 from rovid.present.tables.table import ResultTable
-from rovid.present.terminal.planar import criterion_sentence, fit_sentence, simulation_sentence, undetermined_sentences
-from rovid.present.terminal.planar_diagnosis import planar_held_out_table
+from rovid.present.terminal.planar import (
+    criterion_sentence,
+    fit_sentence,
+    planar_held_out_table,
+    simulation_sentence,
+    undetermined_sentences,
+)
 from rovid.store.parameter_file import Parameters
 from rovid.store.planar_study import PlanarStudy, planar_effect
 from rovid.store.study import input_files

@@ -1,4 +1,4 @@
-"""Plots of alternative causes, closed-loop runs, planned runs, and compared campaigns."""
+"""Plots of results: causes, plans, controllers, compared campaigns, faults of logs, and discovered formulas."""
 
 from __future__ import annotations
 
@@ -15,8 +15,10 @@ from rovid.control.closed_loop import ClosedLoopRun
 from rovid.control.design import ControllerDesign
 from rovid.control.specs import paper_runs
 from rovid.core.array_types import FloatArray
+from rovid.diagnose.formulas.discovery import Discovery, Formula
 from rovid.diagnose.result import Finding
 from rovid.estimate.experiment_design import ExperimentPlan
+from rovid.model.model import Model
 from rovid.present.number_format import shorten_name
 from rovid.present.plots.canvas import (
     BLACK,
@@ -29,9 +31,13 @@ from rovid.present.plots.canvas import (
     render_png,
     report_style,
 )
+from rovid.present.residuals import unexplained_torques
 from rovid.present.sentences import effect_title
 from rovid.present.tables.diagnosis import ALTERNATIVES_SHOWN, alternative_status
+from rovid.signals.preprocessing import PreparedRuns
 from rovid.trial.axis import Axis
+from rovid.trial.fault import Fault
+from rovid.trial.vehicle import Vehicle
 
 # Characters of a cause's name beside its bar.
 _NAME_LENGTH = 48
@@ -57,6 +63,8 @@ _DRAG_STEPS = 200
 _DRAG_NAMES = ["quadratic_drag", "linear_drag"]
 # Standard errors to either end of a 95 % interval.
 _NORMAL_95 = NormalDist().inv_cdf(0.975)
+# Quantiles of the abscissa that bound the groups of readings, and the largest number of single readings drawn.
+_GROUPS, _READINGS = 24, 4000
 
 
 @report_style
@@ -224,3 +232,71 @@ def _plot_band(
     reach = _NORMAL_95 * np.sqrt(np.maximum(variance, 0.0))
     panel.fill_between(rate, line - reach, line + reach, color=colour, alpha=0.2, linewidth=0)
     panel.plot(rate, line, dashes, color=colour, label=name)
+
+
+@report_style
+def plot_fault(fault: Fault) -> Figure:
+    """The signal around a ``fault`` with an excerpt, sample by sample, and the instants of the fault."""
+    excerpt = fault.excerpt
+    if excerpt is None:
+        msg = f"{fault.fault} has no excerpt"
+        raise ValueError(msg)
+    figure, ((axes,),) = panel_grid([(1.4, 1)], left=0.7, right=0.18, top=0.3, bottom=0.45, width=7.2)
+    axes.plot(excerpt.time, excerpt.displayed, ".-", color=BLACK, markersize=3.0, linewidth=0.7)
+    for instant in fault.at:
+        if excerpt.time.min() <= instant <= excerpt.time.max():
+            axes.axvline(instant, color=ORANGE, linewidth=1.0)
+    axes.set_title(fault.title, loc="left")
+    axes.set_xlabel("time, s")
+    axes.set_ylabel(excerpt.label)
+    return figure
+
+
+@report_style
+def plot_formula(found: Discovery, formula: Formula, runs: PreparedRuns, vehicle: Vehicle) -> Figure:
+    """Unexplained torque of the model without the formula, means of groups of readings, and the formula."""
+    law, signal, residual = _law_and_residual(found, formula, runs, formula.without, vehicle)
+    alone = len(formula.signals) == 1 and not any(product.memory for product in formula.products)
+    x = signal if alone else law
+    known = np.isfinite(x) & np.isfinite(residual)
+    x, law, residual = x[known], law[known], residual[known]
+    figure, ((panel,),) = panel_grid([(3.2, 1)])
+    some = slice(None, None, max(len(x) // _READINGS, 1))
+    panel.plot(x[some], residual[some], ".", markersize=2, color=GREY, alpha=0.4)
+    edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, _GROUPS + 1)))
+    group = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, max(len(edges) - 2, 0))
+    means = [(x[group == k].mean(), residual[group == k].mean()) for k in np.unique(group)]
+    panel.plot(*zip(*means, strict=True), "o", color=BLUE, label="mean of unexplained torque")
+    order = np.argsort(x)
+    panel.plot(x[order], law[order], color=ORANGE, label="formula")
+    units = found.grammar.units if found.grammar else {}
+    own = formula.signals[0] if formula.signals else ""
+    panel.set_xlabel(f"{own.replace('_', ' ')}, {units[own]}" if alone else "torque of the formula, N m")
+    panel.set_ylabel("torque, N m")
+    panel.legend()
+    return figure
+
+
+def formula_picture(found: Discovery, formula: Formula, runs: PreparedRuns, vehicle: Vehicle) -> bytes:
+    """`plot_formula` as PNG."""
+    return render_png(plot_formula(found, formula, runs, vehicle), "formula")
+
+
+def _law_and_residual(
+    found: Discovery, formula: Formula, runs: PreparedRuns, model: Model, vehicle: Vehicle
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(m,) torque of the formula in N m, its first signal, and the unexplained torque in N m, at all known rates."""
+    assert found.grammar is not None  # noqa: S101 - a formula has one
+    laws, signals, residuals = [], [], []
+    for item in unexplained_torques(runs, model, vehicle):
+        name, at = item.run.trial.name, item.run.rates.time
+        time, series = item.run.trial.time, found.grammar.series[name]
+        law = np.zeros(len(time))
+        for k, product in enumerate(formula.products, start=1):
+            fitted = product.with_memory(formula.estimate.value(f"tau{k}")) if product.memory else product
+            law += formula.estimate.value(f"c{k}") * fitted.values(series, time)
+        signal = series[formula.signals[0]] if formula.signals else np.zeros(len(time))
+        laws.append(np.interp(at, time, law))
+        signals.append(np.interp(at, time, signal))
+        residuals.append(item.residual)
+    return np.concatenate(laws), np.concatenate(signals), np.concatenate(residuals)

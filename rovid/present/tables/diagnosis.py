@@ -27,6 +27,7 @@ from rovid.estimate.experiment_design import DECISIVE_LLR
 from rovid.estimate.inertia import METHODS
 from rovid.estimate.isolability import PairSeparation
 from rovid.model.parameter_names import unit_of
+from rovid.model.simulation import HORIZONS
 from rovid.present.number_format import DASH, format_number, parameter_title, rounded_errors, unit_symbol
 from rovid.present.sentences import document_key, effect_title, join_words
 from rovid.present.tables.table import ResultTable, mixed_number_column, number_column, text_column
@@ -36,7 +37,6 @@ from rovid.trial.vehicle import Vehicle
 
 # Number of alternative causes that tables and plots show.
 ALTERNATIVES_SHOWN = 8
-_HORIZONS = (10.0, 60.0)  # s
 
 
 def unidentifiable_words(vehicle: Vehicle) -> list[str]:
@@ -307,11 +307,11 @@ def cross_prediction_table(comparison: Comparison) -> ResultTable | None:
         text_column("runs of"),
         text_column("model of"),
         number_column(f"{axis.rate_words} R²"),
-        *(number_column(f"{axis.position_words} after {horizon:.0f} s", axis.display_unit[0]) for horizon in _HORIZONS),
+        *(number_column(f"{axis.position_words} after {horizon:.0f} s", axis.display_unit[0]) for horizon in HORIZONS),
     )
     for runs, model in (("a", "a"), ("a", "b"), ("b", "a"), ("b", "b")):
         prediction = comparison.predictions.get((model, runs))
         if prediction is not None:
-            errors = [format_number(axis.to_display(prediction.position_errors[horizon])) for horizon in _HORIZONS]
+            errors = [format_number(axis.to_display(prediction.position_errors[horizon])) for horizon in HORIZONS]
             table.add_row(runs.upper(), model.upper(), format_number(prediction.rate_r2, ".4f"), *errors)
     return table

@@ -1,26 +1,35 @@
-"""Results of the coupled model of surge, sway and yaw on a terminal."""
+"""Fit, check, diagnosis and export of the coupled model on a terminal."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from rich.console import Console
 
 from rovid.core.formatting import plus_minus
+from rovid.export.planar_run import VELOCITIES, PlanarMismatch, VerifiedPlanarExport
+from rovid.planar.diagnosis import PlanarAssessment, PlanarDiagnosis
 from rovid.planar.experiment import PlanarPlan
 from rovid.planar.fit import PlanarFit
 from rovid.planar.trial_simulation import SENSOR_UNITS, PlanarTrialSimulation, pooled_measures
-from rovid.present.console import print_labelled, print_text, show_caution, show_faults, show_warnings
+from rovid.preflight.planar_check import PlanarCheck
+from rovid.present.console import print_labelled, print_path, print_text, show_caution, show_faults, show_warnings
+from rovid.present.documents.planar import next_planar_experiment
 from rovid.present.number_format import format_number, unit_symbol
-from rovid.present.sentences import effect_title, join_words
+from rovid.present.sentences import effect_title, evidence_definitions, improvement_words, join_words, verdict_sentence
 from rovid.present.tables.planar import planar_estimate_table, planar_simulation_table, sensor_words
 from rovid.present.tables.table import ResultTable, mixed_number_column, text_column
-from rovid.present.terminal.results import show_plan
+from rovid.present.terminal.check import VERDICTS, merged_problems
+from rovid.present.terminal.diagnosis import show_finding
+from rovid.present.terminal.results import show_plan, show_stability
 from rovid.store.parameter_file import Parameters
 from rovid.store.planar_study import PlanarStudy
 from rovid.trial.assumptions import Assumptions
+from rovid.trial.axis import AXES
+from rovid.trial.fault import fault_texts
+from rovid.trial.trial import merged_remarks
 
 # Sensors that are shown in degrees.
 _ANGLES = ("heading",)
@@ -130,3 +139,147 @@ def show_planar_plan(
         names = [name for name, why in plan.left_out.items() if why == reason]
         print_text(console, f"left out, {reason}: {'; '.join(names)}")
     show_warnings(console, warnings)
+
+
+def show_planar_diagnosis(console: Console, diagnosis: PlanarDiagnosis, guess: Assumptions) -> None:
+    """Print the verdict, the causes with their evidence, the improvement, and the next run."""
+    print_labelled(console, verdict_sentence(diagnosis, guess))
+    if diagnosis.missing:
+        print_text(console, diagnosis.missing)
+    for finding in diagnosis.causes:
+        show_finding(console, finding)
+    for sentence in evidence_definitions(diagnosis.causes):
+        print_text(console, sentence)
+    base, extended = diagnosis.base, diagnosis.extended
+    if base is not None and extended is not None:
+        console.print()
+        if extended.fit.model.effects:
+            print_labelled(console, "Gain on trials that were not fitted:", gain_words(base, extended))
+        planar_held_out_table(diagnosis, base, extended).print(console, guess)
+        console.print(planar_estimate_table(extended.fit.estimate))
+        for text in undetermined_sentences(extended.fit):
+            print_labelled(console, "Not determined:", text, "bold yellow")
+    if diagnosis.unexplained_shares:
+        shares = [f"{axis} {100.0 * share:.2g} %" for axis, share in diagnosis.unexplained_shares.items()]
+        print_text(console, f"left unexplained, in percent of the variance of all forces: {', '.join(shares)}")
+    print_text(console, "cannot be found from these data: a common factor on all thrust")
+    run = next_planar_experiment(diagnosis)
+    print_labelled(console, "Next:", f"{run['run']} ({run['reason']})")
+
+
+def gain_words(base: PlanarAssessment, extended: PlanarAssessment) -> str:
+    """By how much each error on held-out trials changes with the causes."""
+    one, other = base.held_out, extended.held_out
+    errors = {f"{sensor_words(name)} error": (size, other.rmse[name]) for name, size in one.rmse.items()}
+    for horizon, size in one.heading_errors.items():
+        if horizon in other.heading_errors:
+            errors[f"heading error after {horizon:.0f} s"] = size, other.heading_errors[horizon]
+    return improvement_words(errors)
+
+
+def planar_held_out_table(
+    diagnosis: PlanarDiagnosis, base: PlanarAssessment, extended: PlanarAssessment
+) -> ResultTable:
+    """Errors of free-running simulations of held-out trials; one column where both models are the same."""
+    models = ("plain model", "extended model")[: 1 + bool(extended.fit.model.effects)]
+    columns = map(mixed_number_column, (*models, "noise floor"))
+    table = ResultTable("Error on trials that were not fitted", text_column("quantity"), *columns)
+    sides = (base.held_out, extended.held_out)[: len(models)]
+    for name in base.held_out.rmse:
+        cells = [format_number(side.rmse.get(name)) for side in sides]
+        floor = format_number(diagnosis.noise_floors.get(name), 2)
+        table.add_row(f"{sensor_words(name)} RMSE, {unit_symbol(SENSOR_UNITS[name])}", *cells, floor)
+    for horizon in base.held_out.heading_errors:
+        cells = [format_number(_degrees(side.heading_errors.get(horizon))) for side in sides]
+        floor = format_number(_degrees(diagnosis.heading_floors.get(horizon)), 2)
+        table.add_row(f"heading after {horizon:.0f} s, deg", *cells, floor)
+    table.add_row("log-likelihood", *(format_number(side.log_likelihood, ".0f") for side in sides), "")
+    return table
+
+
+def _degrees(angle: float | None) -> float | None:
+    return None if angle is None else math.degrees(angle)
+
+
+def show_planar_check(console: Console, checked: PlanarCheck) -> None:
+    """Print the verdict, the tasks, what the sensors and the motions are, and the notes."""
+    print_labelled(console, *VERDICTS[checked.verdict])
+    for number, task in enumerate(planar_tasks(checked), 1):
+        print_text(console, f"{number}. {task}", len(f"{number}. "))
+    console.print()
+    if checked.sensors:
+        console.print(_sensors_table(checked))
+        console.print(_axes_table(checked))
+    show_warnings(console, planar_notes(checked))
+
+
+def planar_notes(checked: PlanarCheck) -> list[str]:
+    """Advice that asks for no action, and the remarks of the readers."""
+    asides = [advice.text for advice in checked.advice if advice.weight == "aside"]
+    return [*asides, *merged_remarks(checked.trials), *(remark.text for remark in checked.remarks)]
+
+
+def planar_tasks(checked: PlanarCheck) -> Iterator[str]:
+    """Tasks before a fit, the most serious first."""
+    yield from fault_texts(checked.faults)
+    yield from merged_problems(checked.problems)
+    yield from (advice.text for advice in checked.advice if advice.weight != "aside")
+
+
+def _sensors_table(checked: PlanarCheck) -> ResultTable:
+    titles = ("Hz", "readings", "noise", "gaps", "longest gap s")
+    columns = [*map(mixed_number_column, titles[:3]), text_column("unit"), *map(mixed_number_column, titles[3:])]
+    table = ResultTable("Sensors", text_column("sensor"), *columns)
+    for one in checked.sensors:
+        unit, factor = _unit(one.name)
+        noise = "unknown" if math.isnan(one.noise) else format_number(factor * one.noise, 2)
+        gap = format_number(one.longest_gap, 2) if one.gaps else "none"
+        table.add_row(
+            one.name.replace("_", " "), format_number(one.rate), str(one.readings), noise, unit, str(one.gaps), gap
+        )
+    return table
+
+
+def _unit(sensor: str) -> tuple[str, float]:
+    """Unit for people, and its number in one SI unit."""
+    if sensor == "heading":
+        return AXES["yaw"].display_unit
+    if sensor == "yaw_rate":
+        unit, factor = AXES["yaw"].display_unit
+        return f"{unit}/s", factor
+    return ("m/s", 1.0) if sensor.endswith("velocity") else ("m", 1.0)
+
+
+def _axes_table(checked: PlanarCheck) -> ResultTable:
+    columns = map(mixed_number_column, ("thrust RMS", "speed RMS"))
+    table = ResultTable("Motions", text_column("axis"), *columns, text_column("unit"), text_column("driven by"))
+    for one in checked.axes:
+        axis = AXES[one.axis]
+        speed = format_number(one.velocity, 2) if math.isfinite(one.velocity) else "not measured"
+        force = format_number(one.force, 2) if one.force else "none"
+        driven = ", ".join(one.actuators) or "nothing"
+        table.add_row(one.axis, force, speed, f"{axis.force_unit}, {axis.rate_unit}", driven)
+    return table
+
+
+def show_planar_export(console: Console, path: Path, made: VerifiedPlanarExport) -> None:
+    """Print the differences between the target's equation and the model, what the target lacks, and its stability."""
+    print_path(console, str(path))
+    print_text(console, f"re-simulated with the target's equation: {_differences(made.mismatch)}")
+    if made.losses:
+        print_text(console, f"without the parts that the target lacks: {_differences(made.kept_mismatch)}")
+    for loss in made.losses:
+        name, largest = max(loss.percent_of_range.items(), key=lambda item: item[1])
+        size = f"{format_number(largest, 2)} % of the range of the {name.replace('_', ' ')}"
+        print_labelled(console, "Not held:", f"{loss.what}, {size}: {loss.why}.", "red")
+    show_stability(console, made.stability)
+    show_warnings(console, made.warnings)
+
+
+def _differences(mismatch: PlanarMismatch) -> str:
+    parts = [
+        f"{name.replace('_', ' ')} off by {format_number(mismatch.percent_of_range[name], 2)} % of its range, "
+        f"{format_number(mismatch.rms[name], 2)} {unit} rms"
+        for name, unit in VELOCITIES.items()
+    ]
+    return "; ".join(parts)
