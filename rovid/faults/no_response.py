@@ -88,13 +88,15 @@ class _Window(NamedTuple):
 
 def _windows(run: Run, tau: float) -> Iterator[_Window]:
     """Overlapping windows of some time constants of the vehicle, in which the rate is known."""
-    torque, period = first_order(held_torque(run), tau, run.rates.kernel.period), run.rates.kernel.period
+    held, period = held_torque(run), run.rates.kernel.period
+    # A slow first-order response still moves in a hold, where quadratic drag has settled the rate long before.
+    late = first_order(held, tau, period)
     length = max(_MIN_SAMPLES, round(_WINDOW * tau / period))
-    for first in range(0, len(torque) - length + 1, length // 8):
+    for first in range(0, len(held) - length + 1, length // 8):
         rows = slice(first, first + length)
         if run.valid[rows].all():
             rate = float(np.sqrt(max(float(np.var(run.rates.rate[rows])) - run.rates.rate_noise**2, 0.0)))
-            yield _Window(float(run.rates.time[first]), rate, float(np.std(torque[rows])))
+            yield _Window(float(run.rates.time[first]), rate, float(min(np.std(late[rows]), np.std(held[rows]))))
 
 
 def _found(name: str, runs: Sequence[Run], rate: float, at: float | None = None) -> Detection[RunsData]:
