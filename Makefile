@@ -6,7 +6,7 @@ JOBS   ?= auto
 
 ROVID  ?= $(BIN)/rovid
 
-.PHONY: demo demo-alone test pytest test-slow lint docs release bench sweep torture challenge clean
+.PHONY: demo demo-alone test pytest test-slow lint docs release bench sweep torture challenge lowest clean
 
 INSTALL := .ci/install $(BIN)/python
 # By all cores, and wherever Python is told to keep nothing of the kind by itself; what does not compile is not used. Tests
@@ -95,6 +95,12 @@ sweep: $(VENV)/installed  ## hours: what the diagnosis names of hidden effects; 
 torture: $(VENV)/installed  ## an hour: a million bad inputs, kills, full disks; run again, it goes on where it ended
 	$(BIN)/python -m benchmarks.torture --inputs 1000000 --state build/torture.jsonl $(TORTURE)
 	$(BIN)/python -m benchmarks.torture.faults --state build/faults.jsonl
+
+lowest:  ## the demo with the lowest version of each dependency that pyproject.toml allows
+	rm -rf build/lowest
+	$(PYTHON) -m venv build/lowest
+	UV_RESOLUTION=lowest-direct .ci/install build/lowest/bin/python '.[app]'
+	$(MAKE) --no-print-directory demo-alone ROVID=build/lowest/bin/rovid
 
 challenge: $(VENV)/compared  ## an hour: the last open round of Name That Cause, all baselines, docs/challenge.md
 	-$(BIN)/python -m pip install --quiet --disable-pip-version-check pysindy

@@ -45,7 +45,9 @@ def _head(here: dict[str, Any], count: int, simulators: int) -> str:
 description of the vehicle. The answer is a probability for each of {len(CAUSES)} causes, for no cause, and for a cause
 outside the list, with quantiles of inertia and drag and of a held-out heading.
 
-Round {here["round"]} was sealed on {here["sealed"]} with the SHA-256 `{here["sha256"]}`. {secret}
+Round {here["round"]} was sealed on {here["sealed"]} with the SHA-256
+`{here["sha256"]}`. {secret}
+{here.get("remark", "")}
 
 <!-- test: not run; it takes an hour -->
 ```sh

@@ -16,6 +16,7 @@ from rovid.store.parameter_file import Parameters
 from rovid.trial.trial import NO_FILE
 
 _UNITS = {"heading_deg": "deg", "yaw_rate_deg_s": "deg/s", "roll_deg": "deg", "pitch_deg": "deg"}
+_BUDGET = 3600.0  # s; the default of 60 s ends a search early on a busy machine
 _SURE = 0.97  # largest confidence that is believed
 _NOMINAL_ERRORS = 3.0  # a lag or loss within so many standard errors of the described one is no cause
 # Odds, before a look at the campaign, that an unexplained torque has a cause outside the list, and without one.
@@ -28,7 +29,7 @@ def answer(campaign: Campaign) -> Answer:
         known, whole = Path(room) / "known", Path(room) / "whole"
         _write(campaign, known, filled=False)
         _write(campaign, whole, filled=True)
-        said = rovid.open(known).diagnose(force=True)
+        said = rovid.open(known).diagnose(force=True, budget=_BUDGET)
         if said.estimate is None:
             raise rovid.RovidError("no model.", where=campaign.name)
         logs = rovid.open(whole).logs

@@ -1,0 +1,85 @@
+"""Golden campaigns: every number that fit, simulate and diagnose print of two sample campaigns is the recorded one.
+
+Renew after a wanted change, and look at the difference: ``python -m tests.whole.test_golden``.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+GOLDEN = Path(__file__).parent / "golden"
+CASES = [*(("rosub_hidden", command) for command in ("fit", "diagnose", "simulate")), ("planar_rov", "fit")]
+RELATIVE = 1e-6  # asked for; the same code on the same machine gives the same bits
+# What a clock or a release changes, and no estimate.
+_NOT_HELD = frozenset({"written", "rovid_version", "seconds", "took", "elapsed"})
+
+
+def numbers(value: Any, where: str = "") -> Iterator[tuple[str, float | str | bool | None]]:
+    """(path, value) of each leaf of a document."""
+    if isinstance(value, dict):
+        for key, one in value.items():
+            if key not in _NOT_HELD:
+                yield from numbers(one, f"{where}.{key}")
+    elif isinstance(value, list):
+        for place, one in enumerate(value):
+            yield from numbers(one, f"{where}[{place}]")
+    elif isinstance(value, int | float | bool) or value is None:
+        yield where, value
+
+
+def printed(folder: str, command: str) -> dict[str, Any]:
+    """Numbers that a command prints, to ten digits."""
+    with tempfile.TemporaryDirectory() as room:
+        words = [command, str(ROOT / "sample_logs" / folder), "-p", str(Path(room) / "p.toml"), "--json"]
+        if folder.startswith("planar"):
+            words += ["--axes", "planar"]
+        if command == "simulate":  # it needs parameters
+            _run(["fit", *words[1:]])
+        document = json.loads(_run(words))
+    return {
+        place: float(f"{value:.10g}") if isinstance(value, float) and math.isfinite(value) else value
+        for place, value in numbers(document)
+    }
+
+
+def _run(words: list[str]) -> str:
+    # No budget ends a search early on a loaded machine.
+    environment = os.environ | {"ROVID_BUDGET": "3600", "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [sys.executable, "-m", "rovid", *words], capture_output=True, text=True, env=environment, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("folder", "command"), CASES)
+def test_every_number_is_the_recorded_one(folder: str, command: str) -> None:
+    recorded = json.loads((GOLDEN / f"{folder}_{command}.json").read_text(encoding="utf-8"))
+    now = printed(folder, command)
+    assert now.keys() == recorded.keys()
+    assert now == pytest.approx(recorded, rel=RELATIVE, abs=1e-12, nan_ok=True)
+
+
+def main() -> None:
+    """Record what is printed today."""
+    GOLDEN.mkdir(exist_ok=True)
+    for folder, command in CASES:
+        text = json.dumps(printed(folder, command), separators=(",\n", ":"))
+        (GOLDEN / f"{folder}_{command}.json").write_text(text + "\n", encoding="utf-8", newline="\n")
+        print(f"{folder}_{command}.json")
+
+
+if __name__ == "__main__":
+    main()
