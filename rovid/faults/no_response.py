@@ -64,13 +64,12 @@ def _stretches(parts: Mapping[str, Sequence[Run]], tau: float) -> Iterator[Detec
     """Logs in which the vehicle does not respond for a while."""
     windows = {name: [window for run in runs for window in _windows(run, tau)] for name, runs in parts.items()}
     for name, own in windows.items():
-        others = [
-            window for other, those in windows.items() if other != name for window in those if window.torque > 0.0
-        ]
-        if not others:
+        others = [window for other in windows if other != name for window in windows[other]]
+        # Windows of a constant torque, and its fading past, show motion by waves or noise alone.
+        enough = _FULL * max((window.torque for window in others), default=0.0)
+        if not enough > 0.0:
             continue
-        enough = _FULL * float(np.median([window.torque for window in others]))
-        usual = float(np.median([window.rate / window.torque for window in others]))
+        usual = float(np.median([window.rate / window.torque for window in others if window.torque > enough]))
         pushed = [window for window in own if window.torque > enough]
         silent = [window for window in pushed if window.rate < _NONE * usual * window.torque]
         # A log that responds nowhere is another vehicle's.
