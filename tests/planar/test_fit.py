@@ -113,7 +113,7 @@ def test_a_fit_that_diverges_is_refused(monkeypatch: pytest.MonkeyPatch) -> None
 
 def test_a_fit_of_free_runs_recovers_a_torpedo_from_far() -> None:
     truth = torpedo(3)
-    data = campaign(truth, runs=3, levels=12, hold=8.0, seed=4)
+    data = campaign(truth, runs=2, levels=12, hold=8.0, seed=4)
     base = fit_base(data)
     scale = np.where(np.arange(len(base.x)) < 3, 0.3, 0.0)
     away = PlanarOptimum(base.likelihood, base.coordinates.projected(base.x + scale), base.value)
