@@ -30,6 +30,8 @@ _FULL = 0.3
 _NONE = 0.05
 # The same share, above which another stretch of the log responds.
 _RESPONDS = 0.5
+# RMS rate as a share of the log's largest, below which the vehicle coasts to rest: by quadratic drag it takes long.
+_COASTS = 0.25
 # Length of a window in time constants, and its smallest number of samples.
 _WINDOW, _MIN_SAMPLES = 5.0, 20
 
@@ -71,18 +73,21 @@ def _stretches(parts: Mapping[str, Sequence[Run]], tau: float) -> Iterator[Detec
             continue
         usual = float(np.median([window.rate / window.torque for window in others if window.torque > enough]))
         pushed = [window for window in own if window.torque > enough]
-        silent = [window for window in pushed if window.rate < _NONE * usual * window.torque]
+        # A vehicle that turns at a steady rate in a hold is not at rest.
+        slow = _COASTS * max((window.level for window in pushed), default=0.0)
+        silent = [w for w in pushed if w.rate < _NONE * usual * w.torque and w.level < slow]
         # A log that responds nowhere is another vehicle's.
         if silent and any(window.rate > _RESPONDS * usual * window.torque for window in pushed):
             yield _found(name, parts[name], float(np.median([window.rate for window in silent])), silent[0].start)
 
 
 class _Window(NamedTuple):
-    """Part of a run: its start in s, and standard deviations of its rate (rad/s or m/s) and torque (N m or N)."""
+    """Part of a run: its start in s, standard deviations of rate (rad/s or m/s) and torque (N m or N), and RMS rate."""
 
     start: float
     rate: float
     torque: float
+    level: float
 
 
 def _windows(run: Run, tau: float) -> Iterator[_Window]:
@@ -95,7 +100,8 @@ def _windows(run: Run, tau: float) -> Iterator[_Window]:
         rows = slice(first, first + length)
         if run.valid[rows].all():
             rate = float(np.sqrt(max(float(np.var(run.rates.rate[rows])) - run.rates.rate_noise**2, 0.0)))
-            yield _Window(float(run.rates.time[first]), rate, float(min(np.std(late[rows]), np.std(held[rows]))))
+            torque = float(min(np.std(late[rows]), np.std(held[rows])))
+            yield _Window(float(run.rates.time[first]), rate, torque, _rms(run.rates.rate[rows]))
 
 
 def _found(name: str, runs: Sequence[Run], rate: float, at: float | None = None) -> Detection[RunsData]:
