@@ -98,9 +98,9 @@ def _rules() -> str:
 {entrants}
 
 All but rovid and the prior share one library of terms, which has no added mass with memory, no deviation of the
-compass, no waves and no seiche. The conversion of each method's result to probabilities was set on six other
-campaigns and not changed on these. A comparable contest on engine faults (DX 2025) was won with a probability of
-66 % on the truth.
+compass, no waves and no seiche. The conversion of rovid's result to probabilities was set before any of these
+campaigns was drawn. The library of terms, and the scaling and the threshold of *sindy*, were still changed while the
+first round was run. A comparable contest on engine faults (DX 2025) was won with a probability of 66 % on the truth.
 
 ## Scores
 

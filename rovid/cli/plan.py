@@ -41,14 +41,9 @@ PAGE = Page(
     """,
     examples=(
         ("A run that distinguishes a lag from a delay", "rovid plan --between thruster_lag --between command_delay"),
-        (
-            "A run for one parameter, at most 5 minutes and 2 turns",
-            "rovid plan --narrow linear_drag --minutes 5 --turns 2",
-        ),
         ("The run that surge, sway and yaw together lack most", "rovid plan --axes planar"),
-        ("A run with optimised levels and switching times", "rovid plan --narrow inertia --design --max-rate 10"),
+        ("Optimised for one parameter, at most 2 turns", "rovid plan --narrow linear_drag --design --turns 2"),
         ("Pairs of causes that the standard runs separate", "rovid plan --matrix"),
-        ("At 60 % of the commands, at most 10 deg/s", "rovid plan --share 0.6 --max-rate 10 -o next.csv"),
     ),
     see=("rovid diagnose", "rovid check", "rovid help plan"),
 )

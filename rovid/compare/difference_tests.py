@@ -12,7 +12,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import block_diag, orth
 
 from rovid.core.array_types import FloatArray
 from rovid.core.stats import chi2_sf
@@ -354,6 +353,8 @@ class _Selection:
 
     def joint(self, chosen: Sequence[ChangeCandidate]) -> tuple[FloatArray, FloatArray]:
         """(2p,) values of A and B and their covariance, with all parameters shared that are not ``chosen``."""
+        from scipy.linalg import block_diag, orth  # The import takes long.
+
         pair, count, scale = self.pair, len(self.pair.names), self.pair.errors
         basis = np.zeros((count, 0))
         if chosen:

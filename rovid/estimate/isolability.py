@@ -9,7 +9,6 @@ from functools import cached_property
 from itertools import combinations
 
 import numpy as np
-from scipy import optimize
 
 from rovid.core.array_types import FloatArray
 from rovid.core.threads import thread_map
@@ -135,6 +134,8 @@ def sized_cause(
         changed = _rates(_with_effect(model, effect, at(math.exp(exponent))), vehicle, programme)
         difference = rms([one - other for one, other in zip(changed, plain, strict=True)])
         return math.log(difference / rate / SIZE_SHARE) if math.isfinite(difference) else 1.0
+
+    from scipy import optimize  # The import takes long.
 
     low, high = math.log(1e-3), math.log(30.0)
     if excess(high) < 0.0:
@@ -325,6 +326,8 @@ def _fitted(
     The coordinates of disturbance and noise stay as they are at the start. Columns of fixed coordinates and of those
     that are held by a bound are zero.
     """
+    from scipy import optimize  # The import takes long.
+
     low, high = objective.parametrization.bounds
     free = [at for at in range(len(start)) if not DISTURBANCE <= at < COMMON and low[at] < high[at]]
 

@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from scipy import optimize
 
 from rovid.core.array_types import FloatArray
 from rovid.estimate.candidate_runs import LEAD_SECONDS, CandidateRun, RunScales, sampled_shares
@@ -25,6 +24,8 @@ def design_run(worth: Callable[[CandidateRun], float], scales: RunScales, second
 
     Powell's method over levels and logarithms of holds, from the best of random and of regular patterns.
     """
+    from scipy import optimize  # The import takes long.
+
     low, high = np.log(_HOLDS)
     bounds = np.array([(-1.0, 1.0)] * _LEVELS + [(low, high)] * _LEVELS)
     rng = np.random.default_rng(_SEED)

@@ -101,6 +101,17 @@ def read_function(content: str) -> None:
     assert not STEERING.search(content)
 
 
+def read_parameters(content: str) -> None:
+    """Lines of a name and a number, and comments, none of which ends early."""
+    lines = [line.removeprefix("param set ") for line in content.splitlines() if line and not line.startswith("#")]
+    assert lines
+    for line in lines:
+        name, value = re.split(r"[, ]", line)
+        assert re.fullmatch(r"[A-Z0-9_]+", name)
+        float(value)
+    assert not STEERING.search(content)
+
+
 ASSERT_READABLE: dict[str, Callable[[str], None] | Callable[[bytes], None]] = {
     **dict.fromkeys(("gz-sim", "uuv", "vrx", "stonefish", "mujoco"), read_xml),
     "ros2": read_yaml,
@@ -108,6 +119,8 @@ ASSERT_READABLE: dict[str, Callable[[str], None] | Callable[[bytes], None]] = {
     "json": read_json,
     "python-vehicle-simulator": read_python,
     "mss": read_function,
+    "ardupilot": read_parameters,
+    "px4": read_parameters,
 }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -29,7 +30,7 @@ def gathered(stored: Parameters, study: Study, monkeypatch: pytest.MonkeyPatch) 
     """The evidence that would go on the page."""
     found: list[ReportData] = []
 
-    def keep(folder: Path, evidence: ReportData, *, claim: OutputSet) -> Path:
+    def keep(folder: Path, evidence: ReportData, *, claim: OutputSet, journal: Sequence[str] = ()) -> Path:
         found.append(evidence)
         return folder
 
