@@ -124,8 +124,6 @@ class PlanarGuess:
     signals: Mapping[str, SignalGuess] = field(default_factory=dict)  #: Name in rovid.toml -> column.
     #: Axis (surge, sway) -> source of a command -> its effect along that axis.
     effects: Mapping[str, Mapping[str, CommandEffect]] = field(default_factory=dict)
-    #: Commands of thrusters that do not turn the vehicle.
-    thrusters: tuple[ThrusterCommand, ...] = ()
     #: Column of a propeller's speed, which turns nothing, and its largest value; empty without.
     propeller: tuple[str, float] = ("", 0.0)
 
@@ -139,8 +137,7 @@ def guess_planar(logs: Sequence[Log], taken: set[str], commands: Sequence[Thrust
     free = {source: found for source, found in columns.items() if len(found) == len(logs) and source not in taken}
     signals: dict[str, SignalGuess] = {}
     effects = {}
-    alike = _alike(commands, free)
-    neutral = {command.source: command.neutral for command in (*commands, *alike)}
+    neutral = {command.source: command.neutral for command in commands}
     for name in ("surge", "sway"):
         axis = AXES[name]
         motion = axis_signals(axis, free, free, "").get(axis.rate_signal)
@@ -153,11 +150,20 @@ def guess_planar(logs: Sequence[Log], taken: set[str], commands: Sequence[Thrust
             signals |= positions
             break
     propeller = ("", 0.0) if commands else _propeller(free)
-    return PlanarGuess(signals=signals, effects=effects, thrusters=tuple(alike), propeller=propeller)
+    return PlanarGuess(signals=signals, effects=effects, propeller=propeller)
 
 
-def _alike(commands: Sequence[ThrusterCommand], columns: Columns) -> list[ThrusterCommand]:
-    """Columns with values like those of the ``commands``, by their pulses or by a name of a direction."""
+def further_thrusters(commands: Sequence[ThrusterCommand], logs: Sequence[Log]) -> list[ThrusterCommand]:
+    """Columns with values like those of the ``commands``, by their pulses or by a name of a direction.
+
+    They are commands of thrusters that do not turn the vehicle.
+    """
+    columns: dict[str, list[RawColumn]] = {}
+    for log in logs:
+        for source, column in log.items():
+            columns.setdefault(source, []).append(column)
+    for one in commands:
+        del columns[one.source]
     found: list[ThrusterCommand] = []
     largest = {max(abs(one.lowest), abs(one.highest)) for one in commands}
     for source, logged in columns.items():

@@ -145,7 +145,6 @@ def _thrusters(survey: LogSurvey) -> Iterator[str]:
         yield ""
         yield f"# {survey.curve} is that of the type of vehicle, which is a guess."
     turning = {command.name for command in all_commands(survey.mappings) if command.direction}
-    beside = {command.name for guess in survey.planar.values() for command in guess.thrusters}
     for name, commands in _commands(survey).items():
         # If some are known to turn the vehicle, the others are left to the user.
         mark = "# " if turning and name not in turning and not survey.with_planar else ""
@@ -158,7 +157,7 @@ def _thrusters(survey: LogSurvey) -> Iterator[str]:
             continue
         if survey.with_planar:
             yield from _planar_shares(survey, next(iter(commands.values())).source)
-        if name in beside:
+        if survey.with_planar and all(one.turns_nothing for one in commands.values()):
             yield "yaw_arm = 0.0    # m: an assumption, for a thruster that does not turn the vehicle"
         else:
             yield from (f"{mark}{line}" for line in _arm(survey, commands))
@@ -243,8 +242,7 @@ def _commands(survey: LogSurvey) -> dict[str, dict[str, ThrusterCommand]]:
     """Name of a thruster -> format -> its command."""
     commands = {}
     for kind, mapping in survey.mappings.items():
-        beside = survey.planar[kind].thrusters if survey.with_planar else ()
-        commands[kind] = {one.name: one for one in (*mapping.commands, *beside)}
+        commands[kind] = {one.name: one for one in mapping.commands}
     return _by_name(commands)
 
 
@@ -300,8 +298,6 @@ def _signals(survey: LogSurvey) -> Iterator[str]:
     for kind, mapping in survey.mappings.items():
         guess = survey.planar.get(kind, PlanarGuess())
         known = {one.source for one in guess.signals.values()}
-        if survey.with_planar:
-            known |= {one.source for one in guess.thrusters}
         if unused := [source for source in mapping.unused if source not in known]:
             names = [display_text(source, LINE_LENGTH) for source in unused]
             yield f"# {kind}: not used: {', '.join(names[:_MAX_UNUSED])}{', …' if len(names) > _MAX_UNUSED else ''}"

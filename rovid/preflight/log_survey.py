@@ -13,7 +13,7 @@ from rovid.core.errors import DataError, RovidError, suggestion
 from rovid.core.input_files import list_files, require_exists
 from rovid.core.output_files import CONFIG, OutputFile
 from rovid.core.output_files import GUESSED_CURVE as GUESSED
-from rovid.preflight.axis_guess import PlanarGuess, guess_planar
+from rovid.preflight.axis_guess import Log, PlanarGuess, further_thrusters, guess_planar
 from rovid.preflight.clock_alignment import ClockOffsets
 from rovid.preflight.log_reading import LogsRead, folder_of, is_thrust_curve, read_logs, resolve_source
 from rovid.preflight.raw_columns import SignalGuess
@@ -188,6 +188,8 @@ def survey_read_logs(
         profile_guessed = profile is not None
     if profile_guessed:
         mappings = _map_formats(read, options, profile)
+    if options.planar:
+        mappings = {kind: _with_further(mapping, read.logs[kind]) for kind, mapping in mappings.items()}
     if overrides is not None:
         mappings = overrides.apply_to(mappings)
     commands = list(all_commands(mappings))
@@ -217,6 +219,13 @@ def survey_read_logs(
         planar=_planar(read, mappings) if options.axis is YAW else {},
         with_planar=options.planar,
     )
+
+
+def _with_further(mapping: ColumnMapping, logs: Sequence[Log]) -> ColumnMapping:
+    """The mapping with the thrusters that do not turn the vehicle."""
+    further = further_thrusters(mapping.commands, logs)
+    found = replace(mapping, commands=(*mapping.commands, *further))
+    return found.of([source for source in mapping.unused if source not in {one.source for one in further}])
 
 
 def _planar(read: LogsRead, mappings: Mapping[str, ColumnMapping]) -> dict[str, PlanarGuess]:

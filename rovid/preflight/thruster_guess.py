@@ -163,6 +163,11 @@ class ThrusterCommand:
     arm_measured: bool = False  #: Whether the user gave the arm.
     is_motor: bool = False  #: Whether the torque is a constant times the command.
 
+    @property
+    def turns_nothing(self) -> bool:
+        """Whether it is known not to turn the vehicle."""
+        return self.direction_known and not self.direction and not self.arm
+
 
 def guess_thrusters(
     columns: Columns, logs: Sequence[Mapping[str, RawColumn]], position: SignalGuess | None, hints: GuessHints

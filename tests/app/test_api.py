@@ -69,8 +69,9 @@ def test_surge_sway_and_yaw_can_be_taken_together(tmp_path: Path) -> None:
     commands = [{"source": each["source"], "name": each["name"], "arm": 0.4, "angle": 30.0} for each in guessed]
     one.save(document | {"commands": {"csv": commands}})
     vehicle = load_planar_config(tmp_path / "day" / "rovid.toml").vehicle
-    shares = [(round(each.surge_share, 3), round(each.sway_share, 3)) for each in vehicle.thrusters]
-    assert shares[: len(guessed)] == [(0.866, 0.5)] * len(guessed)
+    assert [(round(each.surge_share, 3), round(each.sway_share, 3)) for each in vehicle.thrusters] == [
+        (0.866, 0.5)
+    ] * len(guessed)
     assert not any("surge" in text or "sway" in text for text in one.check(document)["tasks"])
 
 

@@ -341,8 +341,6 @@ def _guess_table(survey: LogSurvey) -> ResultTable:
         for rudder in mapping.rudders:
             table.add_row(f"angle of {rudder.name}", rudder.angle.source, rudder.angle.unit, rudder.angle.reason)
     for planar in survey.planar.values() if survey.with_planar else ():
-        for command in planar.thrusters:
-            table.add_row(f"command of {command.name}", command.source, "", command.reason)
         if planar.propeller[0]:
             table.add_row("command of propeller", planar.propeller[0], "", "named so; it does not turn the vehicle")
         for name, signal_guess in planar.signals.items():
