@@ -121,7 +121,7 @@ class NuisanceProjection:
 
 
 def score_tests(current: FitResult, forms: Sequence[Effect]) -> list[ScoreTest]:
-    """Score test of each of ``forms`` as an addition to a fitted model."""
+    """Score test of each of ``forms`` as an addition to a fitted model; none next to a model that diverges."""
     objectives = [current.objective.with_effects((*current.effects, form)) for form in forms]
     starts = [objective.parametrization.initial_values() for objective in objectives]
     chunks: Iterable[Sequence[NegativeLogLikelihood]] = zip(
@@ -129,6 +129,8 @@ def score_tests(current: FitResult, forms: Sequence[Effect]) -> list[ScoreTest]:
     )
     each = [_chunk_derivatives(current.x, chunk, list(zip(own, starts, strict=True))) for chunk, *own in chunks]
     equations = NormalEquations.sum_of([own for own, _ in each])
+    if not np.isfinite(equations.information).all():
+        return []
     projection = NuisanceProjection(equations)
     tests = []
     for objective, parts in zip(objectives, zip(*(found for _, found in each), strict=True), strict=True):

@@ -67,7 +67,12 @@ def _detect(data: SignalData) -> Iterator[Detection[SignalData]]:
     ratio = period / data.period
     usual = next((text for scale, text in _SCALES.items() if abs(ratio / scale - 1.0) < _NEAR), "")
     is_turn = abs(ratio - 1.0) < _NEAR or abs(ratio * _DEG - 1.0) < _NEAR or abs(ratio / _DEG - 1.0) < _NEAR
-    fewest = (_MIN_WRAPS if ratio < 1.0 else 1) if usual else _MIN_UNUSUAL
+    # Readings that fill a half turn from its one end to the other wrap there. A sensor that resets once does not.
+    half, bounds = 0.5 * data.period, np.array([low, high])
+    fills = abs(ratio - 0.5) < 0.1 * _NEAR and any(
+        np.all(np.abs(bounds - begin - [0.0, half]) < edge) for begin in (0.0, -0.5 * half)
+    )
+    fewest = (_MIN_WRAPS if ratio < 1.0 and not fills else 1) if usual else _MIN_UNUSUAL
     if is_turn or len(wraps) < fewest or np.ptp(periods) > _NEAR * period:
         return
     text = (

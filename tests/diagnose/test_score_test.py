@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -83,6 +84,11 @@ def test_a_start_that_diverges_excludes_no_other_start() -> None:
     # The effect can gain half the sum of squares.
     assert test.gain == pytest.approx(0.5 * 9.0 * 100.0, rel=0.02)
     assert test.start[0] > 0.0
+
+
+def test_next_to_a_model_that_diverges_nothing_is_tested() -> None:
+    objective: Any = RunningAway()
+    assert score_tests(FitResult(objective, np.array([math.nan]), 0.0), [effect_named("drag_curvature")]) == []
 
 
 @dataclass(frozen=True)

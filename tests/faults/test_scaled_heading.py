@@ -42,6 +42,16 @@ def test_another_period_is_named_and_stops(scale: float, rate: float, centre: fl
     assert fault.logs == ("a.csv",)
 
 
+@pytest.mark.parametrize("begin", [0.0, -0.25 * TURN])
+def test_one_wrap_between_the_ends_of_a_half_turn_is_enough(begin: float) -> None:
+    """Short logs wrap once. A sensor that resets by half a turn does it anywhere."""
+    heading = turning(np.random.default_rng(2), 0.02)
+    once = heading - heading[1000]
+    (fault,) = faults(np.mod(1.7 * once, TURN) * 0.5 + begin)
+    assert fault.size == pytest.approx(0.5, rel=0.01)
+    assert not faults(np.where(np.arange(len(once)) < 1000, once, once + 0.5 * TURN) + 1.0)
+
+
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("rate", [0.0, 0.1, -0.8, 8.0])
 def test_a_heading_gives_nothing(rate: float, seed: int) -> None:
