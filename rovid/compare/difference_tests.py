@@ -353,7 +353,7 @@ class _Selection:
 
     def joint(self, chosen: Sequence[ChangeCandidate]) -> tuple[FloatArray, FloatArray]:
         """(2p,) values of A and B and their covariance, with all parameters shared that are not ``chosen``."""
-        from scipy.linalg import block_diag, orth  # The import takes long.
+        from scipy.linalg import block_diag, orth
 
         pair, count, scale = self.pair, len(self.pair.names), self.pair.errors
         basis = np.zeros((count, 0))
@@ -362,8 +362,9 @@ class _Selection:
             basis = orth(directions / scale[:, np.newaxis], rcond=1e-9)
         # A is the shared part, B the shared part plus the changes.
         design = np.block([[np.eye(count), np.zeros(basis.shape)], [np.eye(count), basis]])
-        scales = np.outer(scale, scale)
-        weight = block_diag(*(np.linalg.pinv(one / scales, hermitian=True) for one in self._covariances))
+        weight = block_diag(
+            *(np.linalg.pinv(one / np.outer(scale, scale), hermitian=True) for one in self._covariances)
+        )
         covariance = np.linalg.pinv(design.T @ weight @ design, hermitian=True)
         measured = np.concatenate((pair.a / scale, pair.b / scale))
         values = design @ (covariance @ (design.T @ (weight @ measured)))
