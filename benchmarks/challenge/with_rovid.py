@@ -101,6 +101,8 @@ def _write(campaign: Campaign, folder: Path, *, filled: bool) -> None:
     for name in signals[1:]:
         unit = f', unit = "{_UNITS[name]}"' if name in _UNITS else ""
         lines.append(f'{name.removesuffix("_deg_s").removesuffix("_deg")} = {{ csv = "{name}"{unit} }}')
+    if filled:  # A heading that is held is no fault here.
+        lines += ["[faults]", 'no_response = "keep"', 'heading_gaps = "keep"', 'foreign_log = "keep"']
     (folder / "rovid.toml").write_text("\n".join(lines) + "\n", encoding="utf-8")
     for run in campaign.runs:
         table: pd.DataFrame = run.table

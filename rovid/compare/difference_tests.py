@@ -356,15 +356,12 @@ class _Selection:
         from scipy.linalg import block_diag, orth
 
         pair, count, scale = self.pair, len(self.pair.names), self.pair.errors
-        basis = np.zeros((count, 0))
-        if chosen:
-            directions = np.column_stack([candidate.directions for candidate in chosen])
-            basis = orth(directions / scale[:, np.newaxis], rcond=1e-9)
+        directions = [candidate.directions / scale[:, np.newaxis] for candidate in chosen]
+        basis = orth(np.column_stack(directions), rcond=1e-9) if chosen else np.zeros((count, 0))
         # A is the shared part, B the shared part plus the changes.
         design = np.block([[np.eye(count), np.zeros(basis.shape)], [np.eye(count), basis]])
-        weight = block_diag(
-            *(np.linalg.pinv(one / np.outer(scale, scale), hermitian=True) for one in self._covariances)
-        )
+        scales = np.outer(scale, scale)
+        weight = block_diag(*(np.linalg.pinv(one / scales, hermitian=True) for one in self._covariances))
         covariance = np.linalg.pinv(design.T @ weight @ design, hermitian=True)
         measured = np.concatenate((pair.a / scale, pair.b / scale))
         values = design @ (covariance @ (design.T @ (weight @ measured)))
