@@ -263,8 +263,8 @@ def _regress(blocks: Sequence[tuple[FloatArray, FloatArray]], count: int) -> _Re
     scores = np.add.reduceat(x * residual[:, None], starts, axis=0) @ inverse
     scatter = np.sum(scores**2, axis=0) * len(starts) / max(len(starts) - free, 1)
     errors = np.sqrt(np.maximum(least, scatter))
-    # A column of zeros has no error.
-    known = errors > 0.0
+    # A column of zeros has no error; one that is nothing but rounding has no effect either.
+    known = (errors > 0.0) & np.isfinite(norm)
     deviation = target - target.mean()
     return _Regression(
         gains=values / norm,
