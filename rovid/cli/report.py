@@ -59,11 +59,8 @@ PAGE = Page(
 )
 
 
-_JOURNAL = "Also write the plots for a journal into plots/WIDTH: 84mm or 174mm wide, PNG at 300 dpi. Repeatable."
-
-
 class JournalWidth(StrEnum):
-    """Width of a plot in print."""
+    """Width of a plot in print: one column, or the page, of most journals."""
 
     COLUMN = "84mm"
     PAGE = "174mm"

@@ -148,9 +148,10 @@ def mixed_commands(vehicle: Vehicle, model: Model) -> Allocation:
     """
     columns = []
     for thruster, neutral in zip(vehicle.thrusters, neutral_commands(vehicle), strict=True):
-        low, high = (-1.0, 1.0) if thruster.curve is None else thruster.curve.command[[0, -1]].tolist()
         if thruster.curve is None:
             low, high = -thruster.max_logged_torque, thruster.max_logged_torque
+        else:
+            low, high = thruster.curve.command[[0, -1]].tolist()
         ends = (low, neutral, high)
         columns.append(ends if thruster.arm > 0.0 else ends[::-1] if thruster.arm < 0.0 else (neutral,) * 3)
     commands = np.array(columns).T
@@ -229,18 +230,20 @@ def autopilot_loop(
         limit = min(limit, math.sqrt(most / model.inertia))
     leads = _LEADS if autopilot.cascade and late > _LEAST_LAG else _LEADS[:1]
     found: list[tuple[float, float]] = []
+    refusal: DataError | None = None
     for lead in (share * late for share in leads):
 
         def loop_of(bandwidth: float, lead: float = lead) -> OpenLoop:
             return replace(template, law=law_at(bandwidth, lead))
 
         try:
-            found.append((largest_bandwidth(loop_of, limit), -lead))
-        except DataError:
-            if lead == late * leads[-1] and not found:
-                raise
-    best, lead = max(found)
-    law = law_at(best, -lead)
+            found.append((largest_bandwidth(loop_of, limit), lead))
+        except DataError as error:
+            refusal = error
+    if not found and refusal is not None:
+        raise refusal
+    # Of equal bandwidths the one with the smallest derivative gain.
+    law = law_at(*max(found, key=lambda one: (one[0], -one[1])))
     return law, replace(template, law=law), probe
 
 

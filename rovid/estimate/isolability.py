@@ -114,6 +114,8 @@ def sized_cause(
     effect: Effect, base: CandidateModel, vehicle: Vehicle, programme: Sequence[Trial]
 ) -> SizedCause | None:
     """The cause at the size that changes the simulated rate by `SIZE_SHARE`; None where no size does."""
+    from scipy import optimize  # The import takes long.
+
     model = base.model
     plain = _rates(model, vehicle, programme)
     rate = rms(plain)
@@ -134,8 +136,6 @@ def sized_cause(
         changed = _rates(_with_effect(model, effect, at(math.exp(exponent))), vehicle, programme)
         difference = rms([one - other for one, other in zip(changed, plain, strict=True)])
         return math.log(difference / rate / SIZE_SHARE) if math.isfinite(difference) else 1.0
-
-    from scipy import optimize  # The import takes long.
 
     low, high = math.log(1e-3), math.log(30.0)
     if excess(high) < 0.0:

@@ -19,6 +19,7 @@ from rovid.core.errors import DataError, escape_invisible
 from rovid.core.output_files import export_mark
 from rovid.export import python_vehicle_simulator
 from rovid.export.interface import ExportInput, ExportResult
+from rovid.export.rovid_equation import STEP, STEP_NOTE
 from rovid.export.thruster_curves import constant_trim, number_list, thruster_curves
 
 _GAINS = (
@@ -151,8 +152,8 @@ def _result(subject: ExportInput, lines: list[str], notes: list[str]) -> ExportR
     return ExportResult(
         content="\n".join(lines) + "\n",
         simulate=None,
-        equation=subject.equation(0.02, **subject.drag_terms),
+        equation=subject.equation(STEP, **subject.drag_terms),
         kept_effects=frozenset(trimmed & subject.effects.keys()),
         base_losses=tuple((name, "the loop has no term for it: feedback takes its place") for name in _LOST),
-        notes=(*notes, "Stability is judged for the vehicle alone in Runge-Kutta steps of 0.02 s."),
+        notes=(*notes, STEP_NOTE),
     )

@@ -4,7 +4,7 @@ A log counts where its torque, through the time constant of the other logs, is a
 over that torque is compared with the other logs' median. Quadratic drag alone lets that ratio vary by the square root
 of the torques' ratio, at most twofold here.
 
-A stretch of a log, as after a circuit breaker or on the ground, counts by the same rule with standard deviations in
+A stretch of a log, as on the ground, counts by the same rule with standard deviations in
 windows: a constant torque may balance a tether, a current or friction.
 """
 
@@ -75,7 +75,7 @@ def _stretches(parts: Mapping[str, Sequence[Run]], tau: float) -> Iterator[Detec
         pushed = [window for window in own if window.torque > enough]
         # A vehicle that turns at a steady rate in a hold is not at rest.
         slow = _COASTS * max((window.level for window in pushed), default=0.0)
-        silent = [w for w in pushed if w.rate < _NONE * usual * w.torque and w.level < slow]
+        silent = [one for one in pushed if one.rate < _NONE * usual * one.torque and one.level < slow]
         # A log that responds nowhere is another vehicle's.
         if silent and any(window.rate > _RESPONDS * usual * window.torque for window in pushed):
             yield _found(name, parts[name], float(np.median([window.rate for window in silent])), silent[0].start)

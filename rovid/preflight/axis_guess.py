@@ -17,6 +17,7 @@ from rovid.preflight.raw_columns import (
     SIDE,
     RawColumn,
     SignalGuess,
+    columns_by_source,
     ending_unit,
     finite_values,
     may_be_command,
@@ -130,11 +131,7 @@ class PlanarGuess:
 
 def guess_planar(logs: Sequence[Log], taken: set[str], commands: Sequence[ThrusterCommand]) -> PlanarGuess:
     """Velocities and positions in columns that are not ``taken``, and the effects of the ``commands`` on the former."""
-    columns: dict[str, list[RawColumn]] = {}
-    for log in logs:
-        for source, column in log.items():
-            columns.setdefault(source, []).append(column)
-    free = {source: found for source, found in columns.items() if len(found) == len(logs) and source not in taken}
+    free = _free_columns(logs, taken)
     signals: dict[str, SignalGuess] = {}
     effects = {}
     neutral = {command.source: command.neutral for command in commands}
@@ -153,27 +150,29 @@ def guess_planar(logs: Sequence[Log], taken: set[str], commands: Sequence[Thrust
     return PlanarGuess(signals=signals, effects=effects, propeller=propeller)
 
 
-def further_thrusters(commands: Sequence[ThrusterCommand], logs: Sequence[Log]) -> list[ThrusterCommand]:
-    """Columns with values like those of the ``commands``, by their pulses or by a name of a direction.
+def _free_columns(logs: Sequence[Log], taken: set[str]) -> Columns:
+    """Columns that all logs have and that are not ``taken``."""
+    columns = columns_by_source(logs)
+    return {source: found for source, found in columns.items() if len(found) == len(logs) and source not in taken}
 
-    They are commands of thrusters that do not turn the vehicle.
+
+def further_thrusters(
+    logs: Sequence[Log], taken: set[str], commands: Sequence[ThrusterCommand]
+) -> list[ThrusterCommand]:
+    """Commands of thrusters that do not turn the vehicle, in columns that are not ``taken``.
+
+    Their values are like those of the ``commands``. They are pulses, or the name has a direction.
     """
-    columns: dict[str, list[RawColumn]] = {}
-    for log in logs:
-        for source, column in log.items():
-            columns.setdefault(source, []).append(column)
-    for one in commands:
-        del columns[one.source]
     found: list[ThrusterCommand] = []
     largest = {max(abs(one.lowest), abs(one.highest)) for one in commands}
-    for source, logged in columns.items():
+    for source, logged in _free_columns(logs, taken).items():
         values, words = finite_values(logged), name_words(source)
         if len(values) < MIN_SAMPLES or not np.ptp(values) > 0.0 or not may_be_command(source, words):
             continue
         low, high, neutral = float(values.min()), float(values.max()), neutral_value(values)
-        named = bool(neutral or words & (_SIDEWAYS | _AHEAD))
+        is_named = neutral > 0.0 or words & (_SIDEWAYS | _AHEAD)  # Pulses have a neutral value of their own.
         size = max(abs(low), abs(high))
-        if named and low <= neutral <= high and any(math.isclose(size, one, rel_tol=_ALIKE) for one in largest):
+        if is_named and low <= neutral <= high and any(math.isclose(size, one, rel_tol=_ALIKE) for one in largest):
             name = distinct_name(short_name(source), [one.name for one in (*commands, *found)])
             reason = f"{low:.4g} to {high:.4g}, like the other commands; no thrust at {neutral:g}"
             found.append(

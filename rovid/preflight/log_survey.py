@@ -223,7 +223,7 @@ def survey_read_logs(
 
 def _with_further(mapping: ColumnMapping, logs: Sequence[Log]) -> ColumnMapping:
     """The mapping with the thrusters that do not turn the vehicle."""
-    further = further_thrusters(mapping.commands, logs)
+    further = further_thrusters(logs, set(mapping.sources), mapping.commands)
     found = replace(mapping, commands=(*mapping.commands, *further))
     return found.of([source for source in mapping.unused if source not in {one.source for one in further}])
 

@@ -162,6 +162,15 @@ def is_thruster_command(source: str) -> bool:
     return may_be_command(source, words) and bool(words & (COMMAND | SIDE) or voltage)
 
 
+def columns_by_source(logs: Sequence[Mapping[str, RawColumn]]) -> dict[str, list[RawColumn]]:
+    """The columns of all logs with each source."""
+    columns: dict[str, list[RawColumn]] = {}
+    for log in logs:
+        for source, column in log.items():
+            columns.setdefault(source, []).append(column)
+    return columns
+
+
 def may_be_command(source: str, words: set[str]) -> bool:
     """Whether neither ``words`` nor the unit in the name of ``source`` belong to another quantity."""
     return not words & _NOT_COMMAND and not has_other_unit(source)

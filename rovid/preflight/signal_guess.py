@@ -23,6 +23,7 @@ from rovid.preflight.raw_columns import (
     VOLTAGE,
     RawColumn,
     SignalGuess,
+    columns_by_source,
     finite_values,
     is_error_or_order,
     is_torque,
@@ -86,10 +87,7 @@ class ColumnMapping:
 def map_columns(logs: Sequence[Mapping[str, RawColumn]], hints: GuessHints | None = None) -> ColumnMapping:
     """Guess the contents of the columns of ``logs``, each given by source without the clock."""
     hints = hints or GuessHints()
-    columns: dict[str, list[RawColumn]] = {}
-    for log in logs:
-        for source, column in log.items():
-            columns.setdefault(source, []).append(column)
+    columns = columns_by_source(logs)
     # A log without a mapped signal cannot be read: optional signals have to be in all logs.
     shared = {source: logged for source, logged in columns.items() if len(logged) == len(logs)}
     if hints.axis is YAW:

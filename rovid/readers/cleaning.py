@@ -81,7 +81,7 @@ class _Samples:
     def sigma(self) -> float:
         """Robust standard deviation of a sample from the mean of its neighbours."""
         bend = np.diff(self.wrapped_steps)
-        return 1.4826 * float(np.median(np.abs(bend[:: len(bend) // 10_000 + 1]))) / 2.0
+        return 1.4826 * subsampled_median(np.abs(bend)) / 2.0
 
     @cached_property
     def max_swing(self) -> float:

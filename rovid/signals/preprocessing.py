@@ -207,8 +207,8 @@ def _gyro_remarks(runs: Sequence[Run]) -> list[Remark]:
     scaled = f"is {gain:.3g} times the {axis.position_words}'s derivative, with" if is_scaled else "has"
     text = (
         f"{names}: the logged {axis.rate_words} {scaled} an offset of {offset:.2g} {axis.rate_unit}. The results rest "
-        f"on it. Check its unit and sign, or delete {axis.rate_signal} in rovid.toml to use the "
-        f"{axis.position_words}'s derivative instead."
+        f"on the logged {axis.rate_words}. Check its unit and sign, or delete {axis.rate_signal} in rovid.toml to use "
+        f"the {axis.position_words}'s derivative instead."
     )
     return [Remark(kind="gyro", count=len(off), text=text)]
 

@@ -15,7 +15,6 @@ from tests.app.served import served
 from tests.present.chromium import find_chromium
 
 pytestmark = pytest.mark.skipif(find_chromium() is None, reason="no Chromium here")
-_AXE = (importlib.resources.files("axe_playwright_python") / "axe.min.js").read_text()
 _SCREENS: list[tuple[Literal["light", "dark"], int]] = [("light", 1280), ("dark", 390)]
 
 
@@ -28,7 +27,7 @@ def browser() -> Iterator[Browser]:
 
 
 def violations(page: Page) -> list[str]:
-    page.evaluate(_AXE)
+    page.evaluate((importlib.resources.files("axe_playwright_python") / "axe.min.js").read_text())
     found = page.evaluate("axe.run().then(result => result.violations)")
     return [f"{one['id']}: {node['html'][:200]}" for one in found for node in one["nodes"]]
 

@@ -99,7 +99,7 @@ def build_planar_report(
     pdf, force
         Whether to print the page too, and whether to replace files of other programs.
     journal
-        Names of `canvas.JOURNAL_WIDTHS`: the plots are also written that wide.
+        Widths as "84mm": the plots are also written that wide.
 
     Raises
     ------
@@ -161,7 +161,7 @@ def _write(folder: Path, report: PlanarReport, claim: OutputSet, journal: Sequen
     figures = draw()
     plots = plot_files(figures.values(), folder / "plots")
     for name in journal:
-        with canvas.journal_plots(canvas.JOURNAL_WIDTHS[name]):
+        with canvas.journal_plots(name):
             plots |= plot_files(draw().values(), folder / "plots" / name)
     return write_page(folder, _render(report, figures), plots, claim)
 

@@ -66,9 +66,7 @@ def plot_files(figures: Iterable[ReportFigure], folder: Path) -> dict[OutputFile
 def existing_plots(folder: Path) -> list[OutputFile]:
     """Files in ``folder`` and its folders for journals with names of a report's plots, whatever program wrote them."""
     signatures = {".png": png_signature("report"), ".svg": svg_signature("report")}
-    files = [
-        path for one in (folder, *(folder / name for name in canvas.JOURNAL_WIDTHS)) for path in sorted(one.glob("*"))
-    ]
+    files = [path for one in (folder, *sorted(folder.glob("*mm"))) for path in sorted(one.glob("*"))]
     plots = filter(lambda path: _FILE_NAMES.fullmatch(path.name), files)
     return [OutputFile(path, signatures[path.suffix]) for path in plots]
 

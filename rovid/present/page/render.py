@@ -24,7 +24,7 @@ from rovid.present.page.plot_files import claim_page, write_page
 from rovid.present.page.summary import size_words, summarize
 from rovid.present.page.templating import long_date, read_assets, template_environment
 from rovid.present.page.viewer_data import viewer_document
-from rovid.present.plots.canvas import JOURNAL_WIDTHS, journal_plots
+from rovid.present.plots.canvas import journal_plots
 from rovid.present.report_data import ReportData
 from rovid.present.residuals import rms_sizes, unexplained_torques
 from rovid.present.sentences import effect_title, evidence_definitions, evidence_words
@@ -66,7 +66,7 @@ def write_report(
     today
         The date on the page; today's date, UTC, if None.
     journal
-        Names of `JOURNAL_WIDTHS`: the plots are also written that wide, each width into a folder of its name.
+        Widths as "84mm": the plots are also written that wide, each width into a folder of its name.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def write_report(
     text = render_page(report, figures, today=today or datetime.now(UTC).date())
     plots = figures.files(folder / "plots")
     for name in journal:
-        with journal_plots(JOURNAL_WIDTHS[name]):
+        with journal_plots(name):
             plots |= draw_figures(report).files(folder / "plots" / name)
     return write_page(folder, text, plots, claim)
 

@@ -66,13 +66,12 @@ _VARIABLES = {
     "#e2e2e2": "line",
 }
 POINTS = 1200
-# Widths of a column and of a page of most journals, in mm, and pixels per inch of the PNG.
-JOURNAL_WIDTHS = {"84mm": 84.0, "174mm": 174.0}
+# Pixels per inch of a PNG for a journal, and mm per inch.
 _JOURNAL_DPI, _INCH = 300.0, 25.4
 # Size in print relative to the drawing: text of 10 points has 8.
 _IN_PRINT = 0.8
-# in; panels of a narrower figure stand one below another.
-_ONE_COLUMN = 5.5
+# in; panels of a narrower figure stand one below another, and its legends stand above the titles, not beside them.
+_ONE_COLUMN, _LEGEND = 5.5, 0.25
 _journal: ContextVar[float | None] = ContextVar("journal", default=None)
 
 P = ParamSpec("P")
@@ -91,9 +90,9 @@ def report_style(draw: Callable[P, R]) -> Callable[P, R]:
 
 
 @contextlib.contextmanager
-def journal_plots(width: float) -> Iterator[None]:
-    """Draw and render figures ``width`` mm wide in print."""
-    token = _journal.set(width)
+def journal_plots(width: str) -> Iterator[None]:
+    """Draw and render figures of a ``width`` in print, as "84mm"."""
+    token = _journal.set(float(width.removesuffix("mm")))
     try:
         yield
     finally:
@@ -132,15 +131,14 @@ def panel_grid(
     journal = _journal.get()
     if journal is not None:
         width = min(width, journal / _INCH / _IN_PRINT)
-    if journal is not None and width < _ONE_COLUMN:
-        # Legends above the panels have no place beside their titles.
-        left, top = min(left, 0.4 * width), top + 0.25
     if width < _ONE_COLUMN and any(count > 1 for _, count in rows):
         single = [(tall, 1) for tall, count in rows for _ in range(count)]
-        margins = {"left": left, "right": right, "top": top - 0.25, "bottom": bottom, "down": max(down, 0.75) + 0.3}
+        margins = {"left": left, "right": right, "top": top, "bottom": bottom, "down": max(down, 0.75) + 0.3}
         figure, column = panel_grid(single, share_x=share_x, width=width, **margins)
         each = iter(row[0] for row in column)
         return figure, [[next(each) for _ in range(count)] for _, count in rows]
+    if journal is not None and width < _ONE_COLUMN:
+        left, top = min(left, 0.4 * width), top + _LEGEND
     height = top + sum(tall for tall, _ in rows) + down * (len(rows) - 1) + bottom
     figure = Figure(figsize=(width, height))
     panels: list[list[Axes]] = []
