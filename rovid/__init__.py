@@ -17,7 +17,9 @@ __version__ = "0.3.0"
 __all__ = ["RovidError", "Study", "__version__", "open"]
 
 
-def open(folder: str | PathLike[str], *, axis: str = "yaw", cutoff: float | None = None) -> Study:  # noqa: A001 - as in `rovid.open`
+def open(  # noqa: A001 - as in `rovid.open`
+    folder: str | PathLike[str], *, axis: str = "yaw", axes: str | None = None, cutoff: float | None = None
+) -> Study:
     """Open the logs in ``folder``, which rovid.toml describes. Nothing is written.
 
     Parameters
@@ -26,6 +28,8 @@ def open(folder: str | PathLike[str], *, axis: str = "yaw", cutoff: float | None
         A folder of logs, or one log.
     axis
         The degree of freedom: yaw, roll, pitch, surge, sway or heave.
+    axes
+        ``planar`` for surge, sway and yaw together; in place of ``axis`` and ``cutoff``.
     cutoff
         Cut-off frequency of the low-pass filter for rates in Hz; None: chosen from the data.
 
@@ -36,7 +40,7 @@ def open(folder: str | PathLike[str], *, axis: str = "yaw", cutoff: float | None
     """
     from rovid.api.study import open_folder
 
-    return open_folder(folder, axis=axis, cutoff=cutoff)
+    return open_folder(folder, axis=axis, axes=axes, cutoff=cutoff)
 
 
 def __getattr__(name: str) -> object:

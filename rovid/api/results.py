@@ -1,4 +1,4 @@
-"""Results as typed records. Each is made from the record that its command prints, and has the same numbers."""
+"""Results as typed records. Printed, a record shows what its command prints, and has the same numbers."""
 
 from __future__ import annotations
 
@@ -11,28 +11,13 @@ from typing import TYPE_CHECKING, Any, Literal
 import pandas as pd
 from rich.console import Console
 
-from rovid.compare.comparison import Comparison
-from rovid.core.errors import DataError
 from rovid.core.formatting import SafeConsole, plus_minus, to_json
 from rovid.core.output_files import OutputSet
-from rovid.diagnose.result import Diagnosis, Finding
 from rovid.estimate.estimate import Estimate
-from rovid.estimate.experiment_design import ExperimentPlan, command_csv
-from rovid.estimate.maximum_likelihood import LikelihoodFit
-from rovid.export.run_export import VerifiedExport, select_exporter
-from rovid.model.simulation import simulate_runs
-from rovid.preflight.check import LogCheck
-from rovid.present.console import show_caution
-from rovid.present.documents.diagnosis import all_faults, comparison_document, diagnosis_document, finding_document
-from rovid.present.documents.fits import likelihood_document
-from rovid.present.documents.results import check_document, export_document, plan_document
+from rovid.export.run_export import select_exporter
 from rovid.present.number_format import unit_symbol
-from rovid.present.terminal.check import show_check
-from rovid.present.terminal.diagnosis import show_comparison, show_study_diagnosis
-from rovid.present.terminal.results import show_export, show_fit, show_likelihood, show_plan
-from rovid.store.study import Study
+from rovid.store.parameter_file import Parameters
 from rovid.trial.fault import Fault
-from rovid.trial.vehicle import Vehicle
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -75,9 +60,9 @@ class Record:
     def plot(self, axes: Axes | None = None) -> Axes:
         """Draw the main result into ``axes``, by default those of a new figure, and return them.
 
-        A check draws the position in each log, a fit the measured and simulated rate of the longest log, a diagnosis
-        the position error after a restart on runs that were not fitted, a cause its gain and that of its alternatives,
-        a plan the commands, a comparison the ratios of all parameters, and an export the error of the yaw rate.
+        A check draws the position in each log, a fit and a simulation the measured and simulated rate of the longest
+        log, a diagnosis the position error after a restart on runs that were not fitted, a cause its gain and that of
+        its alternatives, a plan the commands, a comparison the ratios of all parameters, and an export its errors.
 
         Raises
         ------
@@ -122,6 +107,14 @@ class ModelRecord(Record):
     faults: tuple[Fault, ...]  #: Faults of the logs, with their remedies.
     warnings: tuple[str, ...]  #: Sentences on what limits the result.
     estimate: Estimate | None
+    stored: Parameters  # As a parameter file would hold the model
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class SimulationRecord(Record):
+    """Result of `rovid simulate`."""
+
+    r2: dict[str, float]  #: Signal -> R^2 of its free-running simulation over all runs, as ``yaw_rate``.
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -184,191 +177,3 @@ class ExportRecord(Record):
         _, target = select_exporter(self.format, None if path is None else Path(path))
         OutputSet([target]).write({target: self.content})
         return target.path
-
-
-# --- records from the results of the commands ---------------------------------------------------------------------
-
-
-def check_record(check: LogCheck, vehicle: Vehicle) -> CheckRecord:
-    """The record of a check."""
-
-    def show(console: Console) -> None:
-        show_caution(console, vehicle.assumptions)
-        show_check(console, check)
-
-    def draw(panel: Axes) -> None:
-        name, unit = vehicle.axis.position_words, vehicle.axis.display_unit
-        for trial, _ in check.rows:
-            panel.plot(trial.time, trial.position * unit[1], label=trial.name)
-        _label(panel, "time, s", f"{name}, {unit[0]}")
-
-    document = check_document(check, vehicle)
-    table = pd.DataFrame(document["logs"]).drop(columns="remarks", errors="ignore")
-    return CheckRecord(document=document, show=show, draw=draw, table=table, verdict=check.verdict, faults=check.faults)
-
-
-def fit_record(fit: LikelihoodFit, logs: Study) -> ModelRecord:
-    """The record of a fit."""
-
-    def draw(panel: Axes) -> None:
-        from rovid.present.plots.canvas import plot_overlay
-
-        longest = max(logs.runs.items if logs.runs else (), key=lambda run: run.trial.duration)
-        (item,) = simulate_runs([longest], fit.model, logs.vehicle)
-        plot_overlay(panel, longest.rates.time, item.measured, item.simulated)
-        panel.set_title(f"{longest.trial.name}   R² {item.fit.r2:.4f}")
-        _label(panel, "time, s", f"{logs.vehicle.axis.rate_words}, {logs.vehicle.axis.rate_unit}")
-
-    document, parameters = likelihood_document(fit, logs), _values(fit.estimate)
-    return ModelRecord(
-        document=document,
-        show=lambda console: show_fit(console, fit, show_likelihood, logs),
-        draw=draw,
-        table=pd.DataFrame.from_dict(document["parameters"], orient="index").rename_axis("parameter"),
-        parameters=parameters,
-        effects=tuple(effect.id for effect in fit.model.effects),
-        faults=logs.faults,
-        warnings=tuple(document["warnings"]),
-        estimate=fit.estimate,
-    )
-
-
-def diagnosis_record(diagnosis: Diagnosis, logs: Study) -> DiagnosisRecord:
-    """The record of a diagnosis."""
-
-    def draw(panel: Axes) -> None:
-        if not diagnosis.horizons:
-            text = f"the diagnosis has no prediction errors to plot: its verdict is {diagnosis.verdict}."
-            raise DataError(text, mend="Print the diagnosis: it names what is missing.")
-        axis = logs.vehicle.axis
-        for name, dashes in (("base", "--"), ("extended", "-")):
-            errors = [getattr(one, name) * axis.display_unit[1] for one in diagnosis.horizons]
-            panel.plot([one.seconds for one in diagnosis.horizons], errors, dashes, marker="o", label=f"{name} model")
-        _label(panel, "time after a restart, s", f"{axis.position_words} error (RMS), {axis.display_unit[0]}")
-
-    document, model = diagnosis_document(diagnosis, logs), diagnosis.extended or diagnosis.base
-    kinds = ("findings", "suspects")
-    keys = ["effect", "evidence", "confidence", "log_likelihood_gain", "held_out_log_likelihood_gain"]
-    rows = [{"kind": kind} | {key: one[key] for key in keys} for kind in kinds for one in document[kind]]
-    return DiagnosisRecord(
-        document=document,
-        show=lambda console: show_study_diagnosis(console, diagnosis, logs),
-        draw=draw,
-        table=pd.DataFrame(rows, columns=["kind", *keys]),
-        parameters={} if model is None else _values(model.estimate),
-        effects=() if model is None else tuple(effect.id for effect in model.model.effects),
-        faults=tuple(all_faults(diagnosis, logs)),
-        warnings=tuple(document["warnings"]),
-        estimate=None if model is None else model.estimate,
-        verdict=diagnosis.verdict,
-        findings=tuple(map(_cause_record, diagnosis.findings)),
-        suspects=tuple(map(_cause_record, diagnosis.suspects)),
-    )
-
-
-def _cause_record(finding: Finding) -> CauseRecord:
-    from rovid.present.plots.results import draw_alternatives
-    from rovid.present.terminal.diagnosis import show_finding
-
-    document = finding_document(finding)
-    return CauseRecord(
-        document=document,
-        show=lambda console: show_finding(console, finding),
-        draw=lambda panel: draw_alternatives(panel, finding),
-        table=pd.DataFrame.from_dict(document["parameters"], orient="index").rename_axis("parameter"),
-        effect=finding.effect.id,
-        parameters={name.rpartition(".")[2]: value for name, value in _values(finding.estimate).items()},
-        confidence=finding.probability,
-        evidence=str(finding.evidence),
-        cannot_be_told_from=tuple(document["cannot_be_told_from"]),
-    )
-
-
-def plan_record(plan: ExperimentPlan, vehicle: Vehicle) -> PlanRecord:
-    """The record of a plan."""
-
-    def draw(panel: Axes) -> None:
-        from rovid.present.plots.results import draw_commands
-
-        draw_commands(panel, plan)
-        panel.set_title(plan.best.run.name)
-        _label(panel, "time, s", "command")
-
-    document = plan_document(plan, vehicle, "", "", ()) | {"command_file": None, "picture": None}
-    return PlanRecord(
-        document=document,
-        show=lambda console: show_plan(console, plan, ()),
-        draw=draw,
-        table=pd.DataFrame(document["runs"]),
-        decides=plan.is_decisive,
-        commands=pd.read_csv(io.StringIO(command_csv(plan)), comment="#"),
-    )
-
-
-def comparison_record(comparison: Comparison) -> ComparisonRecord:
-    """The record of a comparison."""
-
-    def draw(panel: Axes) -> None:
-        from rovid.present.plots.results import draw_ratios
-
-        changes = comparison.changes
-        draw_ratios(panel, changes, {name: name.replace("_", " ") for name in changes.pair.names})
-
-    guess = comparison.a.assumptions | comparison.b.assumptions
-    document = comparison_document(comparison, guess, ())
-    keys = ("ratio", "standard_error", "confidence")
-    rows = {
-        name: {side: both[side]["value"] for side in "ab"} | {key: both[key] for key in keys}
-        for name, both in document["parameters"].items()
-    }
-    return ComparisonRecord(
-        document=document,
-        show=lambda console: show_comparison(console, comparison, guess, ()),
-        draw=draw,
-        table=pd.DataFrame.from_dict(rows, orient="index").rename_axis("parameter"),
-        verdict=comparison.verdict,
-        changed=tuple(document["changed"]),
-    )
-
-
-def export_record(name: str, made: VerifiedExport, vehicle: Vehicle) -> ExportRecord:
-    """The record of an export in the format ``name``."""
-
-    def draw(panel: Axes) -> None:
-        sizes = {loss.what: loss.percent_of_range for loss in made.losses}
-        sizes["the file as a whole"] = made.mismatch.percent_of_range
-        panel.barh(list(sizes), list(sizes.values()))
-        _label(panel, "error of the yaw rate, % of its range", "")
-
-    document = export_document(name, "", made, vehicle.assumptions) | {"file": None}
-    return ExportRecord(
-        document=document,
-        show=lambda console: show_export(console, Path(name), made),
-        draw=draw,
-        table=pd.DataFrame(document["not_held"], columns=["what", "why", "yaw_rate_percent_of_range"]),
-        format=name,
-        content=made.content,
-        not_held=tuple(loss.what for loss in made.losses),
-    )
-
-
-def _values(estimate: Estimate) -> dict[str, UncertainValue]:
-    return {
-        name: UncertainValue(
-            value=estimate.value(name),
-            standard_error=estimate.standard_error(name),
-            unit=estimate.unit(name),
-            interval_95=estimate.interval(name),
-        )
-        for name in estimate.names
-        if name not in estimate.refused
-    }
-
-
-def _label(panel: Axes, across: str, up: str, most: int = 8) -> None:
-    """Label ``panel``, with a legend if it has at most ``most`` entries."""
-    panel.set_xlabel(across)
-    panel.set_ylabel(up)
-    handles, labels = panel.get_legend_handles_labels()
-    if 0 < len(labels) <= most:
-        panel.legend(handles, labels, frameon=False, fontsize=9)

@@ -4,26 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from typing import Any, Self
 
-from rovid.api.results import (
-    CheckRecord,
-    ComparisonRecord,
-    DiagnosisRecord,
-    ExportRecord,
-    ModelRecord,
-    PlanRecord,
-    check_record,
-    comparison_record,
-    diagnosis_record,
-    export_record,
-    fit_record,
-    plan_record,
-)
+from rovid.api import records
+from rovid.api import results as to
 from rovid.compare.campaign_fit import CampaignFit, campaign_from_study
 from rovid.compare.comparison import compare as compare_campaigns
 from rovid.core.errors import ConfigError, DataError
@@ -31,15 +19,19 @@ from rovid.diagnose.result import Diagnosis
 from rovid.effects import Effect, effect_named
 from rovid.estimate.candidate_runs import RunLimits
 from rovid.export.interface import export_input
-from rovid.export.run_export import select_exporter, verified_export
+from rovid.export.planar_input import planar_input
+from rovid.export.planar_run import VerifiedPlanarExport, select_planar_exporter, verified_planar_export
+from rovid.export.run_export import VerifiedExport, select_exporter, verified_export
 from rovid.preflight.check import check_logs, check_trials, reversed_thrusters
+from rovid.preflight.planar_check import check_planar, check_planar_trials
 from rovid.readers.campaign import campaign_of
 from rovid.readers.parquet_reader import Table, thrust_curve, trials_of
 from rovid.store.parameter_file import Parameters
+from rovid.store.planar_study import PlanarStudy, open_planar_study, planar_effect, planar_study_of
 from rovid.store.study import Study, open_study, study_of
-from rovid.trial.axis import YAW, Axis, axis_named
+from rovid.trial.axis import PLANAR, YAW, Axis, axis_named
 from rovid.trial.config import Config, config_from, find_config, load_config
-from rovid.trial.trial import NO_FILE, Trial
+from rovid.trial.trial import Trial
 
 Progress = Callable[[str], None]
 
@@ -56,7 +48,7 @@ class VehicleStudy:
     """
 
     paths: tuple[Path, ...] = ()  #: The folder or log that was opened; empty for data in memory.
-    axis: Axis = YAW
+    axis: Axis = YAW  #: `PLANAR` for surge, sway and yaw together.
     cutoff: float | None = None  #: Hz; None: chosen from the data.
     config: Config | None = None  #: Description of data in memory; None for logs.
     trials: tuple[Trial, ...] = ()  #: Data in memory.
@@ -68,9 +60,11 @@ class VehicleStudy:
         *,
         signals: Mapping[str, Any],
         thrusters: Sequence[Mapping[str, Any]] = (),
+        rudders: Sequence[Mapping[str, Any]] = (),
         vehicle: Mapping[str, Any] | None = None,
         run: str | None = None,
         axis: str = "yaw",
+        axes: str | None = None,
         cutoff: float | None = None,
     ) -> Self:
         """A study of columns in memory. The description has the keys of rovid.toml.
@@ -86,11 +80,13 @@ class VehicleStudy:
         thrusters
             For each thruster ``name``, ``yaw_arm`` in m (positive turns the heading up), ``command`` (a column) and
             ``curve``: a table with the columns command and thrust_N, or a pair of arrays.
+        rudders
+            Rudders of the coupled model, with the keys of [[rudders]].
         vehicle
             ``name``, ``mass`` in kg, ``length`` and ``width`` in m, or ``rigid_body_inertia`` in kg m^2.
         run
             Column that names the run of each row; None: all rows are one run.
-        axis, cutoff
+        axis, axes, cutoff
             As in `rovid.open`.
 
         Raises
@@ -101,26 +97,42 @@ class VehicleStudy:
         document = {
             "vehicle": dict(vehicle or {}),
             "thrusters": [_with_curve(one, place) for place, one in enumerate(thrusters, 1)],
+            "rudders": [_with_sources(one) for one in rudders],
             "signals": {name: _source(value) for name, value in signals.items()},
         }
-        config = config_from(document, axis_named(axis))
-        return cls(axis=config.axis, cutoff=cutoff, config=config, trials=tuple(trials_of(data, config, run)))
+        chosen = _chosen(axis, axes, cutoff)
+        config = config_from(document, chosen)
+        return cls(axis=chosen, cutoff=cutoff, config=config, trials=tuple(trials_of(data, config, run)))
+
+    @cached_property
+    def coupled(self) -> PlanarStudy | None:
+        """The runs of surge, sway and yaw together; None for a study of one axis."""
+        if self.axis is not PLANAR:
+            return None
+        if self.config is None:
+            return open_planar_study(self.paths)
+        return planar_study_of(campaign_of(self.trials, self.config), self.config)
 
     @cached_property
     def logs(self) -> Study:
         """The runs with their rates, torques and faults; reads the logs."""
+        if self.coupled is not None:
+            return self.coupled.logs
         if self.config is None:
             return open_study(self.paths, cutoff=self.cutoff, axis=self.axis)
         return study_of(campaign_of(self.trials, self.config), self.config, cutoff=self.cutoff)
 
-    def check(self) -> CheckRecord:
+    def check(self) -> to.CheckRecord:
         """What is in the logs and what is wrong with them, as `rovid check`."""
-        if self.config is not None:
-            return check_record(check_trials(self.config, self.trials), self.config.vehicle)
-        config = load_config(find_config(self.paths), self.axis)
-        return check_record(check_logs(self.paths, config), config.vehicle)
+        planar, config = self.axis is PLANAR, self.config
+        if config is not None:
+            found = (check_planar_trials if planar else check_trials)(config, self.trials)
+        else:
+            config = load_config(find_config(self.paths), self.axis)
+            found = (check_planar if planar else check_logs)(self.paths, config)
+        return records.check_record(found, config.vehicle)
 
-    def fit(self, effects: Sequence[str] = (), *, gyro: bool = False) -> ModelRecord:
+    def fit(self, effects: Sequence[str] = (), *, gyro: bool = False) -> to.ModelRecord:
         """All parameters by maximum likelihood, as `rovid fit`.
 
         Parameters
@@ -136,11 +148,25 @@ class VehicleStudy:
             The data have a fault that no fit survives, do not determine the parameters, or lack a signal.
         """
         self.logs.require_sound()
-        return fit_record(self.logs.likelihood(_effects(effects), gyro=gyro), self.logs)
+        if self.coupled is not None:
+            return records.fit_record(self.coupled.fit(self._effects(effects)), self.coupled)
+        return records.fit_record(self.logs.likelihood(self._effects(effects), gyro=gyro), self.logs)
+
+    def simulate(self, model: to.ModelRecord | None = None) -> to.SimulationRecord:
+        """Each run simulated freely from its first sample, and compared with the measurement, as `rovid simulate`.
+
+        ``model`` is a fit or a diagnosis, of this study or of another; None: a fit without effects.
+
+        Raises
+        ------
+        RovidError
+            The diagnosis has no model, or the model needs a signal that these logs do not have.
+        """
+        return records.simulation_record(_stored(model or self.fit()), self.coupled or self.logs)
 
     def diagnose(
         self, *, budget: float | None = None, force: bool = False, progress: Progress = _silent
-    ) -> DiagnosisRecord:
+    ) -> to.DiagnosisRecord:
         """What the simulation gets wrong and why, as `rovid diagnose`.
 
         Parameters
@@ -152,11 +178,13 @@ class VehicleStudy:
         progress
             Called with a line at each step; ``print`` shows them.
         """
+        if self.coupled is not None:
+            return records.diagnosis_record(self.coupled.diagnosis(progress, force=force, budget=budget), self.coupled)
         logs = self.logs
         if not force and (reversed_arms := reversed_thrusters(logs)):
-            return diagnosis_record(Diagnosis(verdict="bad_logs", missing=reversed_arms), logs)
+            return records.diagnosis_record(Diagnosis(verdict="bad_logs", missing=reversed_arms), logs)
         seconds = logs.default_budget if budget is None else budget
-        return diagnosis_record(logs.diagnosis(progress, force=force, budget=seconds), logs)
+        return records.diagnosis_record(logs.diagnosis(progress, force=force, budget=seconds), logs)
 
     def plan(
         self,
@@ -168,7 +196,7 @@ class VehicleStudy:
         minutes: float = 10.0,
         max_rate: float = math.inf,
         travel: float = math.inf,
-    ) -> PlanRecord:
+    ) -> to.PlanRecord:
         """The next run, as `rovid plan`: it distinguishes two causes, or narrows the interval of a parameter.
 
         Parameters
@@ -187,22 +215,24 @@ class VehicleStudy:
         RovidError
             No run stays within the limits, or a name is unknown.
         """
-        causes = _effects(between)
+        self._require_one_axis("plan")
+        causes = self._effects(between)
         if len({cause.id for cause in causes}) not in {0, 2}:
             raise ConfigError(f"names {len(causes)} causes; two different ones were expected.", where="between")
         self.logs.vehicle.require_no_rudder("a run of commands")
         limits = RunLimits(share=share, seconds=60.0 * minutes, rate=max_rate, travel=travel)
-        return plan_record(self.logs.plan(_effects(effects), causes, limits, narrow), self.logs.vehicle)
+        return records.plan_record(self.logs.plan(self._effects(effects), causes, limits, narrow), self.logs.vehicle)
 
     def compare(
         self, other: VehicleStudy, *, relevant_change: float = 0.1, progress: Progress = _silent
-    ) -> ComparisonRecord:
+    ) -> to.ComparisonRecord:
         """What changed from this study (A) to the ``other`` (B), as `rovid compare`.
 
         ``relevant_change`` is the relative change of drag or inertia that has to be detectable.
         """
+        self._require_one_axis("compare")
         a, b = self._campaign("a"), other._campaign("b")
-        return comparison_record(compare_campaigns(a, b, relevant_change=relevant_change, report=progress))
+        return records.comparison_record(compare_campaigns(a, b, relevant_change=relevant_change, report=progress))
 
     def _campaign(self, side: str) -> CampaignFit:
         return campaign_from_study(self.logs, self.paths[0].resolve().name if self.paths else side)
@@ -210,8 +240,8 @@ class VehicleStudy:
     def export(
         self,
         format: str,  # noqa: A002 - as the command's argument
-        model: ModelRecord | None = None,
-    ) -> ExportRecord:
+        model: to.ModelRecord | None = None,
+    ) -> to.ExportRecord:
         """The model in the format of a simulator, verified by re-simulation, as `rovid export`.
 
         ``model`` is the fit, or the diagnosis with its extended model; None: a fit without effects.
@@ -219,34 +249,57 @@ class VehicleStudy:
         Raises
         ------
         RovidError
-            There is no such format, the axis is not yaw, or the vehicle depends on guesses.
+            There is no such format, the axis is neither yaw nor planar, or the vehicle depends on guesses.
         """
+        if self.axis not in {YAW, PLANAR}:
+            raise ConfigError(f"is {self.axis.name}; export takes yaw or planar.", where="axis")
+        planar = None if self.coupled is None else select_planar_exporter(format, None)[0]
         exporter, _ = select_exporter(format, None)
-        if self.axis is not YAW:
-            raise ConfigError(f"is {self.axis.name}; export takes yaw.", where="axis")
-        estimate = (model or self.fit()).estimate
-        if estimate is None:
-            raise DataError("the diagnosis has no model to export.", mend="Print it: it names what is missing.")
-        vehicle = self.logs.vehicle
-        vehicle.require_no_rudder("the format")
-        if vehicle.assumptions:
-            raise ConfigError(vehicle.assumptions.refusal, where=vehicle.name)
-        stored = Parameters(path=NO_FILE, vehicle=vehicle.name).with_estimate(estimate)
-        subject = replace(export_input(stored, self.logs), guess=vehicle.assumptions)
-        return export_record(format, verified_export(exporter, subject), vehicle)
+        stored = _stored(model or self.fit())
+        guess = self.logs.vehicle.assumptions
+        if guess:
+            raise ConfigError(guess.refusal, where=self.logs.vehicle.name)
+        made: VerifiedExport | VerifiedPlanarExport
+        if planar is not None:
+            made = verified_planar_export(planar, planar_input(stored, self.coupled))
+        else:
+            self.logs.vehicle.require_no_rudder("the format")
+            made = verified_export(exporter, export_input(stored, self.logs))
+        return records.export_record(format, made, self.logs.vehicle)
+
+    def _require_one_axis(self, method: str) -> None:
+        if self.axis is PLANAR:
+            mend = f"Run `rovid {method} --axes planar`."
+            raise ConfigError(f"is planar; {method}() works along one axis.", where="axes", mend=mend)
+
+    def _effects(self, names: Sequence[str]) -> tuple[Effect, ...]:
+        given, find = [names] if isinstance(names, str) else names, planar_effect if self.coupled else effect_named
+        return tuple(map(find, dict.fromkeys(given)))
 
 
-def open_folder(folder: str | PathLike[str], *, axis: str, cutoff: float | None) -> VehicleStudy:
+def open_folder(folder: str | PathLike[str], *, axis: str, axes: str | None, cutoff: float | None) -> VehicleStudy:
     """The study of a folder; see `rovid.open`."""
-    path = Path(folder)
-    study = VehicleStudy(paths=(path,), axis=axis_named(axis), cutoff=cutoff)
+    study = VehicleStudy(paths=(Path(folder),), axis=_chosen(axis, axes, cutoff), cutoff=cutoff)
     find_config(study.paths)
     return study
 
 
-def _effects(names: Sequence[str]) -> tuple[Effect, ...]:
-    given = [names] if isinstance(names, str) else names
-    return tuple(map(effect_named, dict.fromkeys(given)))
+def _chosen(axis: str, axes: str | None, cutoff: float | None) -> Axis:
+    """The axis of this name, or `PLANAR`."""
+    if axes is None:
+        return axis_named(axis)
+    if axes != PLANAR.name:
+        raise ConfigError(f"is {axes!r}; planar was expected.", where="axes", mend="Give axis for a single axis.")
+    if axis != YAW.name or cutoff is not None:
+        given = "axis" if axis != YAW.name else "cutoff"
+        raise ConfigError(f"is given together with {given}.", where="axes", mend=f"Leave {given} out.")
+    return PLANAR
+
+
+def _stored(model: to.ModelRecord) -> Parameters:
+    if model.estimate is None:
+        raise DataError("the diagnosis has no model.", mend="Print it: it names what is missing.")
+    return model.stored
 
 
 def _source(value: Any) -> Any:
@@ -256,9 +309,13 @@ def _source(value: Any) -> Any:
     return value
 
 
+def _with_sources(block: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: _source(value) if key in {"command", "azimuth", "angle"} else value for key, value in block.items()}
+
+
 def _with_curve(thruster: Mapping[str, Any], place: int) -> dict[str, Any]:
     """A thruster as in rovid.toml, with its curve itself."""
-    found = {key: _source(value) if key == "command" else value for key, value in thruster.items()}
+    found = _with_sources(thruster)
     if "curve" in found and not isinstance(found["curve"], str):
         found["curve"] = thrust_curve(found["curve"], f"[[thrusters]] number {place} curve")
     return found

@@ -102,7 +102,7 @@ def _diagnose_planar(
     logs: Sequence[Path] | None, parameters: Path | None, budget: float | None, *, force: bool, json: bool
 ) -> None:
     """Diagnose surge, sway and yaw together."""
-    from rovid.present.console import print_text, show_caution, show_faults, show_warnings
+    from rovid.present.console import print_text
     from rovid.present.documents.planar import planar_diagnosis_document
     from rovid.present.terminal.planar import show_planar_diagnosis
 
@@ -116,10 +116,6 @@ def _diagnose_planar(
     if json:
         print_json(planar_diagnosis_document(diagnosis, study))
         return
-    guess = study.vehicle.assumptions
-    show_caution(console(), guess)
-    show_faults(console(), study.logs.faults)
-    show_planar_diagnosis(console(), diagnosis, guess)
-    show_warnings(console(), [*study.remarks(), *diagnosis.warnings])
+    show_planar_diagnosis(console(), diagnosis, study)
     if diagnosis.extended is not None:
         print_text(console(), f"written to {session.stored.path}")

@@ -94,6 +94,7 @@ def _fit_planar(
     logs: Sequence[Path] | None, effects: Sequence[str], parameters: Path | None, *, force: bool, json: bool
 ) -> None:
     """Fit surge, sway and yaw together, store the parameters and print them."""
+    from rovid.present.console import print_text
     from rovid.present.documents.planar import planar_fit_document
     from rovid.present.terminal.planar import show_planar_fit
     from rovid.store.planar_study import planar_effect
@@ -108,4 +109,5 @@ def _fit_planar(
     if json:
         print_json(planar_fit_document(fit, session.study))
     else:
-        show_planar_fit(console(), fit, session.study, stored)
+        show_planar_fit(console(), fit, session.study)
+        print_text(console(), f"written to {stored.path}")

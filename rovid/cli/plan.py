@@ -234,4 +234,4 @@ def _plan_planar(
     if json:
         print_json(planar_plan_document(found, study.vehicle, str(commands.path), [*study.remarks(), *warnings]))
     else:
-        show_planar_plan(console(), found, study, commands.path, [*study.remarks(), *warnings])
+        show_planar_plan(console(), found, study, [commands.path], [*study.remarks(), *warnings])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -178,7 +178,14 @@ class PlanarCheck:
 
 def check_planar(paths: Sequence[Path], config: Config) -> PlanarCheck:
     """Check all logs for the coupled model; ``config`` is of `load_planar_config`."""
-    every, problems, remarks = read_each_log(paths, config)
+    return check_planar_trials(config, *read_each_log(paths, config))
+
+
+def check_planar_trials(
+    config: Config, every: Sequence[Trial], problems: Mapping[str, str] | None = None, remarks: Sequence[Remark] = ()
+) -> PlanarCheck:
+    """Check trials that were read; ``problems`` has the message for each log that could not be read."""
+    problems = dict(problems or {})
     trials, faults = examine_campaign(every, config)
     if stopping(faults) or not trials:
         return PlanarCheck(trials=tuple(trials), problems=problems, remarks=tuple(remarks), faults=faults)

@@ -15,8 +15,7 @@ from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from rovid.estimate.multi_step import MultiStepLikelihood
 from rovid.model.parameter_names import effect_ids
 from rovid.store.parameter_file import Entry, Parameters, Provenance, Source, sha256
-from rovid.trial.axis import PLANAR
-from rovid.trial.config import find_config, load_config, load_planar_config
+from rovid.trial.config import find_config, load_config
 from rovid.trial.config_fingerprint import ConfigFingerprint
 
 # Joint standard errors beyond which two methods disagree; a decision.
@@ -58,7 +57,7 @@ def _current_settings(stored: Parameters) -> ConfigFingerprint | None:
         return None
     try:
         path = find_config(stored.logs)
-        config = load_planar_config(path) if stored.axis is PLANAR else load_config(path, stored.axis)
+        config = load_config(path, stored.axis)
         return config.fingerprint
     except RovidError:
         return None

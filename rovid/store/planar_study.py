@@ -25,8 +25,9 @@ from rovid.planar.trial_simulation import PlanarTrialSimulation, simulate_planar
 from rovid.readers import read_campaign
 from rovid.store.parameter_file import OpenCombination, Parameters, Provenance
 from rovid.store.study import Study, study_of
-from rovid.trial.config import find_config, load_planar_config
+from rovid.trial.config import Config, find_config, load_planar_config
 from rovid.trial.fault import fault_texts, stopping
+from rovid.trial.trial import Campaign
 from rovid.trial.vehicle import Vehicle
 
 
@@ -170,7 +171,7 @@ def open_combinations(fit: PlanarFit) -> tuple[OpenCombination, ...]:
     return tuple(found)
 
 
-def with_fit(stored: Parameters, fit: PlanarFit, provenance: Provenance) -> Parameters:
+def with_fit(stored: Parameters, fit: PlanarFit, provenance: Provenance | None = None) -> Parameters:
     """``stored`` with the parameters of ``fit`` in place of all earlier ones."""
     estimate = fit.estimate
     return replace(
@@ -189,7 +190,11 @@ def open_planar_study(paths: Sequence[Path], report: ProgressCallback = lambda _
         The logs or rovid.toml cannot be read.
     """
     config = load_planar_config(find_config(paths))
-    campaign = read_campaign(paths, config, report)
+    return planar_study_of(read_campaign(paths, config, report), config)
+
+
+def planar_study_of(campaign: Campaign, config: Config) -> PlanarStudy:
+    """The study of a ``campaign`` that was read with ``config``; see `open_planar_study`."""
     logs = study_of(campaign, config, planar=True)
     trials = () if logs.runs is None else tuple(run.trial for run in logs.runs.items)
     campaign = replace(campaign, trials=trials)

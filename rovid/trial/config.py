@@ -15,6 +15,7 @@ from rovid.trial.axis import (
     ANGLE_UNITS,
     AXES,
     DEFAULT_UNIT,
+    PLANAR,
     SIGNAL_UNITS,
     STANDARD_SOURCES,
     TIME_UNITS,
@@ -150,7 +151,7 @@ def load_planar_config(path: Path) -> Config:
 
     The vehicle has every actuator that acts on any of the three. Heading, or yaw rate, is required.
     """
-    return _Parser(path, YAW, planar=True).config(_settings(path))
+    return load_config(path, PLANAR)
 
 
 def _settings(path: Path) -> dict[str, Any]:
@@ -180,12 +181,12 @@ def vehicle_without_thrusters(paths: Sequence[Path]) -> Vehicle:
 class _Parser:
     """Checks a document; each error names the place inside the file."""
 
-    def __init__(self, path: Path, axis: Axis, *, planar: bool = False) -> None:
+    def __init__(self, path: Path, axis: Axis) -> None:
         self.path = path
-        self.axis = axis
-        self.planar = planar
+        self.planar = axis is PLANAR
+        self.axis = YAW if self.planar else axis
         # Keys of a thruster, one of which it has if it acts along the axis.
-        self.levers = drives.PLANAR_LEVERS if planar else (axis.arm_key,)
+        self.levers = drives.PLANAR_LEVERS if self.planar else (axis.arm_key,)
 
     def error(self, place: str, message: str, mend: str = "") -> ConfigError:
         return ConfigError(message, where=f"{self.path}: {place}", mend=mend)

@@ -8,10 +8,13 @@ import shutil
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
+import rovid
 from rovid.store.planar_study import planar_effect
 from tests.conftest import SAMPLES, Rovid, run_rovid
 
@@ -248,3 +251,39 @@ def test_parameter_files_of_one_axis_and_of_three_are_not_mixed_up(work: Rovid) 
     done = work("fit", "logs", "--axes", "planar", "-p", "foreign.toml")
     assert done.code == 2
     assert Path("foreign.toml").read_text() == "mine = 1\n"
+
+
+def test_python_gives_the_documents_of_the_commands(logs: Path, fitted: tuple[Path, dict[str, object]]) -> None:
+    study = rovid.open(logs, axes="planar")
+    fit = study.fit()
+    assert json.loads(fit.to_json()) == fitted[1]
+    assert fit.parameters["sway.inertia"].unit == fit.to_pandas().loc["sway.inertia", "unit"] == "kg"
+    assert "Y_vdot" in repr(fit)
+    stored = fitted[0] / "parameters_planar.toml"
+    simulated, by_command = study.simulate(fit), run_rovid("simulate", "--axes", "planar", "-p", stored, "--json")
+    document = json.loads(simulated.to_json())
+    for key in ("trials", "overall", "manoeuvres", "units", "undetermined", "warnings"):
+        assert document[key] == by_command.document[key]
+    assert simulated.r2["sway_velocity"] > 0.98
+    assert simulated.plot().get_ylabel() == "yaw rate, rad/s"
+    assert len(simulated.to_pandas()) == 2
+    checked = study.check()
+    assert json.loads(checked.to_json()) == run_rovid("check", logs, "--axes", "planar", "--json").document
+    exported = study.export("mss", fit)
+    assert exported.document["mismatch"]["sway_velocity_percent_of_range"] < 0.1  # % as the export promises
+    frame = pd.concat([pd.read_csv(path).assign(run=path.name) for path in sorted(logs.glob("run_*.csv"))])
+    described = tomllib.loads(CONFIG)
+    curve = ([-60.0, 60.0], [-60.0, 60.0])
+    thrusters = [one | {"curve": curve, "command": one["command"]["csv"]} for one in described["thrusters"]]
+    given: dict[str, Any] = {"signals": described["signals"], "thrusters": thrusters, "run": "run"}
+    of_memory = rovid.Study.from_frame(frame, axes="planar", **given)
+    assert of_memory.simulate(fit).document["trials"] == simulated.document["trials"]
+    wrongs: list[tuple[dict[str, Any], str]] = [
+        ({"axes": "planer"}, "planar was expected"),
+        ({"axes": "planar", "axis": "sway"}, "with axis"),
+    ]
+    for wrong, text in wrongs:
+        with pytest.raises(rovid.RovidError, match=text):
+            rovid.Study.from_frame(frame, **given, **wrong)
+    with pytest.raises(rovid.RovidError, match="--axes planar"):
+        study.plan()

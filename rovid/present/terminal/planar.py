@@ -24,7 +24,6 @@ from rovid.present.tables.table import ResultTable, mixed_number_column, text_co
 from rovid.present.terminal.check import VERDICTS, merged_problems
 from rovid.present.terminal.diagnosis import show_finding
 from rovid.present.terminal.results import show_plan, show_stability
-from rovid.store.parameter_file import Parameters
 from rovid.store.planar_study import PlanarStudy
 from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import AXES
@@ -35,7 +34,7 @@ from rovid.trial.trial import merged_remarks
 _ANGLES = ("heading",)
 
 
-def show_planar_fit(console: Console, fit: PlanarFit, study: PlanarStudy, stored: Parameters) -> None:
+def show_planar_fit(console: Console, fit: PlanarFit, study: PlanarStudy) -> None:
     """Print the answer, the parameters, and what the logs do not determine."""
     show_caution(console, study.vehicle.assumptions)
     show_faults(console, study.logs.faults)
@@ -51,7 +50,6 @@ def show_planar_fit(console: Console, fit: PlanarFit, study: PlanarStudy, stored
         late = [f"{sensor_words(sensor)} {plus_minus(*pair)} s" for sensor, pair in fit.latency.items()]
         print_text(console, f"latency: {', '.join(late)}")
     show_warnings(console, [*study.remarks(), *fit.warnings])
-    print_text(console, f"written to {stored.path}")
 
 
 def fit_sentence(fit: PlanarFit) -> str:
@@ -122,13 +120,13 @@ def simulation_sentence(simulations: Sequence[PlanarTrialSimulation]) -> str:
 
 
 def show_planar_plan(
-    console: Console, plan: PlanarPlan, study: PlanarStudy, command_file: Path, warnings: Sequence[str]
+    console: Console, plan: PlanarPlan, study: PlanarStudy, files: Sequence[Path], warnings: Sequence[str]
 ) -> None:
     """Print the best run, the candidates, the standard errors before and after, and the runs that were left out."""
     show_caution(console, study.vehicle.assumptions)
     run, estimate = plan.ranked.best.run, plan.fit.estimate
     print_labelled(console, "Next:", f"{run.name}, {run.seconds:.0f} s, because {plan.reason}.")
-    show_plan(console, plan.ranked, [command_file])
+    show_plan(console, plan.ranked, files)
     columns = map(mixed_number_column, ("by the logs", "with the best run"))
     table = ResultTable("Standard errors, as predicted", text_column("parameter"), *columns, text_column("unit"))
     for name, pair in plan.errors.items():
@@ -141,8 +139,11 @@ def show_planar_plan(
     show_warnings(console, warnings)
 
 
-def show_planar_diagnosis(console: Console, diagnosis: PlanarDiagnosis, guess: Assumptions) -> None:
+def show_planar_diagnosis(console: Console, diagnosis: PlanarDiagnosis, study: PlanarStudy) -> None:
     """Print the verdict, the causes with their evidence, the improvement, and the next run."""
+    guess = study.vehicle.assumptions
+    show_caution(console, guess)
+    show_faults(console, study.logs.faults)
     print_labelled(console, verdict_sentence(diagnosis, guess))
     if diagnosis.missing:
         print_text(console, diagnosis.missing)
@@ -165,6 +166,7 @@ def show_planar_diagnosis(console: Console, diagnosis: PlanarDiagnosis, guess: A
     print_text(console, "cannot be found from these data: a common factor on all thrust")
     run = next_planar_experiment(diagnosis)
     print_labelled(console, "Next:", f"{run['run']} ({run['reason']})")
+    show_warnings(console, [*study.remarks(), *diagnosis.warnings])
 
 
 def gain_words(base: PlanarAssessment, extended: PlanarAssessment) -> str:

@@ -1,0 +1,327 @@
+"""Records from the results of the commands, along one axis and of surge, sway and yaw together."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+from rich.console import Console
+
+from rovid.api import results as to
+from rovid.compare.comparison import Comparison
+from rovid.core.errors import DataError
+from rovid.diagnose.result import Diagnosis, Finding, ModelAssessment
+from rovid.estimate.estimate import Estimate
+from rovid.estimate.experiment_design import ExperimentPlan, command_csv
+from rovid.estimate.maximum_likelihood import LikelihoodFit
+from rovid.export.planar_run import VerifiedPlanarExport
+from rovid.export.run_export import VerifiedExport
+from rovid.model.parameter_names import effect_ids
+from rovid.model.simulation import TrialSimulation, simulate_runs
+from rovid.planar.diagnosis import PlanarAssessment, PlanarDiagnosis
+from rovid.planar.fit import PlanarFit
+from rovid.planar.standard_manoeuvres import run_manoeuvres
+from rovid.planar.trial_simulation import PlanarTrialSimulation
+from rovid.preflight.check import LogCheck
+from rovid.preflight.planar_check import PlanarCheck
+from rovid.present.console import show_caution, show_warnings
+from rovid.present.documents import diagnosis as diagnoses
+from rovid.present.documents import fits, planar, results
+from rovid.present.tables.planar import planar_simulation_table
+from rovid.present.tables.trials import simulation_table
+from rovid.present.terminal import check as show_checks
+from rovid.present.terminal import diagnosis as show_diagnoses
+from rovid.present.terminal import planar as show_planar
+from rovid.present.terminal import results as show_results
+from rovid.store.parameter_file import Parameters
+from rovid.store.planar_study import PlanarStudy, with_fit
+from rovid.store.study import Study
+from rovid.trial.axis import PLANAR, Axis
+from rovid.trial.fault import fault_texts
+from rovid.trial.trial import NO_FILE
+from rovid.trial.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+# Type of a result -> the document that its command prints with --json, and what it prints without.
+_PRINTED: Mapping[type, tuple[Callable[..., dict[str, Any]], Callable[..., None]]] = {
+    LogCheck: (results.check_document, show_checks.show_check),
+    PlanarCheck: (planar.planar_check_document, show_planar.show_planar_check),
+    LikelihoodFit: (
+        fits.likelihood_document,
+        lambda console, fit, logs: show_results.show_fit(console, fit, show_results.show_likelihood, logs),
+    ),
+    PlanarFit: (planar.planar_fit_document, show_planar.show_planar_fit),
+    Diagnosis: (diagnoses.diagnosis_document, show_diagnoses.show_study_diagnosis),
+    PlanarDiagnosis: (planar.planar_diagnosis_document, show_planar.show_planar_diagnosis),
+    VerifiedExport: (results.export_document, show_results.show_export),
+    VerifiedPlanarExport: (planar.planar_export_document, show_planar.show_planar_export),
+}
+_CAUSE_KEYS = ["effect", "evidence", "confidence", "log_likelihood_gain", "held_out_log_likelihood_gain"]
+
+
+def check_record(found: LogCheck | PlanarCheck, vehicle: Vehicle) -> to.CheckRecord:
+    """The record of a check."""
+    document_of, show_of = _PRINTED[type(found)]
+    document = document_of(found, vehicle)
+    trials = found.trials if isinstance(found, PlanarCheck) else [trial for trial, _ in found.rows]
+
+    def show(console: Console) -> None:
+        show_caution(console, vehicle.assumptions)
+        show_of(console, found)
+
+    def draw(panel: Axes) -> None:
+        name, unit = vehicle.axis.position_words, vehicle.axis.display_unit
+        for trial in trials:
+            panel.plot(trial.time, trial.position * unit[1], label=trial.name)
+        _label(panel, "time, s", f"{name}, {unit[0]}")
+
+    table = pd.DataFrame(document["logs"]).drop(columns="remarks", errors="ignore")
+    return to.CheckRecord(
+        document=document, show=show, draw=draw, table=table, verdict=found.verdict, faults=found.faults
+    )
+
+
+def fit_record(fit: LikelihoodFit | PlanarFit, study: Study | PlanarStudy) -> to.ModelRecord:
+    """The record of a fit."""
+    document_of, show_of = _PRINTED[type(fit)]
+    document, stored = document_of(fit, study), _stored(fit, study)
+    return to.ModelRecord(
+        show=lambda console: show_of(console, fit, study),
+        draw=lambda panel: simulation_record(stored, study).draw(panel),
+        table=_by_parameter(document["parameters"]),
+        **_model(document, fit.estimate, stored),
+        faults=_logs(study).faults,
+    )
+
+
+def simulation_record(stored: Parameters, study: Study | PlanarStudy) -> to.SimulationRecord:
+    """The record of a free-running simulation with the parameters ``stored``."""
+    logs, guess = _logs(study), study.vehicle.assumptions
+    warnings = [*fault_texts(logs.faults), *study.remarks()]
+    runs: Sequence[TrialSimulation | PlanarTrialSimulation]
+    if isinstance(study, PlanarStudy):
+        coupled = study.model(stored)
+        runs = coupled_runs = study.simulate(coupled)
+        found = run_manoeuvres(coupled, study.data)
+        document = planar.planar_simulation_document(stored, coupled_runs, warnings, guess, found)
+        table = planar_simulation_table(coupled_runs)
+    elif logs.runs is None:
+        raise DataError("are tables; only logs can be simulated.", where="LOGS", mend="Give LOGS.")
+    else:
+        model = stored.model()
+        study.require_effects(model.effects)
+        runs = single_runs = simulate_runs(logs.runs.items, model, logs.vehicle)
+        document = results.simulation_document(stored, single_runs, warnings, guess) | {"recordings": []}
+        table = simulation_table(single_runs)
+
+    def show(console: Console) -> None:
+        show_caution(console, guess)
+        table.print(console, guess)
+        show_warnings(console, warnings)
+
+    return to.SimulationRecord(
+        document=document,
+        show=show,
+        draw=_draw_longest(runs, logs.vehicle.axis),
+        table=pd.DataFrame(document["trials"]),
+        r2={key.removesuffix("_r2"): value for key, value in document["overall"].items() if key.endswith("_r2")},
+    )
+
+
+def _draw_longest(runs: Sequence[TrialSimulation | PlanarTrialSimulation], axis: Axis) -> Callable[[Axes], None]:
+    """Draw the rate of the longest run, as measured and as simulated."""
+
+    def draw(panel: Axes) -> None:
+        from rovid.present.plots.canvas import plot_overlay
+
+        item = max(runs, key=lambda one: one.run.trial.duration)
+        if isinstance(item, TrialSimulation):
+            time, measured, simulated, fit = item.run.rates.time, item.measured, item.simulated, item.fit
+        else:
+            read = item.measured[axis.rate_signal]
+            time, measured = read.time, read.values  # noqa: PD011 - no DataFrame
+            simulated, fit = item.simulated[axis.rate_signal], item.fits[axis.rate_signal]
+        plot_overlay(panel, time, measured, simulated)
+        panel.set_title(f"{item.run.trial.name}   R² {fit.r2:.4f}")
+        _label(panel, "time, s", f"{axis.rate_words}, {axis.rate_unit}")
+
+    return draw
+
+
+def diagnosis_record(found: Diagnosis | PlanarDiagnosis, study: Study | PlanarStudy) -> to.DiagnosisRecord:
+    """The record of a diagnosis."""
+    document_of, show_of = _PRINTED[type(found)]
+    document, logs = document_of(found, study), _logs(study)
+    axis = logs.vehicle.axis
+    side = found.extended or found.base
+    final = side.fit if isinstance(side, PlanarAssessment) else side
+
+    def draw(panel: Axes) -> None:
+        if not document["horizons"]:
+            text = f"the diagnosis has no prediction errors to plot: its verdict is {found.verdict}."
+            raise DataError(text, mend="Print the diagnosis: it names what is missing.")
+        errors, unit = pd.DataFrame(document["horizons"]), axis.display_unit[0]
+        for name, dashes in (("base", "--"), ("extended", "-")):
+            panel.plot(errors["seconds"], errors[f"{name}_{unit}"], dashes, marker="o", label=f"{name} model")
+        _label(panel, "time after a restart, s", f"{axis.position_words} error (RMS), {unit}")
+
+    kinds = ("findings", "suspects")
+    rows = [{"kind": kind} | {key: one[key] for key in _CAUSE_KEYS} for kind in kinds for one in document[kind]]
+    return to.DiagnosisRecord(
+        show=lambda console: show_of(console, found, study),
+        draw=draw,
+        table=pd.DataFrame(rows, columns=["kind", *_CAUSE_KEYS]),
+        **_model(document, None if final is None else final.estimate, _stored(final, study)),
+        faults=tuple(diagnoses.all_faults(found, logs) if isinstance(found, Diagnosis) else logs.faults),
+        verdict=found.verdict,
+        findings=tuple(map(_cause_record, found.findings)),
+        suspects=tuple(map(_cause_record, found.suspects)),
+    )
+
+
+def _cause_record(finding: Finding) -> to.CauseRecord:
+    from rovid.present.plots.results import draw_alternatives
+
+    document = diagnoses.finding_document(finding)
+    return to.CauseRecord(
+        document=document,
+        show=lambda console: show_diagnoses.show_finding(console, finding),
+        draw=lambda panel: draw_alternatives(panel, finding),
+        table=_by_parameter(document["parameters"]),
+        effect=finding.effect.id,
+        parameters={name.rpartition(".")[2]: value for name, value in _values(finding.estimate).items()},
+        confidence=finding.probability,
+        evidence=str(finding.evidence),
+        cannot_be_told_from=tuple(document["cannot_be_told_from"]),
+    )
+
+
+def plan_record(plan: ExperimentPlan, vehicle: Vehicle) -> to.PlanRecord:
+    """The record of a plan."""
+
+    def draw(panel: Axes) -> None:
+        from rovid.present.plots.results import draw_commands
+
+        draw_commands(panel, plan)
+        panel.set_title(plan.best.run.name)
+        _label(panel, "time, s", "command")
+
+    document = results.plan_document(plan, vehicle, "", "", ()) | {"command_file": None, "picture": None}
+    return to.PlanRecord(
+        document=document,
+        show=lambda console: show_results.show_plan(console, plan, ()),
+        draw=draw,
+        table=pd.DataFrame(document["runs"]),
+        decides=plan.is_decisive,
+        commands=pd.read_csv(io.StringIO(command_csv(plan)), comment="#"),
+    )
+
+
+def comparison_record(comparison: Comparison) -> to.ComparisonRecord:
+    """The record of a comparison."""
+
+    def draw(panel: Axes) -> None:
+        from rovid.present.plots.results import draw_ratios
+
+        changes = comparison.changes
+        draw_ratios(panel, changes, {name: name.replace("_", " ") for name in changes.pair.names})
+
+    guess = comparison.a.assumptions | comparison.b.assumptions
+    document = diagnoses.comparison_document(comparison, guess, ())
+    keys = ("ratio", "standard_error", "confidence")
+    rows = {
+        name: {side: both[side]["value"] for side in "ab"} | {key: both[key] for key in keys}
+        for name, both in document["parameters"].items()
+    }
+    return to.ComparisonRecord(
+        document=document,
+        show=lambda console: show_diagnoses.show_comparison(console, comparison, guess, ()),
+        draw=draw,
+        table=_by_parameter(rows),
+        verdict=comparison.verdict,
+        changed=tuple(document["changed"]),
+    )
+
+
+def export_record(name: str, made: VerifiedExport | VerifiedPlanarExport, vehicle: Vehicle) -> to.ExportRecord:
+    """The record of an export in the format ``name``."""
+    document_of, show_of = _PRINTED[type(made)]
+    document = document_of(name, "", made, vehicle.assumptions) | {"file": None}
+
+    def draw(panel: Axes) -> None:
+        parts = {one["what"]: one for one in document["not_held"]} | {"the file as a whole": document["mismatch"]}
+        panel.barh(list(parts), [one["yaw_rate_percent_of_range"] for one in parts.values()])
+        _label(panel, "error of the yaw rate, % of its range", "")
+
+    return to.ExportRecord(
+        document=document,
+        show=lambda console: show_of(console, Path(name), made),
+        draw=draw,
+        table=pd.DataFrame(document["not_held"], columns=["what", "why", *filter(_is_percent, document["mismatch"])]),
+        format=name,
+        content=made.content,
+        not_held=tuple(loss.what for loss in made.losses),
+    )
+
+
+# --- shared parts -------------------------------------------------------------------------------------------------
+
+
+def _model(document: dict[str, Any], estimate: Estimate | None, stored: Parameters) -> dict[str, Any]:
+    """Fields that a fit and a diagnosis share."""
+    return {
+        "document": document,
+        "parameters": {} if estimate is None else _values(estimate),
+        "effects": () if estimate is None else tuple(key.partition(":")[0] for key in effect_ids(estimate.names)),
+        "warnings": tuple(document["warnings"]),
+        "estimate": estimate,
+        "stored": stored,
+    }
+
+
+def _logs(study: Study | PlanarStudy) -> Study:
+    return study.logs if isinstance(study, PlanarStudy) else study
+
+
+def _stored(fit: LikelihoodFit | ModelAssessment | PlanarFit | None, study: Study | PlanarStudy) -> Parameters:
+    """The model as a parameter file would hold it."""
+    axis = PLANAR if isinstance(study, PlanarStudy) else study.vehicle.axis
+    empty = Parameters(path=NO_FILE, vehicle=study.vehicle.name, axis=axis)
+    if fit is None:
+        return empty
+    return with_fit(empty, fit) if isinstance(fit, PlanarFit) else empty.with_estimate(fit.estimate)
+
+
+def _is_percent(key: str) -> bool:
+    return key.endswith("percent_of_range")
+
+
+def _by_parameter(values: Mapping[str, Any]) -> pd.DataFrame:
+    return pd.DataFrame.from_dict(dict(values), orient="index").rename_axis("parameter")
+
+
+def _values(estimate: Estimate) -> dict[str, to.UncertainValue]:
+    return {
+        name: to.UncertainValue(
+            value=estimate.value(name),
+            standard_error=estimate.standard_error(name),
+            unit=estimate.unit(name),
+            interval_95=estimate.interval(name),
+        )
+        for name in estimate.names
+        if name not in estimate.refused
+    }
+
+
+def _label(panel: Axes, across: str, up: str, most: int = 8) -> None:
+    """Label ``panel``, with a legend if it has at most ``most`` entries."""
+    panel.set_xlabel(across)
+    panel.set_ylabel(up)
+    handles, labels = panel.get_legend_handles_labels()
+    if 0 < len(labels) <= most:
+        panel.legend(handles, labels, frameon=False, fontsize=9)
