@@ -37,7 +37,7 @@ from rovid.faults.catalogue import fault_kinds
 from rovid.readers.cleaning import ANGLE, DISTANCE, SPEED_KIND, TURN, TURNING, Kind, clean
 from rovid.readers.raw_log import ANGLES, Channel, RawLog
 from rovid.readers.time_base import TimeBase, TimedSeries, cumulative, integral, local_position, planar_readings
-from rovid.readers.timestamps import make_monotonic, timed_rows
+from rovid.readers.timestamps import make_monotonic, timed_rows, without_rounding
 from rovid.readers.unit_checks import gyro_confirms_unit, refuse_wrong_heading
 from rovid.signals.segments import merged_intervals, subsampled_median
 from rovid.trial.axis import YAW
@@ -207,6 +207,8 @@ class _Builder:
             where=self.name,
         )
         self.remarks += remarks
+        if not data.cuts:
+            time = without_rounding(time)
         for name, values in ordered.items():
             factor = signals[name].factor
             if channels[name].radians:

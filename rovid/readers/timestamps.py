@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
@@ -37,6 +38,10 @@ _MAX_PLACES = 10
 _MAX_DUPLICATE = 0.5
 # s; closer time stamps are equal; a longer run (35 days) is refused, because floats lose ticks beyond.
 _TICK, _MAX_DURATION = 1e-9, 3e6
+# Stamps that show whether their clock is regular.
+_MIN_REGULAR = 20
+# s; decimals to which stamps are rounded. Finer ones move a reading by less than its noise.
+_ROUNDED_TO = (0.1, 0.01, 1e-3, 1e-4)
 
 
 def is_plausible(values: FloatArray) -> BoolArray:
@@ -179,6 +184,31 @@ def make_monotonic(
         steps = np.diff(time)
     _refuse_leap(time, steps, clock, where)
     return time, values, remarks
+
+
+def without_rounding(time: FloatArray) -> FloatArray:
+    """(n,) s of a regular clock with rounded stamps, as 7 Hz in ms; ``time`` itself if its stamps are not of this kind.
+
+    Rounding beats with the interval, and the error of the angle is then a wave of one frequency. Stamps are of this
+    kind if all are whole multiples of a decimal and a straight line through the number of intervals misses none of them
+    by more than rounding does. Rows may be missing. The line replaces the stamps.
+    """
+    steps = np.diff(time)
+    interval = subsampled_median(steps)
+    if len(time) < _MIN_REGULAR:
+        return time
+    interval = float(np.mean(steps[np.abs(steps - interval) < 0.5 * interval]))
+    decimals = (one for one in _ROUNDED_TO if np.all(np.abs(np.remainder(steps / one + 0.5, 1.0) - 0.5) < 0.01))
+    resolution = next(decimals, 0.0)
+    if not 0.0 < resolution < 0.5 * interval:
+        return time
+    number = np.concatenate(([0.0], np.cumsum(np.rint(steps / interval))))
+    slope, start = np.polyfit(number, time - time[0], 1)
+    line = slope * number + start
+    scatter = np.ptp(time - time[0] - line)
+    # The fitted line is off by 0.6 resolution / sqrt(n) at its ends, one standard deviation of uniform rounding errors.
+    is_rounded = 0.5 * resolution < scatter <= resolution * (1.0 + 4.0 / math.sqrt(len(time)))
+    return time[0] + line if is_rounded and np.all(np.diff(number) > 0.0) else time
 
 
 def _are_shuffled(time: FloatArray) -> bool:
