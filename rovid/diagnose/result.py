@@ -117,12 +117,25 @@ class Conclusion:
     #: probable first.
     findings: tuple[Finding, ...] = ()
     suspects: tuple[Finding, ...] = ()
+    #: Logged signals that explain part of the motion, each with its BIC gain.
+    signals: tuple[tuple[Effect, float], ...] = ()
     challengers: tuple[Challenger, ...] = ()  #: Other sets of causes, the closest to the established set first.
     #: Each effect that was not found, with the smallest detectable size of its first parameter; may be infinite.
     detectable: tuple[tuple[Effect, float], ...] = ()
     warnings: tuple[str, ...] = ()
     missing: str = ""  #: Message on the data that are missing.
     budget: BudgetUse | None = None  #: The time that the diagnosis was allowed, and that it took.
+
+    @property
+    def is_cut_short(self) -> bool:
+        """Whether the budget ended before every cause was tried."""
+        return self.budget is not None and bool(self.budget.not_tried)
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether every cause is confirmed and nothing else is suspected, and no run is needed to name the causes."""
+        confirmed = all(finding.evidence is Evidence.CONFIRMED for finding in self.findings)
+        return self.verdict == "found" and confirmed and not self.suspects and not self.signals
 
     @property
     def causes(self) -> tuple[Finding, ...]:
@@ -141,8 +154,6 @@ class Diagnosis(Conclusion):
     base: ModelAssessment | None = None
     extended: ModelAssessment | None = None
     horizons: tuple[HorizonErrors, ...] = ()  #: Position errors after half to eight time constants.
-    #: Logged signals that explain part of the motion, each with its BIC gain.
-    signals: tuple[tuple[Effect, float], ...] = ()
     unexplained_share: float = math.nan  #: Variance of the disturbance torque over that of all torque.
     #: Models with some of the established causes: all subsets of up to three causes; of more, the strongest, the two
     #: strongest, and so on.
@@ -201,18 +212,23 @@ def _separating(one: Effect, other: Effect, *, untested: bool = False) -> dict[s
     return {"run": run, "separates": pair}
 
 
-def is_settled(diagnosis: Diagnosis) -> bool:
-    """Whether every cause is confirmed and nothing else is suspected, and no run is needed to name the causes."""
-    confirmed = all(finding.evidence is Evidence.CONFIRMED for finding in diagnosis.findings)
-    return diagnosis.verdict == "found" and confirmed and not diagnosis.suspects and not diagnosis.signals
-
-
-def next_experiment(diagnosis: Diagnosis) -> dict[str, Any]:
-    """The next run: one that separates causes, else one that shows the least certain or an unexcited effect."""
+def first_experiment(diagnosis: Conclusion) -> dict[str, Any] | None:
+    """The run that separates causes, or that the search has to be completed; None where neither is open."""
     for finding in (*diagnosis.findings, *diagnosis.suspects):
         discriminating = discriminating_experiment(finding)
         if discriminating is not None:
             return discriminating | {"reason": "more than one cause explains these data equally well"}
+    if diagnosis.is_cut_short and not diagnosis.causes:
+        run = "none yet: repeat the diagnosis with a larger --budget"
+        return {"run": run, "reason": "the search ended before every cause was tried"}
+    return None
+
+
+def next_experiment(diagnosis: Diagnosis) -> dict[str, Any]:
+    """The next run: one that separates causes, else one that shows the least certain or an unexcited effect."""
+    step = first_experiment(diagnosis)
+    if step is not None:
+        return step
     if diagnosis.from_tables is not None and len(diagnosis.from_tables.causes) > 1:
         first, second, *_ = (cause.model.effects[0] for cause in diagnosis.from_tables.causes)
         return _separating(first, second) | {"reason": "the tables allow either"}

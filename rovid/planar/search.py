@@ -306,7 +306,7 @@ class PlanarSearch:
         """Add and remove causes from ``start`` on, until the model no longer changes."""
         model = start
         for _ in range(THRESHOLDS.max_effects):
-            if len(self.causes(model)) >= THRESHOLDS.max_effects or self.budget.is_over:
+            if len(self.causes(model)) >= THRESHOLDS.max_effects or self.budget.skips("more effects"):
                 break
             better = next(filter(self.is_usable, self.extensions(model)), None)
             if better is None or self.score(better) - self.score(model) < self.allowance(model):

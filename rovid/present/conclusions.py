@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from rovid.control.design import ClosedLoopResult, ControllerDesign
 from rovid.control.specs import paper_runs
-from rovid.diagnose.result import Diagnosis, is_settled, next_experiment
+from rovid.diagnose.result import Conclusion, Diagnosis
 from rovid.estimate.maximum_likelihood import LikelihoodFit
 from rovid.preflight.feedback_detection import detect_feedback
 from rovid.present.number_format import format_number
+from rovid.present.sentences import CUT_SHORT
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Vehicle
 
@@ -34,14 +36,14 @@ class NextStep:
         return f"{sentence}; `{self.command}` writes its commands" if self.command else sentence
 
 
-def next_step(diagnosis: Diagnosis) -> NextStep:
-    """The next run of a diagnosis, or that none is needed."""
-    if is_settled(diagnosis):
+def next_step(diagnosis: Conclusion, run: Mapping[str, Any]) -> NextStep:
+    """The next ``run`` of a diagnosis, or that none is needed."""
+    if diagnosis.is_settled:
         return NextStep(
             run="nothing more to run for the causes",
             reason="each is confirmed; `rovid plan` designs a run for the least certain parameter",
         )
-    run, command = next_experiment(diagnosis), ""
+    command = ""
     if "commands" in run:
         command = " ".join(["rovid plan", *(f"--between {cause}" for cause in run["separates"])])
     return NextStep(run=run["run"], reason=run["reason"], command=command)
@@ -49,6 +51,8 @@ def next_step(diagnosis: Diagnosis) -> NextStep:
 
 def cautions(diagnosis: Diagnosis, trials: Sequence[Trial], vehicle: Vehicle) -> Iterator[str]:
     """Reasons to distrust a diagnosis that its causes do not show, a sentence each."""
+    if diagnosis.is_cut_short and diagnosis.causes:
+        yield f"{CUT_SHORT} Other causes may act in place of those that were found."
     if len(trials) == 1 and trials[0].duration < _SHORT:
         minutes = format_number(trials[0].duration / 60.0, 2)
         yield f"The data are one run of {minutes} min. A second run may give other causes and values."

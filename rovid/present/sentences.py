@@ -17,6 +17,7 @@ from rovid.model.parameter_names import without_form
 from rovid.trial.assumptions import Assumptions
 from rovid.trial.axis import YAW, Axis
 
+CUT_SHORT = "The search ended at the limit of its time, before every cause was tried: repeat it with a larger --budget."
 _ALL_THRUST = "all thrust"
 
 
@@ -59,13 +60,15 @@ def verdict_sentence(diagnosis: Conclusion, guess: Assumptions) -> str:
         return f"{model} misses {join_words(list(map(cause_name, diagnosis.findings)))}."
     if diagnosis.verdict == "suspected":
         return f"{model} may miss {cause_name(diagnosis.suspects[0])}."
-    if diagnosis.verdict == "nothing_found":
-        return "Nothing was found: the model explains these data."
-    if diagnosis.verdict == "unexplained":
-        return f"{model} misses something that no effect of the catalogue explains."
-    if diagnosis.verdict == "bad_logs":
-        return "No go: no fit of these logs is valid before their fault is corrected."
-    return "Cannot tell. There is too little data for a diagnosis."
+    if diagnosis.is_cut_short and diagnosis.verdict in ("nothing_found", "unexplained"):
+        return f"Cannot tell yet. {CUT_SHORT}"
+    sentences = {
+        "nothing_found": "Nothing was found: the model explains these data.",
+        "unexplained": f"{model} misses something that no effect of the catalogue explains.",
+        "bad_logs": "No go: no fit of these logs is valid before their fault is corrected.",
+        "too_little_data": "Cannot tell. There is too little data for a diagnosis.",
+    }
+    return sentences[diagnosis.verdict]
 
 
 def evidence_words(finding: Finding) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from rovid.core.budget import ProgressCallback
 from rovid.core.errors import ConfigError, DataError, OutputError, RovidError, suggestion
-from rovid.diagnose.result import Diagnosis, is_settled, next_experiment
+from rovid.diagnose.result import Diagnosis, next_experiment
 from rovid.effects import Effect, effect_named, every_form
 from rovid.estimate.candidate_runs import RunLimits
 from rovid.estimate.estimate import Estimate
@@ -360,7 +360,7 @@ class WatchSession:
         reason = advice["reason"] if advice else "it narrows the interval of a parameter"
         if plan.parameter:
             reason = f"it narrows the interval of {plan.parameter}"
-        if self._diagnosis is not None and is_settled(self._diagnosis):
+        if self._diagnosis is not None and self._diagnosis.is_settled:
             reason += "; nothing more to run for the causes"
         yield NextRun(words=plan.best.run.name, reason=reason, plan=plan, written=written)
 

@@ -18,6 +18,7 @@ from rovid.planar.diagnosis import diagnose_planar
 from rovid.planar.fit import fit_base
 from rovid.planar.optimum import Linearisation, PlanarOptimum
 from rovid.planar.search import PlanarSearch
+from rovid.present.documents.planar import next_planar_experiment
 from rovid.trial.trial import Campaign
 from tests.planar.vehicles import box_rov, campaign
 
@@ -35,6 +36,15 @@ def test_a_hidden_coupling_is_found_and_predicts_held_out_parts() -> None:
     assert diagnosis.base is not None
     assert diagnosis.extended is not None
     assert diagnosis.extended.held_out.rmse["yaw_rate"] < diagnosis.base.held_out.rmse["yaw_rate"]
+
+
+def test_a_search_without_time_says_so_and_names_nothing() -> None:
+    data = campaign(box_rov(5, couplings=(1.5, 1.0)), runs=4, levels=6, hold=4.0, seed=1)
+    diagnosis = diagnose_planar(data, budget=Budget(seconds=1e-9))
+    assert diagnosis.is_cut_short
+    assert not diagnosis.findings
+    assert any("--budget" in text for text in diagnosis.warnings)
+    assert "--budget" in next_planar_experiment(diagnosis)["run"]
 
 
 @pytest.mark.slow

@@ -10,19 +10,40 @@ import pytest
 
 from rovid.control.design import ControllerDesign
 from rovid.control.specs import paper_runs
+from rovid.core.budget import BudgetUse
+from rovid.diagnose.result import next_experiment
 from rovid.present.conclusions import cautions, control_verdict, fit_verdict, next_step
+from rovid.present.page.summary import summarize
 from rovid.present.report_data import ReportData
+from rovid.present.sentences import verdict_sentence
 
 
 def test_where_every_cause_is_confirmed_nothing_more_is_to_run(lagged: ReportData) -> None:
     diagnosis = lagged.diagnosis
     assert diagnosis is not None
-    assert next_step(diagnosis).run == "nothing more to run for the causes"
+    assert next_step(diagnosis, next_experiment(diagnosis)).run == "nothing more to run for the causes"
     (finding,) = diagnosis.findings
     suspect = replace(finding, probability=0.5)
-    open_question = next_step(replace(diagnosis, verdict="suspected", findings=(), suspects=(suspect,)))
+    doubtful = replace(diagnosis, verdict="suspected", findings=(), suspects=(suspect,))
+    open_question = next_step(doubtful, next_experiment(doubtful))
     assert open_question.run == finding.effect.experiment
     assert not open_question.command
+
+
+@pytest.mark.parametrize("verdict", ["nothing_found", "unexplained"])
+def test_a_search_that_the_budget_ended_claims_nothing_about_what_it_did_not_try(
+    lagged: ReportData, verdict: str
+) -> None:
+    assert lagged.diagnosis is not None
+    used_up = BudgetUse(seconds=5.0, used=4.0, not_tried=("thruster_lag",))
+    diagnosis = replace(lagged.diagnosis, verdict=verdict, findings=(), suspects=(), budget=used_up)
+    assert verdict_sentence(diagnosis, lagged.vehicle.assumptions).startswith("Cannot tell yet.")
+    assert "larger --budget" in next_step(diagnosis, next_experiment(diagnosis)).run
+    screen = summarize(replace(lagged, diagnosis=diagnosis))
+    assert "Cannot tell yet" in screen.headline
+    assert "before every cause was tried" in screen.no_cause
+    named = replace(lagged.diagnosis, budget=used_up)
+    assert any("before every cause was tried" in text for text in cautions(named, (), lagged.vehicle))
 
 
 def test_cautions_name_what_makes_a_diagnosis_doubtful(lagged: ReportData) -> None:

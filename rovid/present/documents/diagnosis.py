@@ -15,7 +15,6 @@ from rovid.diagnose.result import (
     Finding,
     ModelAssessment,
     discriminating_experiment,
-    is_settled,
     next_experiment,
     unidentifiable_parameters,
 )
@@ -72,7 +71,7 @@ def diagnosis_document(diagnosis: Diagnosis, study: Study) -> Document:
             ],
         },
         "not_identifiable": list(unidentifiable_parameters(study.vehicle)),
-        "next_experiment": next_experiment(diagnosis) | {"needed": not is_settled(diagnosis)},
+        "next_experiment": next_experiment(diagnosis) | {"needed": not diagnosis.is_settled},
         **guess_document(study.vehicle.assumptions),
     }
     if diagnosis.from_tables is not None:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from rovid.diagnose.result import discriminating_experiment
+from rovid.diagnose.result import first_experiment
 from rovid.estimate.estimate import Estimate
 from rovid.export.planar_run import VELOCITIES, PlanarMismatch, VerifiedPlanarExport
 from rovid.model.parameter_names import effect_ids, without_form
@@ -193,7 +193,7 @@ def planar_diagnosis_document(diagnosis: PlanarDiagnosis, study: PlanarStudy) ->
         "unexplained": {"share_of_variance": dict(diagnosis.unexplained_shares), "depends_on": []},
         "undetermined": [] if final is None else undetermined_document(open_combinations(final.fit)),
         "not_identifiable": ["thrust_scale", *(() if final is None else final.fit.estimate.refused)],
-        "next_experiment": next_planar_experiment(diagnosis),
+        "next_experiment": next_planar_experiment(diagnosis) | {"needed": not diagnosis.is_settled},
         **guess_document(guess),
         "faults": fault_documents(faults),
         "warnings": all_warnings(guess, [*fault_texts(faults), *study.remarks(), *diagnosis.warnings]),
@@ -202,10 +202,9 @@ def planar_diagnosis_document(diagnosis: PlanarDiagnosis, study: PlanarStudy) ->
 
 def next_planar_experiment(diagnosis: PlanarDiagnosis) -> dict[str, Any]:
     """The next run: one that separates causes, else one that shows an open combination, a cause or nothing new."""
-    for finding in (*diagnosis.findings, *diagnosis.suspects):
-        discriminating = discriminating_experiment(finding)
-        if discriminating is not None:
-            return discriminating | {"reason": "more than one cause explains these data equally well"}
+    first = first_experiment(diagnosis)
+    if first is not None:
+        return first
     final = diagnosis.extended or diagnosis.base
     if final is None:
         run = "steps and sines of surge, sway and yaw, turning circles both ways, and coast-downs to rest"

@@ -16,11 +16,13 @@ from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
 from rovid.core.formatting import plus_minus
 from rovid.core.output_files import OutputSet
-from rovid.diagnose.result import Finding
+from rovid.diagnose.result import UNIDENTIFIABLE, Finding
 from rovid.planar.diagnosis import PlanarDiagnosis
 from rovid.planar.fit import PlanarFit, is_yaw_alone
 from rovid.planar.standard_manoeuvres import SteeringSystem, model_manoeuvres, run_manoeuvres, turning_curve
 from rovid.planar.trial_simulation import PlanarTrialSimulation, missing_forces, worst_run
+from rovid.present.conclusions import next_step
+from rovid.present.documents.planar import next_planar_experiment
 from rovid.present.number_format import format_number, unit_symbol
 from rovid.present.page.build import pdf_output
 from rovid.present.page.plot_files import FigureDraft, ReportFigure, claim_page, plot_files, render_draft, write_page
@@ -268,6 +270,8 @@ def _render(report: PlanarReport, figures: Mapping[str, ReportFigure]) -> str:
         "definitions": evidence_definitions(causes),
         "gain": _gain_table(report.diagnosis),
         "undetermined": undetermined_sentences(fit),
+        "unknown": UNIDENTIFIABLE["thrust_scale"],
+        "next_step": None if found is None else next_step(found, next_planar_experiment(found)),
         "tracks": [figure for name, figure in figures.items() if name == "planar_tracks"],
         "worst": speeds[:1],
         "others": speeds[1:],
@@ -278,7 +282,7 @@ def _render(report: PlanarReport, figures: Mapping[str, ReportFigure]) -> str:
         "without": planar_simulation_table(report.before) if report.base is not fit else None,
         "simulations": planar_simulation_table(report.after),
         "faults": fault_texts(study.logs.faults),
-        "warnings": [*study.remarks(), *fit.warnings, *report.notes],
+        "warnings": [*study.remarks(), *dict.fromkeys((*(found or fit).warnings, *fit.warnings)), *report.notes],
         "sources": report.stored.sources,
         "today": long_date(datetime.now(UTC).date()),
         "version": __version__,

@@ -7,13 +7,20 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from rovid.core.formatting import plus_minus
-from rovid.diagnose.result import Diagnosis, Finding
+from rovid.diagnose.result import Diagnosis, Finding, next_experiment
 from rovid.model.parameter_names import unit_of
 from rovid.model.simulation import HORIZONS
 from rovid.present.conclusions import EXTENDED_MODEL, PLAIN_MODEL, NextStep, cautions, next_step
 from rovid.present.number_format import equal_decimals, number_with_unit, rounded_errors
 from rovid.present.report_data import ReportData, simulation_errors
-from rovid.present.sentences import effect_title, evidence_words, improvement_words, join_words, verdict_sentence
+from rovid.present.sentences import (
+    CUT_SHORT,
+    effect_title,
+    evidence_words,
+    improvement_words,
+    join_words,
+    verdict_sentence,
+)
 from rovid.trial.axis import Axis
 from rovid.trial.vehicle import Vehicle
 
@@ -92,7 +99,7 @@ def summarize(report: ReportData) -> PageSummary:
     step = NextStep(run="diagnosis, by `rovid diagnose`", reason="it finds what the simulation misses, and why")
     warned: list[str] = []
     if diagnosis is not None:
-        step = next_step(diagnosis)
+        step = next_step(diagnosis, next_experiment(diagnosis))
         warned = list(cautions(diagnosis, report.campaign.trials if report.campaign else (), report.vehicle))
     return PageSummary(
         headline=_headline(report),
@@ -191,6 +198,8 @@ def _no_cause_sentence(report: ReportData) -> str:
         return report.diagnosis_refusal or "No diagnosis was made (--no-diagnosis)."
     if diagnosis.missing:
         return diagnosis.missing
+    if diagnosis.is_cut_short:
+        return CUT_SHORT
     if diagnosis.verdict == "unexplained":
         return "No effect of the catalogue explains the remaining error, and it follows no logged signal."
     if diagnosis.verdict != "nothing_found":

@@ -17,6 +17,7 @@ from rovid.diagnose.result import (
     Finding,
     ModelAssessment,
     discriminating_experiment,
+    next_experiment,
     unidentifiable_parameters,
 )
 from rovid.present.conclusions import EXTENDED_MODEL, PLAIN_MODEL, control_verdict, next_step
@@ -102,7 +103,7 @@ def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> 
     print_text(console, f"cannot be found from {axis.name} data: {'; '.join(unidentifiable)}")
     if "thrust_scale" in unidentifiable_parameters(vehicle) and vehicle.thrusters:
         print_text(console, "A pull, a lift or a step of inertia determines the factor on all thrust: fit-thrust-scale")
-    print_labelled(console, "Next:", str(next_step(diagnosis)))
+    print_labelled(console, "Next:", str(next_step(diagnosis, next_experiment(diagnosis))))
 
 
 def _show_unexplained(console: Console, diagnosis: Diagnosis, axis: Axis) -> None:

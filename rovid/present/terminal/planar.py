@@ -9,12 +9,14 @@ from pathlib import Path
 from rich.console import Console
 
 from rovid.core.formatting import plus_minus
+from rovid.diagnose.result import UNIDENTIFIABLE
 from rovid.export.planar_run import VELOCITIES, PlanarMismatch, VerifiedPlanarExport
 from rovid.planar.diagnosis import PlanarAssessment, PlanarDiagnosis
 from rovid.planar.experiment import PlanarPlan
 from rovid.planar.fit import PlanarFit
 from rovid.planar.trial_simulation import SENSOR_UNITS, PlanarTrialSimulation, pooled_measures
 from rovid.preflight.planar_check import PlanarCheck
+from rovid.present.conclusions import next_step
 from rovid.present.console import print_labelled, print_path, print_text, show_caution, show_faults, show_warnings
 from rovid.present.documents.planar import next_planar_experiment
 from rovid.present.number_format import format_number, unit_symbol
@@ -163,9 +165,8 @@ def show_planar_diagnosis(console: Console, diagnosis: PlanarDiagnosis, study: P
     if diagnosis.unexplained_shares:
         shares = [f"{axis} {100.0 * share:.2g} %" for axis, share in diagnosis.unexplained_shares.items()]
         print_text(console, f"left unexplained, in percent of the variance of all forces: {', '.join(shares)}")
-    print_text(console, "cannot be found from these data: a common factor on all thrust")
-    run = next_planar_experiment(diagnosis)
-    print_labelled(console, "Next:", f"{run['run']} ({run['reason']})")
+    print_text(console, f"cannot be found from these data: {UNIDENTIFIABLE['thrust_scale']}")
+    print_labelled(console, "Next:", str(next_step(diagnosis, next_planar_experiment(diagnosis))))
     show_warnings(console, [*study.remarks(), *diagnosis.warnings])
 
 
