@@ -2,13 +2,15 @@
 
 A set is written in four steps:
 
-1. A journal file in each folder of the set lists the staged files, their targets and the stale files.
-2. The new files are staged next to their targets and synced to the disk.
-3. One commit file is created. The set counts as written from here on.
-4. The staged files are renamed to their targets. Stale files, the commit file and the journals are deleted.
+1. The new files are staged next to their targets and synced to the disk.
+2. A journal in each folder of the set lists the staged files, their targets and the stale files. The set counts as
+   written once the journal in the first folder exists, which is written last.
+3. The staged files are renamed to their targets, and stale files are deleted.
+4. The journals are deleted, the one in the first folder before the others.
 
-A process that is killed in step 4 leaves old and new files side by side. The next rovid that comes to one of the
-folders calls `recover`: with a commit file it repeats step 4, without one it deletes the staged files.
+A process that is killed or interrupted in step 3 leaves old and new files side by side. The next rovid that comes to
+one of the folders calls `recover`: with a journal in the first folder it repeats step 3, otherwise it deletes the
+staged files.
 """
 
 from __future__ import annotations
@@ -18,19 +20,16 @@ import errno
 import json
 import os
 import secrets
-import signal
 import stat
-import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from rovid.core.errors import OutputError
 
 _PREFIX = ".rovid-"
 _LOCK = f"{_PREFIX}lock"
-_JOURNAL_SUFFIX = ".journal"
+_JOURNAL_SUFFIX, _PART_SUFFIX = ".set", ".part"
 # s; writing a set takes far less.
 _LOCK_TIMEOUT = 60.0
 # Error numbers of file systems without locks. One rovid process at a time is safe on them without a lock.
@@ -41,26 +40,33 @@ _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP)
 class _Transaction:
     """What replaces a set of files."""
 
-    journals: tuple[Path, ...]  #: Path of the journal in each folder of the set.
-    commit: Path  #: Path of the commit file.
+    #: Path of the journal in each folder of the set. The set counts as written once the first one exists.
+    journals: tuple[Path, ...]
     moves: tuple[tuple[Path, Path], ...]  #: (staged file, target) of each new file.
     #: (stale file, its inode). A file with another inode was written since, and stays.
     removals: tuple[tuple[Path, int], ...]
 
-    def write_journals(self) -> None:
-        """Write the journals. Paths in a journal are relative to its folder, which may be moved."""
-        for journal in self.journals:
+    @property
+    def is_committed(self) -> bool:
+        """Whether the set counts as written."""
+        return self.journals[0].exists()
+
+    def commit(self) -> None:
+        """Write the journals, the first one last. Paths in a journal are relative to its folder, which may be moved."""
+        for journal in reversed(self.journals):
 
             def relative(path: Path, folder: Path = journal.parent) -> str:
                 return os.path.relpath(path, folder)
 
             document = {
                 "journals": [relative(path) for path in self.journals],
-                "commit": relative(self.commit),
                 "moves": [[relative(staged), relative(target)] for staged, target in self.moves],
                 "removals": [[relative(path), inode] for path, inode in self.removals],
             }
-            write_synced(journal, json.dumps(document).encode())
+            # Under its name a journal is complete.
+            part = journal.with_suffix(_PART_SUFFIX)
+            write_synced(part, json.dumps(document).encode())
+            part.rename(journal)
 
     def finish(self) -> None:
         """Rename staged files that are still there to their targets, and delete stale files."""
@@ -76,27 +82,24 @@ class _Transaction:
                     path.unlink()
 
     def clean_up(self) -> None:
-        """Delete commit file, staged files and journals. The commit file goes first: without it nothing is moved."""
-        for path in (self.commit, *(staged for staged, _ in self.moves), *self.journals):
+        """Delete journals and staged files. The first journal goes first: without it nothing is moved."""
+        parts = (journal.with_suffix(_PART_SUFFIX) for journal in self.journals)
+        for path in (*self.journals, *parts, *(staged for staged, _ in self.moves)):
             path.unlink(missing_ok=True)
 
 
-def _read_journal(path: Path) -> _Transaction | None:
-    """The transaction in a journal; None if the journal is incomplete, in which case nothing was staged."""
+def _read_journal(path: Path) -> _Transaction:
+    """The transaction in a journal."""
 
     def absolute(place: str) -> Path:
         return Path(os.path.normpath(path.parent / place))
 
-    try:
-        document = json.loads(path.read_bytes())
-        return _Transaction(
-            journals=tuple(map(absolute, document["journals"])),
-            commit=absolute(document["commit"]),
-            moves=tuple((absolute(staged), absolute(target)) for staged, target in document["moves"]),
-            removals=tuple((absolute(place), int(inode)) for place, inode in document["removals"]),
-        )
-    except (ValueError, KeyError, TypeError):
-        return None
+    document = json.loads(path.read_bytes())
+    return _Transaction(
+        journals=tuple(map(absolute, document["journals"])),
+        moves=tuple((absolute(staged), absolute(target)) for staged, target in document["moves"]),
+        removals=tuple((absolute(place), int(inode)) for place, inode in document["removals"]),
+    )
 
 
 def replace_files(contents: Mapping[Path, bytes], stale: Sequence[Path], folders: Sequence[Path]) -> None:
@@ -109,28 +112,27 @@ def replace_files(contents: Mapping[Path, bytes], stale: Sequence[Path], folders
     OSError
         A file cannot be written. Nothing was changed.
     """
-    name = _PREFIX + secrets.token_hex(8)
+    name = _PREFIX + secrets.token_hex(8) + _JOURNAL_SUFFIX
     transaction = _Transaction(
-        journals=tuple(folder / (name + _JOURNAL_SUFFIX) for folder in folders),
-        commit=folders[0] / f"{name}.commit",
+        journals=tuple(folder / name for folder in folders),
         moves=tuple((target.parent / f"{_PREFIX}{secrets.token_hex(8)}.tmp", target) for target in contents),
         removals=tuple((path, path.stat().st_ino) for path in stale if path.exists()),
     )
-    is_set = len(transaction.moves) + len(transaction.removals) > 1
     try:
-        if is_set:
-            transaction.write_journals()
         for staged, target in transaction.moves:
             write_synced(staged, contents[target])
             _copy_owner_and_mode(target, staged)
-        if is_set:
+        if len(transaction.moves) + len(transaction.removals) > 1:
             _sync_folders(folders)
-            write_synced(transaction.commit, b"")
-        with _signals_deferred():
-            transaction.finish()
+            transaction.commit()
+        transaction.finish()
         _sync_folders(folders)
-    finally:
-        transaction.clean_up()
+    except BaseException as error:
+        # The next command finishes a set that was interrupted while its files were renamed.
+        if isinstance(error, OSError) or not transaction.is_committed:
+            transaction.clean_up()
+        raise
+    transaction.clean_up()
 
 
 def _copy_owner_and_mode(source: Path, target: Path) -> None:
@@ -163,25 +165,6 @@ def _sync_folders(folders: Iterable[Path]) -> None:
 
 
 @contextlib.contextmanager
-def _signals_deferred() -> Iterator[None]:
-    """Defer SIGINT and SIGTERM until the few renames are done."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    received: list[int] = []
-    handlers: dict[signal.Signals, Any] = {}
-    for number in (signal.SIGINT, signal.SIGTERM):
-        handlers[number] = signal.signal(number, lambda number, _: received.append(number)) or signal.SIG_DFL
-    try:
-        yield
-    finally:
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
-        for late in received:
-            signal.raise_signal(late)
-
-
-@contextlib.contextmanager
 def locked(folders: Iterable[Path]) -> Iterator[None]:
     """Keep other rovid processes from writing in ``folders``, after recovery of interrupted sets there.
 
@@ -211,7 +194,7 @@ def locked(folders: Iterable[Path]) -> Iterator[None]:
 def recover(folder: Path) -> None:
     """Finish or undo the sets that a killed process left incomplete in ``folder``, if the folder can be written."""
     with contextlib.suppress(OSError, OutputError):
-        if _interrupted_in(folder):
+        if _journals(folder):
             with locked([folder]):
                 pass
 
@@ -239,26 +222,22 @@ def _folder_lock(folder: Path) -> Iterator[None]:
         lock.release()
 
 
-def _leftovers(folder: Path) -> list[Path]:
-    """Journals, staged files and commit files in ``folder``."""
-    return [Path(item.path) for item in os.scandir(folder) if item.name.startswith(_PREFIX) and item.name != _LOCK]
+def _journals(folder: Path) -> list[Path]:
+    return list(folder.glob(f"{_PREFIX}*{_JOURNAL_SUFFIX}"))
 
 
 def _interrupted_in(folder: Path) -> set[Path]:
     """All folders of the interrupted sets that have a journal in ``folder``."""
-    found = [_read_journal(path) for path in _leftovers(folder) if path.suffix == _JOURNAL_SUFFIX]
-    return {path.parent for one in found if one is not None for path in one.journals if path.parent.is_dir()}
+    found = map(_read_journal, _journals(folder))
+    return {path.parent for one in found for path in one.journals if path.parent.is_dir()}
 
 
 def _recover_locked(folder: Path) -> None:
-    for path in _leftovers(folder):
-        if path.suffix != _JOURNAL_SUFFIX or not path.exists():
-            continue
-        transaction = _read_journal(path)
-        if transaction is None:
-            continue
-        if transaction.commit.exists():
+    for journal in _journals(folder):
+        transaction = _read_journal(journal)
+        if transaction.is_committed:
             transaction.finish()
         transaction.clean_up()
-    for path in _leftovers(folder):
-        path.unlink(missing_ok=True)
+    for path in folder.glob(f"{_PREFIX}*"):
+        if path.name != _LOCK:
+            path.unlink(missing_ok=True)

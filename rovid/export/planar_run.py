@@ -110,8 +110,8 @@ def verified_planar_export(exporter: PlanarExporter, subject: PlanarInput) -> Ve
             straight[:, column] = 0.0
             if actuator.rudder is not None:
                 own = f"rudder.{actuator.name}.lift"
-                without = _with_value(without, own, 0.0)
-                kept_model = _with_value(kept_model, own, 0.0)
+                without = _without(without, own)
+                kept_model = _without(kept_model, own)
             what = "rudder" if actuator.rudder is not None else "azimuth angle"
             lose(actuator.name, f"the file has no {what}", rovid_motion(subject, without, straight))
     theirs = result.simulate(commands)
@@ -128,8 +128,8 @@ def verified_planar_export(exporter: PlanarExporter, subject: PlanarInput) -> Ve
     )
 
 
-def _with_value(model: PlanarModel, name: str, value: float) -> PlanarModel:
-    return model.with_values(np.where(np.array(model.names) == name, value, model.values))
+def _without(model: PlanarModel, name: str) -> PlanarModel:
+    return model.with_values(np.where(np.array(model.names) == name, 0.0, model.values))
 
 
 def compare_motions(subject: PlanarInput, rovid: FloatArray, other: FloatArray) -> PlanarMismatch:

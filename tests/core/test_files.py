@@ -379,12 +379,12 @@ def test_a_set_killed_between_two_renames_is_completed_by_the_next_command(tmp_p
 
 
 @POSIX
-def test_an_interrupt_waits_for_the_renames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupted_set_is_completed_by_the_next_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     real = os.replace
 
     def interrupted(source: Path, target: Path) -> None:
-        os.kill(os.getpid(), signal.SIGINT)
         real(source, target)
+        os.kill(os.getpid(), signal.SIGINT)
 
     monkeypatch.setattr(os, "replace", interrupted)
     outputs = [OutputFile(tmp_path / name, PARAMETERS) for name in ("a", "b")]
@@ -395,5 +395,8 @@ def test_an_interrupt_waits_for_the_renames(tmp_path: Path, monkeypatch: pytest.
             OutputSet(outputs).write(dict.fromkeys(outputs, SCHEMA))
     finally:
         signal.signal(signal.SIGINT, before)
+    assert sorted(output.path.exists() for output in outputs) == [False, True]
+    monkeypatch.undo()
+    recover(tmp_path)
     assert [output.path.read_text() for output in outputs] == [SCHEMA, SCHEMA]
     assert hidden_files(tmp_path) == []

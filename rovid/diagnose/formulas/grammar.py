@@ -46,7 +46,6 @@ _UNITS = {
     SPEEDS[0]: "m/s",
     SPEEDS[1]: "m/s",
 }
-TILTS = ("roll", "pitch")
 # Rate, speed or angle at which a smooth sign reaches 76 %, as a share of the signal's RMS.
 _SIGN_SHARE = 0.1
 # Time constants of a first-order memory, in time constants of the vehicle.
