@@ -257,6 +257,8 @@ class Api:
             "Content and problems of the logs": ["rovid", "check", *axes, *logs],
             "Diagnosis only": ["rovid", "diagnose", *axes, *logs, "-p", parameters],
             "Report with all results": ["rovid", "report", *axes, *logs, "-p", parameters, "-o", page],
+            "The next run, after the report": ["rovid", "plan", *axes, "-p", parameters],
+            "Parameters for a simulator, after the report": ["rovid", "export", "gz-sim", *axes, "-p", parameters],
         }
         return [{"what": purpose, "line": shlex.join(words)} for purpose, words in lines.items()]
 

@@ -143,6 +143,9 @@ def plan(
         found = study.plan(effects, causes, limits(angular=stored.axis.angular), narrow or "")
     outputs.write({commands: command_csv(found), picture: plan_picture(found, stored.axis)})
     warnings = []
+    if not (effects or causes or stored.path.exists()):
+        reason = "does not exist, so the run is planned for a model without causes"
+        warnings = [f"{stored.path} {reason}. Give the parameter file of a diagnosis with -p."]
     if stored.effects and (reason := check_freshness(stored, study.provenance).reason):
         warnings = [f"{stored.path.name} is out of date: {reason}. Only the names of its effects were used."]
     if json:

@@ -325,8 +325,9 @@ def _variance_ratio(trial: Trial, candidate: CandidateModel, vehicle: Vehicle, n
 
 
 def command_changes(information: ExpectedInformation) -> tuple[list[float], list[list[float]]]:
-    """Instants in s at which a command changes, and the commands from then on; the last instant ends the run."""
-    commands = information.run.commands
+    """Instants in s at which a command changes, and the commands from then on; at the last instant the run ends at rest."""
+    commands = information.run.commands.copy()
+    commands[-1] = commands[0]  # each run begins at rest
     changes = np.flatnonzero(np.any(np.diff(commands, axis=0) != 0.0, axis=1)) + 1
     rows = np.unique(np.concatenate(([0], changes, [len(commands) - 1])))
     times = [round(float(instant), 4) for instant in information.run.time[rows]]

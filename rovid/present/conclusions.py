@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from rovid.control.design import ClosedLoopResult, ControllerDesign
@@ -14,6 +16,7 @@ from rovid.estimate.maximum_likelihood import LikelihoodFit
 from rovid.preflight.feedback_detection import detect_feedback
 from rovid.present.number_format import format_number
 from rovid.present.sentences import CUT_SHORT
+from rovid.trial.axis import PLANAR, YAW, Axis
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Vehicle
 
@@ -36,16 +39,23 @@ class NextStep:
         return f"{sentence}; `{self.command}` writes its commands" if self.command else sentence
 
 
-def next_step(diagnosis: Conclusion, run: Mapping[str, Any]) -> NextStep:
-    """The next ``run`` of a diagnosis, or that none is needed."""
+def plan_command(file: Path, axis: Axis) -> str:
+    """`rovid plan` with the parameter ``file`` of ``axis``, unless it finds this file by itself."""
+    found = {"parameters.toml"} if axis is YAW else {f"parameters_{axis.name}.toml"}
+    axes = ["--axes", "planar"] if axis is PLANAR else []
+    return shlex.join(["rovid", "plan", *axes, *([] if str(file) in found else ["-p", str(file)])])
+
+
+def next_step(diagnosis: Conclusion, run: Mapping[str, Any], plan: str = "rovid plan") -> NextStep:
+    """The next ``run`` of a diagnosis, or that none is needed; ``plan`` is the command that designs a run."""
     if diagnosis.is_settled:
         return NextStep(
             run="nothing more to run for the causes",
-            reason="each is confirmed; `rovid plan` designs a run for the least certain parameter",
+            reason=f"each is confirmed; `{plan}` designs a run for the least certain parameter",
         )
     command = ""
     if "commands" in run:
-        command = " ".join(["rovid plan", *(f"--between {cause}" for cause in run["separates"])])
+        command = " ".join([plan, *(f"--between {cause}" for cause in run["separates"])])
     return NextStep(run=run["run"], reason=run["reason"], command=command)
 
 

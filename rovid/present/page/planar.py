@@ -21,7 +21,7 @@ from rovid.planar.diagnosis import PlanarDiagnosis
 from rovid.planar.fit import PlanarFit, is_yaw_alone
 from rovid.planar.standard_manoeuvres import SteeringSystem, model_manoeuvres, run_manoeuvres, turning_curve
 from rovid.planar.trial_simulation import PlanarTrialSimulation, missing_forces, worst_run
-from rovid.present.conclusions import next_step
+from rovid.present.conclusions import next_step, plan_command
 from rovid.present.documents.planar import next_planar_experiment
 from rovid.present.number_format import format_number, unit_symbol
 from rovid.present.page.build import pdf_output
@@ -47,6 +47,7 @@ from rovid.present.terminal.planar import (
 from rovid.store.parameter_file import Parameters
 from rovid.store.planar_study import PlanarStudy, planar_effect
 from rovid.store.study import input_files
+from rovid.trial.axis import PLANAR
 from rovid.trial.fault import fault_texts
 
 
@@ -271,7 +272,9 @@ def _render(report: PlanarReport, figures: Mapping[str, ReportFigure]) -> str:
         "gain": _gain_table(report.diagnosis),
         "undetermined": undetermined_sentences(fit),
         "unknown": UNIDENTIFIABLE["thrust_scale"],
-        "next_step": None if found is None else next_step(found, next_planar_experiment(found)),
+        "next_step": None
+        if found is None
+        else next_step(found, next_planar_experiment(found), plan_command(report.stored.path, PLANAR)),
         "tracks": [figure for name, figure in figures.items() if name == "planar_tracks"],
         "worst": speeds[:1],
         "others": speeds[1:],

@@ -10,7 +10,7 @@ from rovid.core.formatting import plus_minus
 from rovid.diagnose.result import Diagnosis, Finding, next_experiment
 from rovid.model.parameter_names import unit_of
 from rovid.model.simulation import HORIZONS
-from rovid.present.conclusions import EXTENDED_MODEL, PLAIN_MODEL, NextStep, cautions, next_step
+from rovid.present.conclusions import EXTENDED_MODEL, PLAIN_MODEL, NextStep, cautions, next_step, plan_command
 from rovid.present.number_format import equal_decimals, number_with_unit, rounded_errors
 from rovid.present.report_data import ReportData, simulation_errors
 from rovid.present.sentences import (
@@ -99,7 +99,7 @@ def summarize(report: ReportData) -> PageSummary:
     step = NextStep(run="diagnosis, by `rovid diagnose`", reason="it finds what the simulation misses, and why")
     warned: list[str] = []
     if diagnosis is not None:
-        step = next_step(diagnosis, next_experiment(diagnosis))
+        step = next_step(diagnosis, next_experiment(diagnosis), plan_command(report.parameters.path, report.axis))
         warned = list(cautions(diagnosis, report.campaign.trials if report.campaign else (), report.vehicle))
     return PageSummary(
         headline=_headline(report),

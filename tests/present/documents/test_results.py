@@ -43,7 +43,7 @@ def test_a_simulation_has_each_trial_and_all_together() -> None:
     assert document["warnings"] == [GUESS.caution, "a note"]
 
 
-def test_a_plan_lists_its_commands_beside_the_times_at_which_they_change() -> None:
+def test_a_plan_lists_its_commands_beside_the_times_at_which_they_change_and_ends_at_rest() -> None:
     commands = np.array([[0.0, 1.0], [0.0, 1.0], [2.0, 1.0], [2.0, -1.0], [2.0, -1.0]])
     run = CandidateRun(name="step", time=np.arange(5.0), commands=commands)
     worth = ExpectedInformation(run=run, gain=3.0, rates=np.zeros((1, 5)))
@@ -56,8 +56,8 @@ def test_a_plan_lists_its_commands_beside_the_times_at_which_they_change() -> No
     assert document["axis"] == "heave"
     assert document["commands"] == {
         "time_s": [0.0, 2.0, 3.0, 4.0],
-        "fore": [0.0, 2.0, 2.0, 2.0],
-        "aft": [1.0, 1.0, -1.0, -1.0],
+        "fore": [0.0, 2.0, 2.0, 0.0],
+        "aft": [1.0, 1.0, -1.0, 1.0],
     }
     assert document["runs"] == [{"run": "step", "seconds": 4.0, "gain": 3.0, "gain_per_minute": 45.0}]
     assert (document["between"], document["narrow"]) == (None, "inertia")
