@@ -325,7 +325,7 @@ def _variance_ratio(trial: Trial, candidate: CandidateModel, vehicle: Vehicle, n
 
 
 def command_changes(information: ExpectedInformation) -> tuple[list[float], list[list[float]]]:
-    """Instants in s at which a command changes, and the commands from then on; at the last instant the run ends at rest."""
+    """Instants in s at which a command changes, and the commands from then on; the last ones are those of rest."""
     commands = information.run.commands.copy()
     commands[-1] = commands[0]  # each run begins at rest
     changes = np.flatnonzero(np.any(np.diff(commands, axis=0) != 0.0, axis=1)) + 1

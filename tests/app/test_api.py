@@ -261,7 +261,8 @@ def test_one_log_alone_is_enough(tmp_path: Path) -> None:
     logs_into(tmp_path / "day")
     draft = desk(tmp_path).draft({"logs": ["day/hold_03.csv"]})
     assert draft["file"] == "day/rovid.toml"
-    assert [each["line"].split()[1] for each in draft["commands"]] == ["init", "check", "diagnose", "report", "plan", "export"]
+    named = [each["line"].split()[1] for each in draft["commands"]]
+    assert named == ["init", "check", "diagnose", "report", "plan", "export"]
 
 
 def test_a_folder_named_like_an_option_is_not_an_option(tmp_path: Path) -> None:
