@@ -26,6 +26,7 @@ ROUNDS = HERE / "rounds.json"
 ENTRANTS = {
     "prior": "regressions:prior", "stepwise": "regressions:stepwise", "sindy": "regressions:sindy",
     "mujoco": "with_mujoco:answer", "likelihood": "likelihood:answer", "rovid": "with_rovid:answer",
+    "rovid_planar": "with_rovid:answer_planar",
 }  # fmt: skip
 
 
@@ -94,7 +95,8 @@ def main() -> None:
     for entrant in ENTRANTS:
         path = folder / "answers" / f"{entrant}.json"
         if entrant in options.entrants:
-            documents[entrant] = answered(entrant, campaigns, path, truths)
+            given = [one for one in campaigns if entrant != "rovid_planar" or one.is_coupled]
+            documents[entrant] = answered(entrant, given, path, truths)
         elif path.exists():
             documents[entrant] = json.loads(path.read_text(encoding="utf-8"))
     asked = {entrant: {name: truths[name] for name in truths if name in one["seconds"]}

@@ -19,6 +19,8 @@ ABOUT = {
     "likelihood": "a continuous-discrete Kalman filter as in CTSM-R, of our own; BIC of the eight terms that the "
     "regression ranks first",
     "rovid": "`rovid.open(folder).diagnose()`, each confidence turned into odds",
+    "rovid_planar": '`rovid.open(folder, axes="planar").diagnose()` on the coupled vehicles alone, turned into odds '
+    "alike; a cause of the coupling counts as one outside the list",
 }
 _COLUMNS = ("answered", "median probability of the truth", "log score", "most probable is true", "false names",
             "cost", "parameters", "heading")  # fmt: skip
@@ -122,7 +124,8 @@ A campaign is a folder with `vehicle.json` and `run_01.csv`, `run_02.csv` and so
 
 - `vehicle`: mass in kg, length and width in m, and where it is known the rigid body's inertia in kg m^2.
 - `thrusters`: name, which is also the column of its commands, arm in m (torque = arm times thrust, positive turns the
-  heading up), and curve: pairs of command and thrust in N. A command holds until the next row.
+  heading up), and curve: pairs of command and thrust in N. A command holds until the next row. Of coupled vehicles also
+  surge and sway, the shares of the thrust ahead and to starboard.
 - `known`: what is described beyond that. `thruster_lag_s`: lag of the rotors. `advance_speed_loss`: N^0.5 s/m, as in
   [the effect](effects/advance_speed_loss.md). `waves`: whether there is a sea.
 - `held_out`: in the last run only the commands are given after `after_s`. The turn since then is asked for at

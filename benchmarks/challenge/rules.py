@@ -71,6 +71,11 @@ class Campaign:
     def name(self) -> str:
         return self.folder.name
 
+    @property
+    def is_coupled(self) -> bool:
+        """Whether the description has the thrusters' shares ahead and to starboard."""
+        return all("surge" in one for one in self.description["thrusters"])
+
     @cached_property
     def runs(self) -> tuple[Run, ...]:
         return tuple(self._run(path) for path in sorted(self.folder.glob("run_*.csv")))

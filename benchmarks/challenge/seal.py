@@ -121,12 +121,12 @@ def convert(raw: Path, folder: Path, known: dict[str, Any], order: list[str] | N
     thrusters = []
     for one in told["thrusters"]:
         curve = pd.read_csv(raw / one["curve"])
-        if "yaw_arm" in one:
-            arm = one["yaw_arm"]
-        else:
+        levers = {"yaw_arm_m": one.get("yaw_arm"), **{share: one[share] for share in ("surge", "sway") if share in one}}
+        if "position" in one:
             (x, y), angle = one["position"], math.radians(one["direction"])
-            arm = x * math.sin(angle) - y * math.cos(angle)
-        thrusters.append({"name": one["name"], "yaw_arm_m": arm, "curve": curve.iloc[:, :2].to_numpy().tolist()})
+            levers = {"yaw_arm_m": x * math.sin(angle) - y * math.cos(angle),
+                      "surge": math.cos(angle), "sway": math.sin(angle)}  # fmt: skip
+        thrusters.append({"name": one["name"], **levers, "curve": curve.iloc[:, :2].to_numpy().tolist()})
     columns = {told["signals"]["time"]["csv"]: "time_s"}
     columns |= {one["command"]["csv"]: one["name"] for one in told["thrusters"]}
     units = {"deg": "_deg", "deg/s": "_deg_s"}
