@@ -167,8 +167,10 @@ def zigzag(track: Track) -> Measures:
         top = int(np.argmax(heading))
         # The peak lies inside the section, or the run ended before it.
         if 0 < top < len(heading) - 1:
-            found[f"{name}_overshoot"] = ManoeuvreMeasure(value=_peak(heading, top) - float(heading[0]), unit="rad")
-            seconds = float(track.time[begin + top] - track.time[begin])
+            peak, later = _peak(heading, top)
+            found[f"{name}_overshoot"] = ManoeuvreMeasure(value=peak - float(heading[0]), unit="rad")
+            step = float(track.time[begin + top] - track.time[begin + top - 1])
+            seconds = float(track.time[begin + top] - track.time[begin]) + later * step
             found[f"{name}_overshoot_time"] = ManoeuvreMeasure(value=seconds, unit="s")
         reach = float(track.time[begin] - track.time[0])
         found[f"{name}_execute_time"] = ManoeuvreMeasure(value=reach, unit="s")
@@ -187,11 +189,14 @@ def _reversals(steering: FloatArray) -> FloatArray:
     return np.asarray(rows[changed] + 1, dtype=np.int64)
 
 
-def _peak(values: FloatArray, top: int) -> float:
-    """Maximum of the parabola through three samples about ``top``."""
-    before, at, after = values[top - 1 : top + 2]
+def _peak(values: FloatArray, top: int) -> tuple[float, float]:
+    """Maximum of the parabola through three samples about ``top``, and its distance from ``top`` in samples."""
+    before, at, after = values[top - 1 : top + 2].tolist()
     curvature = before - 2.0 * at + after
-    return float(at - (after - before) ** 2 / (8.0 * curvature)) if curvature < 0.0 else float(at)
+    if curvature >= 0.0:
+        return at, 0.0
+    later = 0.5 * (before - after) / curvature
+    return at - 0.25 * (before - after) * later, later
 
 
 # ---- Nomoto's model

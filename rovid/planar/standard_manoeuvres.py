@@ -117,21 +117,25 @@ def simulate_turning_circle(model: PlanarModel, system: SteeringSystem, order: f
 
 def simulate_zigzag(model: PlanarModel, system: SteeringSystem, order: float, threshold: float) -> Track:
     """A zigzag that reverses ``order`` when the heading has changed by ``threshold`` rad, for five sections."""
-    step, start = _step(model), np.zeros(6)
+    step, start, begin = _step(model), np.zeros(6), 0.0
     parts: list[Track] = []
     count = int(0.5 * _LONGEST * _SAMPLES)
     for section in range(_SECTIONS):
         steering = order * (-1.0) ** section
         track = _simulated(model, system, start, np.full(count, steering), step)
-        side = np.sign(order) * (-1.0) ** section
-        passed = np.flatnonzero(track.heading * side >= threshold)
+        turned = track.heading * np.sign(order) * (-1.0) ** section
+        passed = np.flatnonzero(turned >= threshold)
         last = int(passed[0]) if passed.size else count - 1
-        time = track.time + (parts[-1].time[-1] + step if parts else 0.0)
-        parts.append(replace(track, time=time).part(0, last if section < _SECTIONS - 1 else last + 1))
+        track = replace(track, time=track.time + begin)
+        parts.append(track.part(0, last if section < _SECTIONS - 1 else last + 1))
         if not passed.size:
             break
-        start = np.array([getattr(track, name)[last] for name in ("heading", "surge", "sway")] + [0.0] * 3)
-        start[3:] = track.yaw_rate[last], track.north[last], track.east[last]
+        # The instant at which the heading passes the threshold lies between two samples.
+        share = (threshold - turned[last - 1]) / (turned[last] - turned[last - 1])
+        names = ("heading", "surge", "sway", "yaw_rate", "north", "east", "time")
+        pairs = np.array([getattr(track, name)[last - 1 : last + 1] for name in names])
+        *start, begin = pairs @ np.array([1.0 - share, share])
+        start = np.array(start)
     joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])}
     return Track(**joined)
 

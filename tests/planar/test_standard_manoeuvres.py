@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.optimize import fsolve
+from scipy.optimize import brentq, fsolve
 
 from rovid.core.array_types import FloatArray
 from rovid.estimate.estimate import Estimate
@@ -34,6 +34,11 @@ def test_a_vehicle_whose_yaw_is_alone_has_nomotos_gain_and_time_constant() -> No
     assert found["zigzag_20.T"].value == pytest.approx(2.0, rel=1e-3)
     assert found["zigzag_20.K"].value == pytest.approx(0.8, rel=1e-3)
     assert found["zigzag_20.K"].unit == "rad/s"
+    # Heading K (t - T (1 - exp(-t/T))) at the first execute; then the rate r0 falls to zero in T ln(1 + r0/K).
+    execute = brentq(lambda t: 0.8 * (t - 2.0 * (1.0 - np.exp(-0.5 * t))) - np.radians(20.0), 0.1, 10.0)
+    assert found["zigzag_20.first_execute_time"].value == pytest.approx(execute, rel=1e-4)
+    peak = 2.0 * np.log(2.0 - np.exp(-0.5 * execute))
+    assert found["zigzag_20.first_overshoot_time"].value == pytest.approx(peak, rel=2e-3)
     assert found["circle_starboard.steady_yaw_rate"].value == pytest.approx(0.8, rel=1e-3)
     assert found["circle_port.steady_yaw_rate"].value == pytest.approx(-0.8, rel=1e-3)
 
