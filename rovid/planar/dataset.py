@@ -198,14 +198,20 @@ def _edges(run: PlanarRun, width: float) -> FloatArray:
     return np.asarray(run.time[0] + step * np.arange(int((run.time[-1] - run.time[0]) / step) + 1))
 
 
-def smooth_inputs(run: PlanarRun, width: float, effects: tuple[BoundEffect, ...] = ()) -> FloatArray:
-    """(g, k) inputs on the grid of `smooth_run`, with ``effects`` between command and thrust."""
+def mean_inputs(run: PlanarRun, width: float, effects: tuple[BoundEffect, ...] = ()) -> FloatArray:
+    """(g, k) mean inputs of the cells of the grid of `smooth_run`, with ``effects`` between command and thrust."""
+    return np.asarray(_mean_inputs(run, width, effects)[_REACH * _POINTS : -_REACH * _POINTS])
+
+
+def _mean_inputs(run: PlanarRun, width: float, effects: tuple[BoundEffect, ...]) -> FloatArray:
     edges, inputs = _edges(run, width), run.forces(effects).inputs
-    step = width / _POINTS
     area = np.vstack((np.zeros(inputs.shape[1]), np.cumsum(inputs[:-1] * np.diff(run.time)[:, None], axis=0)))
-    means = [np.diff(np.interp(edges, run.time, column)) / step for column in area.T]
-    forced = np.column_stack([_convolved(mean, step)[0] for mean in means])
-    return np.asarray(forced[_REACH * _POINTS : len(edges) - 1 - _REACH * _POINTS])
+    return np.column_stack([np.diff(np.interp(edges, run.time, column)) for column in area.T]) / (width / _POINTS)
+
+
+def smoothed(values: FloatArray) -> FloatArray:
+    """(g, a) columns on the grid of `smooth_run` through its kernel."""
+    return np.column_stack([_convolved(column, 1.0)[0] for column in values.T])
 
 
 def smooth_run(run: PlanarRun, width: float, effects: tuple[BoundEffect, ...] = ()) -> SmoothRun | None:
@@ -220,9 +226,8 @@ def smooth_run(run: PlanarRun, width: float, effects: tuple[BoundEffect, ...] = 
     grid = 0.5 * (edges[1:] + edges[:-1])
     readings = {name: run.readings(name) for name in SENSORS if name in run.sensors}
 
-    def smoothed(name: str) -> tuple[FloatArray, FloatArray]:
+    def through_kernel(own: Readings) -> tuple[FloatArray, FloatArray]:
         """Values and derivative of a sensor on the grid."""
-        own = readings[name]
         area = np.concatenate(([0.0], np.cumsum(0.5 * (own.values[1:] + own.values[:-1]) * np.diff(own.time))))
         # Means over the cells; beyond the readings the end values hold.
         inside = np.clip(edges, own.time[0], own.time[-1])
@@ -232,26 +237,42 @@ def smooth_run(run: PlanarRun, width: float, effects: tuple[BoundEffect, ...] = 
         return _convolved(np.diff(total) / step, step)
 
     if "heading" in readings:
-        heading, rate = smoothed("heading")
+        heading, rate = through_kernel(readings["heading"])
     else:
-        rate = smoothed("yaw_rate")[0]
+        rate = through_kernel(readings["yaw_rate"])[0]
         heading = np.cumsum(rate) * step
     acceleration = np.gradient(rate, step)
     if "yaw_rate" in readings:
-        rate, acceleration = smoothed("yaw_rate")
+        rate, acceleration = through_kernel(readings["yaw_rate"])
     speeds, accelerations = np.zeros((count, 3)), np.zeros((count, 3))
     speeds[:, 2], accelerations[:, 2] = rate, acceleration
-    if "north" in readings and "east" in readings:
-        (_, north), (_, east) = smoothed("north"), smoothed("east")
-        cosine, sine = np.cos(heading), np.sin(heading)
-        speeds[:, 0], speeds[:, 1] = north * cosine + east * sine, east * cosine - north * sine
-        accelerations[:, :2] = np.gradient(speeds[:, :2], step, axis=0)
-    for axis, name in enumerate(("surge_velocity", "sway_velocity")):
-        if name in readings:
-            speeds[:, axis], accelerations[:, axis] = smoothed(name)
+    measured = [readings.get("surge_velocity"), readings.get("sway_velocity")]
+    if "north" in readings and "east" in readings and None in measured:
+        known = readings.get("heading", Readings(time=grid, values=heading))
+        of_position = _body_velocity(readings["north"], readings["east"], known)
+        measured = [own or other for own, other in zip(measured, of_position, strict=True)]
+    for axis, own in enumerate(measured):
+        if own is not None:
+            speeds[:, axis], accelerations[:, axis] = through_kernel(own)
     inner = slice(_REACH * _POINTS, count - _REACH * _POINTS)
-    inputs = smooth_inputs(run, width, effects)
+    inputs = smoothed(_mean_inputs(run, width, effects))[inner]
     return SmoothRun(grid[inner], heading[inner], speeds[inner], accelerations[inner], inputs)
+
+
+def _body_velocity(north: Readings, east: Readings, heading: Readings) -> tuple[Readings, Readings]:
+    """Mean velocity ahead and to starboard between successive positions, at the middle of each interval.
+
+    A kernel over the velocity to north and east would take the turn of the vehicle for a loss of speed.
+    """
+    steps, time = np.diff(north.time), 0.5 * (north.time[1:] + north.time[:-1])
+    psi = np.interp(time, heading.time, heading.values)
+    to_north = np.diff(north.values) / steps
+    to_east = np.diff(np.interp(north.time, east.time, east.values)) / steps
+    ahead, across = (
+        to_north * np.cos(psi) + to_east * np.sin(psi),
+        to_east * np.cos(psi) - to_north * np.sin(psi),
+    )
+    return Readings(time=time, values=ahead), Readings(time=time, values=across)
 
 
 def _convolved(values: FloatArray, step: float) -> tuple[FloatArray, FloatArray]:

@@ -320,7 +320,8 @@ def _warnings(
     refused: Mapping[str, str],
 ) -> Iterator[str]:
     for name, (late, _) in _shown_latency(best).items():
-        yield f"The readings of {name} are {significant(late, 2)} s late; the fit moves them back."
+        way, moved = ("late", "back") if late > 0.0 else ("early", "forward")
+        yield f"The readings of {name} are {significant(abs(late), 2)} s {way}; the fit moves them {moved}."
     multi_step = best.is_multi_step
     looser = (
         f" The standard errors include the change of the parameters under a limit {_LOOSER:g} times as high."
@@ -345,7 +346,12 @@ def _warnings(
     poor = [name for name, value in r2.items() if value < INNOVATIONS_R2]
     if poor and (limited or not best.is_white):
         shares = ", ".join(f"{name} {r2[name]:.2f}" for name in poor)
-        yield f"R^2 of the free-running simulation is low: {shares}. The model misses something in these runs."
+        hint = (
+            " Check the position of the antenna in [signals]: without it rovid assumes the origin of the vehicle."
+            if "north" in data.sensors
+            else ""
+        )
+        yield f"R^2 of the free-running simulation is low: {shares}. The model misses something in these runs.{hint}"
     mass, base = data.vehicle.mass, best.model.base
     for at, name in enumerate(("surge.inertia", "sway.inertia")):
         if mass is not None and name not in refused and base[at] < _LEAST_RIGID * mass:

@@ -29,12 +29,13 @@ from rovid.planar.dataset import (
     PlanarData,
     PlanarRun,
     SmoothRun,
+    mean_inputs,
     measured_axes,
     sensor_noise,
     slowest_interval,
-    smooth_inputs,
     smooth_motion,
     smooth_run,
+    smoothed,
 )
 from rovid.planar.equations import CURRENT, HEADING, NORTH, STATES, SURGE, simulate_runs
 from rovid.planar.likelihood import CriterionRows
@@ -180,7 +181,10 @@ def estimated_start(model: PlanarModel, run: PlanarRun, *, yaw_only: bool) -> Fl
 
 
 def free_run_r2(model: PlanarModel, data: PlanarData, *, yaw_only: bool = False) -> Mapping[str, float]:
-    """Axis -> R^2 of the free-running speed against the smoothed speed; axes that are not measured are left out."""
+    """Axis -> R^2 of the free-running speed against the measured one; axes that are not measured are left out.
+
+    Both come from readings of the same sensors through the same kernel.
+    """
     measured: list[FloatArray] = []
     simulated: list[FloatArray] = []
     for run in data.runs:
@@ -189,9 +193,11 @@ def free_run_r2(model: PlanarModel, data: PlanarData, *, yaw_only: bool = False)
             continue
         start = estimated_start(model, run, yaw_only=yaw_only)
         motion = simulate_planar(model, run, start, yaw_only=yaw_only)
-        speeds = (motion.surge_velocity, motion.sway_velocity, motion.yaw_rate)
+        read = np.column_stack([motion.sensor(name) for name in SENSORS])[run.event_index, run.event_sensor]
+        other = smooth_motion(replace(run, event_value=read))
+        assert other is not None  # noqa: S101 - the measured run is as long
         measured.append(smooth.speeds)
-        simulated.append(np.column_stack([np.interp(smooth.time, run.time, one) for one in speeds]))
+        simulated.append(other.speeds)
     if not measured:
         return {}
     whole, rest = np.concatenate(measured), np.concatenate(measured) - np.concatenate(simulated)
@@ -241,14 +247,14 @@ class FreeRuns:
         return np.flatnonzero(measured_axes(self.data.sensors))
 
     @cached_property
-    def _measured(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """(n,) s; (n, 3) speeds; (w, 6) starts; (n, k) inputs without effects."""
+    def _measured(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """(n,) s; (n, 3) speeds; (w, 6) starts."""
         names = ("time", "heading", "speeds")
         time, heading, speeds = (np.concatenate([getattr(run, name) for _, run in self.smooth]) for name in names)
         first = self.offsets[:-1]
         starts = np.zeros((len(first), 6))
         starts[:, 0], starts[:, 1:4] = heading[first], speeds[first]
-        return time, speeds, starts, self._held([run.inputs for _, run in self.smooth])
+        return time, speeds, starts
 
     @cached_property
     def rows(self) -> CriterionRows:
@@ -266,19 +272,26 @@ class FreeRuns:
         return np.ascontiguousarray(np.concatenate(means))
 
     def _inputs(self, model: PlanarModel) -> FloatArray:
-        """(n, k) inputs from each row to the next, through the kernel of the speeds."""
+        """(n, k) inputs from each row to the next."""
         effects = model.actuator_effects
         if not effects:
-            return self._measured[3]
-        return self._held([smooth_inputs(self.data.runs[at], self.width, effects) for at, _ in self.smooth])
+            return self._plain_inputs
+        return self._held([mean_inputs(self.data.runs[at], self.width, effects) for at, _ in self.smooth])
+
+    @cached_property
+    def _plain_inputs(self) -> FloatArray:
+        return self._held([mean_inputs(self.data.runs[at], self.width) for at, _ in self.smooth])
 
     def _differences(self, model: PlanarModel) -> FloatArray:
         """(n, a) simulated minus measured speeds in SI; bounded where the simulation diverges."""
-        time, speeds, starts, _ = self._measured
+        time, speeds, starts = self._measured
         most = _LARGEST * self.usual
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             motion = PlanarMotion.simulated(model, self.offsets, time, self._inputs(model), starts, self.scale)
-            found = np.column_stack([motion.sensor(name) for name in AXIS_SPEEDS]) - speeds
+            found = np.column_stack([motion.sensor(name) for name in AXIS_SPEEDS])
+            # The kernel of the measured speeds, over each run.
+            ends = np.cumsum([len(run.time) for _, run in self.smooth])[:-1]
+            found = np.concatenate([smoothed(one) for one in np.split(found, ends)]) - speeds
         return np.clip(np.where(np.isfinite(found), found, math.inf)[:, self._axes], -most, most)
 
     def errors(self, model: PlanarModel) -> Innovations:

@@ -127,7 +127,8 @@ class _Builder:
             for command, thruster in zip(commands, self.config.vehicle.thrusters, strict=True)
         ])  # fmt: skip
         start = float(base.time[0])
-        readings, remarks = planar_readings(series, base.time, wanted=self.config.vehicle.planar)
+        places = {name: signal.position for name, signal in self.config.signals.items()}
+        readings, remarks = planar_readings(series, base.time, position, places, wanted=self.config.vehicle.planar)
         self.remarks += remarks
         trial = Trial(
             name=self.name,

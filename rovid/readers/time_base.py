@@ -163,10 +163,16 @@ PLANAR_SIGNALS: Mapping[str, Kind] = {
 
 
 def planar_readings(
-    series: Mapping[str, TimedSeries], time: FloatArray, *, wanted: bool
+    series: Mapping[str, TimedSeries],
+    time: FloatArray,
+    heading: FloatArray,
+    places: Mapping[str, tuple[float, float]],
+    *,
+    wanted: bool,
 ) -> tuple[dict[str, Readings], list[Remark]]:
     """Readings of each signal of the coupled model in ``series`` between the first and the last of (n,) ``time`` in s.
 
+    They are those at the origin, of sensors at their ``places``; (n,) ``heading`` is NaN where it is not measured.
     Missing values, held repeats, spikes and frozen stretches are left out, the last three with a remark. A signal that
     never changes is left out. Nothing at all unless ``wanted``, by a configuration of the coupled model.
     """
@@ -189,4 +195,45 @@ def planar_readings(
         remarks += faults
         readings = Readings(time=logged.known_time[measured], values=values[measured])
         found[name] = readings.between(begin, end)
-    return found, remarks
+    measured = np.isfinite(heading)
+    return _at_origin(found, Readings(time=time[measured] - begin, values=heading[measured]), places), remarks
+
+
+# Width of the kernel for the yaw rate at a sensor, in the median interval of the slower of heading and sensor.
+_RATE_WIDTH = 1.0
+
+
+def _at_origin(
+    readings: Mapping[str, Readings], heading: Readings, places: Mapping[str, tuple[float, float]]
+) -> dict[str, Readings]:
+    """The readings of sensors at their ``places`` in m, ahead and to starboard, as of sensors at the origin.
+
+    Over a lever (x, y) a sensor moves by -r y ahead and r x to starboard (Fossen 2011, section 2.2). The yaw rate r is
+    that of the gyro, or the derivative of ``heading`` through a Gaussian kernel.
+    """
+    moved = dict(readings)
+    for name, own in readings.items():
+        x, y = places.get(name, (0.0, 0.0))
+        if not (x or y):
+            continue
+        if name in {"north", "east"}:
+            psi = np.interp(own.time, heading.time, heading.values)
+            ahead, across = (x, y) if name == "north" else (y, -x)
+            shift = ahead * np.cos(psi) - across * np.sin(psi)
+        else:
+            shift = (-y if name == "surge_velocity" else x) * _yaw_rate(own.time, readings.get("yaw_rate"), heading)
+        moved[name] = replace(own, values=own.values - shift)
+    return moved
+
+
+def _yaw_rate(time: FloatArray, gyro: Readings | None, heading: Readings) -> FloatArray:
+    """(n,) yaw rate in rad/s at the instants of ``time``."""
+    if gyro is not None:
+        return np.asarray(np.interp(time, gyro.time, gyro.values))
+    from scipy.ndimage import gaussian_filter1d
+
+    step = float(np.median(np.diff(heading.time)))
+    grid = np.arange(heading.time[0], heading.time[-1], step)
+    width = _RATE_WIDTH * max(step, float(np.median(np.diff(time)))) / step
+    rate = gaussian_filter1d(np.interp(grid, heading.time, heading.values), width, order=1, mode="nearest") / step
+    return np.asarray(np.interp(time, grid, rate))

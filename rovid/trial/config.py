@@ -265,11 +265,12 @@ class _Parser:
         entry = {"csv": value} if isinstance(value, str) else value
         if not isinstance(entry, dict) or not entry:
             raise self.error(place, f'is {value!r}; {{ csv = "<column>", mcap = "<topic.field>" }} was expected.')
-        self.require_known(entry, (*KINDS, "unit", "sign"), place)
+        self.require_known(entry, (*KINDS, "unit", "sign", *["position"] * (name in drives.PLACED_SIGNALS)), place)
+        position = drives.position_of(entry, place, self) if "position" in entry else (0.0, 0.0)
         for key, text in entry.items():
-            if key != "sign" and not isinstance(text, str):
+            if key not in {"sign", "position"} and not isinstance(text, str):
                 raise self.error(f"{place} {key}", f"is {text!r}; text was expected.")
-        sources = {key: text for key, text in entry.items() if key not in {"unit", "sign"}}
+        sources = {key: text for key, text in entry.items() if key not in {"unit", "sign", "position"}}
         units, default = SIGNAL_UNITS.get(like or name), DEFAULT_UNIT.get(like or name, "")
         if name == "time":
             units, default = dict.fromkeys(TIME_UNITS, 1.0), "auto"
@@ -280,15 +281,16 @@ class _Parser:
         if units is not None and unit not in units:
             raise self.error(f"{place} unit", f"is {unit!r}; one of {', '.join(units)} was expected.")
         factor = 1.0 if units is None else units[unit]
-        return Signal(name=name, sources=sources, unit=unit, factor=sign * factor)
+        return Signal(name=name, sources=sources, unit=unit, factor=sign * factor, position=position)
 
     def require_same_kind(self, signals: Mapping[str, Signal]) -> None:
         """`ConfigError` where only one of north and east is an angle on the globe."""
         fix = [signals[name] for name in ("north", "east") if name in signals]
         if len({one.is_geodetic for one in fix}) > 1 or (len(fix) == 1 and fix[0].is_geodetic):
             units = ", ".join(f"{one.name} has the unit {one.unit!r}" for one in fix)
-            text = f"{units}; a latitude and a longitude are read together."
-            raise self.error("[signals]", text, 'Give both in "deg", or both in m.')
+            raise self.error("[signals]", f"{units}; a latitude and a longitude are read together.", "Map both.")
+        if len({one.position for one in fix}) > 1:
+            raise self.error("[signals]", "north and east have different positions.", "Give both that of the antenna.")
 
     def measured_signal(self, signals: Mapping[str, Signal], kinds: Iterable[str], blocks: Sequence[Any]) -> str:
         """Signal that measures the position; logs of ``kinds`` may have a standard source of it."""

@@ -123,6 +123,8 @@ def logged_drive(signals: Collection[str], parser: ValueParser, *, alone: bool) 
 
 
 GEOMETRY_KEYS = ("position", "direction", "azimuth", "diameter")
+# Signals that depend on the place where they are measured.
+PLACED_SIGNALS = ("surge_velocity", "sway_velocity", "north", "east")
 RUDDER_GEOMETRY_KEYS = ("position", "area", "lift", "behind", "slipstream", "stall")
 # Keys of a thruster that the coupled model needs: one of them at least.
 PLANAR_LEVERS = ("surge", "sway", "yaw_arm")
