@@ -61,6 +61,9 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
     while model is not None and len(model.logs) >= _MIN_LOGS:
         least = float(np.median([log.features[0] for log in model.logs])) + _EXCITED
         foreign = [log for log in model.logs if log.features[0] > least and _is_foreign(log, len(model.logs))]
+        if data.vehicle.planar:
+            # Sway and surge change the yaw that a log shows, but not the sign of its inertia.
+            foreign = [log for log in foreign if 1.0 + log.deviation[0] + _CERTAIN * log.standard_errors[0] < 0.0]
         if not foreign or 2 * (len(found) + len(foreign)) >= count:
             break
         found += [_foreign(log, len(model.logs)) for log in foreign]
@@ -68,7 +71,7 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
             rest = without(rest, log.name)
         model = fit_quick_model(rest.runs, data.vehicle)
     yield from found
-    groups = None if model is None else _best_groups(model)
+    groups = None if model is None or data.vehicle.planar else _best_groups(model)
     if groups is not None:
         yield _two_payloads(groups)
 

@@ -17,9 +17,9 @@ from tests.faults.days import VEHICLES, day, scaled
 from tests.synthetic import LOGGED
 
 
-def found(runs: Sequence[Run]) -> tuple[list[str], tuple[Fault, ...]]:
+def found(runs: Sequence[Run], *, planar: bool = False) -> tuple[list[str], tuple[Fault, ...]]:
     """Names of the runs that stay, and the faults."""
-    data, faults = examine([FAULT], RunsData(runs=runs, vehicle=LOGGED), FaultOverrides())
+    data, faults = examine([FAULT], RunsData(runs=runs, vehicle=replace(LOGGED, planar=planar)), FaultOverrides())
     return [run.trial.name for run in data.runs], faults
 
 
@@ -43,6 +43,12 @@ def test_a_log_with_the_opposite_sign_is_told_so() -> None:
     assert (fault.logs, len(kept)) == (("steps.csv",), 9)
     assert "opposite sign" in fault.text
     assert fault.size == pytest.approx(-1.0, abs=0.2)
+
+
+@pytest.mark.parametrize(("factor", "logs"), [(-1.0, ["steps.csv"]), (2.9, [])])
+def test_a_coupled_vehicle_has_the_same_sign_in_each_log_and_not_the_same_yaw(factor: float, logs: list[str]) -> None:
+    faults = found(day("large", 1, {"steps.csv": scaled(model("large"), factor, factor)}), planar=True)[1]
+    assert [log for fault in faults for log in fault.logs] == logs
 
 
 @pytest.mark.parametrize("seed", range(3))
