@@ -21,7 +21,7 @@ from rovid.export.resimulation import equation_rate, thrust_torque
 from rovid.export.thruster_curves import ThrusterCurve, curve_comment, curve_effect_keys, thruster_curves
 from rovid.trial.trial import Trial
 
-NEWTONS = "Thruster takes newtons. Convert commands by the curves in the comments of the file; effects of the curve are in them."
+NEWTONS = "Thruster takes newtons: convert commands by the curves in the comments, which hold the effects of the curve."
 # s, integration steps of gz-sim with DART (semi-implicit Euler) and of VRX's worlds.
 GZ_STEP, VRX_STEP = 0.001, 0.004
 # VRX: default limit of a hydrodynamic force in N or torque in N m, and its limit relative to the largest drag in logs.

@@ -9,7 +9,7 @@ from rich.markdown import Markdown, Paragraph, TableElement
 
 from rovid.present.console import print_text, wrap_text
 from rovid.present.tables.table import ResultTable, text_column
-from rovid.present.terminal.topics import TOPICS, topic_names, topic_text, topic_title
+from rovid.present.terminal.topics import TOPICS, catalogue_pages, topic_text, topic_title
 
 # Largest line length in characters, for readability.
 _WIDEST = 100
@@ -25,8 +25,8 @@ def show_topics(console: Console) -> None:
     """Print the list of pages."""
     print_text(console, "`rovid help TOPIC` prints one of these pages, `rovid help COMMAND` the manual of a command.")
     console.print()
-    pages = topic_names()
-    for caption, topics in (("Pages", pages[: len(TOPICS)]), ("Effects", pages[len(TOPICS) :])):
+    effects, faults = catalogue_pages("effects"), catalogue_pages("faults")
+    for caption, topics in (("Pages", TOPICS), ("Effects", effects), ("Faults of logs", faults)):
         titles = [text_column("topic", topics), text_column("title", map(topic_title, topics))]
         console.print(ResultTable(caption, *titles))
 

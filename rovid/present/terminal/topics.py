@@ -10,12 +10,15 @@ from rovid.core.errors import ConfigError, suggestion
 from rovid.export import ALIASES as FORMAT_WORDS
 from rovid.export import FORMATS
 
-# Pages in the order of the list; the effects follow.
+# Pages in the order of the list; the effects and the faults of logs follow.
 TOPICS = (
+    "questions",
     "own_logs",
     "logs",
     "files",
+    "faults",
     "axes",
+    "planar",
     "fit",
     "diagnose",
     "discover",
@@ -34,9 +37,12 @@ TOPICS = (
     "hard",
     "troubleshooting",
     "glossary",
+    "method",
     "effects",
 )
 _INDEX = "README"
+# Folders of pages, each with an index.
+_CATALOGUES = ("effects", "faults")
 _PACKAGE = Path(rovid.__file__).parent
 # Search word -> topic.
 _ALSO = {
@@ -55,13 +61,18 @@ _ALSO = {
 _COMMENT = re.compile(r"<!--.*?-->\n*|\A---\n.*?^---\n+|^```\{eval-rst\}\n.*?^```\n+", re.DOTALL | re.MULTILINE)
 # A picture, and the paragraph on how it was drawn.
 _PICTURE = re.compile(r"^\[?!\[[^\n]*\n+(?:Step: .*?\n\n)?", re.MULTILINE | re.DOTALL)
+_TAG = re.compile(r"</?su[bp]>")
 _LINK = re.compile(r"\[([^\]]+)\]\(([^)\s]+)\)")
 
 
 def topic_names() -> list[str]:
-    """Names of all topics: the pages, then the effects by their ids."""
-    effects = sorted(page.stem for page in (_folder() / "effects").glob("*.md") if page.stem != _INDEX)
-    return [*TOPICS, *effects]
+    """Names of all topics: the pages, then the effects and the faults of logs by their ids."""
+    return [*TOPICS, *catalogue_pages("effects"), *catalogue_pages("faults")]
+
+
+def catalogue_pages(folder: str) -> list[str]:
+    """Ids of the pages in one of the folders "effects" and "faults"."""
+    return sorted(page.stem for page in (_folder() / folder).glob("*.md") if page.stem != _INDEX)
 
 
 def topic_title(topic: str) -> str:
@@ -84,6 +95,7 @@ def topic_text(topic: str) -> str:
             f"there is no page {topic!r}. {suggestion(topic, there, also)}", mend="`rovid help` lists them all."
         )
     page = _COMMENT.sub("", _path(topic).read_text(encoding="utf-8"))
+    page = _TAG.sub("", page)
     page = _LINK.sub(lambda link: _reference(link, topic), _PICTURE.sub("", page))
     if "sample_logs/" in page:
         page += "\nThe sample logs come with rovid's sources.\n"
@@ -106,13 +118,13 @@ def _folder() -> Path:
 
 
 def _path(topic: str) -> Path:
-    if topic == "effects":
-        return _folder() / "effects" / f"{_INDEX}.md"
+    if topic in _CATALOGUES:
+        return _folder() / topic / f"{_INDEX}.md"
     if topic == "skill":
         return _PACKAGE / "SKILL.md"
     if topic in TOPICS:
         return _folder() / f"{topic}.md"
-    return _folder() / "effects" / f"{topic}.md"
+    return next(path for name in _CATALOGUES if (path := _folder() / name / f"{topic}.md").exists())
 
 
 def _reference(link: re.Match[str], topic: str) -> str:
@@ -121,7 +133,7 @@ def _reference(link: re.Match[str], topic: str) -> str:
     if target.startswith("http"):
         return f"{words} ({target})"
     page = Path(target.partition("#")[0])
-    name = "effects" if page.stem == _INDEX else page.stem
+    name = page.parent.name if page.stem == _INDEX else page.stem
     if page.suffix != ".md" or name in {topic, words} or name not in {*topic_names()}:
         return words
     # The title of an effect is nearly its id.

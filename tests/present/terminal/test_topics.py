@@ -28,7 +28,7 @@ def test_every_effect_has_a_page_and_all_have_titles() -> None:
 def test_a_page_cites_nothing_that_an_installed_rovid_lacks(topic: str) -> None:
     text = topics.topic_text(topic)
     assert not re.search(r"\]\([^)]*\.(md|png)|<!--|!\[|docs/", text)
-    for named in re.findall(r"`rovid help ([\w-]+)`", text):
+    for named in re.findall(r"`rovid help ([a-z_-]+)`", text):
         assert named in topics.topic_names()
     if "sample_logs" in text:
         assert text.rstrip().endswith("The sample logs come with rovid's sources.")
@@ -56,7 +56,7 @@ def test_a_wheel_brings_the_pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     """Where the build puts them, they are found."""
     build = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["hatch"]["build"]["targets"]
     assert build["wheel"]["sources"] == {"docs": "rovid/pages"}
-    for pattern in ("/docs/*.md", "/docs/effects/*.md"):
+    for pattern in ("/docs/*.md", "/docs/effects/*.md", "/docs/faults/*.md"):
         assert pattern in build["wheel"]["include"]
         assert pattern in build["sdist"]["include"]
     here = topics.topic_text("logs")
