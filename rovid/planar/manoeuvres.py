@@ -116,14 +116,11 @@ def turning_circle(track: Track) -> Measures:
     both = None if error is None or rate_error is None else math.hypot(error / mean, rate_error / rate)
     add("steady_diameter", 2.0 * mean / abs(rate), "m", None if both is None else both * 2.0 * mean / abs(rate))
     # Positive where the bow points into the turn: beta = -v/u in a turn to starboard.
-    add("steady_drift_angle", *_with_unit(_mean(np.arctan2(-side * track.sway[last], track.surge[last])), "rad"))
+    drift, drift_error = _mean(np.arctan2(-side * track.sway[last], track.surge[last]))
+    add("steady_drift_angle", drift, "rad", drift_error)
     if speed[0] > 0.0:
         add("speed_ratio", mean / float(speed[0]), "1", None if error is None else error / float(speed[0]))
     return found
-
-
-def _with_unit(mean: tuple[float, float | None], unit: str) -> tuple[float, str, float | None]:
-    return mean[0], unit, mean[1]
 
 
 def _when(level: FloatArray, wanted: float, values: FloatArray) -> float:

@@ -238,8 +238,7 @@ class _Parser:
         time = signals.pop("time", Signal(name="time", sources={}, unit="auto"))
         blocks, rudders = self.blocks(document, "thrusters"), self.blocks(document, "rudders")
         thrusters, commands = self.actuators(blocks, rudders, signals)
-        kinds: set[str] = set().union(*(command.sources for command in commands))
-        measured_signal = self.measured_signal(signals, kinds, blocks)
+        measured_signal = self.measured_signal(signals, {kind for one in commands for kind in one.sources}, blocks)
         self.require_actuators(blocks, thrusters)
         return Config(
             path=self.path,
