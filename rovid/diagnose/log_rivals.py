@@ -7,7 +7,7 @@ are moved by it and the diagnosis is repeated. Where it is possible, it is a fau
 A log of another vehicle or payload passes for a cause with another size in each trial, or in one trial. Each size is
 compared with those of the other trials. Where one or two logs, and fewer than half, have nearly all of the differences,
 the diagnosis is repeated without these logs. If the cause is not established there, it is not established at all: the
-logs are set aside, and the cause is a suspect next to them.
+logs are set aside, and the cause is a suspect next to them. Of the logs of two payloads those of one are diagnosed.
 
 Some causes of a diagnosis of yaw are motion along surge and sway, which the coupled model explains.
 """
@@ -33,6 +33,7 @@ from rovid.effects.actuator_inputs import SPEEDS
 from rovid.effects.clock_offset import CLOCKS_APART
 from rovid.effects.further_terms import trials_in_form
 from rovid.faults.base import named
+from rovid.faults.foreign_log import minority_payload
 from rovid.signals.preprocessing import PreparedRuns, Run, prepare, shift_commands
 from rovid.signals.rates import highest_cutoff
 from rovid.trial.axis import YAW
@@ -65,23 +66,32 @@ def diagnose_majority(
     """The diagnosis, in which no cause is established whose only evidence is that a few logs differ from the others."""
     diagnosis = diagnose(prepared, vehicle, report, budget)
     names = tuple(dict.fromkeys(run.trial.parent or run.trial.name for run in prepared.items))
-    doubted = [(finding, logs) for finding in diagnosis.findings if (logs := few_logs(finding, len(names)))]
+    payload = minority_payload(prepared.items, vehicle) if diagnosis.findings else ()
+    doubted = [(finding, logs) for finding in diagnosis.findings if (logs := payload or few_logs(finding, len(names)))]
     if not doubted:
         return diagnosis
     remaining, remedy = diagnosis, "none"
     few = dict.fromkeys(name for _, logs in doubted for name in logs)
-    if len(names) >= _MIN_LOGS and 2 * len(few) < len(names) and not (budget and budget.skips("foreign_log")):
+    is_minority = bool(payload) or (len(names) >= _MIN_LOGS and 2 * len(few) < len(names))
+    if is_minority and not (budget and budget.skips("foreign_log")):
         report(f"Repeating the diagnosis without {' and '.join(few)} …")
         kept = tuple(run for run in prepared.items if not {run.trial.parent, run.trial.name} & few.keys())
         others = diagnose(replace(prepared, items=kept), vehicle, report, budget)
         shown = {finding.effect.id for finding in others.findings}
         doubted = [(finding, logs) for finding, logs in doubted if finding.effect.id not in shown]
-        if doubted and others.verdict != "too_little_data":
+        if (doubted or payload) and others.verdict != "too_little_data":
             remaining, remedy = others, "set_aside"
-    for finding, logs in doubted:
+    if not doubted and remaining is diagnosis:
+        return diagnosis
+    for finding, _ in doubted:
         findings = tuple(one for one in remaining.findings if one is not finding)
-        remaining = _with_suspect(replace(remaining, findings=findings), finding, _foreign_fault(finding, logs, remedy))
-    return remaining
+        remaining = _with_suspect(replace(remaining, findings=findings), finding)
+    # The faults of the logs contain two payloads already.
+    faults = () if payload else tuple(_foreign_fault(finding, logs, remedy) for finding, logs in doubted)
+    warnings = remaining.warnings
+    if payload and remedy == "set_aside":
+        warnings = (f"The diagnosis is of one payload alone: it leaves out {named(payload)}.", *warnings)
+    return replace(remaining, faults=(*remaining.faults, *faults), warnings=warnings)
 
 
 def few_logs(finding: Finding, count: int) -> tuple[str, ...]:
@@ -123,12 +133,12 @@ def _differences(sizes: FloatArray, covariance: FloatArray, rows: Sequence[int])
     return float(differences @ np.linalg.pinv(among, rcond=1e-12, hermitian=True) @ differences)
 
 
-def _with_suspect(diagnosis: Diagnosis, finding: Finding, fault: Fault) -> Diagnosis:
-    """``diagnosis`` with the ``finding`` as its first suspect, and the ``fault`` as the rival."""
+def _with_suspect(diagnosis: Diagnosis, finding: Finding) -> Diagnosis:
+    """``diagnosis`` with the ``finding`` as its first suspect, next to foreign logs."""
     suspect = replace(finding, probability=_EVEN * finding.probability)
     verdict = "found" if diagnosis.findings else "suspected"
     suspects = (suspect, *(one for one in diagnosis.suspects if one.effect.id != finding.effect.id))
-    return replace(diagnosis, verdict=verdict, suspects=suspects, faults=(*diagnosis.faults, fault))
+    return replace(diagnosis, verdict=verdict, suspects=suspects)
 
 
 def _foreign_fault(finding: Finding, logs: tuple[str, ...], remedy: str) -> Fault:

@@ -54,6 +54,7 @@ class UnknownPasts:
     torque: float
     _beginnings: dict[float, _Beginnings] = field(default_factory=dict)
 
+    @np.errstate(invalid="ignore")  # infinite innovations of a model that diverges
     def correct(
         self,
         kernel: Callable[..., tuple[FloatArray, FloatArray]],

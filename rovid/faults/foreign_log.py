@@ -18,7 +18,9 @@ from rovid.core.array_types import FloatArray
 from rovid.core.formatting import plus_minus
 from rovid.faults.base import Detection, FaultKind, RunsData, named
 from rovid.faults.quick_model import LogMoments, QuickModel, fit_quick_model, log_name
+from rovid.signals.preprocessing import Run
 from rovid.trial.fault import Fault
+from rovid.trial.vehicle import Vehicle
 
 # Logs that are compared: fewer have no majority.
 _MIN_LOGS = 4
@@ -33,6 +35,8 @@ _CERTAIN = 3.0
 _OPPOSITE = " That is impossible: its heading or its commands have the opposite sign, or its columns changed places."
 # Largest relative standard error of a log that takes part in groups.
 _MAX_ERROR = 0.05
+# Quantity of a step that another scale of all thrust explains as well.
+_BOTH = "inertia and drag"
 # Likelihood ratio of two levels against one with scatter: 99.5 % quantile of the best split of n normal deviates, by
 # 20 000 draws for each n from 4 to 30: 23 up to seven logs, and 1.1 more with each log.
 _MIN_RATIO, _RATIO_AT_ZERO, _RATIO_PER_LOG = 23.0, 15.0, 1.1
@@ -50,6 +54,11 @@ class _Groups:
     high: tuple[str, ...]
     low: tuple[str, ...]
     quantity: str
+
+    @property
+    def smaller(self) -> tuple[str, ...]:
+        """The logs of the level that fewer logs have."""
+        return self.high if len(self.high) <= len(self.low) else self.low
 
 
 def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
@@ -71,9 +80,9 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
             rest = without(rest, log.name)
         model = fit_quick_model(rest.runs, data.vehicle)
     yield from found
-    groups = None if model is None or data.vehicle.planar else _best_groups(model)
-    if groups is not None:
-        yield _two_payloads(groups)
+    groups = [] if model is None or data.vehicle.planar else _every_groups(model)
+    if groups:
+        yield _two_payloads(max(groups, key=lambda each: each.ratio))
 
 
 def _is_foreign(log: LogMoments, count: int) -> bool:
@@ -106,6 +115,15 @@ def without(data: RunsData, log: str) -> RunsData:
     return replace(data, runs=[run for run in data.runs if log_name(run) != log])
 
 
+def minority_payload(runs: Sequence[Run], vehicle: Vehicle) -> tuple[str, ...]:
+    """The smaller of two groups of logs with another inertia or drag; empty if another scale of all thrust may act."""
+    model = fit_quick_model(runs, vehicle)
+    groups = [] if model is None else _every_groups(model)
+    if not groups or any(each.quantity == _BOTH for each in groups):
+        return ()
+    return max(groups, key=lambda each: each.ratio).smaller
+
+
 def _two_payloads(groups: _Groups) -> Detection[RunsData]:
     text = (
         f"The logs are of two kinds, as with two payloads or two vehicles: the {groups.quantity} of "
@@ -113,7 +131,7 @@ def _two_payloads(groups: _Groups) -> Detection[RunsData]:
     )
     fault = Fault(
         fault="foreign_log",
-        logs=groups.high if len(groups.high) <= len(groups.low) else groups.low,
+        logs=groups.smaller,
         text=text,
         size=1.0 + groups.step,
         standard_error=groups.error,
@@ -122,8 +140,8 @@ def _two_payloads(groups: _Groups) -> Detection[RunsData]:
     return Detection(fault=fault, done="No log was set aside: fit each kind by itself.")
 
 
-def _best_groups(model: QuickModel) -> _Groups | None:
-    """The best split in two groups if it is significant."""
+def _every_groups(model: QuickModel) -> list[_Groups]:
+    """The best split in two groups by each quantity, if it is significant."""
     logs = model.logs
     own, weights = _own_estimates(logs)
     products = sum(weight @ each for weight, each in zip(weights, own, strict=True))
@@ -133,11 +151,11 @@ def _best_groups(model: QuickModel) -> _Groups | None:
         "inertia": np.array([inertia, 0.0, 0.0]),
         "quadratic drag": np.array([0.0, quadratic, 0.0]),
         "drag": np.array([0.0, quadratic, linear]),
-        "inertia and drag": np.array([inertia, quadratic, linear]),
+        _BOTH: np.array([inertia, quadratic, linear]),
     }
     pulls = [weight @ (each - mean) for weight, each in zip(weights, own, strict=True)]
     found = [_groups(logs, pulls, weights, direction, quantity) for quantity, direction in directions.items()]
-    return max((each for each in found if each), key=lambda each: each.ratio, default=None)
+    return [each for each in found if each]
 
 
 def _own_estimates(logs: Sequence[LogMoments]) -> tuple[list[FloatArray], list[FloatArray]]:

@@ -17,7 +17,7 @@ from rovid.estimate.estimate import Estimate
 from rovid.signals.preprocessing import PreparedRuns, shift_commands
 from rovid.trial.trial import Trial
 from tests.diagnose.findings import finding
-from tests.faults.days import day
+from tests.faults.days import VEHICLES, day, scaled
 from tests.synthetic import VEHICLE, clock, trial
 
 
@@ -107,6 +107,24 @@ def test_what_the_other_logs_do_not_show_is_not_established(
     assert (result.verdict, suspect.effect, suspect.probability) == ("suspected", cause.effect, 0.5 * 0.99)
     assert (fault.fault, fault.logs, fault.remedy) == ("foreign_log", NAMES[1:2], "set_aside")
     assert f"{NAMES[1]} does not belong to the other logs" in fault.text
+
+
+def test_of_two_payloads_the_logs_of_one_are_diagnosed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A thrust for each trial stands for a larger inertia of half of the trials."""
+    heavy = dict.fromkeys(NAMES[::2], scaled(VEHICLES["small"][0], 1.3, 1.0))
+    runs = PreparedRuns(items=tuple(day("small", 0, heavy, disturbance=0.005)), cutoff=1.0, chosen=True, remarks=())
+    cause = finding(supply_sag.for_trials(NAMES), [1.1, 0.9] * 5)
+    every, one = Diagnosis(verdict="found", findings=(cause,)), Diagnosis(verdict="nothing_found")
+
+    def diagnosed(prepared: PreparedRuns, *_: object) -> Diagnosis:
+        return every if prepared is runs else one
+
+    monkeypatch.setattr(log_rivals, "diagnose", diagnosed)
+    result = diagnose_majority(runs, VEHICLE, lambda _: None)
+    (suspect,) = result.suspects
+    assert (result.verdict, result.findings, result.faults) == ("suspected", (), ())
+    assert (suspect.effect, suspect.probability) == (cause.effect, 0.5 * 0.99)
+    assert "one payload alone" in result.warnings[0]
 
 
 def found(*names: str) -> Diagnosis:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rovid.faults.base import RunsData, examine
-from rovid.faults.foreign_log import FAULT
+from rovid.faults.foreign_log import FAULT, minority_payload
 from rovid.model.model import Model
 from rovid.signals.preprocessing import Run
 from rovid.trial.fault import Fault, FaultOverrides
@@ -75,9 +75,12 @@ def test_foreign_logs_are_named_and_set_aside(vehicle: str, factors: tuple[float
 @pytest.mark.parametrize("factors", [(1.0, 1.3), (1.3, 1.3), (1.3, 1.0)])
 def test_two_payloads_are_named_and_nothing_is_set_aside(vehicle: str, factors: tuple[float, float], seed: int) -> None:
     names = [run.trial.name for run in day(vehicle, seed)][::2]
-    kept, faults = found(day(vehicle, seed, dict.fromkeys(names, scaled(model(vehicle), *factors)), disturbance=0.005))
+    runs = day(vehicle, seed, dict.fromkeys(names, scaled(model(vehicle), *factors)), disturbance=0.005)
+    kept, faults = found(runs)
     assert len(kept) == 10
     (fault,) = faults
+    # More thrust in some logs has the same inertia and drag at another scale: that is no payload.
+    assert minority_payload(runs, LOGGED) == (fault.logs if factors[0] != factors[1] else ())
     assert (fault.remedy, fault.stops) == ("none", False)
     others = [name for name in kept if name not in names]
     # A log that hardly shows its drag may be missing, but no log is in the wrong group.
