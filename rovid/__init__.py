@@ -13,7 +13,7 @@ from rovid.core.errors import RovidError
 if TYPE_CHECKING:  # `import rovid` must stay instant.
     from rovid.api.study import VehicleStudy as Study
 
-__version__ = "0.3.0"
+__version__ = "0.4.0"
 __all__ = ["RovidError", "Study", "__version__", "open"]
 
 
