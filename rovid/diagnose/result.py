@@ -172,8 +172,14 @@ class Diagnosis(Conclusion):
         return {effect.id: size for effect, size in self.detectable}
 
 
-def unidentifiable_parameters(vehicle: Vehicle) -> tuple[str, ...]:
-    """Parameters that data of ``vehicle`` cannot identify; keys of `UNIDENTIFIABLE`."""
+def not_identifiable(vehicle: Vehicle, diagnosis: Diagnosis | None = None) -> dict[str, str]:
+    """Parameters of ``vehicle``, and effects of any size, that the data cannot identify; each with a description."""
+    hidden = [] if diagnosis is None else [effect for effect, size in diagnosis.detectable if not math.isfinite(size)]
+    found = {name: UNIDENTIFIABLE[name] for name in _unidentifiable_parameters(vehicle)}
+    return found | {effect.id: f"{effect.title}, of any size" for effect in hidden if effect.id not in found}
+
+
+def _unidentifiable_parameters(vehicle: Vehicle) -> tuple[str, ...]:
     # Tables state their torque without a thruster. Logs without a thruster are of a self-righting axis.
     if not vehicle.thrusters and vehicle.axis.self_righting:
         return ("inertia", "rate_scale")

@@ -166,8 +166,7 @@ def zigzag(track: Track) -> Measures:
         if 0 < top < len(heading) - 1:
             peak, later = _peak(heading, top)
             found[f"{name}_overshoot"] = ManoeuvreMeasure(value=peak - float(heading[0]), unit="rad")
-            step = float(track.time[begin + top] - track.time[begin + top - 1])
-            seconds = float(track.time[begin + top] - track.time[begin]) + later * step
+            seconds = float(np.interp(begin + top + later, np.arange(len(track.time)), track.time) - track.time[begin])
             found[f"{name}_overshoot_time"] = ManoeuvreMeasure(value=seconds, unit="s")
         reach = float(track.time[begin] - track.time[0])
         found[f"{name}_execute_time"] = ManoeuvreMeasure(value=reach, unit="s")
@@ -190,9 +189,7 @@ def _peak(values: FloatArray, top: int) -> tuple[float, float]:
     """Maximum of the parabola through three samples about ``top``, and its distance from ``top`` in samples."""
     before, at, after = values[top - 1 : top + 2].tolist()
     curvature = before - 2.0 * at + after
-    if curvature >= 0.0:
-        return at, 0.0
-    later = 0.5 * (before - after) / curvature
+    later = 0.5 * (before - after) / curvature if curvature < 0.0 else 0.0
     return at - 0.25 * (before - after) * later, later
 
 

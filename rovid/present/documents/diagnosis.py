@@ -16,7 +16,7 @@ from rovid.diagnose.result import (
     ModelAssessment,
     discriminating_experiment,
     next_experiment,
-    unidentifiable_parameters,
+    not_identifiable,
 )
 from rovid.diagnose.signal_regressors import signal_name
 from rovid.diagnose.tables import TableDiagnosis
@@ -70,7 +70,7 @@ def diagnosis_document(diagnosis: Diagnosis, study: Study) -> Document:
                 for name, (signal, gain) in zip(names, diagnosis.signals, strict=True)
             ],
         },
-        "not_identifiable": list(unidentifiable_parameters(study.vehicle)),
+        "not_identifiable": list(not_identifiable(study.vehicle, diagnosis)),
         "next_experiment": next_experiment(diagnosis) | {"needed": not diagnosis.is_settled},
         **guess_document(study.vehicle.assumptions),
     }

@@ -117,7 +117,7 @@ def _context(report: ReportData, figures: ReportFigures, today: date) -> dict[st
         "answer": summarize(report),
         "added": _added_inertia(report),
         "correlations": fits.correlation_table(report.parameters),
-        "unidentifiable": diagnosis.unidentifiable_words(report.vehicle),
+        "unidentifiable": diagnosis.unidentifiable_words(report.vehicle, report.diagnosis),
         "residual_sizes": residual_sizes,
         "effects": report.parameters.effect_forms(),
         "missing": missing,

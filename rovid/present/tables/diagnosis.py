@@ -11,12 +11,11 @@ from rovid.core.formatting import plus_minus, significant
 from rovid.diagnose.candidate_fits import Alternative
 from rovid.diagnose.result import (
     NEVER_IDENTIFIABLE,
-    UNIDENTIFIABLE,
     Diagnosis,
     Finding,
     ModelAssessment,
     OtherCause,
-    unidentifiable_parameters,
+    not_identifiable,
 )
 from rovid.diagnose.signal_regressors import is_signal
 from rovid.diagnose.tables import TableDiagnosis
@@ -39,9 +38,10 @@ from rovid.trial.vehicle import Vehicle
 ALTERNATIVES_SHOWN = 8
 
 
-def unidentifiable_words(vehicle: Vehicle) -> list[str]:
+def unidentifiable_words(vehicle: Vehicle, diagnosis: Diagnosis | None) -> list[str]:
     """Quantities that the data cannot determine, besides the scales of thrust and rate."""
-    return [UNIDENTIFIABLE[name] for name in unidentifiable_parameters(vehicle) if name not in NEVER_IDENTIFIABLE]
+    found = not_identifiable(vehicle, diagnosis)
+    return [text for name, text in found.items() if name not in NEVER_IDENTIFIABLE]
 
 
 def indistinguishable_names(finding: Finding) -> str:

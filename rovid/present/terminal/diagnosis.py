@@ -12,13 +12,12 @@ from rovid.compare.comparison import Comparison
 from rovid.control.design import ControllerDesign
 from rovid.core.formatting import labelled_text, plus_minus
 from rovid.diagnose.result import (
-    UNIDENTIFIABLE,
     Diagnosis,
     Finding,
     ModelAssessment,
     discriminating_experiment,
     next_experiment,
-    unidentifiable_parameters,
+    not_identifiable,
 )
 from rovid.present.conclusions import EXTENDED_MODEL, PLAIN_MODEL, control_verdict, next_step
 from rovid.present.console import VERDICT_STYLES, print_labelled, print_text, show_caution, show_faults, show_warnings
@@ -99,9 +98,9 @@ def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> 
         print_text(console, f"left unexplained: {share:.2g} % of the {axis.force_name}'s variance ({size})")
     if diagnosis.verdict == "nothing_found":
         detectable_table(diagnosis, vehicle).print(console, guess)
-    unidentifiable = [UNIDENTIFIABLE[name] for name in unidentifiable_parameters(vehicle)]
-    print_text(console, f"cannot be found from {axis.name} data: {'; '.join(unidentifiable)}")
-    if "thrust_scale" in unidentifiable_parameters(vehicle) and vehicle.thrusters:
+    unidentifiable = not_identifiable(vehicle, diagnosis)
+    print_text(console, f"cannot be found from these data: {'; '.join(unidentifiable.values())}")
+    if "thrust_scale" in unidentifiable and vehicle.thrusters:
         print_text(console, "A pull, a lift or a step of inertia determines the factor on all thrust: fit-thrust-scale")
     print_labelled(console, "Next:", str(next_step(diagnosis, next_experiment(diagnosis))))
 
