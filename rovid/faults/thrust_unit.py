@@ -8,7 +8,7 @@ inertia is possible then, the commands and the curve are of different units.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +16,7 @@ import numpy as np
 from rovid.faults.base import Detection, FaultKind, RunsData
 from rovid.faults.quick_model import fit_quick_model
 from rovid.faults.unit_mismatch import mismatch_text, unit_of
+from rovid.signals.preprocessing import Run
 from rovid.trial.fault import Fault
 from rovid.trial.vehicle import Vehicle
 
@@ -49,15 +50,31 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
     if model is None or min(log.misfit for log in model.logs) > _MAX_MISFIT:
         return
     if fault := _fault(model.inertia, None, data.vehicle, _QUICK_LIMIT):
-        yield Detection(fault=_command_unit(model.inertia, data, fault) or fault)
+        of_commands = _command_unit(model.inertia, data.runs, data.vehicle, fault)
+        yield Detection(fault=of_commands or _with_commands(fault, data.runs, data.vehicle))
 
 
-def _command_unit(inertia: float, data: RunsData, fault: Fault) -> Fault | None:
+def _with_commands(fault: Fault, runs: Sequence[Run], vehicle: Vehicle) -> Fault:
+    """The ``fault`` with the commands as another explanation, if they look like another unit than the curve's."""
+    commands = np.vstack([run.trial.commands for run in runs])
+    for thruster, column in zip(vehicle.thrusters, commands.T, strict=True):
+        values = column[np.isfinite(column) & (column != 0.0)]
+        if thruster.curve is not None and values.size and unit_of(values) not in {"", unit_of(thruster.curve.command)}:
+            ends = thruster.curve.command[[0, -1]]
+            other = (
+                f"commands in another unit than the curve: {thruster.name} has {values.min():.4g} to "
+                f"{values.max():.4g}, the curve ends at {ends[0]:g} and {ends[1]:g}"
+            )
+            return replace(fault, text=fault.text.replace(". Check", f"; or {other}. Check"))
+    return fault
+
+
+def _command_unit(inertia: float, runs: Sequence[Run], vehicle: Vehicle, fault: Fault) -> Fault | None:
     """The ``fault`` as a mismatch of the units of commands and curves, if it explains the ``inertia``; else None."""
-    reference = data.vehicle.reference_inertia
-    commands = np.vstack([run.trial.commands for run in data.runs])
+    reference = vehicle.reference_inertia
+    commands = np.vstack([run.trial.commands for run in runs])
     used, whole, texts = np.zeros(len(commands)), np.zeros(len(commands)), dict[str, list[str]]()
-    for thruster, column in zip(data.vehicle.thrusters, commands.T, strict=True):
+    for thruster, column in zip(vehicle.thrusters, commands.T, strict=True):
         curve = thruster.curve
         values = column[np.isfinite(column) & (column != 0.0)]
         if curve is None or not values.size:
@@ -78,9 +95,13 @@ def _command_unit(inertia: float, data: RunsData, fault: Fault) -> Fault | None:
     return replace(fault, fault="unit_mismatch", text=f"Commands of {' and '.join(names)} {text} {inertia_text}")
 
 
-def inertia_fault(inertia: float, error: float, vehicle: Vehicle) -> Fault | None:
-    """The fault of a fitted ``inertia`` with its standard error in kg m^2 or kg; None where it is possible."""
-    return _fault(inertia, error, vehicle, _FIT_LIMIT)
+def inertia_fault(inertia: float, error: float, vehicle: Vehicle, runs: Sequence[Run] = ()) -> Fault | None:
+    """The fault of a fitted ``inertia`` with its standard error in kg m^2 or kg; None where a vehicle can have it.
+
+    Commands of ``runs`` may be another explanation.
+    """
+    fault = _fault(inertia, error, vehicle, _FIT_LIMIT)
+    return fault if fault is None or not runs else _with_commands(fault, runs, vehicle)
 
 
 def _fault(inertia: float, error: float | None, vehicle: Vehicle, limit: float) -> Fault | None:

@@ -59,7 +59,11 @@ def _mismatched(
     if not used:
         return
     every = np.concatenate(list(used.values()))
-    if np.max(np.abs(every)) < _TINY * np.max(np.abs(curve.command)) and unit_of(every) != unit_of(curve.command):
+    unit, reach = unit_of(every), float(np.max(np.abs(every)))
+    full = _full(unit) if unit in _UNITS else 0.0
+    # Commands that are tiny in their own unit, too, are those of a vehicle that hardly moves.
+    is_tiny = reach < _TINY * np.max(np.abs(curve.command)) and reach >= _TINY * full
+    if is_tiny and unit != unit_of(curve.command):
         yield from ((log, every) for log in used)
         return
     far = {log: every for log, values in used.items() if np.mean(curve.reach(values) > limit) > _MIN_SHARE}

@@ -15,12 +15,14 @@ from rovid.effects.actuator_inputs import neutral_commands
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.maximum_likelihood import fit_likelihood
 from rovid.estimate.output_error import fit_regression
+from rovid.faults.thrust_unit import inertia_fault
 from rovid.preflight.clock_alignment import ClockOffsets
 from rovid.preflight.command_effects import ThrusterCheck, all_reversed
 from rovid.preflight.feedback_detection import SIGNIFICANCE_LEVEL, Feedback
 from rovid.signals.preprocessing import Run, prepare
 from rovid.signals.segments import Hold, SineRun, find_holds, find_sines
 from rovid.trial.axis import Axis
+from rovid.trial.fault import FaultOverrides
 from rovid.trial.trial import Campaign, Trial
 from rovid.trial.vehicle import Vehicle
 
@@ -59,6 +61,7 @@ def advise(
     feedback: Sequence[Feedback] = (),
     clocks: ClockOffsets | None = None,
     thrusters: Sequence[ThrusterCheck] = (),
+    overrides: FaultOverrides | None = None,
     *,
     all_read: bool = True,
 ) -> list[Advice]:
@@ -89,7 +92,7 @@ def advise(
     found += _feedback(feedback, vehicle.axis)
     if all_read:
         found += _missing_runs(runs.items, vehicle)
-        found += _undetermined(runs.items, vehicle)
+        found += _undetermined(runs.items, vehicle, overrides or FaultOverrides())
     return sorted(found, key=lambda one: ("grave", "care", "aside").index(one.weight))
 
 
@@ -249,19 +252,23 @@ def _has_single_thruster_run(runs: Sequence[Run], vehicle: Vehicle) -> bool:
 # ---- parameters
 
 
-def _undetermined(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[Advice]:
+def _undetermined(runs: Sequence[Run], vehicle: Vehicle, overrides: FaultOverrides) -> Iterator[Advice]:
     """Parameters that a regression on all runs does not determine, and an implausible inertia.
 
-    Where the regression leaves the inertia uncertain, `fit_likelihood` decides whether the logs determine it.
+    Where the regression leaves the inertia uncertain, `fit_likelihood` decides whether the logs determine it, and
+    whether a vehicle can have it.
     """
     estimate, why = None, ""
     try:
         estimate = fit_regression(runs).estimate
     except RovidError as error:
         why = str(error)
-    if estimate is None or not estimate.standard_error("inertia") <= _UNCERTAIN * estimate.value("inertia"):
+    body = vehicle.rigid_body_inertia
+    inertia = math.nan if estimate is None else estimate.value("inertia")
+    implausible = body is not None and inertia > 0.0 and not 1.0 / _IMPLAUSIBLE < inertia / body < _IMPLAUSIBLE
+    if estimate is None or implausible or not estimate.standard_error("inertia") <= _UNCERTAIN * inertia:
         try:
-            fit_likelihood(runs, vehicle)
+            fitted = fit_likelihood(runs, vehicle).estimate
         except RovidError as error:
             count = sum(int(run.trial.measured.sum()) for run in runs)
             if count < _FEWEST and not any(np.ptp(run.trial.commands, axis=0).any() for run in runs):
@@ -275,12 +282,17 @@ def _undetermined(runs: Sequence[Run], vehicle: Vehicle) -> Iterator[Advice]:
                 ) from error
             yield Advice(kind="undetermined", text=str(error), weight="grave")
             return
+        fault = None
+        if "inertia" not in fitted.refused:
+            fault = inertia_fault(fitted.value("inertia"), fitted.standard_error("inertia"), vehicle, runs)
+        if fault is not None and not overrides.keep(fault):
+            yield Advice(kind="scale", text=fault.text, weight="grave")
+            return
     if estimate is None:
         yield Advice(kind="undetermined", text=f"A first regression fails, though not the fit: {why}")
         return
-    body, inertia = vehicle.rigid_body_inertia, estimate.value("inertia")
     # Guessed arms, curves and sizes give no more than the order of magnitude.
-    if body is not None and inertia > 0.0 and not 1.0 / _IMPLAUSIBLE < inertia / body < _IMPLAUSIBLE:
+    if implausible and body is not None:
         text = (
             f"Check {vehicle.axis.arm_key}, thrust curve, mass and size, and the units of time and "
             f"{vehicle.axis.required_signals}: by its motion the vehicle would have {significant(inertia / body, 2)} "

@@ -116,7 +116,7 @@ def check_trials(
     thrusters = check_thrusters(trials, vehicle)
     return replace(
         checked,
-        advice=tuple(advise(trials, vehicle, feedback, clocks, thrusters, all_read=not problems)),
+        advice=tuple(advise(trials, vehicle, feedback, clocks, thrusters, config.faults, all_read=not problems)),
         feedback=tuple(feedback),
         clocks=clocks,
         thrusters=tuple(thrusters),

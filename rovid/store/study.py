@@ -195,7 +195,12 @@ class Study:
         """Refuse an inertia that no vehicle has, unless the user keeps that fault."""
         if "inertia" in estimate.refused:
             return
-        fault = inertia_fault(estimate.value("inertia"), estimate.standard_error("inertia"), self.vehicle)
+        fault = inertia_fault(
+            estimate.value("inertia"),
+            estimate.standard_error("inertia"),
+            self.vehicle,
+            () if self.runs is None else self.runs.items,
+        )
         if fault is not None and not self.overrides.keep(fault):
             raise _refused(fault)
 
