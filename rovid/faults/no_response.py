@@ -6,10 +6,15 @@ of the torques' ratio, at most twofold here.
 
 A stretch of a log, as on the ground, counts by the same rule with standard deviations in
 windows: a constant torque may balance a tether, a current or friction.
+
+While the command is held, the torque by the motion, I rdot + DQ |r| r + DL r, over the torque by the command is near
+one. A log in which this ratio is near zero in every hold does not respond, whatever waves do to it. A ratio that falls
+to zero and returns during one hold is a supply that was interrupted: a wall, a tether or the wind does not let go.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import NamedTuple
@@ -19,7 +24,7 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.faults.base import Detection, FaultKind, RunsData
 from rovid.faults.foreign_log import without
-from rovid.faults.quick_model import first_order, fit_quick_model, held_torque, log_name
+from rovid.faults.quick_model import QuickModel, first_order, fit_quick_model, held_torque, log_name
 from rovid.signals.preprocessing import Run
 from rovid.trial.fault import Fault
 
@@ -32,6 +37,13 @@ _NONE = 0.05
 _RESPONDS = 0.5
 # RMS rate as a share of the log's largest, below which the vehicle coasts to rest: by quadratic drag it takes long.
 _COASTS = 0.25
+# Torque by the motion over the held torque: below, the vehicle does not respond; above, it does. Standard deviations of
+# the ratio in the other windows between response and none: 3e-7 by chance. Windows that determine it.
+_SILENT, _ANSWERS, _DEVIATIONS, _MIN_WINDOWS = 0.25, 0.75, 5.0, 10
+# Torque of a window over the largest, and its largest variation: the command is held at full thrust.
+_FULL_HOLD, _HELD = 0.5, 0.1
+# Shortest interruption in windows, each a quarter of a time constant after the one before.
+_INTERRUPTED = 5
 # Length of a window in time constants, and its smallest number of samples.
 _WINDOW, _MIN_SAMPLES = 5.0, 20
 
@@ -59,7 +71,55 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
         if enough and response < _NONE * float(np.median([rates[other] / pushed[other] for other in others])):
             still.add(name)
             yield _found(name, parts[name], rates[name])
-    yield from _stretches({name: runs for name, runs in parts.items() if name not in still}, tau)
+    rest = {name: runs for name, runs in parts.items() if name not in still}
+    interrupted = dict(_interruptions(rest, model))
+    for name, pause in interrupted.items():
+        yield _found(name, parts[name], rates[name], *pause)
+    yield from _stretches({name: runs for name, runs in rest.items() if name not in interrupted}, tau)
+
+
+def _interruptions(parts: Mapping[str, Sequence[Run]], model: QuickModel) -> Iterator[tuple[str, tuple[float, ...]]]:
+    """Logs that do not respond in any hold, or for a while during one, with its begin and end in s."""
+    largest = max((float(np.abs(held_torque(run)).max()) for runs in parts.values() for run in runs), default=0.0)
+    holds = {name: [one for run in runs for one in _hold_ratios(run, model, largest)] for name, runs in parts.items()}
+    ratios = np.array([ratio for own in holds.values() for hold in own for _, ratio in hold])
+    if len(ratios) < _MIN_WINDOWS:
+        return
+    usual = float(np.median(ratios))
+    # 1.48 median absolute deviations are a standard deviation of a normal distribution.
+    silent = min(_SILENT, usual - _DEVIATIONS * 1.48 * float(np.median(np.abs(ratios - usual))))
+    if usual < _ANSWERS:
+        return
+    for name, own in holds.items():
+        own_ratios = np.array([ratio for hold in own for _, ratio in hold])
+        if len(own_ratios) and np.abs(own_ratios).max() < silent and abs(own_ratios.mean()) < _NONE:
+            yield name, ()
+            continue
+        for hold in own:
+            states = "".join("0" if abs(one) < silent else "1" if one > _ANSWERS else "-" for _, one in hold)
+            if pause := re.search(rf"1-*(0{{{_INTERRUPTED},}})-*1", states):
+                yield name, (hold[pause.start(1)][0], hold[pause.end(1) - 1][0] + model.time_constant)
+                break
+
+
+def _hold_ratios(run: Run, model: QuickModel, largest: float) -> Iterator[list[tuple[float, float]]]:
+    """For each hold at full thrust: start in s of each window, and torque by the motion over held torque there."""
+    rates, held = run.rates, held_torque(run)
+    motion = np.column_stack((rates.acceleration, np.abs(rates.rate) * rates.rate, rates.rate)) @ model.values
+    length = max(_MIN_SAMPLES, round(model.time_constant / rates.kernel.period))
+    hold, level = list[tuple[float, float]](), 0.0
+    for first in range(0, len(held) - length + 1, max(1, length // 4)):
+        rows = slice(first, first + length)
+        mean = float(np.mean(held[rows]))
+        is_held = bool(run.valid[rows].all()) and np.abs(held[rows] - mean).max() < _HELD * abs(mean)
+        if hold and not (is_held and abs(mean - level) < _HELD * abs(level)):
+            yield hold
+            hold = []
+        if is_held and abs(mean) > _FULL_HOLD * largest:
+            level = mean
+            hold.append((float(rates.time[first]), float(np.mean(motion[rows])) / mean))
+    if hold:
+        yield hold
 
 
 def _stretches(parts: Mapping[str, Sequence[Run]], tau: float) -> Iterator[Detection[RunsData]]:
@@ -104,7 +164,9 @@ def _windows(run: Run, tau: float) -> Iterator[_Window]:
             yield _Window(float(run.rates.time[first]), rate, torque, _rms(run.rates.rate[rows]))
 
 
-def _found(name: str, runs: Sequence[Run], rate: float, at: float | None = None) -> Detection[RunsData]:
+def _found(
+    name: str, runs: Sequence[Run], rate: float, at: float | None = None, end: float | None = None
+) -> Detection[RunsData]:
     axis = runs[0].trial.axis
     largest = max(float(np.abs(run.torque).max()) for run in runs)
     unit = "N m" if axis.angular else "N"
@@ -113,6 +175,11 @@ def _found(name: str, runs: Sequence[Run], rate: float, at: float | None = None)
         f"{name}: the vehicle does not respond{since}. Its {axis.force_name} reaches {largest:.3g} {unit}, its "
         f"{axis.rate_words} stays at {rate:.2g} {axis.rate_unit} RMS."
     )
+    if end is not None:
+        text = (
+            f"{name}: the vehicle does not respond from {at:.1f} to {end:.1f} s. The command is held there, but its "
+            f"{axis.force_name} was absent, as after a breaker opened."
+        )
     fault = Fault(
         fault="no_response",
         logs=(name,),

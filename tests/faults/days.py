@@ -54,10 +54,12 @@ def day(
     still: str = "",
     thrust: dict[str, float] | None = None,
     off: str = "",
+    off_from: float = 0.5,
+    off_until: float = 1.0,
 ) -> list[Run]:
     """Runs of a day; ``others``: log -> model of another vehicle; ``still``: a log without motion.
 
-    ``off``: a log in whose second half the thrusters do not push.
+    ``off``: a log in which the thrusters do not push between these shares of its length.
 
     ``disturbance``: share of the full torque, with a memory of two time constants. ``thrust``: log -> factor of its
     torque.
@@ -71,7 +73,7 @@ def day(
         torque = (thrust or {}).get(name, 1.0) * planned
         time = interval * np.arange(len(torque), dtype=np.float64)
         own = gauss_markov(len(time), interval, disturbance * full, 2.0 * tau, rng)
-        own -= full * torque * ((name == off) & (time > 0.5 * time[-1]))
+        own -= full * torque * ((name == off) & (time > off_from * time[-1]) & (time <= off_until * time[-1]))
         noise = rng.normal(0.0, np.deg2rad(0.05), len(time))
         cutoff = min(2.0 / tau, 0.19 / interval)
         one = run(time, full * torque, (others or {}).get(name, model), cutoff=cutoff, disturbance=own, noise=noise)

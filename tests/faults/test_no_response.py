@@ -39,6 +39,17 @@ def test_a_log_whose_thrusters_stop_pushing_is_named_with_the_instant(vehicle: s
     assert "[[leave_out]]" in fault.text
 
 
+@pytest.mark.parametrize("vehicle", VEHICLES)
+def test_a_supply_interrupted_in_a_hold_is_named_with_its_stretch(vehicle: str) -> None:
+    runs = day(vehicle, 2, off="hold_1.csv", off_from=0.35, off_until=0.5)
+    _, (fault,) = examine([FAULT], RunsData(runs=runs, vehicle=LOGGED), FaultOverrides())
+    end = next(run.trial.time[-1] for run in runs if run.trial.name == "hold_1.csv")
+    assert fault.logs == ("hold_1.csv",)
+    # The windows of a time constant, 1/40 of the log, begin every quarter of it; the filter takes two of them.
+    assert fault.at[0] == pytest.approx(0.35 * end, abs=0.05 * end)
+    assert "[[leave_out]]" in fault.text
+
+
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("disturbance", [0.002, 0.1])
 @pytest.mark.parametrize("vehicle", VEHICLES)
