@@ -82,7 +82,7 @@ def build_diagnosis(stated: StatedSelection, warnings: list[str]) -> Diagnosis:
         signals=signals,
         unexplained_share=disturbance**2 / (disturbance**2 + selection.data.rms_torque**2),
         noise_floor=rate_floor(model),
-        position_floors={seconds: position_floor(model, seconds) for seconds in HORIZON_SECONDS},
+        position_floors={} if selection.multi_step else {at: position_floor(model, at) for at in HORIZON_SECONDS},
         nested_models=_nested_models(selection, causes),
         detectable=_detectable(selection),
         warnings=tuple(warnings),

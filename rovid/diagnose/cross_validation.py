@@ -304,16 +304,14 @@ _DOUBLINGS = 12
 
 def rate_floor(fitted: FitResult) -> float:
     """RMS rate error of a perfect model: rate that the disturbance drives, and filtered sensor noise."""
-    return math.hypot(fitted.objective.disturbance_rate_std(fitted.x), _rate_noise(fitted))
+    torque, memory = fitted.disturbance
+    return math.hypot(torque * fitted.model.rate_std_per_torque(fitted.data.rms_rate, memory), _rate_noise(fitted))
 
 
 def position_floor(fitted: FitResult, seconds: float) -> float:
-    """RMS position error (rad or m) of a perfect model ``seconds`` after a restart; NaN without a known disturbance."""
-    if fitted.objective.disturbance_rate_std(fitted.x) <= 0.0:
-        return math.nan
+    """RMS position error (rad or m) of a perfect model ``seconds`` after a restart, by a fit of innovations."""
     initial = 2.0 * fitted.objective.position_noise(fitted.x) ** 2, _rate_noise(fitted) ** 2
-    disturbance = fitted.objective.disturbance(fitted.x)
-    return position_std_after(fitted.model, fitted.data.rms_rate, disturbance, initial, seconds)
+    return position_std_after(fitted.model, fitted.data.rms_rate, fitted.disturbance, initial, seconds)
 
 
 def _rate_noise(fitted: FitResult) -> float:

@@ -226,6 +226,10 @@ class Thresholds:
     pieces. Set: 200 predictions count at most (`docs/method.md`), and an RMS of 200 has an error of 5 %, of which two
     models on the same predictions share more than nine tenths. Halved: true effects whose gain is in the noise are
     dropped; doubled: stand-ins that predict worse stay."""
+    changed_inertia: float = 2.0
+    """Factor. An effect that changes the inertia by more must improve the simulation of trials that were not fitted.
+    Set: decision; the published inertias of one vehicle differ by as much. Halved: true effects are dropped where the
+    disturbance is larger than their influence; doubled: exchanged time constants stay."""
     held_out_growth_level: float = 0.05
     """Level of the one-sided t test of that growth over the pieces. Set: convention (5 %). Halved: stand-ins that
     predict worse stay; doubled: true effects are dropped for one piece that goes wrong."""

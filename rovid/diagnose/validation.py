@@ -144,6 +144,20 @@ def simulates_worse(selection: Selection, effect: Effect) -> str:
     return ""
 
 
+def changes_inertia_alone(selection: Selection, effect: Effect) -> str:
+    """The effect multiplies or divides the inertia, and simulations of held-out trials are no better for it.
+
+    The time constants of a lag and of a vehicle with linear drag can change places: the commands have the same response
+    (Ljung 1999, chapter 4). Then only the spectrum of the disturbance, which is an assumption, decides between them.
+    """
+    models = selection.model, selection.search.without(selection.model, effect)
+    factor = math.exp(abs(math.log(models[0].model.inertia / models[1].model.inertia)))
+    rates = (simulate_folds(one, selection.folds(one)).rate_squares[:, np.newaxis] for one in reversed(models))
+    if factor < THRESHOLDS.changed_inertia or certain_growth(*rates) > 0.0:
+        return ""
+    return f"changes the inertia by a factor of {factor:.2g}, and does not improve simulations of held-out trials"
+
+
 def raises_disturbance(selection: Selection, effect: Effect) -> str:
     """The effect leaves a larger disturbance than the model without it, by more than the estimate scatters.
 
@@ -179,6 +193,7 @@ RULES: tuple[Callable[[Selection, Effect], str], ...] = (
     too_small_on_all_data,
     at_bound_on_all_data,
     simulates_worse,
+    changes_inertia_alone,
     likely,
 )
 

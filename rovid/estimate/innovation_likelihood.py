@@ -173,11 +173,6 @@ class InnovationLikelihood(NegativeLogLikelihood):
         """Standard deviation of the disturbance torque in N m, and its correlation time in s."""
         return math.exp(x[DISTURBANCE]), math.exp(x[MEMORY])
 
-    def disturbance_rate_std(self, x: FloatArray) -> float:
-        """Standard deviation of the rate that the disturbance causes, at the RMS rate."""
-        torque, memory = self.disturbance(x)
-        return torque * self.parametrization.model(x).rate_std_per_torque(self.data.rms_rate, memory)
-
     def position_noise(self, x: FloatArray) -> float:
         """Standard deviation of the measurement noise."""
         return math.exp(x[NOISE])

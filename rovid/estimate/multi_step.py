@@ -384,10 +384,6 @@ class MultiStepLikelihood(NegativeLogLikelihood):
         error = math.sqrt(float(_mean_squares(self._horizon, self.innovations(x).error)[0]))
         return 2.0 * self.parametrization.model(x).inertia * error / span**2, memory
 
-    def disturbance_rate_std(self, x: FloatArray) -> float:  # noqa: ARG002 - as every objective
-        """0: no error is attributed to a disturbance."""
-        return 0.0
-
     def position_noise(self, x: FloatArray) -> float:  # noqa: ARG002 - as every objective
         """Standard deviation of the measurement noise, from differences of the measurements."""
         return self.data.position_noise

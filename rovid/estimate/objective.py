@@ -104,10 +104,6 @@ class NegativeLogLikelihood(ABC):
         """Standard deviation of the disturbance torque in N m, and its correlation time in s."""
 
     @abstractmethod
-    def disturbance_rate_std(self, x: FloatArray) -> float:
-        """Standard deviation of the rate that the disturbance causes, at the RMS rate."""
-
-    @abstractmethod
     def position_noise(self, x: FloatArray) -> float:
         """Standard deviation of the measurement noise."""
 

@@ -30,6 +30,8 @@ from rovid.trial.axis import Axis
 
 # Slice of the drags among the unknowns: inertia, quadratic and linear drag, and those of the restoring torque.
 _DRAGS = slice(1, 3)
+# Share of samples, and of the largest value, that noise and filters may take below zero.
+_FEW = 0.02
 # Shortest jackknife block in periods of the cut-off, longer than the memory of waves and eddies; usual number of blocks
 # in all logs, and the least number.
 _BLOCK, _USUAL_BLOCKS, _BLOCKS = 30.0, 60, 12
@@ -228,6 +230,12 @@ def _bounded(
         values = _solve(instruments, measured, torque, free)
     if not values[0] > 0.0:
         signs = f"{axis.arm_key}, command and {axis.required_signals}"
+        torques, rates = (np.quantile(values, (_FEW, 1.0 - _FEW)) for values in (torque, measured[:, 2]))
+        if torques.min() > -_FEW * torques.max() and rates.min() < -_FEW * rates.max() < 0.0:
+            raise DataError(
+                f"the {axis.force_name} has one sign, but the vehicle moves both ways.",
+                mend=f"A logged size, as of a motor's current, has no sign: give the {axis.force_name} with its sign.",
+            )
         raise DataError(
             f"the inertia comes out negative: the vehicle moves against its {axis.force_name}, or hardly at all.",
             mend=f"Check in rovid.toml the signs of {signs}. {EXCITATION_ADVICE}",

@@ -18,8 +18,10 @@ from rovid.diagnose.cross_validation import (
     horizon_squares,
     missing_data,
     position_std_after,
+    rate_floor,
     simulate_folds,
 )
+from rovid.diagnose.selection import Selection
 from rovid.effects import effect_named
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult, fit
@@ -176,3 +178,16 @@ def test_a_fast_vehicle_causes_no_overflow() -> None:
 
 def test_without_disturbance_and_noise_the_position_is_exact() -> None:
     assert position_std_after(MODEL, RATE, (0.0, MEMORY), (0.0, 0.0), 60.0) == 0.0
+
+
+def test_the_floor_of_multi_step_predictions_includes_the_torque_that_is_unexplained(selection: Selection) -> None:
+    """Equation (20); without the constant torque, which acts, more is unexplained."""
+    floors = []
+    for fitted in (selection.model, selection.search.without(selection.model, BIAS)):
+        (size, memory), model = fitted.disturbance, fitted.model
+        slope = 2.0 * model.quadratic_drag * fitted.data.rms_rate + model.linear_drag
+        noise = np.median([run.rates.rate_noise for run in fitted.data.runs])
+        driven = size * math.sqrt(memory / (slope * (model.inertia + slope * memory)))
+        floors.append(rate_floor(fitted))
+        assert floors[-1] == pytest.approx(math.hypot(driven, noise))
+    assert floors[0] < 0.5 * floors[1]

@@ -19,6 +19,7 @@ from rovid.diagnose.signal_regressors import signal_regressors
 from rovid.diagnose.stepwise import StepwiseSearch
 from rovid.diagnose.thresholds import THRESHOLDS
 from rovid.diagnose.validation import (
+    changes_inertia_alone,
     drop_inconsistent,
     first_rejection,
     raises_disturbance,
@@ -30,6 +31,7 @@ from rovid.diagnose.wave_test import WaveTest
 from rovid.effects import Effect, EffectParameter, effect_named
 from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.multi_step import MultiStepLikelihood
+from rovid.estimate.parametrization import INERTIA
 from tests.predictions import BIAS
 
 UNEQUAL = effect_named("thrust_asymmetry")
@@ -248,6 +250,17 @@ def test_an_effect_must_not_raise_the_disturbance(
         MultiStepLikelihood, "disturbance", lambda own, _: (size, memory) if own.effects == with_effect else (1.0, 3.0)
     )
     assert bool(raises_disturbance(selection, BIAS)) is fails
+
+
+@pytest.mark.parametrize(("factor", "growth", "fails"), [(0.3, 0.0, True), (0.3, -0.3, False), (0.6, 0.0, False)])
+def test_an_effect_that_takes_the_place_of_the_inertia_must_improve_simulations(
+    selection: Selection, monkeypatch: pytest.MonkeyPatch, factor: float, growth: float, *, fails: bool
+) -> None:
+    with_growths(monkeypatch, {"position": np.full((8, 2), -0.5), "rate": np.full(8, growth)})
+    x = selection.model.x.copy()
+    x[INERTIA] += math.log(factor)
+    changed = replace(selection, model=replace(selection.model, x=x))
+    assert bool(changes_inertia_alone(changed, BIAS)) is fails
 
 
 def test_a_cause_that_acts_lowers_the_disturbance_and_the_held_out_errors(selection: Selection) -> None:

@@ -109,6 +109,15 @@ def test_too_little_motion_is_refused() -> None:
             fit_regression([log])
 
 
+def test_a_torque_that_was_logged_without_its_sign_is_named() -> None:
+    """The current of a motor that turns both ways."""
+    torque = 100.0 + 50.0 * np.sign(np.sin(0.1 * clock(200.0)))
+    log = run(clock(200.0), np.where(np.sin(0.031 * clock(200.0)) < 0.0, -torque, torque))
+    sizes = replace(log, torque=torque, filtered_torque=log.rates.filter_held(log.trial, torque))
+    with pytest.raises(DataError, match="the torque has one sign, but the vehicle moves both ways"):
+        fit_regression([sizes])
+
+
 def test_a_rate_of_noise_alone_is_no_motion() -> None:
     time = clock(100.0)
     steady = run(time, np.full(2001, 164.68), noise=np.random.default_rng(7).normal(0.0, HEADING_NOISE, 2001))
