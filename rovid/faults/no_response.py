@@ -71,6 +71,9 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
         if enough and response < _NONE * float(np.median([rates[other] / pushed[other] for other in others])):
             still.add(name)
             yield _found(name, parts[name], rates[name])
+    # The torque of a rudder of the coupled model is its angle alone: at rest it turns nothing.
+    if any(thruster.rudder is not None for thruster in data.vehicle.thrusters):
+        return
     rest = {name: runs for name, runs in parts.items() if name not in still}
     interrupted = dict(_interruptions(rest, model))
     for name, pause in interrupted.items():

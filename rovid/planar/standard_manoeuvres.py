@@ -14,7 +14,7 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
 from rovid.planar.dataset import PlanarData, PlanarRun, measured_axes, smooth_motion
-from rovid.planar.fit import PlanarFit
+from rovid.planar.fit import PlanarFit, is_yaw_alone
 from rovid.planar.free_runs import PlanarMotion, measured_start, simulate_planar
 from rovid.planar.manoeuvres import (
     ManoeuvreMeasure,
@@ -179,8 +179,11 @@ def model_measures(model: PlanarModel, system: SteeringSystem) -> Measures:
     largest = system.largest if system.rudders else 1.0
     order = min(_TURN_ANGLE, largest) if system.rudders else largest
     found: dict[str, ManoeuvreMeasure] = {}
+    unit = "rad" if system.rudders else "1"
     for side, name in ((1.0, "starboard"), (-1.0, "port")):
         track = simulate_turning_circle(model, system, side * order)
+        found[f"circle_{name}.steering"] = ManoeuvreMeasure(value=side * order, unit=unit)
+        found[f"circle_{name}.approach_speed"] = ManoeuvreMeasure(value=system.approach_speed, unit="m/s")
         found |= {f"circle_{name}.{key}": one for key, one in turning_circle(track).items()}
     for angle in _ZIGZAG_ANGLES:
         given = angle if system.rudders else largest * angle / _ZIGZAG_ANGLES[-1]
@@ -198,8 +201,10 @@ def model_manoeuvres(fit: PlanarFit, data: PlanarData) -> Measures:
     """`model_measures` of a fit with standard errors by the delta method.
 
     A measure that depends on a parameter that the runs do not determine is left out. There are none where the vehicle
-    neither moves ahead nor turns in the runs.
+    neither moves ahead nor turns in the runs, or where they determine yaw alone.
     """
+    if is_yaw_alone(data):
+        return {}
     try:
         system = SteeringSystem.of(data, fit.model)
     except DataError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from rovid.faults.base import RunsData, examine
 from rovid.faults.no_response import FAULT
 from rovid.trial.fault import FaultOverrides
+from rovid.trial.vehicle import Rudder
 from tests.faults.days import VEHICLES, day
 from tests.faults.drives import drives, found, undamaged
 from tests.synthetic import LOGGED
@@ -48,6 +50,13 @@ def test_a_supply_interrupted_in_a_hold_is_named_with_its_stretch(vehicle: str) 
     # The windows of a time constant, 1/40 of the log, begin every quarter of it; the filter takes two of them.
     assert fault.at[0] == pytest.approx(0.35 * end, abs=0.05 * end)
     assert "[[leave_out]]" in fault.text
+
+
+def test_a_rudder_turns_nothing_where_the_vehicle_does_not_move_ahead() -> None:
+    runs = day("large", 1, off="random.csv", disturbance=0.002)
+    rudder = replace(LOGGED.thrusters[0], rudder=Rudder(position=(-1.0, 0.0)))
+    steered = replace(LOGGED, thrusters=(rudder,), planar=True)
+    assert not examine([FAULT], RunsData(runs=runs, vehicle=steered), FaultOverrides())[1]
 
 
 @pytest.mark.parametrize("seed", range(5))

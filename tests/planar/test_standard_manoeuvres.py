@@ -123,6 +123,7 @@ def test_errors_follow_the_parameters_and_undetermined_ones_refuse_their_measure
         free_run_r2={},
     )
     found = model_manoeuvres(fit, data)
+    assert found["circle_port.steering"].value == -1.0  # the largest torque, where there is no rudder
     assert found["zigzag_20.T"].standard_error == pytest.approx(0.02, rel=0.05)  # second order of the delta method
     refusing = replace(fit, estimate=replace(estimate, refused={"yaw.inertia": "not excited"}))
     refused = model_manoeuvres(refusing, data)

@@ -14,8 +14,9 @@ from rovid.model.parameter_names import effect_ids, without_form
 from rovid.planar.diagnosis import PlanarAssessment, PlanarDiagnosis
 from rovid.planar.experiment import PlanarPlan
 from rovid.planar.fit import PlanarFit
+from rovid.planar.manoeuvres import Measures
 from rovid.planar.model import SNAME
-from rovid.planar.standard_manoeuvres import RunManoeuvre
+from rovid.planar.standard_manoeuvres import RunManoeuvre, model_manoeuvres
 from rovid.planar.trial_simulation import SENSOR_UNITS, PlanarTrialSimulation, pooled_measures
 from rovid.preflight.check import remark_document
 from rovid.preflight.planar_check import PlanarCheck
@@ -90,6 +91,7 @@ def planar_fit_document(fit: PlanarFit, study: PlanarStudy) -> Document:
         "innovations_white": fit.white,
         "criterion": "multi_step" if fit.multi_step else "innovations",
         "free_run_r2": dict(fit.free_run_r2),
+        "standard_manoeuvres": measures_document(model_manoeuvres(fit, study.data)),
         **guess_document(guess),
         "faults": fault_documents(faults),
         "warnings": all_warnings(guess, [*fault_texts(faults), *study.remarks(), *fit.warnings]),
@@ -160,9 +162,14 @@ def manoeuvre_document(one: RunManoeuvre) -> Document:
     """A manoeuvre that was recognised in a run; angles in rad."""
     return {
         **fields(one, "run", "kind", "begin", "end", "steering"),
-        "measured": {name: asdict(measure) for name, measure in one.measured.items()},
-        "simulated": {name: asdict(measure) for name, measure in one.simulated.items()},
+        "measured": measures_document(one.measured),
+        "simulated": measures_document(one.simulated),
     }
+
+
+def measures_document(measures: Measures) -> Document:
+    """Measures of manoeuvres by name, each with value, unit and standard error; null where that is not known."""
+    return {name: asdict(measure) for name, measure in measures.items()}
 
 
 def planar_plan_document(plan: PlanarPlan, vehicle: Vehicle, command_file: str, warnings: Sequence[str]) -> Document:

@@ -245,10 +245,7 @@ def _manoeuvre_tables(report: PlanarReport) -> list[ResultTable]:
     data, fit = report.study.data, report.full
     if is_yaw_alone(data):
         return []
-    tables = run_manoeuvre_tables(run_manoeuvres(fit.model, data))
-    with contextlib.suppress(DataError):  # The vehicle does not move ahead, or does not turn.
-        tables += model_manoeuvre_tables(model_manoeuvres(fit, data))
-    return tables
+    return run_manoeuvre_tables(run_manoeuvres(fit.model, data)) + model_manoeuvre_tables(model_manoeuvres(fit, data))
 
 
 def _render(report: PlanarReport, figures: Mapping[str, ReportFigure]) -> str:
