@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import gc
 import io
 import json
 import os
@@ -42,6 +43,15 @@ os.environ.setdefault("ROVID_PROGRESS", "none")
 
 # As wide as a pipe is taken to be; the workers that share the tests are told that of a terminal.
 os.environ["COLUMNS"] = "160"
+
+# The thousands of collected tests stay until the end: a collection of garbage need not look through them again and again.
+gc.set_threshold(100_000)
+
+
+def pytest_collection_finish() -> None:
+    gc.collect()
+    gc.freeze()
+
 
 ROOT = Path(__file__).parent.parent
 SAMPLES = ROOT / "sample_logs"

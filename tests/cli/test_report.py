@@ -20,7 +20,9 @@ def day_report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder, logs = tmp_path_factory.mktemp("report"), tmp_path_factory.mktemp("logs")
     for name in ("rovid.toml", "thrust_curve.csv", *LOGS):
         shutil.copy(SAMPLES / "rosub_tank" / name, logs)
-    done = run_rovid("report", logs, "-o", folder, "-p", folder / "parameters.toml", "--no-diagnosis")
+    done = run_rovid(
+        "report", logs, "-o", folder, "-p", folder / "parameters.toml", "--no-diagnosis", "--no-control", "--no-export"
+    )
     assert done.code == 0, done.err
     return folder
 
