@@ -44,7 +44,7 @@ os.environ.setdefault("ROVID_PROGRESS", "none")
 # As wide as a pipe is taken to be; the workers that share the tests are told that of a terminal.
 os.environ["COLUMNS"] = "160"
 
-# The thousands of collected tests stay until the end: a collection of garbage need not look through them again and again.
+# The thousands of collected tests stay until the end: a garbage collection need not look through them again.
 gc.set_threshold(100_000)
 
 

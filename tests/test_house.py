@@ -28,7 +28,6 @@ HOUSE = [
     "planar",
     "store",
     "compare",
-    "watch",
     "control",
     "export",
     "preflight",

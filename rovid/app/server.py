@@ -22,11 +22,9 @@ from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import Route
 
 from rovid.app.api import Api, axes_options, config_folder, output_paths, shell_word
-from rovid.app.auth import ADDRESS, Asgi, TokenGuard
-from rovid.app.connections import LimitedProtocol, limit_messages
+from rovid.app.auth import ADDRESS, Asgi, LimitedProtocol, TokenGuard, limit_messages
 from rovid.app.jobs import JobQueue
-from rovid.app.sandbox import RootFolder, Upload, clean_name
-from rovid.app.session_folder import SessionFolder, session_folder
+from rovid.app.sandbox import RootFolder, SessionFolder, Upload, clean_name, session_folder
 from rovid.core.errors import ConfigError, OutputError, RovidError
 from rovid.core.output_files import PAGE
 from rovid.preflight.raw_columns import FULL_TURN

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from rovid.cli.context import announce_compilation, console, named_axis, print_json
-from rovid.cli.help_format import Page
-from rovid.cli.options import Axes, AxisName, Json, Logs
+from rovid.cli.options import Axes, AxisName, Json, Logs, Page
 from rovid.cli.planar_session import is_planar
 from rovid.core.errors import DataError
 

@@ -14,7 +14,7 @@ import typer
 from typer.main import get_command
 
 from rovid import __version__
-from rovid.cli.help_format import FIRST_SESSION, ManualCommand, ManualGroup, Page
+from rovid.cli.options import FIRST_SESSION, ManualCommand, ManualGroup, Page
 from rovid.cli.streams import machine_error, prepare_streams
 from rovid.core import threads
 from rovid.core.errors import RovidError

@@ -17,10 +17,9 @@ from rovid.cli.context import (
     reserve_outputs,
     stored_logs,
 )
-from rovid.cli.help_format import Page
-from rovid.cli.options import Axes, AxisName, Cutoff, Force, Json, ParameterFile, argument, option
+from rovid.cli.options import Axes, AxisName, Cutoff, Force, Json, Page, ParameterFile, argument, option
 from rovid.cli.planar_session import is_planar, planar_parameters
-from rovid.cli.progress import progress
+from rovid.cli.streams import progress
 from rovid.core.errors import ConfigError
 
 if TYPE_CHECKING:

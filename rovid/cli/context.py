@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import typer
 
 from rovid.cli import completion
-from rovid.cli.progress import SOON, progress
+from rovid.cli.streams import SOON, progress
 from rovid.core.errors import ConfigError
 
 if TYPE_CHECKING:

@@ -14,9 +14,8 @@ from rovid.cli.context import (
     stored_logs,
     yaw_parameters,
 )
-from rovid.cli.help_format import Page
-from rovid.cli.options import EffectsFrom, ForceGuess, Json, OptionalLogs, ParameterFile, add_effects, option
-from rovid.cli.progress import progress
+from rovid.cli.options import EffectsFrom, ForceGuess, Json, OptionalLogs, Page, ParameterFile, add_effects, option
+from rovid.cli.streams import progress
 
 PAGE = Page(
     text="""

@@ -9,8 +9,7 @@ from typing import Annotated
 import typer
 
 from rovid.cli.context import named_axis, print_json, reserve_outputs
-from rovid.cli.help_format import Page
-from rovid.cli.options import AxisName, Force, Json, argument, option
+from rovid.cli.options import AxisName, Force, Json, Page, argument, option
 from rovid.core.errors import LINE_LENGTH, display_text
 
 PAGE = Page(

@@ -15,7 +15,6 @@ from rovid.cli.context import (
     print_json,
     store_estimate,
 )
-from rovid.cli.help_format import Page
 from rovid.cli.options import (
     Axes,
     AxisName,
@@ -24,12 +23,13 @@ from rovid.cli.options import (
     Force,
     Json,
     OptionalLogs,
+    Page,
     ParameterFile,
     TimeBudget,
     add_effects,
 )
 from rovid.cli.planar_session import is_planar, open_planar_session, store_planar_fit
-from rovid.cli.progress import progress
+from rovid.cli.streams import progress
 
 PAGE = Page(
     text="""

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Annotated
 
 from rovid.cli.context import compile_in_background, console, named_axis, open_logs, print_json
-from rovid.cli.help_format import Page
 from rovid.cli.options import (
     AxesRefused,
     AxisName,
@@ -14,12 +13,13 @@ from rovid.cli.options import (
     Force,
     Json,
     Logs,
+    Page,
     TimeBudget,
     add_effects,
     option,
 )
 from rovid.cli.planar_session import refuse_planar
-from rovid.cli.progress import progress
+from rovid.cli.streams import progress
 from rovid.core.errors import ConfigError
 
 PAGE = Page(
@@ -64,7 +64,7 @@ def discover(
     from rovid.diagnose.formulas.discovery import discover as find_formulas
     from rovid.effects.plugins import is_id
     from rovid.present.console import print_path, show_caution, show_warnings
-    from rovid.present.documents.effects import discovery_document
+    from rovid.present.documents.results import discovery_document
     from rovid.present.terminal.effects import show_discovery
     from rovid.store.study import input_files
 

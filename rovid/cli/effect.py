@@ -7,9 +7,8 @@ from typing import Annotated
 
 from rovid.cli import completion
 from rovid.cli.context import compile_in_background, console, named_axis, open_logs, print_json
-from rovid.cli.help_format import Page
-from rovid.cli.options import AxisName, Force, Json, argument
-from rovid.cli.progress import progress
+from rovid.cli.options import AxisName, Force, Json, Page, argument
+from rovid.cli.streams import progress
 from rovid.core.errors import ConfigError, suggestion
 
 PAGE = Page(
@@ -79,7 +78,7 @@ def _try(path: Path, logs: list[Path], axis: str | None, *, json: bool) -> None:
     from rovid.diagnose.effect_trial import try_effect
     from rovid.effects import load_plugins
     from rovid.effects.plugins import forms_of
-    from rovid.present.documents.effects import effect_trial_document
+    from rovid.present.documents.results import effect_trial_document
     from rovid.present.terminal.effects import show_effect_trial
 
     load_plugins([path])

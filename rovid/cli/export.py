@@ -15,10 +15,9 @@ from rovid.cli.context import (
     reserve_outputs,
     yaw_parameters,
 )
-from rovid.cli.help_format import Page
-from rovid.cli.options import Axes, EffectsFrom, ForceGuess, Json, ParameterFile, add_effects, argument, option
+from rovid.cli.options import Axes, EffectsFrom, ForceGuess, Json, Page, ParameterFile, add_effects, argument, option
 from rovid.cli.planar_session import is_planar, planar_parameters
-from rovid.cli.progress import progress
+from rovid.cli.streams import progress
 from rovid.export import FORMATS
 
 PAGE = Page(

@@ -11,7 +11,6 @@ import typer
 
 from rovid.cli import completion
 from rovid.cli.context import compile_in_background, console, fit_and_store, open_session, print_json
-from rovid.cli.help_format import Page
 from rovid.cli.options import (
     Axes,
     AxisName,
@@ -20,12 +19,13 @@ from rovid.cli.options import (
     Force,
     Json,
     OptionalLogs,
+    Page,
     ParameterFile,
     add_effects,
     option,
 )
 from rovid.cli.planar_session import is_planar, open_planar_session, store_planar_fit
-from rovid.cli.progress import progress
+from rovid.cli.streams import progress
 
 PAGE = Page(
     text="""

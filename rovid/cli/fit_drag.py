@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from rovid.cli.context import fit_and_store, open_session
 from rovid.cli.fit_inertia import estimate_inertia
-from rovid.cli.help_format import Page
-from rovid.cli.options import AxesRefused, AxisName, Cutoff, Force, Json, Logs, ParameterFile
+from rovid.cli.options import AxesRefused, AxisName, Cutoff, Force, Json, Logs, Page, ParameterFile
 from rovid.cli.planar_session import refuse_planar
 
 PAGE = Page(

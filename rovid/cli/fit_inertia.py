@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from rovid.cli.context import FitSession, fit_and_store, open_session
-from rovid.cli.help_format import Page
-from rovid.cli.options import AxesRefused, AxisName, Cutoff, Force, Json, OptionalLogs, ParameterFile
+from rovid.cli.options import AxesRefused, AxisName, Cutoff, Force, Json, OptionalLogs, Page, ParameterFile
 from rovid.cli.planar_session import refuse_planar
 
 PAGE = Page(

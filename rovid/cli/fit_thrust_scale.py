@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from rovid.cli.context import console, existing_parameters, print_json
-from rovid.cli.help_format import Page
-from rovid.cli.options import Json, argument, option
+from rovid.cli.options import Json, Page, argument, option
 from rovid.core.errors import ConfigError, suggestion
 
 if TYPE_CHECKING:

@@ -7,8 +7,7 @@ from typing import Annotated
 
 from rovid.cli import completion
 from rovid.cli.context import console, print_json
-from rovid.cli.help_format import Page
-from rovid.cli.options import Force, Json, argument, option
+from rovid.cli.options import Force, Json, Page, argument, option
 from rovid.core.errors import ConfigError, suggestion
 
 PAGE = Page(

@@ -9,9 +9,8 @@ import typer
 
 from rovid.cli import completion
 from rovid.cli.context import console, named_axis, print_json
-from rovid.cli.help_format import Page
-from rovid.cli.options import Cutoff, Force, Json, argument, option
-from rovid.cli.progress import progress
+from rovid.cli.options import Cutoff, Force, Json, Page, argument, option
+from rovid.cli.streams import progress
 
 PAGE = Page(
     text="""

@@ -8,8 +8,7 @@ import typer
 
 from rovid.cli import completion
 from rovid.cli.context import console, print_json
-from rovid.cli.help_format import Page
-from rovid.cli.options import Json, argument
+from rovid.cli.options import Json, Page, argument
 
 PAGE = Page(
     text="""

@@ -8,8 +8,7 @@ import typer
 
 from rovid.cli import completion
 from rovid.cli.context import console, named_axis, print_json
-from rovid.cli.help_format import Page
-from rovid.cli.options import Axes, AxisName, Json, Logs, option
+from rovid.cli.options import Axes, AxisName, Json, Logs, Page, option
 from rovid.cli.planar_session import is_planar
 
 PAGE = Page(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib.util import find_spec
 
-from rovid.cli.help_format import Page
+from rovid.cli.options import Page
 from rovid.core.errors import ConfigError
 
 PAGE = Page(

@@ -10,14 +10,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rovid.cli.context import print_json
-from rovid.cli.help_format import Page
-from rovid.cli.options import Json, TimeBudget, argument, option
+from rovid.cli.options import Json, Page, TimeBudget, argument, option
 from rovid.core.errors import ConfigError
 
 if TYPE_CHECKING:
     from rovid.app.auth import TokenGuard
-    from rovid.app.sandbox import RootFolder
-    from rovid.app.session_folder import SessionFolder
+    from rovid.app.sandbox import RootFolder, SessionFolder
 
 PAGE = Page(
     text="""

@@ -1,13 +1,105 @@
-"""Options and arguments that several commands share, each with its line of help."""
+"""Manual pages of the commands as plain text, and options that several commands share."""
 
 from __future__ import annotations
 
+import re
+import textwrap
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
 from rovid.cli import completion
+
+_EXIT = """\
+Exit status:
+  0  Success.
+  2  The input cannot be used. One message says where, what was found, what was expected and what to do."""
+FIRST_SESSION = """\
+A first session, with your own folder of logs:
+  rovid init my_logs
+  # now read my_logs/rovid.toml and enter your values
+  rovid check my_logs
+  rovid fit-drag my_logs
+  rovid fit-inertia
+  rovid diagnose
+  rovid report
+
+`rovid COMMAND --help` explains a command and shows examples. `rovid help` lists pages on tasks, files and effects. \
+`rovid --install-completion` makes the Tab key complete commands, options, effects, axes and formats."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Page:
+    """The manual page of a command. Its first line is the docstring of the command's function."""
+
+    text: str  # Paragraphs on input, output and use
+    # Pairs of a purpose and a command line; ``tests/cli/test_help_format.py`` runs them
+    examples: tuple[tuple[str, str], ...]
+    see: tuple[str, ...]  # Related commands and pages
+
+    @property
+    def epilog(self) -> str:
+        """Examples, exit status and related commands as printed."""
+        examples = "\n\n".join(f"  # {purpose}\n  {line}" for purpose, line in self.examples)
+        return f"Examples:\n{examples}\n\n{_EXIT}\n\nSee also:\n  {', '.join(self.see)}"
+
+
+class ManualCommand(TyperCommand):
+    """A command with the help layout of a manual page."""
+
+    def collect_usage_pieces(self, ctx: Any) -> list[str]:  # noqa: D102 - typer's
+        # Some versions of typer put required names into braces.
+        return [piece.replace("{", "").replace("}", "") for piece in super().collect_usage_pieces(ctx)]
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:  # noqa: D102 - typer's
+        arguments, options = [], []
+        for parameter in self.get_params(ctx):
+            described: Any = parameter
+            # Some versions of typer contain their own click, so its classes cannot be compared.
+            if described.param_type_name == "argument":
+                arguments.append((described.metavar or described.name, described.help or ""))
+            else:
+                options.append(described.get_help_record(ctx))
+        for heading, rows in (("Arguments", arguments), ("Options", options)):
+            if rows:
+                with formatter.section(heading):
+                    formatter.write_dl(list(filter(None, rows)))
+
+    def format_epilog(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002, D102 - typer's
+        formatter.write(f"\n{_wrap(self.epilog or '', formatter.width)}\n")
+
+
+class ManualGroup(TyperGroup):
+    """The list of all commands, each with its full first line."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002, D102 - typer's
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, (one.help or "").partition("\n")[0]) for name, one in self.commands.items()])
+
+    def format_epilog(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002, D102 - typer's
+        formatter.write(f"\n{_wrap(self.epilog or '', formatter.width)}\n")
+
+
+def _wrap(text: str, width: int) -> str:
+    return "\n".join(_wrap_line(line, width) for line in text.splitlines())
+
+
+def _wrap_line(line: str, width: int) -> str:
+    """Wrap a long line below its first word; a wrapped command continues after a backslash."""
+    if len(line) <= width:
+        return line
+    marker = re.match(r"\s*(?:[#\d]\s+)?", line)
+    indent = " " * (marker.end() if marker else 0)
+    end = ""
+    if line.startswith("  rovid ") and "," not in line:
+        indent, end = indent + "  ", " \\"
+    lines = textwrap.wrap(
+        line, width - len(end), subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+    )
+    return f"{end}\n".join(lines)
 
 
 def argument(metavar: str, help: str, **settings: Any) -> Any:  # noqa: A002 - typer's word

@@ -19,10 +19,20 @@ from rovid.cli.context import (
     reserve_outputs,
     stored_logs,
 )
-from rovid.cli.help_format import Page
-from rovid.cli.options import Axes, AxisName, EffectsFrom, Force, Json, OptionalLogs, ParameterFile, add_effects, option
+from rovid.cli.options import (
+    Axes,
+    AxisName,
+    EffectsFrom,
+    Force,
+    Json,
+    OptionalLogs,
+    Page,
+    ParameterFile,
+    add_effects,
+    option,
+)
 from rovid.cli.planar_session import is_planar, planar_logs, planar_parameters_at
-from rovid.cli.progress import progress
+from rovid.cli.streams import progress
 from rovid.core.errors import ConfigError
 
 if TYPE_CHECKING:

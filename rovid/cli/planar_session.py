@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from rovid.cli import completion
 from rovid.cli.context import reserve_outputs, stored_logs, without_stale_values
-from rovid.cli.progress import SOON, progress
+from rovid.cli.streams import SOON, progress
 from rovid.core.errors import ConfigError
 
 if TYPE_CHECKING:

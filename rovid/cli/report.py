@@ -18,7 +18,6 @@ from rovid.cli.context import (
     stored_logs,
     write_missing_config,
 )
-from rovid.cli.help_format import Page
 from rovid.cli.options import (
     Axes,
     AxisName,
@@ -27,13 +26,14 @@ from rovid.cli.options import (
     Force,
     Json,
     OptionalLogs,
+    Page,
     ParameterFile,
     TimeBudget,
     add_effects,
     option,
 )
 from rovid.cli.planar_session import is_planar, open_planar_session, store_planar_fit
-from rovid.cli.progress import progress
+from rovid.cli.streams import progress
 
 PAGE = Page(
     text="""

@@ -16,7 +16,6 @@ from rovid.cli.context import (
     reserve_outputs,
     stored_logs,
 )
-from rovid.cli.help_format import Page
 from rovid.cli.options import (
     Axes,
     AxisName,
@@ -25,12 +24,13 @@ from rovid.cli.options import (
     Force,
     Json,
     OptionalLogs,
+    Page,
     ParameterFile,
     add_effects,
     option,
 )
 from rovid.cli.planar_session import is_planar, planar_logs, planar_parameters
-from rovid.cli.progress import progress
+from rovid.cli.streams import progress
 from rovid.core.errors import DataError
 
 PAGE = Page(

@@ -1,15 +1,24 @@
-"""Surroundings of a run: the standard streams, the terminal's width, the working folder, and errors of the machine."""
+"""Surroundings of a run: standard streams, progress, width of the terminal, working folder, errors of the machine."""
 
 from __future__ import annotations
 
 import codecs
+import contextlib
 import errno
+import math
 import os
 import sys
+import threading
+import time
 import unicodedata
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from io import TextIOWrapper
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from rovid.core.budget import SECONDS_PER_HOUR
 from rovid.core.errors import display_text
 
 # Characters without a decomposition into ASCII -> their spelling in ASCII.
@@ -80,3 +89,109 @@ def _has_working_folder() -> bool:
         return Path.cwd().exists()
     except FileNotFoundError:
         return False
+
+
+if TYPE_CHECKING:
+    from rich.text import Text
+
+# Time in s between two lines where standard error is no terminal.
+_INTERVAL = 10.0
+# Time in s until the first line of a step that is known to take long, and of reading, which is short otherwise.
+SOON = 2.0
+
+
+@dataclass(eq=False)
+class Progress:
+    """What a command is doing, and for how long."""
+
+    text: str
+    limit: float = math.inf  # Time allowed in s
+    clock: Callable[[], float] = time.monotonic
+    _began: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Start the clock."""
+        self._began = self.clock()
+
+    def set(self, text: str) -> None:
+        """Change what the command is doing."""
+        self.text = text
+
+    def __str__(self) -> str:
+        """The text with the time so far, and the time allowed."""
+        at_most = f" of at most {self.limit:.0f} s" if math.isfinite(self.limit) else " s"
+        return f"{self.text} ({self.clock() - self._began:.0f}{at_most})"
+
+    def __rich__(self) -> Text:
+        """The same for a terminal, which asks anew for each picture."""
+        from rich.text import Text
+
+        from rovid.core.errors import LINE_LENGTH, display_text
+
+        return Text(display_text(str(self), LINE_LENGTH))
+
+
+# What the commands show; steps may be nested.
+_shown: list[Progress] = []
+
+
+@contextmanager
+def progress(text: str, limit: float = math.inf, first: float = _INTERVAL) -> Iterator[Callable[[str], None]]:
+    """Show a progress text, which the yielded function changes, with the time so far and the time allowed in s.
+
+    Where standard error is no terminal, a line is printed after ``first`` s and then every ten seconds; each text is
+    a line if ROVID_PROGRESS is "lines", and none if it is "none". Inside another progress the texts are shown there.
+    """
+    if os.environ.get("ROVID_PROGRESS") == "none":
+        yield lambda _: None
+        return
+    if os.environ.get("ROVID_PROGRESS") == "lines":
+        _print_line(text)
+        yield _print_line
+        return
+    if _shown:
+        _shown[-1].set(text)
+        yield _shown[-1].set
+        return
+    is_long = SECONDS_PER_HOUR < limit < math.inf
+    _shown.append(shown := Progress(text, limit))
+    try:
+        with _on_terminal(shown) if sys.stderr.isatty() else lines_at_intervals(shown, SOON if is_long else first):
+            yield shown.set
+    finally:
+        _shown.remove(shown)
+
+
+@contextmanager
+def _on_terminal(shown: Progress) -> Iterator[None]:
+    from rovid.core.formatting import SafeConsole
+
+    with SafeConsole(stderr=True).status(shown):
+        yield
+
+
+@contextmanager
+def lines_at_intervals(shown: Progress, first: float, interval: float = _INTERVAL) -> Iterator[None]:
+    """Print ``shown`` after ``first`` s and then every ``interval`` s, whatever the block does."""
+    over = threading.Event()
+
+    def print_lines() -> None:
+        wait = first
+        while not over.wait(wait):
+            _print_line(str(shown))
+            wait = interval
+
+    thread = threading.Thread(target=print_lines, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+
+
+def _print_line(text: str) -> None:
+    # A closed or full standard error must not end the command.
+    with contextlib.suppress(OSError, ValueError):
+        sys.stderr.write(f"{text}\n")
+        sys.stderr.flush()

@@ -21,8 +21,7 @@ from rovid.cli.context import (
     reserve_outputs,
     store_estimate,
 )
-from rovid.cli.help_format import Page
-from rovid.cli.options import AxisName, Cutoff, Force, ParameterFile, TimeBudget, argument, option
+from rovid.cli.options import AxisName, Cutoff, Force, Page, ParameterFile, TimeBudget, argument, option
 from rovid.core.errors import ConfigError, LogError
 
 if TYPE_CHECKING:
@@ -32,7 +31,7 @@ if TYPE_CHECKING:
     from rovid.estimate.experiment_design import ExperimentPlan
     from rovid.present.documents.fits import Document
     from rovid.store.study import Study
-    from rovid.watch.session import Event, StopCriterion
+    from rovid.store.watch_session import Event, StopCriterion
 
 PAGE = Page(
     text="""
@@ -87,8 +86,8 @@ def watch(
     compile_in_background()
     from rovid.core.output_files import PLAN, OutputFile
     from rovid.estimate.experiment_design import command_csv
-    from rovid.watch.folder_monitor import FolderMonitor, Problem
-    from rovid.watch.session import SessionActions, WatchSession, parse_criteria
+    from rovid.store.folder_monitor import FolderMonitor, Problem
+    from rovid.store.watch_session import SessionActions, WatchSession, parse_criteria
 
     if folder.is_file():
         raise ConfigError("is a file; a folder was expected.", where=folder, mend="Give the folder of the logs.")

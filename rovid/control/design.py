@@ -21,10 +21,9 @@ from rovid.control.autopilot import (
     constant_gains,
     default_gains,
 )
-from rovid.control.closed_loop import ClosedLoop, ClosedLoopRun, Plant, simulate_loops
+from rovid.control.closed_loop import ClosedLoop, ClosedLoopRun, Plant, StepMetrics, simulate_loops, step_metrics
 from rovid.control.control_law import NO_STATIC_TERMS, ControlLaw, static_terms_of
 from rovid.control.specs import WAVE_PERIOD, ControllerOptions, HeadingManoeuvre, LoopConditions, standard_manoeuvres
-from rovid.control.step_metrics import StepMetrics, step_metrics
 from rovid.control.tuning import (
     BANDWIDTHS,
     Margins,

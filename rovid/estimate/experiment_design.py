@@ -12,13 +12,12 @@ from rovid.core.array_types import FloatArray
 from rovid.core.errors import DataError
 from rovid.core.formatting import csv_line
 from rovid.core.threads import thread_map
-from rovid.estimate.candidate_runs import CandidateRun, RunLimits, RunScales, candidate_runs
+from rovid.estimate.candidate_runs import CandidateRun, RunLimits, RunScales, candidate_runs, design_run
 from rovid.estimate.filter_data import InnovationData
 from rovid.estimate.fit_result import FitResult
 from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from rovid.estimate.maximum_likelihood import LikelihoodFit
 from rovid.estimate.objective import UNLIMITED
-from rovid.estimate.run_design import design_run
 from rovid.model.model import Model
 from rovid.signals.preprocessing import prepare
 from rovid.trial.trial import Campaign, Trial

@@ -16,8 +16,7 @@ from rovid.core.array_types import FloatArray
 from rovid.core.formatting import python_docstring
 from rovid.core.output_files import export_mark
 from rovid.export.interface import PERIOD, ExportInput, ExportResult
-from rovid.export.planar_input import PlanarInput
-from rovid.export.planar_result import PlanarExportResult
+from rovid.export.planar_input import PlanarExportResult, PlanarInput
 from rovid.export.planar_tables import own_equation
 from rovid.export.resimulation import repeat_held, thrust_torque
 from rovid.export.thruster_curves import ThrusterCurve, curve_effect_keys, number_list, thruster_curves

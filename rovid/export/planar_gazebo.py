@@ -28,8 +28,7 @@ from rovid.export.gazebo import (
     thruster_xml,
     with_deadband,
 )
-from rovid.export.planar_input import PlanarInput
-from rovid.export.planar_result import PlanarExportResult, frame_notes, simulation
+from rovid.export.planar_input import PlanarExportResult, PlanarInput, frame_notes, simulation
 from rovid.export.thruster_curves import thruster_inputs, thruster_lag
 from rovid.export.uuv import FILTER, thruster_joint, xacro
 from rovid.export.uuv import STEP as UUV_STEP

@@ -14,8 +14,7 @@ from rovid.core.array_types import FloatArray
 from rovid.core.errors import ConfigError
 from rovid.core.output_files import OutputFile, export_signature
 from rovid.export import FORMATS
-from rovid.export.planar_input import PlanarInput, rovid_motion, verification_shares
-from rovid.export.planar_result import PlanarExportResult
+from rovid.export.planar_input import PlanarExportResult, PlanarInput, rovid_motion, verification_shares
 from rovid.export.run_export import require_format, with_notice
 from rovid.export.stability import Stability, judge_stability
 from rovid.planar.model import PlanarModel

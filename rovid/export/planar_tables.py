@@ -16,8 +16,7 @@ from rovid.core.formatting import identifiers, to_json, toml_text
 from rovid.core.output_files import export_mark
 from rovid.effects.base import Coupling, WaterCurrent
 from rovid.export.body_equation import BodyEquation, Scheme
-from rovid.export.planar_input import PlanarInput, rovid_motion
-from rovid.export.planar_result import PlanarExportResult
+from rovid.export.planar_input import PlanarExportResult, PlanarInput, rovid_motion
 from rovid.export.rovid_equation import STEP, STEP_NOTE, mat_file, yaml_lines
 from rovid.model.parameter_names import unit_of
 from rovid.planar.model import SNAME

@@ -13,7 +13,7 @@ from urllib.parse import unquote, urlsplit
 import pytest
 
 from rovid.app.auth import Message, Receive, Send, TokenGuard, show_in_browser
-from rovid.app.session_folder import session_folder
+from rovid.app.sandbox import session_folder
 from tests.app.served import Served
 
 OTHERS: dict[str, dict[str, str]] = {

@@ -9,7 +9,7 @@ import time
 import pytest
 from rich.console import Console
 
-from rovid.cli.progress import Progress, lines_at_intervals, progress
+from rovid.cli.streams import Progress, lines_at_intervals, progress
 from tests.core.test_budget import Clock
 
 

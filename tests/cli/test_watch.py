@@ -20,7 +20,7 @@ import pytest
 
 from rovid.core.output_files import PARAMETERS, PLAN
 from tests.conftest import ROOT, Rovid
-from tests.watch.days import RUNS, write_day
+from tests.store.days import RUNS, write_day
 from tools.programme import CAMPAIGN
 from tools.trial_day import write_trial_day
 

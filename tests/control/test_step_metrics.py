@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from rovid.control.step_metrics import limit_cycle
+from rovid.control.closed_loop import limit_cycle
 
 
 def test_a_limit_cycle_is_distinguished_from_a_decaying_oscillation() -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from rovid.jit.background_compiler import BackgroundCompiler
+from rovid.model.kernels.warmup import BackgroundCompiler
 from tests.conftest import ROOT
 
 # s; more than a loaded machine takes to start Python.
@@ -20,7 +20,7 @@ PATIENCE = 60.0
 
 SLOW = """
 import os, time
-from rovid.jit.background_compiler import report_done
+from rovid.model.kernels.warmup import report_done
 def parts():
     print("no part of it")
     yield "one"
@@ -83,8 +83,8 @@ def test_a_stopped_compiler_is_not_waited_for() -> None:
 
 FIRST = """
     import os, sys, time
-    from rovid.jit.background_compiler import BackgroundCompiler
-    code = "import time; from rovid.jit import background_compiler as c; c.report_done(map(time.sleep, [1000, 1000]))"
+    from rovid.model.kernels.warmup import BackgroundCompiler
+    code = "import time; from rovid.model.kernels import warmup as c; c.report_done(map(time.sleep, [1000, 1000]))"
     second = BackgroundCompiler(code, ("one",))
     print(second.pid, flush=True)
     {then}

@@ -12,10 +12,9 @@ from rovid.control.design import ControllerDesign
 from rovid.control.specs import paper_runs
 from rovid.core.budget import BudgetUse
 from rovid.diagnose.result import next_experiment
-from rovid.present.conclusions import cautions, control_verdict, fit_verdict, next_step
 from rovid.present.page.summary import summarize
 from rovid.present.report_data import ReportData
-from rovid.present.sentences import verdict_sentence
+from rovid.present.sentences import cautions, control_verdict, fit_verdict, next_step, verdict_sentence
 
 
 def test_where_every_cause_is_confirmed_nothing_more_is_to_run(lagged: ReportData) -> None:

@@ -10,8 +10,8 @@ from rovid.estimate.estimate import Estimate
 from rovid.estimate.experiment_design import commands_by_name
 from rovid.present.documents.diagnosis import diagnosis_document
 from rovid.present.documents.fits import Document, fields, likelihood_document, parameter_document
-from rovid.watch.folder_monitor import Problem, WatchedLog
-from rovid.watch.session import (
+from rovid.store.folder_monitor import Problem, WatchedLog
+from rovid.store.watch_session import (
     CriterionStatus,
     Event,
     LogsChanged,

@@ -21,7 +21,6 @@ from rovid.planar.diagnosis import PlanarDiagnosis
 from rovid.planar.fit import PlanarFit, is_yaw_alone
 from rovid.planar.standard_manoeuvres import SteeringSystem, model_manoeuvres, run_manoeuvres, turning_curve
 from rovid.planar.trial_simulation import PlanarTrialSimulation, missing_forces, worst_run
-from rovid.present.conclusions import next_step, plan_command
 from rovid.present.documents.planar import next_planar_experiment
 from rovid.present.number_format import format_number, unit_symbol
 from rovid.present.page.build import pdf_output
@@ -29,7 +28,14 @@ from rovid.present.page.plot_files import FigureDraft, ReportFigure, claim_page,
 from rovid.present.page.templating import long_date, print_pdf, require_browser, template_environment
 from rovid.present.plots import canvas
 from rovid.present.plots import planar as plots
-from rovid.present.sentences import cause_name, evidence_definitions, evidence_words, verdict_sentence
+from rovid.present.sentences import (
+    cause_name,
+    evidence_definitions,
+    evidence_words,
+    next_step,
+    plan_command,
+    verdict_sentence,
+)
 from rovid.present.tables.planar import (
     model_manoeuvre_tables,
     planar_parameters_table,

@@ -17,7 +17,6 @@ from rovid.diagnose.result import discriminating_experiment
 from rovid.effects import restoring_effect
 from rovid.estimate.inertia import METHODS
 from rovid.model.parameter_names import base_names
-from rovid.present.conclusions import control_verdict
 from rovid.present.number_format import arm_words, parameter_title, steady_state_words, unit_symbol
 from rovid.present.page.figures import ReportFigures, draw_figures
 from rovid.present.page.plot_files import claim_page, write_page
@@ -27,7 +26,7 @@ from rovid.present.page.viewer_data import viewer_document
 from rovid.present.plots.canvas import journal_plots
 from rovid.present.report_data import ReportData
 from rovid.present.residuals import rms_sizes, unexplained_torques
-from rovid.present.sentences import effect_title, evidence_definitions, evidence_words
+from rovid.present.sentences import control_verdict, effect_title, evidence_definitions, evidence_words
 from rovid.present.tables import control, diagnosis, fits, trials
 from rovid.trial.fault import fault_texts
 from rovid.trial.vehicle import Vehicle, box_inertia

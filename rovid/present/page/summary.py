@@ -10,15 +10,20 @@ from rovid.core.formatting import plus_minus
 from rovid.diagnose.result import Diagnosis, Finding, next_experiment
 from rovid.model.parameter_names import unit_of
 from rovid.model.simulation import HORIZONS
-from rovid.present.conclusions import EXTENDED_MODEL, PLAIN_MODEL, NextStep, cautions, next_step, plan_command
 from rovid.present.number_format import equal_decimals, number_with_unit, rounded_errors
 from rovid.present.report_data import ReportData, simulation_errors
 from rovid.present.sentences import (
     CUT_SHORT,
+    EXTENDED_MODEL,
+    PLAIN_MODEL,
+    NextStep,
+    cautions,
     effect_title,
     evidence_words,
     improvement_words,
     join_words,
+    next_step,
+    plan_command,
     verdict_sentence,
 )
 from rovid.trial.axis import Axis

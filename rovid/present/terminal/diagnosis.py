@@ -19,19 +19,22 @@ from rovid.diagnose.result import (
     next_experiment,
     not_identifiable,
 )
-from rovid.present.conclusions import EXTENDED_MODEL, PLAIN_MODEL, control_verdict, next_step
 from rovid.present.console import VERDICT_STYLES, print_labelled, print_text, show_caution, show_faults, show_warnings
 from rovid.present.documents.diagnosis import all_faults
 from rovid.present.sentences import (
+    EXTENDED_MODEL,
+    PLAIN_MODEL,
     cause_name,
     cause_title,
     comparison_headline,
     comparison_sentences,
+    control_verdict,
     effect_title,
     evidence_definitions,
     evidence_words,
     improvement_words,
     join_words,
+    next_step,
     other_causes,
     verdict_sentence,
 )

@@ -16,11 +16,17 @@ from rovid.planar.experiment import PlanarPlan
 from rovid.planar.fit import PlanarFit
 from rovid.planar.trial_simulation import SENSOR_UNITS, PlanarTrialSimulation, pooled_measures
 from rovid.preflight.planar_check import PlanarCheck
-from rovid.present.conclusions import next_step
 from rovid.present.console import print_labelled, print_path, print_text, show_caution, show_faults, show_warnings
 from rovid.present.documents.planar import next_planar_experiment
 from rovid.present.number_format import format_number, unit_symbol
-from rovid.present.sentences import effect_title, evidence_definitions, improvement_words, join_words, verdict_sentence
+from rovid.present.sentences import (
+    effect_title,
+    evidence_definitions,
+    improvement_words,
+    join_words,
+    next_step,
+    verdict_sentence,
+)
 from rovid.present.tables.planar import planar_estimate_table, planar_simulation_table, sensor_words
 from rovid.present.tables.table import ResultTable, mixed_number_column, text_column
 from rovid.present.terminal.check import VERDICTS, merged_problems

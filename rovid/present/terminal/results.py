@@ -23,7 +23,6 @@ from rovid.export.run_export import VerifiedExport
 from rovid.export.stability import Stability
 from rovid.preflight.config_writer import assumptions_in, log_count_text
 from rovid.preflight.log_survey import LogSurvey
-from rovid.present.conclusions import fit_verdict
 from rovid.present.console import (
     VERDICT_STYLES,
     print_labelled,
@@ -34,6 +33,7 @@ from rovid.present.console import (
     show_warnings,
 )
 from rovid.present.number_format import format_number, unit_symbol
+from rovid.present.sentences import fit_verdict
 from rovid.present.tables.fits import directions_table, estimate_table, methods_table, sine_table, steady_table
 from rovid.present.tables.table import ResultTable, mixed_number_column, text_column
 from rovid.signals.preprocessing import PreparedRuns

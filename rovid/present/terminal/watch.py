@@ -15,8 +15,8 @@ from rovid.present.documents.watch import parameters_with_previous
 from rovid.present.number_format import DASH, format_number
 from rovid.present.sentences import cause_name, evidence_words, join_words, verdict_sentence
 from rovid.present.tables.table import ResultTable, mixed_number_column, text_column
-from rovid.watch.folder_monitor import Problem, WatchedLog
-from rovid.watch.session import (
+from rovid.store.folder_monitor import Problem, WatchedLog
+from rovid.store.watch_session import (
     CriterionStatus,
     Event,
     LogsChanged,

@@ -10,9 +10,9 @@ import pytest
 
 from rovid.estimate.estimate import Estimate
 from rovid.present.documents.watch import parameters_with_previous, watch_documents, watch_start_document
+from rovid.store.folder_monitor import Problem
+from rovid.store.watch_session import parse_criteria
 from rovid.trial.axis import YAW
-from rovid.watch.folder_monitor import Problem
-from rovid.watch.session import parse_criteria
 
 ESTIMATE = Estimate(names=("inertia",), values=np.array([100.0]), covariance=np.array([[1.0]]), method="", samples=9)
 

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rovid.control.closed_loop import limit_cycle
 from rovid.control.design import ControllerDesign
-from rovid.control.step_metrics import limit_cycle
 from rovid.export import FORMATS
 from rovid.export.resimulation import Mismatch
 from rovid.export.run_export import ExportLoss, VerifiedExport

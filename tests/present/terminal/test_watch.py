@@ -8,8 +8,8 @@ import pytest
 
 from rovid.core.formatting import SafeConsole
 from rovid.present.terminal.watch import show_watch_event
-from rovid.watch.folder_monitor import Problem
-from rovid.watch.session import CriterionStatus, SessionEnded, StopCriterion
+from rovid.store.folder_monitor import Problem
+from rovid.store.watch_session import CriterionStatus, SessionEnded, StopCriterion
 
 INERTIA = StopCriterion(name="inertia", share=0.02, is_effect=False)
 

@@ -15,12 +15,10 @@ from rovid.diagnose.result import Diagnosis
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.experiment_design import ExperimentPlan
 from rovid.model.parameter_names import base_names
+from rovid.store import watch_session as days
+from rovid.store.folder_monitor import FolderMonitor, Problem
 from rovid.store.study import Study, open_study
-from rovid.trial.assumptions import Assumptions
-from rovid.trial.axis import YAW, axis_named
-from rovid.watch import session as days
-from rovid.watch.folder_monitor import FolderMonitor, Problem
-from rovid.watch.session import (
+from rovid.store.watch_session import (
     LogsChanged,
     LogsDiagnosed,
     ModelFitted,
@@ -29,7 +27,9 @@ from rovid.watch.session import (
     WatchSession,
     parse_criteria,
 )
-from tests.watch.days import write_day
+from rovid.trial.assumptions import Assumptions
+from rovid.trial.axis import YAW, axis_named
+from tests.store.days import write_day
 
 
 def estimate(error: float, *, guess: Assumptions | None = None, refused: bool = False) -> Estimate:

@@ -17,9 +17,9 @@ from rovid.estimate.estimate import Estimate
 from rovid.estimate.experiment_design import ExperimentPlan, candidate_model, plan_experiment
 from rovid.estimate.maximum_likelihood import LikelihoodFit
 from rovid.model.parameter_names import base_names, without_form
+from rovid.store.folder_monitor import FolderChange, FolderMonitor, Problem, WatchedLog
 from rovid.store.study import Study, open_study
 from rovid.trial.axis import Axis
-from rovid.watch.folder_monitor import FolderChange, FolderMonitor, Problem, WatchedLog
 
 _CRITERION = re.compile(r"\s*([A-Za-z_][\w.:@ -]*?)\s+(?:to\s+)?(\d+(?:\.\d+)?)\s*%\s*")
 _OPTION = "--until"

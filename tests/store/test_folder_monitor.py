@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
+from rovid.store import folder_monitor
+from rovid.store.folder_monitor import FolderChange, FolderMonitor, WatchedLog, read_watched_log
 from rovid.store.study import open_study
 from rovid.trial.axis import YAW
-from rovid.watch import folder_monitor
-from rovid.watch.folder_monitor import FolderChange, FolderMonitor, WatchedLog, read_watched_log
-from tests.watch.days import write_day
+from tests.store.days import write_day
 
 
 class Scene:
