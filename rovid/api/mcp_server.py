@@ -27,7 +27,7 @@ _READS = ToolAnnotations(read_only_hint=True, open_world_hint=False)
 def server() -> MCPServer:
     """The server with its tools, and the JSON Schemas as resources."""
     mcp = MCPServer("rovid", version=rovid.__version__, instructions=topic_text("skill"))
-    for tool in (check, fit, diagnose, plan, compare, export, help):
+    for tool in (check, fit, simulate, diagnose, plan, compare, export, help):
         mcp.tool(annotations=_READS)(_with_messages(tool))
     for file in (files("rovid") / "schemas").iterdir():
         text = file.read_text(encoding="utf-8")
@@ -49,19 +49,32 @@ def _with_messages(tool: Callable[P, R]) -> Callable[P, R]:
     return run
 
 
-def check(folder: str, axis: str = "yaw") -> dict[str, Any]:
-    """What is in the logs of a folder and what is wrong with them (rovid-check/1). Call it first."""
-    return _document(rovid.open(folder, axis=axis).check())
+def check(folder: str, axis: str = "yaw", axes: str | None = None) -> dict[str, Any]:
+    """What is in the logs of a folder and what is wrong with them (rovid-check/1). Call it first.
+
+    In all tools, axes "planar" in place of an axis takes surge, sway and yaw together.
+    """
+    return _document(rovid.open(folder, axis=axis, axes=axes).check())
 
 
-def fit(folder: str, effects: list[str] | None = None, axis: str = "yaw") -> dict[str, Any]:
+def fit(folder: str, effects: list[str] | None = None, axis: str = "yaw", axes: str | None = None) -> dict[str, Any]:
     """Inertia, drag and parameters of the given effects with standard errors (rovid-fit/1)."""
-    return _document(rovid.open(folder, axis=axis).fit(effects or ()))
+    return _document(rovid.open(folder, axis=axis, axes=axes).fit(effects or ()))
 
 
-def diagnose(folder: str, axis: str = "yaw", budget_seconds: float = _BUDGET) -> dict[str, Any]:
+def simulate(
+    folder: str, effects: list[str] | None = None, axis: str = "yaw", axes: str | None = None
+) -> dict[str, Any]:
+    """Free-running simulation of the fitted model against each log (rovid-simulation/1)."""
+    study = rovid.open(folder, axis=axis, axes=axes)
+    return _document(study.simulate(study.fit(effects or ())))
+
+
+def diagnose(
+    folder: str, axis: str = "yaw", budget_seconds: float = _BUDGET, axes: str | None = None
+) -> dict[str, Any]:
     """Named causes of what the simulation gets wrong, with evidence (rovid-diagnosis/1). Takes up to a minute."""
-    return _document(rovid.open(folder, axis=axis).diagnose(budget=budget_seconds))
+    return _document(rovid.open(folder, axis=axis, axes=axes).diagnose(budget=budget_seconds))
 
 
 def plan(
@@ -76,12 +89,17 @@ def compare(folder_a: str, folder_b: str, axis: str = "yaw") -> dict[str, Any]:
     return _document(rovid.open(folder_a, axis=axis).compare(rovid.open(folder_b, axis=axis)))
 
 
-def export(folder: str, format: str, effects: list[str] | None = None) -> dict[str, Any]:  # noqa: A002 - as the command
+def export(
+    folder: str,
+    format: str,  # noqa: A002 - as the command
+    effects: list[str] | None = None,
+    axes: str | None = None,
+) -> dict[str, Any]:
     """The fitted model in a simulator's format, verified by re-simulation: rovid-export/1 with the file's ``content``.
 
     The content of a binary format is null. Write it with `rovid export`.
     """
-    study = rovid.open(folder)
+    study = rovid.open(folder, axes=axes)
     exported = study.export(format, study.fit(effects or ()))
     return _document(exported) | {"content": exported.content if isinstance(exported.content, str) else None}
 

@@ -149,6 +149,10 @@ class VehicleStudy:
         """
         self.logs.require_sound()
         if self.coupled is not None:
+            if gyro:
+                raise ConfigError(
+                    "is given together with axes.", where="gyro", mend="Leave it out: all sensors are fitted."
+                )
             return records.fit_record(self.coupled.fit(self._effects(effects)), self.coupled)
         return records.fit_record(self.logs.likelihood(self._effects(effects), gyro=gyro), self.logs)
 
@@ -230,11 +234,11 @@ class VehicleStudy:
 
         ``relevant_change`` is the relative change of drag or inertia that has to be detectable.
         """
-        self._require_one_axis("compare")
         a, b = self._campaign("a"), other._campaign("b")
         return records.comparison_record(compare_campaigns(a, b, relevant_change=relevant_change, report=progress))
 
     def _campaign(self, side: str) -> CampaignFit:
+        self._require_one_axis("compare")
         return campaign_from_study(self.logs, self.paths[0].resolve().name if self.paths else side)
 
     def export(
@@ -253,19 +257,20 @@ class VehicleStudy:
         """
         if self.axis not in {YAW, PLANAR}:
             raise ConfigError(f"is {self.axis.name}; export takes yaw or planar.", where="axis")
-        planar = None if self.coupled is None else select_planar_exporter(format, None)[0]
-        exporter, _ = select_exporter(format, None)
-        stored = _stored(model or self.fit())
-        guess = self.logs.vehicle.assumptions
-        if guess:
-            raise ConfigError(guess.refusal, where=self.logs.vehicle.name)
+        (select_exporter if self.coupled is None else select_planar_exporter)(
+            format, None
+        )  # Refuses unknown ones first.
+        vehicle, stored = self.logs.vehicle, _stored(model or self.fit())
+        if vehicle.assumptions:
+            raise ConfigError(vehicle.assumptions.refusal, where=vehicle.name)
         made: VerifiedExport | VerifiedPlanarExport
-        if planar is not None:
-            made = verified_planar_export(planar, planar_input(stored, self.coupled))
+        if self.coupled is not None:
+            exporter = select_planar_exporter(format, None)[0]
+            made = verified_planar_export(exporter, planar_input(stored, self.coupled))
         else:
-            self.logs.vehicle.require_no_rudder("the format")
-            made = verified_export(exporter, export_input(stored, self.logs))
-        return records.export_record(format, made, self.logs.vehicle)
+            vehicle.require_no_rudder("the format")
+            made = verified_export(select_exporter(format, None)[0], export_input(stored, self.logs))
+        return records.export_record(format, made, vehicle)
 
     def _require_one_axis(self, method: str) -> None:
         if self.axis is PLANAR:

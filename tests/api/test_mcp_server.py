@@ -30,6 +30,7 @@ async def session(folder: Path) -> dict[str, Any]:
             "schemas": {resource.name for resource in resources},
             "schema": schema.contents[0],
             "check": await client.call_tool("check", {"folder": log}),
+            "coupled": await client.call_tool("check", {"folder": str(SAMPLES / "planar_rov"), "axes": "planar"}),
             "refused": await client.call_tool("fit", {"folder": "no_such_folder"}),
         }
 
@@ -37,7 +38,8 @@ async def session(folder: Path) -> dict[str, Any]:
 def test_a_client_gets_the_documents_of_the_commands_and_nothing_is_written(tmp_path: Path) -> None:
     found = anyio.run(session, tmp_path)
     assert found["instructions"] == topic_text("skill")
-    assert found["read_only"] == dict.fromkeys(("check", "fit", "diagnose", "plan", "compare", "export", "help"), True)
+    tools = ("check", "fit", "simulate", "diagnose", "plan", "compare", "export", "help")
+    assert found["read_only"] == dict.fromkeys(tools, True)
     folder = Path(__file__).parents[2] / "rovid" / "schemas"
     assert found["schemas"] == {file.name for file in folder.iterdir()}
     assert isinstance(found["schema"], TextResourceContents)
@@ -45,6 +47,9 @@ def test_a_client_gets_the_documents_of_the_commands_and_nothing_is_written(tmp_
     document = found["check"].structured_content
     require_schema(document)
     assert document == run_rovid("check", SAMPLES / "rosub_hidden" / "steps.csv", "--json").document
+    coupled = found["coupled"].structured_content
+    require_schema(coupled)
+    assert (coupled["axes"], len(coupled["logs"])) == ("planar", 6)
     assert found["refused"].is_error
     (text,) = found["refused"].content
     assert isinstance(text, TextContent)
