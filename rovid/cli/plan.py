@@ -147,6 +147,8 @@ def plan(
     commands, picture = OutputFile(output, PLAN), OutputFile(output.with_suffix(".png"), png_signature("plan"))
     outputs = reserve_outputs([commands, picture], paths, stored.path, force=force)
     study = open_logs(paths, None, stored.axis)
+    if not force:
+        study.require_sound()
     study.vehicle.require_no_rudder("a run of commands")
     effects = tuple(dict.fromkeys((*stored.effect_forms(), *map(effect_named, effect or ()))))
     with progress("Fitting, and comparing candidate runs …"):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -34,6 +33,7 @@ from rovid.cli.options import (
 )
 from rovid.cli.planar_session import is_planar, open_planar_session, store_planar_fit
 from rovid.cli.streams import progress
+from rovid.core.errors import ConfigError
 
 PAGE = Page(
     text="""
@@ -59,11 +59,7 @@ PAGE = Page(
 )
 
 
-class JournalWidth(StrEnum):
-    """Width of a plot in print: one column, or the page, of most journals."""
-
-    COLUMN = "84mm"
-    PAGE = "174mm"
+_JOURNAL_WIDTHS = ("84mm", "174mm")
 
 
 def report(
@@ -90,7 +86,7 @@ def report(
         bool, typer.Option("--pdf", help="Also print report.pdf, with the Chromium, Chrome or Edge of this machine.")
     ] = False,
     journal: Annotated[
-        list[JournalWidth] | None,
+        list[str] | None,
         option(
             "WIDTH",
             "Also write the plots for a journal, 84 or 174 mm wide at 300 dpi, into plots/WIDTH. Repeatable.",
@@ -105,9 +101,10 @@ def report(
 ) -> None:
     """Write all results on one page."""
     add_effects(effects_from)
+    widths = [_journal_width(each) for each in journal or ()]
     if is_planar(axes, axis, cutoff=cutoff):
         _report_planar(
-            logs, parameters, output or Path("report_planar"), diagnosed=diagnosis, pdf=pdf, journal=journal or (),
+            logs, parameters, output or Path("report_planar"), diagnosed=diagnosis, pdf=pdf, journal=widths,
             budget=budget, force=force, json=json,
         )  # fmt: skip
         return
@@ -134,7 +131,7 @@ def report(
             controlled=control,
             exported=export,
             pdf=pdf,
-            journal=journal or (),
+            journal=widths,
             force=force,
             report=show_progress,
         )
@@ -159,6 +156,14 @@ def report(
     console().print(answer, highlight=False)
     for path in files.values():
         console().print(path, highlight=False, soft_wrap=True)
+
+
+def _journal_width(text: str) -> str:
+    """The width of a plot in print as "84mm": one column, or the page, of most journals."""
+    width = f"{text.removesuffix('mm').strip()}mm"
+    if width not in _JOURNAL_WIDTHS:
+        raise ConfigError(f"is {text!r}; {' or '.join(_JOURNAL_WIDTHS)} was expected.", where="--journal")
+    return width
 
 
 def _report_planar(
@@ -191,7 +196,7 @@ def _report_planar(
             diagnosed=diagnosed,
             budget=budget,
             pdf=pdf,
-            journal=journal or (),
+            journal=journal,
             force=force,
             report=show_progress,
         )

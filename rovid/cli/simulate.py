@@ -76,7 +76,7 @@ def simulate(
         _simulate_planar(logs, parameters, json=json)
         return
     from rovid.model.simulation import simulate_runs
-    from rovid.present.console import show_caution, show_warnings
+    from rovid.present.console import show_caution, show_faults, show_warnings
     from rovid.present.documents.results import simulation_document
     from rovid.present.mcap_output import recording_outputs, write_recordings
     from rovid.present.tables.trials import simulation_table
@@ -95,12 +95,14 @@ def simulate(
         simulations = simulate_runs(study.runs.items, model, study.vehicle)
         if recordings:
             write_recordings(outputs, recordings, simulations, study.runs, model, study.vehicle)
-    warnings, assumptions = [*fault_texts(study.faults), *study.remarks(), *remarks], model_assumptions(stored, study)
+    warnings, assumptions = [*study.remarks(), *remarks], model_assumptions(stored, study)
     if json:
+        warnings = [*fault_texts(study.faults), *warnings]
         document = simulation_document(stored, simulations, warnings, assumptions)
         print_json(document | {"recordings": [str(recording.path) for recording in recordings]})
     else:
         show_caution(console(), assumptions)
+        show_faults(console(), study.faults)
         simulation_table(simulations).print(console(), assumptions)
         show_warnings(console(), warnings)
 

@@ -168,7 +168,7 @@ def read_toml(path: Path, mend: str = "") -> dict[str, Any]:
     except RecursionError as error:
         raise too_deep from error
     except ValueError as error:  # also for a number with thousands of digits
-        raise ConfigError(f"is not valid TOML: {str(error).partition(';')[0]}.", where=path, mend=mend) from error
+        raise ConfigError(f"is not valid TOML: {_toml_error(str(error), text)}.", where=path, mend=mend) from error
     for keys, value in _all_values(document):
         if len(keys) > _MAX_DEPTH:
             raise too_deep
@@ -176,6 +176,20 @@ def read_toml(path: Path, mend: str = "") -> dict[str, Any]:
             place = ".".join(display_text(key, 60) for key in keys)
             raise ConfigError("is an integer of more than 64 bits.", where=f"{path}: {place}", mend=mend)
     return document
+
+
+def _toml_error(message: str, text: str) -> str:
+    """The parser's ``message`` with the line that it means, and the usual cause of such a line."""
+    message = message.partition(";")[0]
+    place, lines = re.search(r"at line (\d+)", message), text.splitlines()
+    if place is None or int(place[1]) > len(lines):
+        return message
+    line = display_text(lines[int(place[1]) - 1].strip(), 80)
+    if re.search(r"=\s*[+-]?\d+,\d", line):
+        return f"{message}: {line} (a decimal number needs a point)"
+    if re.search(r"=\s*[^\W\d]", line):
+        return f"{message}: {line} (text needs quotes)"
+    return f"{message}: {line}"
 
 
 def _all_values(document: dict[str, Any]) -> Iterator[tuple[tuple[str, ...], Any]]:

@@ -231,7 +231,8 @@ class OutputSet:
         if any(path.samefile(target) for path in protected):
             raise OutputError("is an input of this command and is never replaced.", where=output.path, mend=_OTHER_NAME)
         if not os.access(target, os.W_OK):
-            raise OutputError("is write-protected.", where=output.path, mend=_OTHER_NAME)
+            mend = "Make it writable, or write to another place if the command can."
+            raise OutputError("is write-protected.", where=output.path, mend=mend)
         if status.st_size and not (matches and signature.replaceable) and not self._force:
             raise OutputError(
                 f"is there already and is not {signature.description}.",
@@ -262,4 +263,5 @@ def _fallback_folders() -> Iterator[Path]:
 
 def _not_written(path: Path, error: OSError) -> OutputError:
     reason = error.strerror or error
-    return OutputError(f"cannot be written ({reason}).", where=path, mend="Choose another place with -o or -p.")
+    mend = "Make the folder writable, or write to another place if the command can (-o, -p)."
+    return OutputError(f"cannot be written ({reason}).", where=path, mend=mend)

@@ -219,7 +219,10 @@ def _separating(one: Effect, other: Effect, *, untested: bool = False) -> dict[s
 
 
 def first_experiment(diagnosis: Conclusion) -> dict[str, Any] | None:
-    """The run that separates causes, or that the search has to be completed; None where neither is open."""
+    """The run that separates causes, or what has to be done before any run; None where neither is open."""
+    if diagnosis.verdict == "bad_logs":
+        run = "none yet: correct the fault of the logs, and repeat the diagnosis"
+        return {"run": run, "reason": "no fit of these logs is valid"}
     for finding in (*diagnosis.findings, *diagnosis.suspects):
         discriminating = discriminating_experiment(finding)
         if discriminating is not None:

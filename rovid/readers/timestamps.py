@@ -26,6 +26,9 @@ _UNIT_AT_END = re.compile(
     r"(?:^|[^a-z]|(?-i:(?<=[a-z])(?=[A-Z])))(?:(m|u|µ|μ|n)s(?:ec)?s?|(milli|micro|nano)s?(?:ec(?:ond)?s?)?)\W*$",
     re.IGNORECASE,
 )
+# A date as 7.1.2026 before a time, a time of day, and the least step back of such a clock at midnight.
+_DOTTED_DATE, _TIME_OF_DAY = re.compile(r"^(\d{1,2})\.(\d{1,2})\.(\d{4})"), r"\d{1,2}:\d\d:\d\d(\.\d+)?"
+_HALF_A_DAY = np.timedelta64(12, "h")
 # Largest magnitude of a plausible time, angle or command; larger numbers come from damage.
 _IMPLAUSIBLE = 1e15
 # s; a time from here on (1973) counts from 1970.
@@ -109,22 +112,39 @@ def column_to_seconds(column: pd.Series[Any], name: str, declared: str, where: C
 
 
 def to_datetimes(column: pd.Series[Any], name: str, where: Callable[[int], str]) -> pd.Series[Any]:
-    """Dates of a column of dates or text; NaT where missing, `LogError` for text that is no ISO 8601 time."""
+    """Dates of a column of dates or text; NaT where missing, `LogError` for text that is no time.
+
+    Text may be an ISO 8601 time, a date as 7.1.2026 with a time, or the time of day alone (from 1970-01-01 on, past
+    midnight on the next day).
+    """
     import pandas as pd
 
     dates = pd.to_datetime(column, format="ISO8601", utc=True, errors="coerce")
-    if dates.notna().sum() < column.notna().sum():
+    known = column.notna()
+    if dates.notna().sum() < known.sum():
         # ISO 8601 allows a decimal comma, pandas does not.
         tidy = column.astype("string").str.strip().str.replace(",", ".", regex=False)
-        dates = pd.to_datetime(tidy, format="ISO8601", utc=True, errors="coerce")
-    if dates.notna().sum() < column.notna().sum():
-        row = int(np.argmax((dates.isna() & column.notna()).to_numpy()))
+        tidy = tidy.str.replace(_DOTTED_DATE, _iso_date, regex=True)
+        if tidy[known].str.fullmatch(_TIME_OF_DAY).all():
+            clock = pd.to_timedelta(tidy)
+            midnights = (clock.ffill().diff() < -_HALF_A_DAY).cumsum()
+            dates = pd.Timestamp(0, tz="UTC") + clock + pd.to_timedelta(midnights, unit="D")
+        else:
+            dates = pd.to_datetime(tidy, format="ISO8601", utc=True, errors="coerce")
+    if lost := int((dates.isna() & known).sum()):
+        row = int(np.argmax((dates.isna() & known).to_numpy()))
         text = (
-            f"{name} is {column.iloc[row]!r}; seconds, an ISO 8601 time (2026-01-07T12:00:00.05Z) or an epoch time "
-            "was expected."
+            f"{name} is {column.iloc[row]!r}; seconds, an ISO 8601 time (2026-01-07T12:00:00.05Z), a time of day "
+            f"(12:00:00.05) or an epoch time was expected. So are {lost} of {int(known.sum())} rows."
         )
-        raise LogError(text, where=where(row), mend="Delete the row, or write its time so.")
+        mend = "Delete these rows, or write their times so." if lost < known.sum() else "Write the column so."
+        raise LogError(text, where=where(row), mend=mend)
     return dates
+
+
+def _iso_date(dotted: re.Match[str]) -> str:
+    day, month, year = map(int, dotted.groups())
+    return f"{year}-{month:02d}-{day:02d}"
 
 
 def start_epoch(column: pd.Series[Any], time: FloatArray, name: str, declared: str) -> float | None:
@@ -138,7 +158,7 @@ def start_epoch(column: pd.Series[Any], time: FloatArray, name: str, declared: s
     if isinstance(first, pd.Timedelta):
         return None
     if isinstance(first, str | pd.Timestamp):
-        moment = pd.to_datetime(str(first).strip().replace(",", "."), utc=True).timestamp()
+        moment = to_datetimes(pd.Series([first]), name, str).iloc[0].timestamp()
     else:
         moment = float(first) * _SCALE[time_unit(name, abs(float(first)), declared)]
     return float(moment - time[known[0]]) if moment > EPOCH_FROM else None

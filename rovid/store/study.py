@@ -140,7 +140,8 @@ class Study:
                 raise DataError(f"there is no table of sine trials (columns {', '.join(SINE_COLUMNS)}).")
             return fit_inertia_table(read_table(self.sine), drag=drag, rigid_body=rigid_body)
         fit = self._marked(fit_inertia(self.runs.items, drag=drag, rigid_body=rigid_body))
-        self._require_possible(fit.estimate)
+        if fault := self._impossible(fit.estimate):
+            raise _refused(fault)
         return replace(fit, regression=fit.regression and self._marked(fit.regression))
 
     def require_effects(self, effects: Sequence[Effect]) -> None:
@@ -186,23 +187,19 @@ class Study:
                 mend = f"Map {missing} in [signals] of rovid.toml, or leave the effect out."
                 raise ConfigError(f"needs {missing}, which not all of these logs hold.", where=effect.key, mend=mend)
         fit = fit_likelihood(self.runs.items, self.vehicle, effects, gyro=gyro)
-        self._require_possible(fit.estimate)
+        if fault := self._impossible(fit.estimate):
+            raise _refused(fault)
         warnings = rigid_body_warnings(fit.estimate, self.vehicle.reference_inertia)
         estimate = replace(fit.estimate, warnings=(*fit.estimate.warnings, *warnings))
         return self._marked(replace(fit, estimate=estimate))
 
-    def _require_possible(self, estimate: Estimate) -> None:
-        """Refuse an inertia that no vehicle has, unless the user keeps that fault."""
+    def _impossible(self, estimate: Estimate) -> Fault | None:
+        """The fault of an inertia that no vehicle has, unless the user keeps it."""
         if "inertia" in estimate.refused:
-            return
-        fault = inertia_fault(
-            estimate.value("inertia"),
-            estimate.standard_error("inertia"),
-            self.vehicle,
-            () if self.runs is None else self.runs.items,
-        )
-        if fault is not None and not self.overrides.keep(fault):
-            raise _refused(fault)
+            return None
+        value, error = estimate.value("inertia"), estimate.standard_error("inertia")
+        fault = inertia_fault(value, error, self.vehicle, self.runs.items if self.runs else ())
+        return None if fault is None or self.overrides.keep(fault) else fault
 
     def _with_assumptions(self, estimate: Estimate) -> Estimate:
         """``estimate`` with the vehicle's guesses, and with the error of its thrust scale."""
@@ -311,6 +308,8 @@ class Study:
         diagnosis = diagnose_logs(self.runs, self.vehicle, report, budget)
         warnings = [*diagnosis.warnings]
         if final := diagnosis.extended or diagnosis.base:
+            if not force and (fault := self._impossible(final.estimate)):
+                return Diagnosis(verdict="bad_logs", missing=fault.text, faults=(fault,))
             warnings += rigid_body_warnings(final.estimate, self.vehicle.reference_inertia)
         return replace(
             diagnosis,

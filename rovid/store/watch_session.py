@@ -20,6 +20,7 @@ from rovid.model.parameter_names import base_names, without_form
 from rovid.store.folder_monitor import FolderChange, FolderMonitor, Problem, WatchedLog
 from rovid.store.study import Study, open_study
 from rovid.trial.axis import Axis
+from rovid.trial.fault import stopping
 
 _CRITERION = re.compile(r"\s*([A-Za-z_][\w.:@ -]*?)\s+(?:to\s+)?(\d+(?:\.\d+)?)\s*%\s*")
 _OPTION = "--until"
@@ -278,6 +279,7 @@ class WatchSession:
         self._logs = tuple(change.logs.values())
         missing = ""
         try:
+            study.require_sound()
             self._fit = self._fit_model(study)
         except RovidError as error:
             missing = str(error)
@@ -324,7 +326,7 @@ class WatchSession:
                 self._monitor.problems.report("parameters", str(error))
             else:
                 self._monitor.problems.resolve("parameters")
-        if not self._are_criteria_met():
+        if not self._are_criteria_met() and not stopping(study.faults):
             self._report("Comparing candidate runs …")
             yield from self._next_run(study)
 

@@ -78,6 +78,8 @@ def test_a_document_is_read_whatever_stands_at_its_beginning(tmp_path: Path) -> 
     ("text", "words"),
     [
         ("a = ", "is not valid TOML"),
+        ("[a]\nb = 0,43", "at line 2, .*: b = 0,43 .a decimal number needs a point"),
+        ("a = 1\nb = curve.csv", "at line 2, .*: b = curve.csv .text needs quotes"),
         (b"a = '\xff'", "is not UTF-8 text"),
         ("a = " + "[" * 40 + "]" * 40, "nested deeper than 32 levels"),
         ("a = " + "[" * 5000 + "]" * 5000, "nested deeper than 32 levels"),

@@ -18,6 +18,7 @@ from rovid.trial.vehicle import Vehicle
 from tests.readers.logs import campaign, csv_text, kinds, read_csv, standard, toml, turning
 
 TIME, HEADING = turning()
+MIDNIGHT = np.timedelta64(43190, "s")  # noon to 10 s before midnight
 DATES = np.datetime64("2026-01-07T12:00:00", "ms") + np.round(TIME * 1000).astype(int)
 
 
@@ -158,7 +159,10 @@ BAD: dict[str, tuple[str | bytes, tuple[str, ...]]] = {
         csv_text(standard(time_s=[*(f"{t}Z" for t in DATES[:20]), "soon", *(f"{t}Z" for t in DATES[21:])])),
         ("hold_3.csv:22: time_s is 'soon'", "ISO 8601"),
     ),
-    "time of day": (csv_text(standard(time_s=[f"12:00:{t:.2f}" for t in TIME])), (":2:", "time_s", "ISO 8601")),
+    "date of unknown order": (
+        csv_text(standard(time_s=[f"01/07/2026 12:00:{t:.2f}" for t in TIME])),
+        (":2:", "time_s", "ISO 8601", "Write the column so."),
+    ),
 }
 
 
@@ -343,6 +347,8 @@ SPELLINGS: dict[str, bytes] = {
     "ISO 8601": csv_text(standard(time_s=[f"{t}Z" for t in DATES])).encode(),
     "ISO 8601 without zone": csv_text(standard(time_s=[str(t).replace("T", " ") for t in DATES])).encode(),
     "ISO 8601 with zone": csv_text(standard(time_s=[f"{t}+05:30" for t in DATES])).encode(),
+    "time of day past midnight": csv_text(standard(time_s=[f"{t}"[11:] for t in DATES + MIDNIGHT])).encode(),
+    "dotted date": csv_text(standard(time_s=[f"{t}".replace("2026-01-07T", "7.1.2026 ") for t in DATES])).encode(),
     "epoch s": csv_text(standard(time_s=1767787200.0 + TIME)).encode(),
     "epoch ms": csv_text(standard(time_s=1767787200000 + np.round(TIME * 1e3).astype(int))).encode(),
     "epoch us": csv_text(standard(time_s=1767787200000000 + np.round(TIME * 1e6).astype(int))).encode(),

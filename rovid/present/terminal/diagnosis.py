@@ -65,7 +65,9 @@ _SMALL_SHARE = 0.01
 def show_study_diagnosis(console: Console, diagnosis: Diagnosis, study: Study) -> None:
     """Print a diagnosis with the guesses, faults and remarks of the ``study``."""
     show_caution(console, study.vehicle.assumptions)
-    show_faults(console, all_faults(diagnosis, study))
+    # The verdict on bad logs repeats the faults that stop.
+    told = diagnosis.verdict == "bad_logs"
+    show_faults(console, [fault for fault in all_faults(diagnosis, study) if not (told and fault.stops)])
     show_diagnosis(console, diagnosis, study.vehicle)
     show_warnings(console, [*study.remarks(), *diagnosis.warnings])
 
@@ -79,6 +81,9 @@ def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> 
         print_text(console, f"{PLAIN_MODEL} {EXTENDED_MODEL}" if diagnosis.extended.model.effects else PLAIN_MODEL)
     if diagnosis.missing:
         print_text(console, diagnosis.missing)
+    if diagnosis.verdict == "bad_logs":
+        print_labelled(console, "Next:", str(next_step(diagnosis, next_experiment(diagnosis))))
+        return
     if diagnosis.from_tables is not None:
         predictions_table(diagnosis.from_tables).print(console, guess)
         if diagnosis.from_tables.causes:

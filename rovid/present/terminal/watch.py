@@ -26,6 +26,7 @@ from rovid.store.watch_session import (
     SessionEnded,
     StopCriterion,
 )
+from rovid.trial.fault import stopping
 
 # Ratio of the 95 % intervals before and after a log from which the log is said to narrow them.
 _NARROWER = 1.05
@@ -95,7 +96,8 @@ def _duration(logs: Sequence[WatchedLog]) -> str:
 
 def _show_model(console: Console, event: ModelFitted) -> None:
     if event.fit is None:
-        print_labelled(console, "Not enough yet:", event.missing, "bold yellow", indent=2)
+        label = "No go:" if stopping(event.study.faults) else "Not enough yet:"
+        print_labelled(console, label, event.missing, "bold yellow", indent=2)
         return
     estimate = event.fit.estimate
     show_caution(console, estimate.assumptions)
