@@ -66,11 +66,8 @@ def parse_criteria(text: str, axis: Axis, *, diagnosed: bool = True) -> tuple[St
     for part in text.split(","):
         match = _CRITERION.fullmatch(part)
         if match is None:
-            raise ConfigError(
-                f"is {part.strip()!r}; a name and a percentage were expected.",
-                where=_OPTION,
-                mend='As in --until "inertia 2 %, quadratic_drag 5 %".',
-            )
+            text = f"is {part.strip()!r}; a name and a percentage were expected."
+            raise ConfigError(text, where=_OPTION, mend='As in --until "inertia 2 %, quadratic_drag 5 %".')
         found.append(_criterion(match[1], float(match[2]) / 100.0, axis, diagnosed=diagnosed))
     return tuple(dict.fromkeys(found))
 
