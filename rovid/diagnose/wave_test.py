@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -21,6 +21,11 @@ from rovid.estimate.fit_result import FitResult
 from rovid.estimate.innovation_likelihood import InnovationLikelihood
 from rovid.estimate.objective import UNLIMITED, NegativeLogLikelihood
 from rovid.estimate.parametrization import COMMON, DISTURBANCE, MEMORY
+from rovid.signals.preprocessing import Run
+
+# Time constants of a sensor's filter in sampling intervals. Most readings of that test, in whole runs: for its speed.
+_FILTERS = 2.0 ** np.arange(-1.0, 5.0)
+_MAX_READINGS = 10_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +87,7 @@ def run_wave_test(data: InnovationData, beside: FitResult, wave: Effect | None, 
         return WaveTest(plain, pieces)
     with_waves = _fit_with_waves(plain, wave)
     bic_gain = bic_score(with_waves) - bic_score(plain)
-    if not is_plausible(with_waves) or bic_gain <= 0.0:
+    if not is_plausible(with_waves) or bic_gain <= 0.0 or _is_sensor_filter(data, plain, with_waves):
         return WaveTest(plain, pieces)
     gain = plain.value - with_waves.value
     if not with_waves.is_white:
@@ -117,6 +122,42 @@ def _fit_with_waves(plain: FitResult, wave: Effect) -> FitResult:
 
     best = min(fit_in_parallel([objective] * len(begun), first_steps), key=lambda fitted: fitted.value)
     return fit_coarse(objective, best.x, THRESHOLDS.close_iterations)
+
+
+def _is_sensor_filter(data: InnovationData, plain: FitResult, with_waves: FitResult) -> bool:
+    """Whether a first-order filter of the heading, by an INS, explains all readings better than waves.
+
+    Such a filter colours the noise of the sensor, which the likelihood takes as white. Its inverse is exact where no
+    reading is left out, and there the density of the readings y is that of the inverse x over the product of a_k in
+    y_k = y_{k-1} + a_k (x_k - y_{k-1}).
+    """
+    counts = np.array([int(run.trial.measured.sum()) for run in data.runs])
+    order = np.argsort(counts)
+    runs = [data.runs[at] for at in order[np.cumsum(counts[order]) <= _MAX_READINGS]]
+    if not runs or data.rate_only:
+        return False
+    every = replace(data, runs=runs, interval=0.0)
+    waves: NegativeLogLikelihood = InnovationLikelihood(every, UNLIMITED, with_waves.effects)
+    best = fit_coarse(waves, with_waves.x, THRESHOLDS.close_iterations).value
+    interval = float(np.median([run.trial.sampling_interval for run in runs]))
+    for time_constant in interval * _FILTERS:
+        before, offset = _before_filter(every, time_constant)
+        if _fit_without_waves(replace(every, runs=before), plain).value + offset < best:
+            return True
+    return False
+
+
+def _before_filter(data: InnovationData, time_constant: float) -> tuple[list[Run], float]:
+    """Runs with the position before a filter of ``time_constant`` in s, and the sum of ln a_k of their readings."""
+    runs, offset = [], 0.0
+    for run in data.runs:
+        used = np.flatnonzero(run.trial.measured)
+        position = run.trial.position.copy()
+        share = -np.expm1(-np.diff(run.trial.time[used]) / time_constant)
+        position[used[1:]] += (1.0 / share - 1.0) * np.diff(position[used])
+        runs.append(replace(run, trial=replace(run.trial, position=position)))
+        offset += float(np.log(share).sum())
+    return runs, offset
 
 
 def _supported_gain(better: FitResult, plain: FitResult) -> float:

@@ -3,11 +3,41 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
-from rovid.diagnose.wave_test import supported_gain
+from rovid.diagnose.wave_test import run_wave_test, supported_gain
+from rovid.effects.catalogue import CATALOGUE
+from rovid.estimate.filter_data import InnovationData
+from rovid.estimate.fit_result import FitResult
+from rovid.estimate.innovation_likelihood import InnovationLikelihood
+from tests.synthetic import LOGGED, ROSUB, clock, gauss_markov, run
+
+
+@pytest.mark.parametrize("filtered", [True, False])
+def test_the_noise_of_a_filtered_heading_is_no_wave(*, filtered: bool) -> None:
+    rng = np.random.default_rng(4)
+    time = clock(400.0, 5.0)
+    torque = 230.0 * rng.choice([-1.0, 0.0, 1.0], 41)[(time // 10.0).astype(int)]
+    disturbance = gauss_markov(len(time), 0.2, 5.0, 20.0, rng)
+    if not filtered:
+        wave = lfilter([1.0], [1.0, -1.96 * np.cos(0.2 * 1.5), 0.96], rng.normal(0.0, 1.0, len(time)))
+        disturbance += 30.0 * wave / np.std(wave)
+    log = run(time, torque, disturbance=disturbance, noise=rng.normal(0.0, np.deg2rad(0.3), len(time)))
+    if filtered:
+        share = -np.expm1(-0.2 / 1.0)
+        rest = (1.0 - share) * log.trial.position[:1]
+        heading = lfilter([share], [1.0, share - 1.0], log.trial.position, zi=rest)[0]
+        log = replace(log, trial=replace(log.trial, position=heading))
+    data = InnovationData([log], LOGGED, ROSUB)
+    objective = InnovationLikelihood(data, 0.05)
+    beside = FitResult.at(objective, objective.parametrization.initial())
+    wave_torque = next(effect for effect in CATALOGUE if effect.is_wave)
+    found = run_wave_test(data, beside, wave_torque, ())
+    assert (found.fitted is None) == filtered
 
 
 def test_a_gain_that_never_scatters_is_supported_far_beyond_one_that_does() -> None:
