@@ -29,7 +29,7 @@ _AMPLITUDES, _ANGLES = 12, 6
 # Smallest gain, for its logarithm.
 _MIN_GAIN = 1e-30
 # Sufficient margins: deg, and largest sensitivity.
-_PHASE_MARGIN, _SENSITIVITY_PEAK = 45.0, 1.6
+PHASE_MARGIN, SENSITIVITY_PEAK = 45.0, 1.6
 # rad/s, bandwidths to try.
 BANDWIDTHS = np.geomspace(0.01, 20.0, 120)
 # Lower bound of a drawn inertia relative to the estimate.
@@ -256,7 +256,7 @@ def largest_bandwidth(loop_of: Callable[[float], OpenLoop], limit: float) -> flo
         if bandwidth <= limit:
             loop = loop_of(bandwidth)
             margins = loop.margins()
-            damped = margins.phase_deg >= _PHASE_MARGIN and margins.sensitivity_peak <= _SENSITIVITY_PEAK
+            damped = margins.phase_deg >= PHASE_MARGIN and margins.sensitivity_peak <= SENSITIVITY_PEAK
             if damped and margins.stable and margins.delay_s >= loop.total_lag(margins.crossover):
                 return float(bandwidth)
     raise DataError(

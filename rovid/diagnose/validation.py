@@ -179,7 +179,7 @@ def raises_disturbance(selection: Selection, effect: Effect) -> str:
 def likely(selection: Selection, effect: Effect) -> str:
     """The posterior probability is below `THRESHOLDS.established`, or the budget ended before every test."""
     is_open = _probability(selection, effect) < THRESHOLDS.established or selection.is_out_of_time
-    return "is likely, but not established" * is_open
+    return "is not established" * is_open
 
 
 # In the order of application: the quick rules first, then those that need a fit to all data, or simulations.

@@ -13,6 +13,7 @@ from rovid.compare.comparison import Comparison
 from rovid.compare.difference_tests import DRAG, THRUST_SCALE, ChangeCandidate, ParameterChange
 from rovid.control.design import ClosedLoopResult, ControllerDesign
 from rovid.control.specs import paper_runs
+from rovid.control.tuning import PHASE_MARGIN, SENSITIVITY_PEAK
 from rovid.core.formatting import plus_minus, significant
 from rovid.diagnose.candidate_fits import Alternative
 from rovid.diagnose.evidence import CANNOT_TELL, DEFINITIONS
@@ -30,6 +31,8 @@ from rovid.trial.vehicle import Vehicle
 
 CUT_SHORT = "The search ended at the limit of its time, before every cause was tried: repeat it with a larger --budget."
 _ALL_THRUST = "all thrust"
+# Change of settling time or overshoot, in shares, and of overshoot in deg, that a user notices. Convention.
+_RELEVANT, _LEAST_OVERSHOOT = 0.05, 2.0
 
 
 def join_words(texts: Sequence[str], last: str = "and") -> str:
@@ -274,7 +277,13 @@ def control_verdict(design: ControllerDesign) -> Iterator[tuple[str, str]]:
         yield "The loop is unstable about rest with these gains.", "fail"
         return
     margin = f"{margins.gain_db:.1f} dB" if math.isfinite(margins.gain_db) else "without limit"
-    yield f"Stable: phase margin {margins.phase_deg:.0f} deg, gain margin {margin}.", "pass"
+    sizes = f"phase margin {margins.phase_deg:.0f} deg, gain margin {margin}"
+    if margins.phase_deg < PHASE_MARGIN or margins.sensitivity_peak > SENSITIVITY_PEAK:
+        peak = f"peak of the sensitivity {margins.sensitivity_peak:.2f}"
+        wanted = f"{PHASE_MARGIN:.0f} deg or more, and a peak of {SENSITIVITY_PEAK:g} or less, are usual"
+        yield f"Stable, but with small margins: {sizes}, {peak} ({wanted}). Lower the bandwidth or the gains.", "warn"
+    else:
+        yield f"Stable: {sizes}.", "pass"
     effects = bool(design.model.effects)
     aided, plain = (_steps(design, effects=effects, aided=each) for each in (True, False))
     if not aided or not plain:
@@ -287,12 +296,22 @@ def control_verdict(design: ControllerDesign) -> Iterator[tuple[str, str]]:
         f"slowest step settled after {_settled(settling[0])} with the aid and {_settled(settling[1])} without it, "
         f"largest overshoot {overshoot[0]:.1f} and {overshoot[1]:.1f} deg"
     )
-    if settling[0] < settling[1]:
-        yield f"The model aid is of use: {sizes}.", "pass"
-    elif overshoot[0] > overshoot[1]:
+    changes = {_relevant_change(*settling, 0.0), _relevant_change(*overshoot, _LEAST_OVERSHOOT)}
+    if changes == {1, -1}:
+        yield f"The model aid improves one measure of the steps and worsens the other: {sizes}.", "warn"
+    elif 1 in changes:
         yield f"Use the controller without the model aid. With it the steps are worse: {sizes}.", "warn"
+    elif -1 in changes:
+        yield f"The model aid is of use: {sizes}.", "pass"
     else:
         yield f"The model aid makes little difference: {sizes}.", "pass"
+
+
+def _relevant_change(aided: float, plain: float, least: float) -> int:
+    """1 where a measure with the model aid is larger by a relevant amount, -1 where it is smaller, else 0."""
+    if aided == plain or abs(aided - plain) <= max(least, _RELEVANT * min(plain, aided)):
+        return 0
+    return 1 if aided > plain else -1
 
 
 def _steps(design: ControllerDesign, *, effects: bool, aided: bool) -> list[ClosedLoopResult]:

@@ -104,8 +104,8 @@ def test_an_effect_must_differ_from_zero_by_its_standard_errors(
     ("probability", "reason", "is_likely"),
     [
         (0.95, "", False),
-        (0.9499, "is likely, but not established", True),
-        (0.5, "is likely, but not established", True),
+        (0.9499, "is not established", True),
+        (0.5, "is not established", True),
         (0.4999, "is possible, but not established", False),
     ],
 )
@@ -351,7 +351,7 @@ def test_a_likely_effect_keeps_its_place_until_the_end(selection: Selection, mon
     monkeypatch.setattr(StepwiseSearch, "run", None)
     validated = validate(selection)
     assert validated.model is validated.base
-    assert validated.messages[-1] == "constant torque is likely, but not established: it is not claimed."
+    assert validated.messages[-1] == "constant torque is not established: it is not claimed."
 
 
 def test_an_effect_that_one_step_predictions_do_not_show_is_dropped(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
@@ -66,7 +67,9 @@ def test_a_fit_is_judged_by_its_innovations_and_its_disturbance() -> None:
         assert ("rovid diagnose" in text) == (kind == "warn")
 
 
-def designed(*, aided: tuple[float, float], plain: tuple[float, float], stable: bool = True) -> ControllerDesign:
+def designed(
+    *, aided: tuple[float, float], plain: tuple[float, float], stable: bool = True, phase: float = 46.0
+) -> ControllerDesign:
     """A design with (settling time, overshoot) of every step of the paper, with and without the model aid."""
     runs = [
         SimpleNamespace(
@@ -79,7 +82,7 @@ def designed(*, aided: tuple[float, float], plain: tuple[float, float], stable: 
         for step in paper_runs()
         for aid, (settling, overshoot) in ((True, aided), (False, plain))
     ]
-    margins = SimpleNamespace(stable=stable, phase_deg=46.0, gain_db=20.3)
+    margins = SimpleNamespace(stable=stable, phase_deg=phase, gain_db=20.3, sensitivity_peak=1.5)
     return cast("ControllerDesign", SimpleNamespace(runs=runs, margins=margins, model=SimpleNamespace(effects=())))
 
 
@@ -89,6 +92,8 @@ def designed(*, aided: tuple[float, float], plain: tuple[float, float], stable: 
         ((4.9, 1.7), (6.4, 0.0), "The model aid is of use", "pass"),
         ((17.8, 8.3), (17.8, 1.2), "Use the controller without the model aid", "warn"),
         ((6.4, 0.0), (6.4, 0.0), "The model aid makes little difference", "pass"),
+        ((213.1, 22.8), (213.2, 3.9), "Use the controller without the model aid", "warn"),
+        ((60.0, 9.0), (math.inf, 1.0), "The model aid improves one measure of the steps and worsens the other", "warn"),
     ],
 )
 def test_the_model_aid_is_recommended_where_it_is_of_use(
@@ -98,6 +103,12 @@ def test_the_model_aid_is_recommended_where_it_is_of_use(
     assert (first, stable) == ("Stable: phase margin 46 deg, gain margin 20.3 dB.", "pass")
     assert second.startswith(words)
     assert judged == kind
+
+
+def test_small_margins_are_a_warning() -> None:
+    (text, kind), _ = control_verdict(designed(aided=(1.0, 1.0), plain=(1.0, 1.0), phase=17.0))
+    assert text.startswith("Stable, but with small margins: phase margin 17 deg")
+    assert kind == "warn"
 
 
 def test_an_unstable_loop_fails() -> None:
