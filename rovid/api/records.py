@@ -27,10 +27,9 @@ from rovid.planar.standard_manoeuvres import run_manoeuvres
 from rovid.planar.trial_simulation import PlanarTrialSimulation
 from rovid.preflight.check import LogCheck
 from rovid.preflight.planar_check import PlanarCheck
-from rovid.present.console import show_caution, show_warnings
+from rovid.present.console import show_caution, show_faults, show_warnings
 from rovid.present.documents import diagnosis as diagnoses
 from rovid.present.documents import fits, planar, results
-from rovid.present.tables.planar import planar_simulation_table
 from rovid.present.tables.trials import simulation_table
 from rovid.present.terminal import check as show_checks
 from rovid.present.terminal import diagnosis as show_diagnoses
@@ -109,7 +108,6 @@ def simulation_record(stored: Parameters, study: Study | PlanarStudy) -> to.Simu
         runs = coupled_runs = study.simulate(coupled)
         found = run_manoeuvres(coupled, study.data)
         document = planar.planar_simulation_document(stored, coupled_runs, warnings, guess, found)
-        table = planar_simulation_table(coupled_runs)
     elif logs.runs is None:
         raise DataError("are tables; only logs can be simulated.", where="LOGS", mend="Give LOGS.")
     else:
@@ -117,12 +115,15 @@ def simulation_record(stored: Parameters, study: Study | PlanarStudy) -> to.Simu
         study.require_effects(model.effects)
         runs = single_runs = simulate_runs(logs.runs.items, model, logs.vehicle)
         document = results.simulation_document(stored, single_runs, warnings, guess) | {"recordings": []}
-        table = simulation_table(single_runs)
 
     def show(console: Console) -> None:
+        if isinstance(study, PlanarStudy):
+            show_planar.show_planar_simulation(console, coupled_runs, guess, warnings)
+            return
         show_caution(console, guess)
-        table.print(console, guess)
-        show_warnings(console, warnings)
+        show_faults(console, logs.faults)
+        simulation_table(single_runs).print(console, guess)
+        show_warnings(console, study.remarks())
 
     return to.SimulationRecord(
         document=document,

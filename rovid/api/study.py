@@ -220,6 +220,7 @@ class VehicleStudy:
             No run stays within the limits, or a name is unknown.
         """
         self._require_one_axis("plan")
+        self.logs.require_sound()
         causes = self._effects(between)
         if len({cause.id for cause in causes}) not in {0, 2}:
             raise ConfigError(f"names {len(causes)} causes; two different ones were expected.", where="between")
