@@ -17,8 +17,7 @@ from rovid.diagnose.result import Diagnosis, Finding, ModelAssessment
 from rovid.estimate.estimate import Estimate
 from rovid.estimate.experiment_design import ExperimentPlan, command_csv
 from rovid.estimate.maximum_likelihood import LikelihoodFit
-from rovid.export.planar_run import VerifiedPlanarExport
-from rovid.export.run_export import VerifiedExport
+from rovid.export.run_export import VerifiedExport, VerifiedPlanarExport
 from rovid.model.parameter_names import effect_ids
 from rovid.model.simulation import TrialSimulation, simulate_runs
 from rovid.planar.diagnosis import PlanarAssessment, PlanarDiagnosis

@@ -20,8 +20,14 @@ from rovid.effects import Effect, effect_named
 from rovid.estimate.candidate_runs import RunLimits
 from rovid.export.interface import export_input
 from rovid.export.planar_input import planar_input
-from rovid.export.planar_run import VerifiedPlanarExport, select_planar_exporter, verified_planar_export
-from rovid.export.run_export import VerifiedExport, select_exporter, verified_export
+from rovid.export.run_export import (
+    VerifiedExport,
+    VerifiedPlanarExport,
+    select_exporter,
+    select_planar_exporter,
+    verified_export,
+    verified_planar_export,
+)
 from rovid.preflight.check import check_logs, check_trials, reversed_thrusters
 from rovid.preflight.planar_check import check_planar, check_planar_trials
 from rovid.readers.campaign import campaign_of

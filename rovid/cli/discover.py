@@ -65,7 +65,7 @@ def discover(
     from rovid.effects.plugins import is_id
     from rovid.present.console import print_path, show_caution, show_warnings
     from rovid.present.documents.results import discovery_document
-    from rovid.present.terminal.effects import show_discovery
+    from rovid.present.terminal.diagnosis import show_discovery
     from rovid.store.study import input_files
 
     if write is not None and not (is_id(write.stem) and write.suffix == ".py"):

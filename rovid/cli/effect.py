@@ -79,7 +79,7 @@ def _try(path: Path, logs: list[Path], axis: str | None, *, json: bool) -> None:
     from rovid.effects import load_plugins
     from rovid.effects.plugins import forms_of
     from rovid.present.documents.results import effect_trial_document
-    from rovid.present.terminal.effects import show_effect_trial
+    from rovid.present.terminal.diagnosis import show_effect_trial
 
     load_plugins([path])
     forms = forms_of(path)

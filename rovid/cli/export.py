@@ -96,7 +96,7 @@ def export(
 
 def _export_planar(name: str, output: Path | None, parameters: Path | None, *, force: bool, json: bool) -> None:
     from rovid.export.planar_input import planar_input
-    from rovid.export.planar_run import select_planar_exporter, verified_planar_export
+    from rovid.export.run_export import select_planar_exporter, verified_planar_export
     from rovid.present.console import show_caution
     from rovid.present.documents.planar import planar_export_document
     from rovid.present.terminal.planar import show_planar_export

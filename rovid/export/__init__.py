@@ -33,9 +33,9 @@ FORMATS: Mapping[str, ExportFormat] = {
     "vrx": ExportFormat("gazebo", "vrx.sdf", "export_vrx", ("planar_gazebo", "export_vrx")),
     "stonefish": ExportFormat("stonefish", "stonefish.scn"),
     "mujoco": ExportFormat("mujoco", "mujoco.xml", planar=("mujoco", "export_planar")),
-    "ros2": ExportFormat("rovid_equation", "ros2.yaml", "export_ros2", ("planar_tables", "export_ros2")),
-    "matlab": ExportFormat("rovid_equation", "rovid.mat", "export_matlab", ("planar_tables", "export_matlab")),
-    "json": ExportFormat("rovid_equation", "rovid.json", "export_json", ("planar_tables", "export_json")),
+    "ros2": ExportFormat("rovid_equation", "ros2.yaml", "export_ros2", ("rovid_equation", "export_planar_ros2")),
+    "matlab": ExportFormat("rovid_equation", "rovid.mat", "export_matlab", ("rovid_equation", "export_planar_matlab")),
+    "json": ExportFormat("rovid_equation", "rovid.json", "export_json", ("rovid_equation", "export_planar_json")),
     "python-vehicle-simulator": ExportFormat(
         "python_vehicle_simulator", "rovid_vehicle.py", planar=("python_vehicle_simulator", "export_planar")
     ),

@@ -17,8 +17,8 @@ from rovid.core.formatting import python_docstring
 from rovid.core.output_files import export_mark
 from rovid.export.interface import PERIOD, ExportInput, ExportResult
 from rovid.export.planar_input import PlanarExportResult, PlanarInput
-from rovid.export.planar_tables import own_equation
 from rovid.export.resimulation import repeat_held, thrust_torque
+from rovid.export.rovid_equation import own_equation
 from rovid.export.thruster_curves import ThrusterCurve, curve_effect_keys, number_list, thruster_curves
 
 # s, step of the verification, and of the verdict on stability.

@@ -23,7 +23,7 @@ from rovid.core.errors import ConfigError
 from rovid.effects import effect_named
 from rovid.export import FORMATS
 from rovid.export.planar_input import PlanarInput, rovid_motion, verification_shares
-from rovid.export.planar_run import VerifiedPlanarExport, select_planar_exporter, verified_planar_export
+from rovid.export.run_export import VerifiedPlanarExport, select_planar_exporter, verified_planar_export
 from rovid.model.bound_effects import BoundEffect
 from rovid.planar.model import BASE_NAMES, SNAME, PlanarModel, RudderModel
 from rovid.trial.vehicle import Rudder, ThrustCurve, Thruster, Vehicle

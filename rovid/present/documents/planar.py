@@ -9,7 +9,7 @@ from typing import Any
 
 from rovid.diagnose.result import first_experiment
 from rovid.estimate.estimate import Estimate
-from rovid.export.planar_run import VELOCITIES, PlanarMismatch, VerifiedPlanarExport
+from rovid.export.run_export import VELOCITIES, PlanarMismatch, VerifiedPlanarExport
 from rovid.model.parameter_names import effect_ids, without_form
 from rovid.planar.diagnosis import PlanarAssessment, PlanarDiagnosis
 from rovid.planar.experiment import PlanarPlan

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from rovid.core.formatting import plus_minus
 from rovid.diagnose.result import UNIDENTIFIABLE
-from rovid.export.planar_run import VELOCITIES, PlanarMismatch, VerifiedPlanarExport
+from rovid.export.run_export import VELOCITIES, PlanarMismatch, VerifiedPlanarExport
 from rovid.planar.diagnosis import PlanarAssessment, PlanarDiagnosis
 from rovid.planar.experiment import PlanarPlan
 from rovid.planar.fit import PlanarFit
