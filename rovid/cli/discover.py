@@ -7,7 +7,6 @@ from typing import Annotated
 
 from rovid.cli.context import compile_in_background, console, named_axis, open_logs, print_json
 from rovid.cli.options import (
-    AxesRefused,
     AxisName,
     EffectsFrom,
     Force,
@@ -18,7 +17,6 @@ from rovid.cli.options import (
     add_effects,
     option,
 )
-from rovid.cli.planar_session import refuse_planar
 from rovid.cli.streams import progress
 from rovid.core.errors import ConfigError
 
@@ -49,14 +47,12 @@ def discover(
     ] = None,
     plot: Annotated[Path | None, option("FILE.png", "Plot the best formula over the unexplained torque.")] = None,
     axis: AxisName = None,
-    axes: AxesRefused = None,
     budget: TimeBudget = None,
     effects_from: EffectsFrom = None,
     force: Force = False,
     json: Json = False,
 ) -> None:
     """Find a formula that predicts the unexplained torque."""
-    refuse_planar(axes)
     add_effects(effects_from)
     compile_in_background()
     from rovid.core.budget import Budget

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from rovid.cli.context import fit_and_store, open_session
 from rovid.cli.fit_inertia import estimate_inertia
-from rovid.cli.options import AxesRefused, AxisName, Cutoff, Force, Json, Logs, Page, ParameterFile
-from rovid.cli.planar_session import refuse_planar
+from rovid.cli.options import AxisName, Cutoff, Force, Json, Logs, Page, ParameterFile
 
 PAGE = Page(
     text="""
@@ -33,7 +32,6 @@ def fit_drag(
     logs: Logs,
     *,
     axis: AxisName = None,
-    axes: AxesRefused = None,
     parameters: ParameterFile = None,
     cutoff: Cutoff = None,
     force: Force = False,
@@ -43,7 +41,6 @@ def fit_drag(
     from rovid.present.documents.fits import drag_document
     from rovid.present.terminal.results import show_drag
 
-    refuse_planar(axes)
     session = open_session(logs, parameters, axis, cutoff, force=force)
     if session.stored.axis.self_righting:
         # Under a constant torque such an axis comes to rest, so drag is found together with the inertia.

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from rovid.cli.context import FitSession, fit_and_store, open_session
-from rovid.cli.options import AxesRefused, AxisName, Cutoff, Force, Json, OptionalLogs, Page, ParameterFile
-from rovid.cli.planar_session import refuse_planar
+from rovid.cli.options import AxisName, Cutoff, Force, Json, OptionalLogs, Page, ParameterFile
 
 PAGE = Page(
     text="""
@@ -31,14 +30,12 @@ def fit_inertia(
     logs: OptionalLogs = None,
     *,
     axis: AxisName = None,
-    axes: AxesRefused = None,
     parameters: ParameterFile = None,
     cutoff: Cutoff = None,
     force: Force = False,
     json: Json = False,
 ) -> None:
     """Fit inertia from sines by four methods."""
-    refuse_planar(axes)
     estimate_inertia(open_session(logs, parameters, axis, cutoff, force=force), json=json)
 
 

@@ -12,6 +12,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from rovid.cli import completion
+from rovid.core.errors import ConfigError
 
 _EXIT = """\
 Exit status:
@@ -48,7 +49,18 @@ class Page:
 
 
 class ManualCommand(TyperCommand):
-    """A command with the help layout of a manual page."""
+    """A command with the help layout of a manual page; without an option --axes it refuses it with the alternative."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: D102 - typer's
+        known = any("--axes" in getattr(one, "opts", ()) for one in self.get_params(ctx))
+        if not known and any(one.partition("=")[0] == "--axes" for one in args):
+            raise ConfigError(
+                f"does not exist for {ctx.command_path}, which works along one axis.",
+                where="--axes",
+                mend="Leave --axes out. Surge, sway and yaw together: init, check, fit, diagnose, simulate, report, "
+                "plan, compare and export.",
+            )
+        return super().parse_args(ctx, args)
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:  # noqa: D102 - typer's
         # Some versions of typer put required names into braces.
@@ -143,7 +155,6 @@ Axes = Annotated[
         autocompletion=completion.axis_sets,
     ),
 ]
-AxesRefused = Annotated[str | None, typer.Option("--axes", hidden=True, help="Not for this command.")]
 Cutoff = Annotated[
     float | None,
     option("HZ", "Cut-off frequency of the low-pass filter for rates, in Hz. Default: chosen from the data.", min=1e-3),

@@ -46,14 +46,6 @@ def is_planar(axes: str | None, axis: str | None, **unsupported: object) -> bool
     return True
 
 
-def refuse_planar(
-    axes: str | None, mend: str = "Give --axis, or run `rovid fit --axes planar` for surge, sway and yaw together."
-) -> None:
-    """Refuse --axes for a command that works along one axis."""
-    if axes is not None:
-        raise ConfigError(f"is {axes!r}, but this command works along one axis.", where="--axes", mend=mend)
-
-
 def planar_parameters(path: Path | None) -> Parameters:
     """The parameter file of the coupled model, which has to exist.
 

@@ -36,8 +36,8 @@ _LATENCY_RANGE = 0.7
 _STEP, _LEAST_SIZE = 1e-5, 0.1
 # Largest standard error of a determined combination, in units of its scale: three standard errors make one unit.
 MAX_ERROR = 1.0 / 3.0
-# Least share of a parameter in a combination that is listed.
-_LEAST_SHARE = 0.1
+# Least share of a parameter in a combination that is listed; number that its sentence names next to the first one.
+_LEAST_SHARE, _NAMED = 0.1, 3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -340,6 +340,10 @@ def _text(listed: Mapping[str, float]) -> str:
         (name,) = listed
         return f"{name} has next to no influence on what these runs measure."
     first, *others = sorted(listed, key=lambda name: -abs(listed[name]))
-    signs = ("together" if listed[name] > 0.0 else "against it" for name in others)
-    parts = ", ".join(f"{name} ({sign})" for name, sign in zip(others, signs, strict=True))
-    return f"These runs hardly change if {first} and {parts} change in proportion; only other combinations are known."
+    parts = [f"{name} ({'together' if listed[name] > 0.0 else 'against it'})" for name in others[:_NAMED]]
+    if rest := len(others) - len(parts):
+        parts.append(f"{rest} more")
+    return (
+        f"These runs hardly change if {first} and {', '.join(parts)} change in proportion; only other combinations are "
+        "known."
+    )

@@ -38,8 +38,10 @@ _LAST_ITERATIONS = 12
 # Rounds in which stamps are moved by a latency, the least latency in time constants for a further round, and standard
 # errors from zero of a latency that shows.
 _LATENCY_ROUNDS, _LATENCY_TOLERANCE, _LATENCY_SIGMAS = 4, 0.01, 4.0
-# Largest latency in the shortest time constant.
+# Largest latency in the shortest time constant, and in s, of each sensor: a DVL or a gyro answers at once, a USBL after
+# the way of its sound and its radio link. A decision.
 _MOST_LATENCY = 0.6
+_MOST_SECONDS = np.array([5.0 if name in {"north", "east"} else 1.0 for name in SENSORS])
 # Factor on the limit of an active disturbance, for the effect of the limit on the parameters.
 _LOOSER = 2.5
 # Share of the thrust by which rounding leaves a force.
@@ -164,7 +166,8 @@ def with_latencies(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
     for _ in range(_LATENCY_ROUNDS):
         coordinates, grid = best.coordinates, best.likelihood.grid
         more = coordinates.latencies(best.x)
-        if np.abs(grid.latency + more).max() > _MOST_LATENCY * float(coordinates.sizes.time.min()):
+        most = np.minimum(_MOST_LATENCY * float(coordinates.sizes.time.min()), _MOST_SECONDS)
+        if np.any(np.abs(grid.latency + more) > most):
             on_time = first.coordinates.on_time([True] * len(coordinates.instruments))
             x = first.x.copy()
             x[coordinates.latency_begin :] = 0.0
@@ -291,7 +294,9 @@ def planar_result(data: PlanarData, best: PlanarOptimum) -> PlanarFit:
 
 
 def _shown_latency(best: PlanarOptimum) -> dict[str, tuple[float, float]]:
-    """Sensor -> latency in s and standard error, where it is not held at zero."""
+    """Sensor -> latency in s and standard error, where it is not held at zero; none of free runs, which have none."""
+    if best.is_multi_step:
+        return {}
     coordinates, found = best.coordinates, dict[str, tuple[float, float]]()
     begin = coordinates.latency_begin
     errors = np.sqrt(np.diag(best.coordinate_covariance)[begin:]) * coordinates.units[begin:]

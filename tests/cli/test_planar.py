@@ -221,7 +221,7 @@ def test_options_that_do_not_go_together(rovid: Rovid, arguments: tuple[str, ...
     assert words in done.err
 
 
-@pytest.mark.parametrize("command", ["fit-drag", "fit-inertia"])
+@pytest.mark.parametrize("command", ["fit-drag", "fit-inertia", "watch", "fleet", "control", "discover"])
 def test_commands_along_one_axis_say_so(rovid: Rovid, command: str) -> None:
     done = rovid(command, "logs", "--axes", "planar")
     assert done.code == 2

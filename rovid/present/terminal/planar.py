@@ -38,6 +38,8 @@ from rovid.trial.axis import AXES
 from rovid.trial.fault import fault_texts
 from rovid.trial.trial import merged_remarks
 
+# Number of undetermined combinations that have a sentence of their own.
+_COMBINATIONS = 3
 # Sensors that are shown in degrees.
 _ANGLES = ("heading",)
 
@@ -77,7 +79,9 @@ def _agreement_words(fit: PlanarFit) -> str:
 
 def undetermined_sentences(fit: PlanarFit) -> list[str]:
     """What the logs do not determine, with the reason; parameters with one reason in one sentence."""
-    estimate, sentences = fit.estimate, [one.text for one in fit.undetermined]
+    estimate, sentences = fit.estimate, [one.text for one in fit.undetermined[:_COMBINATIONS]]
+    if more := len(fit.undetermined) - len(sentences):
+        sentences.append(f"So it is with {more} more combinations, which --json lists in full.")
     listed = {name for one in fit.undetermined for name in one.combination}
     reasons: dict[str, list[str]] = {}
     for name, reason in estimate.refused.items():
