@@ -16,6 +16,8 @@ LINE_LENGTH = 2000
 # Characters of one name at most; names offered and names searched at most.
 NAME_LENGTH = 200
 _OFFERED, _SEARCHED = 12, 10_000
+# Unit at the end of a name.
+_UNIT = re.compile(r"_(deg|rad|rad_s|deg_s|s|ms|us|m|m_s|n|nm|v|a|pct|percent|rpm)$")
 # Unicode categories of characters that steer a terminal, change the direction of text or do not show: controls,
 # formats, surrogates, line and paragraph separators, unassigned.
 _INVISIBLE = {"Cc", "Cf", "Cs", "Zl", "Zp", "Cn"}
@@ -120,16 +122,23 @@ def close_matches(wanted: str, present: Iterable[str], also: Mapping[str, str] =
     asked = wanted[:NAME_LENGTH].lower()
     with_word = [name for name in names if asked in re.split(r"[\W_]+", name)]
     synonyms = [also[word].lower() for word in difflib.get_close_matches(asked, also, n=1, cutoff=0.8)]
-    abbreviated = [name for name in names if len(asked) > 2 and name[:1] == asked[:1] and _is_subsequence(asked, name)]
-    similar = difflib.get_close_matches(asked, names, n=3, cutoff=0.5)
+    whole = _UNIT.sub("", asked)
+    abbreviated = [
+        name
+        for name in names
+        if _abbreviates(asked, name) or (_abbreviates(name, whole) and not whole.startswith(name))
+    ]
+    # A unit that two names share does not make them alike.
+    bare = {_UNIT.sub("", name): name for name in reversed(names)}
+    similar = [bare[name] for name in difflib.get_close_matches(whole, bare, n=3, cutoff=0.5)]
     close = dict.fromkeys(name for name in (*with_word, *synonyms, *abbreviated, *similar) if name in names)
     return [names[name] for name in close][:3]
 
 
-def _is_subsequence(letters: str, name: str) -> bool:
-    """Whether ``name`` contains all ``letters`` in this order."""
+def _abbreviates(letters: str, name: str) -> bool:
+    """Whether ``name`` begins with the first of three ``letters`` or more, and contains all of them in this order."""
     rest = iter(name)
-    return all(letter in rest for letter in letters)
+    return len(letters) > 2 and name[:1] == letters[:1] and all(letter in rest for letter in letters)
 
 
 def quoted_list(names: Iterable[str]) -> str:
