@@ -33,6 +33,9 @@ _EXCITED = np.log(0.2)
 # Standard errors by which a factor is negative; no vehicle has a negative inertia or drag.
 _CERTAIN = 3.0
 _OPPOSITE = " That is impossible: its heading or its commands have the opposite sign, or its columns changed places."
+# A heading in radians that is read as degrees: the motion seems this much smaller. Largest relative error to say so.
+_RADIAN, _PRECISE = 180.0 / np.pi, 0.1
+_IN_RADIANS = " Its heading seems to be in radians, and that of the others in degrees."
 # Largest relative standard error of a log that takes part in groups.
 _MAX_ERROR = 0.05
 # Quantity of a step that another scale of all thrust explains as well.
@@ -93,10 +96,12 @@ def _is_foreign(log: LogMoments, count: int) -> bool:
 def _foreign(log: LogMoments, count: int) -> Detection[RunsData]:
     at = int(np.argmax(np.abs(log.deviation) / log.standard_errors))
     factor, error = 1.0 + float(log.deviation[at]), float(log.standard_errors[at])
+    is_radians = at == 0 and error < _PRECISE * factor and abs(factor - _RADIAN) < _CERTAIN * error
     text = (
         f"{log.name} does not belong to the other logs: their model leaves {100.0 * log.misfit:.0f} % of its torque "
         f"unexplained, and its {('inertia', 'drag')[at]} is {plus_minus(factor, error)} times theirs."
         + (_OPPOSITE if factor + _CERTAIN * error < 0.0 else "")
+        + (_IN_RADIANS if is_radians else "")
     )
     fault = Fault(
         fault="foreign_log",

@@ -37,6 +37,14 @@ def test_a_foreign_log_with_most_of_the_thrust_is_no_majority() -> None:
     assert set(names) <= set(kept)
 
 
+@pytest.mark.parametrize("factor", [57.3, 30.0])
+def test_a_log_in_radians_is_told_so(factor: float) -> None:
+    """A heading in radians that is read as degrees is a vehicle with 57.3 times the inertia."""
+    others = {"sine_1.csv": scaled(model("large"), factor, factor)}
+    _, (fault,) = found(day("large", 1, others, disturbance=0.002))
+    assert ("in radians" in fault.text) == (factor == 57.3)
+
+
 def test_a_log_with_the_opposite_sign_is_told_so() -> None:
     """Commands of the opposite sign are a vehicle with the opposite sign of inertia and drag."""
     kept, (fault,) = found(day("large", 1, {"steps.csv": scaled(model("large"), -1.0, -1.0)}))
