@@ -200,6 +200,8 @@ def diagnose_logs(
 def _diagnose(prepared: PreparedRuns, vehicle: Vehicle, report: ProgressCallback, budget: Budget) -> Diagnosis:
     diagnosis = diagnose_majority(prepared, vehicle, report, budget)
     offset = _clock_offset(diagnosis.findings)
+    if prepared.clocks_agree:
+        return diagnosis
     if offset is None:
         return _without_offset(diagnosis, prepared.items)
     lead, _ = _size(offset, "lead")

@@ -286,7 +286,8 @@ def pose(prepared: PreparedRuns, runs: Sequence[Run], vehicle: Vehicle, start: M
     repeated = [name for number, name in enumerate(trials) if counts[number] > 1]
     forms = forms_for(vehicle, shared_channels(runs), trials, repeated)
     # Of joined files by their clocks; in one file a row may hold the command of the interval that ends with it.
-    candidates = (*forms, CLOCKS_APART, *signal_regressors((*prepared.items, *runs, *(piece.run for piece in pieces))))
+    clock = () if prepared.clocks_agree else (CLOCKS_APART,)
+    candidates = (*forms, *clock, *signal_regressors((*prepared.items, *runs, *(piece.run for piece in pieces))))
     data = InnovationData(prepared.items, vehicle, start)
     if data.free_run_r2(start) < NOTHING_R2:
         budget.shorten(THRESHOLDS.hopeless_share)

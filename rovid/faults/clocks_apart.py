@@ -220,7 +220,7 @@ def _early_motion(logs: Sequence[str], found: ResponseDelay) -> Fault:
 def _late_motion(logs: Sequence[str], found: ResponseDelay) -> Fault:
     text = (
         f"{named(logs)}: the vehicle moves {plus_minus(found.delay, found.error)} s after the commands of another "
-        "file: a delay, or a clock that is behind. The logs do not show which."
+        "file: a lag or delay of the thrusters, or a clock that is behind. The logs do not show which."
     )
     return replace(_fault(logs, found, text), confidence=_RIVAL)
 

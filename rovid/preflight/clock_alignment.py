@@ -82,8 +82,8 @@ class ClockOffset:
             )
         if self.is_significant:
             return (
-                f"The vehicle responds {size} after the commands in {self.name}: a delay, or a clock that is behind. "
-                "The logs do not show which."
+                f"The vehicle responds {size} after the commands in {self.name}: a lag or delay of the thrusters, or a "
+                "clock that is behind. The logs do not show which."
             )
         offset = plus_minus(self.offset, self.error)
         return f"Clock offset between the commands in {self.name} and the motion: {offset} s (none seen)."

@@ -92,6 +92,7 @@ class PreparedRuns:
     cutoff: float
     chosen: bool
     remarks: tuple[Remark, ...]
+    clocks_agree: bool = False  #: The user keeps the clocks as logged: no offset of theirs is fitted.
 
     @property
     def axis(self) -> Axis:

@@ -8,8 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rovid.core.budget import Budget
 from rovid.diagnose import log_rivals
-from rovid.diagnose.log_rivals import _without_offset, coupled_causes, coupled_sentence, diagnose_majority, few_logs
+from rovid.diagnose.log_rivals import (
+    _diagnose,
+    _without_offset,
+    coupled_causes,
+    coupled_sentence,
+    diagnose_majority,
+    few_logs,
+)
 from rovid.diagnose.result import Diagnosis, Finding
 from rovid.effects import bias_torque, command_delay, effect_named, supply_sag
 from rovid.effects.clock_offset import CLOCKS_APART, mean_shifted
@@ -47,6 +55,15 @@ def test_a_long_delay_between_topics_may_be_an_offset(delay: float, separate: bo
     assert bool(result.findings) == kept
     assert [fault.fault for fault in result.faults] == ([] if kept else ["clocks_apart"])
     assert result.verdict == ("found" if kept else "suspected")
+
+
+@pytest.mark.parametrize("clocks_agree", [True, False])
+def test_a_delay_between_kept_clocks_is_a_cause(clocks_agree: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    runs = tuple(replace(run, trial=replace(run.trial, separate_clocks=True)) for run in day("small", 0)[:2])
+    found = Diagnosis(verdict="found", findings=(finding(command_delay.FORMS[0], [0.8]),))
+    monkeypatch.setattr(log_rivals, "diagnose_majority", lambda *_: found)
+    prepared = PreparedRuns(items=runs, cutoff=1.0, chosen=True, remarks=(), clocks_agree=clocks_agree)
+    assert bool(_diagnose(prepared, VEHICLE, lambda _: None, Budget()).findings) == clocks_agree
 
 
 @pytest.mark.parametrize(("delay", "kept"), [(0.2, False), (0.41, False), (0.6, True)])
