@@ -191,19 +191,23 @@ def _propeller(columns: Columns) -> tuple[str, float]:
     return "", 0.0
 
 
-def propeller_lines(guesses: Mapping[str, PlanarGuess]) -> Iterator[str]:
-    """A block of rovid.toml for a propeller, whose thrust is known up to a constant."""
+def propeller_lines(guesses: Mapping[str, PlanarGuess], curve: str = "") -> Iterator[str]:
+    """A block of rovid.toml for a propeller: with a measured thrust ``curve``, or a thrust known up to a constant."""
     sources = {kind: guess.propeller for kind, guess in guesses.items() if guess.propeller[0]}
     if sources:
         largest = max(most for _, most in sources.values())
         yield ""
-        yield "# A propeller by its name. Its thrust follows the square of its speed; the constant is not in the logs."
+        if not curve:
+            yield "# A propeller by its name. Its thrust follows the square of its speed, by an unknown constant."
         yield "[[thrusters]]"
         yield 'name = "propeller"'
         yield "surge = 1.0"
-        yield "thrust_constant = 1.0            # N per squared unit of the speed"
-        yield "thrust_constant_guessed = 1.0    # a guess as long as both are equal; times and ratios hold"
-        yield f"max_command = {1.1 * largest:.4g}"
+        if curve:
+            yield f"curve = {toml_text(curve)}"
+        else:
+            yield "thrust_constant = 1.0            # N per squared unit of the speed"
+            yield "thrust_constant_guessed = 1.0    # a guess as long as both are equal; times and ratios hold"
+            yield f"max_command = {1.1 * largest:.4g}"
         yield (
             "command = { " + ", ".join(f"{kind} = {toml_text(source)}" for kind, (source, _) in sources.items()) + " }"
         )

@@ -93,7 +93,10 @@ def assumptions_in(survey: LogSurvey) -> Assumptions:
         if survey.curve_guessed:
             items.append(f"curve of {name}")
     rudders = _rudders(survey)
-    items += [f"{'coefficient' if rudder.wheelbase is None else 'wheelbase'} of {name}" for name, rudder in rudders]
+    if survey.with_planar and rudders and not survey.curve and any(one.propeller[0] for one in survey.planar.values()):
+        items.append("thrust_constant of propeller")
+    unknown = "position" if survey.with_planar else "coefficient"
+    items += [f"{unknown if rudder.wheelbase is None else 'wheelbase'} of {name}" for name, rudder in rudders]
     return Assumptions(items=tuple(items), thrusters=len(thrusters) + len(rudders))
 
 
@@ -166,7 +169,7 @@ def _thrusters(survey: LogSurvey) -> Iterator[str]:
             yield f"{mark}curve_guessed = {toml_text(survey.curve)}   # as above; put a bench curve into curve"
         yield f"{mark}command = {_inline_table({kind: command.source for kind, command in commands.items()})}"
     if survey.with_planar and _rudders(survey):
-        yield from propeller_lines(survey.planar)
+        yield from propeller_lines(survey.planar, survey.curve)
     yield from _rudder_blocks(survey)
     if "command" in survey.unrecognised:
         unit = "m" if survey.axis.angular else "share of the thrust along the axis"
@@ -297,7 +300,7 @@ def _signals(survey: LogSurvey) -> Iterator[str]:
         yield f'# {survey.axis.position_signal} = {{ {next(iter(survey.mappings))} = "COLUMN", unit = "{unit_name}" }}'
     for kind, mapping in survey.mappings.items():
         guess = survey.planar.get(kind, PlanarGuess())
-        known = {one.source for one in guess.signals.values()}
+        known = {one.source for one in guess.signals.values()} | {guess.propeller[0]}
         if unused := [source for source in mapping.unused if source not in known]:
             names = [display_text(source, LINE_LENGTH) for source in unused]
             yield f"# {kind}: not used: {', '.join(names[:_MAX_UNUSED])}{', …' if len(names) > _MAX_UNUSED else ''}"

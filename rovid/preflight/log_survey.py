@@ -195,6 +195,9 @@ def survey_read_logs(
     commands = list(all_commands(mappings))
     driven = [command for command in commands if not command.is_motor]
     curve, new_curve, is_guess = _thrust_curve(read.folder, driven, profile, read.problems)
+    planar = _planar(read, mappings) if options.axis is YAW else {}
+    if not commands and options.planar and (largest := max((one.propeller[1] for one in planar.values()), default=0.0)):
+        curve = _measured_curve(read.folder, largest, largest, read.problems)
     measured = [mapping.measured for mapping in mappings.values() if mapping.signals]
     return LogSurvey(
         folder=read.folder,
@@ -216,7 +219,7 @@ def survey_read_logs(
             *_incomplete_logs(read, mappings),
         ),
         overrides=overrides or UserOverrides(),
-        planar=_planar(read, mappings) if options.axis is YAW else {},
+        planar=planar,
         with_planar=options.planar,
     )
 
@@ -321,16 +324,8 @@ def _thrust_curve(
         return "", None, False
     lowest = min(command.lowest for command in commands)
     highest = max(command.highest for command in commands)
-    for path in list_files(folder, lambda _: None).files:
-        if path.parent != folder or path.name == GUESSED_CURVE or not is_thrust_curve(path):
-            continue
-        try:
-            curve = read_curve(path)
-        except RovidError as error:
-            problems.append(str(error))
-            continue
-        if _covers(curve, lowest, highest):
-            return path.name, None, False
+    if found := _measured_curve(folder, lowest, highest, problems):
+        return found, None, False
     neutral = commands[0].neutral
     if profile is not None and profile.curve is not None and neutral:
         published = read_curve(profile.curve)
@@ -348,6 +343,21 @@ def _thrust_curve(
     above = ends - neutral
     line = ThrustCurve(command=ends, thrust=FULL_THRUST * above / np.max(np.abs(above)))
     return GUESSED_CURVE, line, True
+
+
+def _measured_curve(folder: Path, lowest: float, highest: float, problems: list[str]) -> str:
+    """Name of a thrust curve in the folder that covers the commands; empty without."""
+    for path in list_files(folder, lambda _: None).files:
+        if path.parent != folder or path.name == GUESSED_CURVE or not is_thrust_curve(path):
+            continue
+        try:
+            curve = read_curve(path)
+        except RovidError as error:
+            problems.append(str(error))
+            continue
+        if _covers(curve, lowest, highest):
+            return path.name
+    return ""
 
 
 def _covers(curve: ThrustCurve, lowest: float, highest: float) -> bool:

@@ -195,6 +195,8 @@ def test_a_propeller_that_turns_nothing_is_taken_by_its_name() -> None:
     (block,) = tomllib.loads("\n".join(propeller_lines({"csv": guess})))["thrusters"]
     assert (block["surge"], block["command"], block["thrust_constant_guessed"]) == (1.0, {"csv": "propeller_rps"}, 1.0)
     assert block["max_command"] == pytest.approx(13.2)
+    (block,) = tomllib.loads("\n".join(propeller_lines({"csv": guess}, "bench.csv")))["thrusters"]
+    assert (block["curve"], "thrust_constant" in block) == ("bench.csv", False)
 
 
 def test_a_fit_refuses_a_rudder_without_propulsion(folder: Path, tmp_path: Path, rovid: Rovid) -> None:
