@@ -82,12 +82,13 @@ class VehicleStudy:
         signals
             Signal -> column, or ``{"column": …, "unit": "deg" | "rad", "sign": -1}``. ``time`` and, in yaw, ``heading``
             (degrees by default) are needed; ``yaw_rate``, ``roll``, ``pitch``, ``supply_voltage`` and any further
-            name are optional. ``torque`` may stand in place of the thrusters.
+            name are optional. ``torque`` may stand in place of the thrusters. The coupled model also takes
+            ``surge_velocity``, ``sway_velocity``, ``north`` and ``east``.
         thrusters
             For each thruster ``name``, ``yaw_arm`` in m (positive turns the heading up), ``command`` (a column) and
             ``curve``: a table with the columns command and thrust_N, or a pair of arrays.
         rudders
-            Rudders of the coupled model, with the keys of [[rudders]].
+            For each rudder the keys of [[rudders]]; ``angle`` is a column, in degrees by default.
         vehicle
             ``name``, ``mass`` in kg, ``length`` and ``width`` in m, or ``rigid_body_inertia`` in kg m^2.
         run

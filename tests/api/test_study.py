@@ -107,6 +107,33 @@ def test_a_wrong_description_is_one_clear_message(changes: dict[str, Any], wante
         described(table().head(500), **changes)
 
 
+def test_a_coupled_study_takes_rudders_and_speeds_from_memory() -> None:
+    time = np.arange(0.0, 60.0, 0.1)
+    columns = {
+        "t": time,
+        "psi": 0.1 * np.sin(0.1 * time),
+        "volts": np.full(600, 2.0),
+        "angle": 20.0 * np.sin(0.2 * time),
+    }
+    study = rovid.Study.from_frame(
+        columns | {"u": 0.5 + 0.1 * np.sin(time), "v": 0.1 * np.cos(time)},
+        axes="planar",
+        signals={
+            "time": "t",
+            "heading": {"column": "psi", "unit": "rad"},
+            "surge_velocity": "u",
+            "sway_velocity": "v",
+        },
+        thrusters=[{"name": "stern", "surge": 1.0, "curve": ([-5.0, 5.0], [-50.0, 50.0]), "command": "volts"}],
+        rudders=[{"name": "fin", "position": [-1.5, 0.0], "area": 0.01, "behind": "stern", "angle": "angle"}],
+    )
+    assert study.coupled is not None
+    (run,) = study.coupled.data.runs
+    assert run.sensors == ("heading", "surge_velocity", "sway_velocity")
+    np.testing.assert_allclose(run.trial.commands[:, 1], np.radians(columns["angle"]), atol=1e-12)
+    assert study.check().document["axes"] == "planar"
+
+
 def test_a_cell_that_is_no_number_is_named() -> None:
     frame = table().head(500).astype({"fore_V": object})
     frame.loc[16, "fore_V"] = "off"
