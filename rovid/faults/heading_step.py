@@ -33,6 +33,9 @@ _MAX_INTERVAL = 1.5
 # A jump up to this many steps after a change of the commands may be motion, unless the commands change at least this
 # often elsewhere, without a jump, and it is this many times larger than the steps of the motion elsewhere.
 _COMMAND_STEPS, _MIN_CHANGES, _FASTER = 20, 5, 1.3
+# Faults of the clock, with which a reading may have the stamp of its neighbour. Its step is then off by the motion of one
+# interval; half of that is for scatter.
+_OF_CLOCK, _MISSTAMPED = frozenset({"repeated_stamps", "lost_rows", "arrival_bursts"}), 1.5
 # A jump that is undone within this many readings, to this share of its size, is a wild reading.
 _MAX_WILD, _RETURNED = 3, 0.5
 # This many jumps of one size, within this share, are wraps.
@@ -69,6 +72,11 @@ class _Steps:
         found[intervals > _MAX_INTERVAL * subsampled_median(intervals)] = 0.0
         return found
 
+    def motion(self, at: int) -> float:
+        """Largest magnitude of the steps about the step ``at``, in rad."""
+        near = np.abs(np.diff(self.angle[max(at - _REACH, 0) : at + _REACH + 2]))
+        return float(np.max(np.delete(near, min(at, _REACH))))
+
     @cached_property
     def changes(self) -> BoolArray:
         """(n-1,) whether a command changed in each step."""
@@ -87,6 +95,8 @@ def _detect(data: TrialData) -> Iterator[Detection[TrialData]]:
     stated = [(at, size) for at, size in data.resets if abs(size) > _MIN_STATED and 0.0 < at < trial.time[-1]]
     found = {int(at) for at in _jumps(steps)}
     near = 2.0 * _REACH * trial.sampling_interval
+    if data.known & _OF_CLOCK:
+        found = {at for at in found if abs(steps.departures[at]) > _MISSTAMPED * steps.motion(at)}
     repaired = [*trial.cuts, *(at for at, _ in stated)]
     found = {at for at in found if np.min(np.abs(steps.time[at + 1] - repaired), initial=np.inf) > near}
     noise = 1.4826 * float(np.median(np.abs(steps.departures)))

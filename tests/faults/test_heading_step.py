@@ -53,6 +53,21 @@ def test_undamaged_logs_have_no_jump(seed: int, tmp_path: Path) -> None:
     assert not [name for name, trial in undamaged(seed, tmp_path) if found(trial, "heading_step")]
 
 
+def test_readings_with_the_stamps_of_their_neighbours_do_not_jump(tmp_path: Path) -> None:
+    """Each damaged row has the stamp that the row before it had; two in a row leave a stamp that is not repeated."""
+    drive = dict(drives(3, interval=0.5))["staircase 0.5"]
+    late = np.random.default_rng(1).random(len(drive.time)) < 0.1
+    late[:2] = False
+    damaged = replace(drive, time=np.where(late, np.roll(drive.time, 1), drive.time))
+    trial = damaged.trial(tmp_path)
+    assert found(trial, "repeated_stamps")
+    assert not found(trial, "heading_step")
+    slow = dict(drives(3, interval=0.1))["sine 5.0"].with_step(300, 90.0)
+    jumping = replace(slow, time=np.where(late, np.roll(slow.time, 1), slow.time)).trial(tmp_path)
+    assert found(jumping, "repeated_stamps")
+    assert len(found(jumping, "heading_step")) == 1
+
+
 def test_a_wild_reading_is_no_jump(tmp_path: Path) -> None:
     """Slow logs hold wild readings that a vehicle could follow; the heading is back with the next reading."""
     drive = dict(drives(3))["sine 5.0"]
