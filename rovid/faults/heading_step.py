@@ -33,7 +33,7 @@ _MAX_INTERVAL = 1.5
 # A jump up to this many steps after a change of the commands may be motion, unless the commands change at least this
 # often elsewhere, without a jump, and it is this many times larger than the steps of the motion elsewhere.
 _COMMAND_STEPS, _MIN_CHANGES, _FASTER = 20, 5, 1.3
-# Faults of the clock, with which a reading may have the stamp of its neighbour. Its step is then off by the motion of one
+# Faults of the clock, with which a reading may have its neighbour's stamp. Its step is then off by the motion of one
 # interval; half of that is for scatter.
 _OF_CLOCK, _MISSTAMPED = frozenset({"repeated_stamps", "lost_rows", "arrival_bursts"}), 1.5
 # A jump that is undone within this many readings, to this share of its size, is a wild reading.
