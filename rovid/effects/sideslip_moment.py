@@ -35,8 +35,18 @@ def _carried(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
     return -p[0] * at.surge * x[0], (-at.surge * at.rate - x[0]) / p[1]
 
 
+@compiled
+def _followed(at: Instant, p: Numbers, x: Numbers) -> tuple[float, float]:
+    return -p[0] * x[0], (at.rate - x[0]) / p[1]
+
+
 def _decay_rate(values: Values) -> float:
     return 1.0 / values["time_constant"]
+
+
+def _unknown_start(values: Values, rate: float, acceleration: float) -> tuple[float, ...]:
+    """The sway, as a rate of the vehicle."""
+    return (rate,)
 
 
 def _surge_from_thrust(inputs: ActuatorInputs, thrust: FloatArray, values: Values) -> FloatArray:
@@ -110,6 +120,22 @@ FORMS: tuple[Effect, ...] = (
         experiment="the same turns at several speeds ahead, and at zero speed",
         needs=SPEEDS[:1],
         acts=Term(_carried, states=1, fastest=_decay_rate),
+    ),
+    # A coefficient below zero would be memory of the water, `added_mass_memory`, with another linear drag.
+    replace(
+        EFFECT,
+        form="turning",
+        parameters=(
+            replace(_DRIFT, unit="N m s/rad", low=0.0, high=6.0, initial_values=(0.1, 0.5), scale="torque/rate"),
+            # Sway and yaw of a hull decay within a factor of a few (Fossen 2011); a longer memory would be a tether.
+            replace(_DECAY, high=6.0, initial_values=(0.3, 2.0)),
+        ),
+        equation="− N·w, τ·dw/dt = r − w, w the sway by the turn, in place of a logged v",
+        fingerprint="residual torque that follows the rate with a lag and opposes it",
+        experiment="the sway in the log; a turn of several time constants, and then none",
+        rivals=("tether_torsion", "added_mass_memory", "entrained_swirl"),
+        needs=(),
+        acts=Term(_followed, states=1, fastest=_decay_rate, unknown_start=_unknown_start),
     ),
     replace(EFFECT, form="both", parameters=(_DRIFT, _MUNK), equation="− N·v − m·u·v", needs=SPEEDS, acts=Term(_both)),
 )

@@ -261,6 +261,14 @@ def test_estimated_sideslip_decays(key: str, values: tuple[float, ...], expected
     assert change[0] == pytest.approx((-0.8 * 0.2 - 0.3) / 2.0)
 
 
+def test_sway_of_a_turn_opposes_the_turn_with_a_lag() -> None:
+    from tests.effects.test_effects import term
+
+    torque, change = term(effect_named("sideslip_moment:turning"), np.array([3.0, 2.0]), 0.2, 0.0, np.array([0.3, 0.0]))
+    assert torque == pytest.approx(-3.0 * 0.3)
+    assert change[0] == pytest.approx((0.2 - 0.3) / 2.0)
+
+
 def test_friction_may_differ_between_directions() -> None:
     from tests.effects.test_effects import term
 

@@ -101,7 +101,7 @@ def test_a_torque_cell_separates_thrust_from_other_torques() -> None:
     (pair,) = found.pairs
     assert found.separated_by("torque cell") == [pair]
     assert pair.with_sensor["supply voltage"] == pair.seconds
-    assert found.sensor_causes["DVL speeds"] == ("speed_dependent_damping", "sideslip_moment")
+    assert found.sensor_causes["DVL speeds"] == ("speed_dependent_damping",)
 
 
 def test_each_cause_changes_the_rate_as_much() -> None:
