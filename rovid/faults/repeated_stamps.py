@@ -25,6 +25,8 @@ _TICK = 1e-9
 _LEAST_INTERVAL, _MOST_INTERVAL = 0.7, 1.4
 # Share of the groups that the readings fill at the usual interval.
 _FILLED = 0.8
+# Intervals by which a stamp may be off the regular one.
+_OFF_GRID = 0.3
 # Share of repeated stamps whose values differ from the reading before, below which readings are stored twice.
 _NEW = 0.05
 
@@ -48,7 +50,10 @@ def _detect(data: ClockData) -> Iterator[Detection[ClockData]]:
     fills = (steps > _LEAST_INTERVAL * expected - resolution) & (steps < _MOST_INTERVAL * expected + resolution)
     groups = sizes[:-1] > 1
     # The first group may have begun before the log.
-    if not groups[1:].any() or np.mean(fills[1:][groups[1:]]) < _FILLED:
+    if not groups[1:].any():
+        return
+    exact = _with_own_stamps(data.time)
+    if exact is None and np.mean(fills[1:][groups[1:]]) < _FILLED:
         return
     count = int(repeated.sum())
     fault = Fault(
@@ -60,7 +65,26 @@ def _detect(data: ClockData) -> Iterator[Detection[ClockData]]:
         remedy="none",
     )
     done = f"The readings were spread evenly, about {usual:.4g} s apart."
-    yield Detection(fault=fault, done=done, repair=partial(_spread, firsts=firsts, usual=usual, fills=fills))
+    repair = (
+        partial(_spread, firsts=firsts, usual=usual, fills=fills) if exact is None else partial(replace, time=exact)
+    )
+    yield Detection(fault=fault, done=done, repair=repair)
+
+
+def _with_own_stamps(time: FloatArray) -> FloatArray | None:
+    """(n,) s of a regular clock, some of whose readings have the stamp of the reading before; None for other clocks.
+
+    Two such readings in a row repeat one stamp, not two. The number of the reading shows which stamps are late.
+    """
+    interval = float(time[-1] - time[0]) / (len(time) - 1)
+    if not interval > _TICK:
+        return None
+    late = (time[0] + interval * np.arange(len(time)) - time) / interval
+    late -= np.median(late)
+    whole = np.rint(late)
+    if np.abs(late - whole).max() > _OFF_GRID or whole.min() < 0.0 or whole.max() > 1.0:
+        return None
+    return np.asarray(time + interval * whole)
 
 
 def _usual(steps: FloatArray, sizes: IntArray) -> float:

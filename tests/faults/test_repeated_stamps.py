@@ -40,6 +40,17 @@ def test_stale_stamps_are_spread(seed: int, share: float) -> None:
     np.testing.assert_allclose(data.time, time, atol=1e-9)
 
 
+@pytest.mark.parametrize("share", [0.1, 0.25])
+def test_stamps_of_the_reading_before_are_late_by_one_interval(share: float) -> None:
+    """Two such readings in a row leave a stamp that is late and not repeated."""
+    time, heading, command = motion(2)
+    late = np.random.default_rng(2).random(len(time)) < share
+    late[[0, -1]] = False
+    data, (fault,) = examined(clock(np.where(late, np.roll(time, 1), time), heading=heading, fore=command))
+    assert fault.fault == "repeated_stamps"
+    np.testing.assert_allclose(data.time, time, atol=1e-9)
+
+
 def test_readings_stored_twice_are_not_spread() -> None:
     time, heading, command = motion(1)
     rows = np.sort(np.append(np.arange(len(time)), np.arange(10, 1000, 7)))
