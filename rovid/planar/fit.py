@@ -253,6 +253,12 @@ def planar_result(data: PlanarData, best: PlanarOptimum) -> PlanarFit:
         other = PlanarOptimum.fit(best.likelihood.with_coordinates(looser), best.x, _LAST_ITERATIONS)
         shift = other.model.values - model.values
         covariance = covariance + np.outer(shift, shift)
+    if best.likeliest is not None:
+        # Two criteria that disagree: each has an unknown error of the model.
+        shift = best.likeliest - model.values
+        turns = np.array([name.endswith(".direction") for name in model.names])
+        shift = np.where(turns, np.remainder(shift + np.pi, 2.0 * np.pi) - np.pi, shift)
+        covariance = covariance + np.outer(shift, shift)
     free = coordinates.free[: coordinates.noise_begin]
     names, scale = model.names, parameter_scale(best)
     undetermined, unknown = undetermined_directions(names, covariance, scale, free)
@@ -341,7 +347,8 @@ def _warnings(
     if multi_step:
         yield (
             "The model misses too much for the likelihood of its innovations: the parameters are those of the best "
-            "free-running simulation."
+            "free-running simulation"
+            + ("." if best.likeliest is None else ", and their errors include the difference from the likeliest ones.")
         )
     if not best.is_white:
         yield (

@@ -54,6 +54,9 @@ _WIDTH, _LEAST_WIDTH = 0.2, 2.0
 _LEAST_CHANGE = 0.1
 # Largest error of a simulation in these sizes: beyond it the simulation diverges. The least error that counts in them.
 _LARGEST, _LEAST_ERROR = 30.0, 0.02
+# Least mean R^2 of the likeliest model for its difference to count as an error of the best free-running simulation. A
+# decision.
+_LEAST_R2 = 0.5
 # Steps to fit noise and disturbance.
 _NOISE_ITERATIONS = 12
 
@@ -361,4 +364,6 @@ def better_simulating(best: PlanarOptimum, data: PlanarData) -> PlanarOptimum:
         return best
     other = fit_free_runs(best, data).canonical()
     before, after = (mean_free_run_r2(one.model, data, yaw_only=False) for one in (best, other))
-    return other if after - before > MAX_R2_LOSS else best
+    if after - before <= MAX_R2_LOSS:
+        return best
+    return replace(other, likeliest=best.model.values) if before > _LEAST_R2 else other

@@ -56,6 +56,8 @@ class PlanarOptimum:
     likelihood: PlanarLikelihood
     x: FloatArray  #: (p,)
     value: float  #: Negative log-likelihood.
+    #: (q,) parameters in SI of the likeliest model, of a fit of free runs that simulates better than this model.
+    likeliest: FloatArray | None = None
 
     @classmethod
     def fit(cls, likelihood: PlanarLikelihood, start: FloatArray, iterations: int = _ITERATIONS) -> Self:

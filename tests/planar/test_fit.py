@@ -119,8 +119,13 @@ def test_a_fit_of_free_runs_recovers_a_torpedo_from_far() -> None:
     base = fit_base(data)
     scale = np.where(np.arange(len(base.x)) < 3, 0.3, 0.0)
     away = PlanarOptimum(base.likelihood, base.coordinates.projected(base.x + scale), base.value)
-    fitted = planar_result(data, fit_free_runs(away, data))
+    best = fit_free_runs(away, data)
+    fitted = planar_result(data, best)
     assert fitted.multi_step
+    # Where two criteria disagree, the difference is one standard error of the mass at least.
+    apart = planar_result(data, replace(best, likeliest=1.2 * fitted.model.values))
+    error = apart.estimate.standard_error("surge.inertia")
+    assert error > 0.2 * fitted.model.base[0] > 5.0 * fitted.estimate.standard_error("surge.inertia")
     # Smoothing and the noise at the start of each simulation bias this fit by some percent.
     assert fitted.model.base[:2] == pytest.approx(truth.base[:2], rel=0.1)
     assert min(fitted.free_run_r2.values()) > 0.98
