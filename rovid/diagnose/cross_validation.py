@@ -11,7 +11,10 @@ import numpy as np
 from rovid.core.array_types import FloatArray, IntArray
 from rovid.core.errors import DataError
 from rovid.core.spmd import parallel_map
+from rovid.core.stats import t_quantile
 from rovid.diagnose.thresholds import THRESHOLDS
+from rovid.effects import Effect
+from rovid.effects.base import OnHeading, WaveTorque
 from rovid.estimate.dataset import FitData, rms_rate, time_constant
 from rovid.estimate.fit_result import FitResult, fit
 from rovid.estimate.multi_step import MultiStepData, prediction_errors
@@ -265,6 +268,39 @@ def simulate_folds(fitted: FitResult, folds: Sequence[Fold]) -> HeldOutScores:
         rate_squares=np.array([fit_measures(*one).rmse ** 2 for one in zip(measured, rates, strict=True)]),
         position_errors=position_errors,
     )
+
+
+def change_in_samples(effect: Effect, fitted: FitResult, other: FitResult, pieces: Sequence[CvPiece]) -> float:
+    """RMS difference of the rates that two models simulate, over the RMS change of the rate in a sampling interval.
+
+    The steps of a logger and of a simulator have errors of a small part of it. Infinite for an ``effect`` that is not
+    part of the simulated rate: a torque of random phase, or a deviation of the heading.
+    """
+    if isinstance(effect.acts, WaveTorque | OnHeading):
+        return math.inf
+    vehicle, runs = fitted.data.vehicle, [piece.run for piece in pieces]
+    assert vehicle is not None  # noqa: S101 - a diagnosis has one
+    rates = [[one.simulated for one in simulate_runs(runs, each.model, vehicle)] for each in (fitted, other)]
+    change = np.concatenate(rates[0]) - np.concatenate(rates[1])
+    steps = np.concatenate([np.diff(one) for one in rates[1]])
+    return float(np.sqrt(np.nanmean(change**2) / max(float(np.nanmean(steps**2)), np.finfo(float).tiny)))
+
+
+def certain_growth(own: FloatArray, without: FloatArray) -> float:
+    """Mean relative growth of the RMS errors; 0 where it may be chance.
+
+    ``own`` and ``without``: (p, q) mean square errors of p pieces over q horizons, which count alike. The mean of the
+    logarithm of the ratio is tested by Student's t, one-sided, over the pieces with a known error.
+    """
+    known = np.isfinite(own) & np.isfinite(without) & (own > 0.0) & (without > 0.0)
+    count = known.sum(axis=1)
+    logs = 0.5 * np.log(np.where(known, own, 1.0) / np.where(known, without, 1.0))
+    growths = logs.sum(axis=1)[count > 0] / count[count > 0]
+    if len(growths) < 2:
+        return 0.0
+    mean, error = float(growths.mean()), float(growths.std(ddof=1)) / math.sqrt(len(growths))
+    least = t_quantile(1.0 - THRESHOLDS.held_out_growth_level, len(growths) - 1) * error
+    return math.expm1(mean) if mean > least else 0.0
 
 
 def horizon_errors(fitted: FitResult, folds: Sequence[Fold], pieces: Sequence[CvPiece]) -> FloatArray:

@@ -230,6 +230,10 @@ class Thresholds:
     """Factor. An effect that changes the inertia by more must improve the simulation of trials that were not fitted.
     Set: decision; the published inertias of one vehicle differ by as much. Halved: true effects are dropped where the
     disturbance is larger than their influence; doubled: exchanged time constants stay."""
+    sampling_share: float = 0.1
+    """Share of the sampling interval. An effect that changes the simulated rate by less than a shift by it is dropped.
+    Set: decision; interpolation, stamps and integration have errors of this size. True effects of calm campaigns reach
+    1.9 intervals or more. Halved: errors of a simulator's steps become causes; doubled: the same."""
     held_out_growth_level: float = 0.05
     """Level of the one-sided t test of that growth over the pieces. Set: convention (5 %). Halved: stand-ins that
     predict worse stay; doubled: true effects are dropped for one piece that goes wrong."""

@@ -14,10 +14,14 @@ from functools import cache
 
 import numpy as np
 
-from rovid.core.array_types import FloatArray
-from rovid.core.stats import t_quantile
 from rovid.diagnose.candidate_fits import Alternative, bic_score, has_parameter_at_bound, is_at_bound, is_plausible
-from rovid.diagnose.cross_validation import held_out_log_likelihood, horizon_squares, simulate_folds
+from rovid.diagnose.cross_validation import (
+    certain_growth,
+    change_in_samples,
+    held_out_log_likelihood,
+    horizon_squares,
+    simulate_folds,
+)
 from rovid.diagnose.evidence import (
     has_consistent_size,
     outlier_probability,
@@ -158,6 +162,13 @@ def changes_inertia_alone(selection: Selection, effect: Effect) -> str:
     return f"changes the inertia by a factor of {factor:.2g}, and does not improve simulations of held-out trials"
 
 
+def within_sampling(selection: Selection, effect: Effect) -> str:
+    """The effect changes the simulated rate by less than a shift by a small part of the sampling interval would."""
+    without = selection.search.without(selection.model, effect)
+    change = change_in_samples(effect, selection.model, without, selection.pieces)
+    return "changes the simulation less than the sampling of the logs does" * (change < THRESHOLDS.sampling_share)
+
+
 def raises_disturbance(selection: Selection, effect: Effect) -> str:
     """The effect leaves a larger disturbance than the model without it, by more than the estimate scatters.
 
@@ -194,6 +205,7 @@ RULES: tuple[Callable[[Selection, Effect], str], ...] = (
     at_bound_on_all_data,
     simulates_worse,
     changes_inertia_alone,
+    within_sampling,
     likely,
 )
 
@@ -208,23 +220,6 @@ def _too_small(selection: Selection, fitted: FitResult, effect: Effect) -> str:
         least = THRESHOLDS.min_standard_errors_multi_step
     size = significance(fitted, effect)
     return f"differs from zero by only {size:.1f} standard errors" if size < least else ""
-
-
-def certain_growth(own: FloatArray, without: FloatArray) -> float:
-    """Mean relative growth of the RMS errors; 0 where it may be chance.
-
-    ``own`` and ``without``: (p, q) mean square errors of p pieces over q horizons, which count alike. The mean of the
-    logarithm of the ratio is tested by Student's t, one-sided, over the pieces with a known error.
-    """
-    known = np.isfinite(own) & np.isfinite(without) & (own > 0.0) & (without > 0.0)
-    count = known.sum(axis=1)
-    logs = 0.5 * np.log(np.where(known, own, 1.0) / np.where(known, without, 1.0))
-    growths = logs.sum(axis=1)[count > 0] / count[count > 0]
-    if len(growths) < 2:
-        return 0.0
-    mean, error = float(growths.mean()), float(growths.std(ddof=1)) / math.sqrt(len(growths))
-    least = t_quantile(1.0 - THRESHOLDS.held_out_growth_level, len(growths) - 1) * error
-    return math.expm1(mean) if mean > least else 0.0
 
 
 def resolve_ties(selection: Selection) -> Selection:
@@ -355,14 +350,11 @@ def suspects(selection: Selection) -> list[Suspected]:
     The first suspect stands for all causes indistinguishable from it. Each other suspect stands for itself.
     """
     model, search, white = selection.model, selection.search, selection.model.is_white
-    excluded = {effect.id for effect in selection.inconsistent}
-    further = search.further_causes(model)
-    if selection.waves is not None:
-        excluded.update(selection.waves.imitated)
-    left = [one for one in further if not is_signal(one.effect)]
     ids = {effect.id for effect in selection.inconsistent}
+    imitated = set() if selection.waves is None else set(selection.waves.imitated)
+    left = [one for one in search.further_causes(model) if not is_signal(one.effect)]
     inconsistent = [one for one in left if one.effect.id in ids]
-    left = [one for one in left if one.bic_gain > 0.0 and one.effect.id not in excluded]
+    left = [one for one in left if one.bic_gain > 0.0 and one.effect.id not in ids | imitated]
     allowance = search.misspecification_allowance(model, white=white)
 
     def posterior(equivalent: Collection[Alternative], excess: float = 0.0, cap: float = 1.0) -> float:
@@ -373,6 +365,8 @@ def suspects(selection: Selection) -> list[Suspected]:
     @cache
     def has_size(one: Alternative) -> bool:
         if significance(one.fitted, one.effect) < THRESHOLDS.min_standard_errors_suspect:
+            return False
+        if change_in_samples(one.effect, one.fitted, model, selection.pieces) < THRESHOLDS.sampling_share:
             return False
         if any(_stands_in(one, better, search) for better in inconsistent if better.bic_gain > one.bic_gain):
             return False

@@ -15,10 +15,11 @@ import numpy as np
 
 from rovid.core.budget import Budget, ProgressCallback
 from rovid.core.errors import DataError
+from rovid.diagnose.cross_validation import certain_growth
 from rovid.diagnose.evidence import posterior_probability, probability_not_a_stand_in, recalibrated, size_in_errors
 from rovid.diagnose.result import Conclusion, Finding, OtherCause
 from rovid.diagnose.thresholds import THRESHOLDS
-from rovid.diagnose.validation import OUT_OF_TIME, certain_growth
+from rovid.diagnose.validation import OUT_OF_TIME
 from rovid.effects import Effect
 from rovid.effects.base import Coupling
 from rovid.estimate.maximum_likelihood import INNOVATIONS_R2

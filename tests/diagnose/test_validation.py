@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rovid.diagnose import validation
+from rovid.diagnose import cross_validation, validation
 from rovid.diagnose.algorithm import validate
 from rovid.diagnose.candidate_fits import Alternative, Cause, bic_score
 from rovid.diagnose.cross_validation import HeldOutScores
@@ -26,6 +26,7 @@ from rovid.diagnose.validation import (
     report_remainder,
     resolve_ties,
     simulates_worse,
+    within_sampling,
 )
 from rovid.diagnose.wave_test import WaveTest
 from rovid.effects import Effect, EffectParameter, effect_named
@@ -229,7 +230,7 @@ def test_chance_makes_held_out_errors_worse_at_the_stated_level(
     rng = np.random.default_rng(1)
     monkeypatch.setattr(validation, "THRESHOLDS", replace(THRESHOLDS, held_out_growth=0.0))
     without = np.ones((8, 1))
-    drawn = (validation.certain_growth(np.exp(rng.normal(0.0, 0.2, (8, 1))), without) for _ in range(4000))
+    drawn = (cross_validation.certain_growth(np.exp(rng.normal(0.0, 0.2, (8, 1))), without) for _ in range(4000))
     share = float(np.mean([growth > 0.0 for growth in drawn]))
     assert share == pytest.approx(THRESHOLDS.held_out_growth_level, abs=4.0 * math.sqrt(0.05 * 0.95 / 4000))
 
@@ -261,6 +262,16 @@ def test_an_effect_that_takes_the_place_of_the_inertia_must_improve_simulations(
     x[INERTIA] += math.log(factor)
     changed = replace(selection, model=replace(selection.model, x=x))
     assert bool(changes_inertia_alone(changed, BIAS)) is fails
+
+
+def test_an_effect_that_moves_the_simulation_less_than_the_sampling_is_not_claimed(selection: Selection) -> None:
+    assert within_sampling(selection, BIAS) == ""
+    x = selection.search.without(selection.model, BIAS).x
+    x = np.append(x, 1e-4 * selection.model.x[-1])
+    tiny = replace(selection, model=replace(selection.model, x=x))
+    assert "less than the sampling" in within_sampling(tiny, BIAS)
+    waves = effect_named("wave_torque")
+    assert cross_validation.change_in_samples(waves, tiny.model, selection.model, selection.pieces) == math.inf
 
 
 def test_a_cause_that_acts_lowers_the_disturbance_and_the_held_out_errors(selection: Selection) -> None:

@@ -97,3 +97,39 @@ def test_every_command_prints_one_document_and_a_person_gets_tables(csv_day: Pat
         assert "R²" in shown.out or "kg m²" in shown.out or "Logs" in shown.out
         assert rovid(*command, "--json").document["schema"].startswith("rovid-")
     assert np.isfinite(rovid("fit-drag", csv_day, "--json").document["r_squared"])
+
+
+def _coarse_day(folder: Path, seed: int) -> None:
+    """Five runs by Euler steps as long as the sampling interval, without a disturbance."""
+    folder.mkdir()
+    command = np.linspace(-5.0, 5.0, 41)
+    curve = "".join(f"{u},{4.0 * u * abs(u)}\n" for u in command)
+    (folder / "curve.csv").write_text(f"command,thrust_N\n{curve}")
+    (folder / "rovid.toml").write_text(
+        '[vehicle]\nname = "box"\nmass = 900.0\nlength = 2.0\nwidth = 1.2\n[[thrusters]]\nname = "t"\n'
+        'yaw_arm = 0.4\ncurve = "curve.csv"\ncommand = { csv = "u" }\n'
+        '[signals]\ntime = { csv = "t" }\nheading = { csv = "heading_deg" }\n'
+    )
+    rng = np.random.default_rng(seed)
+    time = 0.1 * np.arange(1500)
+    runs = {
+        f"hold_{level}": np.select([time < 5.0, time < 60.0, time < 110.0], [0.0, level, -level])
+        for level in (1.5, 2.5, 3.5)
+    }
+    runs["sine_30"] = 3.0 * np.sin(2.0 * np.pi * time / 30.0)
+    runs["steps"] = 3.0 * (-1.0) ** (time // 9.0)
+    for name, commands in runs.items():
+        heading, rate, rows = rng.uniform(0.0, 6.0), 0.0, []
+        for t, u in zip(time, commands, strict=True):
+            rows.append(f"{t:.3f},{(np.degrees(heading) + 0.01 * rng.standard_normal()) % 360.0:.4f},{u:.4f}\n")
+            rate += 0.1 * (1.6 * u * abs(u) - 300.0 * abs(rate) * rate - 20.0 * rate) / 500.0
+            heading += 0.1 * rate
+        (folder / f"{name}.csv").write_text("t,heading_deg,u\n" + "".join(rows))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [3, 4])
+def test_the_coarse_steps_of_a_simulator_are_no_cause(seed: int, tmp_path: Path, rovid: Rovid) -> None:
+    _coarse_day(tmp_path / "coarse", seed)
+    document = rovid("diagnose", "coarse", "--json", "--budget", "3600").document
+    assert (document["verdict"], document["findings"], document["suspects"]) == ("nothing_found", [], [])
