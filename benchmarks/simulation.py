@@ -81,10 +81,7 @@ def main() -> None:
         rate, _ = simulate(instants, torque, body, initial)
         assert np.allclose(rate, reference(instants, torque), rtol=0, atol=1e-12)  # same arithmetic, another compiler
         pairs = [
-            (
-                seconds(lambda: simulate(instants, torque, body, initial)),
-                seconds(lambda: reference(instants, torque)),
-            )
+            (seconds(lambda: simulate(instants, torque, body, initial)), seconds(lambda: reference(instants, torque)))
             for _ in range(REPEATS)
         ]
     ours, c = np.median(pairs, axis=0)

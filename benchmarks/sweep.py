@@ -503,13 +503,7 @@ def in_hard_water() -> Iterator[list[str]]:
     if causes is None or visible is None or false is None:
         raise SystemExit(f"{DOCS / 'hard.md'} does not say how many were right.")
     good, whole = int(causes[1]), int(causes[2])
-    yield [
-        "hard water, simulated: established causes",
-        str(whole),
-        share(good, whole),
-        share(whole - good, whole),
-        "0",
-    ]
+    yield ["hard water, simulated: established causes", str(whole), share(good, whole), share(whole - good, whole), "0"]
     good, whole = int(visible[1]), int(visible[2])
     yield [
         "visible causes: established, or the first suspect",

@@ -147,10 +147,7 @@ def section(records: Sequence[Record], revision: str = "") -> str:
     absent = sorted(set(FORMS) - {r["truth"]["effect"] for r in visible})
     shares = [_share("visible causes, exact or of a class that is said", visible, "exact", "class")] if visible else []
     if clearly:
-        shares += [
-            _share(EVIDENT_NAMED, clearly, "exact", "class"),
-            _share(EVIDENT_WRONG, clearly, "wrong", "extra"),
-        ]
+        shares += [_share(EVIDENT_NAMED, clearly, "exact", "class"), _share(EVIDENT_WRONG, clearly, "wrong", "extra")]
     shares += [_share(FALSE, nothing, "false")] if nothing else []
     of_revision = f" with revision {revision}" if revision else ""
     introduction = (

@@ -110,7 +110,5 @@ def _told(piece: Piece, thruster: Thruster, full: float) -> Piece:
         return replace(piece, volts=curve.offset_for(piece.volts * full))
     # The negative half-wave is told by its size: a thruster that pushes against the axis has both of them negative.
     return replace(
-        piece,
-        positive=curve.offset_for(piece.positive * full),
-        negative=-curve.offset_for(-piece.negative * full),
+        piece, positive=curve.offset_for(piece.positive * full), negative=-curve.offset_for(-piece.negative * full)
     )

@@ -19,16 +19,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from tools.cases import Case, all_cases
-from tools.truth import (
-    Attitude,
-    Axis,
-    BenchCurve,
-    Disturbance,
-    Dynamics,
-    Instruments,
-    Thruster,
-    Truth,
-)
+from tools.truth import Attitude, Axis, BenchCurve, Disturbance, Dynamics, Instruments, Thruster, Truth
 
 Vehicle = Literal["work", "small"]
 
@@ -120,10 +111,7 @@ WORK_HEAVE = Truth(
     height=1.6,
     # 0.49 m/s in the middle, time constant 2.4 s there; it rises with 0.13 m/s by itself.
     dynamics=Dynamics(inertia=5600.0, quadratic_drag=2200.0, linear_drag=150.0, net_force=-60.0),
-    thrusters=(
-        Thruster(name="fore", arm=1.0, curve=_WORK_CURVE),
-        Thruster(name="aft", arm=1.0, curve=_WORK_CURVE),
-    ),
+    thrusters=(Thruster(name="fore", arm=1.0, curve=_WORK_CURVE), Thruster(name="aft", arm=1.0, curve=_WORK_CURVE)),
     disturbance=Disturbance(standard_deviation=12.0),
     attitude=_STILL,
     middle=2.10,
@@ -140,10 +128,7 @@ WORK_PITCH = Truth(
     dynamics=Dynamics(
         inertia=3500.0, quadratic_drag=3000.0, linear_drag=250.0, restoring=2550.0, level=math.radians(-1.2)
     ),
-    thrusters=(
-        Thruster(name="fore", arm=0.85, curve=_WORK_CURVE),
-        Thruster(name="aft", arm=0.75, curve=_WORK_CURVE),
-    ),
+    thrusters=(Thruster(name="fore", arm=0.85, curve=_WORK_CURVE), Thruster(name="aft", arm=0.75, curve=_WORK_CURVE)),
     disturbance=Disturbance(standard_deviation=8.6),
     attitude=_STILL,
     middle=2.01,

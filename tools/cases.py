@@ -195,12 +195,7 @@ def _water_sizes(vehicle: Truth) -> dict[tuple[str, str], _Sizes]:
 
 
 # Of the middling torque: 5 and 12 N m of bias on ROSUB.
-_SHARES = {
-    "bias": (0.04, 0.10),
-    "coulomb": (0.04, 0.10),
-    "heading": (0.05, 0.12),
-    "wave": (0.08, 0.25),
-}
+_SHARES = {"bias": (0.04, 0.10), "coulomb": (0.04, 0.10), "heading": (0.05, 0.12), "wave": (0.08, 0.25)}
 _DEVIATION = (math.radians(0.8), math.radians(3.0))
 
 

@@ -126,10 +126,7 @@ CAMPAIGN: tuple[Run, ...] = (
     Run(name="sine_40s_a", pieces=(Sine(1.55, 2.2, 40.0, 6),)),
     Run(name="sine_40s_b", pieces=(Sine(2.0, 2.51, 40.0, 6),)),
     Run(name="sine_80s", pieces=(Sine(1.68, 2.14, 80.0, 6),)),
-    Run(
-        name="staircase",
-        pieces=staircase(0.8, 1.33, 1.94, 1.55, 1.04, -0.97, -1.67, -2.48, -1.97, -1.29),
-    ),
+    Run(name="staircase", pieces=staircase(0.8, 1.33, 1.94, 1.55, 1.04, -0.97, -1.67, -2.48, -1.97, -1.29)),
     Run(name="coast_01", pieces=(Hold(1.94, 35.0), Hold(0.0, 75.0)), format="json", command_rate=None),
     Run(name="coast_02", pieces=(Hold(-2.48, 35.0), Hold(0.0, 75.0))),
     Run(

@@ -85,12 +85,7 @@ class _Wander:
 
 
 def simulate(
-    truth: Truth,
-    commands: Sequence[Held],
-    sample: IntArray,
-    rng: np.random.Generator,
-    *,
-    substep: int = SUBSTEP,
+    truth: Truth, commands: Sequence[Held], sample: IntArray, rng: np.random.Generator, *, substep: int = SUBSTEP
 ) -> Motion:
     """Motion from rest at time 0 and a random heading or the truth's own start, at each ``sample`` in us.
 

@@ -32,12 +32,7 @@ _JITTER = 1_500.0  # us, standard deviation of the heading's instants in MCAP
 
 
 def write_trial_day(
-    folder: Path,
-    *,
-    seed: int,
-    formats: Formats = "mixed",
-    truth: Truth = ROSUB,
-    campaign: Sequence[Run] | None = None,
+    folder: Path, *, seed: int, formats: Formats = "mixed", truth: Truth = ROSUB, campaign: Sequence[Run] | None = None
 ) -> Truth:
     """Write rovid.toml, thrust_curve.csv and one log a run into ``folder``; return the truth behind them.
 
@@ -75,12 +70,7 @@ def record(run: Run, truth: Truth, kind: Format, seed: int, index: int) -> Recor
 
 
 def measure(
-    motion: Motion,
-    commands: dict[str, Held],
-    truth: Truth,
-    *,
-    start: int,
-    rng: np.random.Generator,
+    motion: Motion, commands: dict[str, Held], truth: Truth, *, start: int, rng: np.random.Generator
 ) -> Recording:
     """Add the instruments' errors and noise to ``motion`` and round it; ``start`` is in us since the epoch."""
     instruments = truth.instruments

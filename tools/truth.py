@@ -288,10 +288,7 @@ SMALL = Truth(
     length=0.46,
     width=0.44,
     dynamics=Dynamics(inertia=0.6, quadratic_drag=1.5, linear_drag=0.3),
-    thrusters=(
-        Thruster(name="fore", arm=0.16, curve=_SMALL_CURVE),
-        Thruster(name="aft", arm=0.16, curve=_SMALL_CURVE),
-    ),
+    thrusters=(Thruster(name="fore", arm=0.16, curve=_SMALL_CURVE), Thruster(name="aft", arm=0.16, curve=_SMALL_CURVE)),
     disturbance=Disturbance(standard_deviation=0.019, correlation_time=1.0),
     instruments=Instruments(command_span=4096.0, supply=16.0, supply_drop=0.002),
     command_unit="us",

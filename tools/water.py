@@ -85,11 +85,7 @@ Fields = dict[str, float]
 
 # (effect, form) -> fields of Water.
 _FIELDS: Mapping[tuple[str, str], Callable[[_Values], Fields]] = {
-    ("supply_sag", "load"): lambda p: {
-        "sag": p["sag"],
-        "sag_time": p["time_constant"],
-        "sag_thrust": p["thrust"],
-    },
+    ("supply_sag", "load"): lambda p: {"sag": p["sag"], "sag_time": p["time_constant"], "sag_thrust": p["thrust"]},
     ("thruster_lag", "first_order"): lambda p: {"lag_form": 1.0, "lag_time": p["time_constant"]},
     # This one has acted before the curve; here it only keeps the steps short.
     ("thruster_lag", "command"): lambda p: {"lag_form": 3.0, "lag_time": p["time_constant"]},
@@ -168,12 +164,7 @@ _FIELDS: Mapping[tuple[str, str], Callable[[_Values], Fields]] = {
 
 
 def _mode(form: float, p: _Values) -> Fields:
-    return {
-        "mode_form": form,
-        "mode_gain": p["gain"],
-        "mode_frequency": p["frequency"],
-        "mode_damping": p["damping"],
-    }
+    return {"mode_form": form, "mode_gain": p["gain"], "mode_frequency": p["frequency"], "mode_damping": p["damping"]}
 
 
 def water(truth: Truth, hidden: Mapping[str, Hidden]) -> Water:

@@ -13,10 +13,7 @@ _SOURCE = (
     "The folder `testing` of [ardusub_log_tools](https://github.com/clydemcqueen/ardusub_log_tools) at 2b7c8b1; MIT "
     "licence, Copyright (c) 2023-2025 Clyde McQueen. "
 )
-_VOLTAGE = {
-    WRONG: "Another battery quantity counts as the voltage.",
-    UNDECIDED: "The omission does no harm.",
-}
+_VOLTAGE = {WRONG: "Another battery quantity counts as the voltage.", UNDECIDED: "The omission does no harm."}
 
 
 def _first_look(key: str, log: str) -> tuple[Step, ...]:
@@ -72,9 +69,7 @@ TLOG = RealSet(
             name="real_ardusub_tlog.png",
             caption="Heading and the outputs to the four thrusters that can turn the vehicle.",
             draw=lambda room, _: pictures.outputs(
-                room / "log.csv",
-                {f"motor {k}": f"command_motor_{k}" for k in range(1, 5)},
-                {},
+                room / "log.csv", {f"motor {k}": f"command_motor_{k}" for k in range(1, 5)}, {}
             ),
         ),
     ),

@@ -40,11 +40,7 @@ ESSO = RealSet(
             step="fit",
             judge=physical("parameters"),
         ),
-        Claim(
-            known="The same for the extended model",
-            step="diagnose",
-            judge=physical("extended", "parameters"),
-        ),
+        Claim(known="The same for the extended model", step="diagnose", judge=physical("extended", "parameters")),
         Claim(
             known="The model turns faster in one direction: the circles show 0.0433 rad/s at 35 deg of rudder "
             "and 0.0495 rad/s at -35, 0.034 and 0.040 rad/s at 20 deg. A constant torque, a less effective "

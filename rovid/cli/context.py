@@ -244,12 +244,7 @@ def fit_and_store(
 
 
 def diagnose_study(
-    stored: Parameters,
-    study: Study,
-    report: Callable[[str], None],
-    *,
-    force: bool = False,
-    budget: float | None = None,
+    stored: Parameters, study: Study, report: Callable[[str], None], *, force: bool = False, budget: float | None = None
 ) -> Diagnosis:
     """Diagnose the logs and warn where ``stored`` disagrees; with ``force`` also logs with a fault that stops."""
     from rovid.diagnose.result import Diagnosis

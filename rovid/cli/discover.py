@@ -6,17 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 from rovid.cli.context import compile_in_background, console, named_axis, open_logs, print_json
-from rovid.cli.options import (
-    AxisName,
-    EffectsFrom,
-    Force,
-    Json,
-    Logs,
-    Page,
-    TimeBudget,
-    add_effects,
-    option,
-)
+from rovid.cli.options import AxisName, EffectsFrom, Force, Json, Logs, Page, TimeBudget, add_effects, option
 from rovid.cli.streams import progress
 from rovid.core.errors import ConfigError
 

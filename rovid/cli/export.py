@@ -7,14 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 from rovid.cli import completion
-from rovid.cli.context import (
-    console,
-    open_logs,
-    print_json,
-    require_usable,
-    reserve_outputs,
-    yaw_parameters,
-)
+from rovid.cli.context import console, open_logs, print_json, require_usable, reserve_outputs, yaw_parameters
 from rovid.cli.options import Axes, EffectsFrom, ForceGuess, Json, Page, ParameterFile, add_effects, argument, option
 from rovid.cli.planar_session import is_planar, planar_parameters
 from rovid.cli.streams import progress

@@ -18,10 +18,7 @@ PAGE = Page(
     """,
     examples=(
         ("Drag in yaw, into parameters.toml", "rovid fit-drag my_logs"),
-        (
-            "From a table of steady turns, into another file",
-            "rovid fit-drag my_tables/steady_turns.csv -p tables.toml",
-        ),
+        ("From a table of steady turns, into another file", "rovid fit-drag my_tables/steady_turns.csv -p tables.toml"),
         ("Drag in surge, into parameters_surge.toml", "rovid fit-drag surge_logs --axis surge"),
     ),
     see=("rovid check", "rovid fit-inertia", "rovid fit"),

@@ -160,8 +160,7 @@ Cutoff = Annotated[
     option("HZ", "Cut-off frequency of the low-pass filter for rates, in Hz. Default: chosen from the data.", min=1e-3),
 ]
 Force = Annotated[
-    bool,
-    typer.Option("--force", help="Replace files that rovid did not write. Input files are never replaced."),
+    bool, typer.Option("--force", help="Replace files that rovid did not write. Input files are never replaced.")
 ]
 ForceGuess = Annotated[
     bool,

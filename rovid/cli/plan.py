@@ -11,14 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rovid.cli import completion
-from rovid.cli.context import (
-    console,
-    open_logs,
-    parameters_at,
-    print_json,
-    reserve_outputs,
-    stored_logs,
-)
+from rovid.cli.context import console, open_logs, parameters_at, print_json, reserve_outputs, stored_logs
 from rovid.cli.options import (
     Axes,
     AxisName,

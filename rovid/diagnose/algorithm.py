@@ -56,10 +56,7 @@ from rovid.trial.vehicle import Vehicle
 
 
 def diagnose(
-    prepared: PreparedRuns,
-    vehicle: Vehicle,
-    report: ProgressCallback = lambda _: None,
-    budget: Budget | None = None,
+    prepared: PreparedRuns, vehicle: Vehicle, report: ProgressCallback = lambda _: None, budget: Budget | None = None
 ) -> Diagnosis:
     """Find the causes that the plain model misses, within the ``budget``; ``report`` is called with each step."""
     runs, notes = prepared.items, tuple[str, ...]()

@@ -303,12 +303,7 @@ def pose(prepared: PreparedRuns, runs: Sequence[Run], vehicle: Vehicle, start: M
         data=replace(data, runs=runs), wave_data=wave_data, candidates=candidates, budget=budget
     )
     return SearchProblem(
-        data=data,
-        pieces=pieces,
-        candidates=candidates,
-        innovations=innovations,
-        wave_test=wave_test,
-        budget=budget,
+        data=data, pieces=pieces, candidates=candidates, innovations=innovations, wave_test=wave_test, budget=budget
     )
 
 

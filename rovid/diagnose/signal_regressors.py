@@ -28,11 +28,7 @@ _PARAMETERS = {
     "drag": (replace(_TORQUE, name="quadratic"), replace(_TORQUE, name="linear", initial_values=(0.001,))),
     "thrust": (_SHARE,),
 }
-_TITLES = {
-    "torque": "a torque that follows",
-    "drag": "drag that changes with",
-    "thrust": "thrust that changes with",
-}
+_TITLES = {"torque": "a torque that follows", "drag": "drag that changes with", "thrust": "thrust that changes with"}
 
 
 def signal_regressors(runs: Sequence[Run]) -> tuple[Effect, ...]:

@@ -58,13 +58,7 @@ EFFECT: Effect = Effect(
             name="inertia", unit="kg m^2", neutral=0.0, low=-0.5, high=4.0, initial_values=(0.2,), scale="inertia"
         ),
         EffectParameter(
-            name="time_constant",
-            unit="s",
-            neutral=1.0,
-            low=0.1,
-            high=60.0,
-            initial_values=(0.5, 3.0),
-            scale="time",
+            name="time_constant", unit="s", neutral=1.0, low=0.1, high=60.0, initial_values=(0.5, 3.0), scale="time"
         ),
     ),
     equation="− Im·dw/dt, τ·dw/dt = r − w",
@@ -80,13 +74,7 @@ FORMS: tuple[Effect, ...] = (
         form="porous",
         parameters=(
             EffectParameter(
-                name="inertia",
-                unit="kg m^2",
-                neutral=0.0,
-                low=0.0,
-                high=4.0,
-                initial_values=(0.2,),
-                scale="inertia",
+                name="inertia", unit="kg m^2", neutral=0.0, low=0.0, high=4.0, initial_values=(0.2,), scale="inertia"
             ),
             # At a relative rate of 0.3 rad/s; three times as long at 0.1.
             EffectParameter(

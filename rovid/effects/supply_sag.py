@@ -67,13 +67,7 @@ EFFECT: Effect = Effect(
             name="sag", unit="1", neutral=0.0, low=0.0, high=_MAX_LOSS, initial_values=(0.1,), scale="one/load"
         ),
         EffectParameter(
-            name="time_constant",
-            unit="s",
-            neutral=0.0,
-            low=0.0,
-            high=100.0,
-            initial_values=(0.5, 8.0),
-            scale="time",
+            name="time_constant", unit="s", neutral=0.0, low=0.0, high=100.0, initial_values=(0.5, 8.0), scale="time"
         ),
     ),
     equation="T' = T·(1 − s·load), the load as a share of full thrust, behind a first-order lag",

@@ -122,11 +122,7 @@ class ExperimentPlan:
 
 
 def plan_experiment(
-    models: Sequence[CandidateModel],
-    vehicle: Vehicle,
-    trials: Sequence[Trial],
-    limits: RunLimits,
-    parameter: str = "",
+    models: Sequence[CandidateModel], vehicle: Vehicle, trials: Sequence[Trial], limits: RunLimits, parameter: str = ""
 ) -> ExperimentPlan:
     """Rank candidate runs that distinguish two models, or that improve the ``parameter`` of one model.
 

@@ -166,11 +166,7 @@ def _shortened(step: FloatArray) -> FloatArray:
 
 
 def bounded_step(
-    x: FloatArray,
-    gradient: FloatArray,
-    information: FloatArray,
-    damping: float,
-    bounds: tuple[FloatArray, FloatArray],
+    x: FloatArray, gradient: FloatArray, information: FloatArray, damping: float, bounds: tuple[FloatArray, FloatArray]
 ) -> FloatArray:
     """(p,) Levenberg-Marquardt step from ``x`` within lower and upper ``bounds``; docs/method.md, (13)."""
     free = ~_leaves_bounds(x, -gradient, bounds)

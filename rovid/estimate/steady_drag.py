@@ -233,10 +233,7 @@ def _parameter_warnings(estimate: Estimate) -> Iterator[str]:
 
 
 def _fit_directions(
-    points: Sequence[SteadyPoint],
-    balance: TorqueBalance,
-    directions: dict[str, BoolArray],
-    axis: Axis,
+    points: Sequence[SteadyPoint], balance: TorqueBalance, directions: dict[str, BoolArray], axis: Axis
 ) -> dict[str, Estimate]:
     """The fit of each direction alone, where its points determine one, with errors as those of all points."""
     table = _from_table(points)

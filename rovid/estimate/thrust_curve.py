@@ -140,12 +140,7 @@ def fit_thrust_curve(command: FloatArray, thrust: FloatArray) -> ThrustCurveFit:
         levels, values = levels[order], values[order]
     curve = ThrustCurve(command=levels, thrust=direction * values)
     return ThrustCurveFit(
-        curve=curve,
-        command=command,
-        thrust=thrust,
-        residuals=thrust - curve(command),
-        dead_zone=dead_zone,
-        noise=noise,
+        curve=curve, command=command, thrust=thrust, residuals=thrust - curve(command), dead_zone=dead_zone, noise=noise
     )
 
 

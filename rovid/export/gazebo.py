@@ -72,13 +72,7 @@ def export_vrx(subject: ExportInput) -> ExportResult:
 
 
 def _model(
-    name: str,
-    subject: ExportInput,
-    izz: float,
-    fluid: str,
-    hydrodynamics: str,
-    step: float,
-    notes: tuple[str, ...],
+    name: str, subject: ExportInput, izz: float, fluid: str, hydrodynamics: str, step: float, notes: tuple[str, ...]
 ) -> ExportResult:
     """An SDF model with one link, its thrusters and these hydrodynamics, in steps of ``step`` s."""
     curves = thruster_curves(subject)

@@ -128,12 +128,7 @@ def _sdf(
         thrusters.append(thruster_xml(unit.curve, band, f"{unit.x:.10g} {-unit.y:.10g}", direction))
     mass, izz, inertia = subject.mass, subject.rigid_inertia, subject.model.mass_matrix
     # Products of sway and yaw keep their sign in FLU axes.
-    added = {
-        "xx": inertia[0, 0] - mass,
-        "yy": inertia[1, 1] - mass,
-        "yr": inertia[1, 2],
-        "rr": inertia[2, 2] - izz,
-    }
+    added = {"xx": inertia[0, 0] - mass, "yy": inertia[1, 1] - mass, "yr": inertia[1, 2], "rr": inertia[2, 2] - izz}
     fluid = "".join(f"<{key}>{value:.10g}</{key}>" for key, value in added.items() if value)
     content = sdf(
         name,

@@ -72,9 +72,7 @@ def _detect(data: CommandData) -> Iterator[Detection[CommandData]]:
     edges = np.append(data.time, np.inf)
     unknown = tuple((float(edges[max(rows.start - 1, 0)]), float(edges[rows.stop])) for rows in _stretches(driven))
     yield Detection(
-        fault=fault,
-        done=done,
-        repair=lambda data: replace(data, values=values, unknown=(*data.unknown, *unknown)),
+        fault=fault, done=done, repair=lambda data: replace(data, values=values, unknown=(*data.unknown, *unknown))
     )
 
 

@@ -26,18 +26,7 @@ from numba.extending import (
     register_model,
 )
 
-from rovid.jit.simd import (
-    broadcast,
-    exp,
-    extract,
-    insert,
-    load,
-    maximum,
-    minimum,
-    sqrt,
-    store,
-    where_nonnegative,
-)
+from rovid.jit.simd import broadcast, exp, extract, insert, load, maximum, minimum, sqrt, store, where_nonnegative
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 # Names of the numbers in a vector.
@@ -113,10 +102,7 @@ def _insert(x: Any, i: Any, value: Any) -> Any:  # noqa: ARG001 - as above
     def changed(x: Any, i: Any, value: Any) -> Any:
         number = float(value)
         return _vector(
-            number if i == 0 else x.a,
-            number if i == 1 else x.b,
-            number if i == 2 else x.c,
-            number if i == 3 else x.d,
+            number if i == 0 else x.a, number if i == 1 else x.b, number if i == 2 else x.c, number if i == 3 else x.d
         )
 
     return changed

@@ -111,6 +111,5 @@ def pack_terms(effects: Sequence[tuple[Effect, FloatArray]], fastest: float, ine
 def stack_terms(terms: Sequence[PackedTerms]) -> PackedTerms:
     """The same terms of several models: a column of parameters for each model."""
     return terms[0]._replace(
-        parameters=np.column_stack([one.parameters[:, 0] for one in terms]),
-        fastest=max(one.fastest for one in terms),
+        parameters=np.column_stack([one.parameters[:, 0] for one in terms]), fastest=max(one.fastest for one in terms)
     )

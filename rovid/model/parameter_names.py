@@ -8,11 +8,7 @@ from rovid.effects import effect_named, restoring_effect
 from rovid.trial.axis import YAW, Axis
 
 # Parameters of the base model -> unit in yaw.
-UNITS = {
-    "inertia": "kg m^2",
-    "quadratic_drag": "N m s^2/rad^2",
-    "linear_drag": "N m s/rad",
-}
+UNITS = {"inertia": "kg m^2", "quadratic_drag": "N m s^2/rad^2", "linear_drag": "N m s/rad"}
 # Parameters of the planar model's base -> unit. docs/planar.md.
 PLANAR_UNITS = {
     "surge.inertia": "kg",

@@ -290,13 +290,7 @@ class ExtendedKalmanFilter:
         return innovation, variance
 
     def _propagate(
-        self,
-        motion: Motion,
-        others: FloatArray,
-        p: FloatArray,
-        inputs: Inputs,
-        h: float,
-        response: float | None = None,
+        self, motion: Motion, others: FloatArray, p: FloatArray, inputs: Inputs, h: float, response: float | None = None
     ) -> tuple[Motion, FloatArray, FloatArray]:
         """Mean and covariance after ``h`` s; ``others`` are the states after angle and rate.
 

@@ -81,10 +81,7 @@ class PlanarCoordinates:
         units = [1.0, 1.0, 1.0, 1.0, *drags]
         for rudder in start.rudders:
             arm = max(math.hypot(*rudder.position), 1e-9)
-            units += [
-                float(max(sizes.force[1], sizes.force[2] / arm) / sizes.speed[0] ** 2),
-                rudder.slipstream or 1.0,
-            ]
+            units += [float(max(sizes.force[1], sizes.force[2] / arm) / sizes.speed[0] ** 2), rudder.slipstream or 1.0]
             free = 1e3 if rudder.slipstream > 0.0 else 0.0
             low, high = [*low, 0.0, 0.0], [*high, np.inf, free]
         for parameter in _parameters(effects):

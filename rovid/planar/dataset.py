@@ -268,10 +268,7 @@ def _body_velocity(north: Readings, east: Readings, heading: Readings) -> tuple[
     psi = np.interp(time, heading.time, heading.values)
     to_north = np.diff(north.values) / steps
     to_east = np.diff(np.interp(north.time, east.time, east.values)) / steps
-    ahead, across = (
-        to_north * np.cos(psi) + to_east * np.sin(psi),
-        to_east * np.cos(psi) - to_north * np.sin(psi),
-    )
+    ahead, across = (to_north * np.cos(psi) + to_east * np.sin(psi), to_east * np.cos(psi) - to_north * np.sin(psi))
     return Readings(time=time, values=ahead), Readings(time=time, values=across)
 
 

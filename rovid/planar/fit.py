@@ -324,11 +324,7 @@ def _reason(name: str, axes: tuple[bool, bool, bool]) -> str:
 
 
 def _warnings(
-    data: PlanarData,
-    best: PlanarOptimum,
-    limited: tuple[str, ...],
-    r2: Mapping[str, float],
-    refused: Mapping[str, str],
+    data: PlanarData, best: PlanarOptimum, limited: tuple[str, ...], r2: Mapping[str, float], refused: Mapping[str, str]
 ) -> Iterator[str]:
     for name, (late, _) in _shown_latency(best).items():
         way, moved = ("late", "back") if late > 0.0 else ("early", "forward")

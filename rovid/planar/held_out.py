@@ -194,11 +194,7 @@ def held_out(parts: Parts, fitted: PlanarOptimum, line: Linearisation) -> HeldOu
 
 
 def window_errors(
-    parts: Parts,
-    model: PlanarOptimum,
-    states: FloatArray,
-    chosen: Sequence[int],
-    disturbed: bool = False,
+    parts: Parts, model: PlanarOptimum, states: FloatArray, chosen: Sequence[int], disturbed: bool = False
 ) -> FloatArray:
     """(windows, 5) squares as in `HeldOut`, of simulations from the filtered (n, 12) ``states``.
 

@@ -308,10 +308,7 @@ def _run_tracks(
     motion = simulate_planar(model, run, measured_start(run))
     through = [np.interp(time, run.time, column) for column in motion.through_water.T]
     turned = np.interp(time, run.time, motion.heading)
-    return (
-        _track(time, heading, steering, ahead, side, rate),
-        _track(time, turned, steering, *through),
-    )
+    return (_track(time, heading, steering, ahead, side, rate), _track(time, turned, steering, *through))
 
 
 def _track(

@@ -280,11 +280,7 @@ def _effect_scales(data: PlanarData, start: StartValues, time: FloatArray) -> Sc
         angles = [run.trial.commands[:, data.actuators.angle_columns] for run in data.runs]
         scales = replace(scales, command=max(float(np.max(np.abs(angle))) for angle in angles) or scales.command)
     return replace(
-        scales,
-        surge=float(speed[0]),
-        sway=float(speed[1]),
-        surge_force=float(force[0]),
-        sway_force=float(force[1]),
+        scales, surge=float(speed[0]), sway=float(speed[1]), surge_force=float(force[0]), sway_force=float(force[1])
     )
 
 

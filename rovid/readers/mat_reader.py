@@ -61,9 +61,7 @@ def read(path: Path, config: Config) -> RawLog:
     units = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
     scale = units[time_unit(clock, abs(first), time.unit)]
     return RawLog(
-        channels=channels,
-        place=lambda _, row: f"element {row + 1}",
-        epoch=0.0 if first * scale > EPOCH_FROM else None,
+        channels=channels, place=lambda _, row: f"element {row + 1}", epoch=0.0 if first * scale > EPOCH_FROM else None
     )
 
 

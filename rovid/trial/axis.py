@@ -211,11 +211,7 @@ DEFAULT_UNIT |= dict.fromkeys((name for name, units in SIGNAL_UNITS.items() if "
 # Format -> signal -> (source, unit) that every log of the format has, so that [signals] need not name them.
 STANDARD_SOURCES: Mapping[str, Mapping[str, tuple[str, str]]] = {
     "bin": {"heading": ("ATT.Yaw", "deg"), "roll": ("ATT.Roll", "deg"), "pitch": ("ATT.Pitch", "deg")},
-    "tlog": {
-        "heading": ("ATTITUDE.yaw", "rad"),
-        "roll": ("ATTITUDE.roll", "rad"),
-        "pitch": ("ATTITUDE.pitch", "rad"),
-    },
+    "tlog": {"heading": ("ATTITUDE.yaw", "rad"), "roll": ("ATTITUDE.roll", "rad"), "pitch": ("ATTITUDE.pitch", "rad")},
     "ulg": dict.fromkeys(("heading", "roll", "pitch"), ("vehicle_attitude.q", "rad")),
 }
 # Format -> the format whose sources it takes where it has none of its own.

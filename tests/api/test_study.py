@@ -118,12 +118,7 @@ def test_a_coupled_study_takes_rudders_and_speeds_from_memory() -> None:
     study = rovid.Study.from_frame(
         columns | {"u": 0.5 + 0.1 * np.sin(time), "v": 0.1 * np.cos(time)},
         axes="planar",
-        signals={
-            "time": "t",
-            "heading": {"column": "psi", "unit": "rad"},
-            "surge_velocity": "u",
-            "sway_velocity": "v",
-        },
+        signals={"time": "t", "heading": {"column": "psi", "unit": "rad"}, "surge_velocity": "u", "sway_velocity": "v"},
         thrusters=[{"name": "stern", "surge": 1.0, "curve": ([-5.0, 5.0], [-50.0, 50.0]), "command": "volts"}],
         rudders=[{"name": "fin", "position": [-1.5, 0.0], "area": 0.01, "behind": "stern", "angle": "angle"}],
     )

@@ -19,11 +19,7 @@ DRIVE = {"yaw_arm of fore": "0.43", "curve of fore": "sha256 0", "yaw_arm of aft
 
 
 def stored_at(
-    path: Path,
-    values: Mapping[str, tuple[float, float]] = PLAIN,
-    *,
-    log: str = "a",
-    drive: Mapping[str, str] = DRIVE,
+    path: Path, values: Mapping[str, tuple[float, float]] = PLAIN, *, log: str = "a", drive: Mapping[str, str] = DRIVE
 ) -> Parameters:
     """A parameter file at ``path`` from a log of this name."""
     sizes = np.array(list(values.values()))

@@ -21,8 +21,7 @@ from tests.control.loops import PAPER, VEHICLE, with_effect
 
 LINEAR = ThrustCurve(command=np.array([1100.0, 1500.0, 1900.0]), thrust=np.array([-300.0, 0.0, 300.0]))
 EVEN = Vehicle(
-    name="even",
-    thrusters=(Thruster(name="bow", arm=0.5, curve=LINEAR), Thruster(name="stern", arm=-0.3, curve=LINEAR)),
+    name="even", thrusters=(Thruster(name="bow", arm=0.5, curve=LINEAR), Thruster(name="stern", arm=-0.3, curve=LINEAR))
 )
 LAG, DELAY = 0.4, 0.3
 ROVER = {

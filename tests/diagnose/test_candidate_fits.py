@@ -298,9 +298,7 @@ def test_a_model_without_several_effects_is_fitted_once(base: FitResult, monkeyp
     assert models.without(whole) is whole
 
 
-def test_a_model_without_an_effect_is_fitted_to_convergence(
-    base: FitResult,
-) -> None:
+def test_a_model_without_an_effect_is_fitted_to_convergence(base: FitResult) -> None:
     models, left = FitCache(), replace(with_effects(base, BIAS), remaining_gain=math.inf)
     models.fits[left.key] = left
     ended = models.without(with_effects(base, BIAS, BEND), BEND)

@@ -79,9 +79,7 @@ def with_form(current: FitResult, key: str, gains: float) -> FitResult:
     return replace(fitted, value=bic_score(fitted) - bic_score(current) - gains)
 
 
-def test_a_simpler_form_with_nearly_the_gain_is_preferred_while_a_cause_is_missing(
-    base: FitResult,
-) -> None:
+def test_a_simpler_form_with_nearly_the_gain_is_preferred_while_a_cause_is_missing(base: FitResult) -> None:
     smooth, scattered = with_form(base, "command_delay", 97.0), with_form(base, "command_delay:scattered", 100.0)
     other = with_form(base, "thruster_lag", 98.0)
     assert bic_score(scattered) - bic_score(base) == pytest.approx(100.0)

@@ -206,11 +206,7 @@ def test_an_effect_must_make_neither_held_out_rate_nor_position_worse(
 @pytest.mark.parametrize("quantity", ["position", "rate"])
 @pytest.mark.parametrize(
     ("pieces", "fails"),
-    [
-        ([-0.1] * 7 + [3.0], False),
-        ([0.1] * 7 + [-0.02], True),
-        ([0.3, -0.2, 0.25, -0.15, 0.2, -0.1, 0.1, 0.0], False),
-    ],
+    [([-0.1] * 7 + [3.0], False), ([0.1] * 7 + [-0.02], True), ([0.3, -0.2, 0.25, -0.15, 0.2, -0.1, 0.1, 0.0], False)],
     ids=["one goes wrong", "one does not", "scatter"],
 )
 def test_held_out_pieces_are_compared_in_pairs(

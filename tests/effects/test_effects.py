@@ -80,11 +80,7 @@ SCALES = Scales(
 TIME = np.arange(0.0, 60.0, 0.05)
 CURVE = ThrustCurve(command=np.array([-5.0, -0.3, 0.3, 5.0]), thrust=np.array([-800.0, 0.0, 0.0, 1200.0]))
 VEHICLE = Vehicle(
-    name="test",
-    thrusters=(
-        Thruster(name="fore", arm=0.43, curve=CURVE),
-        Thruster(name="aft", arm=-0.43, curve=CURVE),
-    ),
+    name="test", thrusters=(Thruster(name="fore", arm=0.43, curve=CURVE), Thruster(name="aft", arm=-0.43, curve=CURVE))
 )
 COMMAND = np.column_stack((2.0 * np.sin(0.3 * TIME), np.where(TIME % 20.0 < 10.0, 1.5, -0.7)))
 CHANNELS = {

@@ -7,15 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.starts import (
-    Campaign,
-    base_fit,
-    climb_from_truth,
-    commands,
-    measured,
-    random_campaign,
-    two_thrusters,
-)
+from benchmarks.starts import Campaign, base_fit, climb_from_truth, commands, measured, random_campaign, two_thrusters
 from rovid.diagnose.candidate_fits import fit_from_best_start
 from rovid.effects import Effect, effect_named, forms_for
 from rovid.estimate.filter_data import InnovationData

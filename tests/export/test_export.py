@@ -559,10 +559,7 @@ def test_a_file_with_guessed_values_carries_a_notice(name: str, fitted: Path, tm
 
 
 AUTOPILOT_NAMES = {
-    "ardupilot": {
-        "ATC_ANG_YAW_P",
-        *(f"ATC_RAT_YAW_{key}" for key in ("P", "I", "D", "IMAX", "FLTT", "FLTE", "FLTD")),
-    },
+    "ardupilot": {"ATC_ANG_YAW_P", *(f"ATC_RAT_YAW_{key}" for key in ("P", "I", "D", "IMAX", "FLTT", "FLTE", "FLTD"))},
     "px4": {"UUV_YAW_P", "UUV_YAW_D"},
 }
 

@@ -35,10 +35,7 @@ def programme(time_constant: float, rng: np.random.Generator) -> dict[str, tuple
         found[f"hold_{number}.csv"] = interval, np.where(on, level, 0.0)
     phase = 2.0 * np.pi * time / time_constant
     for number, periods in enumerate((2.5, 5.0, 8.0)):
-        found[f"sine_{number}.csv"] = (
-            interval,
-            (0.6 + 0.2 * number) * np.sin(phase / periods),
-        )
+        found[f"sine_{number}.csv"] = (interval, (0.6 + 0.2 * number) * np.sin(phase / periods))
     levels = rng.choice([-1.0, -0.5, 0.0, 0.5, 1.0], len(time))
     found["steps.csv"] = interval, levels[(time // (4.0 * time_constant)).astype(int)]
     found["random.csv"] = interval, levels[(time // time_constant).astype(int)]

@@ -17,13 +17,7 @@ from rovid.signals.rates import compute_rates
 from rovid.trial.config import Config
 from rovid.trial.fault import FaultOverrides
 from tests.faults.days import VEHICLES, day
-from tests.readers.logs import (
-    csv_text,
-    mcap_bytes,
-    stamped,
-    to_ns,
-    turning,
-)
+from tests.readers.logs import csv_text, mcap_bytes, stamped, to_ns, turning
 from tests.readers.test_formats import log, names
 from tests.synthetic import LOGGED
 

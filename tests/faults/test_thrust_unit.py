@@ -54,9 +54,7 @@ def test_a_fit_is_refused_only_where_its_error_leaves_no_doubt() -> None:
     assert inertia_fault(60.0, 6.0, vehicle) is None
     assert inertia_fault(90.0, 0.1, vehicle) is None
     guessed = Vehicle(
-        name="",
-        thrusters=(Thruster(name="a", arm=1.0, curve=None, arm_guessed=True),),
-        rigid_body_inertia=100.0,
+        name="", thrusters=(Thruster(name="a", arm=1.0, curve=None, arm_guessed=True),), rigid_body_inertia=100.0
     )
     assert inertia_fault(10.0, 0.1, guessed) is None
 

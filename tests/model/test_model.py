@@ -46,11 +46,7 @@ def test_names_and_values_of_parameters_correspond() -> None:
 def test_the_rate_under_a_disturbance_agrees_with_the_lyapunov_equation(stiffness: float) -> None:
     inertia, rate, memory = 5.0, 0.3, 2.5
     model = Model(
-        inertia=inertia,
-        quadratic_drag=3.0,
-        linear_drag=1.2,
-        axis=AXES["pitch"],
-        restoring_values=(stiffness, 0.0),
+        inertia=inertia, quadratic_drag=3.0, linear_drag=1.2, axis=AXES["pitch"], restoring_values=(stiffness, 0.0)
     )
     damping = 2.0 * 3.0 * rate + 1.2
     # Angle, rate, disturbance of unit variance. Without a stiffness the angle wanders, and has no say.

@@ -145,10 +145,7 @@ BAD: dict[str, tuple[str | bytes, tuple[str, ...]]] = {
         ("no column 'heading_deg'", "Nearest: 'heding_deg'", "heading"),
     ),
     "no column near": (csv_text({"time_s": TIME, "a": TIME, "b": TIME}), ("There are: 'time_s', 'a', 'b'",)),
-    "two columns of one name": (
-        "time_s,heading_deg,fore_V,heading_deg\n0,1,2,3\n",
-        ("2 columns named 'heading_deg'",),
-    ),
+    "two columns of one name": ("time_s,heading_deg,fore_V,heading_deg\n0,1,2,3\n", ("2 columns named 'heading_deg'",)),
     "decimal comma between commas": (decimal_comma(csv_text(standard())), ("6 cells", "3 columns", "semicolons")),
     "open quote": (row(9, '"1.0'), ("hold_3.csv",)),
     "open quote above many rows": (

@@ -22,16 +22,7 @@ from rovid.readers import READERS, find_logs, read_campaign, read_log
 from rovid.trial.config import Config, load_config
 from rovid.trial.trial import Campaign, Trial
 from tests.conftest import ROOT, SAMPLES, Rovid
-from tests.readers.logs import (
-    campaign,
-    csv_text,
-    dive,
-    kinds,
-    mcap_bytes,
-    standard,
-    toml,
-    turning,
-)
+from tests.readers.logs import campaign, csv_text, dive, kinds, mcap_bytes, standard, toml, turning
 from tests.readers.recordings import CHANGES, HEADING, RECORDINGS, TIME
 from tests.readers.test_fuzz import EDITS, FUZZ, Edits, edited, survive
 from tests.whole.test_bad_input import assert_one_message

@@ -23,11 +23,7 @@ TIME = np.arange(0.0, 300.0, PERIOD)
 
 
 def trial(
-    heading: FloatArray,
-    time: FloatArray = TIME,
-    *,
-    roll: FloatArray | None = None,
-    pitch: FloatArray | None = None,
+    heading: FloatArray, time: FloatArray = TIME, *, roll: FloatArray | None = None, pitch: FloatArray | None = None
 ) -> Trial:
     commands = np.zeros((len(time), 1))
     return Trial(name="t", path=Path("t"), time=time, position=heading, commands=commands, roll=roll, pitch=pitch)

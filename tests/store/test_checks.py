@@ -23,11 +23,7 @@ ORBIT = "orbit integral over whole periods"
 
 def estimated(inertia: float, error: float, method: str) -> Estimate:
     return Estimate(
-        names=("inertia",),
-        values=np.array([inertia]),
-        covariance=np.array([[error**2]]),
-        method=method,
-        samples=9,
+        names=("inertia",), values=np.array([inertia]), covariance=np.array([[error**2]]), method=method, samples=9
     )
 
 

@@ -9,16 +9,7 @@ import numpy as np
 from tools.cases import Case, all_cases
 from tools.hidden import FORMS, Hidden
 from tools.simulate import MICRO, SUBSTEP, Held, Motion, simulate
-from tools.truth import (
-    ROSUB,
-    VEHICLES,
-    Attitude,
-    Disturbance,
-    Dynamics,
-    FloatArray,
-    IntArray,
-    Truth,
-)
+from tools.truth import ROSUB, VEHICLES, Attitude, Disturbance, Dynamics, FloatArray, IntArray, Truth
 
 # What brings a vehicle back is nothing that there is in yaw.
 LAWS = [(effect, form) for effect, forms in FORMS.items() if effect != "restoring_curve" for form in forms]

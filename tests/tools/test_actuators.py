@@ -11,9 +11,7 @@ from scipy.integrate import cumulative_trapezoid
 from tests.tools.motions import free, hiding, move, moved, quiet, torque
 from tools.hidden import Hidden
 from tools.simulate import MICRO
-from tools.truth import (
-    ROSUB,
-)
+from tools.truth import ROSUB
 
 
 def test_slewed_thrust_gives_the_integral_of_its_ramp() -> None:

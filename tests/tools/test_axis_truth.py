@@ -60,9 +60,7 @@ def named(truth: Truth) -> str:
 def quiet(truth: Truth) -> Truth:
     """``truth`` without disturbance, and with commands as fine as they are asked for."""
     return replace(
-        truth,
-        disturbance=Disturbance(standard_deviation=0.0),
-        instruments=replace(truth.instruments, command_bits=40),
+        truth, disturbance=Disturbance(standard_deviation=0.0), instruments=replace(truth.instruments, command_bits=40)
     )
 
 

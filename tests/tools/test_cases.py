@@ -10,12 +10,7 @@ from tests.tools.motions import LAWS, hiding
 from tests.tools.test_simulate import excited
 from tools.cases import CONTRACT_FORMS, SIZES, all_cases, groups, truth_of
 from tools.hidden import DRIVERS, EFFECTS, FORMS, OUTSIDE, Hidden
-from tools.truth import (
-    ROSUB,
-    SMALL,
-    VEHICLES,
-    Truth,
-)
+from tools.truth import ROSUB, SMALL, VEHICLES, Truth
 
 
 def test_mistakes_in_what_is_hidden_are_refused() -> None:

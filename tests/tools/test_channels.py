@@ -12,10 +12,7 @@ from tests.tools.test_simulate import excited
 from tools.channels import EXTRA
 from tools.hidden import DRIVERS, OUTSIDE
 from tools.simulate import MICRO
-from tools.truth import (
-    ROSUB,
-    Attitude,
-)
+from tools.truth import ROSUB, Attitude
 
 
 @pytest.mark.parametrize("form", ["manipulator", "tension", "surge", "pitch"])

@@ -9,9 +9,7 @@ from tools.hidden import Hidden
 from tools.paths import Path as CommandPath
 from tools.paths import acting_path
 from tools.simulate import MICRO
-from tools.truth import (
-    FloatArray,
-)
+from tools.truth import FloatArray
 
 
 def _path(values: list[float], *, every: float = 1.0, **hidden: Hidden) -> CommandPath:

@@ -25,15 +25,7 @@ from tools.programme import CAMPAIGN, LEAD, Hold, Run
 from tools.simulate import MICRO, SUBSTEP, Held, disturbance_torque, simulate
 from tools.t200_curve import thrust_curve
 from tools.trial_day import main, write_trial_day
-from tools.truth import (
-    OBSERVATION,
-    ROSUB,
-    Attitude,
-    Disturbance,
-    FloatArray,
-    Instruments,
-    Truth,
-)
+from tools.truth import OBSERVATION, ROSUB, Attitude, Disturbance, FloatArray, Instruments, Truth
 
 TANK = SAMPLES / "rosub_tank"
 DIVE = SAMPLES / "bluerov2_pier59"

@@ -11,13 +11,7 @@ from tests.tools.motions import LAWS, hiding, move, quiet, strong, ticks
 from tools.programme import Hold, Run
 from tools.simulate import SUBSTEP, Motion
 from tools.trial_day import deviated, record
-from tools.truth import (
-    ROSUB,
-    SMALL,
-    Attitude,
-    Disturbance,
-    Truth,
-)
+from tools.truth import ROSUB, SMALL, Attitude, Disturbance, Truth
 
 
 def excitation(truth: Truth) -> list[tuple[float, float]]:

@@ -16,12 +16,7 @@ from tools.channels import EXTRA, column
 from tools.hidden import OUTSIDE
 from tools.programme import Hold, Run, Sine, campaign_for
 from tools.trial_day import record, write_trial_day
-from tools.truth import (
-    SMALL,
-    VEHICLES,
-    Instruments,
-    Truth,
-)
+from tools.truth import SMALL, VEHICLES, Instruments, Truth
 
 
 @pytest.mark.parametrize("vehicle", VEHICLES, ids=lambda vehicle: vehicle.command_unit)

@@ -12,10 +12,7 @@ from scipy.integrate import solve_ivp
 
 from tests.tools.motions import free, hiding, move, moved, plain_drag, quiet, strong
 from tools.simulate import MICRO
-from tools.truth import (
-    ROSUB,
-    FloatArray,
-)
+from tools.truth import ROSUB, FloatArray
 
 
 @pytest.mark.parametrize(

@@ -145,10 +145,7 @@ def test_nothing_is_found_where_nothing_is(vehicle: Vehicle, axis: Axis, tmp_pat
 
 @pytest.mark.parametrize(
     ("axis", "expected"),
-    [
-        slow("surge", {"thruster_lag": 0.35, "thrust_asymmetry": 0.88}),
-        slow("pitch", {"thruster_deadband": 0.15}),
-    ],
+    [slow("surge", {"thruster_lag": 0.35, "thrust_asymmetry": 0.88}), slow("pitch", {"thruster_deadband": 0.15})],
 )
 def test_the_sample_days(axis: str, expected: Mapping[str, float], tmp_path: Path, rovid: Rovid) -> None:
     document = rovid("diagnose", SAMPLES / f"{axis}_tank", "--axis", axis, "--json").document

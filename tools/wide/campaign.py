@@ -10,15 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.signal import lfilter
 
-from tools.wide.causes import (
-    FORMS,
-    NEEDS_QUADRATIC,
-    NEEDS_SPEED,
-    NEEDS_TURNS,
-    Cause,
-    Scene,
-    make,
-)
+from tools.wide.causes import FORMS, NEEDS_QUADRATIC, NEEDS_SPEED, NEEDS_TURNS, Cause, Scene, make
 from tools.wide.motion import ARRIVE, N_SERIES, SAMPLE, SEND, Floats, Ints, Physics, Pilot, simulate
 from tools.wide.programme import KINDS, demand
 from tools.wide.vehicle import Vehicle, draw_vehicle, log_uniform

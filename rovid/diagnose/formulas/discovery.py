@@ -125,10 +125,7 @@ class _Candidate:
 
 
 def discover(
-    prepared: PreparedRuns,
-    vehicle: Vehicle,
-    report: ProgressCallback = lambda _: None,
-    budget: Budget | None = None,
+    prepared: PreparedRuns, vehicle: Vehicle, report: ProgressCallback = lambda _: None, budget: Budget | None = None
 ) -> Discovery:
     """Formulas for what the effects of the catalogue do not explain."""
     runs = prepared.items

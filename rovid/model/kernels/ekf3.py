@@ -88,14 +88,7 @@ def ekf3_innovations(data: Any, inputs: Any, models: Any) -> tuple[FloatArray, F
 @warmed_up
 @njit_noalloc
 def _filter(  # noqa: PLR0915 - one filter, from top to bottom
-    data: Any,
-    inputs: Any,
-    models: Any,
-    state: Any,
-    work: Any,
-    series: Any,
-    innovation: Any,
-    variance: Any,
+    data: Any, inputs: Any, models: Any, state: Any, work: Any, series: Any, innovation: Any, variance: Any
 ) -> None:
     """Filter one run after the other; fills in ``innovation`` and ``variance``."""
     time, terms, body = data.time, models.terms, load_body(models.body)

@@ -14,15 +14,7 @@ from matplotlib.figure import Figure
 from rovid.core.array_types import FloatArray
 from rovid.planar.trial_simulation import SENSOR_UNITS, PlanarTrialSimulation
 from rovid.present.number_format import shorten_name
-from rovid.present.plots.canvas import (
-    BLACK,
-    BLUE,
-    ORANGE,
-    PALE,
-    decimate_min_max,
-    panel_grid,
-    report_style,
-)
+from rovid.present.plots.canvas import BLACK, BLUE, ORANGE, PALE, decimate_min_max, panel_grid, report_style
 
 TRACKS_SHOWN = 9
 _COLUMNS = 3

@@ -9,14 +9,7 @@ from rovid.compare.comparison import Comparison
 from rovid.compare.difference_tests import DifferenceTest
 from rovid.core.formatting import plus_minus, significant
 from rovid.diagnose.candidate_fits import Alternative
-from rovid.diagnose.result import (
-    NEVER_IDENTIFIABLE,
-    Diagnosis,
-    Finding,
-    ModelAssessment,
-    OtherCause,
-    not_identifiable,
-)
+from rovid.diagnose.result import NEVER_IDENTIFIABLE, Diagnosis, Finding, ModelAssessment, OtherCause, not_identifiable
 from rovid.diagnose.signal_regressors import is_signal
 from rovid.diagnose.tables import TableDiagnosis
 from rovid.diagnose.thresholds import ESTABLISHED
@@ -239,10 +232,7 @@ def changes_table(comparison: Comparison, guess: Assumptions) -> ResultTable:
     )
     for place, name in enumerate(pair.names):
         ratio, unit = changes.ratio(name), pair.units[place]
-        values = [
-            *(plus_minus(*side) for side in changes.separate_values(name)),
-            _joint_value(changes, name),
-        ]
+        values = [*(plus_minus(*side) for side in changes.separate_values(name)), _joint_value(changes, name)]
         in_a, in_b, together = (guess.mark_number(value, unit) for value in values)
         table.add_row(
             parameter_title(document_key(name)),

@@ -7,13 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from rovid.model.simulation import HORIZONS, FitMeasures, TrialSimulation, pooled_fit
-from rovid.present.number_format import (
-    DASH,
-    arm_words,
-    equal_decimals,
-    format_number,
-    steady_state_words,
-)
+from rovid.present.number_format import DASH, arm_words, equal_decimals, format_number, steady_state_words
 from rovid.present.report_data import ReportData
 from rovid.present.tables.table import Column, ResultTable, mixed_number_column, number_column, text_column
 from rovid.store.parameter_file import sha256

@@ -144,13 +144,7 @@ def test_runs_say_what_acts_and_what_the_aid_knows(control: ControllerDesign, pu
     assert set(cells(runs_table(control), "model aid")) == {"drag", "none"}
     grid = runs_table(pushed)
     pairs = list(zip(cells(grid, "effects"), cells(grid, "model aid"), strict=True))[:5]
-    assert pairs == [
-        ("none", "drag"),
-        ("none", "none"),
-        ("all", "drag and effects"),
-        ("all", "drag"),
-        ("all", "none"),
-    ]
+    assert pairs == [("none", "drag"), ("none", "none"), ("all", "drag and effects"), ("all", "drag"), ("all", "none")]
 
 
 def test_an_unstable_loop_has_no_margins(control: ControllerDesign) -> None:

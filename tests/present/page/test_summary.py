@@ -53,8 +53,7 @@ def test_an_error_that_grew_is_called_larger(lagged: ReportData) -> None:
     assert side is not None
     worse = replace(side, held_out=replace(side.held_out, position_errors={10.0: 9.0, 60.0: 9.0}))
     assert re.search(
-        r"heading error \d+ % larger, yaw rate error \d+ % smaller",
-        answered(lagged, extended=worse).improvement,
+        r"heading error \d+ % larger, yaw rate error \d+ % smaller", answered(lagged, extended=worse).improvement
     )
 
 
