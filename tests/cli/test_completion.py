@@ -62,7 +62,7 @@ def test_commands_and_options(offered: Offered) -> None:
         (["fit", "--axis", "s"], ["surge", "sway"]),
         (["export", ""], list(FORMATS)),
         (["help", "thruster_l"], ["thruster_lag"]),
-        (["help", "l"], ["logs"]),
+        (["help", "l"], ["logs", "lost_rows"]),
         (["export", "m"], ["mujoco", "matlab", "mss"]),
         (["fit-thruster", "--unit", ""], list(THRUST_UNITS)),
         (["plan", "--narrow", ""], list(base_names(YAW))),

@@ -228,7 +228,8 @@ def reported(lagged_folder: Path) -> tuple[ReportData, ReportFigures]:
     said: list[str] = []
     with pytest.MonkeyPatch.context() as patch, blank_plots():
         patch.setattr(render, "draw_figures", draw)
-        stored = Parameters(path=lagged_folder / "parameters.toml")
+        patch.chdir(lagged_folder)
+        stored = Parameters(path=Path("parameters.toml"))
         study, folder = open_study([lagged_folder / "day"]), lagged_folder / "report"
         # Without a limit: a busy machine must not end the search.
         build.build_report(stored, study, folder, report=said.append, budget=3600.0)
