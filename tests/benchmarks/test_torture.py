@@ -129,6 +129,7 @@ def survived(*arguments: str) -> None:
     assert done.returncode == 0, f"{done.stdout[-10_000:]}{done.stderr}"
 
 
+@pytest.mark.slow
 def test_a_few_inputs() -> None:
     formats = [name for name, form in FORMATS.items() if form.changed != "nothing"]
     survived("benchmarks.torture", "--inputs", "80", "--cuts", "3000", "--jobs", "1", "--formats", *formats)

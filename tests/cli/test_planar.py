@@ -253,6 +253,7 @@ def test_parameter_files_of_one_axis_and_of_three_are_not_mixed_up(work: Rovid) 
     assert Path("foreign.toml").read_text() == "mine = 1\n"
 
 
+@pytest.mark.slow
 def test_python_gives_the_documents_of_the_commands(logs: Path, fitted: tuple[Path, dict[str, object]]) -> None:
     study = rovid.open(logs, axes="planar")
     fit = study.fit()

@@ -198,6 +198,7 @@ def test_a_log_of_the_new_format_is_read(copy: Path, tmp_path: Path) -> None:
     assert [one["problem"].count("is not a file of pairs name=value") for one in found["unreadable"]] == [1, 1]
 
 
+@pytest.mark.slow
 def test_a_model_is_written_in_the_new_format(copy: Path, identified: Path) -> None:
     assert "plain-text" in run(copy, "-c", "from rovid.cli import completion; print(*completion.formats())")
     said = json.loads(run(copy, "-m", "rovid", "export", "plain-text", "--json", cwd=identified, quick=False))

@@ -151,6 +151,7 @@ def test_a_munk_moment_without_logged_sway_is_named(cross_flow: float, tmp_path:
     assert abs(after["value"] - INERTIA) < 0.2 * abs(before["value"] - INERTIA)
 
 
+@pytest.mark.slow
 def test_loss_of_a_tunnel_thruster_at_speed_is_named(tmp_path: Path, rovid: Rovid) -> None:
     """A launch whose main propeller is in no log; jets across the way lose as 1/(1 + ratio), not as the equation."""
     day = tmp_path / "day"

@@ -26,6 +26,7 @@ from rovid.estimate.nested_fits import (
 )
 from rovid.model.model import Model
 from rovid.signals.preprocessing import prepare_trials
+from tests.conftest import slow
 
 LAG = effect_named("thruster_lag")
 # Nats: the filter takes its steps by the fastest state, so that equal models differ by what the steps cost.
@@ -61,7 +62,7 @@ def forms(base: FitResult) -> list[Effect]:
     return [*forms_for(base.data.vehicle)]
 
 
-@pytest.mark.parametrize("name", ["short", "short_multi_step"])
+@pytest.mark.parametrize("name", ["short", slow("short_multi_step")])
 def test_every_form_at_its_neutral_value_is_the_smaller_model(name: str, request: pytest.FixtureRequest) -> None:
     base: FitResult = request.getfixturevalue(name)
     for form in forms(base):
@@ -70,7 +71,7 @@ def test_every_form_at_its_neutral_value_is_the_smaller_model(name: str, request
         assert objective.value(neutral_start(objective, base)) == pytest.approx(base.value, abs=allowed), form.key
 
 
-@pytest.mark.parametrize("name", ["short", "short_multi_step"])
+@pytest.mark.parametrize("name", ["short", slow("short_multi_step")])
 def test_no_form_ends_below_the_smaller_model(name: str, request: pytest.FixtureRequest) -> None:
     base: FitResult = request.getfixturevalue(name)
     for form in forms(base):

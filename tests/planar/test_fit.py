@@ -111,6 +111,7 @@ def test_a_fit_that_diverges_is_refused(monkeypatch: pytest.MonkeyPatch) -> None
         fit_planar(campaign(box_rov(3), runs=1, levels=6, hold=4.0, seed=2))
 
 
+@pytest.mark.slow
 def test_a_fit_of_free_runs_recovers_a_torpedo_from_far() -> None:
     truth = torpedo(3)
     data = campaign(truth, runs=2, levels=12, hold=8.0, seed=4)

@@ -12,6 +12,7 @@ from playwright.sync_api import Browser, Page, sync_playwright
 
 from tests.app.conftest import logs_into
 from tests.app.served import served
+from tests.conftest import slow
 from tests.present.chromium import find_chromium
 
 pytestmark = pytest.mark.skipif(find_chromium() is None, reason="no Chromium here")
@@ -42,7 +43,7 @@ def test_the_report(browser: Browser, lagged_folder: Path, scheme: Literal["ligh
     assert violations(page) == []
 
 
-@pytest.mark.parametrize(("scheme", "width"), _SCREENS)
+@pytest.mark.parametrize(("scheme", "width"), [_SCREENS[0], slow(*_SCREENS[1])])
 def test_the_guided_page(browser: Browser, tmp_path: Path, scheme: Literal["light", "dark"], width: int) -> None:
     logs_into(tmp_path / "day")
     with served(tmp_path) as server:

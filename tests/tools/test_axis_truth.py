@@ -40,6 +40,9 @@ from tools.programme import LEAD, Hold, Piece, Run, Sine
 from tools.simulate import MICRO, Held, Motion
 from tools.truth import Axis, Disturbance, Dynamics, FloatArray, Truth
 
+# A simulator of the tests changes rarely, and none of rovid's code is tested here.
+pytestmark = pytest.mark.slow
+
 TRUTHS = list(AXIS_VEHICLES.values())
 STRAIGHT = [truth for truth in TRUTHS if truth.axis != "pitch"]
 PITCHING = [truth for truth in TRUTHS if truth.axis == "pitch"]

@@ -15,6 +15,9 @@ from mcap.reader import make_reader
 from tools.folders import Folder, write_folder
 from tools.truth import FloatArray
 
+# A simulator of the tests changes rarely, and none of rovid's code is tested here.
+pytestmark = pytest.mark.slow
+
 SURE = 4.0  # standard errors; the errors of neighbours are alike, so that these are not quite what they say
 
 

@@ -17,6 +17,9 @@ from tools.hard.sea import irregular
 from tools.hard.thrust import bench, rotor_step
 from tools.hard.vehicles import Vehicle
 
+# A simulator of the tests changes rarely, and none of rovid's code is tested here.
+pytestmark = pytest.mark.slow
+
 
 def still_water(
     vehicle: Vehicle,

@@ -18,6 +18,9 @@ from tools.planar.causes import rows_with
 from tools.planar.motion import Floats, Hull, Ship, slopes
 from tools.planar.vehicles import kvlcc2
 
+# A simulator of the tests changes rarely, and none of rovid's code is tested here.
+pytestmark = pytest.mark.slow
+
 SEED = 7
 STILL = Ship()
 

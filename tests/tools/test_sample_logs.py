@@ -27,6 +27,9 @@ from tools.t200_curve import thrust_curve
 from tools.trial_day import main, write_trial_day
 from tools.truth import OBSERVATION, ROSUB, Attitude, Disturbance, FloatArray, Instruments, Truth
 
+# A simulator of the tests changes rarely, and none of rovid's code is tested here.
+pytestmark = pytest.mark.slow
+
 TANK = SAMPLES / "rosub_tank"
 DIVE = SAMPLES / "bluerov2_pier59"
 SEED = 1  # named in rosub_tank/README.md

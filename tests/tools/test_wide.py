@@ -16,6 +16,9 @@ from tools.wide.campaign import VISIBLE, Run, deviation, simulated
 from tools.wide.motion import Floats, Physics, Pilot, simulate
 from tools.wide.truth import whitening
 
+# A simulator of the tests changes rarely, and none of rovid's code is tested here.
+pytestmark = pytest.mark.slow
+
 SEED = 7
 QUICK = 12  # index of a small campaign
 ALL_FORMS = [(effect, form) for effect, forms in FORMS.items() for form in forms]
