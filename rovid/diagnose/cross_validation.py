@@ -273,8 +273,9 @@ def simulate_folds(fitted: FitResult, folds: Sequence[Fold]) -> HeldOutScores:
 def change_in_samples(effect: Effect, fitted: FitResult, other: FitResult, pieces: Sequence[CvPiece]) -> float:
     """RMS difference of the rates that two models simulate, over the RMS change of the rate in a sampling interval.
 
-    The steps of a logger and of a simulator have errors of a small part of it. Infinite for an ``effect`` that is not
-    part of the simulated rate: a torque of random phase, or a deviation of the heading.
+    The steps of a logger and of a simulator have errors of a small part of it. Of samples far apart, the change counts
+    at most as `THRESHOLDS.sampling_change` of the RMS rate. Infinite for an ``effect`` that is not part of the
+    simulated rate: a torque of random phase, or a deviation of the heading.
     """
     if isinstance(effect.acts, WaveTorque | OnHeading):
         return math.inf
@@ -282,8 +283,9 @@ def change_in_samples(effect: Effect, fitted: FitResult, other: FitResult, piece
     assert vehicle is not None  # noqa: S101 - a diagnosis has one
     rates = [[one.simulated for one in simulate_runs(runs, each.model, vehicle)] for each in (fitted, other)]
     change = np.concatenate(rates[0]) - np.concatenate(rates[1])
-    steps = np.concatenate([np.diff(one) for one in rates[1]])
-    return float(np.sqrt(np.nanmean(change**2) / max(float(np.nanmean(steps**2)), np.finfo(float).tiny)))
+    steps = np.nanmean(np.concatenate([np.diff(one) for one in rates[1]]) ** 2)
+    most = THRESHOLDS.sampling_change**2 * np.nanmean(np.concatenate(rates[1]) ** 2)
+    return math.sqrt(float(np.nanmean(change**2)) / max(float(min(steps, most)), np.finfo(float).tiny))
 
 
 def certain_growth(own: FloatArray, without: FloatArray) -> float:

@@ -234,6 +234,10 @@ class Thresholds:
     """Share of the sampling interval. An effect that changes the simulated rate by less than a shift by it is dropped.
     Set: decision; interpolation, stamps and integration have errors of this size. True effects of calm campaigns reach
     1.9 intervals or more. Halved: errors of a simulator's steps become causes; doubled: the same."""
+    sampling_change: float = 0.05
+    """Share of the RMS rate. The change of the rate in a sampling interval counts as this much at most: an effect of
+    half a percent of the rate is never too small. Set: decision, below the 3 % of a visible cause. Halved or doubled:
+    only logs of a few samples in a time constant are affected."""
     held_out_growth_level: float = 0.05
     """Level of the one-sided t test of that growth over the pieces. Set: convention (5 %). Halved: stand-ins that
     predict worse stay; doubled: true effects are dropped for one piece that goes wrong."""

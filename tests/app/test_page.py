@@ -157,6 +157,7 @@ def run(page: Page) -> None:
     assert page.locator("#report-frame").get_attribute("sandbox") == "allow-scripts"
 
 
+@pytest.mark.slow
 def test_the_page_works_with_the_keyboard_in_dark_mode(browser: Browser, tmp_path: Path) -> None:
     """Only Tab, Enter, Space and arrow keys, up to the report; the run is at most 15 tab stops away."""
     top = tmp_path / "top"
