@@ -60,9 +60,10 @@ class Record:
     def plot(self, axes: Axes | None = None) -> Axes:
         """Draw the main result into ``axes``, by default those of a new figure, and return them.
 
-        A check draws the position in each log, a fit and a simulation the measured and simulated rate of the longest
-        log, a diagnosis the position error after a restart on runs that were not fitted, a cause its gain and that of
-        its alternatives, a plan the commands, a comparison the ratios of all parameters, and an export its errors.
+        A check draws the position in each log. A fit and a simulation draw the rate of the longest log, measured and
+        simulated. A diagnosis draws the position error after a restart on runs that were not fitted. A cause draws its
+        gain and the gains of its alternatives. A plan draws the commands, a comparison the ratios of all parameters,
+        and an export its errors.
 
         Raises
         ------
@@ -123,7 +124,7 @@ class CauseRecord(Record):
 
     effect: str  #: Id of the effect, as ``thruster_lag``.
     parameters: dict[str, UncertainValue]  #: Parameter, without the effect's name -> value.
-    confidence: float  #: Probability that this cause, or one that it cannot be told from, acts.
+    confidence: float  #: Probability that this cause or an indistinguishable one acts.
     evidence: str  #: confirmed, likely or possible.
     cannot_be_told_from: tuple[str, ...]  #: Ids of the causes that these data do not rule out.
 

@@ -265,19 +265,17 @@ class VehicleStudy:
         """
         if self.axis not in {YAW, PLANAR}:
             raise ConfigError(f"is {self.axis.name}; export takes yaw or planar.", where="axis")
-        (select_exporter if self.coupled is None else select_planar_exporter)(
-            format, None
-        )  # Refuses unknown ones first.
-        vehicle, stored = self.logs.vehicle, _stored(model or self.fit())
+        vehicle, coupled = self.logs.vehicle, self.coupled
         if vehicle.assumptions:
             raise ConfigError(vehicle.assumptions.refusal, where=vehicle.name)
         made: VerifiedExport | VerifiedPlanarExport
-        if self.coupled is not None:
-            exporter = select_planar_exporter(format, None)[0]
-            made = verified_planar_export(exporter, planar_input(stored, self.coupled))
+        if coupled is not None:
+            planar_exporter, _ = select_planar_exporter(format, None)
+            made = verified_planar_export(planar_exporter, planar_input(_stored(model or self.fit()), coupled))
         else:
+            exporter, _ = select_exporter(format, None)
             vehicle.require_no_rudder("the format")
-            made = verified_export(select_exporter(format, None)[0], export_input(stored, self.logs))
+            made = verified_export(exporter, export_input(_stored(model or self.fit()), self.logs))
         return records.export_record(format, made, vehicle)
 
     def _require_one_axis(self, method: str) -> None:

@@ -28,7 +28,7 @@ from rovid.present.documents.results import check_document, survey_document
 from rovid.present.terminal.check import VERDICTS, check_notes, check_tasks
 from rovid.present.terminal.planar import planar_notes, planar_tasks
 from rovid.readers.formats import READERS
-from rovid.trial.axis import SIGNAL_UNITS
+from rovid.trial.axis import PLANAR, SIGNAL_UNITS, YAW, parameter_file_name
 from rovid.trial.config import FILE_NAME, load_config, load_planar_config
 from rovid.trial.fault import Excerpt, Fault
 from rovid.trial.vehicle_presets import load_preset, preset_names
@@ -326,8 +326,9 @@ def config_folder(paths: Sequence[Path]) -> Path:
 
 def output_paths(folder: str, *, planar: bool = False) -> tuple[str, str]:
     """Names of the parameter file and of the report for the logs in ``folder``."""
-    prefix, suffix = f"{shell_word(folder)}/" if folder else "", "_planar" if planar else ""
-    return f"{prefix}parameters{suffix}.toml", f"{prefix}report{suffix}"
+    prefix = f"{shell_word(folder)}/" if folder else ""
+    file = parameter_file_name(PLANAR.name if planar else YAW.name)
+    return f"{prefix}{file}", f"{prefix}{'report_planar' if planar else 'report'}"
 
 
 def axes_options(*, planar: bool) -> list[str]:

@@ -10,7 +10,7 @@ import typer
 from rovid.core.errors import RovidError
 from rovid.core.input_files import read_toml
 from rovid.export import FORMATS
-from rovid.trial.axis import AXES, PLANAR, YAW
+from rovid.trial.axis import AXES, PLANAR, YAW, parameter_file_name
 
 # The same as `rovid.estimate.thrust_curve.THRUST_UNITS`, which a test checks.
 THRUST_UNITS = ("N", "kN", "kgf", "gf", "lbf")
@@ -68,13 +68,8 @@ def effects() -> list[str]:
 def parameters(context: typer.Context) -> list[str]:
     """Names for --narrow: the parameters in the parameter file, or else those of the plain model."""
     axis = context.params.get("axis") or YAW.name
-    path = Path(context.params.get("parameters") or parameter_file(axis))
+    path = Path(context.params.get("parameters") or parameter_file_name(axis))
     try:
         return list(read_toml(path)["parameters"])
     except (RovidError, LookupError, TypeError):
         return list(BASE)
-
-
-def parameter_file(axis: str) -> str:
-    """Default name of the parameter file."""
-    return "parameters.toml" if axis == YAW.name else f"parameters_{axis}.toml"

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import typer
 
-from rovid.cli import completion
 from rovid.cli.streams import SOON, progress
 from rovid.core.errors import ConfigError
 
@@ -83,7 +82,9 @@ def yaw_parameters(path: Path | None) -> Parameters:
 
 
 def _parameter_path(path: Path | None, axis: str | None) -> Path:
-    return path or Path(completion.parameter_file(named_axis(axis).name))
+    from rovid.trial.axis import parameter_file_name
+
+    return path or Path(parameter_file_name(named_axis(axis).name))
 
 
 def named_axis(name: str | None) -> Axis:

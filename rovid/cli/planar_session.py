@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rovid.cli import completion
 from rovid.cli.context import reserve_outputs, stored_logs, without_stale_values
 from rovid.cli.streams import SOON, progress
 from rovid.core.errors import ConfigError
@@ -81,9 +80,9 @@ def planar_parameters_at(path: Path | None, *, force: bool = False) -> Parameter
 
 
 def _file(path: Path | None) -> Path:
-    from rovid.trial.axis import PLANAR
+    from rovid.trial.axis import PLANAR, parameter_file_name
 
-    return path or Path(completion.parameter_file(PLANAR.name))
+    return path or Path(parameter_file_name(PLANAR.name))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -179,7 +179,6 @@ def _report_planar(
     json: bool,
 ) -> None:
     """Write the page of the coupled model."""
-    from rovid.planar.standard_manoeuvres import model_manoeuvres
     from rovid.present.console import show_caution, show_faults, show_warnings
     from rovid.present.documents.fits import all_warnings, fault_documents, guess_document
     from rovid.present.documents.planar import measures_document
@@ -210,7 +209,7 @@ def _report_planar(
             "answer": report.headline,
         }
         document |= {**files, "parameters": str(session.stored.path), "faults": fault_documents(faults)}
-        document["standard_manoeuvres"] = measures_document(model_manoeuvres(report.full, study.data))
+        document["standard_manoeuvres"] = measures_document(report.manoeuvres)
         print_json(document | guess_document(guess) | {"warnings": all_warnings(guess, notes)})
         return
     show_caution(console(), guess)

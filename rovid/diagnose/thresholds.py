@@ -232,8 +232,9 @@ class Thresholds:
     disturbance is larger than their influence; doubled: exchanged time constants stay."""
     sampling_share: float = 0.1
     """Share of the sampling interval. An effect that changes the simulated rate by less than a shift by it is dropped.
-    Set: decision; interpolation, stamps and integration have errors of this size. True effects of calm campaigns reach
-    1.9 intervals or more. Halved: errors of a simulator's steps become causes; doubled: the same."""
+    Set: decision; interpolation, stamps and integration have errors of this size. Errors of a
+    simulator's steps reached 0.06 of an interval, true effects 0.5 or more. Halved: some of those errors become causes;
+    doubled: no change in these campaigns."""
     sampling_change: float = 0.05
     """Share of the RMS rate. The change of the rate in a sampling interval counts as this much at most: an effect of
     half a percent of the rate is never too small. Set: decision, below the 3 % of a visible cause. Halved or doubled:

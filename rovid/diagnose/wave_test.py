@@ -23,7 +23,8 @@ from rovid.estimate.objective import UNLIMITED, NegativeLogLikelihood
 from rovid.estimate.parametrization import COMMON, DISTURBANCE, MEMORY
 from rovid.signals.preprocessing import Run
 
-# Time constants of a sensor's filter in sampling intervals. Most readings of that test, in whole runs: for its speed.
+# Time constants in sampling intervals of a filter that an INS may have. Largest number of readings in the test for such
+# a filter, which takes whole runs: the test stays fast.
 _FILTERS = 2.0 ** np.arange(-1.0, 5.0)
 _MAX_READINGS = 10_000
 

@@ -45,7 +45,7 @@ def _decay_rate(values: Values) -> float:
 
 
 def _unknown_start(values: Values, rate: float, acceleration: float) -> tuple[float, ...]:
-    """The sway, as a rate of the vehicle."""
+    """The sway of a steady turn, in units of the rate: that of a log that begins under way."""
     return (rate,)
 
 

@@ -1,4 +1,4 @@
-"""Candidate runs of an experiment: holds, stairs, sines, sweeps, random levels, coast-downs, optimised patterns."""
+"""Candidate runs of an experiment: holds, stairs, sines and others of a list, and optimised patterns."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from rovid.trial.vehicle import Vehicle
 LEAD_SECONDS = 4.0
 # Shares of the full command. Convention.
 _LEVELS = (0.3, 0.6, 1.0)
-# Seed of random levels: a plan is the same whenever it is made.
+# Seed of random levels and patterns: a plan is the same whenever it is made.
 _SEED = 20130401
 # Shortest hold in s that a crew and its drives can play; otherwise holds last some time constants. Convention.
 _SHORTEST_HOLD = 8.0
@@ -232,8 +232,6 @@ def _single_thruster(name: str, at: int, scales: RunScales) -> CandidateRun:
 _PATTERN_LEVELS, _HOLDS = 6, (0.15, 10.0)
 # Random patterns and regular ones among which the search starts, searches, and evaluations of each. About 350 in all.
 _RANDOM, _REGULAR, _SEARCHES, _EVALUATIONS = 40, 6, 2, 150
-# Seed of the random patterns: a plan is the same whenever it is made.
-_PATTERN_SEED = 20130401
 
 
 def design_run(worth: Callable[[CandidateRun], float], scales: RunScales, seconds: float) -> CandidateRun:
@@ -245,7 +243,7 @@ def design_run(worth: Callable[[CandidateRun], float], scales: RunScales, second
 
     low, high = np.log(_HOLDS)
     bounds = np.array([(-1.0, 1.0)] * _PATTERN_LEVELS + [(low, high)] * _PATTERN_LEVELS)
-    rng = np.random.default_rng(_PATTERN_SEED)
+    rng = np.random.default_rng(_SEED)
     alternating = np.where(np.arange(_PATTERN_LEVELS) % 2, -1.0, 1.0)
     starts = [np.append(alternating, np.full(_PATTERN_LEVELS, hold)) for hold in np.linspace(low, high, _REGULAR)]
     for _ in range(_RANDOM):

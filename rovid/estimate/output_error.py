@@ -230,8 +230,10 @@ def _bounded(
         values = _solve(instruments, measured, torque, free)
     if not values[0] > 0.0:
         signs = f"{axis.arm_key}, command and {axis.required_signals}"
-        torques, rates = (np.quantile(values, (_FEW, 1.0 - _FEW)) for values in (torque, measured[:, 2]))
-        if torques.min() > -_FEW * torques.max() and rates.min() < -_FEW * rates.max() < 0.0:
+        shares = (_FEW, 1.0 - _FEW)
+        least_torque, most_torque = np.quantile(torque, shares)
+        least_rate, most_rate = np.quantile(measured[:, 2], shares)
+        if least_torque > -_FEW * most_torque and least_rate < -_FEW * most_rate < 0.0:
             raise DataError(
                 f"the {axis.force_name} has one sign, but the vehicle moves both ways.",
                 mend=f"A logged size, as of a motor's current, has no sign: give the {axis.force_name} with its sign.",

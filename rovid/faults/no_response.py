@@ -4,8 +4,8 @@ A log counts where its torque, through the time constant of the other logs, is a
 over that torque is compared with the other logs' median. Quadratic drag alone lets that ratio vary by the square root
 of the torques' ratio, at most twofold here.
 
-A stretch of a log, as on the ground, counts by the same rule with standard deviations in
-windows: a constant torque may balance a tether, a current or friction.
+A stretch of a log, as on the ground, counts by the same rule with standard deviations in windows: a constant torque may
+balance a tether, a current or friction.
 
 While the command is held, the torque by the motion, I rdot + DQ |r| r + DL r, over the torque by the command is near
 one. A log in which this ratio is near zero in every hold does not respond, whatever waves do to it. A ratio that falls

@@ -49,24 +49,21 @@ def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
     model = None if reference is None else fit_quick_model(data.runs, data.vehicle)
     if model is None or min(log.misfit for log in model.logs) > _MAX_MISFIT:
         return
-    if fault := _fault(model.inertia, None, data.vehicle, _QUICK_LIMIT):
-        of_commands = _command_unit(model.inertia, data.runs, data.vehicle, fault)
-        yield Detection(fault=of_commands or _with_commands(fault, data.runs, data.vehicle))
+    others = _other_unit(data.runs, data.vehicle)
+    if fault := _fault(model.inertia, None, data.vehicle, _QUICK_LIMIT, others):
+        yield Detection(fault=_command_unit(model.inertia, data.runs, data.vehicle, fault) or fault)
 
 
-def _with_commands(fault: Fault, runs: Sequence[Run], vehicle: Vehicle) -> Fault:
-    """The ``fault`` with the commands as another explanation, if they look like another unit than the curve's."""
-    commands = np.vstack([run.trial.commands for run in runs])
-    for thruster, column in zip(vehicle.thrusters, commands.T, strict=True):
+def _other_unit(runs: Sequence[Run], vehicle: Vehicle) -> tuple[str, ...]:
+    """The first thruster whose commands look like another unit than its curve, in words; empty without."""
+    for at, thruster in enumerate(vehicle.thrusters):
+        column = np.concatenate([run.trial.commands[:, at] for run in runs])
         values = column[np.isfinite(column) & (column != 0.0)]
         if thruster.curve is not None and values.size and unit_of(values) not in {"", unit_of(thruster.curve.command)}:
             ends = thruster.curve.command[[0, -1]]
-            other = (
-                f"commands in another unit than the curve: {thruster.name} has {values.min():.4g} to "
-                f"{values.max():.4g}, the curve ends at {ends[0]:g} and {ends[1]:g}"
-            )
-            return replace(fault, text=fault.text.replace(". Check", f"; or {other}. Check"))
-    return fault
+            reach = f"{thruster.name} has {values.min():.4g} to {values.max():.4g}"
+            return (f"commands in another unit than the curve: {reach}, the curve ends at {ends[0]:g} and {ends[1]:g}",)
+    return ()
 
 
 def _command_unit(inertia: float, runs: Sequence[Run], vehicle: Vehicle, fault: Fault) -> Fault | None:
@@ -100,14 +97,14 @@ def inertia_fault(inertia: float, error: float, vehicle: Vehicle, runs: Sequence
 
     Commands of ``runs`` may be another explanation.
     """
-    fault = _fault(inertia, error, vehicle, _FIT_LIMIT)
-    return fault if fault is None or not runs else _with_commands(fault, runs, vehicle)
+    return _fault(inertia, error, vehicle, _FIT_LIMIT, _other_unit(runs, vehicle) if runs else ())
 
 
-def _fault(inertia: float, error: float | None, vehicle: Vehicle, limit: float) -> Fault | None:
+def _fault(inertia: float, error: float | None, vehicle: Vehicle, limit: float, others: Sequence[str]) -> Fault | None:
+    """The fault of an inertia beyond the limits; ``others`` are causes besides those by the factor, in words."""
     reference = vehicle.reference_inertia
     if reference is not None and inertia - _SIGNIFICANT * (error or 0.0) > _IMPOSSIBLE * reference:
-        return _too_large(inertia, vehicle, reference)
+        return _too_large(inertia, vehicle, reference, others)
     if reference is None or not 0.0 < inertia + _SIGNIFICANT * (error or 0.0) < limit * reference:
         return None
     ratio = inertia / reference
@@ -117,7 +114,7 @@ def _fault(inertia: float, error: float | None, vehicle: Vehicle, limit: float) 
     text = (
         f"The inertia of these logs is {inertia:.3g} {unit}, {ratio:.2g} times the rigid body's {reference:.4g} "
         f"{unit}, which is impossible: water only adds to it.{_WRONG}"
-        f"{'; or '.join(_UNITS[factor] for factor in fitting) or 'check the thrust'}. "
+        f"{'; or '.join((*(_UNITS[factor] for factor in fitting), *others)) or 'check the thrust'}. "
         f"Check the curve's newtons, {axis.arm_key}, mass and size."
     )
     return Fault(
@@ -129,14 +126,15 @@ def _fault(inertia: float, error: float | None, vehicle: Vehicle, limit: float) 
     )
 
 
-def _too_large(inertia: float, vehicle: Vehicle, reference: float) -> Fault:
+def _too_large(inertia: float, vehicle: Vehicle, reference: float, others: Sequence[str]) -> Fault:
     """An inertia that no body of water explains: rates that are too small, or a thrust that is too large."""
     ratio, unit = inertia / reference, "kg m^2" if vehicle.axis.angular else "kg"
     is_scaled = vehicle.axis.angular and _LEAST_RATIO < ratio / _DEGREES < _LARGEST_RATIO
     cause = "radians that are taken for degrees" if is_scaled else "the unit of thrust, of time, or of the motion"
     text = (
         f"The inertia of these logs is {inertia:.3g} {unit}, {ratio:.2g} times the rigid body's {reference:.4g} "
-        f"{unit}, which no vehicle has.{_WRONG}{cause}. Check the units in rovid.toml, mass and size."
+        f"{unit}, which no vehicle has.{_WRONG}{'; or '.join((cause, *others))}. Check the units in rovid.toml, "
+        "mass and size."
     )
     fault = "scaled_heading" if is_scaled else "thrust_unit"
     return Fault(fault=fault, logs=(), text=text, size=_DEGREES if is_scaled else ratio, stops=True)

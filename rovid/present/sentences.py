@@ -25,7 +25,7 @@ from rovid.model.parameter_names import without_form
 from rovid.preflight.feedback_detection import detect_feedback
 from rovid.present.number_format import format_number
 from rovid.trial.assumptions import Assumptions
-from rovid.trial.axis import PLANAR, YAW, Axis
+from rovid.trial.axis import PLANAR, YAW, Axis, parameter_file_name
 from rovid.trial.trial import Trial
 from rovid.trial.vehicle import Vehicle
 
@@ -218,9 +218,9 @@ class NextStep:
 
 def plan_command(file: Path, axis: Axis) -> str:
     """`rovid plan` with the parameter ``file`` of ``axis``, unless it finds this file by itself."""
-    found = {"parameters.toml"} if axis is YAW else {f"parameters_{axis.name}.toml"}
     axes = ["--axes", "planar"] if axis is PLANAR else []
-    return shlex.join(["rovid", "plan", *axes, *([] if str(file) in found else ["-p", str(file)])])
+    option = [] if str(file) == parameter_file_name(axis.name) else ["-p", str(file)]
+    return shlex.join(["rovid", "plan", *axes, *option])
 
 
 def next_step(diagnosis: Conclusion, run: Mapping[str, Any], plan: str = "rovid plan") -> NextStep:
@@ -277,13 +277,14 @@ def control_verdict(design: ControllerDesign) -> Iterator[tuple[str, str]]:
         yield "The loop is unstable about rest with these gains.", "fail"
         return
     margin = f"{margins.gain_db:.1f} dB" if math.isfinite(margins.gain_db) else "without limit"
-    sizes = f"phase margin {margins.phase_deg:.0f} deg, gain margin {margin}"
+    stability = f"phase margin {margins.phase_deg:.0f} deg, gain margin {margin}"
     if margins.phase_deg < PHASE_MARGIN or margins.sensitivity_peak > SENSITIVITY_PEAK:
         peak = f"peak of the sensitivity {margins.sensitivity_peak:.2f}"
         wanted = f"{PHASE_MARGIN:.0f} deg or more, and a peak of {SENSITIVITY_PEAK:g} or less, are usual"
-        yield f"Stable, but with small margins: {sizes}, {peak} ({wanted}). Lower the bandwidth or the gains.", "warn"
+        advice = "Lower the bandwidth or the gains."
+        yield f"Stable, but with small margins: {stability}, {peak} ({wanted}). {advice}", "warn"
     else:
-        yield f"Stable: {sizes}.", "pass"
+        yield f"Stable: {stability}.", "pass"
     effects = bool(design.model.effects)
     aided, plain = (_steps(design, effects=effects, aided=each) for each in (True, False))
     if not aided or not plain:

@@ -116,6 +116,11 @@ YAW = Axis(name="yaw", position_signals=("heading",), rate_signal="yaw_rate", ar
 PLANAR = Axis(name="planar", position_signals=("heading",), rate_signal="yaw_rate", arm_key="yaw_arm", angular=True)
 
 
+def parameter_file_name(axis: str) -> str:
+    """Default name of the parameter file of an axis."""
+    return "parameters.toml" if axis == YAW.name else f"parameters_{axis}.toml"
+
+
 def _linear(name: str, *positions: str, fix: tuple[str, ...] = ()) -> Axis:
     """Surge, sway or heave."""
     rate = f"{name}_velocity"

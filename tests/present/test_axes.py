@@ -20,7 +20,7 @@ from rovid.model.parameter_names import base_names
 from rovid.present.page import build
 from rovid.present.page.render import write_report
 from rovid.present.page.viewer_data import viewer_document
-from rovid.present.plots import identification, residuals
+from rovid.present.plots import identification, trials
 from rovid.present.report_data import ReportData
 from rovid.present.residuals import residual_torques, rms_sizes
 from rovid.store.parameter_file import Parameters
@@ -110,9 +110,9 @@ def figures(evidence: ReportData) -> list[Figure]:
     drawn = [
         curves,
         identification.plot_inertia_methods(evidence.inertia, None),
-        residuals.plot_overview([(item, item) for item in evidence.simulations]),
-        residuals.plot_trial(evidence.simulations[0]),
-        residuals.plot_residuals(left, evidence.runs.cutoff),
+        trials.plot_overview([(item, item) for item in evidence.simulations]),
+        trials.plot_trial(evidence.simulations[0]),
+        trials.plot_residuals(left, evidence.runs.cutoff),
     ]
     if evidence.drag is None:
         assert evidence.axis.self_righting

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from rovid.present.number_format import shorten_name
-from rovid.present.plots import canvas, identification, residuals
+from rovid.present.plots import canvas, identification, trials
 from rovid.present.report_data import ReportData
 from rovid.present.residuals import residual_torques
 from rovid.present.tables.fits import method_interval
@@ -34,8 +34,8 @@ def figures(day: ReportData) -> dict[str, Figure]:
         "steady": identification.plot_steady_states(day.drag),
         "sines": identification.plot_sine_runs(day.inertia.trials, model, YAW),
         "inertia": identification.plot_inertia_methods(day.inertia, day.vehicle.rigid_body_inertia),
-        "trial": residuals.plot_trial(day.simulations[0]),
-        "residuals": residuals.plot_residuals(residual_torques(day.runs.items, model, day.vehicle), day.runs.cutoff),
+        "trial": trials.plot_trial(day.simulations[0]),
+        "residuals": trials.plot_residuals(residual_torques(day.runs.items, model, day.vehicle), day.runs.cutoff),
         "thrust": curves,
     }
 
@@ -76,7 +76,7 @@ def test_a_journal_gets_its_width_with_all_text_within(day: ReportData, width: s
 
 
 def test_overview_holds_every_trial(day: ReportData) -> None:
-    figure = residuals.plot_overview([(item, item) for item in day.simulations])
+    figure = trials.plot_overview([(item, item) for item in day.simulations])
     titles = [axes.get_title(loc="left") for axes in figure.axes]
     assert [title for title in titles if title] == [item.run.trial.name for item in day.simulations]
 
@@ -123,7 +123,7 @@ def test_figures_ignore_the_users_settings_and_leave_them_alone(day: ReportData)
 
 
 def test_png_is_white_where_nothing_is_drawn_and_small(day: ReportData) -> None:
-    data = canvas.render_png(residuals.plot_trial(day.simulations[0]))
+    data = canvas.render_png(trials.plot_trial(day.simulations[0]))
     image = Image.open(io.BytesIO(data))
     assert image.convert("RGB").getpixel((1, 1)) == (255, 255, 255)
     assert image.size[0] == 1170

@@ -13,7 +13,7 @@ from rovid.effects import Effect, effect_named
 from rovid.model.model import Model
 from rovid.present import residuals
 from rovid.present.plots import canvas
-from rovid.present.plots.residuals import plot_missing_torque
+from rovid.present.plots.trials import plot_missing_torque
 from rovid.present.report_data import ReportData
 from rovid.present.residuals import (
     MissingTorque,

@@ -16,8 +16,8 @@ from rovid.core.output_files import COMPARISON, OutputFile, OutputSet
 from rovid.present.number_format import parameter_title
 from rovid.present.page.templating import long_date, template_environment
 from rovid.present.plots.canvas import WIDTH, render_inline_svg
-from rovid.present.plots.residuals import plot_before_after
 from rovid.present.plots.results import plot_drag, plot_ratios
+from rovid.present.plots.trials import plot_before_after
 from rovid.present.report_data import worst_first
 from rovid.present.sentences import cause_title, comparison_headline, comparison_sentences, document_key
 from rovid.present.tables.diagnosis import changes_table, cross_prediction_table

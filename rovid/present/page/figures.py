@@ -18,7 +18,7 @@ from rovid.diagnose.cross_validation import split_runs
 from rovid.model.simulation import TrialSimulation
 from rovid.present.number_format import format_number, steady_state_words, unit_symbol
 from rovid.present.page.plot_files import FigureDraft, ReportFigure, plot_files, render_draft
-from rovid.present.plots import canvas, identification, residuals, results
+from rovid.present.plots import canvas, identification, results, trials
 from rovid.present.report_data import ReportData, worst_first
 from rovid.present.residuals import missing_without, rms_sizes, unexplained_torques
 from rovid.present.sentences import effect_title
@@ -117,7 +117,7 @@ def _worst(report: ReportData) -> WorstTrialFigure | None:
     before, after = _worst_pair(report)
     drawn, guess = [], report.vehicle.assumptions
     for name, width, rows in (("wide", 5.6, (1.9, 1.0)), ("narrow", 3.9, (0.75, 0.45))):
-        figure = canvas.mark_guessed(residuals.plot_before_after(before, after, width=width, rows=rows), guess)
+        figure = canvas.mark_guessed(trials.plot_before_after(before, after, width=width, rows=rows), guess)
         drawn.append(canvas.render_inline_svg(figure, name))
     caption = f"The worst trial, {before.run.trial.name}, simulated freely."
     return WorstTrialFigure(caption=caption, alt=_error_words(before, after), wide=drawn[0], narrow=drawn[1])
@@ -218,11 +218,11 @@ def _overview(report: ReportData) -> Iterator[FigureDraft]:
     pairs = list(zip(report.simulations_without, report.simulations_with, strict=True))
     models = " by the plain and the extended model" if report.extended else ""
     rate = report.axis.rate_words
-    for sheet, suffix in paginate(pairs, residuals.PER_SHEET):
+    for sheet, suffix in paginate(pairs, trials.PER_SHEET):
         fits = "; ".join(f"{item.run.trial.name} R² {format_number(item.fit.r2, '.4f')}" for _, item in sheet)
         yield FigureDraft(
             f"overview{suffix}",
-            residuals.plot_overview(sheet),
+            trials.plot_overview(sheet),
             caption=f"Measured {rate} of every trial, simulated freely{models}.",
             alt=f"Measured and simulated {rate} over time: {fits}.",
         )
@@ -235,7 +235,7 @@ def _large(items: Sequence[TrialSimulation]) -> Iterator[FigureDraft]:
         name, axis = item.run.trial.name, item.run.trial.axis
         yield FigureDraft(
             f"trial_{place + 1:02d}_{_file_name(name)}",
-            residuals.plot_trial(item),
+            trials.plot_trial(item),
             caption=f"{name}: {axis.force_name}, {axis.rate_words} and the simulation's errors.",
             alt=_error_words(item, item),
         )
@@ -248,7 +248,7 @@ def _residuals(report: ReportData) -> Iterator[FigureDraft]:
     items = unexplained_torques(report.runs, report.parameters.model(), report.vehicle)
     yield FigureDraft(
         "residuals",
-        residuals.plot_residuals(items, report.runs.cutoff),
+        trials.plot_residuals(items, report.runs.cutoff),
         caption=f"Residual {force} against rate, {force} and time, its autocorrelation, and its spectrum.",
         alt=f"Five panels of the residual {force}: against {axis.rate_words}, against {force}, over time, "
         "its autocorrelation and its spectrum.",
@@ -282,7 +282,7 @@ def _drivers(report: ReportData) -> Iterator[tuple[str, FigureDraft]]:
         driver = missing.driver.rpartition(",")[0] or missing.driver
         draft = FigureDraft(
             f"missing_{_file_name(effect.key)}",
-            residuals.plot_missing_torque(missing, axis),
+            trials.plot_missing_torque(missing, axis),
             caption=f"The {axis.force_name} that the model misses without {effect_title(effect, axis)}.",
             alt=f"Missing {axis.force_name} against {driver}: the readings lie about the line of the equation.",
         )
@@ -303,7 +303,7 @@ def _compared(report: ReportData) -> Iterator[FigureDraft]:
     before, after = _worst_pair(report)
     yield FigureDraft(
         "diagnosis_gain",
-        residuals.plot_before_after(before, after, width=canvas.WIDTH, rows=(2.4, 1.5)),
+        trials.plot_before_after(before, after, width=canvas.WIDTH, rows=(2.4, 1.5)),
         caption=f"The worst trial, {before.run.trial.name}, simulated freely by the plain and the extended model.",
         alt=_error_words(before, after),
     )
@@ -320,7 +320,7 @@ def _left_over(report: ReportData) -> Iterator[FigureDraft]:
     was, now = (vehicle.assumptions.mark_number(size, unit) for size in sizes)
     yield FigureDraft(
         "diagnosis_residuals",
-        residuals.plot_residual_comparison(before, after, runs.cutoff),
+        trials.plot_residual_comparison(before, after, runs.cutoff),
         caption=f"The {force} that the model does not explain, by the plain and the extended model: {was} and {now} "
         f"{unit} root mean square.",
         alt=f"Five panels of the residual {force}: {was} {unit} root mean square by the plain model, {now} {unit} "

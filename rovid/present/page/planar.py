@@ -19,6 +19,7 @@ from rovid.core.output_files import OutputSet
 from rovid.diagnose.result import UNIDENTIFIABLE, Finding
 from rovid.planar.diagnosis import PlanarDiagnosis
 from rovid.planar.fit import PlanarFit, is_yaw_alone
+from rovid.planar.manoeuvres import Measures
 from rovid.planar.standard_manoeuvres import SteeringSystem, model_manoeuvres, run_manoeuvres, turning_curve
 from rovid.planar.trial_simulation import PlanarTrialSimulation, missing_forces, worst_run
 from rovid.present.documents.planar import next_planar_experiment
@@ -79,6 +80,7 @@ class PlanarReport:
     before: Sequence[PlanarTrialSimulation]
     after: Sequence[PlanarTrialSimulation]
     missing: MissingForces | None
+    manoeuvres: Measures  #: Standard manoeuvres of the model ``full``.
     headline: str  #: The result in one sentence or two.
     diagnosis: PlanarDiagnosis | None = None
     notes: Sequence[str] = ()
@@ -138,6 +140,7 @@ def build_planar_report(
         before=before,
         after=before if full is base else study.simulate(full.model),
         missing=_missing(study, before, base, full),
+        manoeuvres=model_manoeuvres(full, study.data),
         headline=fit_sentence(full) if diagnosis is None else verdict_sentence(diagnosis, study.vehicle.assumptions),
         diagnosis=diagnosis,
     )
@@ -251,7 +254,7 @@ def _manoeuvre_tables(report: PlanarReport) -> list[ResultTable]:
     data, fit = report.study.data, report.full
     if is_yaw_alone(data):
         return []
-    return run_manoeuvre_tables(run_manoeuvres(fit.model, data)) + model_manoeuvre_tables(model_manoeuvres(fit, data))
+    return run_manoeuvre_tables(run_manoeuvres(fit.model, data)) + model_manoeuvre_tables(report.manoeuvres)
 
 
 def _render(report: PlanarReport, figures: Mapping[str, ReportFigure]) -> str:
@@ -261,6 +264,7 @@ def _render(report: PlanarReport, figures: Mapping[str, ReportFigure]) -> str:
     environment.globals["guess"] = guess
     speeds = [figure for name, figure in figures.items() if name.startswith("planar_speeds")]
     found = report.diagnosis
+    warnings = fit.warnings if found is None or found.extended is None else found.warnings
     causes = () if found is None else found.causes
     context: dict[str, Any] = {
         "vehicle": study.vehicle,
@@ -288,7 +292,7 @@ def _render(report: PlanarReport, figures: Mapping[str, ReportFigure]) -> str:
         "without": planar_simulation_table(report.before) if report.base is not fit else None,
         "simulations": planar_simulation_table(report.after),
         "faults": fault_texts(study.logs.faults),
-        "warnings": [*study.remarks(), *dict.fromkeys((*(found or fit).warnings, *fit.warnings)), *report.notes],
+        "warnings": [*study.remarks(), *warnings, *report.notes],
         "sources": report.stored.sources,
         "today": long_date(datetime.now(UTC).date()),
         "version": __version__,

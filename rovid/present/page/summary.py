@@ -203,7 +203,7 @@ def _no_cause_sentence(report: ReportData) -> str:
         return report.diagnosis_refusal or "No diagnosis was made (--no-diagnosis)."
     if diagnosis.missing:
         return diagnosis.missing
-    if diagnosis.is_cut_short:
+    if diagnosis.is_cut_short and not diagnosis.causes:
         return CUT_SHORT
     if diagnosis.verdict == "unexplained":
         return "No effect of the catalogue explains the remaining error, and it follows no logged signal."

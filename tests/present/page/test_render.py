@@ -19,7 +19,7 @@ from rovid.present.number_format import as_sentence
 from rovid.present.page import figures
 from rovid.present.page.figures import ReportFigures, draw_figures
 from rovid.present.page.render import render_page, write_report
-from rovid.present.plots import residuals
+from rovid.present.plots import trials
 from rovid.present.report_data import ReportData
 from rovid.store.parameter_file import Entry, Parameters, read_source
 from rovid.trial.trial import Campaign
@@ -346,7 +346,7 @@ def test_of_many_trials_all_are_drawn_small_and_the_worst_large(
     day: ReportData, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(figures, "LARGE_PLOTS", 2)
-    monkeypatch.setattr(residuals, "PER_SHEET", 4)
+    monkeypatch.setattr(trials, "PER_SHEET", 4)
     written(tmp_path, replace(day, drag=None, drag_refusal="none.", inertia=None, inertia_refusal="none."))
     assert sorted(path.name for path in (tmp_path / "plots").glob("overview*.png")) == [
         "overview_01.png",

@@ -17,8 +17,8 @@ from rovid.effects import effect_named
 from rovid.present.page.figures import ReportFigures, draw_figures
 from rovid.present.page.render import render_page
 from rovid.present.plots import canvas
-from rovid.present.plots.residuals import plot_before_after, plot_residual_comparison
 from rovid.present.plots.results import plot_alternatives
+from rovid.present.plots.trials import plot_before_after, plot_residual_comparison
 from rovid.present.report_data import ReportData, worst_first
 from rovid.present.residuals import rms_sizes, unexplained_torques
 from rovid.present.tables import diagnosis
