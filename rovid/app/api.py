@@ -173,10 +173,7 @@ class Api:
     def paths(self, names: Sequence[str]) -> list[Path]:
         """Paths of the logs that the page names.
 
-        Raises
-        ------
-        RovidError
-            A log is missing or outside of the root folder.
+        Raises RovidError if a log is missing or outside of the root folder.
         """
         if not names:
             raise ConfigError("no logs were chosen.")
@@ -298,10 +295,7 @@ def _spot(fault: Fault, excerpt: Excerpt) -> Document:
 def _may_replace(files: Mapping[OutputFile, str]) -> bool:
     """Whether the existing rovid.toml was written by the page and not changed since.
 
-    Raises
-    ------
-    OutputError
-        A thrust curve of the page was changed.
+    Raises OutputError if a thrust curve of the page was changed.
     """
     config, *curves = files
     data = read_form_data(_read_text(config.path)) if config.path.is_file() else None

@@ -21,14 +21,9 @@ def columns_document(
 ) -> dict[str, Any]:
     """All columns between ``begin`` and ``end``, in s from the origin of the times in [[leave_out]].
 
-    Parameters
-    ----------
-    needed
-        Sources of the heading (first) and of the commands: the log begins when all of them are known.
-    bins
-        Number of time bins.
-    turns
-        Source of an angle -> a full turn in its unit; it is shown without jumps of whole turns.
+    ``needed``: Sources of the heading (first) and of the commands: the log begins when all of them are known.
+    ``bins``: Number of time bins.
+    ``turns``: Source of an angle -> a full turn in its unit; it is shown without jumps of whole turns.
     """
     turns = turns or {}
     origin = _time_origin(columns, needed)

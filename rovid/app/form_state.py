@@ -47,13 +47,7 @@ class FormState:
 
 
 def parse_form(document: object) -> FormState:
-    """Check and convert the JSON document of the page.
-
-    Raises
-    ------
-    ConfigError
-        The document has another form.
-    """
+    """Check and convert the JSON document of the page. Raises ConfigError if the document has another form."""
     try:
         if not isinstance(document, dict):
             raise TypeError("no object")

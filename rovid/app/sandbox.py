@@ -119,10 +119,7 @@ class RootFolder:
     def path(self, name: str) -> Path:
         """Path of ``name``, which separates its parts by /.
 
-        Raises
-        ------
-        RovidError
-            The path is outside of the folder, or hidden.
+        Raises RovidError if the path is outside of the folder, or hidden.
         """
         parts = [part for part in name.split("/") if part not in {"", "."}]
         path = self.folder
@@ -150,13 +147,7 @@ class RootFolder:
         return "" if path == self.folder else path.relative_to(self.folder).as_posix()
 
     def require(self, paths: Sequence[Path]) -> None:
-        """Refuse logs that are links out of the folder.
-
-        Raises
-        ------
-        RovidError
-            There is such a link.
-        """
+        """Refuse logs that are links out of the folder. Raises RovidError if there is such a link."""
         for path in paths:
             for file in list_files(path, lambda _: None).files:
                 if file.suffix.lower() in FORMATS and not self.contains(file):
@@ -200,10 +191,7 @@ def _is_log(path: Path) -> bool:
 def clean_name(name: str) -> Path:
     """Relative path for an uploaded file, without characters that are not allowed in file names.
 
-    Raises
-    ------
-    RovidError
-        The suffix is not that of a log.
+    Raises RovidError if the suffix is not that of a log.
     """
     parts = [_clean(part) for part in re.split(r"[\\/]", name) if part not in {"", ".", ".."}]
     path = Path(*parts[-_DEEPEST:]) if parts else Path("log")

@@ -226,13 +226,7 @@ def _defect(_: Request, error: Exception) -> Response:
 
 
 def listen(port: int) -> socket.socket:
-    """Open a listening socket on the loopback address.
-
-    Raises
-    ------
-    ConfigError
-        The port is taken.
-    """
+    """Open a listening socket on the loopback address. Raises ConfigError if the port is taken."""
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     if sys.platform != "win32":
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -257,12 +251,8 @@ def serve(
 
     Ctrl-C, SIGTERM and SIGHUP (a closed terminal) end the program alike.
 
-    Parameters
-    ----------
-    ready
-        Called with the address once the server accepts connections.
-    budget
-        Time in s that a diagnosis may take; None: the default of the logs.
+    ``ready``: Called with the address once the server accepts connections.
+    ``budget``: Time in s that a diagnosis may take; None: the default of the logs.
     """
     root = RootFolder.for_logs(logs)
     _end_like_ctrl_c()

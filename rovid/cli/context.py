@@ -139,10 +139,7 @@ def prefetch_logs(
 def write_missing_config(paths: Sequence[Path], axis: Axis) -> list[str]:
     """Write a first rovid.toml if the logs have none, as `rovid init --axis` does, and return remarks on it.
 
-    Raises
-    ------
-    ConfigError
-        A signal was not recognised.
+    Raises ConfigError if a signal was not recognised.
     """
     from rovid.trial.config import NoConfigError, find_config
 
@@ -305,10 +302,7 @@ def without_stale_values(stored: Parameters, study: Study) -> tuple[Parameters, 
 def require_fresh(stored: Parameters, study: Study | None) -> list[str]:
     """Refuse a parameter file whose inputs changed; return remarks on a valid one.
 
-    Raises
-    ------
-    ConfigError
-        An input changed.
+    Raises ConfigError if an input changed.
     """
     from rovid.store.checks import check_freshness
 
@@ -333,10 +327,7 @@ def model_assumptions(stored: Parameters, study: Study | None) -> Assumptions:
 def require_usable(stored: Parameters, study: Study | None, *, force: bool) -> tuple[list[str], Assumptions]:
     """Refuse a parameter file whose inputs changed or, unless forced, are guesses; return remarks and guesses.
 
-    Raises
-    ------
-    ConfigError
-        An input changed, or the values depend on guesses.
+    Raises ConfigError if an input changed, or the values depend on guesses.
     """
     remarks, assumptions = require_fresh(stored, study), model_assumptions(stored, study)
     if assumptions and not force:

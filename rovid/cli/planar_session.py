@@ -21,12 +21,8 @@ if TYPE_CHECKING:
 def is_planar(axes: str | None, axis: str | None, **unsupported: object) -> bool:
     """Whether the coupled model of surge, sway and yaw is wanted.
 
-    ``unsupported`` are options that the coupled model does not have, by name.
-
-    Raises
-    ------
-    ConfigError
-        There are no such ``axes``, or a single ``axis`` or an unsupported option is given as well.
+    ``unsupported`` are options that the coupled model does not have, by name. Raises ConfigError if there are no such
+    ``axes``, or a single ``axis`` or an unsupported option is given as well.
     """
     from rovid.trial.axis import PLANAR
 
@@ -48,10 +44,7 @@ def is_planar(axes: str | None, axis: str | None, **unsupported: object) -> bool
 def planar_parameters(path: Path | None) -> Parameters:
     """The parameter file of the coupled model, which has to exist.
 
-    Raises
-    ------
-    ConfigError
-        The file is missing or damaged, or holds the parameters of one axis.
+    Raises ConfigError if the file is missing or damaged, or holds the parameters of one axis.
     """
     from rovid.store.load import read_parameters
     from rovid.trial.axis import PLANAR

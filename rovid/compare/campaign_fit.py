@@ -133,13 +133,7 @@ class SharedEstimate:
 
 
 def campaign_from_study(study: Study, name: str) -> CampaignFit:
-    """A campaign of logs without a diagnosis.
-
-    Raises
-    ------
-    DataError
-        The study holds tables.
-    """
+    """A campaign of logs without a diagnosis. Raises DataError if the study holds tables."""
     if study.runs is None:
         raise DataError("holds tables; logs, or a parameter file, were expected.", where=name, mend="Give logs.")
     provenance = study.provenance
@@ -156,13 +150,7 @@ def campaign_from_study(study: Study, name: str) -> CampaignFit:
 def campaign_from_parameters(
     stored: Parameters, name: str, detection_limits: Mapping[str, float] | None = None
 ) -> CampaignFit:
-    """A campaign from the content of a parameter file.
-
-    Raises
-    ------
-    DataError
-        The inertia or the drag is missing.
-    """
+    """A campaign from the content of a parameter file. Raises DataError if the inertia or the drag is missing."""
     names = [base for base in base_names(stored.axis) if base in stored.entries]
     if "quadratic_drag" not in names or ("inertia" not in names and not stored.per_inertia):
         text = "holds no inertia or no drag, which a comparison needs."
@@ -182,10 +170,7 @@ def campaign_from_parameters(
 def campaign_from_file(path: Path, name: str) -> CampaignFit:
     """A campaign from a parameter file, with the detection limits in its history.
 
-    Raises
-    ------
-    RovidError
-        The file cannot be read, or the inertia or the drag is missing.
+    Raises RovidError if the file cannot be read, or the inertia or the drag is missing.
     """
     stored = read_parameters(path)
     if stored.axis is PLANAR:
@@ -198,12 +183,7 @@ def campaign_from_file(path: Path, name: str) -> CampaignFit:
 def previous_campaign(stored: Parameters) -> CampaignFit:
     """The last model in the history of ``stored`` that was fitted to other logs, or else the last different model.
 
-    Raises
-    ------
-    DataError
-        The history has no such model.
-    ConfigError
-        The history is damaged.
+    Raises DataError if the history has no such model. Raises ConfigError if the history is damaged.
     """
     digests = frozenset(source.sha256 for source in stored.sources)
     records = list(read_history(stored.path))
@@ -228,13 +208,7 @@ def _is_same_model(one: Parameters, other: Parameters) -> bool:
 
 
 def with_diagnosis(campaign: CampaignFit, report: Callable[[str], None] = lambda _: None) -> CampaignFit:
-    """``campaign`` with the diagnosis of its logs.
-
-    Raises
-    ------
-    DataError
-        The data do not suffice.
-    """
+    """``campaign`` with the diagnosis of its logs. Raises DataError if the data do not suffice."""
     if campaign.study is None or campaign.diagnosis is not None:
         return campaign
     study = campaign.study
@@ -247,12 +221,8 @@ def with_diagnosis(campaign: CampaignFit, report: Callable[[str], None] = lambda
 def shared_estimate(campaign: CampaignFit, effects: Sequence[Effect]) -> SharedEstimate:
     """Estimate of inertia, drag and ``effects``: a joint fit for logs, the stored values for a parameter file.
 
-    The fit includes a constant torque, because another trim of the day is no change of the vehicle.
-
-    Raises
-    ------
-    DataError
-        The excitation does not suffice.
+    The fit includes a constant torque, because another trim of the day is no change of the vehicle. Raises DataError if
+    the excitation does not suffice.
     """
     if campaign.stored_estimate is not None:
         return _stored_estimate(campaign, campaign.stored_estimate, effects)

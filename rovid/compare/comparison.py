@@ -80,14 +80,8 @@ def compare(
 ) -> Comparison:
     """Compare two campaigns; logs are diagnosed if they are not yet.
 
-    Both campaigns are fitted with the causes of either, because otherwise the models would differ.
-
-    Raises
-    ------
-    ConfigError
-        The campaigns are of different vehicles.
-    DataError
-        A campaign holds too few data.
+    Both campaigns are fitted with the causes of either, because otherwise the models would differ. Raises ConfigError
+    if the campaigns are of different vehicles. Raises DataError if a campaign holds too few data.
     """
     warnings = list(_input_warnings(a, b))
     a, b = with_diagnosis(a, report), with_diagnosis(b, report)
@@ -125,10 +119,7 @@ def compare(
 def _input_warnings(a: CampaignFit, b: CampaignFit) -> Iterator[str]:
     """Warnings on differences of the vehicles and on shared logs.
 
-    Raises
-    ------
-    ConfigError
-        The axes or the thrusters differ.
+    Raises ConfigError if the axes or the thrusters differ.
     """
     if a.axis is not b.axis:
         raise ConfigError(

@@ -83,12 +83,8 @@ class PlanarComparison:
 def planar_campaigns(paths: tuple[Path, Path], report: Callable[[str], None]) -> tuple[PlanarCampaign, PlanarCampaign]:
     """The campaigns of two parameter files or folders of logs.
 
-    Folders are diagnosed, and fitted with the causes of either campaign; causes of one day stay with their own.
-
-    Raises
-    ------
-    ConfigError
-        A parameter file holds the parameters of one axis.
+    Folders are diagnosed, and fitted with the causes of either campaign; causes of one day stay with their own. Raises
+    ConfigError if a parameter file holds the parameters of one axis.
     """
     sides = [_opened(path, report) for path in paths]
     shared = [effect for side in sides for effect in side.effects if not effect.environmental]

@@ -116,10 +116,7 @@ class ActuatorProbe:
     def frequency_response(self, model: Model) -> tuple[FloatArray, ComplexArray]:
         """Frequencies in rad/s and the (f,) describing function from wanted to acting torque.
 
-        Raises
-        ------
-        DataError
-            An effect acts between command and torque, and the thrusters turn the vehicle one way only.
+        Raises DataError if an effect acts between command and torque, and the thrusters turn the vehicle one way only.
         """
         if model.actuators.is_plain and self.allocation.inverse:
             return self.frequencies, np.ones(_FREQUENCIES, dtype=np.complex128)

@@ -139,12 +139,8 @@ def _rounded(value: float) -> float:
 def mixed_commands(vehicle: Vehicle, model: Model) -> Allocation:
     """Each thruster at the share of its range that is the output, in the sense of the torque, as an autopilot's mixer.
 
-    The curve of the torque is not inverted: ``torque`` is the output times the smaller torque of full output.
-
-    Raises
-    ------
-    DataError
-        The thrusters turn the vehicle one way only.
+    The curve of the torque is not inverted: ``torque`` is the output times the smaller torque of full output. Raises
+    DataError if the thrusters turn the vehicle one way only.
     """
     columns = []
     for thruster, neutral in zip(vehicle.thrusters, neutral_commands(vehicle), strict=True):
@@ -172,14 +168,9 @@ def autopilot_loop(
 ) -> tuple[AutopilotLaw, OpenLoop, ActuatorProbe]:
     """Law and loop of ``autopilot`` at the natural frequency ``bandwidth`` in rad/s, by default the largest one.
 
-    The actuators have the amplitude of the torque in use or of full output, whichever has the larger gain.
-    The probe repeats their response for another model. ``gains_of`` maps the bandwidth to kp and kd in N m/rad and
-    N m s/rad.
-
-    Raises
-    ------
-    DataError
-        No bandwidth has sufficient margins, or the thrusters turn the vehicle one way only.
+    The actuators have the amplitude of the torque in use or of full output, whichever has the larger gain. The probe
+    repeats their response for another model. ``gains_of`` maps the bandwidth to kp and kd in N m/rad and N m s/rad.
+    Raises DataError if no bandwidth has sufficient margins, or the thrusters turn the vehicle one way only.
     """
     mixer, fastest = mixed_commands(vehicle, model), model.steady_rate(conditions.torque_in_use)
     probes = [

@@ -105,10 +105,7 @@ def design_controller(
 ) -> ControllerDesign:
     """Design a controller, and simulate it.
 
-    Raises
-    ------
-    DataError
-        No bandwidth has sufficient margins, or the thrusters cannot turn the vehicle both ways.
+    Raises DataError if no bandwidth has sufficient margins, or the thrusters cannot turn the vehicle both ways.
     """
     model, autopilot = parameters.model(), AUTOPILOTS.get(options.law)
     if not vehicle.thrusters and autopilot is not None:

@@ -22,13 +22,7 @@ _ENVIRONMENT = 0.1
 
 @dataclass(frozen=True, kw_only=True)
 class ControllerOptions:
-    """Options of `rovid control`.
-
-    Raises
-    ------
-    ConfigError
-        An option has an invalid value.
-    """
+    """Options of `rovid control`. Raises ConfigError if an option has an invalid value."""
 
     kp: float | None = None
     kd: float | None = None

@@ -63,14 +63,9 @@ class RovidError(Exception):
 
     Quoted text appears as by `display_text`, and the whole message has less than 2000 characters.
 
-    Parameters
-    ----------
-    message
-        What was found and what was expected.
-    where
-        File, line, column or topic; printed before the message.
-    mend
-        What the user can do; printed after the message.
+    ``message``: What was found and what was expected.
+    ``where``: File, line, column or topic; printed before the message.
+    ``mend``: What the user can do; printed after the message.
     """
 
     def __init__(self, message: str, *, where: object = "", mend: str = "") -> None:
@@ -112,10 +107,7 @@ def close_matches(wanted: str, present: Iterable[str], also: Mapping[str, str] =
     These are names that contain ``wanted`` as a word (`lag` of `thruster_lag`), names with a synonym like it, names
     that it abbreviates (`hdg` for `heading`), and names with a similar spelling.
 
-    Parameters
-    ----------
-    also
-        Synonym -> name.
+    ``also``: Synonym -> name.
     """
     # Only the beginnings are compared: the cost must not depend on the longest name of a file.
     names = {str(name)[:NAME_LENGTH].lower(): str(name) for name in islice(present, _SEARCHED)}

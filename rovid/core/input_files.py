@@ -59,10 +59,7 @@ def special_kind(path: Path) -> str:
 def require_regular(path: Path, error: type[RovidError] = ConfigError) -> None:
     """Refuse a path that is neither a regular file nor a folder.
 
-    Raises
-    ------
-    RovidError
-        The path is a pipe, a socket, a device, or a link in a loop.
+    Raises RovidError if the path is a pipe, a socket, a device, or a link in a loop.
     """
     if kind := special_kind(path):
         raise error(f"is {kind}; a file was expected.", where=path, mend="Write its content to a file first.")
@@ -71,10 +68,8 @@ def require_regular(path: Path, error: type[RovidError] = ConfigError) -> None:
 def require_exists(path: Path, error: type[RovidError] = ConfigError) -> None:
     """Refuse a path at which there is neither a regular file nor a folder.
 
-    Raises
-    ------
-    RovidError
-        There is nothing, it cannot be reached, or it is a pipe, a socket, a device, or a link in a loop.
+    Raises RovidError if there is nothing, it cannot be reached, or it is a pipe, a socket, a device, or a link in a
+    loop.
     """
     require_regular(path, error)
     try:
@@ -98,10 +93,7 @@ def _nearest_names(path: Path) -> str:
 def list_files(path: Path, unreadable: Callable[[OSError], None]) -> FolderContents:
     """All files in a folder and the folders inside it, or the file ``path`` itself. Links to folders are not followed.
 
-    Parameters
-    ----------
-    unreadable
-        Called for each inner folder that cannot be read.
+    ``unreadable``: Called for each inner folder that cannot be read.
     """
     if not path.is_dir():
         return FolderContents(files=(path,), special_files={})
@@ -138,15 +130,9 @@ _INTEGER_LIMIT = 1 << 63  # TOML guarantees 64 bits
 def read_toml(path: Path, mend: str = "") -> dict[str, Any]:
     """The document in ``path``, with integers of 64 bits at most.
 
-    Parameters
-    ----------
-    mend
-        Advice for a file that is not TOML.
+    Raises ConfigError if the file cannot be read, is too large, or is not TOML.
 
-    Raises
-    ------
-    ConfigError
-        The file cannot be read, is too large, or is not TOML.
+    ``mend``: Advice for a file that is not TOML.
     """
     require_regular(path)
     try:

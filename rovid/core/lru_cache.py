@@ -25,11 +25,8 @@ class SizedCache:
     A key that holds a weak reference does not keep its object alive. Several threads may compute the same value at
     once.
 
-    Parameters
-    ----------
-    evict_randomly
-        For keys that are used in a fixed order again and again: the least recently used value is then needed next. A
-        random value is evicted instead, and the latest is kept however large it is.
+    ``evict_randomly``: For keys that are used in a fixed order again and again: the least recently used value is then
+        needed next. A random value is evicted instead, and the latest is kept however large it is.
     """
 
     def __init__(self, max_bytes: int, *, evict_randomly: bool = False) -> None:

@@ -127,19 +127,11 @@ class OutputFile:
 class OutputSet:
     """Files that are written together. The constructor checks before the work that they can be written.
 
-    Parameters
-    ----------
-    outputs
-        The files.
-    force
-        Whether files that rovid did not write may be replaced.
-    protected
-        Files that are never replaced, whatever they contain.
+    Raises OutputError if a file must not be replaced, or its folder cannot be written.
 
-    Raises
-    ------
-    OutputError
-        A file must not be replaced, or its folder cannot be written.
+    ``outputs``: The files.
+    ``force``: Whether files that rovid did not write may be replaced.
+    ``protected``: Files that are never replaced, whatever they contain.
     """
 
     def __init__(self, outputs: Sequence[OutputFile], *, force: bool = False, protected: Iterable[Path] = ()) -> None:
@@ -163,10 +155,7 @@ class OutputSet:
     def write(self, contents: Mapping[OutputFile, Content], *, stale: Iterable[Path] = ()) -> None:
         """Write all files and delete the ``stale`` ones, or change nothing.
 
-        Raises
-        ------
-        OutputError
-            The files cannot be written after all. The message says where they were saved instead.
+        Raises OutputError if the files cannot be written after all. The message says where they were saved instead.
         """
         data: dict[OutputFile, bytes] = {}
         try:
@@ -192,10 +181,7 @@ class OutputSet:
     def save_elsewhere(self, contents: Mapping[OutputFile, bytes], reason: RovidError) -> NoReturn:
         """Save the contents in a new folder, because of a ``reason`` why they cannot go to their places.
 
-        Raises
-        ------
-        OutputError
-            Always, with the reason and the new folder.
+        Raises OutputError always, with the reason and the new folder.
         """
         top = Path(os.path.commonpath([output.target.parent for output in contents]))
         files = {os.path.relpath(output.target, top): content for output, content in contents.items()}

@@ -41,10 +41,8 @@ def parallel_map(
 
     Results are pickled on the way from one process to another. They must not be compared by identity.
 
-    Parameters
-    ----------
-    use_threads
-        Whether threads may run ``function`` if there are no workers. If not, the items are done one after the other.
+    ``use_threads``: Whether threads may run ``function`` if there are no workers. If not, the items are done one after
+        the other.
     """
     team, every = _TEAM, list(items)
     if team is not None:
@@ -92,10 +90,7 @@ def can_fork() -> bool:
 def fork_process() -> int:
     """Fork this process: the process number of the copy, 0 in the copy.
 
-    Raises
-    ------
-    OSError
-        The system has no room for another process.
+    Raises OSError if the system has no room for another process.
     """
     with warnings.catch_warnings():
         # Other threads wait for work meanwhile. They hold no lock that the copy needs.

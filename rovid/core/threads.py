@@ -66,13 +66,7 @@ def thread_map(function: Callable[[Item], Result], items: Iterable[Item]) -> lis
 
 
 def core_count() -> int:
-    """How many cores this process may use.
-
-    Raises
-    ------
-    ConfigError
-        The environment variable is not a number of cores.
-    """
+    """How many cores this process may use. Raises ConfigError if the environment variable is not a number of cores."""
     available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     wanted = os.environ.get(CORES_VARIABLE, str(available))
     if not wanted.isdecimal() or int(wanted) < 1:

@@ -106,11 +106,7 @@ def replace_files(contents: Mapping[Path, bytes], stale: Sequence[Path], folders
     """Write all ``contents`` and delete all ``stale`` files, or change nothing.
 
     The caller holds the locks of ``folders``, which are the folders of all these files. A single file needs no journal.
-
-    Raises
-    ------
-    OSError
-        A file cannot be written. Nothing was changed.
+    Raises OSError if a file cannot be written. Nothing was changed.
     """
     name = _PREFIX + secrets.token_hex(8) + _JOURNAL_SUFFIX
     transaction = _Transaction(
@@ -168,12 +164,8 @@ def _sync_folders(folders: Iterable[Path]) -> None:
 def locked(folders: Iterable[Path]) -> Iterator[None]:
     """Keep other rovid processes from writing in ``folders``, after recovery of interrupted sets there.
 
-    Raises
-    ------
-    OSError
-        A folder cannot be written.
-    OutputError
-        Another process holds the lock of a folder for longer than a minute.
+    Raises OSError if a folder cannot be written. Raises OutputError if another process holds the lock of a folder for
+    longer than a minute.
     """
     wanted = set(folders)
     while True:

@@ -289,17 +289,11 @@ def fit_candidates(
 ) -> tuple[list[FitResult], list[FitResult]]:
     """Fit the shortlisted forms in stages, all parameters together; return those fitted to the end, and those left.
 
-    Parameters
-    ----------
-    may_lead
-        Whether a model may be selected. A fit stops where it cannot reach the best of those.
-    known
-        Converged models by the key of the added effect; they are not fitted again.
-    others
-        Forms outside of the shortlist. They are fitted where their cause leads, because score tests do not order the
-        forms of a large effect.
-    budget
-        At its end no fit is begun, and no fit is refined.
+    ``may_lead``: Whether a model may be selected. A fit stops where it cannot reach the best of those.
+    ``known``: Converged models by the key of the added effect; they are not fitted again.
+    ``others``: Forms outside of the shortlist. They are fitted where their cause leads, because score tests do not
+        order the forms of a large effect.
+    ``budget``: At its end no fit is begun, and no fit is refined.
     """
     words = f"Model with {model_words(current)}"
 

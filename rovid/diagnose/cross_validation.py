@@ -362,12 +362,8 @@ def position_std_after(
 ) -> float:
     """Standard deviation of the position in rad or m after ``seconds``, of the motion linearised at ``rate``.
 
-    Parameters
-    ----------
-    disturbance
-        Standard deviation in N m and correlation time in s of the disturbance torque.
-    initial
-        Variances of position and rate at the start.
+    ``disturbance``: Standard deviation in N m and correlation time in s of the disturbance torque.
+    ``initial``: Variances of position and rate at the start.
     """
     torque, memory = disturbance
     slope = 2.0 * model.quadratic_drag * rate + model.linear_drag

@@ -44,10 +44,7 @@ class EffectTrial:
 def try_effect(prepared: PreparedRuns, vehicle: Vehicle, forms: Sequence[Effect], budget: Budget) -> EffectTrial:
     """Fit all ``forms`` of an effect next to the plain model, and next to the causes that the diagnosis selects.
 
-    Raises
-    ------
-    DataError
-        There are too few data.
+    Raises DataError if there are too few data.
     """
     runs = prepared.items
     if (parts := split_runs(runs, vehicle, prepared.cutoff)) is not None:

@@ -30,14 +30,10 @@ def posterior_probability(
 ) -> float:
     """Probability that one of the causes ``equivalent`` acts, rather than another one or none.
 
-    Parameters
-    ----------
-    bic_gains
-        Cause -> BIC gain of its best form (nats); its exponential is the Bayes factor (Schwarz 1978).
-    causes_tried
-        Number of causes tested, including those that were not fitted. They share the prior odds that any acts.
-    cap
-        Largest probability; see `probability_not_a_stand_in`.
+    ``bic_gains``: Cause -> BIC gain of its best form (nats); its exponential is the Bayes factor (Schwarz 1978).
+    ``causes_tried``: Number of causes tested, including those that were not fitted. They share the prior odds that any
+        acts.
+    ``cap``: Largest probability; see `probability_not_a_stand_in`.
     """
     # Relative to the largest, because its exponential may overflow.
     top = max([0.0, *bic_gains.values()])
@@ -225,18 +221,11 @@ def grade(
 ) -> Evidence:
     """Evidence for a cause.
 
-    Parameters
-    ----------
-    probability
-        That the cause, or one that cannot be told from it, acts.
-    held_out_gain
-        Log-likelihood gain on trials that were not fitted, in nats.
-    standard_errors
-        Distance of the size from its value without the effect.
-    white
-        Whether the one-step prediction errors are white.
-    is_conclusive
-        Whether the search came to its end, and no other cause explains the logs as well.
+    ``probability``: That the cause, or one that cannot be told from it, acts.
+    ``held_out_gain``: Log-likelihood gain on trials that were not fitted, in nats.
+    ``standard_errors``: Distance of the size from its value without the effect.
+    ``white``: Whether the one-step prediction errors are white.
+    ``is_conclusive``: Whether the search came to its end, and no other cause explains the logs as well.
     """
     established = probability >= ESTABLISHED
     is_far = standard_errors >= THRESHOLDS.confirmed_standard_errors

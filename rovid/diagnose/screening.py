@@ -311,12 +311,9 @@ def shortlist(
 ) -> list[ScoreTest]:
     """Forms that deserve a fit: the best forms of the best effects, and simpler ones.
 
-    Parameters
-    ----------
-    threshold, share
-        A form needs a predicted gain of ``share`` times the sum of its BIC penalty and the ``threshold``.
-    known_gain
-        Largest gain of a model that has been fitted already.
+    ``threshold``, ``share``: A form needs a predicted gain of ``share`` times the sum of its BIC penalty and the
+        ``threshold``.
+    ``known_gain``: Largest gain of a model that has been fitted already.
     """
     penalty = bic_penalty(current.objective)
 

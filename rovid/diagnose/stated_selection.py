@@ -49,10 +49,7 @@ class StatedSelection:
 def state(selection: Selection) -> StatedSelection:
     """The ``selection`` as it is stated, without effects whose size the stated errors leave open.
 
-    Raises
-    ------
-    DataError
-        The inertia is not determined.
+    Raises DataError if the inertia is not determined.
     """
     while True:
         require_swing(selection.model)

@@ -215,17 +215,10 @@ def diagnose_tables(
 ) -> TableDiagnosis:
     """Find effects with which one model agrees with every row of the tables.
 
-    Parameters
-    ----------
-    drag
-        From steady turns; where their table is given, the drag is fitted again together with the sines.
-    rigid_body
-        Smallest inertia of an explanation in kg m^2.
+    Raises RovidError if a cell is no number, or no drag is known.
 
-    Raises
-    ------
-    RovidError
-        A cell is no number, or no drag is known.
+    ``drag``: From steady turns; where their table is given, the drag is fitted again together with the sines.
+    ``rigid_body``: Smallest inertia of an explanation in kg m^2.
     """
     from rovid.model.kernels import is_compiled
 

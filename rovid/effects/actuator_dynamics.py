@@ -115,12 +115,8 @@ def rotor_speed(speed: float, push: float, interval: float) -> float:
 def rotor_lagged(time: FloatArray, thrust: FloatArray, time_constant: float) -> FloatArray:
     """Mean thrust until the next instant of a rotor with square-law load (Yoerger et al. 1990).
 
-    Parameters
-    ----------
-    thrust
-        (n,) held steady thrust of the rotor, over the reference thrust.
-    time_constant
-        s; for small changes at the reference thrust: n' = (thrust - n*|n|) / (2*time_constant).
+    ``thrust``: (n,) held steady thrust of the rotor, over the reference thrust.
+    ``time_constant``: s; for small changes at the reference thrust: n' = (thrust - n*|n|) / (2*time_constant).
     """
     n = len(time)
     out = np.empty(n)

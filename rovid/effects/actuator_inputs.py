@@ -228,14 +228,9 @@ def actuator_inputs(
 ) -> ActuatorInputs:
     """Inputs of the effects between command and torque for one trial.
 
-    Parameters
-    ----------
-    subdivision
-        Number of parts of each interval between two instants.
-    at
-        Selected instants; all if None.
-    subdivided
-        Which of the intervals after these are subdivided; all if None.
+    ``subdivision``: Number of parts of each interval between two instants.
+    ``at``: Selected instants; all if None.
+    ``subdivided``: Which of the intervals after these are subdivided; all if None.
     """
     selection = None if at is None else SampleSelection.of(trial.time, at)
     time = trial.time if at is None else trial.time[at]

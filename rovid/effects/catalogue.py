@@ -128,10 +128,7 @@ def restoring_effect(axis: Axis) -> Effect | None:
 def load_plugins(files: Sequence[Path]) -> None:
     """Add the effects in these ``files`` of the user; see `rovid.effects.plugins`.
 
-    Raises
-    ------
-    ConfigError
-        A file does not exist.
+    Raises ConfigError if a file does not exist.
     """
     load_files(files, EFFECTS)
 
@@ -139,10 +136,7 @@ def load_plugins(files: Sequence[Path]) -> None:
 def require_free_id(name: str) -> None:
     """Refuse a name that no new effect can have.
 
-    Raises
-    ------
-    ConfigError
-        The name is taken, or has other signs than lower-case letters, digits and _.
+    Raises ConfigError if the name is taken, or has other signs than lower-case letters, digits and _.
     """
     if not is_id(name):
         mend = "Use lower-case letters, digits and _, as in my_effect."
@@ -161,14 +155,9 @@ def forms_for(
 ) -> tuple[Effect, ...]:
     """All forms that can be tried.
 
-    Parameters
-    ----------
-    channels
-        Further channels in the logs.
-    trials
-        Names of the trials.
-    repeated
-        Names of trials with enough data to fit a size for each trial.
+    ``channels``: Further channels in the logs.
+    ``trials``: Names of the trials.
+    ``repeated``: Names of trials with enough data to fit a size for each trial.
     """
     found: list[Effect] = []
     # The thrust ahead replaces a speed that is not logged.
@@ -206,10 +195,7 @@ def _thruster_forms(vehicle: Vehicle) -> list[Effect]:
 def effect_named(name: str) -> Effect:
     """The effect with this id, or the form with this key (``id:form``).
 
-    Raises
-    ------
-    ConfigError
-        There is none. The message offers the nearest ids.
+    Raises ConfigError if there is none. The message offers the nearest ids.
     """
     for effect in (*every_form(), *PLANAR_FORMS, CLOCKS_APART):
         if effect.key == name and not effect.per_thruster:

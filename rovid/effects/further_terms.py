@@ -61,10 +61,7 @@ def flattened(at: Any, p: Any, x: Any) -> Any:
 def address_of(effect: Effect) -> int:
     """Address of the compiled term of ``effect``, which the compiled loops take for its kind.
 
-    Raises
-    ------
-    numba.errors.NumbaError
-        The term cannot be compiled.
+    Raises numba.errors.NumbaError if the term cannot be compiled.
     """
     term = effect.acts
     assert isinstance(term, Term)  # noqa: S101 - only terms are compiled

@@ -101,13 +101,7 @@ def new_files(name: str) -> dict[str, str]:
 
 
 def forms_of(path: Path) -> tuple[Effect, ...]:
-    """The forms that were loaded from the file at ``path``.
-
-    Raises
-    ------
-    ConfigError
-        The plug-in was left out.
-    """
+    """The forms that were loaded from the file at ``path``. Raises ConfigError if the plug-in was left out."""
     forms = tuple(form for form in _LOADED.forms if (_LOADED.origins or {})[form.id].plugin == path.name)
     if not forms:
         raise ConfigError("holds no effect that can be used; the reason stands above.", where=path, mend="Correct it.")
@@ -117,10 +111,7 @@ def forms_of(path: Path) -> tuple[Effect, ...]:
 def load_files(paths: Sequence[Path], taken: Sequence[str]) -> None:
     """Add the effects of the files at ``paths`` to those of the catalogue, the ids of which are ``taken``.
 
-    Raises
-    ------
-    ConfigError
-        A file does not exist.
+    Raises ConfigError if a file does not exist.
     """
     further_forms(taken)
     for path in paths:
@@ -156,10 +147,7 @@ def origin(effect_id: str) -> Origin | None:
 def require_origins(origins: Mapping[str, Origin], where: Path) -> None:
     """Refuse values that were fitted with a plug-in that is not loaded, or with another version.
 
-    Raises
-    ------
-    ConfigError
-        The message names the effect, the plug-in and its version.
+    Raises ConfigError. The message names the effect, the plug-in and its version.
     """
     for name, fitted in origins.items():
         loaded = origin(name)

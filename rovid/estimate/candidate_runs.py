@@ -85,10 +85,7 @@ class RunScales:
     def from_trials(cls, model: Model, vehicle: Vehicle, trials: Sequence[Trial], share: float) -> RunScales:
         """Scales for the given ``share`` of the commands that ``trials`` used.
 
-        Raises
-        ------
-        DataError
-            The thrusters push one way only.
+        Raises DataError if the thrusters push one way only.
         """
         commands = np.vstack([trial.commands for trial in trials])
         inputs = actuator_inputs(vehicle, trials[0])

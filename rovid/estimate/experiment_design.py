@@ -127,11 +127,7 @@ def plan_experiment(
     """Rank candidate runs that distinguish two models, or that improve the ``parameter`` of one model.
 
     With ``limits.design``, a run with optimised levels and switching times, as long as the best run, is one of them.
-
-    Raises
-    ------
-    DataError
-        There are no thrusters, they push one way only, or no run stays within the limits.
+    Raises DataError if there are no thrusters, they push one way only, or no run stays within the limits.
     """
     require_thrusters(vehicle)
     names = tuple(thruster.name for thruster in vehicle.thrusters)
@@ -180,13 +176,7 @@ def _designed_run(
 
 
 def require_thrusters(vehicle: Vehicle) -> None:
-    """Refuse to plan commands for a vehicle without thrusters.
-
-    Raises
-    ------
-    DataError
-        There are no thrusters.
-    """
+    """Refuse to plan commands for a vehicle without thrusters. Raises DataError if there are no thrusters."""
     if not vehicle.thrusters:
         raise DataError(
             f"nothing drives the vehicle in {vehicle.axis.name}: there are no commands to plan.",
@@ -213,12 +203,7 @@ def rank_runs(
     """Expected information of the runs within ``limits``, the best first.
 
     Of two models, decisive runs come first, by gain per minute, and then the others by gain. For a ``parameter``, the
-    order is by gain per minute.
-
-    Raises
-    ------
-    DataError
-        No run stays within the limits.
+    order is by gain per minute. Raises DataError if no run stays within the limits.
     """
     every = thread_map(lambda run: _expected_information(run, models, vehicle, limits, parameter), runs)
     within = [one for one in every if one is not None]

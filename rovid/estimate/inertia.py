@@ -65,17 +65,10 @@ class InertiaFit:
 def fit_inertia(runs: Sequence[Run], *, drag: Estimate | None, rigid_body: float | None) -> InertiaFit:
     """Inertia from sine runs and from all excited data.
 
-    Parameters
-    ----------
-    drag
-        Steady drag, where it is known; two of the sine methods use it.
-    rigid_body
-        Rigid-body inertia in kg m^2 or kg.
+    Raises DataError if no method has the data it needs, or the ratio to the rigid body's inertia is impossible.
 
-    Raises
-    ------
-    DataError
-        No method has the data it needs, or the ratio to the rigid body's inertia is impossible.
+    ``drag``: Steady drag, where it is known; two of the sine methods use it.
+    ``rigid_body``: Rigid-body inertia in kg m^2 or kg.
     """
     axis = runs[0].trial.axis
     if not runs[0].trial.has_actuators:
@@ -250,14 +243,10 @@ def fit_inertia_table(table: CsvTable, *, drag: Estimate | None, rigid_body: flo
     """Inertia from the amplitudes of sine trials in a table.
 
     Columns: period_s, torque_amplitude_Nm, peak_yaw_rate_rad_s; optional trial, peak_acceleration_rad_s2 and
-    steady_torque_Nm (for the peak method), quadratic_drag and linear_drag (else the fitted drag is used).
-    Amplitudes without phase give I = sqrt(T1^2 - D^2)/(w A) with D = 8/(3 pi) DQ A^2 + DL A. The standard error is
-    that of the last printed digit of the rate.
-
-    Raises
-    ------
-    DataError
-        The torque is smaller than the drag, a period or an amplitude is not above 0, or no drag is known.
+    steady_torque_Nm (for the peak method), quadratic_drag and linear_drag (else the fitted drag is used). Amplitudes
+    without phase give I = sqrt(T1^2 - D^2)/(w A) with D = 8/(3 pi) DQ A^2 + DL A. The standard error is that of the
+    last printed digit of the rate. Raises DataError if the torque is smaller than the drag, a period or an amplitude is
+    not above 0, or no drag is known.
     """
     for name in SINE_COLUMNS:
         values = table.numbers(name)
@@ -295,10 +284,7 @@ def row_names(table: CsvTable) -> list[str]:
 def table_drag(table: CsvTable, drag: Estimate | None) -> tuple[FloatArray, FloatArray]:
     """(n,) quadratic and linear drag for each row, from its own columns or ``drag``.
 
-    Raises
-    ------
-    RovidError
-        There is neither, or a cell is not a number.
+    Raises RovidError if there is neither, or a cell is not a number.
     """
     columns = []
     for name in ("quadratic_drag", "linear_drag"):

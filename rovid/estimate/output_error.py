@@ -70,15 +70,9 @@ def fit_regression(runs: Sequence[Run], *, min_sigmas: float = 3.0) -> Regressio
     correlated with the torque but not with the noise. Drag is bounded below by zero. The covariance is a jackknife
     over 12 to 60 blocks, within which the residuals may be correlated. docs/method.md, (10).
 
-    Parameters
-    ----------
-    min_sigmas
-        Least number of standard errors of the inertia from zero.
+    Raises DataError if the vehicle was not excited enough to determine its inertia.
 
-    Raises
-    ------
-    DataError
-        The vehicle was not excited enough to determine its inertia.
+    ``min_sigmas``: Least number of standard errors of the inertia from zero.
     """
     torque, blocks = _torque_and_blocks(runs)
     axis = runs[0].trial.axis
@@ -117,10 +111,7 @@ def fit_regression(runs: Sequence[Run], *, min_sigmas: float = 3.0) -> Regressio
 def fit_free_swings(runs: Sequence[Run]) -> Model:
     """Least squares of the acceleration in free swings; inertia 1 kg m^2, all torques per kg m^2.
 
-    Raises
-    ------
-    DataError
-        The vehicle does not swing.
+    Raises DataError if the vehicle does not swing.
     """
     from scipy.optimize import lsq_linear
 
@@ -289,16 +280,10 @@ def _jackknife_covariance(
 def fit_output_error(runs: Sequence[Run], *, min_sigmas: float = MIN_INERTIA_SIGMAS) -> Model:
     """Least squares of measured minus simulated rate, both through the same filter, within physical bounds.
 
-    Parameters
-    ----------
-    min_sigmas
-        Least number of standard errors of the regression's inertia from zero. 0 where effects are added afterwards,
-        which may determine the inertia.
+    Raises DataError if the vehicle was not excited enough to start from.
 
-    Raises
-    ------
-    DataError
-        The vehicle was not excited enough to start from.
+    ``min_sigmas``: Least number of standard errors of the regression's inertia from zero. 0 where effects are added
+        afterwards, which may determine the inertia.
     """
     return _fit(tuple(runs), min_sigmas)
 

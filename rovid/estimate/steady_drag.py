@@ -65,13 +65,9 @@ class DragFit:
 def fit_drag(points: Sequence[SteadyPoint], axis: Axis = YAW) -> DragFit:
     """Fit T = DQ |r| r + DL r, in heave plus the net buoyancy, to steady states by weighted least squares.
 
-    Points from logs are weighted by their length: the disturbance torque averages out as 1/length, and its
-    density is pooled over all holds, the scatter between holds included. Rows of a table have equal weight.
-
-    Raises
-    ------
-    DataError
-        There is no steady turn, or the vehicle turns against the torque.
+    Points from logs are weighted by their length: the disturbance torque averages out as 1/length, and its density is
+    pooled over all holds, the scatter between holds included. Rows of a table have equal weight. Raises DataError if
+    there is no steady turn, or the vehicle turns against the torque.
     """
     points = [point for point in points if abs(point.rate) > SMALLEST]
     steady = [point for point in points if point.steady]

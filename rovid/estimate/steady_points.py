@@ -75,10 +75,7 @@ def steady_points(runs: Sequence[Run], vehicle: Vehicle) -> list[SteadyPoint]:
 def points_from_table(table: CsvTable) -> list[SteadyPoint]:
     """Steady states from a table with the columns yaw_rate_rad_s, torque_Nm and optionally command.
 
-    Raises
-    ------
-    LogError
-        A column is missing or a cell is not a number.
+    Raises LogError if a column is missing or a cell is not a number.
     """
     rates, torques = map(table.numbers, STEADY_COLUMNS)
     commands = table.numbers("command") if "command" in table.header else np.full(len(rates), np.nan)

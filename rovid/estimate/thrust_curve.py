@@ -64,10 +64,7 @@ def bench_readings(
 ) -> tuple[FloatArray, FloatArray]:
     """Command and thrust in N from a bench table, from named columns or columns guessed by the header.
 
-    Raises
-    ------
-    LogError
-        The columns or the unit are ambiguous, or a cell is not a number.
+    Raises LogError if the columns or the unit are ambiguous, or a cell is not a number.
     """
     command = command or _column(table, _COMMAND_NAMES, "--command")
     thrust = thrust or _column(table, _THRUST_NAMES, "--thrust")
@@ -103,12 +100,8 @@ def fit_thrust_curve(command: FloatArray, thrust: FloatArray) -> ThrustCurveFit:
     """Fit a monotone curve to bench readings in any order, repeats included.
 
     Isotonic least squares on each side of the dead zone, where the thrust is exactly zero. The curve falls with the
-    command where the readings do.
-
-    Raises
-    ------
-    DataError
-        Fewer than three different commands, or no thrust at all.
+    command where the readings do. Raises DataError if there are fewer than three different commands, or no thrust at
+    all.
     """
     order = np.argsort(command, kind="stable")
     command, thrust = command[order], thrust[order]
@@ -210,10 +203,7 @@ class ThrustScale:
 def scale_from_pulls(curve: FloatArray, measured: FloatArray, reference_error: float) -> ThrustScale:
     """Regression through the origin of (n,) ``measured`` forces on those of the ``curve``, at independent readings.
 
-    Raises
-    ------
-    DataError
-        There are too few readings, or no thrust.
+    Raises DataError if there are too few readings, or no thrust.
     """
     value, error = _through_origin(curve, measured)
     return ThrustScale(
@@ -229,10 +219,7 @@ def scale_from_pulls(curve: FloatArray, measured: FloatArray, reference_error: f
 def scale_from_lifts(curve: FloatArray, weight: FloatArray, reference_error: float) -> ThrustScale:
     """Inverse regression: the (n,) ``weight`` is known, and the thrust of the ``curve`` that holds it scatters.
 
-    Raises
-    ------
-    DataError
-        There are too few readings, or no weight.
+    Raises DataError if there are too few readings, or no weight.
     """
     slope, error = _through_origin(weight, curve)
     return ThrustScale(
@@ -250,10 +237,7 @@ def scale_from_step(
 ) -> ThrustScale:
     """Known ``added`` inertia over the step of the inertia that was fitted ``before`` and ``after`` (value, error).
 
-    Raises
-    ------
-    DataError
-        The fitted inertia did not grow by more than its error.
+    Raises DataError if the fitted inertia did not grow by more than its error.
     """
     step, error = after[0] - before[0], math.hypot(after[1], before[1])
     if not step > _VISIBLE * error:

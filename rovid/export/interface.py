@@ -109,10 +109,7 @@ class ExportResult:
 def export_input(stored: Parameters, study: Study | None) -> ExportInput:
     """Input from a parameter file and, if they exist, from the logs behind it.
 
-    Raises
-    ------
-    ConfigError
-        The file holds no inertia or drag.
+    Raises ConfigError if the file holds no inertia or drag.
     """
     model = stored.model()
     vehicle = Vehicle(name=stored.vehicle or "vehicle", thrusters=()) if study is None else study.vehicle

@@ -218,10 +218,7 @@ class PlanarInput:
 def planar_input(stored: Parameters, study: PlanarStudy | None) -> PlanarInput:
     """Input from a parameter file and, if they exist, from the logs behind it.
 
-    Raises
-    ------
-    ConfigError
-        A parameter is missing.
+    Raises ConfigError if a parameter is missing.
     """
     notes = []
     if stored.assumed:

@@ -113,14 +113,9 @@ def vehicle_module(
 ) -> str:
     """The module with the class.
 
-    Parameters
-    ----------
-    levers
-        Lever, or levers, of the thrust of each thruster.
-    push
-        Expression of the forces, of the commands and of the thrusts ``u``.
-    texts
-        Places of the template that depend on the axes.
+    ``levers``: Lever, or levers, of the thrust of each thruster.
+    ``push``: Expression of the forces, of the commands and of the thrusts ``u``.
+    ``texts``: Places of the template that depend on the axes.
     """
     tables = ""
     for lever, curve in zip(levers, curves, strict=True):

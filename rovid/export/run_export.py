@@ -69,13 +69,7 @@ def require_format(name: str) -> None:
 
 
 def select_exporter(name: str, path: Path | None) -> tuple[Exporter, OutputFile]:
-    """Exporter of the format ``name``, and the file to write.
-
-    Raises
-    ------
-    ConfigError
-        There is no such format.
-    """
+    """Exporter of the format ``name``, and the file to write. Raises ConfigError if there is no such format."""
     require_format(name)
     target = path or Path(FORMATS[name].file)
     return load_exporter(name, target.suffix), OutputFile(target, export_signature(name))
@@ -179,10 +173,7 @@ class VerifiedPlanarExport:
 def select_planar_exporter(name: str, path: Path | None) -> tuple[PlanarExporter, OutputFile]:
     """Exporter of the format ``name`` for the coupled model, and the file to write.
 
-    Raises
-    ------
-    ConfigError
-        There is no such format, or it cannot hold the coupled model.
+    Raises ConfigError if there is no such format, or it cannot hold the coupled model.
     """
     require_format(name)
     planar = FORMATS[name].planar

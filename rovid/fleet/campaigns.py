@@ -112,14 +112,10 @@ def campaign_digest(folder: Path, axis: str, cutoff: float | None) -> str:
 def find_campaigns(folders: Sequence[Path], out: Path) -> dict[str, Path]:
     """Unique name -> absolute path of each campaign in ``folders``, sorted by name.
 
-    A folder with a rovid.toml is one campaign, including its subfolders. Any other folder is searched for such
-    folders. A folder with logs outside of every campaign counts as a campaign too, because its record then reports
-    the missing rovid.toml. So does a given folder without any campaign. The output folder ``out`` is skipped.
-
-    Raises
-    ------
-    ConfigError
-        ``out`` lies in a campaign, or none of the folders exists.
+    A folder with a rovid.toml is one campaign, including its subfolders. Any other folder is searched for such folders.
+    A folder with logs outside of every campaign counts as a campaign too, because its record then reports the missing
+    rovid.toml. So does a given folder without any campaign. The output folder ``out`` is skipped. Raises ConfigError if
+    ``out`` lies in a campaign, or none of the folders exists.
     """
     if not any(folder.exists() for folder in folders):
         raise ConfigError("there is no such folder.", where=folders[0], mend="Give folders of campaigns.")

@@ -165,14 +165,9 @@ def run_fleet(
 ) -> FleetOutput:
     """Diagnose every campaign of ``folders`` and write the table and the page into ``out``.
 
-    Each diagnosis is written as soon as it is finished. A later run does not repeat it.
-
-    Raises
-    ------
-    ConfigError
-        A library, the folder or the cluster is missing.
-    OutputError
-        ``out`` cannot be written, or holds other files of these names.
+    Each diagnosis is written as soon as it is finished. A later run does not repeat it. Raises ConfigError if a
+    library, the folder or the cluster is missing. Raises OutputError if ``out`` cannot be written, or holds other files
+    of these names.
     """
     for package in ("joblib", "pyarrow"):
         _require(package, f"-o {out}")
@@ -263,10 +258,7 @@ def _diagnose(
 def _cluster(options: FleetOptions) -> Iterator[int]:
     """Use the Dask cluster instead of this machine; yield the number of campaigns it diagnoses at a time.
 
-    Raises
-    ------
-    ConfigError
-        There is no scheduler or no worker, or a worker has another version of rovid.
+    Raises ConfigError if there is no scheduler or no worker, or a worker has another version of rovid.
     """
     where = f"--cluster {options.cluster}"
     distributed = _require("distributed", where)

@@ -46,14 +46,9 @@ class CommandSeries:
     ) -> Self:
         """Commands in ``trials``. Equal arguments give the same object as long as it is in use.
 
-        Parameters
-        ----------
-        subdivision
-            Number of parts of each interval.
-        at
-            Selected log instants of each trial, between which no command changes; all if None.
-        subdivided
-            Which of the intervals after the selected instants are subdivided; all if None.
+        ``subdivision``: Number of parts of each interval.
+        ``at``: Selected log instants of each trial, between which no command changes; all if None.
+        ``subdivided``: Which of the intervals after the selected instants are subdivided; all if None.
         """
         arrays = (series.tobytes() for series in (*(at or ()), *(subdivided or ())))
         key = (vehicle, subdivision, at is None, *trials, *arrays)

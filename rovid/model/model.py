@@ -54,15 +54,8 @@ class HeadingSensor:
     def to_true(self, position: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The true position for a measured one.
 
-        Parameters
-        ----------
-        position
-            (n,) rad or m.
-
-        Returns
-        -------
-        true, gain
-            (n,) rad or m, and d(measured)/d(true).
+        ``position``: (n,) rad or m.
+        Returns ``true``, ``gain``: (n,) rad or m, and d(measured)/d(true).
         """
         if not self.deviates:
             return position, np.ones(len(position))
@@ -183,12 +176,9 @@ class Model:
     def simulate(self, trial: Trial, torque_input: TorqueInput) -> tuple[FloatArray, FloatArray]:
         """Free-running simulation of ``trial`` from its first sample.
 
-        Returns
-        -------
-        rate, position
-            (n,) body rate and position as the sensors would measure them, at the instants of ``trial``. The position
-            starts at the first measured one. In yaw with logged roll and pitch, the heading rate is
-            psidot = (r + thetadot sin(phi)) / (cos(phi) cos(theta)) (Fossen 2011, eq. 2.28).
+        Returns ``rate``, ``position``: (n,) body rate and position as the sensors would measure them, at the instants
+            of ``trial``. The position starts at the first measured one. In yaw with logged roll and pitch, the heading
+            rate is psidot = (r + thetadot sin(phi)) / (cos(phi) cos(theta)) (Fossen 2011, eq. 2.28).
         """
         rate, angle = integrate(self.equation_for(trial), trial.time, torque_input, self._initial_motion(trial))
         if self.axis is YAW and trial.roll is not None and trial.pitch is not None:

@@ -59,12 +59,8 @@ def integrate(
 ) -> tuple[FloatArray, FloatArray]:
     """(n,) rate in rad/s and angle in rad at the instants ``time`` in s.
 
-    Parameters
-    ----------
-    initial
-        Rate, and angle since the start of the trial, at the first instant.
-    states
-        (m * TERM_STATES,) states of the terms there; zeros by default.
+    ``initial``: Rate, and angle since the start of the trial, at the first instant.
+    ``states``: (m * TERM_STATES,) states of the terms there; zeros by default.
     """
     body, terms, start = equation
     return integrate_batch(body, terms, time, torque_input, np.array([start]), np.array([initial]), states)
@@ -81,12 +77,8 @@ def integrate_batch(
 ) -> tuple[FloatArray, FloatArray]:
     """`integrate` for r concatenated trials.
 
-    Parameters
-    ----------
-    starts
-        (r,) positions at the start of each trial.
-    first
-        (r, 2) rate and angle at the first instant of each.
+    ``starts``: (r,) positions at the start of each trial.
+    ``first``: (r, 2) rate and angle at the first instant of each.
     """
     from rovid.model import kernels
 
@@ -109,14 +101,9 @@ def evaluate_along(
 ) -> tuple[FloatArray, FloatArray]:
     """(n,) torque in N m of all terms, and their (n, m * TERM_STATES) states, along a measured trajectory.
 
-    Parameters
-    ----------
-    period
-        s between the instants.
-    trajectory
-        (n,) rate, angle since the start of the trial, and thruster torque. Gaps are interpolated linearly.
-    effect_inputs
-        (n, 3) as in `TorqueInput`, with the same interpolation.
+    ``period``: s between the instants.
+    ``trajectory``: (n,) rate, angle since the start of the trial, and thruster torque. Gaps are interpolated linearly.
+    ``effect_inputs``: (n, 3) as in `TorqueInput`, with the same interpolation.
     """
     from rovid.model.kernels import effects_along
 

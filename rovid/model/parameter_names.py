@@ -36,10 +36,7 @@ def base_names(axis: Axis) -> tuple[str, ...]:
 def unit_of(name: str, axis: Axis = YAW) -> str:
     """Unit along ``axis`` of a parameter, such as ``inertia`` or ``thruster_lag.time_constant``.
 
-    Raises
-    ------
-    ConfigError
-        There is no such effect.
+    Raises ConfigError if there is no such effect.
     """
     key, _, parameter = name.rpartition(".")
     if name in UNITS:

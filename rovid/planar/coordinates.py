@@ -304,12 +304,8 @@ def undetermined_directions(
 ) -> tuple[tuple[Undetermined, ...], tuple[str, ...]]:
     """Undetermined combinations, and the names of the parameters that are refused because of them.
 
-    Parameters
-    ----------
-    names, covariance, scale
-        (q,) parameters, (q, q) covariance and (q,) typical sizes in SI.
-    free
-        (q,) parameters that were estimated.
+    ``names``, ``covariance``, ``scale``: (q,) parameters, (q, q) covariance and (q,) typical sizes in SI.
+    ``free``: (q,) parameters that were estimated.
     """
     own = np.flatnonzero(free & (scale > 0.0))
     scaled = covariance[np.ix_(own, own)] / np.outer(scale[own], scale[own])

@@ -123,10 +123,7 @@ class PlanarData:
 def planar_data(campaign: Campaign, vehicle: Vehicle) -> PlanarData:
     """All runs of a campaign that was read with `load_planar_config`.
 
-    Raises
-    ------
-    DataError
-        ``vehicle`` was read for one axis.
+    Raises DataError if ``vehicle`` was read for one axis.
     """
     if not vehicle.planar:
         raise DataError("the logs were read for one axis, not for surge, sway and yaw together.")

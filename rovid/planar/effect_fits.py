@@ -40,10 +40,7 @@ def with_hull_lift(best: PlanarOptimum) -> PlanarOptimum:
 def add_effect(base: PlanarOptimum, effect: Effect, data: PlanarData) -> PlanarOptimum:
     """The best fit with one more effect, from each of its initial values.
 
-    Raises
-    ------
-    DataError
-        The effect couples surge and sway, and neither is measured.
+    Raises DataError if the effect couples surge and sway, and neither is measured.
     """
     if base.likelihood.grid.yaw_only and isinstance(effect.acts, Coupling | WaterCurrent):
         raise DataError(

@@ -187,12 +187,8 @@ class PlanarPlan:
 def plan_planar(data: PlanarData, best: PlanarOptimum, limits: RunLimits, narrow: str = "") -> PlanarPlan:
     """The run that reduces most, per minute, the variance of the parameter ``narrow``, or of the least certain one.
 
-    Raises
-    ------
-    ConfigError
-        There is no such parameter.
-    DataError
-        No run determines the parameter, nothing can be commanded, or no run stays within the limits.
+    Raises ConfigError if there is no such parameter. Raises DataError if no run determines the parameter, nothing can
+    be commanded, or no run stays within the limits.
     """
     fit, coordinates = planar_result(data, best), best.coordinates
     estimate, times, yaw_only = fit.estimate, coordinates.sizes.time, best.likelihood.grid.yaw_only

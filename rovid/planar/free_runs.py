@@ -121,12 +121,8 @@ def simulate_planar(
 ) -> PlanarMotion:
     """Free-running simulation of ``run``.
 
-    Parameters
-    ----------
-    start
-        (6,) heading, u and v over ground, r, north and east at the first instant; by default from the readings.
-    yaw_only
-        Whether surge and sway are left out.
+    ``start``: (6,) heading, u and v over ground, r, north and east at the first instant; by default from the readings.
+    ``yaw_only``: Whether surge and sway are left out.
     """
     inputs = run.forces(model.actuator_effects).inputs
     first = measured_start(run) if start is None else np.asarray(start, dtype=np.float64)

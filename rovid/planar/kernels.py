@@ -53,23 +53,15 @@ def filter_runs(
 ) -> None:
     """Filter one run after the other; write the innovations and their variances.
 
-    Parameters
-    ----------
-    offsets
-        (runs + 1,) first instant of each run.
-    time, inputs
-        (n,) s; (n, k) inputs from each instant to the next.
-    event_offsets, sensors, values
-        (n + 1,) first measurement at each instant; (m,) sensor and value of each measurement.
-    starts, start_std
-        (runs, 6) first heading, u, v over ground, r, north, east; their standard deviations, for heading and position
-        beyond the sensor's noise.
-    c, noise
-        Coefficients of `rovid.planar.model`, and `NOISE_STD` and so on.
-    error, variance
-        (m,) written.
-    states
-        (n, 12) filtered states, written if it has rows.
+    ``offsets``: (runs + 1,) first instant of each run.
+    ``time``, ``inputs``: (n,) s; (n, k) inputs from each instant to the next.
+    ``event_offsets``, ``sensors``, ``values``: (n + 1,) first measurement at each instant; (m,) sensor and value of
+        each measurement.
+    ``starts``, ``start_std``: (runs, 6) first heading, u, v over ground, r, north, east; their standard deviations, for
+        heading and position beyond the sensor's noise.
+    ``c``, ``noise``: Coefficients of `rovid.planar.model`, and `NOISE_STD` and so on.
+    ``error``, ``variance``: (m,) written.
+    ``states``: (n, 12) filtered states, written if it has rows.
     """
     p, t, f = np.zeros((STATES, STATES)), np.zeros((STATES, STATES)), np.zeros((STATES, STATES))
     column, x = np.zeros(STATES), np.zeros(STATES)

@@ -52,13 +52,7 @@ class SteeringSystem:
 
     @classmethod
     def of(cls, data: PlanarData, model: PlanarModel) -> SteeringSystem:
-        """The steering of the runs.
-
-        Raises
-        ------
-        DataError
-            The vehicle neither moves ahead nor turns in the runs.
-        """
+        """The steering of the runs. Raises DataError if the vehicle neither moves ahead nor turns in the runs."""
         held = [run.forces() for run in data.runs]
         force = np.concatenate([one.force for one in held])
         angle = np.concatenate([one.angle for one in held])

@@ -44,10 +44,7 @@ def config_files(survey: LogSurvey) -> dict[OutputFile, str]:
 def write_config(survey: LogSurvey, paths: Sequence[Path], *, force: bool) -> tuple[LogSurvey, list[Path]]:
     """Write the files, for joined trials a second time with the clock offsets; return the survey and the paths.
 
-    Raises
-    ------
-    RovidError
-        An existing file may not be replaced.
+    Raises RovidError if an existing file may not be replaced.
     """
     # The user may have replaced an existing guessed curve by a bench curve: only rovid.toml is protected by `force`.
     config, _ = output_files([survey.folder])

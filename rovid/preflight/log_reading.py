@@ -142,10 +142,7 @@ def _unnamed_curve(path: Path) -> tuple[str, ...]:
 def read_columns(path: Path) -> tuple[LogContents, dict[str, RawColumn], list[str]]:
     """Contents of a log, all of its columns by source, and texts on its unreadable parts.
 
-    Raises
-    ------
-    RovidError
-        The log cannot be read, or holds no numbers.
+    Raises RovidError if the log cannot be read, or holds no numbers.
     """
     form = READERS[path.suffix.lower()]
     contents = form.sources(path)

@@ -152,10 +152,8 @@ class SurveyOptions:
 def survey(paths: Sequence[Path], options: SurveyOptions | None = None) -> LogSurvey:
     """Survey the logs in ``paths``.
 
-    Raises
-    ------
-    RovidError
-        There are no logs, none can be read, none holds a heading or a command, or a named column is missing.
+    Raises RovidError if there are no logs, none can be read, none holds a heading or a command, or a named column is
+    missing.
     """
     options = options or SurveyOptions()
     return survey_read_logs(read_logs(paths, options.axis, options.headings, options.commands), options)
@@ -368,10 +366,7 @@ def _covers(curve: ThrustCurve, lowest: float, highest: float) -> bool:
 def output_files(paths: Sequence[Path]) -> tuple[OutputFile, OutputFile]:
     """Files to write for the logs in ``paths``: rovid.toml and a guessed curve.
 
-    Raises
-    ------
-    RovidError
-        One of ``paths`` does not exist, or is neither file nor folder.
+    Raises RovidError if one of ``paths`` does not exist, or is neither file nor folder.
     """
     for path in paths:
         require_exists(path)

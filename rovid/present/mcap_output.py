@@ -31,10 +31,7 @@ def recording_outputs(target: Path, trials: Sequence[Trial]) -> list[OutputFile]
 def recording_paths(target: Path, trials: Sequence[Trial]) -> list[Path]:
     """Path of each trial's recording: ``target`` itself for a single trial, else files in the folder ``target``.
 
-    Raises
-    ------
-    ConfigError
-        ``target`` is one file for several trials, or a log would be overwritten.
+    Raises ConfigError if ``target`` is one file for several trials, or a log would be overwritten.
     """
     place = f"--mcap {target}"
     paths = [target]
@@ -74,13 +71,7 @@ def write_recordings(
     model: Model,
     vehicle: Vehicle,
 ) -> None:
-    """Write the recordings of all trials, or none.
-
-    Raises
-    ------
-    OutputError
-        A recording cannot be written.
-    """
+    """Write the recordings of all trials, or none. Raises OutputError if a recording cannot be written."""
     recordings = {}
     residuals = unexplained_torques(runs, model, vehicle)
     for output, simulation, residual in zip(outputs, simulations, residuals, strict=True):

@@ -230,14 +230,9 @@ def read_campaign(
     out; the last kind is remarked upon, and so are files of a format for which rovid.toml maps nothing. A missing path,
     an unreadable log or no log raises `LogError`, an unmapped format `ConfigError`.
 
-    Parameters
-    ----------
-    report
-        Called with progress messages.
-    reading
-        Function that reads a log; `read_trials` by default.
-    without
-        Files to ignore.
+    ``report``: Called with progress messages.
+    ``reading``: Function that reads a log; `read_trials` by default.
+    ``without``: Files to ignore.
     """
     logs, remarks = find_logs(paths, config, without)
     read = reading or read_trials
@@ -255,10 +250,7 @@ def campaign_of(
 ) -> Campaign:
     """The ``trials`` as one campaign: without duplicates, and with what all of them together show.
 
-    Raises
-    ------
-    LogError
-        There are no trials.
+    Raises LogError if there are no trials.
     """
     if not trials:
         raise LogError("nothing is left of these logs.", where=config.path, mend="Correct [[leave_out]].")

@@ -216,12 +216,8 @@ Table = pd.DataFrame | Mapping[str, ArrayLike]
 def trials_of(table: Table, config: Config, run: str | None = None) -> list[Trial]:
     """One trial, or one for each value of the column ``run``, in the order of the rows.
 
-    Raises
-    ------
-    ConfigError
-        A column is missing, or the arrays differ in length.
-    LogError
-        The columns hold no usable measurement.
+    Raises ConfigError if a column is missing, or the arrays differ in length. Raises LogError if the columns hold no
+    usable measurement.
     """
     try:
         frame = table if isinstance(table, pd.DataFrame) else pd.DataFrame({**table})
@@ -279,10 +275,7 @@ def _column_numbers(column: pd.Series[Any], title: str, name: str) -> FloatArray
 def thrust_curve(value: Any, where: str) -> ThrustCurve:
     """Thrust curve of a table with the columns command and thrust_N, or of a pair of arrays.
 
-    Raises
-    ------
-    ConfigError
-        ``value`` is something else, or its commands are not all different.
+    Raises ConfigError if ``value`` is something else, or its commands are not all different.
     """
     if isinstance(value, ThrustCurve):
         return value

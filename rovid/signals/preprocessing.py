@@ -23,10 +23,7 @@ _RESOLUTION = 50.0
 def shift_commands(trial: Trial, delay: float) -> Trial:
     """``trial`` with its motion and further channels, and its commands ``delay`` s later; the common time alone.
 
-    Raises
-    ------
-    DataError
-        The delay is longer than the trial.
+    Raises DataError if the delay is longer than the trial.
     """
     if abs(delay) > trial.duration - 2.0 * trial.sampling_interval:
         raise DataError(f"{trial.name} is shorter than the offset of {abs(delay):.3g} s.")
@@ -118,12 +115,8 @@ class PreparedRuns:
 def prepare(campaign: Campaign, vehicle: Vehicle, *, cutoff: float | None = None) -> PreparedRuns:
     """Torque and rates of every trial, with the cut-off chosen from the data unless it is given in Hz.
 
-    Raises
-    ------
-    DataError
-        No trial is long enough for the filter.
-    ConfigError
-        The cut-off is too high for the sampling rate.
+    Raises DataError if no trial is long enough for the filter. Raises ConfigError if the cut-off is too high for the
+    sampling rate.
     """
     trials, remarks = _usable_trials(campaign.trials)
     return prepare_trials(trials, vehicle, cutoff=cutoff, remarks=remarks)
@@ -134,12 +127,8 @@ def prepare_trials(
 ) -> PreparedRuns:
     """`prepare` of the ``trials`` as they are; each run keeps its trial. Trials too short for the filter are left out.
 
-    Raises
-    ------
-    DataError
-        No trial is long enough for the filter.
-    ConfigError
-        The cut-off is too high for the sampling rate.
+    Raises DataError if no trial is long enough for the filter. Raises ConfigError if the cut-off is too high for the
+    sampling rate.
     """
     remarks = list(remarks)
     shared = choose_cutoff(trials) if cutoff is None else cutoff

@@ -137,12 +137,8 @@ class Rates:
 def compute_rates(trial: Trial, *, cutoff: float) -> Rates:
     """Rate and acceleration of one trial along its axis, with a low pass of ``cutoff`` Hz (-6 dB).
 
-    In yaw with logged roll and pitch, the rates are the body's, see ``Trial.body_position``.
-
-    Raises
-    ------
-    DataError
-        The trial is shorter than the filter.
+    In yaw with logged roll and pitch, the rates are the body's, see ``Trial.body_position``. Raises DataError if the
+    trial is shorter than the filter.
     """
     grid = uniform_grid(trial)
     kernel = ZeroPhaseFilter.design(period=float(grid[1] - grid[0]), cutoff=cutoff)

@@ -35,13 +35,7 @@ _ANOTHER = "Give a parameter file, or the name of a new one, with -p."
 
 
 def read_parameters(path: Path) -> Parameters:
-    """Read a parameter file.
-
-    Raises
-    ------
-    ConfigError
-        The file is missing, not a parameter file, or of a newer schema.
-    """
+    """Read a parameter file. Raises ConfigError if the file is missing, not a parameter file, or of a newer schema."""
     require_regular(path)
     if not path.is_file():
         text = "is a folder, not a parameter file." if path.exists() else "there is no such parameter file."
@@ -52,10 +46,7 @@ def read_parameters(path: Path) -> Parameters:
 def parse_parameters(path: Path, document: Mapping[str, Any]) -> Parameters:
     """Parse the ``document`` of the parameter file ``path``.
 
-    Raises
-    ------
-    ConfigError
-        The document is not of parameters, or of a newer schema.
+    Raises ConfigError if the document is not of parameters, or of a newer schema.
     """
     schema = document.get("schema")
     version = re.fullmatch(rf"{SCHEMA}/([0-9]{{1,9}})", str(schema))
@@ -254,10 +245,7 @@ def history_output(parameters: Path) -> OutputFile:
 def read_history(parameters: Path) -> Iterator[HistoryRecord]:
     """Records of a parameter file, the latest first; none without a history file.
 
-    Raises
-    ------
-    ConfigError
-        A line is damaged.
+    Raises ConfigError if a line is damaged.
     """
     path = history_output(parameters).path
     if not path.exists():
@@ -293,13 +281,9 @@ def update_parameters(
 ) -> Parameters:
     """Apply ``change`` to the current parameter file, including another process' results, and return the new content.
 
-    With ``detection_limits`` the history gets a line as well. Either both files are written or none.
-
-    Raises
-    ------
-    OutputError
-        A file cannot be written, or was replaced by another kind of file. The message names the file that holds the
-        result instead.
+    With ``detection_limits`` the history gets a line as well. Either both files are written or none. Raises OutputError
+    if a file cannot be written, or was replaced by another kind of file. The message names the file that holds the
+    result instead.
     """
     written = stored
 

@@ -180,10 +180,7 @@ class Parameters:
     def model(self) -> Model:
         """The model with these parameters.
 
-        Raises
-        ------
-        ConfigError
-            Inertia, drag or a parameter of an effect is missing, or the drag is implausibly large.
+        Raises ConfigError if Inertia, drag or a parameter of an effect is missing, or the drag is implausibly large.
         """
         quadratic_drag = self._needed("quadratic_drag", "Run `rovid fit-drag LOGS` first.")
         inertia = 1.0
@@ -233,10 +230,7 @@ class Parameters:
     def effect_forms(self) -> tuple[Effect, ...]:
         """The effects whose parameters are here.
 
-        Raises
-        ------
-        ConfigError
-            An effect is unknown, or its plug-in is not loaded, or is loaded in another version.
+        Raises ConfigError if an effect is unknown, or its plug-in is not loaded, or is loaded in another version.
         """
         require_origins(self._plugins_in_use(), self.path)
         return tuple(map(effect_named, self.effects))
@@ -262,10 +256,7 @@ class Parameters:
     def write(self) -> None:
         """Write the file, replacing changes by other processes.
 
-        Raises
-        ------
-        OutputError
-            The file cannot be written, or the existing file is no parameter file.
+        Raises OutputError if the file cannot be written, or the existing file is no parameter file.
         """
         OutputSet([self.output]).write({self.output: self.text()})
 

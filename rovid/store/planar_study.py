@@ -55,12 +55,8 @@ class PlanarStudy:
     def fit(self, effects: Sequence[Effect] = ()) -> PlanarFit:
         """Fit of the coupled model with ``effects``; see `fit_planar`.
 
-        Raises
-        ------
-        DataError
-            The logs do not excite the vehicle.
-        ConfigError
-            An effect needs a thruster or a signal that these logs do not have.
+        Raises DataError if the logs do not excite the vehicle. Raises ConfigError if an effect needs a thruster or a
+        signal that these logs do not have.
         """
         self._require_possible(effects)
         fit = fit_planar(self.data, effects)
@@ -84,19 +80,11 @@ class PlanarStudy:
     ) -> PlanarDiagnosis:
         """Errors of the coupled model and their causes.
 
-        Parameters
-        ----------
-        report
-            Called with progress messages.
-        force
-            Diagnose logs with a fault that no fit survives, too.
-        budget
-            Time in s after which the diagnosis answers with what it has; None: the default of these logs.
+        Raises DataError if the filter diverges next to the fitted model, so that no candidate can be tested.
 
-        Raises
-        ------
-        DataError
-            The filter diverges next to the fitted model, so that no candidate can be tested.
+        ``report``: Called with progress messages.
+        ``force``: Diagnose logs with a fault that no fit survives, too.
+        ``budget``: Time in s after which the diagnosis answers with what it has; None: the default of these logs.
         """
         faults = stopping(self.logs.faults)
         if faults and not force:
@@ -109,23 +97,14 @@ class PlanarStudy:
         return simulate_planar_trials(model, self.data)
 
     def model(self, stored: Parameters) -> PlanarModel:
-        """The model with the values of a parameter file.
-
-        Raises
-        ------
-        ConfigError
-            A parameter is missing.
-        """
+        """The model with the values of a parameter file. Raises ConfigError if a parameter is missing."""
         return planar_model(stored, planar_rudders(self.data))
 
 
 def planar_model(stored: Parameters, rudders: Sequence[RudderModel] = ()) -> PlanarModel:
     """The model with the values of a parameter file, and ``rudders`` at their places.
 
-    Raises
-    ------
-    ConfigError
-        A parameter is missing.
+    Raises ConfigError if a parameter is missing.
     """
     values = {name: entry.value for name, entry in stored.entries.items()} | dict(stored.assumed)
     effects = tuple(map(planar_effect, stored.effects))
@@ -141,10 +120,7 @@ def planar_model(stored: Parameters, rudders: Sequence[RudderModel] = ()) -> Pla
 def planar_effect(name: str) -> Effect:
     """The form of an effect in the coupled model; without a form the first one.
 
-    Raises
-    ------
-    ConfigError
-        There is no such effect, or the coupled model does not have it.
+    Raises ConfigError if there is no such effect, or the coupled model does not have it.
     """
     for form in PLANAR_FORMS:
         if name in {form.key, form.id}:
@@ -184,10 +160,7 @@ def with_fit(stored: Parameters, fit: PlanarFit, provenance: Provenance | None =
 def open_planar_study(paths: Sequence[Path], report: ProgressCallback = lambda _: None) -> PlanarStudy:
     """Read the logs in ``paths`` for surge, sway and yaw together; ``report`` is called with progress messages.
 
-    Raises
-    ------
-    RovidError
-        The logs or rovid.toml cannot be read.
+    Raises RovidError if the logs or rovid.toml cannot be read.
     """
     config = load_planar_config(find_config(paths))
     return planar_study_of(read_campaign(paths, config, report), config)

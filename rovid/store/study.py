@@ -94,24 +94,12 @@ class Study:
         return [*merged_remarks(self.campaign.trials), *remarks]
 
     def require_sound(self) -> None:
-        """Refuse logs with a fault that no fit survives.
-
-        Raises
-        ------
-        LogError
-            There is such a fault.
-        """
+        """Refuse logs with a fault that no fit survives. Raises LogError if there is such a fault."""
         for fault in stopping(self.faults):
             raise _refused(fault)
 
     def drag(self) -> DragFit:
-        """Drag from steady turns.
-
-        Raises
-        ------
-        DataError
-            There are no steady turns.
-        """
+        """Drag from steady turns. Raises DataError if there are no steady turns."""
         if self.runs is None:
             if self.steady is None:
                 raise DataError(f"there is no table of steady states (columns {', '.join(STEADY_COLUMNS)}).")
@@ -129,10 +117,7 @@ class Study:
     def inertia(self, drag: Estimate | None) -> InertiaFit:
         """Inertia from sine runs and all other excited data, with the steady ``drag`` if it is known.
 
-        Raises
-        ------
-        DataError
-            The data do not determine the inertia.
+        Raises DataError if the data do not determine the inertia.
         """
         rigid_body = self.vehicle.reference_inertia
         if self.runs is None:
@@ -147,10 +132,7 @@ class Study:
     def require_effects(self, effects: Sequence[Effect]) -> None:
         """Refuse effects that do not exist for this axis, these trials or these thrusters.
 
-        Raises
-        ------
-        ConfigError
-            There is such an effect. The message suggests a similar one.
+        Raises ConfigError if there is such an effect. The message suggests a similar one.
         """
         thruster_forms = [form.key for form in forms_for(self.vehicle) if form.per_thruster]
         trials = [] if self.runs is None else [run.trial.name for run in self.runs.items]
@@ -168,14 +150,9 @@ class Study:
     def likelihood(self, effects: tuple[Effect, ...] = (), *, gyro: bool = False) -> LikelihoodFit:
         """Fit of all parameters and of ``effects`` by maximum likelihood; see `fit_likelihood`.
 
-        Raises
-        ------
-        DataError
-            There are no logs, or the excitation does not suffice.
-        ConfigError
-            An effect refers to a missing thruster or signal.
-        LogError
-            The inertia is one that no vehicle has: a unit is wrong.
+        Raises DataError if there are no logs, or the excitation does not suffice. Raises ConfigError if an effect
+        refers to a missing thruster or signal. Raises LogError if the inertia is one that no vehicle has: a unit is
+        wrong.
         """
         if self.runs is None:
             raise DataError("a table holds no time series to fit.", where=self.paths[0], mend="Give logs.")
@@ -214,12 +191,8 @@ class Study:
     ) -> ExperimentPlan:
         """The next run: one that distinguishes two causes ``between``, or that narrows the interval of a parameter.
 
-        Raises
-        ------
-        DataError
-            There are no logs, or no run stays within the limits.
-        ConfigError
-            An effect or a parameter does not exist.
+        Raises DataError if there are no logs, or no run stays within the limits. Raises ConfigError if an effect or a
+        parameter does not exist.
         """
         if self.campaign is None:
             raise DataError("a table does not hold the vehicle's dynamics.", where=self.paths[0], mend="Give logs.")
@@ -237,10 +210,7 @@ class Study:
     def amplitudes(self, drag: Estimate | None = None) -> TableDiagnosis:
         """Diagnosis of tables; the drag of a table of steady turns takes precedence over ``drag``.
 
-        Raises
-        ------
-        DataError
-            There is no table of sine trials.
+        Raises DataError if there is no table of sine trials.
         """
         if self.sine is None:
             text = "a table of steady turns does not determine the inertia."
@@ -282,21 +252,12 @@ class Study:
     ) -> Diagnosis:
         """Errors of the simulation and their causes.
 
-        Parameters
-        ----------
-        report
-            Called with progress messages.
-        drag
-            Drag of the model if there are only tables of sine trials.
-        force
-            Diagnose logs with a fault that no fit survives, too.
-        budget
-            Time in s after which the diagnosis answers with what it has; what it finds then is likely at most.
+        Raises DataError if there are neither logs nor a table of sine trials.
 
-        Raises
-        ------
-        DataError
-            There are neither logs nor a table of sine trials.
+        ``report``: Called with progress messages.
+        ``drag``: Drag of the model if there are only tables of sine trials.
+        ``force``: Diagnose logs with a fault that no fit survives, too.
+        ``budget``: Time in s after which the diagnosis answers with what it has; what it finds then is likely at most.
         """
         if self.runs is None:
             from_tables = self.amplitudes(drag)
@@ -358,17 +319,10 @@ def open_study(
 ) -> Study:
     """Read the logs, or tables, in ``paths``.
 
-    Parameters
-    ----------
-    cutoff
-        Cut-off frequency of the low-pass filter for rates in Hz; None: chosen from the data.
-    reading, without
-        Reader of single logs, and files to leave out, as in `read_campaign`.
+    Raises RovidError if the logs or rovid.toml cannot be read, or a controller of the rate answers the only command.
 
-    Raises
-    ------
-    RovidError
-        The logs or rovid.toml cannot be read, or a controller of the rate answers the only command.
+    ``cutoff``: Cut-off frequency of the low-pass filter for rates in Hz; None: chosen from the data.
+    ``reading``, ``without``: Reader of single logs, and files to leave out, as in `read_campaign`.
     """
     steady, sine = find_table(paths, STEADY_COLUMNS), find_table(paths, SINE_COLUMNS)
     if steady is not None or sine is not None:

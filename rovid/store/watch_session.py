@@ -57,10 +57,7 @@ class CriterionStatus:
 def parse_criteria(text: str, axis: Axis, *, diagnosed: bool = True) -> tuple[StopCriterion, ...]:
     """Criteria in ``text``, as "inertia 2 %, quadratic_drag 5 %"; causes are only allowed with a diagnosis.
 
-    Raises
-    ------
-    ConfigError
-        The text cannot be parsed, or a name is neither a parameter nor an effect.
+    Raises ConfigError if the text cannot be parsed, or a name is neither a parameter nor an effect.
     """
     found = []
     for part in text.split(","):
@@ -188,12 +185,8 @@ class _OvertakenError(Exception):
 class WatchSession:
     """The events in a folder until all stop criteria are met.
 
-    Parameters
-    ----------
-    interval
-        Time between two polls in s.
-    report
-        Called with progress messages.
+    ``interval``: Time between two polls in s.
+    ``report``: Called with progress messages.
     """
 
     def __init__(

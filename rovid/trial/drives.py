@@ -45,10 +45,7 @@ def constant_of(block: Mapping[str, Any]) -> str:
 def motor_curve(block: Mapping[str, Any], place: str, parser: ValueParser) -> ThrustCurve:
     """Curve of a motor with a constant, up to ``max_command`` in both directions.
 
-    Raises
-    ------
-    ConfigError
-        The block has a curve, too, or no ``max_command``.
+    Raises ConfigError if the block has a curve, too, or no ``max_command``.
     """
     key = constant_of(block)
     unwanted = [other for other in ("curve", *CONSTANTS) if other != key and other in block]
@@ -67,10 +64,7 @@ def motor_curve(block: Mapping[str, Any], place: str, parser: ValueParser) -> Th
 def steered(block: Mapping[str, Any], name: str, signals: Collection[str], parser: ValueParser) -> Thruster:
     """A rudder, or the steered wheels of a vehicle; one of ``signals`` is the speed.
 
-    Raises
-    ------
-    ConfigError
-        Both of ``coefficient`` and ``wheelbase`` are given, or there is no angle or no speed.
+    Raises ConfigError if both of ``coefficient`` and ``wheelbase`` are given, or there is no angle or no speed.
     """
     place = f"[[rudders]] {name!r}"
     if parser.axis.name != "yaw":
@@ -103,10 +97,7 @@ def steered(block: Mapping[str, Any], name: str, signals: Collection[str], parse
 def logged_drive(signals: Collection[str], parser: ValueParser, *, alone: bool) -> Thruster | None:
     """The drive that one of ``signals`` is: a torque, a force, or the order to a rate controller.
 
-    Raises
-    ------
-    ConfigError
-        There are two, or there are other actuators, too.
+    Raises ConfigError if there are two, or there are other actuators, too.
     """
     axis = parser.axis
     names = [name for name in (axis.force_name, axis.rate_signal + ORDER_SUFFIX) if name in signals]
@@ -140,12 +131,7 @@ def with_levers(block: Mapping[str, Any], place: str, parser: ValueParser) -> Ma
     """The ``block`` of a thruster with ``surge``, ``sway`` and ``yaw_arm`` in place of position and direction.
 
     surge = cos(direction), sway = sin(direction), yaw_arm = x sway - y surge (Fossen 2011, eq. 12.230). A lever of zero
-    is left out.
-
-    Raises
-    ------
-    ConfigError
-        The same lever is given twice, or not at all.
+    is left out. Raises ConfigError if the same lever is given twice, or not at all.
     """
     given = [key for key in GEOMETRY_KEYS if key in block]
     if not given:
@@ -208,10 +194,8 @@ def planar_rudder(
 ) -> Thruster:
     """A rudder of the coupled model; ``diameters`` are those of the thrusters' propellers in m, None where unknown.
 
-    Raises
-    ------
-    ConfigError
-        There is no angle or no position, no thruster of the name ``behind``, or the block describes steered wheels.
+    Raises ConfigError if there is no angle or no position, no thruster of the name ``behind``, or the block describes
+    steered wheels.
     """
     place = f"[[rudders]] {name!r}"
     if "angle" not in block:

@@ -234,10 +234,7 @@ class Vehicle:
     def require_no_rudder(self, purpose: str) -> None:
         """Refuse a ``purpose`` that needs the torque of each command alone.
 
-        Raises
-        ------
-        ConfigError
-            There is a rudder, whose torque depends on the speed.
+        Raises ConfigError if there is a rudder, whose torque depends on the speed.
         """
         rudder = next((thruster.name for thruster in self.thrusters if thruster.steering is not None), "")
         if rudder:

@@ -50,29 +50,16 @@ def build_report(
     The report's model is that of the diagnosis, which replaces the contents of the parameter file. Without a diagnosis
     the model is that of the file, if the file holds for these logs; parameters that it lacks are fitted and added.
 
-    Parameters
-    ----------
-    diagnosed
-        Whether to diagnose, which takes longer than all the rest.
-    budget
-        Time in s that the diagnosis may take; None: the default of these logs.
-    controlled, exported
-        Whether to design a heading controller, and to export to every simulator; in yaw only.
-    pdf
-        Whether to print the page too, into `pdf_output` of ``folder``.
-    journal
-        Widths of plots for a journal, which are written too; see `write_report`.
-    force
-        Whether to overwrite files of other programs; the report's inputs are never overwritten.
-    report
-        Called with a line of text on the progress.
+    Raises OutputError if the folder or the parameter file cannot be written, or the page cannot be printed. Raises
+    ConfigError if there is no browser to print with.
 
-    Raises
-    ------
-    OutputError
-        The folder or the parameter file cannot be written, or the page cannot be printed.
-    ConfigError
-        There is no browser to print with.
+    ``diagnosed``: Whether to diagnose, which takes longer than all the rest.
+    ``budget``: Time in s that the diagnosis may take; None: the default of these logs.
+    ``controlled``, ``exported``: Whether to design a heading controller, and to export to every simulator; in yaw only.
+    ``pdf``: Whether to print the page too, into `pdf_output` of ``folder``.
+    ``journal``: Widths of plots for a journal, which are written too; see `write_report`.
+    ``force``: Whether to overwrite files of other programs; the report's inputs are never overwritten.
+    ``report``: Called with a line of text on the progress.
     """
     inputs = input_files(study.paths)
     parameters = OutputSet([stored.output, history_output(stored.path)], force=force, protected=inputs)
@@ -196,10 +183,7 @@ def _if_valid(stored: Parameters, study: Study) -> tuple[Parameters, list[str]]:
 def _fitted_again(before: Parameters, study: Study) -> Estimate | None:
     """A joint fit with the effects of ``before``; None where its parameters were not fitted jointly.
 
-    Raises
-    ------
-    ConfigError
-        An effect does not suit the vehicle any more.
+    Raises ConfigError if an effect does not suit the vehicle any more.
     """
     if not any(entry.method in JOINT_METHODS for entry in before.entries.values()):
         return None
@@ -233,12 +217,7 @@ def _is_complete(stored: Parameters) -> bool:
 def _model_of(study: Study, stored: Parameters) -> Model:
     """The parameter file's model.
 
-    Raises
-    ------
-    DataError
-        The file has no complete model.
-    ConfigError
-        An effect does not suit the vehicle.
+    Raises DataError if the file has no complete model. Raises ConfigError if an effect does not suit the vehicle.
     """
     if not _is_complete(stored):
         raise DataError("inertia or drag is missing.")

@@ -34,13 +34,7 @@ def comparison_page(path: Path) -> OutputFile:
 def write_comparison(
     claim: OutputSet, page: OutputFile, comparison: Comparison, guess: Assumptions, notes: Sequence[str]
 ) -> None:
-    """Write the page.
-
-    Raises
-    ------
-    OutputError
-        The page cannot be written; an earlier page stays complete.
-    """
+    """Write the page. Raises OutputError if the page cannot be written; an earlier page stays complete."""
     environment = template_environment()
     environment.globals["guess"] = guess
     context: dict[str, Any] = {

@@ -101,21 +101,13 @@ def build_planar_report(
 ) -> tuple[Path, PlanarReport]:
     """Fit, diagnose and simulate the logs, and write the page; return the page and its contents.
 
-    Parameters
-    ----------
-    store
-        Writes the report's model to the parameter file, and returns its new content.
-    diagnosed, budget
-        Whether to look for causes, and for how many seconds; otherwise the model has the effects of ``stored``.
-    pdf, force
-        Whether to print the page too, and whether to replace files of other programs.
-    journal
-        Widths as "84mm": the plots are also written that wide.
+    Raises OutputError if the folder or the parameter file cannot be written.
 
-    Raises
-    ------
-    OutputError
-        The folder or the parameter file cannot be written.
+    ``store``: Writes the report's model to the parameter file, and returns its new content.
+    ``diagnosed``, ``budget``: Whether to look for causes, and for how many seconds; otherwise the model has the effects
+        of ``stored``.
+    ``pdf``, ``force``: Whether to print the page too, and whether to replace files of other programs.
+    ``journal``: Widths as "84mm": the plots are also written that wide.
     """
     inputs = [*input_files(study.logs.paths), stored.path]
     claim = claim_page(folder, "planar_tracks", force=force, protected=inputs)

@@ -74,10 +74,8 @@ def existing_plots(folder: Path) -> list[OutputFile]:
 def claim_page(folder: Path, plot: str, *, force: bool, protected: Iterable[Path]) -> OutputSet:
     """Permission to write a page and its plots into ``folder``.
 
-    Raises
-    ------
-    OutputError
-        A file of another program has the name of one of the report's, or the folder cannot be written.
+    Raises OutputError if a file of another program has the name of one of the report's, or the folder cannot be
+    written.
     """
     # The plots are not known yet; one stands for those that do not exist.
     first = OutputFile(folder / "plots" / f"{plot}.png", png_signature("report"))

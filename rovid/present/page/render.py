@@ -38,10 +38,8 @@ _SIDE_ALONG = {"roll": "long", "pitch": "wide", "yaw": "high"}
 def claim_report(folder: Path, *, force: bool = False, protected: Iterable[Path] = ()) -> OutputSet:
     """Permission to write a report into ``folder``, which may contain other files with different names.
 
-    Raises
-    ------
-    OutputError
-        A file of another program has the name of one of the report's, or the folder cannot be written.
+    Raises OutputError if a file of another program has the name of one of the report's, or the folder cannot be
+    written.
     """
     return claim_page(folder, "inertia", force=force, protected=protected)
 
@@ -58,19 +56,11 @@ def write_report(
 
     Page and plots change together. Plots of an older report that this one does not have are removed.
 
-    Parameters
-    ----------
-    claim
-        Permission to write, where it was requested before.
-    today
-        The date on the page; today's date, UTC, if None.
-    journal
-        Widths as "84mm": the plots are also written that wide, each width into a folder of its name.
+    Raises OutputError if the folder cannot be written; an earlier page stays complete.
 
-    Raises
-    ------
-    OutputError
-        The folder cannot be written; an earlier page stays complete.
+    ``claim``: Permission to write, where it was requested before.
+    ``today``: The date on the page; today's date, UTC, if None.
+    ``journal``: Widths as "84mm": the plots are also written that wide, each width into a folder of its name.
     """
     claim = claim or claim_report(folder)
     figures = draw_figures(report)

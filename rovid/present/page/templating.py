@@ -108,13 +108,7 @@ def read_assets() -> Assets:
 
 
 def require_browser() -> str:
-    """The path of an installed browser.
-
-    Raises
-    ------
-    ConfigError
-        There is none.
-    """
+    """The path of an installed browser. Raises ConfigError if there is none."""
     found = next((path for name in BROWSERS if (path := shutil.which(name))), None)
     found = found or next((place for place in _PLACES if Path(place).is_file()), None)
     if found is None:
@@ -129,10 +123,7 @@ def require_browser() -> str:
 def print_pdf(page: Path, browser: str) -> bytes:
     """``page`` as PDF, with the mark by which rovid recognises its own files.
 
-    Raises
-    ------
-    OutputError
-        The browser made no PDF.
+    Raises OutputError if the browser made no PDF.
     """
     with tempfile.TemporaryDirectory(prefix="rovid", ignore_cleanup_errors=True) as name:
         made, profile = Path(name) / "page.pdf", Path(name) / "profile"

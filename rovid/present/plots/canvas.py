@@ -115,18 +115,11 @@ def panel_grid(
 
     Margins are fixed, so that axes of successive figures align, and no layout has to be computed.
 
-    Parameters
-    ----------
-    rows
-        Height in inches and number of panels of each row.
-    left, right, top, bottom
-        Margins in inches.
-    across, down
-        Gaps between panels in inches.
-    share_x
-        One horizontal axis for all rows, labelled in the last.
-    width
-        Of the figure in inches; less in a narrow journal, whose panels stand one below another.
+    ``rows``: Height in inches and number of panels of each row.
+    ``left``, ``right``, ``top``, ``bottom``: Margins in inches.
+    ``across``, ``down``: Gaps between panels in inches.
+    ``share_x``: One horizontal axis for all rows, labelled in the last.
+    ``width``: Of the figure in inches; less in a narrow journal, whose panels stand one below another.
     """
     journal = _journal.get()
     if journal is not None:

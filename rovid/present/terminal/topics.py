@@ -83,10 +83,7 @@ def topic_title(topic: str) -> str:
 def topic_text(topic: str) -> str:
     """A page as Markdown without pictures and links.
 
-    Raises
-    ------
-    ConfigError
-        The topic does not exist; the message offers the nearest ones.
+    Raises ConfigError if the topic does not exist; the message offers the nearest ones.
     """
     there = topic_names()
     if topic not in there:
