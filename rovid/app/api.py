@@ -1,7 +1,5 @@
 """The requests of the page: list the logs, draft and save rovid.toml, and run `rovid check`."""
 
-from __future__ import annotations
-
 import math
 import shlex
 import shutil

@@ -1,7 +1,5 @@
 """Access control of the page, and limits on its connections: every program of this machine can connect."""
 
-from __future__ import annotations
-
 import asyncio
 import hmac
 import itertools

@@ -1,7 +1,5 @@
 """Columns of a log for plots, as the minimum and maximum of each time bin."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The user's choices on the page: parsed from the page's JSON and stored in rovid.toml."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

@@ -3,8 +3,6 @@
 The page holds the other end of standard input. The pipe closes when the page ends, also if the page is killed.
 """
 
-from __future__ import annotations
-
 import os
 import runpy
 import signal

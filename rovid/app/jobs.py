@@ -1,7 +1,5 @@
 """A rovid command that runs next to the page: its progress, its result and its cancellation."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

@@ -1,7 +1,5 @@
 """The temporary folder of a running page, and its access to files: limited to one folder, and uploads into it."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import re
@@ -107,7 +105,7 @@ class RootFolder:
     folder: Path
 
     @classmethod
-    def for_logs(cls, logs: Sequence[Path]) -> RootFolder:
+    def for_logs(cls, logs: Sequence[Path]) -> "RootFolder":
         """The working folder if it contains all ``logs``, else their common parent."""
         here = Path.cwd().resolve()
         paths = [log.resolve() for log in logs]
@@ -223,7 +221,7 @@ class Upload:
     size: int = 0
 
     @classmethod
-    def start(cls, folder: Path, name: Path) -> Upload:
+    def start(cls, folder: Path, name: Path) -> "Upload":
         """Open the temporary file."""
         home = (folder / name).parent
         home.mkdir(parents=True, exist_ok=True)

@@ -1,7 +1,5 @@
 """HTTP server of the page, on the loopback address only."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import logging

@@ -1,7 +1,5 @@
 """``rovid check``."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from rovid.cli.context import announce_compilation, console, named_axis, print_json

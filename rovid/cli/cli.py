@@ -1,7 +1,5 @@
 """The command line: the list of commands and the end of a run. Each command imports its own modules."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import os

@@ -1,7 +1,5 @@
 """Values for shell completion. Each Tab key press imports this module, so its imports have to be fast."""
 
-from __future__ import annotations
-
 import ast
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """``rovid fit-drag``."""
 
-from __future__ import annotations
-
 from rovid.cli.context import fit_and_store, open_session
 from rovid.cli.fit_inertia import estimate_inertia
 from rovid.cli.options import AxisName, Cutoff, Force, Json, Logs, Page, ParameterFile

@@ -1,7 +1,5 @@
 """``rovid fit-inertia``."""
 
-from __future__ import annotations
-
 from rovid.cli.context import FitSession, fit_and_store, open_session
 from rovid.cli.options import AxisName, Cutoff, Force, Json, OptionalLogs, Page, ParameterFile
 

@@ -1,7 +1,5 @@
 """``rovid help``."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import typer

@@ -1,7 +1,5 @@
 """``rovid init``."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import typer

@@ -1,7 +1,5 @@
 """``rovid mcp``."""
 
-from __future__ import annotations
-
 from importlib.util import find_spec
 
 from rovid.cli.options import Page

@@ -1,7 +1,5 @@
 """Manual pages of the commands as plain text, and options that several commands share."""
 
-from __future__ import annotations
-
 import re
 import textwrap
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """``rovid simulate``."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated

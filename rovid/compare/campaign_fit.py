@@ -1,7 +1,5 @@
 """One of the two campaigns of a comparison: diagnosed logs, or the content of a parameter file."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """Comparison of two campaigns: changed parameters, changed causes, and cross-prediction of each other's runs."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence

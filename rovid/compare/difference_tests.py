@@ -5,8 +5,6 @@ Parameters that did not change are shared by classical minimum distance (Newey a
 as precise as a joint likelihood, and still valid if a likelihood understates its errors.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Comparison of two campaigns by the coupled model of surge, sway and yaw."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -34,7 +32,7 @@ class PlanarCampaign:
     parameters: Parameters
     study: PlanarStudy | None = None
 
-    def model_for(self, other: PlanarCampaign) -> PlanarModel | None:
+    def model_for(self, other: "PlanarCampaign") -> PlanarModel | None:
         """The model of these parameters on the vehicle of ``other``; None without logs there."""
         return None if other.study is None else other.study.model(self.parameters)
 

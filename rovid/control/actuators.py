@@ -1,7 +1,5 @@
 """Actuators of the controller: allocation of torque to commands, and their frequency response."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property

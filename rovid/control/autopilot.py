@@ -6,8 +6,6 @@ PX4, from its source (uuv_att_control.cpp): the output is UUV_YAW_P * sin(error)
 cascade without integral and filters. A mixer turns the output into equal shares of the commands of all thrusters.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Closed-loop simulation of a sampled controller and a plant with all of its effects, and metrics of the runs."""
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Iterator, Sequence
@@ -44,7 +42,7 @@ class Plant:
     disturbance: float = 0.0
     correlation_time: float = 4.0
 
-    def noise_free(self) -> Plant:
+    def noise_free(self) -> "Plant":
         """The plant without noise and disturbance."""
         return replace(self, heading_noise=0.0, disturbance=0.0)
 

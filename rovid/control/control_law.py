@@ -1,7 +1,5 @@
 """Control law: model aid, and PD on heading and yaw rate; the same as C and Python source."""
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Controller design for one identified vehicle: gains, margins, and closed-loop runs."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Sequence

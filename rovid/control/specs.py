@@ -1,7 +1,5 @@
 """Options of the controller, conditions of the loop, and manoeuvres."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -73,7 +71,7 @@ class ControllerOptions:
 
 def loop_conditions(
     options: ControllerOptions, model: Model, heading_noise: float | None, torque_in_use: float | None
-) -> LoopConditions:
+) -> "LoopConditions":
     """Conditions of the loop; without logs with a heading noise of 0.01 deg and the drag at 0.15 rad/s."""
     if heading_noise is None:
         heading_noise = _HEADING_NOISE

@@ -1,7 +1,5 @@
 """PD gains from damping ratio and bandwidth, stability margins of the open loop, and models from the covariance."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """The time that a computation may take, and its progress."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable

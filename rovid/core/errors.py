@@ -1,7 +1,5 @@
 """Errors that the user can correct: where, what was found, what was expected, and what to do."""
 
-from __future__ import annotations
-
 import difflib
 import re
 import unicodedata

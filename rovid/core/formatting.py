@@ -1,7 +1,5 @@
 """Text of results and text from files: JSON, rounded numbers, escapes of each format, and the safe terminal."""
 
-from __future__ import annotations
-
 import io
 import json
 import math

@@ -1,7 +1,5 @@
 """Input files: only regular files and folders are opened, and TOML is read within limits of size and depth."""
 
-from __future__ import annotations
-
 import errno
 import math
 import os

@@ -1,7 +1,5 @@
 """Cache with a limited total size, which evicts the least recently used value, or a random one."""
 
-from __future__ import annotations
-
 import random
 import threading
 from collections.abc import Callable, Hashable

@@ -1,7 +1,5 @@
 """Output files: recognised by their signatures, checked before the work, and written all or none after it."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import re

@@ -4,8 +4,6 @@ scipy is imported at the first call: importing it takes a sixth of a command's s
 this.
 """
 
-from __future__ import annotations
-
 import math
 
 

@@ -1,7 +1,5 @@
 """Threads: a map over the cores, and settings of the garbage collector and the memory allocator."""
 
-from __future__ import annotations
-
 import atexit
 import gc
 import os

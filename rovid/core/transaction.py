@@ -13,8 +13,6 @@ one of the folders calls `recover`: with a journal in the first folder it repeat
 staged files.
 """
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import json

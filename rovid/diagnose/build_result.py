@@ -1,7 +1,5 @@
 """Result of the diagnosis from a validated selection: estimates, findings, suspects, scores, detectable sizes."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Fits of candidate models: BIC, plausibility, the cache of all fits, and staged fits of shortlisted forms."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace

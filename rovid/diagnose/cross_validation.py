@@ -1,7 +1,5 @@
 """Cross-validation: required data, division of runs into pieces, scores on held-out pieces, and their noise floor."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Trial of one effect on logs: its gains alone and next to the causes of the diagnosis, beside those of the others."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Evidence for one effect: size in standard errors, posterior probability that it acts, and the word for both."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Mapping
 from enum import StrEnum

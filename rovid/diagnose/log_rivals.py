@@ -12,8 +12,6 @@ logs are set aside, and the cause is a suspect next to them. Of the logs of two 
 Some causes of a diagnosis of yaw are motion along surge and sway, which the coupled model explains.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace

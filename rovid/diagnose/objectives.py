@@ -3,8 +3,6 @@
 Both have the same interface: `data` of the final fit, `pieces` for cross-validation, `base` model, and `search`.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Callable, Sequence

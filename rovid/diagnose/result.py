@@ -1,7 +1,5 @@
 """Result of a diagnosis: findings, suspects, models with their scores, and the next experiment."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -3,8 +3,6 @@
 A score test predicts the log-likelihood gain of a further effect without a fit.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass

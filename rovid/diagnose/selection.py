@@ -1,7 +1,5 @@
 """A selected model with everything that its validation needs: data, search, cross-validation, probabilities."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

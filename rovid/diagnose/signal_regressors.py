@@ -1,7 +1,5 @@
 """Logged signals as regressors: effects without a name, for errors that follow a signal."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 

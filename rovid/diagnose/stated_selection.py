@@ -4,8 +4,6 @@ Validation tests the size of a cause by the error of its fit. The error that is 
 suspects, and torques that the model lacks: `state` drops what differs too little from nothing by that error.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

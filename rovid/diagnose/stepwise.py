@@ -1,7 +1,5 @@
 """Stepwise selection of effects by BIC: forward selection by score tests and fits, elimination, and exchange."""
 
-from __future__ import annotations
-
 import enum
 import math
 from collections.abc import Callable, Sequence

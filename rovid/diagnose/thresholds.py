@@ -8,8 +8,6 @@ Thresholds that the diagnosis shares with `rovid fit` stand with the estimators:
 `DISTURBANCE_LIMITS` in `rovid.estimate.maximum_likelihood`, the tests of white innovations, and `MIN_INERTIA_SIGMAS`.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Test for waves: a narrow-band disturbance against a broad one, by one-step predictions, which know the phase."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Sequence

@@ -3,8 +3,6 @@
 Each takes (n,) instants in s and (n,) values of one trial, see `ActuatorInputs.apply_per_trial`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -4,8 +4,6 @@ Cummins' convolution with one state, torque -m, dm/dt = k*r - m/tau, is the plai
 linear drag.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from rovid.effects.base import REFERENCE_RATE, Effect, EffectParameter, Instant, Numbers, Term, Values, compiled

@@ -1,7 +1,5 @@
 """Loss of thrust with the speed of advance of the thruster."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

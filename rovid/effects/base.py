@@ -11,8 +11,6 @@ The first three are functions of the logged commands alone, those of all trials 
 for a set of parameters. Terms are compiled, and evaluated in each step of the integration.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass

@@ -1,7 +1,5 @@
 """A constant torque in the body frame."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

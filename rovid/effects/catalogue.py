@@ -1,7 +1,5 @@
 """The catalogue of effects: one file an effect, one line here."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path

@@ -4,8 +4,6 @@ The clocks of joined files may differ, and a logger may write a command at the e
 clock that is ahead looks the same as a command delay, which covers that sign.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A delay between the logged command and its action."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from rovid.core.array_types import FloatArray

@@ -1,7 +1,5 @@
 """Play between command and thruster."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from rovid.core.array_types import FloatArray

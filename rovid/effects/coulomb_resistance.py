@@ -1,7 +1,5 @@
 """Coulomb friction of a rubbing tether or of seals."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Cross-flow drag along the hull, whose sides move at different speeds in a turn."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from rovid.effects.base import Coupling, Effect, EffectParameter, Numbers, compiled

@@ -1,7 +1,5 @@
 """A uniform current: hull and thrusters move relative to the water."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Drag that differs between the two directions of turning."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from rovid.effects.base import Effect, EffectParameter, Instant, Numbers, Term, compiled, drag, where_nonnegative

@@ -1,7 +1,5 @@
 """Drag that rises faster or slower with the rate than the linear and quadratic terms."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Water that co-rotates after long turning and reduces the drag."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from rovid.effects.base import (

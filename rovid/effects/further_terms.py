@@ -5,8 +5,6 @@ trial, or in one trial alone, names the trials. Parts of a trial, cut for valida
 `TrialRows.parent`.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Sequence
 from dataclasses import replace

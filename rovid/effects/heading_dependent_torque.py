@@ -1,7 +1,5 @@
 """A torque that depends on the heading, by a current or a side pull of the tether."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Deviation of a compass: an error of the measured heading that depends on the heading."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

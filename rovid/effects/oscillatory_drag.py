@@ -1,7 +1,5 @@
 """Drag that is larger after a reversal and falls with the angle swept since."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

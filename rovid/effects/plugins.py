@@ -4,8 +4,6 @@ A plug-in has the form of a file of the catalogue. The code of a plug-in runs on
 installs a package with the entry point group ``rovid.effects``. A broken plug-in is left out with a warning.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import importlib.util

@@ -1,7 +1,5 @@
 """Restoring torque and net buoyancy, part of the base model of some axes, and the effect of another restoring curve."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Yaw moment of a hull with sideslip, and its Munk moment with speed ahead."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from rovid.core.array_types import FloatArray

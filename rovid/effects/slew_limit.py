@@ -1,7 +1,5 @@
 """A limit on the rate of change of the applied command."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Damping that grows with the speed ahead, by lift of hull, skegs and rudder."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from rovid.core.array_types import FloatArray

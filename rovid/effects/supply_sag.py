@@ -1,7 +1,5 @@
 """Thrust that falls with the supply: with its load, over time, or with its voltage."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Damping that couples sway and yaw: the drag of the hull acts ahead or astern of the origin."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from rovid.effects.base import Coupling, Effect, EffectParameter, Numbers, compiled

@@ -1,7 +1,5 @@
 """A standing wave of the tank, which a run excites."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Torsion of a tether that winds up."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

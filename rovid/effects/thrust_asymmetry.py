@@ -1,7 +1,5 @@
 """Reverse thrust that differs from the bench curve, while forward thrust does not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

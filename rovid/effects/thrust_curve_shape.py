@@ -1,7 +1,5 @@
 """A thrust curve with another curvature than the bench curve."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

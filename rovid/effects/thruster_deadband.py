@@ -1,7 +1,5 @@
 """A dead band around neutral, in addition to that of the bench curve."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """One thruster with less thrust than its bench curve."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

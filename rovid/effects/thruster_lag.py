@@ -1,7 +1,5 @@
 """Thrust that lags the command, by filters and currents or by a rotor that has to spin up."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Torque of waves: narrow-band, of random phase, independent of the command."""
 
-from __future__ import annotations
-
 from rovid.effects.base import Effect, EffectParameter, WaveTorque
 
 # Over the time constant of the vehicle; a fit leaves out those below one cycle of the longest run and above the Nyquist

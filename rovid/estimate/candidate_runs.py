@@ -1,7 +1,5 @@
 """Candidate runs of an experiment: holds, stairs, sines and others of a list, and optimised patterns."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -82,7 +80,7 @@ class RunScales:
     fast: float  # steady rate at the full command in rad/s or m/s
 
     @classmethod
-    def from_trials(cls, model: Model, vehicle: Vehicle, trials: Sequence[Trial], share: float) -> RunScales:
+    def from_trials(cls, model: Model, vehicle: Vehicle, trials: Sequence[Trial], share: float) -> "RunScales":
         """Scales for the given ``share`` of the commands that ``trials`` used.
 
         Raises DataError if the thrusters push one way only.

@@ -3,8 +3,6 @@
 `InputCache` holds the torque inputs of all runs, with the resolved commands cached between models.
 """
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence

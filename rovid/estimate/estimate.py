@@ -1,7 +1,5 @@
 """Result of every estimation method: values, covariance, and what the data cannot determine."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace

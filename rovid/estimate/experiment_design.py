@@ -1,7 +1,5 @@
 """Experiment design: expected information of candidate runs, the best run, and its command file."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -45,7 +43,7 @@ class CandidateModel:
     integrated: bool = False  # the rate alone is measured
 
     @classmethod
-    def from_fit(cls, name: str, fitted: FitResult, covariance: FloatArray) -> CandidateModel:
+    def from_fit(cls, name: str, fitted: FitResult, covariance: FloatArray) -> "CandidateModel":
         """Model of a fit with the (p, p) ``covariance`` of its parameters."""
         disturbance, memory = fitted.disturbance
         return cls(

@@ -1,7 +1,5 @@
 """Readings of all runs, one after the other, as the Kalman filter takes them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Negative log-likelihood of innovations, its gradient and Fisher information, and covariances from them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -61,7 +59,7 @@ class Jacobian:
         """(p, p) Fisher information; not finite where the model diverges."""
         return self.cross_information(self)
 
-    def cross_information(self, others: Jacobian) -> FloatArray:
+    def cross_information(self, others: "Jacobian") -> FloatArray:
         """(p, s) Fisher information between these p coordinates and s others of the same innovations."""
         with np.errstate(over="ignore", invalid="ignore"):
             return np.asarray(self.matrix.T @ others.matrix)

@@ -1,7 +1,5 @@
 """A fitted model: coordinates, covariance, innovations and free-running simulation."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Inertia by every method side by side, from logs or from a table of sine trials."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Inner loop: a controller that keeps an ordered rate; its gain and its lag."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

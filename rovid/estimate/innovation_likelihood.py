@@ -1,7 +1,5 @@
 """Negative log-likelihood of the innovations of an extended Kalman filter."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Isolability: which pairs of causes a programme of runs can distinguish, and after how many minutes."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace

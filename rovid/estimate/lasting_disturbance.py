@@ -1,7 +1,5 @@
 """Errors of steady drag under a disturbance of unknown memory; docs/method.md, (7a)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

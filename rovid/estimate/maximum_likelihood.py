@@ -1,7 +1,5 @@
 """Maximum likelihood of all parameters from all trials at once."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Errors by torques that a model lacks; docs/method.md, (15a)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple

@@ -5,8 +5,6 @@ horizons resemble one-step predictions, long ones the free-running simulation. R
 out. Each horizon has its own error variance, so all horizons count alike.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace

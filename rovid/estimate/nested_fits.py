@@ -8,8 +8,6 @@ A lag of the thrust and the vehicle's own time constant act in series. With line
 system, and change places without a change of the motion: I/D <-> T. Both orders are tried.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from itertools import combinations

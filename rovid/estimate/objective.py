@@ -1,7 +1,5 @@
 """The abstract negative log-likelihood that the optimiser minimises: coordinates, values, derivatives."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass, replace

@@ -4,8 +4,6 @@ Of sine runs by three methods, of which the peak method of the founding paper is
 damping ratios and the ratios to the inertia, as a roll-decay test reports them.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace

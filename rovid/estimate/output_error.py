@@ -4,8 +4,6 @@ Instrumental variables regress the torque on acceleration, |r| r, r and position
 fit then minimises the squared error of the free-running rate within physical bounds.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

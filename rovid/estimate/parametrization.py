@@ -1,7 +1,5 @@
 """Scaled coordinates of a fit: order, bounds, initial values, and the map to model parameters."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property

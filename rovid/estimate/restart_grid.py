@@ -1,7 +1,5 @@
 """Measured motion on a uniform grid, and the restarts and ends of multi-step predictions on it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Quadratic and linear drag from steady turns."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Steady states from held commands or a table, and weighted least squares of their torque balance."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -4,8 +4,6 @@ Heading data alone never determine the scale: s times the thrust with s times in
 A pull, a lift, or a step of known inertia determines it.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import dataclass

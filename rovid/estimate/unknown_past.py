@@ -1,7 +1,5 @@
 """The unknown state of drives and water at a log's first sample, as more states of the Kalman filter."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field

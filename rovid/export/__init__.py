@@ -1,7 +1,5 @@
 """Export of the parameters in the formats of simulators, verified by re-simulation; list of the formats."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple

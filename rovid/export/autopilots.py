@@ -6,8 +6,6 @@ vehicle of `rovid.export.python_vehicle_simulator` moves. The names of the param
 `rovid.control.autopilot` cites.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import replace

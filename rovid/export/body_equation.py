@@ -9,8 +9,6 @@ Yaw has a cubic drag, a factor of all drag at negative rates, and a stiffness in
 A part of M may be lagged: it multiplies the acceleration of the step before, through a filter (uuv_simulator).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import lru_cache

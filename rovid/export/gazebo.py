@@ -6,8 +6,6 @@ with rdot of the step before. An added inertia as large as the rigid body's make
 a lag: the link has the whole inertia. Axes are FLU, z up: the yaw rate is minus rovid's.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -4,8 +4,6 @@ The vehicles of MSS are such functions; the caller integrates them, here by the 
 NED and names of SNAME (1950), as in Fossen 2021, chapter 6. The verification runs the text of the file, line by line.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any

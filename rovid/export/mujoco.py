@@ -1,7 +1,5 @@
 """MuJoCo 3.7 or newer in MJCF: a hinge about z, or two slides and a hinge for the coupled model."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -8,8 +8,6 @@ uuv_simulator: the added mass times the filtered acceleration of the step before
 added-mass matrix, full linear damping, all at velocities through the water.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

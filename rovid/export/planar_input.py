@@ -1,7 +1,5 @@
 """Input and result of the exporters of the coupled model, its commands for verification, and rovid's own motion."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace

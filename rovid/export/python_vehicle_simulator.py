@@ -1,7 +1,5 @@
 """PythonVehicleSimulator: a vehicle class, for its vehicles have no parameter files and no free |r|*r term."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Verification commands, integration schemes of simulators, and the mismatch between two yaw rates."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Rovid's own equation as ROS 2 parameters, MATLAB variables and JSON, of one axis and of the coupled model."""
 
-from __future__ import annotations
-
 import io
 import json
 from collections.abc import Callable, Mapping

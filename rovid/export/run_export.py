@@ -1,7 +1,5 @@
 """One export: the file, its verification by re-simulation, and what the format leaves out, for both models."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable, Mapping

@@ -5,8 +5,6 @@ states included, lie within the unit circle; and the integration from speeds all
 the simulator's own scheme, loses its kinetic energy in about the time that the exact equation takes.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable

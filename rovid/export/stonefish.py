@@ -5,8 +5,6 @@ rho/2 * sum((r x v)_z |v| (-v.n) A), cubic in the rate, and `viscous_drag` multi
 There is no |r|*r. Axes are FRD, z down, as in rovid: no sign changes.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.optimize import nnls
 

@@ -1,7 +1,5 @@
 """Thrust curves that include the memoryless effects, and the lag in front of or behind them."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple

@@ -5,8 +5,6 @@ negative damping; a is the acceleration of the step before through a filter of w
 command (FirstOrder) in front of a conversion (LinearInterp). Axes are FLU, z up: the yaw rate is minus rovid's.
 """
 
-from __future__ import annotations
-
 import math
 
 from rovid.core.formatting import identifiers

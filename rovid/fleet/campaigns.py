@@ -1,7 +1,5 @@
 """The campaigns of a fleet: search, names, digests of their input, and the diagnosis of each in its own process."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os
@@ -64,7 +62,7 @@ class CampaignRecord:
         return to_json({"schema": SCHEMA, **asdict(self)}) + "\n"
 
     @property
-    def reduced(self) -> CampaignRecord:
+    def reduced(self) -> "CampaignRecord":
         """The record with only those parts of the diagnosis that table and page need, to save memory."""
         if self.diagnosis is None:
             return self

@@ -1,7 +1,5 @@
 """The fleet as an HTML page: findings over time, parameter histories, changes of causes and outliers."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -8,8 +8,6 @@ with m flat. Both scatters are integrated over, with a flat prior of the standar
 Analysis 1:515). A few campaigns therefore do not imply that the vehicles are alike.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 import re

@@ -1,7 +1,5 @@
 """Diagnosis of all campaigns of a fleet, and its results as a Parquet table, as JSON and on the terminal."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

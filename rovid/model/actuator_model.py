@@ -3,8 +3,6 @@
 Command series are cached for all models that are compared.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass

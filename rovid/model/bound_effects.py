@@ -1,7 +1,5 @@
 """Effects with parameter values, and as the arrays that compiled loops read."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple, TypeVar

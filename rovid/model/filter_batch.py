@@ -1,7 +1,5 @@
 """Inputs of the Kalman filters: measurements, and four models with the torque input of each."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple, Self, TypeVar
 

@@ -1,7 +1,5 @@
 """The model: inertia, drag, restoring torque, effects, and the heading sensor."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ has. The torque that acted is known better: it balanced the drag, if the motion 
 command is on has just been switched on, and one that turns with neutral commands has just been switched off.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Names and units of a model's parameters."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 from rovid.effects import effect_named, restoring_effect

@@ -4,8 +4,6 @@ Numbers of equations refer to docs/method.md. Every interval is divided into man
 is needed. The kernels differ from this module by their larger steps alone.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -34,7 +32,7 @@ class Motion:
     rate: float
     states: tuple[FloatArray, ...]
 
-    def plus(self, slope: Motion, h: float) -> Motion:
+    def plus(self, slope: "Motion", h: float) -> "Motion":
         """The motion after ``h`` s with this slope."""
         states = tuple(x + h * dx for x, dx in zip(self.states, slope.states, strict=True))
         return Motion(self.angle + h * slope.angle, self.rate + h * slope.rate, states)

@@ -1,7 +1,5 @@
 """Free-running simulation of trials, compared to the measurement."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

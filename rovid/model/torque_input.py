@@ -1,7 +1,5 @@
 """The torque that drives a vehicle in its trials, after all effects between command and torque."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Scaled coordinates of a planar fit: order, bounds, map to model and noise, and combinations the data leave open."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

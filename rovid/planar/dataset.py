@@ -6,8 +6,6 @@ length: a few microseconds between two sensors, or many seconds in a gap, within
 steps. For start values, `smooth_run` takes the readings through one Gaussian kernel, on a uniform grid.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Self

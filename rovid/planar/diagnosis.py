@@ -6,8 +6,6 @@ the result. Each cause then has to pass the held-out gate of `_rejection`. One t
 on without it. Thresholds are those of `rovid.diagnose.thresholds`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 

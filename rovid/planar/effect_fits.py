@@ -1,7 +1,5 @@
 """Effects that the planar model can hold, and its fits with further ones."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

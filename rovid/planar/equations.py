@@ -5,8 +5,6 @@ change of the current to north and to east; position to north and to east. Array
 are not in use stay zero.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -3,8 +3,6 @@
 Candidate runs are steps, sines, circles, zigzags, random levels and a square.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace

@@ -4,8 +4,6 @@ Parts are whole runs if there are four or more, and otherwise equal pieces of th
 filter always runs through whole logs: a part is held out by leaving its readings out of the likelihood of the fit.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

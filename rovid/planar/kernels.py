@@ -1,7 +1,5 @@
 """Compiled extended Kalman filter of the planar model, with the states of `rovid.planar.equations`."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -6,8 +6,6 @@ is a rudder angle in rad, or the share of the largest differential command; a po
 tracks are relative to the water: subtract the current first.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -60,7 +58,7 @@ class Track:
     surge: FloatArray
     sway: FloatArray
 
-    def part(self, first: int, last: int) -> Track:
+    def part(self, first: int, last: int) -> "Track":
         """Rows ``first`` to ``last``, the latter excluded."""
         return replace(self, **{name: value[first:last] for name, value in vars(self).items()})
 

@@ -17,8 +17,6 @@ By momentum theory s is 2/(rho A), A the area of the propeller's disc, for the s
 about two thirds of that where a rudder stands.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -291,7 +289,7 @@ class PlanarActuators:
     def _is_of_steering(self, one: BoundEffect) -> bool:
         return self.steered and isinstance(one.effect.acts, OnCommand) and not _is_of_time(one)
 
-    def forces(self, commands: PlanarCommands, effects: Sequence[BoundEffect] = ()) -> PlanarForces:
+    def forces(self, commands: "PlanarCommands", effects: Sequence[BoundEffect] = ()) -> PlanarForces:
         """Forces of one trial, with the ``effects`` between command and thrust.
 
         Effects of time (delay, lag, clock offset) act on angles, too; effects on commands where the vehicle is

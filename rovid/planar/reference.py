@@ -1,7 +1,5 @@
 """The planar equations in plain numpy, step by step: the reference of the compiled loops."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -4,8 +4,6 @@ A simulated manoeuvre starts on a straight course at the steady speed of a const
 5.1). The steering is a rudder's angle, or a torque with the side force that comes with it in the runs.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -51,7 +49,7 @@ class SteeringSystem:
     slipstream: float  #: N of thrust ahead of each rudder for each N ahead.
 
     @classmethod
-    def of(cls, data: PlanarData, model: PlanarModel) -> SteeringSystem:
+    def of(cls, data: PlanarData, model: PlanarModel) -> "SteeringSystem":
         """The steering of the runs. Raises DataError if the vehicle neither moves ahead nor turns in the runs."""
         held = [run.forces() for run in data.runs]
         force = np.concatenate([one.force for one in held])

@@ -1,7 +1,5 @@
 """Free-running simulation of planar runs, compared to the measurement."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Advice before a fit: deficiencies of the logs, missing runs, and parameters that the data do not determine."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Guess position and velocity along an axis but yaw, and the thrust of surge, sway and yaw together."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """`rovid check`: facts and problems of each log, and advice before a fit."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """Offset and drift between two clocks from signals in both files: a heading, a yaw rate, or a copy of a command."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

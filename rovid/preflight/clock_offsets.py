@@ -6,8 +6,6 @@ thrusters, except that no vehicle responds before the command. The maximum likel
 sign in each trial, with a lag of the thrusters in addition where it is significant.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

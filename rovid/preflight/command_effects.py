@@ -1,7 +1,5 @@
 """Effect of each thruster command on the motion, by regression of mean rates on mean commands."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial

@@ -1,7 +1,5 @@
 """Text of a first rovid.toml: each guess with its reason, marks on assumptions, and what the user has to fill in."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress

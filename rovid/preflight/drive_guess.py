@@ -1,7 +1,5 @@
 """Guess a rudder or steered wheels, and the speed, from names, values and the response of the vehicle."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 

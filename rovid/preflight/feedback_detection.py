@@ -18,8 +18,6 @@ A single log may be too short: the p values of all logs are combined by Fisher's
 has the error rates of the tests.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Read all columns of logs without a rovid.toml, and join files that form one trial."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence

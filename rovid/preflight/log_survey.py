@@ -1,7 +1,5 @@
 """Survey of logs for `rovid init`: mapping of the columns, type of vehicle, thrust curve, and the user's overrides."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace

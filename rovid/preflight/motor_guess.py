@@ -1,7 +1,5 @@
 """Guess a motor on a bench or behind a controller, and a yaw rate without a heading."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 

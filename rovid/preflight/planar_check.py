@@ -1,7 +1,5 @@
 """`rovid check --axes planar`: sensors and their latencies, motions that the logs hold, and missing runs."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

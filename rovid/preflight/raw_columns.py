@@ -1,7 +1,5 @@
 """Columns of raw logs before they are mapped to signals: samples, mean rates, and the words in their names."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Guess which columns hold which signal, from names, values and the response of the vehicle; with reasons."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -73,7 +71,7 @@ class ColumnMapping:
         commands = [command.source for command in self.commands]
         return [signal.source for signal in self.signals.values()] + commands + angles
 
-    def of(self, columns: Iterable[str]) -> ColumnMapping:
+    def of(self, columns: Iterable[str]) -> "ColumnMapping":
         """The mapping with the sources among ``columns`` that have no meaning."""
         return replace(self, unused=tuple(source for source in columns if source not in self.sources))
 

@@ -5,8 +5,6 @@ port and to starboard); FRAME_CONFIG is the layout of the motors of a submarine;
 reverse them. PX4: CA_ROTORn_PX, _PY, _AX, _AY and _CT are position, thrust axis and thrust coefficient of motor n.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Text on a terminal: lines that end between words, and never between a number and its unit."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Sequence
 

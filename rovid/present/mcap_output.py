@@ -1,7 +1,5 @@
 """Measurement, simulation, residual torque and commands of each trial as MCAP."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path

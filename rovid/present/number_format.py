@@ -1,7 +1,5 @@
 """Numbers, units and names as text for terminal and page."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from statistics import median_high

@@ -1,7 +1,5 @@
 """The contents of a report, with every trial simulated by each nested model."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The torque that the model does not explain, its statistics, and the signals that drive it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace

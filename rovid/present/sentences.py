@@ -1,7 +1,5 @@
 """Results in words: the same sentences for terminal, page and JSON."""
 
-from __future__ import annotations
-
 import math
 import shlex
 from collections.abc import Iterator, Mapping, Sequence

@@ -5,8 +5,6 @@ one such module, one line in `rovid.trial.log_files` and one in docs/logs.md. Ti
 gaps and the time base are common to all formats (`rovid.readers.build_trial`).
 """
 
-from __future__ import annotations
-
 from rovid.readers.campaign import find_logs, read_campaign, read_trials
 from rovid.readers.formats import READERS, read_log
 

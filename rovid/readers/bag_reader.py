@@ -1,7 +1,5 @@
 """ROS bags: ROS 1 (.bag) and ROS 2 in SQLite (.db3), decoded by rosbags. Fields are named as in MCAP."""
 
-from __future__ import annotations
-
 import json
 import os
 import sqlite3

@@ -4,8 +4,6 @@ A log describes itself: FMT messages hold the length and the fields of each kind
 positions of the mapped messages; numpy then decodes them all at once.
 """
 
-from __future__ import annotations
-
 import re
 import struct
 from array import array
@@ -75,7 +73,7 @@ def sources(path: Path) -> LogContents:
 
 
 @contextmanager
-def _opened(path: Path, wanted: set[str]) -> Iterator[DataFlashLog]:
+def _opened(path: Path, wanted: set[str]) -> "Iterator[DataFlashLog]":
     require_mark(path, _MARK, _FORMAT)
     with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as data:
         yield DataFlashLog(path, data, wanted)

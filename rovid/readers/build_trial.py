@@ -10,8 +10,6 @@ together with the heading.
 - Rate, roll and pitch have mostly a clock of their own: they are interpolated linearly, except in gaps.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import chain

@@ -1,7 +1,5 @@
 """The logs in files and folders, and all of them as trials: read, without duplicates, in order of time."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace

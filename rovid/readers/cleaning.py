@@ -3,8 +3,6 @@
 Nothing is interpolated or smoothed. A value that is no measurement becomes NaN and is counted in a remark.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -109,7 +107,7 @@ class _Samples:
             return self.quantum
         return 0.0
 
-    def without(self, bad: BoolArray) -> _Samples:
+    def without(self, bad: BoolArray) -> "_Samples":
         return _Samples(self.time[~bad], self.angle[~bad], self.kind, self.name)
 
 

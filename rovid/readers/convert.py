@@ -1,7 +1,5 @@
 """Convert a log to CSV, MCAP or Parquet, with the lines of rovid.toml that map the new log."""
 
-from __future__ import annotations
-
 import io
 import json
 import re

@@ -1,7 +1,5 @@
 """Dialect of a CSV file: encoding, delimiter, decimal sign, header, and the end of its last whole line."""
 
-from __future__ import annotations
-
 import codecs
 import csv
 import re

@@ -1,7 +1,5 @@
 """CSV tables: one row an instant, any column names, any usual notation of numbers and times."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math
@@ -125,7 +123,7 @@ def read(path: Path, config: Config) -> RawLog:
     )
 
 
-def _read_columns(table: _Table) -> tuple[pd.DataFrame, list[Remark]]:
+def _read_columns(table: "_Table") -> tuple[pd.DataFrame, list[Remark]]:
     """The mapped columns without optional ones that hold text, and remarks on these."""
     skipped: list[Remark] = []
     while True:

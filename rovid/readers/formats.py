@@ -1,7 +1,5 @@
 """The reader of each file, and trials that were logged in several files."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace

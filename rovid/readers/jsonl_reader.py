@@ -1,7 +1,5 @@
 """JSON lines: one object a line. Sources are keys, nested ones by dots; sources for CSV apply by default."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from itertools import islice

@@ -3,8 +3,6 @@
 Version 7.3 is HDF5 and needs h5py. Tables, timetables, datetimes and objects of classes cannot be read.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal

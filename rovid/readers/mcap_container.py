@@ -5,8 +5,6 @@ record and chunk as a whole, and nothing of a chunk that is cut. A cut recording
 yield its heading in seconds and little memory.
 """
 
-from __future__ import annotations
-
 import io
 import struct
 import zlib

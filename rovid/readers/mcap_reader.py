@@ -1,7 +1,5 @@
 """MCAP recordings: the mapped fields of the mapped topics, decoded from JSON, protobuf or ROS 2 messages."""
 
-from __future__ import annotations
-
 import io
 import json
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Fields of decoded messages by path, whatever the log format: single numbers, quaternions and time stamps."""
 
-from __future__ import annotations
-
 import operator
 import re
 from array import array

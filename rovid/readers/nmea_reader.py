@@ -5,8 +5,6 @@ Headings are in $xxHDT, THS, HDG or HDM, rates in $xxROT, tilts in $PIXSE,ATITUD
 were measured at its time, and several of one kind are spread evenly up to the next one.
 """
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Iterator

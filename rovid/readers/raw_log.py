@@ -1,7 +1,5 @@
 """Raw channels with their own clocks, which every reader returns, and helpers of the readers."""
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Callable, Mapping

@@ -1,7 +1,5 @@
 """Signals of one log on their own clocks, the common instants of a trial, and positions on the globe in m."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -67,7 +65,7 @@ class TimeBase:
     rows: BoolArray | slice = field(default_factory=lambda: slice(None))
 
     @classmethod
-    def union(cls, position: TimedSeries, commands: Sequence[TimedSeries], begin: float, end: float) -> TimeBase:
+    def union(cls, position: TimedSeries, commands: Sequence[TimedSeries], begin: float, end: float) -> "TimeBase":
         """Instants from ``begin`` to ``end`` (s) at which the position was measured or a command changed."""
         if all(command.time is position.time for command in commands):
             first, last = np.searchsorted(position.time, (begin, end)).tolist()

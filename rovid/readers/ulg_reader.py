@@ -1,7 +1,5 @@
 """PX4 ULog, read by pyulog: the mapped fields of the mapped topics; ``topic#1.field`` is of its second instance."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 from dataclasses import replace

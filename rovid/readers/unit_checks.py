@@ -1,7 +1,5 @@
 """Detect a heading or a gyro that is logged in another unit or sense than declared in rovid.toml."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Compiled loops over samples."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from rovid.core.array_types import FloatArray

@@ -1,7 +1,5 @@
 """From trials to runs: torque, rates, and both through one filter; commands moved in time."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

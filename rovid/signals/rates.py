@@ -1,7 +1,5 @@
 """Rate and acceleration from the measured position, through one zero-phase low pass."""
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Sequence
@@ -48,7 +46,7 @@ class ZeroPhaseFilter:
     second: FloatArray
 
     @classmethod
-    def design(cls, *, period: float, cutoff: float) -> ZeroPhaseFilter:
+    def design(cls, *, period: float, cutoff: float) -> "ZeroPhaseFilter":
         """Kernels for a grid of ``period`` s and a ``cutoff`` in Hz."""
         half = max(math.ceil(_HALF_WIDTH / cutoff / period), 3)
         t = np.arange(-half, half + 1) * period

@@ -1,7 +1,5 @@
 """Intervals between samples, and segments of a trial: held commands, sine-shaped torque, free swings."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Checks of a parameter file: unchanged inputs, and agreement of the methods for the same parameters."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass

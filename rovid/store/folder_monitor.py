@@ -1,7 +1,5 @@
 """Monitor of a folder that receives logs: which logs are complete, each as it was read, once."""
 
-from __future__ import annotations
-
 import contextlib
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Reading and validation of parameter files, and the history next to them: one line for each earlier model."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -1,7 +1,5 @@
 """The parameter file: values, units, standard errors, covariance, and the logs they came from."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 from collections.abc import Mapping, Sequence
@@ -98,11 +96,11 @@ class Parameters:
     #: Id of each effect outside the catalogue -> the plug-in that its values were fitted with.
     plugins: Mapping[str, Origin] = field(default_factory=dict)
 
-    def cleared(self) -> Parameters:
+    def cleared(self) -> "Parameters":
         """A copy without parameters; the paths of the logs stay."""
         return replace(self, entries={}, covariance={}, sources=(), settings=None, undetermined=(), assumed={})
 
-    def with_estimate(self, estimate: Estimate, provenance: Provenance | None = None) -> Parameters:
+    def with_estimate(self, estimate: Estimate, provenance: Provenance | None = None) -> "Parameters":
         """A copy with the parameters of ``estimate`` added or replaced."""
         replaced = set(estimate.names)
         if self.axis is PLANAR:  # All parameters of the coupled model come from one fit.

@@ -1,7 +1,5 @@
 """A study of surge, sway and yaw together: the logs of a folder, and the coupled model of them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

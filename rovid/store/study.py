@@ -1,7 +1,5 @@
 """A study of the logs, or tables, in a folder, and what can be identified from them."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 from collections.abc import Callable, Collection, Sequence

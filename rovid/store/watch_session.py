@@ -1,7 +1,5 @@
 """The trial day: after each log the updated model, suspected causes, the next run and the stop criteria."""
 
-from __future__ import annotations
-
 import re
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -38,7 +36,7 @@ class StopCriterion:
         """The criterion as the user writes it."""
         return f"{self.name} {100.0 * self.share:g} %"
 
-    def status(self, estimate: Estimate | None, diagnosis: Diagnosis | None) -> CriterionStatus:
+    def status(self, estimate: Estimate | None, diagnosis: Diagnosis | None) -> "CriterionStatus":
         """Current value and whether the criterion is met."""
         current = _probability(self.name, diagnosis) if self.is_effect else _half_width(self.name, estimate)
         met = current is not None and (current >= self.share if self.is_effect else current <= self.share)

@@ -1,7 +1,5 @@
 """Placeholder values of `rovid init` that nobody has confirmed, and the results that depend on them."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,7 +24,7 @@ class Assumptions:
     def __bool__(self) -> bool:
         return bool(self.items)
 
-    def __or__(self, other: Assumptions) -> Assumptions:
+    def __or__(self, other: "Assumptions") -> "Assumptions":
         """Union of both."""
         items = tuple(dict.fromkeys((*self.items, *other.items)))
         return Assumptions(items=items, thrusters=max(self.thrusters, other.thrusters))

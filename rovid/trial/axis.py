@@ -1,7 +1,5 @@
 """Degrees of freedom, and the signals that measure them: units, standard sources, and words in names of columns."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable, Collection, Mapping
@@ -26,7 +24,7 @@ class Axis:
     #: Whether gravity returns the vehicle, so that a constant torque gives a constant tilt.
     self_righting: bool = False
 
-    def __reduce__(self) -> tuple[Callable[[str], Axis], tuple[str]]:
+    def __reduce__(self) -> "tuple[Callable[[str], Axis], tuple[str]]":
         # Unpickling returns the one instance of each axis: axes are compared by identity.
         return parameter_axis, (self.name,)
 
@@ -248,7 +246,7 @@ class Signal:
         """Whether it is a latitude or a longitude."""
         return self.name in {"north", "east"} and self.unit in GEODETIC_UNITS
 
-    def for_format(self, kind: str) -> Signal:
+    def for_format(self, kind: str) -> "Signal":
         """The signal with a source for ``kind``, taken from the format that shares its sources."""
         other = SHARED_SOURCES.get(kind, kind)
         if other not in self.sources:

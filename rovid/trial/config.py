@@ -1,7 +1,5 @@
 """rovid.toml: the vehicle, and the column or topic of each signal."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -94,7 +92,7 @@ class Config:
         """Whether any signal is mapped to logs of the format ``kind``."""
         return any(kind in signal.for_format(kind).sources for signal in (*self.signals.values(), *self.commands))
 
-    def for_format(self, kind: str) -> Config:
+    def for_format(self, kind: str) -> "Config":
         """The configuration for logs of the format ``kind``, with its standard and shared sources."""
         signals = {}
         for name, (source, unit) in STANDARD_SOURCES.get(kind, {}).items():

@@ -1,7 +1,5 @@
 """Settings of rovid.toml that results depend on; a parameter file stores them to detect later changes."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -28,7 +26,7 @@ class ConfigFingerprint:
         thrusters = sum(name.startswith("curve of ") for name in self.drive)
         return Assumptions(items=self.guessed, thrusters=thrusters)
 
-    def changes(self, now: ConfigFingerprint, *, drive_alone: bool = False) -> list[str]:
+    def changes(self, now: "ConfigFingerprint", *, drive_alone: bool = False) -> list[str]:
         """Differences of ``now`` from this fingerprint; a new further channel is no change."""
         found = list(_changes(self.drive, now.drive))
         if not drive_alone:

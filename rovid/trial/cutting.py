@@ -1,7 +1,5 @@
 """Parts of a log: excluded intervals, cuts at faults, and the tables of rovid.toml that ask for them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

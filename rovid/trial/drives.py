@@ -1,7 +1,5 @@
 """Drives without a bench curve, levers of actuators from their place and direction, and rudders."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Protocol

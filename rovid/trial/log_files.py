@@ -1,7 +1,5 @@
 """Log formats by file suffix, and the files that belong to one trial."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Small tables of numbers: thrust curves, bench readings, steady states, sine trials."""
 
-from __future__ import annotations
-
 import csv
 import math
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Trials and campaigns as measured, in SI units and radians."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace

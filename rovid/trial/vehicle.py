@@ -1,7 +1,5 @@
 """The vehicle: from thruster commands to the torque, or the force, along one axis."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Self

@@ -1,7 +1,5 @@
 """Published data of known vehicle types, for a first rovid.toml. The folder vehicles/ holds one file a type."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass

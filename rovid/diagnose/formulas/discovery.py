@@ -8,8 +8,6 @@
    next to the plain model also has to beat the causes of the diagnosis.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """The effect of a formula, as the text of a Python file in the form of a plug-in, and as the effect that it holds."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -7,8 +7,6 @@ responses of the filter, no measured signal is differentiated, and the covarianc
 taken into account (de Jong 1991, equivalence of innovations and smoothed disturbances).
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -136,7 +134,7 @@ class Product:
         text = "*".join(factor.code(factor.signal) for factor in self.factors) or "1"
         return f"memory({text})" if self.memory else text
 
-    def with_memory(self, constant: float) -> Product:
+    def with_memory(self, constant: float) -> "Product":
         """The product after a memory with another time constant in s."""
         return replace(self, memory=constant)
 
@@ -192,7 +190,7 @@ class Grammar:
     units: Mapping[str, str]  #: Signal -> unit.
 
     @classmethod
-    def of(cls, runs: Sequence[Run], parts: Sequence[Run], time_constant: float) -> Grammar:
+    def of(cls, runs: Sequence[Run], parts: Sequence[Run], time_constant: float) -> "Grammar":
         """All products of the signals that every one of the ``runs`` holds; ``parts`` are further pieces of them."""
         names = _signals(runs)
         every = (*runs, *parts)

@@ -3,8 +3,6 @@
 Matrices are (25, LANES), row by row. Of symmetric ones the entries on and above the diagonal count.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

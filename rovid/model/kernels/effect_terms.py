@@ -1,7 +1,5 @@
 """Sum of all terms in the equation of motion at one instant, and the arrays of several models as vectors."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Extended Kalman filter with three states: angle, rate and a coloured disturbance torque."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -3,8 +3,6 @@
 The oscillator is a wave torque, or an effect that is oscillatory. Its first state is the integral of the second.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Multi-step predictions from many restarts on a measured trajectory, and the terms of effects along it."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -4,8 +4,6 @@ SIMD vectors are never changed in place, because other names may refer to them. 
 place.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Compilation at first use: a second process compiles most loops while this one reads the logs."""
 
-from __future__ import annotations
-
 import atexit
 import contextlib
 import functools

@@ -1,7 +1,5 @@
 """Diagnosis and comparison as JSON."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import asdict

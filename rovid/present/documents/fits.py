@@ -1,7 +1,5 @@
 """Estimates as JSON: drag, inertia, likelihood fits and thrust curves."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any

@@ -1,7 +1,5 @@
 """Fit, check, diagnosis and export of the coupled model as JSON."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict

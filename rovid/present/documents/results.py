@@ -1,7 +1,5 @@
 """Simulations, plans, controllers, exports, surveys, checks and trials of effects as JSON."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import asdict

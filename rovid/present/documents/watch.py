@@ -1,7 +1,5 @@
 """Events of a watched trial day as JSON, one document a line."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path

@@ -1,7 +1,5 @@
 """From logs and a parameter file to the report."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path

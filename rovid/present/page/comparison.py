@@ -1,7 +1,5 @@
 """The page of a comparison of two campaigns."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path

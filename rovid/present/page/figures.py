@@ -1,7 +1,5 @@
 """The plots of the report, their descriptions in words, and their files."""
 
-from __future__ import annotations
-
 import itertools
 import re
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """The page of the coupled model: tracks, speeds, missing forces, manoeuvres and parameters."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass

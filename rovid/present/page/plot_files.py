@@ -1,7 +1,5 @@
 """Plots of a page: drafts, their rendering, and the files beside the page."""
 
-from __future__ import annotations
-
 import base64
 import re
 from collections.abc import Iterable, Mapping

@@ -1,7 +1,5 @@
 """The report: one self-contained page, with its plots as files next to it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import UTC, date, datetime

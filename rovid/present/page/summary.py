@@ -1,7 +1,5 @@
 """The first screen of the page: the error, its causes, the improvement, and the next run."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass

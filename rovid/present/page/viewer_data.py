@@ -4,8 +4,6 @@ Every trial is reduced to tables of float32 in base64, at several levels of deta
 quickly. Lowest and highest values of each stretch are kept.
 """
 
-from __future__ import annotations
-
 import base64
 import math
 from collections.abc import Iterator, Sequence

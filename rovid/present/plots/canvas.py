@@ -1,7 +1,5 @@
 """Palette, style, grids of panels, decimation and reproducible rendering of all figures."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import io

@@ -1,7 +1,5 @@
 """Plots of thrust curves, steady states, sine runs and inertia."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import chain
 

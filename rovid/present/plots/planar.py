@@ -1,7 +1,5 @@
 """Tracks, speeds and missing forces of the coupled model."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from itertools import chain

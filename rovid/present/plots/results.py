@@ -1,7 +1,5 @@
 """Plots of results: causes, plans, controllers, compared campaigns, faults of logs, and discovered formulas."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from statistics import NormalDist
 from typing import Any

@@ -1,7 +1,5 @@
 """Simulation and measurement of each trial, and the torque that the model does not explain."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from itertools import chain, cycle

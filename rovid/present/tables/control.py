@@ -1,7 +1,5 @@
 """Tables of the heading controller and of the exports to simulators."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 

@@ -1,7 +1,5 @@
 """Tables of a diagnosis and of a comparison of two campaigns."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 

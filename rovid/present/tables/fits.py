@@ -1,7 +1,5 @@
 """Tables of parameters, of drag from steady states, and of inertia by every method."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Tables of the coupled model: parameters, simulations, and manoeuvres."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping, Sequence
 

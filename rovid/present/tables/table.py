@@ -1,7 +1,5 @@
 """A table of results: the same object is printed on a terminal and set on a page."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -73,7 +71,7 @@ class ResultTable:
             raise ValueError(f"{len(cells)} cells for {len(self._headings)} columns")
         self._rows.append(_Row(cells=cells, style=style, begins_section=begins_section))
 
-    def without(self, title: str) -> ResultTable:
+    def without(self, title: str) -> "ResultTable":
         """The table without one of its columns."""
         place = [column.title for column in self._headings].index(title)
         table = ResultTable(self.caption, *self._headings[:place], *self._headings[place + 1 :])

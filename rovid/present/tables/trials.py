@@ -1,7 +1,5 @@
 """Tables of trials, thrusters and log files."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The result of `rovid check` on a terminal: the verdict, what to do first, and what each log holds."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Mapping
 

@@ -1,7 +1,5 @@
 """Terminal output of a diagnosis, of the trial of an effect and of discovered formulas."""
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """Fit, check, diagnosis and export of the coupled model on a terminal."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Comparison of two campaigns by the coupled model: sentences, table, and JSON."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

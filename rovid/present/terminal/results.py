@@ -1,7 +1,5 @@
 """Results of fits, simulations, plans, exports and surveys on a terminal."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A page of the documentation on a terminal."""
 
-from __future__ import annotations
-
 from typing import Any, ClassVar
 
 from rich.console import Console, ConsoleOptions, RenderResult

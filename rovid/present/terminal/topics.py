@@ -1,7 +1,5 @@
 """The documentation pages that `rovid help TOPIC` prints: those of docs/, which an installed rovid contains."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

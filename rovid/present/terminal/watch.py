@@ -1,7 +1,5 @@
 """Events of a watched trial day on a terminal."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from datetime import datetime
 from pathlib import Path
