@@ -91,7 +91,8 @@ def plan(
         typer.Option(
             "--matrix",
             help="Show which pairs of causes a programme separates, and after how many minutes: the runs of LOGS if "
-            "given, otherwise rovid's standard runs. Writes no file.",
+            "given, otherwise rovid's standard runs. Without any log, the model follows from mass and size. Writes no "
+            "file.",
         ),
     ] = False,
     output: Annotated[Path, option("FILE", "The command file.", "--output", "-o")] = Path("plan.csv"),
@@ -170,25 +171,35 @@ def _plan_matrix(
     *,
     json: bool,
 ) -> None:
-    """Show which pairs of causes a programme separates."""
+    """Show which pairs of causes a programme separates: with the model of a fit, or without logs with an estimate."""
     from rovid.effects import effect_named
     from rovid.estimate.candidate_runs import RunScales, standard_programme
     from rovid.estimate.experiment_design import candidate_model, require_thrusters
-    from rovid.estimate.isolability import isolability, sized_cause, sized_causes, split_causes
+    from rovid.estimate.isolability import SizedCause, isolability, sized_cause, sized_causes, split_causes
+    from rovid.estimate.vehicle_estimate import estimated_model, full_range_trial
+    from rovid.present.console import show_caution, show_warnings
     from rovid.present.documents.results import matrix_document
+    from rovid.present.sentences import estimate_warnings
     from rovid.present.terminal.results import show_matrix
+    from rovid.readers.campaign import config_without_logs
+    from rovid.trial.config import Config
 
-    known = stored.effect_forms()
-    study = open_logs(logs or stored_logs(stored), None, stored.axis)
+    known, fitted = stored.effect_forms(), list[SizedCause]()
+    config = None if stored.path.exists() else config_without_logs(logs or [Path()], stored.axis)
+    study = config or open_logs(logs or stored_logs(stored), None, stored.axis)
     vehicle = study.vehicle
     require_thrusters(vehicle)
     vehicle.require_no_rudder("a run of commands")
     with progress("Fitting …") as report:
-        forms = tuple(dict.fromkeys((*known, *map(effect_named, effect))))
-        base, fitted = split_causes(candidate_model(study.likelihood(forms), "the model"), known)
-        assert study.campaign is not None  # noqa: S101 - tables were refused by the fit
-        programme = list(study.campaign.trials)
-        if not logs:
+        if isinstance(study, Config):
+            base = estimated_model(vehicle, integrated=study.measured_signal == study.axis.rate_signal)
+            programme = [full_range_trial(vehicle, study.signals)]
+        else:
+            forms = tuple(dict.fromkeys((*known, *map(effect_named, effect))))
+            base, fitted = split_causes(candidate_model(study.likelihood(forms), "the model"), known)
+            assert study.campaign is not None  # noqa: S101 - tables were refused by the fit
+            programme = list(study.campaign.trials)
+        if config or not logs:
             scales = RunScales.from_trials(base.model, vehicle, programme, share)
             reference = programme[0].reference
             runs = standard_programme(scales, [thruster.name for thruster in vehicle.thrusters])
@@ -200,10 +211,13 @@ def _plan_matrix(
         else:
             tested = [own.get(cause.effect.id, cause) for cause in sized_causes(base, vehicle, programme)]
         found = isolability(base, tested, vehicle, programme, report)
+    warnings = estimate_warnings(base.model) if config else []
     if json:
-        print_json(matrix_document(found, vehicle))
+        print_json(matrix_document(found, vehicle, warnings))
     else:
+        show_caution(console(), vehicle.assumptions)
         show_matrix(console(), found)
+        show_warnings(console(), warnings)
 
 
 def _plan_planar(

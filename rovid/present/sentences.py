@@ -19,6 +19,7 @@ from rovid.diagnose.result import UNIDENTIFIABLE, Conclusion, Diagnosis, Finding
 from rovid.diagnose.signal_regressors import is_signal
 from rovid.effects import PLANAR_FORMS, Effect, effect_named, every_form
 from rovid.estimate.maximum_likelihood import LikelihoodFit
+from rovid.model.model import Model
 from rovid.model.parameter_names import without_form
 from rovid.preflight.feedback_detection import detect_feedback
 from rovid.present.number_format import format_number
@@ -335,3 +336,13 @@ def _largest(values: Iterator[float | None]) -> float:
 
 def _settled(seconds: float) -> str:
     return f"{seconds:.1f} s" if math.isfinite(seconds) else "the end of the run"
+
+
+def estimate_warnings(model: Model) -> list[str]:
+    """A sentence on a ``model`` that was estimated without a log, with its parameters."""
+    units = (model.axis.unit(unit) for unit in ("kg m^2", "N m s^2/rad^2", "N m s/rad"))
+    values = (model.inertia, model.quadratic_drag, model.linear_drag)
+    names = ("inertia", "quadratic drag", "linear drag")
+    listed = ", ".join(f"{name} {value:.2g} {unit}" for name, value, unit in zip(names, values, units, strict=True))
+    text = "There is no log yet: the model is estimated from mass and size, and may be wrong by a factor of three"
+    return [f"{text} ({listed}). Repeat this with the first logs."]

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -63,6 +64,13 @@ def find_logs(
         raise _no_logs(paths, files)
     remarks += _unmatched_exclusions(logs, config)
     return [(one.name, one.path) for one in logs], remarks
+
+
+def config_without_logs(paths: Sequence[Path], axis: Axis) -> Config | None:
+    """The rovid.toml of ``paths`` if these hold no log yet, nothing but tables; otherwise None."""
+    config = load_config(find_config(paths), axis)
+    files = _files_in(paths, [])
+    return config if all(one.kind == "csv" and _is_table(_column_names(one, config), config) for one in files) else None
 
 
 def candidate_files(paths: Sequence[Path]) -> list[Path]:
@@ -154,25 +162,43 @@ def _is_log(one: _File, config: Config, remarks: list[Remark]) -> bool:
 
 
 def _is_csv_log(one: _File, config: Config, remarks: list[Remark]) -> bool:
-    from rovid.readers.csv_dialect import read_layout
-
-    time = config.time.sources.get("csv", "")
-    mapped = {time, *(signal.sources["csv"] for signal in config.mapped_signals("csv").values())}
-    try:
-        names = read_layout(one.path, mapped).written_names
-    except (OSError, LogError):
+    names = _column_names(one, config)
+    if names is None:
         return True  # Reading reports the error.
-    if time not in names and any(columns <= names for columns in _TABLES):
+    if _is_table(names, config):
         if one.asked:
             remarks.append(left_out(one.name, "it is a table, no log"))
         return False
     if not one.asked and PLAN.matches(one.path):
         remarks.append(left_out(one.name, "it is a command file of rovid plan, no log"))
         return False
-    if one.asked or names & mapped:
+    if one.asked or names & _mapped_columns(config):
         return True
     remarks.append(left_out(one.name, "it holds none of the columns that rovid.toml maps, so it is no log"))
     return False
+
+
+def _mapped_columns(config: Config) -> set[str]:
+    """Columns of the time and of the signals in CSV files."""
+    mapped = config.mapped_signals("csv").values()
+    return {config.time.sources.get("csv", ""), *(signal.sources["csv"] for signal in mapped)}
+
+
+def _column_names(one: _File, config: Config) -> AbstractSet[str] | None:
+    """Names of the columns of a CSV file; None where it cannot be read."""
+    from rovid.readers.csv_dialect import read_layout
+
+    try:
+        return read_layout(one.path, _mapped_columns(config)).written_names
+    except (OSError, LogError):
+        return None
+
+
+def _is_table(names: AbstractSet[str] | None, config: Config) -> bool:
+    """Whether these columns are those of a table, which has no time."""
+    if names is None or config.time.sources.get("csv", "") in names:
+        return False
+    return any(columns <= names for columns in _TABLES)
 
 
 def _unmatched_exclusions(logs: Sequence[_File], config: Config) -> Iterator[Remark]:

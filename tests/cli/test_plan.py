@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import pandas as pd
 import pytest
 
 from benchmarks.decisions import DECIDES, FEW, PAIRS, decided
-from tests.conftest import Rovid
+from tests.conftest import SAMPLES, Rovid
 from tools.cases import all_cases
 from tools.trial_day import write_trial_day
 from tools.truth import ROSUB
@@ -62,6 +63,25 @@ def test_a_matrix_answers_first_and_counts_the_pairs(few: Path, rovid: Rovid) ->
     assert document["programme"]["seconds"] > pairs[0]["seconds"] > pairs[-1]["seconds"] > 4.0
     said = rovid("plan", few, "--matrix", *names).out
     assert said.startswith(f"{document['separated']} of {len(pairs)} pairs of causes are told apart in 6 minutes")
+
+
+def test_a_matrix_before_any_log_states_its_estimate(tmp_path: Path, rovid: Rovid) -> None:
+    """Mass and size give a model; a torque that acts on it tells a lag from a delay, as after the first logs."""
+    for name in ("rovid.toml", "thrust_curve.csv"):
+        shutil.copy(SAMPLES / "rosub_tank" / name, tmp_path / name)
+    names = ("--between", "thruster_lag", "--between", "bias_torque")
+    document = rovid("plan", "--matrix", *names, "--json").document
+    assert {cause["effect"] for cause in document["causes"]} == {"thruster_lag", "bias_torque"}
+    assert document["separated"] == 1
+    (said,) = document["warnings"]
+    assert "no log yet" in said
+    # Rigid body 2335 kg m^2; the logs of this vehicle give 5050 in all.
+    assert 2335.0 < float(said.partition("(inertia ")[2].split()[0]) < 3.0 * 5050.0
+    toml = tmp_path / "rovid.toml"
+    toml.write_text(re.sub("(?m)^length.*", "", toml.read_text()))
+    done = rovid("plan", "--matrix", *names)
+    assert done.code == 2
+    assert "[vehicle] of rovid.toml: gives no length" in done.err
 
 
 def test_a_stale_file_contributes_only_the_names_of_its_effects(few: Path, tmp_path: Path, rovid: Rovid) -> None:

@@ -102,7 +102,7 @@ def plan_document(
     }
 
 
-def matrix_document(matrix: IsolabilityMatrix, vehicle: Vehicle) -> Document:
+def matrix_document(matrix: IsolabilityMatrix, vehicle: Vehicle, warnings: Sequence[str]) -> Document:
     """The document of `rovid plan --matrix --json`; null for a pair that is never separated."""
 
     def finite(seconds: float) -> float | None:
@@ -134,7 +134,7 @@ def matrix_document(matrix: IsolabilityMatrix, vehicle: Vehicle) -> Document:
             for name, causes in matrix.sensor_causes.items()
         ],
         **guess_document(vehicle.assumptions),
-        "warnings": all_warnings(vehicle.assumptions, []),
+        "warnings": all_warnings(vehicle.assumptions, warnings),
     }
 
 
