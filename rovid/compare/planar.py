@@ -127,8 +127,10 @@ def _fitted(side: _Opened, shared: Sequence[Effect], report: Callable[[str], Non
 
 def compare_planar(a: PlanarCampaign, b: PlanarCampaign, *, relevant_change: float) -> PlanarComparison:
     """Compare two campaigns; a change of an inertia by ``relevant_change`` has to be detectable for "same"."""
-    names = [name for name in a.parameters.entries if name in b.parameters.entries]
-    changes = tuple(_change(name, a.parameters.entries[name], b.parameters.entries[name], len(names)) for name in names)
+    ours, others = a.parameters.entries, b.parameters.entries
+    # A prior of both sides makes them alike.
+    names = [name for name in ours if name in others and not (ours[name].from_prior or others[name].from_prior)]
+    changes = tuple(_change(name, ours[name], others[name], len(names)) for name in names)
     detectable = {one.name: _DETECTABLE * one.standard_error for one in changes if one.name in _INERTIAS}
     verdict = "same"
     if any(change.changed for change in changes):

@@ -70,6 +70,7 @@ class Estimate:
     per_inertia: bool = False  #: Whether the inertia cannot be determined and is taken to be 1.
     #: Placeholder values in the vehicle's configuration that the estimate depends on.
     assumptions: Assumptions = field(default_factory=Assumptions)
+    from_prior: tuple[str, ...] = ()  #: Parameters that a prior decides, and not the data.
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", read_only(self.values))

@@ -147,7 +147,8 @@ def _jacobian(
     rows: slice, centre: Innovations, sides: Sequence[Innovations], step: FloatArray, weight: FloatArray
 ) -> Jacobian:
     error, variance = centre
-    root = np.sqrt(variance)
+    with np.errstate(invalid="ignore"):  # The variance of a model that diverges may be negative.
+        root = np.sqrt(variance)
     z = error / root
     # Residuals carry the square root of the weight.
     share = np.sqrt(weight)

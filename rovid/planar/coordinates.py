@@ -172,6 +172,11 @@ class PlanarCoordinates:
         return replace(self, low=low, high=high)
 
     @cached_property
+    def base_names(self) -> tuple[str, ...]:
+        """Names of the parameters before those of effects."""
+        return PlanarModel(base=np.zeros(BASE_COUNT), rudders=self.rudders).names
+
+    @cached_property
     def effects_begin(self) -> int:
         """Number of coordinates before those of effects."""
         return BASE_COUNT + 2 * len(self.rudders)

@@ -16,6 +16,7 @@ from rovid.core.array_types import FloatArray, IntArray
 from rovid.core.errors import DataError
 from rovid.model.bound_effects import BoundEffect
 from rovid.planar.model import SENSORS, PlanarActuators, PlanarCommands, PlanarForces
+from rovid.planar.prior import PlanarPrior
 from rovid.trial.cutting import with_rows
 from rovid.trial.trial import Campaign, Readings, Trial
 from rovid.trial.vehicle import Vehicle
@@ -107,6 +108,7 @@ class PlanarData:
     runs: tuple[PlanarRun, ...]
     vehicle: Vehicle
     actuators: PlanarActuators
+    prior: PlanarPrior | None = None  #: What the user knows of the parameters from elsewhere.
 
     @property
     def sensors(self) -> tuple[str, ...]:

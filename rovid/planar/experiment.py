@@ -321,7 +321,8 @@ def _information(best: PlanarOptimum, data: PlanarData, planned: PlanarRun, star
     yaw_only = best.likelihood.grid.yaw_only
     motion = simulate_planar(best.model, planned, start, yaw_only=yaw_only)
     values = np.column_stack([motion.sensor(name) for name in SENSORS])[planned.event_index, planned.event_sensor]
-    alone, sizes = replace(data, runs=(replace(planned, event_value=values),)), best.coordinates.sizes
+    # The information of the logs already contains the prior.
+    alone, sizes = replace(data, runs=(replace(planned, event_value=values),), prior=None), best.coordinates.sizes
     std = np.concatenate(([0.0], START_STD * sizes.speed, [0.0, 0.0]))
     grid = PlanarGrid.of(alone, start[None], std[None], sizes.speed, yaw_only=yaw_only)
     return PlanarLikelihood(grid, best.coordinates).equations(best.x).information

@@ -23,6 +23,7 @@ from rovid.planar.kernels import NOISE_SENSOR, NOISE_TIME
 from rovid.planar.likelihood import PlanarLikelihood
 from rovid.planar.model import AXIS_NAMES, BASE_COUNT, SENSORS, PlanarModel
 from rovid.planar.optimum import PlanarOptimum
+from rovid.planar.prior import PriorUse
 from rovid.planar.start_values import planar_grid, planar_sizes, start_values
 
 _METHOD = "maximum likelihood of the innovations of an extended Kalman filter, surge, sway and yaw together"
@@ -68,6 +69,7 @@ class PlanarFit:
     latency: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     #: Axis -> R^2 of the free-running speed.
     free_run_r2: Mapping[str, float]
+    prior: PriorUse = field(default_factory=PriorUse)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -132,7 +134,7 @@ def fit_base(data: PlanarData, *, with_current: bool = False) -> PlanarOptimum:
     # simulates best are always followed.
     regressed = min(usable, key=lambda at: starts[at].residual)
     likely = min(range(len(starts)), key=lambda at: pairs[at][0].value(pairs[at][1]))
-    followed = [pairs[at] for at in dict.fromkeys([likely, regressed])]
+    followed = [pairs[at] for at in dict.fromkeys([likely, regressed, *[len(pairs) - 1] * (data.prior is not None)])]
     runs = None if yaw_only else FreeRuns.of(data, sizes)
     if runs is not None:
         likelihood, x = pairs[max(usable, key=lambda at: scores[at])]
@@ -267,6 +269,7 @@ def planar_result(data: PlanarData, best: PlanarOptimum) -> PlanarFit:
     for at, name in enumerate(names):
         if not free[at]:
             refused[name] = _reason(name, axes)
+    prior = PriorUse.of(best, covariance, scale, refused)
     latency = _shown_latency(best)
     r2 = free_run_r2(model, data, yaw_only=best.likelihood.grid.yaw_only)
     estimate = Estimate(
@@ -276,7 +279,8 @@ def planar_result(data: PlanarData, best: PlanarOptimum) -> PlanarFit:
         method=_METHOD_FREE_RUNS if multi_step else _METHOD,
         samples=int(best.likelihood.grid.used.sum()),
         refused=refused,
-        warnings=tuple(_warnings(data, best, limited, r2, refused)),
+        warnings=(*prior.contradictions, *_warnings(data, best, limited, r2, refused)),
+        from_prior=prior.decided,
     )
     numbers = coordinates.noise(best.x)
     disturbance = {
@@ -287,7 +291,7 @@ def planar_result(data: PlanarData, best: PlanarOptimum) -> PlanarFit:
     return PlanarFit(
         model=model,
         estimate=estimate,
-        log_likelihood=-replace(best.likelihood, free_runs=None).value(best.x),
+        log_likelihood=-replace(best.likelihood.of_logs, free_runs=None).value(best.x),
         undetermined=undetermined,
         noise={name: float(numbers[NOISE_SENSOR + SENSORS.index(name)]) for name in coordinates.sensors},
         disturbance=disturbance,
@@ -296,6 +300,7 @@ def planar_result(data: PlanarData, best: PlanarOptimum) -> PlanarFit:
         white=best.is_white,
         multi_step=multi_step,
         free_run_r2=r2,
+        prior=prior,
     )
 
 

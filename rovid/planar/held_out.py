@@ -72,9 +72,9 @@ class Parts:
 
     @cached_property
     def of_innovations(self) -> IntArray:
-        """(N,) part of each innovation."""
+        """(N,) part of each innovation; -1 of a prior, which no fold leaves out."""
         run, time, _ = self.optimum.likelihood.rows
-        return self.part(run, time)
+        return np.where(run < 0, -1, self.part(run, time))
 
     @cached_property
     def shortest(self) -> float:

@@ -22,6 +22,7 @@ from rovid.planar.coordinates import PlanarCoordinates
 from rovid.planar.equations import STATES
 from rovid.planar.kernels import filter_runs
 from rovid.planar.model import SENSORS, PlanarModel, is_of_actuators
+from rovid.planar.prior import PlanarPrior
 
 if TYPE_CHECKING:
     from rovid.planar.dataset import PlanarData, PlanarRun
@@ -53,6 +54,7 @@ class PlanarGrid:
     latency: FloatArray  #: (6,) s by which the stamps of each sensor were moved back.
     yaw_only: bool  #: Whether surge and sway are left out, and the readings of both.
     interval: float  #: s with one reading of each sensor; 0 for all readings.
+    prior: PlanarPrior | None = None  #: What is known of the parameters from elsewhere.
 
     @classmethod
     def of(
@@ -108,6 +110,7 @@ class PlanarGrid:
             latency=late,
             yaw_only=yaw_only,
             interval=interval,
+            prior=data.prior,
         )
 
     @cached_property
@@ -149,7 +152,7 @@ def _thinned(stamp: FloatArray, sensor: IntArray, interval: float) -> BoolArray:
 
 
 class CriterionRows(NamedTuple):
-    """Origin of each of N errors of a criterion."""
+    """Origin of each of N errors of a criterion; -1, 0 and -1 of a prior."""
 
     run: IntArray  #: (N,) number of the run.
     time: FloatArray  #: (N,) s.
@@ -176,10 +179,14 @@ class PlanarLikelihood:
     @cached_property
     def rows(self) -> CriterionRows:
         """Where the errors of `evaluate` come from."""
+        used, prior = self.grid.used, self.grid.prior
+        rows = CriterionRows(self.grid.run_index[used], self.grid.event_time[used], self.grid.sensors[used])
         if self.free_runs is not None:
-            return self.free_runs.rows
-        used = self.grid.used
-        return CriterionRows(self.grid.run_index[used], self.grid.event_time[used], self.grid.sensors[used])
+            rows = self.free_runs.rows
+        if prior is None:
+            return rows
+        ends = (np.full(len(prior.values), end) for end in (-1, 0.0, -1))
+        return CriterionRows(*(np.concatenate(pair) for pair in zip(rows, ends, strict=True)))
 
     @property
     def has_actuator_effects(self) -> bool:
@@ -187,10 +194,16 @@ class PlanarLikelihood:
         return any(is_of_actuators(effect) for effect in self.coordinates.effects)
 
     def evaluate(self, x: FloatArray) -> Innovations:
-        """(N,) innovations that count, in SI and rad, or errors of free runs, and their variances."""
+        """(N,) innovations that count, in SI and rad, or errors of free runs, then those of the prior; variances."""
         if self.free_runs is not None:
-            return self.free_runs.errors(self.coordinates.model(x))
+            return self._with_prior(self.free_runs.errors(self.coordinates.model(x)), x)
         return self.filtered(x)[0]
+
+    def _with_prior(self, own: Innovations, x: FloatArray) -> Innovations:
+        if self.grid.prior is None:
+            return own
+        pairs = zip(own, self.grid.prior.errors(self.coordinates, x), strict=True)
+        return Innovations(*(np.concatenate(pair) for pair in pairs))
 
     def filtered(self, x: FloatArray, *, keep: bool = False) -> tuple[Innovations, FloatArray]:
         """As `evaluate`, and (n, 12) filtered states if asked for."""
@@ -217,9 +230,10 @@ class PlanarLikelihood:
             variance,
             states,
         )
+        own = Innovations(error[grid.used], variance[grid.used])
         if self.free_runs is not None:
-            return self.free_runs.errors(model), states
-        return Innovations(error[grid.used], variance[grid.used]), states
+            own = self.free_runs.errors(model)
+        return self._with_prior(own, x), states
 
     def value_of(self, innovations: Innovations) -> float:
         """Negative log-likelihood of ``innovations``."""
@@ -255,6 +269,11 @@ class PlanarLikelihood:
         gradient[free] = own.gradient
         information[np.ix_(free, free)] = own.information
         return NormalEquations(gradient, information)
+
+    @property
+    def of_logs(self) -> Self:
+        """The same criterion without the prior."""
+        return replace(self, grid=replace(self.grid, prior=None))
 
     def with_coordinates(self, coordinates: PlanarCoordinates) -> Self:
         """The same data with other coordinates."""

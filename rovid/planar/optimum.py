@@ -162,9 +162,14 @@ class PlanarOptimum:
             return full
         plain = covariance = inverse_information(information)
         if scores:
-            covariance = sandwich_covariance(plain, scores[0])
+            by_prior = np.zeros_like(plain)
+            if (prior := self.likelihood.grid.prior) is not None:
+                # The first group is the prior, with a known scatter.
+                scores = [one[1:] for one in scores]
+                by_prior = plain @ prior.information(self.coordinates, self.x)[np.ix_(free, free)] @ plain
+            covariance = sandwich_covariance(plain, scores[0]) + by_prior
             if len(scores[1]) >= _MIN_RUNS:
-                by_run = np.diag(sandwich_covariance(plain, scores[1]))
+                by_run = np.diag(sandwich_covariance(plain, scores[1]) + by_prior)
                 factor = np.sqrt(np.maximum(by_run / np.maximum(np.diag(covariance), 1e-300), 1.0))
                 covariance = covariance * np.outer(factor, factor)
             # Few blocks scatter too little by chance; the curvature is what independent innovations give at least.

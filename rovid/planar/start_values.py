@@ -63,7 +63,7 @@ def planar_rudders(data: PlanarData) -> tuple[RudderModel, ...]:
 
 
 def start_values(data: PlanarData, *, with_current: bool) -> list[StartValues]:
-    """Starts of the fit by several widths of the smoothing, the best regression first.
+    """Starts of the fit by several widths of the smoothing, and by the prior if there is one, which is the last.
 
     Raises
     ------
@@ -89,6 +89,8 @@ def start_values(data: PlanarData, *, with_current: bool) -> list[StartValues]:
             f"the runs are too short: {max(run.duration for run in data.runs):.1f} s at most.",
             mend="Give longer logs, or readings at a higher rate.",
         )
+    if data.prior is not None:
+        found.append(replace(found[0], model=data.prior.start(found[0].model)))
     return found
 
 
@@ -262,7 +264,7 @@ def planar_sizes(data: PlanarData, start: StartValues) -> PlanarSizes:
         force=start.force,
         speed=start.speed,
         time=time,
-        inertia=start.model.base[:3],
+        inertia=(start.model if data.prior is None else data.prior.start(start.model)).base[:3],
         effects=_effect_scales(data, start, time),
         noise=noise,
     )

@@ -130,6 +130,7 @@ def _entry(name: str, written: Mapping[str, Any]) -> Entry:
         unit=str(written["unit"]),
         method=str(written["method"]),
         options=str(written.get("options", "")),
+        from_prior=bool(written.get("from_prior", False)),
     )
 
 

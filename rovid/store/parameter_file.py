@@ -43,6 +43,7 @@ class Entry:
     unit: str
     method: str
     options: str = ""
+    from_prior: bool = False  #: Whether a prior decided the value, and not the logs.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -238,10 +239,9 @@ class Parameters:
         return {name: one for name, one in self.plugins.items() if name in ids}
 
     def _written(self, entry: Entry) -> dict[str, Any]:
-        """One parameter for the file, marked if it is a placeholder."""
-        written: dict[str, Any] = asdict(entry)
-        if not entry.options:
-            del written["options"]
+        """One parameter for the file, marked if it is a placeholder or from a prior."""
+        optional = {"options", "from_prior"}
+        written: dict[str, Any] = {key: value for key, value in asdict(entry).items() if value or key not in optional}
         if self.settings is not None and self.settings.assumptions.is_placeholder(entry.unit):
             written["placeholder"] = True
         return written
@@ -300,6 +300,7 @@ def _entries(estimate: Estimate, options: str) -> dict[str, Entry]:
             unit=estimate.unit(name),
             method=estimate.method,
             options=options,
+            from_prior=name in estimate.from_prior,
         )
         for name in estimate.names
         if name not in estimate.refused

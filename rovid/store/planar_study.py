@@ -22,6 +22,7 @@ from rovid.planar.start_values import planar_rudders
 from rovid.planar.trial_simulation import PlanarTrialSimulation, simulate_planar_trials
 from rovid.readers import read_campaign
 from rovid.store.parameter_file import OpenCombination, Parameters, Provenance
+from rovid.store.planar_prior import planar_prior
 from rovid.store.study import Study, study_of
 from rovid.trial.config import Config, find_config, load_planar_config
 from rovid.trial.fault import fault_texts, stopping
@@ -169,4 +170,5 @@ def planar_study_of(campaign: Campaign, config: Config) -> PlanarStudy:
     logs = study_of(campaign, config, planar=True)
     trials = () if logs.runs is None else tuple(run.trial for run in logs.runs.items)
     campaign = replace(campaign, trials=trials)
-    return PlanarStudy(logs=replace(logs, campaign=campaign), data=planar_data(campaign, logs.vehicle))
+    data = replace(planar_data(campaign, logs.vehicle), prior=planar_prior(config))
+    return PlanarStudy(logs=replace(logs, campaign=campaign), data=data)

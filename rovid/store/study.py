@@ -1,6 +1,5 @@
 """A study of the logs, or tables, in a folder, and what can be identified from them."""
 
-import contextlib
 import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
@@ -12,7 +11,6 @@ import numpy as np
 
 from rovid.core.budget import SECONDS_PER_HOUR, ProgressCallback
 from rovid.core.errors import ConfigError, DataError, LogError, suggestion
-from rovid.core.input_files import read_toml
 from rovid.core.output_files import PLAN
 from rovid.diagnose.result import Diagnosis, Finding, ModelAssessment
 from rovid.diagnose.tables import TableDiagnosis, diagnose_tables
@@ -35,6 +33,7 @@ from rovid.signals.preprocessing import PreparedRuns, prepare, shared_channels
 from rovid.store.parameter_file import Provenance, Source, absolute_paths, read_source, trial_source
 from rovid.trial.axis import YAW, Axis
 from rovid.trial.config import Config, find_config, load_config, vehicle_without_thrusters
+from rovid.trial.config_files import config_files
 from rovid.trial.config_fingerprint import ConfigFingerprint
 from rovid.trial.fault import Fault, FaultOverrides, fault_texts, stopping
 from rovid.trial.tables import SINE_COLUMNS, STEADY_COLUMNS, find_table, read_table
@@ -291,19 +290,6 @@ def input_files(paths: Sequence[Path]) -> list[Path]:
         return []
     files = [path for path in candidate_files(paths) if path.is_file() and not PLAN.matches(path)]
     return [*files, *config_files(paths)]
-
-
-def config_files(paths: Sequence[Path]) -> list[Path]:
-    """The rovid.toml of ``paths`` and its thrust curves, as far as they exist."""
-    files: list[Path] = []  # Errors in rovid.toml are reported when the file is loaded.
-    with contextlib.suppress(ConfigError):
-        config = find_config(paths)
-        files.append(config)
-        blocks = read_toml(config).get("thrusters")
-        known = filter(lambda block: isinstance(block, dict), blocks if isinstance(blocks, list) else ())
-        curves = [config.parent / str(block["curve"]) for block in known if "curve" in block]
-        files += [curve for curve in curves if curve.exists()]
-    return files
 
 
 def open_study(

@@ -26,6 +26,7 @@ from rovid.trial.config_fingerprint import ConfigFingerprint, config_fingerprint
 from rovid.trial.cutting import Exclusion, exclusions, join, kept_faults
 from rovid.trial.fault import FaultOverrides
 from rovid.trial.log_files import KINDS, Join
+from rovid.trial.prior_table import prior_digest, prior_table
 from rovid.trial.tables import bench_curve
 from rovid.trial.vehicle import Thruster, Vehicle
 
@@ -39,7 +40,7 @@ _GUESSED = "_guessed"
 _UNMARKED_GUESSES = b"# Written by `rovid init`, which looked at "
 _THRUSTER_KEYS = ("name", *_ARMS, "curve", "command", "outside", *(key + _GUESSED for key in (*_ARMS, "curve")))
 _THRUSTER_KEYS += (*drives.MOTOR_KEYS, *drives.GEOMETRY_KEYS)
-_TABLES = ("vehicle", "thrusters", "rudders", "signals", "leave_out", "join", "faults")
+_TABLES = ("vehicle", "thrusters", "rudders", "signals", "leave_out", "join", "faults", "planar")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,6 +58,7 @@ class Config:
     exclusions: tuple[Exclusion, ...] = ()
     join: Join | None = None
     faults: FaultOverrides = field(default_factory=FaultOverrides)  #: Faults of logs whose remedy the user rejects.
+    prior: Mapping[str, Any] = field(default_factory=dict)  #: As by `prior_table`; empty for one axis.
 
     @property
     def axis(self) -> Axis:
@@ -86,6 +88,8 @@ class Config:
         for exclusion in self.exclusions:
             earlier = signals.get(f"left out of {exclusion.log}")
             signals[f"left out of {exclusion.log}"] = f"{earlier}, {exclusion}" if earlier else str(exclusion)
+        if self.prior:
+            signals["prior"] = prior_digest(self.prior, self.vehicle, self.path.parent)
         return config_fingerprint(self.vehicle, {"time": str(self.time), **signals, **commands}, further)
 
     def maps_format(self, kind: str) -> bool:
@@ -145,10 +149,7 @@ def config_from(document: Mapping[str, Any], axis: Axis = YAW) -> Config:
 
 
 def load_planar_config(path: Path) -> Config:
-    """Read and check the rovid.toml at ``path`` for surge, sway and yaw together; a `ConfigError` names the place.
-
-    The vehicle has every actuator that acts on any of the three. Heading, or yaw rate, is required.
-    """
+    """`load_config` for surge, sway and yaw together, with each actuator of any of them; needs heading or yaw rate."""
     return load_config(path, PLANAR)
 
 
@@ -183,6 +184,7 @@ class _Parser:
         self.path = path
         self.planar = axis is PLANAR
         self.axis = YAW if self.planar else axis
+        self.example_arm = f"{self.axis.arm_key} = {'0.43' if self.axis.angular else '1.0'}"
         # Keys of a thruster, one of which it has if it acts along the axis.
         self.levers = drives.PLANAR_LEVERS if self.planar else (axis.arm_key,)
 
@@ -248,6 +250,7 @@ class _Parser:
             exclusions=tuple(exclusions(document, self)),
             join=join(document, self),
             faults=kept_faults(document, self),
+            prior=prior_table(document, self) if self.planar else {},
         )
 
     def vehicle(self, table: Mapping[str, Any], thrusters: tuple[Thruster, ...]) -> Vehicle:
@@ -344,7 +347,7 @@ class _Parser:
         replaced = drives.REPLACED.get(constant, ())
         if not acts and "arm" not in replaced:
             expected = " or ".join([", ".join(self.levers[:-1]), self.levers[-1]][not self.levers[:-1] :])
-            raise self.error(place, f"has no {expected}.", f"Add {arm_key} = {_example_arm(self.axis)}.")
+            raise self.error(place, f"has no {expected}.", f"Add {self.example_arm}.")
         for key, example in {"curve": '"thrust_curve.csv"', "command": '{ csv = "…" }'}.items():
             if key not in block and key not in replaced:
                 raise self.error(place, f"has no {key}.", f"Add {key} = {example}.")
@@ -382,17 +385,12 @@ class _Parser:
         return bool(mark == block[key])
 
     def require_actuators(self, blocks: Sequence[Any], thrusters: Sequence[Thruster]) -> None:
-        axis = self.axis
+        place, axis = "[[thrusters]]", self.axis
         # A self-righting vehicle can be released from a tilt, without a thruster.
         if not thrusters and not axis.self_righting:
             if not blocks:
-                raise self.error("[[thrusters]]", f"there are none, and no {axis.force_name} is mapped in [signals].")
-            mend = f"Add {axis.arm_key} = {_example_arm(axis)}."
-            raise self.error("[[thrusters]]", f"none has {axis.arm_key}.", mend)
+                raise self.error(place, f"there are none, and no {axis.force_name} is mapped in [signals].")
+            raise self.error(place, f"none has {axis.arm_key}.", f"Add {self.example_arm}.")
         names = [thruster.name for thruster in thrusters]
         if len(set(names)) < len(names):
-            raise self.error("[[thrusters]]", f"two have the same name among {names}.", "Name each differently.")
-
-
-def _example_arm(axis: Axis) -> str:
-    return "0.43" if axis.angular else "1.0"
+            raise self.error(place, f"two have the same name among {names}.", "Name each differently.")

@@ -10,6 +10,11 @@ from rovid.trial.vehicle import Vehicle
 _DIGEST = "sha256 "
 
 
+def text_digest(text: str) -> str:
+    """The digest that stands for a long setting."""
+    return _DIGEST + hashlib.sha256(text.encode()).hexdigest()
+
+
 @dataclass(frozen=True, kw_only=True)
 class ConfigFingerprint:
     """Settings that torque, or force, and signals were read with; comments and the order of lines do not count."""
@@ -73,7 +78,7 @@ def config_fingerprint(vehicle: Vehicle, signals: Mapping[str, str], further: Ma
         points = zip(thruster.curve.command.tolist(), thruster.curve.thrust.tolist(), strict=True)
         text = "\n".join(f"{command!r},{thrust!r}" for command, thrust in points)
         drive[f"{axis.arm_key} of {thruster.name}"] = f"{thruster.arm:.12g}"
-        drive[f"curve of {thruster.name}"] = _DIGEST + hashlib.sha256(text.encode()).hexdigest()
+        drive[f"curve of {thruster.name}"] = text_digest(text)
         drive[f"outside of {thruster.name}"] = "clamp" if thruster.clamp else "refuse"
         if thruster.surge_share:
             drive[f"surge of {thruster.name}"] = f"{thruster.surge_share:.12g}"

@@ -51,6 +51,8 @@ def parameter_document(estimate: Estimate) -> Document:
         document[name]["interval_95"] = list(estimate.interval(name))
         if estimate.is_placeholder(name):
             document[name]["placeholder"] = True
+        if name in estimate.from_prior:
+            document[name]["from_prior"] = True
     return document
 
 

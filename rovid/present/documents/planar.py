@@ -8,7 +8,8 @@ from typing import Any
 from rovid.diagnose.result import first_experiment
 from rovid.estimate.estimate import Estimate
 from rovid.export.run_export import VELOCITIES, PlanarMismatch, VerifiedPlanarExport
-from rovid.model.parameter_names import effect_ids, without_form
+from rovid.model.parameter_names import effect_ids, unit_of, without_form
+from rovid.planar.coordinates import Undetermined
 from rovid.planar.diagnosis import PlanarAssessment, PlanarDiagnosis
 from rovid.planar.experiment import PlanarPlan
 from rovid.planar.fit import PlanarFit
@@ -63,9 +64,20 @@ def _sname(name: str) -> Document:
     return {"sname": derivative} if derivative else {}
 
 
-def undetermined_document(combinations: Sequence[OpenCombination]) -> list[Document]:
+def undetermined_document(combinations: Sequence[OpenCombination | Undetermined]) -> list[Document]:
     """Combinations of parameters that the logs do not determine."""
     return [{"combination": dict(one.combination), "text": one.text} for one in combinations]
+
+
+def _prior_document(fit: PlanarFit) -> Document:
+    """The prior, and the combinations that it determines and the logs do not; empty without a prior."""
+    if not fit.prior.values:
+        return {}
+    values = {
+        name: value_document(one.value, unit_of(name), one.standard_error) | {"source": one.source}
+        for name, one in fit.prior.values.items()
+    }
+    return {"prior": values, "only_by_prior": undetermined_document(fit.prior.only_by_prior)}
 
 
 def planar_fit_document(fit: PlanarFit, study: PlanarStudy) -> Document:
@@ -78,6 +90,7 @@ def planar_fit_document(fit: PlanarFit, study: PlanarStudy) -> Document:
         **AXES_DOCUMENT,
         "parameters": planar_parameters(estimate),
         "undetermined": undetermined_document(open_combinations(fit)),
+        **_prior_document(fit),
         "effects": effect_ids(estimate.names),
         "log_likelihood": fit.log_likelihood,
         "samples": estimate.samples,
@@ -233,6 +246,7 @@ def _assessment(side: PlanarAssessment | None) -> Document | None:
     return {
         "parameters": parameters,
         "undetermined": undetermined_document(open_combinations(side.fit)),
+        **_prior_document(side.fit),
         "held_out": {
             "log_likelihood": scores.log_likelihood,
             **{f"{speed}_rmse": error for speed, error in scores.rmse.items()},

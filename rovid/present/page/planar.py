@@ -46,6 +46,7 @@ from rovid.present.terminal.planar import (
     criterion_sentence,
     fit_sentence,
     planar_held_out_table,
+    prior_sentences,
     simulation_sentence,
     undetermined_sentences,
 )
@@ -268,6 +269,7 @@ def _render(report: PlanarReport, figures: Mapping[str, ReportFigure]) -> str:
         "definitions": evidence_definitions(causes),
         "gain": _gain_table(report.diagnosis),
         "undetermined": undetermined_sentences(fit),
+        "by_prior": prior_sentences(fit),
         "unknown": UNIDENTIFIABLE["thrust_scale"],
         "next_step": None
         if found is None

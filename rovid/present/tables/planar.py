@@ -15,6 +15,8 @@ from rovid.present.tables.table import Column, ResultTable, mixed_number_column,
 from rovid.store.parameter_file import Parameters
 
 _NORMAL_95 = 1.959964
+# In place of the interval of a parameter that the logs do not decide.
+FROM_PRIOR = "from the prior"
 # Units that are shown in degrees.
 _ANGLES = ("rad", "rad/s")
 _TITLES = {"turning_circle": "Turning circles in the logs", "zigzag": "Zigzags in the logs"}
@@ -35,6 +37,7 @@ def planar_estimate_table(estimate: Estimate) -> ResultTable:
             continue
         low, high = (round_to_error(end, error) for end in estimate.interval(name))
         interval = f"{low} … {high}" if math.isfinite(error) else DASH
+        interval = FROM_PRIOR if name in estimate.from_prior else interval
         table.add_row(name, plus_minus(value, error), unit, interval, symbol)
     return table
 
@@ -46,6 +49,7 @@ def planar_parameters_table(stored: Parameters) -> ResultTable:
         value, error = entry.value, entry.standard_error
         low, high = (round_to_error(value + side * _NORMAL_95 * error, error) for side in (-1.0, 1.0))
         interval = f"{low} … {high}" if math.isfinite(error) else DASH
+        interval = FROM_PRIOR if entry.from_prior else interval
         row = plus_minus(value, error), unit_symbol(entry.unit), interval, derivative_name(name) or DASH
         table.add_row(parameter_title(name), *row)
     for name in stored.assumed:

@@ -51,6 +51,7 @@ def show_planar_fit(console: Console, fit: PlanarFit, study: PlanarStudy) -> Non
     console.print(planar_estimate_table(fit.estimate))
     for text in undetermined_sentences(fit):
         print_labelled(console, "Not determined:", text, "bold yellow")
+    _show_prior(console, fit)
     print_text(console, criterion_sentence(fit))
     print_text(console, f"disturbance: {'; '.join(_disturbance_words(fit, axis) for axis in fit.disturbance)}")
     print_text(console, f"noise: {', '.join(_noise_words(sensor, size) for sensor, size in fit.noise.items())}")
@@ -86,6 +87,19 @@ def undetermined_sentences(fit: PlanarFit) -> list[str]:
         if name not in listed and name in estimate.names:
             reasons.setdefault(reason, []).append(name)
     return [*sentences, *(f"{join_words(names)}: {reason}." for reason, names in reasons.items())]
+
+
+def prior_sentences(fit: PlanarFit) -> list[str]:
+    """What the prior decides, and not the logs."""
+    names = fit.prior.decided
+    sentences = [f"{join_words(names)}: the logs hold less than half of what is known."] if names else []
+    combinations = fit.prior.only_by_prior[:_COMBINATIONS]
+    return sentences + [f"The logs alone do not determine a combination. {one.text}" for one in combinations]
+
+
+def _show_prior(console: Console, fit: PlanarFit) -> None:
+    for text in prior_sentences(fit):
+        print_labelled(console, "From the prior:", text, "bold yellow")
 
 
 def criterion_sentence(fit: PlanarFit) -> str:
@@ -170,6 +184,7 @@ def show_planar_diagnosis(console: Console, diagnosis: PlanarDiagnosis, study: P
         console.print(planar_estimate_table(extended.fit.estimate))
         for text in undetermined_sentences(extended.fit):
             print_labelled(console, "Not determined:", text, "bold yellow")
+        _show_prior(console, extended.fit)
     if diagnosis.unexplained_shares:
         shares = [f"{axis} {100.0 * share:.2g} %" for axis, share in diagnosis.unexplained_shares.items()]
         print_text(console, f"left unexplained, in percent of the variance of all forces: {', '.join(shares)}")
