@@ -4,6 +4,7 @@ A simulated manoeuvre starts on a straight course at the steady speed of a const
 5.1). The steering is a rudder's angle, or a torque with the side force that comes with it in the runs.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -47,6 +48,7 @@ class SteeringSystem:
     largest: float  #: Largest angle in rad, or torque in N m, in the runs.
     side_force: float  #: N for each N m of torque.
     slipstream: float  #: N of thrust ahead of each rudder for each N ahead.
+    rudder_rate: float = math.inf  #: rad/s at which the rudders move, or 1/s of the largest torque.
 
     @classmethod
     def of(cls, data: PlanarData, model: PlanarModel) -> "SteeringSystem":
@@ -68,7 +70,14 @@ class SteeringSystem:
         slipstream = 0.0
         if rudders and pushing.any():
             slipstream = float(np.sum(thrust[pushing].mean(axis=1)) / np.sum(force[pushing, 0]))
-        return cls(approach_speed=speed, rudders=rudders, largest=largest, side_force=side, slipstream=slipstream)
+        return cls(
+            approach_speed=speed,
+            rudders=rudders,
+            largest=largest,
+            side_force=side,
+            slipstream=slipstream,
+            rudder_rate=_rudder_rate(data),
+        )
 
     @property
     def gain_unit(self) -> str:
@@ -89,17 +98,42 @@ class SteeringSystem:
             held[:, 1] = self.side_force * held[:, 2]
         return held
 
+    def movement(self, begin: float, order: float, time: FloatArray) -> FloatArray:
+        """(n,) steering at (n,) ``time`` in s after an ``order``, from ``begin`` on."""
+        moved = np.sign(order - begin) * self.rudder_rate * time if math.isfinite(self.rudder_rate) else order - begin
+        return np.asarray(np.clip(begin + moved, min(begin, order), max(begin, order)) + np.zeros(len(time)))
+
     def steering(self, run: PlanarRun) -> FloatArray:
         """(n,) steering of ``run``: mean angle of the rudders in rad, or share of the largest torque."""
         held = run.forces()
         return np.asarray(held.angle.mean(axis=1) if self.rudders else held.force[:, 2] / self.largest)
 
 
+def _rudder_rate(data: PlanarData) -> float:
+    """Rate in rad/s with which half of the movements of the rudders end at most; infinite without rudders.
+
+    A log of orders, which jump, gives a jump within a sample.
+    """
+    changes, rates = [np.zeros(0)], [np.zeros(0)]
+    for run in data.runs:
+        for angle in np.unwrap(run.trial.commands[:, data.actuators.angle_columns], axis=0).T:
+            moved = np.flatnonzero(np.diff(angle)) + 1
+            change, seconds = np.abs(np.diff(angle))[moved - 1], np.diff(run.time[moved], prepend=run.time[0])
+            changes.append(change)
+            rates.append(change / np.maximum(seconds, 1e-9))
+    change, rate = np.concatenate(changes), np.concatenate(rates)
+    if not data.actuators.rudders or not len(change):
+        return math.inf
+    order = np.argsort(rate)
+    return float(rate[order][np.searchsorted(np.cumsum(change[order]), 0.5 * change.sum())])
+
+
 def simulate_turning_circle(model: PlanarModel, system: SteeringSystem, order: float) -> Track:
     """A turn at a steady ``order`` from a straight course, until two turns or `_LONGEST` time constants."""
     step, count = _step(model), int(_LONGEST * _SAMPLES)
     for _ in range(_COARSER):
-        track = _simulated(model, system, np.zeros(6), np.full(count, order), step)
+        steering = system.movement(0.0, order, step * np.arange(count, dtype=np.float64))
+        track = _simulated(model, system, np.zeros(6), steering, step)
         turned = np.flatnonzero(np.abs(track.heading) >= 4.0 * np.pi)
         if turned.size:
             return track.part(0, int(turned[0]) + 1)
@@ -109,12 +143,12 @@ def simulate_turning_circle(model: PlanarModel, system: SteeringSystem, order: f
 
 def simulate_zigzag(model: PlanarModel, system: SteeringSystem, order: float, threshold: float) -> Track:
     """A zigzag that reverses ``order`` when the heading has changed by ``threshold`` rad, for five sections."""
-    step, start, begin = _step(model), np.zeros(6), 0.0
+    step, start, begin, angle = _step(model), np.zeros(6), 0.0, 0.0
     parts: list[Track] = []
     count = int(0.5 * _LONGEST * _SAMPLES)
     for section in range(_SECTIONS):
-        steering = order * (-1.0) ** section
-        track = _simulated(model, system, start, np.full(count, steering), step)
+        steering = system.movement(angle, order * (-1.0) ** section, step * np.arange(count, dtype=np.float64))
+        track = _simulated(model, system, start, steering, step)
         turned = track.heading * np.sign(order) * (-1.0) ** section
         passed = np.flatnonzero(turned >= threshold)
         last = int(passed[0]) if passed.size else count - 1
@@ -127,7 +161,7 @@ def simulate_zigzag(model: PlanarModel, system: SteeringSystem, order: float, th
         names = ("heading", "surge", "sway", "yaw_rate", "north", "east", "time")
         pairs = np.array([getattr(track, name)[last - 1 : last + 1] for name in names])
         *start, begin = pairs @ np.array([1.0 - share, share])
-        start = np.array(start)
+        start, angle = np.array(start), float(steering[last])
     joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])}
     return Track(**joined)
 
@@ -168,8 +202,7 @@ def _simulated(
 
 def model_measures(model: PlanarModel, system: SteeringSystem) -> Measures:
     """Measures of a turning circle to each side and of the 10/10 and 20/20 zigzags; names as "circle.advance"."""
-    largest = system.largest if system.rudders else 1.0
-    order = min(_TURN_ANGLE, largest) if system.rudders else largest
+    order = _TURN_ANGLE if system.rudders else 1.0
     found: dict[str, ManoeuvreMeasure] = {}
     unit = "rad" if system.rudders else "1"
     for side, name in ((1.0, "starboard"), (-1.0, "port")):
@@ -178,7 +211,7 @@ def model_measures(model: PlanarModel, system: SteeringSystem) -> Measures:
         found[f"circle_{name}.approach_speed"] = ManoeuvreMeasure(value=system.approach_speed, unit="m/s")
         found |= {f"circle_{name}.{key}": one for key, one in turning_circle(track).items()}
     for angle in _ZIGZAG_ANGLES:
-        given = angle if system.rudders else largest * angle / _ZIGZAG_ANGLES[-1]
+        given = angle if system.rudders else angle / _ZIGZAG_ANGLES[-1]
         track = simulate_zigzag(model, system, given, angle)
         name = f"zigzag_{np.degrees(angle):.0f}"
         found |= {f"{name}.{key}": one for key, one in zigzag(track).items()}
@@ -192,8 +225,9 @@ def model_measures(model: PlanarModel, system: SteeringSystem) -> Measures:
 def model_manoeuvres(fit: PlanarFit, data: PlanarData) -> Measures:
     """`model_measures` of a fit with standard errors by the delta method.
 
-    A measure that depends on a parameter that the runs do not determine is left out. There are none where the vehicle
-    neither moves ahead nor turns in the runs, or where they determine yaw alone.
+    A measure may be known where single parameters are not: the covariance has their correlations. It is left out where
+    its own error is as large as itself, or where it changes with a parameter that no measurement depends on. There are
+    none where the vehicle neither moves ahead nor turns in the runs, or where they determine yaw alone.
     """
     if is_yaw_alone(data):
         return {}
@@ -201,28 +235,24 @@ def model_manoeuvres(fit: PlanarFit, data: PlanarData) -> Measures:
         system = SteeringSystem.of(data, fit.model)
     except DataError:
         return {}
-    names, estimate = fit.model.names, fit.estimate
 
     def measure(values: FloatArray) -> Measures:
         return model_measures(fit.model.with_values(values), system)
 
-    values = fit.model.values
-    covariance = np.zeros((len(names), len(names)))
-    known = [name for name in names if name in estimate.names and name not in estimate.refused]
-    own, theirs = [names.index(name) for name in known], [estimate.names.index(name) for name in known]
-    covariance[np.ix_(own, own)] = estimate.covariance[np.ix_(theirs, theirs)]
+    values, covariance = fit.model.values, np.asarray(fit.estimate.covariance)
     found = with_errors(measure, values, covariance)
-    for name in set(names) & set(estimate.refused):
-        at = names.index(name)
-        changed = values.copy()
-        changed[at] *= 1.0 + _DOUBT
-        other = measure(changed)
-        found = {
-            key: one
-            for key, one in found.items()
-            if key in other and abs(other[key].value - one.value) <= _SENSITIVE * abs(one.value)
-        }
-    return found
+    for at in np.flatnonzero(np.diag(covariance) == 0.0).tolist():
+        if fit.model.names[at] in fit.estimate.refused and values[at]:
+            other = measure(values * (1.0 + _DOUBT * (np.arange(len(values)) == at)))
+            found = {key: one for key, one in found.items() if _is_same(one, other.get(key))}
+    given = {key for key in found if key.endswith((".steering", ".approach_speed"))}
+    known = {key for key, one in found.items() if one.standard_error is not None}
+    known -= {key for key in known if (found[key].standard_error or 0.0) >= abs(found[key].value)}
+    return {key: one for key, one in found.items() if key in known | given}
+
+
+def _is_same(one: ManoeuvreMeasure, other: ManoeuvreMeasure | None) -> bool:
+    return other is not None and abs(other.value - one.value) <= _SENSITIVE * abs(one.value)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -329,7 +359,7 @@ def turning_curve(model: PlanarModel, system: SteeringSystem, length: float, poi
 
     ``length`` is L in m. The middle of the curve is unreliable for a vehicle that is not stable on a straight course.
     """
-    largest = min(_TURN_ANGLE, system.largest) if system.rudders else 1.0
+    largest = _TURN_ANGLE if system.rudders else 1.0
     rows = []
     for order in np.linspace(-largest, largest, points):
         count = int(_LONGEST * _SAMPLES)

@@ -47,9 +47,11 @@ def test_a_steady_turn_solves_the_equations() -> None:
     base = np.array([35.0, 62.0, 9.0, 3.0, 2.0, 20.0, 8.0, 5.0, 90.0, 20.0])
     rudder = RudderModel(name="rudder", position=(-0.9, 0.0), lift=25.0)
     model = PlanarModel(base=base, rudders=(rudder,))
-    system = SteeringSystem(approach_speed=1.5, rudders=1, largest=0.5, side_force=0.0, slipstream=0.0)
+    system = SteeringSystem(approach_speed=1.5, rudders=1, largest=0.2, side_force=0.0, slipstream=0.0)
+    # A turn has 35 deg of rudder, whatever the runs have.
+    order = np.radians(35.0)
     thrust = (2.0 + 5.0 * 1.5) * 1.5
-    held = np.array([thrust, 0.0, 0.0, 0.5, 0.0])
+    held = np.array([thrust, 0.0, 0.0, order, 0.0])
 
     def unbalanced(nu: FloatArray) -> FloatArray:
         return accelerations(model, nu, held, np.zeros(3))
@@ -60,7 +62,7 @@ def test_a_steady_turn_solves_the_equations() -> None:
     assert found["circle_starboard.steady_diameter"].value == pytest.approx(2.0 * np.hypot(u, v) / r, rel=0.01)
     assert found["circle_starboard.steady_drift_angle"].value == pytest.approx(np.arctan2(-v, u), rel=0.02)
     curve = turning_curve(model, system, length=2.0, points=3)
-    assert curve[-1] == pytest.approx([0.5, r * 2.0 / np.hypot(u, v)], rel=1e-3)
+    assert curve[-1] == pytest.approx([order, r * 2.0 / np.hypot(u, v)], rel=1e-3)
     assert curve[1, 1] == pytest.approx(0.0, abs=1e-9)
 
 
@@ -125,7 +127,16 @@ def test_errors_follow_the_parameters_and_undetermined_ones_refuse_their_measure
     found = model_manoeuvres(fit, data)
     assert found["circle_port.steering"].value == -1.0  # the largest torque, where there is no rudder
     assert found["zigzag_20.T"].standard_error == pytest.approx(0.02, rel=0.05)  # second order of the delta method
-    refusing = replace(fit, estimate=replace(estimate, refused={"yaw.inertia": "not excited"}))
-    refused = model_manoeuvres(refusing, data)
-    assert "zigzag_20.T" not in refused
-    assert "circle_starboard.steady_yaw_rate" in refused
+    # Two parameters that the runs determine only together leave the measures of their ratio known.
+    both = np.zeros((10, 10))
+    both[np.ix_((2, 6), (2, 6))] = np.outer(YAW_ALONE[[2, 6]], YAW_ALONE[[2, 6]])
+    both[2, 2] += 0.3**2
+    refused = {"yaw.inertia": "not excited", "yaw.linear_drag": "not excited"}
+    together = model_manoeuvres(replace(fit, estimate=replace(estimate, covariance=both, refused=refused)), data)
+    assert together["zigzag_20.T"].standard_error == pytest.approx(0.02, rel=0.05)
+    assert "zigzag_20.K" not in together
+    # No measurement depends on a parameter without a variance.
+    open_ = replace(estimate, covariance=np.zeros((10, 10)), refused={"yaw.inertia": "not excited"})
+    found = model_manoeuvres(replace(fit, estimate=open_), data)
+    assert "zigzag_20.T" not in found
+    assert "circle_starboard.steady_yaw_rate" in found
