@@ -99,7 +99,6 @@ class PlanarCoordinates:
                 max(first - _NOISE_RANGE, math.log(_HEADING_FLOOR)) if name == "heading" else first - _NOISE_RANGE
             )
             high.append(max(first + _NOISE_RANGE, low[-1]))
-            units += []
         units += [1.0] * (6 + len(sensors))
         late = len(_instruments(sensors))
         units += [float(sizes.time.min())] * late

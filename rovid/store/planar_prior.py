@@ -4,13 +4,12 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from rovid.core.errors import ConfigError, suggestion
 from rovid.core.input_files import SMALLEST, expected_number
 from rovid.model.parameter_names import PLANAR_UNITS, RUDDER_UNITS, unit_of
-from rovid.planar.hull import Hull
+from rovid.planar.hull import hull_parameters
 from rovid.planar.model import SNAME
 from rovid.planar.prior import PlanarPrior, PriorValue
 from rovid.store.load import read_parameters
@@ -18,34 +17,25 @@ from rovid.trial.axis import PLANAR
 from rovid.trial.config import Config
 from rovid.trial.tables import read_table
 
-# Relative standard errors of a value without one, of a sister vehicle, and of a hull's added mass and drag. Decisions:
-# published panel codes and experiments agree within 10 to 50 % for hulls with appendages.
+# Relative standard errors of a value without one and of a sister vehicle, and of a hull's added mass and drag.
+# Decisions.
 _RELATIVE_ERROR, _OF_HULL = 0.3, 0.5
 # Total inertia over that of the rigid body, and the relative standard error. Published vehicles have 1.1 to 2.5.
 _OF_RIGID, _RIGID_ERROR = 1.66, 0.41
 _KEYS = ("file", "scale", "relative_error", "hull", "rigid_body")
+_HULL_KEYS = {"length", "beam", "draught", "height", "drag_coefficient"}
 _COLUMNS = ("parameter", "value", "standard_error")
-# Unit -> exponent of the length scale of geometrically similar vehicles at the same Froude number (speeds grow with the
-# root of the length; Newman 1977, chapter 2).
-_FROUDE = {
-    "kg": 3.0,
-    "kg m": 4.0,
-    "kg m^2": 5.0,
-    "N s/m": 2.5,
-    "N m s": 4.5,
-    "N s^2/m^2": 2.0,
-    "N m s^2": 5.0,
-    "m^2/(N s^2)": -2.0,
-}
+# Unit -> exponent of the length scale of similar vehicles at the same Froude number: speeds grow with the root of the
+# length (Newman 1977, chapter 2).
+_FROUDE = {"kg": 3.0, "kg m": 4.0, "kg m^2": 5.0, "N s/m": 2.5, "N m s": 4.5, "N s^2/m^2": 2.0, "N m s^2": 5.0}
+_FROUDE["m^2/(N s^2)"] = -2.0
+_DERIVATIVES = {derivative: parameter for parameter, derivative in SNAME.items()}
 _NUMBER = r"\s*([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)\s*"
 _WITH_ERROR = re.compile(rf"{_NUMBER}(?:(?:\+-|\+/-|±){_NUMBER}(%?)\s*)?")
 
 
 def planar_prior(config: Config) -> PlanarPrior | None:
-    """The prior of a rovid.toml; None without one.
-
-    A value of the user takes the place of one from the file, which takes that of a hull, and this that of the rigid
-    body.
+    """The prior of a rovid.toml; None without one. A later source replaces an earlier one.
 
     Raises
     ------
@@ -56,8 +46,8 @@ def planar_prior(config: Config) -> PlanarPrior | None:
     """
     if not config.prior:
         return None
-    table = _PriorParser(config, dict(_flat(config.prior)))
-    return PlanarPrior({**table.rigid_body(), **table.hull(), **table.file(), **table.stated()})
+    parser = _PriorParser(config, dict(_flat(config.prior)))
+    return PlanarPrior({**parser.rigid_body(), **parser.hull(), **parser.file(), **parser.stated()})
 
 
 def _flat(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
@@ -79,13 +69,12 @@ class _PriorParser:
     def error(self, key: str, text: str, mend: str = "") -> ConfigError:
         return ConfigError(text, where=f"{self.config.path}: [planar.prior] {key}", mend=mend)
 
-    def number(self, key: str, value: object, *, positive: bool = True) -> float:
+    def number(self, key: str, value: Any, *, positive: bool = True) -> float:
         if expected := expected_number(value, positive=positive):
             raise self.error(key, f"is {value!r}; {expected} was expected.")
-        assert isinstance(value, int | float)  # noqa: S101 - by expected_number
         return float(value)
 
-    def relative_error(self, usual: float) -> float:
+    def relative_error(self, usual: float = _RELATIVE_ERROR) -> float:
         return self.number("relative_error", self.entries.get("relative_error", usual))
 
     @property
@@ -109,64 +98,50 @@ class _PriorParser:
         sizes, vehicle = self.entries.get("hull"), self.config.vehicle
         if sizes is None:
             return {}
-        known = ("length", "beam", "draught", "height", "drag_coefficient")
-        if not isinstance(sizes, dict) or not set(sizes) <= set(known) or {"draught", "height"} <= set(sizes):
+        if not isinstance(sizes, dict) or not _HULL_KEYS.issuperset(sizes) or {"draught", "height"} <= set(sizes):
             mend = "Give draught of a hull at the surface, or height of a submerged one."
             raise self.error("hull", f"is {sizes!r}; length, beam, and draught or height were expected.", mend)
-        given = {key: self.number(f"hull.{key}", value) for key, value in sizes.items()}
-        submerged = "draught" not in given
-        depth = given.get("draught", given.get("height", vehicle.height))
-        length, beam = given.get("length", vehicle.length), given.get("beam", vehicle.width)
-        if length is None or beam is None or depth is None:
+        known = {"length": vehicle.length, "beam": vehicle.width, "height": vehicle.height, **sizes}
+        depth = "draught" if "draught" in sizes else "height"
+        if any(known[key] is None for key in ("length", "beam", depth)):
             raise self.error("hull", "needs length, beam, and draught or height, here or in [vehicle].")
-        found = Hull(
-            length=length,
-            beam=beam,
-            depth=depth,
-            submerged=submerged,
-            mass=vehicle.mass,
-            yaw_inertia=vehicle.rigid_body_inertia,
-            drag_coefficient=given.get("drag_coefficient", 1.0),
-        )
-        error = self.relative_error(_OF_HULL)
-        return {name: self.value(name, one, error * one, "strip theory") for name, one in found.parameters().items()}
+        length, beam, deep = (self.number(f"hull.{key}", known[key]) for key in ("length", "beam", depth))
+        coefficient = self.number("hull.drag_coefficient", sizes.get("drag_coefficient", 1.0))
+        rigid, error = (vehicle.mass, vehicle.rigid_body_inertia), self.relative_error(_OF_HULL)
+        found = hull_parameters(length, beam, deep, coefficient, *rigid, submerged=depth == "height")
+        return {name: self.value(name, one, error * one, "strip theory") for name, one in found.items()}
 
     def file(self) -> dict[str, PriorValue]:
-        """A parameter file of another vehicle, or a table of parameters."""
+        """A parameter file of another vehicle, or a table with the columns parameter, value and standard_error."""
         if "file" not in self.entries:
             return {}
-        path = self.config.path.parent / str(self.entries["file"])
+        path, found = self.config.path.parent / str(self.entries["file"]), dict[str, PriorValue]()
         if path.suffix.lower() != ".toml":
-            return self.table_of(path)
+            table = read_table(path)
+            names, values = table.text(_COLUMNS[0]), table.numbers(_COLUMNS[1]).tolist()
+            errors = [math.nan] * len(names)
+            if _COLUMNS[2] in table.header:
+                errors = table.numbers(_COLUMNS[2], empty_allowed=True).tolist()
+            for name, value, error in zip(names, values, errors, strict=True):
+                found |= self.named(name, value, None if math.isnan(error) else error, path.name)
+            return found
         stored = read_parameters(path)
         if stored.axis is not PLANAR:
             raise self.error("file", f"holds the parameters of {stored.axis.name}; planar was expected.")
-        scale, error = self.number("scale", self.entries.get("scale", 1.0)), self.relative_error(_RELATIVE_ERROR)
-        found: dict[str, PriorValue] = {}
+        scale = self.number("scale", self.entries.get("scale", 1.0))
         for name, entry in stored.entries.items():
-            own = math.hypot(error * entry.value, entry.standard_error)
+            own = math.hypot(self.relative_error() * entry.value, entry.standard_error)
             if self.is_known(name) and own > 0.0:
                 factor = scale ** _FROUDE[unit_of(name)]
                 found[name] = self.value(name, entry.value * factor, own * factor, path.name)
         return found
 
-    def table_of(self, path: Path) -> dict[str, PriorValue]:
-        """A table with the columns parameter, value and, if known, standard_error."""
-        table = read_table(path)
-        found: dict[str, PriorValue] = {}
-        errors = table.numbers(_COLUMNS[2], empty_allowed=True) if _COLUMNS[2] in table.header else None
-        for at, (name, value) in enumerate(zip(table.text(_COLUMNS[0]), table.numbers(_COLUMNS[1]), strict=True)):
-            error = None if errors is None or math.isnan(errors[at]) else float(errors[at])
-            found |= self.named(name, float(value), error, path.name)
-        return found
-
     def stated(self) -> dict[str, PriorValue]:
         """Values of the user."""
         found: dict[str, PriorValue] = {}
-        for name, value in self.entries.items():
-            if name in _KEYS:
-                continue
-            match = _WITH_ERROR.fullmatch(value if isinstance(value, str) else "")
+        for name in [key for key in self.entries if key not in _KEYS]:
+            value = self.entries[name]
+            match = _WITH_ERROR.fullmatch(value) if isinstance(value, str) else None
             if isinstance(value, str) and match is None:
                 raise self.error(name, f'is {value!r}; a number or "value +- standard error" was expected.')
             number = self.number(name, float(match[1]) if match else value, positive=False)
@@ -176,15 +151,14 @@ class _PriorParser:
 
     def named(self, name: str, value: float, error: float | None, source: str) -> dict[str, PriorValue]:
         """The prior of a parameter, or of a hydrodynamic derivative (SNAME 1950) without the rigid body."""
-        derivatives = {derivative: parameter for parameter, derivative in SNAME.items()}
-        error = self.relative_error(_RELATIVE_ERROR) * abs(value) if error is None else error
-        if parameter := derivatives.get(name):
+        error = self.relative_error() * abs(value) if error is None else error
+        if parameter := _DERIVATIVES.get(name):
             part = self.rigid.get(parameter, 0.0)
             if part is None:
                 raise self.error(name, "needs the rigid body's part.", "Add mass, length and width to [vehicle].")
             name, value = parameter, part - value
         if not self.is_known(name):
-            mend = suggestion(name, [*PLANAR_UNITS, *derivatives])
+            mend = suggestion(name, [*PLANAR_UNITS, *_DERIVATIVES])
             raise self.error(name, "is no parameter of the coupled model.", mend)
         return {name: self.value(name, value, error, source)}
 

@@ -22,11 +22,10 @@ from rovid.trial.axis import (
     Signal,
     other_axes,
 )
-from rovid.trial.config_fingerprint import ConfigFingerprint, config_fingerprint
+from rovid.trial.config_fingerprint import ConfigFingerprint, config_fingerprint, prior_digest
 from rovid.trial.cutting import Exclusion, exclusions, join, kept_faults
 from rovid.trial.fault import FaultOverrides
 from rovid.trial.log_files import KINDS, Join
-from rovid.trial.prior_table import prior_digest, prior_table
 from rovid.trial.tables import bench_curve
 from rovid.trial.vehicle import Thruster, Vehicle
 
@@ -58,7 +57,7 @@ class Config:
     exclusions: tuple[Exclusion, ...] = ()
     join: Join | None = None
     faults: FaultOverrides = field(default_factory=FaultOverrides)  #: Faults of logs whose remedy the user rejects.
-    prior: Mapping[str, Any] = field(default_factory=dict)  #: As by `prior_table`; empty for one axis.
+    prior: Mapping[str, Any] = field(default_factory=dict)  #: [planar.prior]; empty for one axis.
 
     @property
     def axis(self) -> Axis:
@@ -240,6 +239,8 @@ class _Parser:
         thrusters, commands = self.actuators(blocks, rudders, signals)
         measured_signal = self.measured_signal(signals, {kind for one in commands for kind in one.sources}, blocks)
         self.require_actuators(blocks, thrusters)
+        coupled = self.table(document, "planar")
+        self.require_known(coupled, ("prior",), "[planar]")
         return Config(
             path=self.path,
             vehicle=self.vehicle(self.table(document, "vehicle"), tuple(thrusters)),
@@ -250,7 +251,7 @@ class _Parser:
             exclusions=tuple(exclusions(document, self)),
             join=join(document, self),
             faults=kept_faults(document, self),
-            prior=prior_table(document, self) if self.planar else {},
+            prior=self.table(coupled, "prior") if self.planar else {},
         )
 
     def vehicle(self, table: Mapping[str, Any], thrusters: tuple[Thruster, ...]) -> Vehicle:

@@ -3,6 +3,8 @@
 import hashlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
 
 from rovid.trial.assumptions import Assumptions
 from rovid.trial.vehicle import Vehicle
@@ -10,9 +12,15 @@ from rovid.trial.vehicle import Vehicle
 _DIGEST = "sha256 "
 
 
-def text_digest(text: str) -> str:
-    """The digest that stands for a long setting."""
+def _digest(text: str) -> str:
     return _DIGEST + hashlib.sha256(text.encode()).hexdigest()
+
+
+def prior_digest(table: Mapping[str, Any], vehicle: Vehicle, folder: Path) -> str:
+    """Digest of [planar.prior], of its file, and of the vehicle's mass and size, which added masses depend on."""
+    sizes = [vehicle.mass, vehicle.length, vehicle.width, vehicle.height, vehicle.rigid_body_inertia]
+    file = folder / str(table.get("file", ""))
+    return _digest(repr((table, sizes)) + (file.read_text(errors="replace") if file.is_file() else ""))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,7 +86,7 @@ def config_fingerprint(vehicle: Vehicle, signals: Mapping[str, str], further: Ma
         points = zip(thruster.curve.command.tolist(), thruster.curve.thrust.tolist(), strict=True)
         text = "\n".join(f"{command!r},{thrust!r}" for command, thrust in points)
         drive[f"{axis.arm_key} of {thruster.name}"] = f"{thruster.arm:.12g}"
-        drive[f"curve of {thruster.name}"] = text_digest(text)
+        drive[f"curve of {thruster.name}"] = _digest(text)
         drive[f"outside of {thruster.name}"] = "clamp" if thruster.clamp else "refuse"
         if thruster.surge_share:
             drive[f"surge of {thruster.name}"] = f"{thruster.surge_share:.12g}"

@@ -10,7 +10,7 @@ from rovid.effects import effect_named
 from rovid.planar.dataset import PlanarData
 from rovid.planar.fit import PlanarFit, fit_base, fit_planar
 from rovid.planar.held_out import Parts
-from rovid.planar.hull import Hull
+from rovid.planar.hull import hull_parameters
 from rovid.planar.prior import PlanarPrior, PriorUse, PriorValue
 from tests.planar.vehicles import Truth, campaign
 
@@ -81,12 +81,12 @@ def test_the_penalty_is_the_same_in_every_model_and_in_every_fold(short_turns: P
 
 
 def test_a_hull_has_the_added_mass_of_the_textbook() -> None:
-    ball = Hull(length=2.0, beam=2.0, depth=2.0, submerged=True).parameters()
+    ball = hull_parameters(2.0, 2.0, 2.0, submerged=True)
     mass = 4000.0 / 3.0 * math.pi
     assert ball["surge.inertia"] == pytest.approx(1.5 * mass)
     assert ball["yaw.inertia"] == pytest.approx(0.4 * mass)  # A ball turns no water.
     # k1, k2 and k' of a spheroid of 5 to 1 in elementary functions (Lamb 1932, articles 105, 115, 373).
-    long = Hull(length=5.0, beam=1.0, depth=1.0, submerged=True).parameters()
+    long = hull_parameters(5.0, 1.0, 1.0, submerged=True)
     e = math.sqrt(1.0 - 0.2**2)
     log = math.log((1.0 + e) / (1.0 - e))
     alpha, beta = 2.0 * (1.0 - e * e) / e**3 * (0.5 * log - e), 1.0 / e**2 - (1.0 - e * e) / (2.0 * e**3) * log
@@ -96,5 +96,5 @@ def test_a_hull_has_the_added_mass_of_the_textbook() -> None:
     assert long["sway.inertia"] == pytest.approx(mass * (1.0 + beta / (2.0 - beta)))
     assert long["yaw.inertia"] == pytest.approx(inertia * (1.0 + turning))
     # Half of it at the surface.
-    ship = Hull(length=5.0, beam=1.0, depth=0.5, submerged=False).parameters()
+    ship = hull_parameters(5.0, 1.0, 0.5, submerged=False)
     assert ship["sway.inertia"] == pytest.approx(0.5 * long["sway.inertia"])
