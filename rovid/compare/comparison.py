@@ -99,6 +99,15 @@ def compare(
     else:
         verdict = "same"
     environmental = [{effect.id for effect in one.found_effects if effect.environmental} for one in (a, b)]
+    # Simulations of each campaign's runs by each model, if the logs hold the signals of its effects.
+    tasks: dict[tuple[str, str], tuple[Model, CampaignFit]] = {}
+    for (name, campaign), (other_name, other) in itertools.product({"a": a, "b": b}.items(), repeat=2):
+        model = campaign.model
+        if model is None or not other.runs:
+            continue
+        if campaign is other or all(map(other.has_signals_for, model.effects)):
+            tasks[name, other_name] = model, other
+    predictions = dict(zip(tasks, thread_map(lambda task: _predict(*task), list(tasks.values())), strict=True))
     return Comparison(
         verdict=verdict,
         a=a,
@@ -107,7 +116,7 @@ def compare(
         changes=changes,
         causes=(_causes(a, b, effects, in_a, changes), _causes(b, a, effects, in_b, changes)),
         transient_causes=tuple(sorted(environmental[0] ^ environmental[1])),
-        predictions=_predictions(a, b),
+        predictions=predictions,
         relevant_change=relevant_change,
         open_questions=open_questions,
         warnings=(*warnings, *_fit_warnings({a: in_a, b: in_b})),
@@ -224,18 +233,6 @@ def _causes(
         elif acts and effect.id in found_in_other and not effect.environmental:
             found[effect.key] = effect.id
     return tuple(dict.fromkeys(found.values()))
-
-
-def _predictions(a: CampaignFit, b: CampaignFit) -> dict[tuple[str, str], CrossPrediction]:
-    """Simulations of each campaign's runs by each model, if the logs hold the signals of its effects."""
-    tasks: dict[tuple[str, str], tuple[Model, CampaignFit]] = {}
-    for (name, campaign), (other_name, other) in itertools.product({"a": a, "b": b}.items(), repeat=2):
-        model = campaign.model
-        if model is None or not other.runs:
-            continue
-        if campaign is other or all(map(other.has_signals_for, model.effects)):
-            tasks[name, other_name] = model, other
-    return dict(zip(tasks, thread_map(lambda task: _predict(*task), list(tasks.values())), strict=True))
 
 
 def _predict(model: Model, campaign: CampaignFit) -> CrossPrediction:

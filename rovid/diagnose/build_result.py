@@ -69,6 +69,17 @@ def build_diagnosis(stated: StatedSelection, warnings: list[str]) -> Diagnosis:
     disturbance, _ = model.disturbance
     # The limit of the disturbance is that of the selected model: only then the held-out likelihoods are comparable.
     same_limit = selection.search.without_all(selection.model)
+    # Smallest detectable size of each effect that was not found, to first order.
+    first: dict[str, ScoreTest] = {}
+    for test in selection.search.screen(selection.model):
+        if not is_signal(test.effect):
+            first.setdefault(test.effect.id, test)
+    sizes = []
+    for test in first.values():
+        size = test.effect.parameters[0]
+        if test.power > 0.0 and not size.neutral_at_infinity:
+            sizes.append((test.effect, _detectable_size(selection, test, size)))
+    detectable = tuple(sizes)
     return Diagnosis(
         verdict=verdict,
         base=_assess(selection, selection.base, base, base_estimate, same_limit),
@@ -82,7 +93,7 @@ def build_diagnosis(stated: StatedSelection, warnings: list[str]) -> Diagnosis:
         noise_floor=rate_floor(model),
         position_floors={} if selection.multi_step else {at: position_floor(model, at) for at in HORIZON_SECONDS},
         nested_models=_nested_models(selection, causes),
-        detectable=_detectable(selection),
+        detectable=detectable,
         warnings=tuple(warnings),
         fitted=None if model.data.means_only else CandidateModel.from_fit("the model", model, estimate.covariance),
     )
@@ -248,20 +259,6 @@ def _nested_models(selection: Selection, causes: Sequence[Cause]) -> tuple[Model
         nested.append(fitted)
     selection.fit_full_data(nested)
     return tuple(selection.full_data(fitted).model for fitted in nested)
-
-
-def _detectable(selection: Selection) -> tuple[tuple[Effect, float], ...]:
-    """Smallest detectable size of each effect that was not found, to first order."""
-    first: dict[str, ScoreTest] = {}
-    for test in selection.search.screen(selection.model):
-        if not is_signal(test.effect):
-            first.setdefault(test.effect.id, test)
-    sizes = []
-    for test in first.values():
-        size = test.effect.parameters[0]
-        if test.power > 0.0 and not size.neutral_at_infinity:
-            sizes.append((test.effect, _detectable_size(selection, test, size)))
-    return tuple(sizes)
 
 
 def _detectable_size(selection: Selection, test: ScoreTest, size: EffectParameter) -> float:

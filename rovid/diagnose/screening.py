@@ -200,7 +200,14 @@ def _predict(objective: NegativeLogLikelihood, directions: Directions, projectio
     form, starts = objective.effects[-1], directions.starts
     score, information = projection(directions)
     if form.size_count > 1:
-        return _predict_several_sizes(objective, starts, score, information)
+        form = objective.effects[-1]
+        neutral = np.array([parameter.neutral for parameter in form.parameters])
+        step = np.linalg.pinv(information, rcond=1e-6) @ score
+        low, high = (bound[-len(neutral) :] for bound in objective.parametrization.bounds)
+        start = np.clip(neutral + step @ (starts - neutral), low, high)
+        penalty = bic_penalty(objective) * (form.size_count - 1)
+        gain = max(0.5 * float(score @ step) - penalty, 0.0)
+        return gain, start, start, float(np.mean(np.diag(information)))
     gains, share = gains_each(form, score, information)
     size = form.parameters[0]
     sizes = np.ones(len(starts)) if size.neutral_at_infinity else starts[:, 0] - size.neutral
@@ -233,20 +240,6 @@ def gains_each(form: Effect, score: FloatArray, information: FloatArray) -> tupl
 def gain_together(score: FloatArray, information: FloatArray) -> float:
     """Predicted gain along all directions together."""
     return 0.5 * float(score @ np.linalg.pinv(information, rcond=1e-6) @ score)
-
-
-def _predict_several_sizes(
-    objective: NegativeLogLikelihood, starts: FloatArray, score: FloatArray, information: FloatArray
-) -> _Prediction:
-    """As `_predict`, for an effect with several sizes; each start has one size alone."""
-    form = objective.effects[-1]
-    neutral = np.array([parameter.neutral for parameter in form.parameters])
-    step = np.linalg.pinv(information, rcond=1e-6) @ score
-    low, high = (bound[-len(neutral) :] for bound in objective.parametrization.bounds)
-    start = np.clip(neutral + step @ (starts - neutral), low, high)
-    penalty = bic_penalty(objective) * (form.size_count - 1)
-    gain = max(0.5 * float(score @ step) - penalty, 0.0)
-    return gain, start, start, float(np.mean(np.diag(information)))
 
 
 def possible_substitutes(

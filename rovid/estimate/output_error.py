@@ -88,9 +88,24 @@ def fit_regression(runs: Sequence[Run], *, min_sigmas: float = 3.0) -> Regressio
             break
     residuals = torque - measured @ values
     # The covariance is that of the free fit, since taking a drag's zero as certain would understate all errors.
-    covariance = _jackknife_covariance(instruments, measured, torque, blocks)
+    # (p, p) covariance by leaving out one block at a time, for residuals that are correlated within blocks.
+    scale = np.linalg.norm(measured, axis=0)
+    z, x = instruments, measured / scale
+    edges = np.flatnonzero(np.diff(blocks, prepend=-1))
+    moments = np.add.reduceat(z[:, :, None] * x[:, None, :], edges)
+    products = np.add.reduceat(z * torque[:, None], edges)
+    # Sums over all blocks less one.
+    inverses = np.linalg.pinv(moments.sum(axis=0) - moments)
+    other_products = products.sum(axis=0) - products
+    without = (inverses @ other_products[:, :, None])[:, :, 0] / scale
+    count = len(edges)
+    deviations = without - without.mean(axis=0)
+    covariance = np.asarray((count - 1) / count * deviations.T @ deviations)
     names = base_names(axis)
-    derivatives = _parameter_derivatives(axis, values)
+    # (p, p) derivatives of the parameters by the unknowns.
+    steps = np.diag(1e-6 * np.maximum(np.abs(values), 1e-9))
+    here = _model(axis, values).values
+    derivatives = np.column_stack([(_model(axis, values + step).values - here) / step.sum() for step in steps])
     text = "{} would come out negative in the regression; it is held at zero, its lower bound."
     estimate = Estimate(
         names=names,
@@ -176,13 +191,6 @@ def _model(axis: Axis, unknowns: FloatArray) -> Model:
     return Model.from_values([*unknowns[:3], *from_regressors(restoring_effect(axis), unknowns[3:])], axis)
 
 
-def _parameter_derivatives(axis: Axis, unknowns: FloatArray) -> FloatArray:
-    """(p, p) derivatives of the parameters by the unknowns."""
-    steps = np.diag(1e-6 * np.maximum(np.abs(unknowns), 1e-9))
-    here = _model(axis, unknowns).values
-    return np.column_stack([(_model(axis, unknowns + step).values - here) / step.sum() for step in steps])
-
-
 def _instruments(runs: Sequence[Run], model: Model) -> tuple[FloatArray, FloatArray]:
     """(n, p) regressors of the noise-free simulation, and corrections of the measured regressors.
 
@@ -255,24 +263,6 @@ def _physical_start(plain: FloatArray, measured: FloatArray, torque: FloatArray)
     floor = 1e-3 * np.linalg.norm(torque) / scale[:3]
     values[:3] = np.maximum(values[:3], floor * np.array([1.0, 0.0, 1.0]))
     return np.asarray(values)
-
-
-def _jackknife_covariance(
-    instruments: FloatArray, measured: FloatArray, torque: FloatArray, blocks: IntArray
-) -> FloatArray:
-    """(p, p) covariance by leaving out one block at a time, for residuals that are correlated within blocks."""
-    scale = np.linalg.norm(measured, axis=0)
-    z, x = instruments, measured / scale
-    edges = np.flatnonzero(np.diff(blocks, prepend=-1))
-    moments = np.add.reduceat(z[:, :, None] * x[:, None, :], edges)
-    products = np.add.reduceat(z * torque[:, None], edges)
-    # Sums over all blocks less one.
-    inverses = np.linalg.pinv(moments.sum(axis=0) - moments)
-    other_products = products.sum(axis=0) - products
-    without = (inverses @ other_products[:, :, None])[:, :, 0] / scale
-    count = len(edges)
-    deviations = without - without.mean(axis=0)
-    return np.asarray((count - 1) / count * deviations.T @ deviations)
 
 
 def fit_output_error(runs: Sequence[Run], *, min_sigmas: float = MIN_INERTIA_SIGMAS) -> Model:

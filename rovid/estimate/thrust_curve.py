@@ -113,7 +113,10 @@ def fit_thrust_curve(command: FloatArray, thrust: FloatArray) -> ThrustCurveFit:
     direction = 1.0 if np.polyfit(levels, mean, 1)[0] >= 0.0 else -1.0
     rising = direction * mean
     monotone = _isotonic(rising, counts)
-    noise = _noise(levels, rising, monotone)
+    # Largest contradiction to a monotone curve near neutral, N.
+    neutral = levels[int(np.argmin(np.abs(monotone)))]
+    near = np.abs(levels - neutral) <= 0.3 * (levels[-1] - levels[0])
+    noise = float(np.max(np.abs(rising - monotone)[near], initial=0.0))
     share = _ZERO_SHARE_NOISY if noise > 0.0 else _ZERO_SHARE_EXACT
     least = share * float(np.max(np.abs(mean)))
     low, high = _idle(rising, max(noise, least))
@@ -153,13 +156,6 @@ def _isotonic(values: FloatArray, counts: np.ndarray[tuple[int], np.dtype[np.int
     from scipy.optimize import isotonic_regression
 
     return np.asarray(isotonic_regression(values, weights=counts).x, dtype=np.float64)
-
-
-def _noise(levels: FloatArray, rising: FloatArray, monotone: FloatArray) -> float:
-    """Largest contradiction to a monotone curve near neutral, N."""
-    neutral = levels[int(np.argmin(np.abs(monotone)))]
-    near = np.abs(levels - neutral) <= 0.3 * (levels[-1] - levels[0])
-    return float(np.max(np.abs(rising - monotone)[near], initial=0.0))
 
 
 def _idle(rising: FloatArray, tolerance: float) -> tuple[int, int]:

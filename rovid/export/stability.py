@@ -75,7 +75,10 @@ def judge_stability(equation: BodyEquation, envelope: FloatArray) -> Stability:
     starts = envelope_starts(envelope)
     speeds = (float(envelope[0]), float(envelope[1]), float(envelope[2]))
     fastest = _fastest(equation, starts)
-    rest = None if _grows_at_rest(equation) else _time_to_rest(equation, starts, fastest)
+    # Whether a small motion grows by the linear damping of the exact equation.
+    rates = np.linalg.eigvals(np.linalg.solve(equation.total_mass, equation.linear))
+    grows_at_rest = bool(np.min(rates.real) < -_ROUNDING * max(1.0, float(np.max(np.abs(rates)))))
+    rest = None if grows_at_rest else _time_to_rest(equation, starts, fastest)
     if rest is None:
         text = (
             "The model itself does not come to rest from every speed in the logs: its drag is too small along one "
@@ -113,12 +116,6 @@ def _text(stable: bool, step: float, largest: float | None, rest: float) -> str:
             "acceleration of the step before, and that loop diverges."
         )
     return f"Unstable at the simulator's step of {step:g} s. The largest stable step is {largest:.2g} s."
-
-
-def _grows_at_rest(equation: BodyEquation) -> bool:
-    """Whether a small motion grows by the linear damping of the exact equation."""
-    rates = np.linalg.eigvals(np.linalg.solve(equation.total_mass, equation.linear))
-    return bool(np.min(rates.real) < -_ROUNDING * max(1.0, float(np.max(np.abs(rates)))))
 
 
 def _jacobian(equation: BodyEquation, speeds: FloatArray) -> FloatArray:

@@ -223,7 +223,10 @@ def with_past(trial: Trial, body: Body, vehicle: Vehicle) -> Trial:
         return trial
     if balance != first:
         commands = _commands_of(balance, trial, torques, vehicle)
-    return _begun_with(trial, commands)
+    known = trial.past or Past(time=np.zeros(0), commands=np.zeros((0, trial.commands.shape[1])))
+    begin = known.time[0] if len(known.time) else 0.0
+    time = np.append(begin - trial.sampling_interval, known.time)
+    return replace(trial, past=Past(time=time, commands=np.concatenate((commands, known.commands)), estimated=True))
 
 
 def with_moved_past(trial: Trial, vehicle: Vehicle) -> tuple[Trial, float]:
@@ -242,14 +245,6 @@ def with_moved_past(trial: Trial, vehicle: Vehicle) -> tuple[Trial, float]:
     at = int(np.argmax(np.abs(changes)))
     commands = np.concatenate((changed[at], past.commands[1:]))
     return replace(trial, past=replace(past, commands=commands)), changes[at]
-
-
-def _begun_with(trial: Trial, commands: FloatArray) -> Trial:
-    """``trial`` with the (1, k) ``commands`` held before all that are known."""
-    known = trial.past or Past(time=np.zeros(0), commands=np.zeros((0, trial.commands.shape[1])))
-    begin = known.time[0] if len(known.time) else 0.0
-    time = np.append(begin - trial.sampling_interval, known.time)
-    return replace(trial, past=Past(time=time, commands=np.concatenate((commands, known.commands)), estimated=True))
 
 
 def _commands_of(torque: float, trial: Trial, torques: FloatArray, vehicle: Vehicle) -> FloatArray:

@@ -145,7 +145,13 @@ class _Gate:
         held_out_gain = with_it.log_likelihood - without.log_likelihood
         estimate = model.effect_estimate(effect)
         errors = size_in_errors(effect, estimate.values, estimate.covariance, model.coordinates.sizes.effects)
-        others = _others(search, model, effect, rest)
+        # Other causes in the place of ``effect``, best first.
+        found: dict[str, OtherCause] = {}
+        for one in search.replacements(model, effect):
+            other = one.effects[-1]
+            if other.id != effect.id and not search.is_banned(one):
+                found.setdefault(other.id, OtherCause(other, search.score(one) - search.score(rest)))
+        others = tuple(found.values())
         close = bic_gain - THRESHOLDS.tie(max(bic_gain, 0.0))
         equivalent = tuple(one.effect for one in others if one.bic_gain > close)
         # Correlated innovations count as fewer: by the sandwich errors, the gain is half the square of the distance.
@@ -169,16 +175,6 @@ class _Gate:
             white=model.is_white,
         )
         return finding, certain_growth(with_it.by_part, without.by_part)
-
-
-def _others(search: PlanarSearch, model: PlanarOptimum, effect: Effect, rest: PlanarOptimum) -> tuple[OtherCause, ...]:
-    """Other causes in the place of ``effect``, best first."""
-    found: dict[str, OtherCause] = {}
-    for one in search.replacements(model, effect):
-        other = one.effects[-1]
-        if other.id != effect.id and not search.is_banned(one):
-            found.setdefault(other.id, OtherCause(other, search.score(one) - search.score(rest)))
-    return tuple(found.values())
 
 
 def _is_at_bound(fitted: PlanarOptimum, effect: Effect) -> bool:
@@ -274,6 +270,14 @@ def _result(
     warnings = [*fit.warnings, *dict.fromkeys(messages)]
     if late:
         warnings.append(OUT_OF_TIME.format(search.budget.seconds))
+    # Each effect that is not in the ``model``, with the smallest size of its best form that would be added.
+    taken = {effect.id for effect in final.effects}
+    best: dict[str, tuple[Effect, float]] = {}
+    for test in search.screen(final):
+        known = best.get(test.effect.id)
+        if test.effect.id not in taken and (known is None or not test.effect.form):
+            best[test.effect.id] = test.effect, test.detectable
+    detectable = tuple(best.values())
     return PlanarDiagnosis(
         verdict=verdict,
         base=base,
@@ -284,7 +288,7 @@ def _result(
         unexplained_shares=_unexplained(fit, final),
         noise_floors=floors.rmse,
         heading_floors=floors.heading_errors,
-        detectable=_detectable(search, final),
+        detectable=detectable,
         warnings=tuple(warnings),
         budget=search.budget.use,
     )
@@ -328,14 +332,3 @@ def _unexplained(fit: PlanarFit, model: PlanarOptimum) -> dict[str, float]:
         force = float(model.coordinates.sizes.force[AXIS_NAMES.index(name)])
         shares[name] = size**2 / (size**2 + force**2)
     return shares
-
-
-def _detectable(search: PlanarSearch, model: PlanarOptimum) -> tuple[tuple[Effect, float], ...]:
-    """Each effect that is not in the ``model``, with the smallest size of its best form that would be added."""
-    taken = {effect.id for effect in model.effects}
-    best: dict[str, tuple[Effect, float]] = {}
-    for test in search.screen(model):
-        known = best.get(test.effect.id)
-        if test.effect.id not in taken and (known is None or not test.effect.form):
-            best[test.effect.id] = test.effect, test.detectable
-    return tuple(best.values())

@@ -146,7 +146,22 @@ def read_columns(path: Path) -> tuple[LogContents, dict[str, RawColumn], list[st
     contents = form.sources(path)
     if not contents.sources:
         raise DataError("holds no column of numbers.", where=path, mend=next(iter(contents.unreadable), ""))
-    raw = form.read(path, _complete_config(path, form.kind, contents))
+    # A configuration that maps every source of a log to a signal of the same name.
+    signals = {}
+    for source in contents.sources:
+        # Readers compute a heading from an orientation only for the signal "heading".
+        name = "heading" if source.endswith(_ORIENTATIONS) else source
+        signals[name] = Signal(name=name, sources={form.kind: source}, optional=True)
+    clock = {form.kind: contents.clock} if contents.clock else {}
+    complete_config = Config(
+        path=path,
+        vehicle=Vehicle(name="", thrusters=()),
+        time=Signal(name="time", sources=clock, unit="auto"),
+        signals=signals,
+        commands=(),
+        measured_signal=next(iter(signals)),
+    )
+    raw = form.read(path, complete_config)
     columns = {}
     for channel in raw.channels.values():
         known = is_plausible(channel.time)
@@ -161,24 +176,6 @@ def read_columns(path: Path) -> tuple[LogContents, dict[str, RawColumn], list[st
     if more > 0:
         texts[_MAX_PROBLEMS:] = [f"{path}: {more} more cannot be read."]
     return contents, columns, texts
-
-
-def _complete_config(path: Path, kind: str, contents: LogContents) -> Config:
-    """A configuration that maps every source of a log to a signal of the same name."""
-    signals = {}
-    for source in contents.sources:
-        # Readers compute a heading from an orientation only for the signal "heading".
-        name = "heading" if source.endswith(_ORIENTATIONS) else source
-        signals[name] = Signal(name=name, sources={kind: source}, optional=True)
-    clock = {kind: contents.clock} if contents.clock else {}
-    return Config(
-        path=path,
-        vehicle=Vehicle(name="", thrusters=()),
-        time=Signal(name="time", sources=clock, unit="auto"),
-        signals=signals,
-        commands=(),
-        measured_signal=next(iter(signals)),
-    )
 
 
 # ---- files that form one trial

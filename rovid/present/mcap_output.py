@@ -47,18 +47,16 @@ def recording_paths(target: Path, trials: Sequence[Trial]) -> list[Path]:
 
 def _recording_names(trials: Sequence[Trial]) -> list[Path]:
     """A file name for each trial, with the log's suffix where trials differ by that only."""
-    names = [_name_inside(Path(trial.name)) for trial in trials]
+    names = []
+    for trial in trials:
+        path = Path(trial.name)
+        names.append(Path(*(part for part in path.parts if part not in {"..", path.anchor})))
     counts = Counter(name.with_suffix(_SUFFIX) for name in names)
     for place, name in enumerate(names):
         names[place] = name.with_suffix(_SUFFIX)
         if counts[names[place]] > 1:
             names[place] = name.with_name(name.name + _SUFFIX)
     return names
-
-
-def _name_inside(path: Path) -> Path:
-    """``path`` inside a folder, even if it is absolute or leads upwards."""
-    return Path(*(part for part in path.parts if part not in {"..", path.anchor}))
 
 
 def write_recordings(

@@ -53,9 +53,21 @@ def find_logs(
     """
     remarks: list[Remark] = []
     files = [one for one in _files_in(paths, remarks) if one.path not in without]
-    files = _with_unique_names(_without_repeats(files, remarks))
+    # Each file once, even if two of the paths lead to it.
+    unique: dict[Path, _File] = {}
+    for one in files:
+        known = unique.setdefault(one.path.resolve(), one)
+        if known is not one:
+            remarks.append(left_out(one.name, f"it is the same file as {known.name}", "repeated"))
+    without_repeats = list(unique.values())
+    # Files ordered by name; files of the same name in two folders are named by their paths.
+    counts = Counter(one.name for one in without_repeats)
+    named = [one if counts[one.name] == 1 else replace(one, name=one.path.as_posix()) for one in without_repeats]
+    files = sorted(named, key=lambda one: one.name)
     if config.maps_format("nmea"):
-        files = _without_nmea_companions(files)
+        # Without the logs of the same name as an NMEA text, which are read together with it.
+        stems = {one.path.with_suffix("") for one in files if one.kind == "nmea"}
+        files = [one for one in files if one.kind == "nmea" or one.path.with_suffix("") not in stems]
     if config.join is not None:
         files = _first_files_of_trials(files, config)
     # A table given alone is read as a log: the error then names what it lacks.
@@ -110,29 +122,6 @@ def _files_in(paths: Sequence[Path], remarks: list[Remark]) -> list[_File]:
 
 def _unreadable(error: OSError) -> None:
     raise LogError(f"cannot be read ({error.strerror}).", where=error.filename) from error
-
-
-def _without_repeats(files: Sequence[_File], remarks: list[Remark]) -> list[_File]:
-    """Each file once, even if two of the paths lead to it."""
-    unique: dict[Path, _File] = {}
-    for one in files:
-        known = unique.setdefault(one.path.resolve(), one)
-        if known is not one:
-            remarks.append(left_out(one.name, f"it is the same file as {known.name}", "repeated"))
-    return list(unique.values())
-
-
-def _with_unique_names(files: Sequence[_File]) -> list[_File]:
-    """Files ordered by name; files of the same name in two folders are named by their paths."""
-    counts = Counter(one.name for one in files)
-    named = [one if counts[one.name] == 1 else replace(one, name=one.path.as_posix()) for one in files]
-    return sorted(named, key=lambda one: one.name)
-
-
-def _without_nmea_companions(files: Sequence[_File]) -> list[_File]:
-    """Without the logs of the same name as an NMEA text, which are read together with it."""
-    stems = {one.path.with_suffix("") for one in files if one.kind == "nmea"}
-    return [one for one in files if one.kind == "nmea" or one.path.with_suffix("") not in stems]
 
 
 def _first_files_of_trials(files: Sequence[_File], config: Config) -> list[_File]:

@@ -274,7 +274,12 @@ def _acceleration_spectrum(trials: Sequence[Trial], period: float) -> tuple[Floa
     total, weight = np.zeros(_SPECTRUM_LENGTH // 2 + 1), 0
     frequency = np.asarray(np.fft.rfftfreq(_SPECTRUM_LENGTH, period), dtype=np.float64)
     for trial in trials:
-        second = _second_differences(trial)
+        # Second differences of the position on a uniform grid, from first differences of the rate in a rate-only trial.
+        grid = uniform_grid(trial)
+        if trial.rate_only and trial.rate is not None:
+            second = np.asarray(np.diff(resample(trial, trial.rate, grid)) * trial.sampling_interval)
+        else:
+            second = np.diff(resample(trial, trial.position, grid), n=2)
         for start, stop in finite_segments(second):
             part = second[start:stop]
             if len(part) < _MIN_SPECTRUM_SAMPLES:
@@ -284,14 +289,6 @@ def _acceleration_spectrum(trials: Sequence[Trial], period: float) -> tuple[Floa
     if not weight:
         raise _too_short(trials)
     return frequency, total / weight
-
-
-def _second_differences(trial: Trial) -> FloatArray:
-    """Second differences of the position on a uniform grid, from first differences of the rate in a rate-only trial."""
-    grid = uniform_grid(trial)
-    if trial.rate_only and trial.rate is not None:
-        return np.asarray(np.diff(resample(trial, trial.rate, grid)) * trial.sampling_interval)
-    return np.diff(resample(trial, trial.position, grid), n=2)
 
 
 def _too_short(trials: Sequence[Trial]) -> DataError:

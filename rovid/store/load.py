@@ -4,7 +4,7 @@ import json
 import math
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations_with_replacement
 from pathlib import Path
@@ -21,7 +21,7 @@ from rovid.core.output_files import HISTORY, PARAMETERS, Content, OutputFile, Ou
 from rovid.effects.plugins import Origin
 from rovid.model.parameter_names import PLANAR_UNITS, base_names, is_planar_base
 from rovid.store.parameter_file import SCHEMA, SCHEMA_VERSION, Entry, OpenCombination, Parameters, Source
-from rovid.trial.axis import PLANAR, YAW, Axis, parameter_axis
+from rovid.trial.axis import PLANAR, YAW, parameter_axis
 from rovid.trial.config_fingerprint import ConfigFingerprint
 
 # Tolerance of correlations: accepts numbers that a user rounded to three digits.
@@ -68,7 +68,13 @@ def _parse(path: Path, document: Mapping[str, Any]) -> Parameters:
     axis = parameter_axis(str(document.get("axis", YAW.name)))
     entries = {name: _entry(name, written) for name, written in document["parameters"].items()}
     assumed = {name: _number(value, name) for name, value in document.get("assumed", {}).items()}
-    _check_names({**entries, **assumed}, axis)
+    # Refuse parameters of the coupled model in another file, and the other way round.
+    names = {**entries, **assumed}
+    for name in names:
+        if is_planar_base(name) and axis is not PLANAR:
+            raise ValueError(f"{name} is a parameter of the coupled model, and the file is of {axis.name}")
+        if axis is PLANAR and "." not in name:
+            raise ValueError(f"{name} is no parameter of the coupled model")
     if axis is PLANAR:
         _check_planar({name: entry.value for name, entry in entries.items()} | assumed)
     covariance = document["covariance"]
@@ -85,15 +91,6 @@ def _parse(path: Path, document: Mapping[str, Any]) -> Parameters:
         plugins={str(name): _origin(written) for name, written in document.get("plugins", {}).items()},
         undetermined=tuple(map(_undetermined, document.get("undetermined", []))),
     )
-
-
-def _check_names(names: Iterable[str], axis: Axis) -> None:
-    """Refuse parameters of the coupled model in another file, and the other way round."""
-    for name in names:
-        if is_planar_base(name) and axis is not PLANAR:
-            raise ValueError(f"{name} is a parameter of the coupled model, and the file is of {axis.name}")
-        if axis is PLANAR and "." not in name:
-            raise ValueError(f"{name} is no parameter of the coupled model")
 
 
 def _check_planar(values: Mapping[str, float]) -> None:

@@ -1,7 +1,6 @@
 """Placeholder values of `rovid init` that nobody has confirmed, and the results that depend on them."""
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 _NUMBER = r"-?\d+(?:\.\d+)?(?:e[-+]\d+)?"
@@ -48,7 +47,9 @@ class Assumptions:
             names.setdefault(quantity, []).append(name)
         quantities: dict[str, list[str]] = {}
         for quantity, thrusters in names.items():
-            quantities.setdefault(_join(thrusters), []).append(quantity)
+            *first, last = thrusters
+            join = f"{', '.join(first)} and {last}" if first else last
+            quantities.setdefault(join, []).append(quantity)
         return " and ".join(f"{' and '.join(together)} of {thrusters}" for thrusters, together in quantities.items())
 
     @property
@@ -120,8 +121,3 @@ class Assumptions:
 def scales_with_thrust(unit: str) -> bool:
     """Whether a quantity in ``unit`` is proportional to thrust."""
     return unit == "N" or unit.startswith(("N ", "kg"))
-
-
-def _join(names: Sequence[str]) -> str:
-    *first, last = names
-    return f"{', '.join(first)} and {last}" if first else last

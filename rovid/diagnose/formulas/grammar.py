@@ -195,9 +195,14 @@ class Grammar:
         names = _signals(runs)
         every = (*runs, *parts)
         series = {run.trial.name: {name: _values(run, name) for name in names} for run in every}
-        factors = {
-            name: _plain_factor(name, np.concatenate([series[r.trial.name][name] for r in runs])) for name in names
-        }
+        # The signal itself as a factor; less its mean where it varies little about that, as a supply voltage.
+        factors = {}
+        for name in names:
+            values = np.concatenate([series[r.trial.name][name] for r in runs])
+            mean, spread = float(np.nanmean(values)), float(np.nanstd(values))
+            centre = float(f"{mean:.3g}") if name not in STATES and abs(mean) > spread else 0.0
+            size = float(np.sqrt(np.nanmean((values - centre) ** 2)))
+            factors[name] = Factor(name, "linear", float(f"{_SIGN_SHARE * size:.1e}"), centre)
         units = {name: _UNITS.get(name, f"[{name}]") for name in names}
         times = {run.trial.name: run.trial.time for run in every}
         return cls(tuple(_products(factors, time_constant)), series, times, units)
@@ -240,14 +245,6 @@ def _values(run: Run, name: str) -> FloatArray:
     if name == "thruster_torque":
         return np.asarray(run.torque)
     return np.asarray(trial.channels[name], dtype=float)
-
-
-def _plain_factor(name: str, values: FloatArray) -> Factor:
-    """The signal itself as a factor; less its mean where it varies little about that, as a supply voltage."""
-    mean, spread = float(np.nanmean(values)), float(np.nanstd(values))
-    centre = float(f"{mean:.3g}") if name not in STATES and abs(mean) > spread else 0.0
-    size = float(np.sqrt(np.nanmean((values - centre) ** 2)))
-    return Factor(name, "linear", float(f"{_SIGN_SHARE * size:.1e}"), centre)
 
 
 def _products(signals: Mapping[str, Factor], time_constant: float) -> list[Product]:

@@ -208,22 +208,18 @@ def likelihood_document(fit: LikelihoodFit, study: Study) -> Document:
         "free_run_r2": {"this_fit": fit.free_run_r2, "simulation_fit": fit.simulation_r2},
     }
     if study.runs is not None and fit.estimate.per_inertia:
-        document["decay"] = _decay_document(fit, study, study.runs)
+        # Results of a free-decay test.
+        decay = analyse_free_decay(fit.model, fit.estimate, study.runs.items, study.vehicle)
+        document["decay"] = {
+            "amplitude": value_document(decay.rms_swing.amplitude, "rad"),
+            "natural_frequency": asdict(decay.natural_frequency),
+            "natural_period": asdict(decay.rms_swing.natural_period),
+            "damping_ratio": asdict(decay.rms_swing.damping_ratio),
+            "damping_terms": {name: asdict(quantity) for name, quantity in decay.terms.items()},
+            "over_inertia": {name: asdict(quantity) for name, quantity in decay.over_inertia.items()},
+            "swings": list(map(asdict, decay.swings)),
+        }
     return document
-
-
-def _decay_document(fit: LikelihoodFit, study: Study, runs: PreparedRuns) -> Document:
-    """Results of a free-decay test."""
-    decay = analyse_free_decay(fit.model, fit.estimate, runs.items, study.vehicle)
-    return {
-        "amplitude": value_document(decay.rms_swing.amplitude, "rad"),
-        "natural_frequency": asdict(decay.natural_frequency),
-        "natural_period": asdict(decay.rms_swing.natural_period),
-        "damping_ratio": asdict(decay.rms_swing.damping_ratio),
-        "damping_terms": {name: asdict(quantity) for name, quantity in decay.terms.items()},
-        "over_inertia": {name: asdict(quantity) for name, quantity in decay.over_inertia.items()},
-        "swings": list(map(asdict, decay.swings)),
-    }
 
 
 def thrust_scale_document(scale: ThrustScale, given: float) -> Document:

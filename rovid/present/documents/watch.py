@@ -36,7 +36,14 @@ def watch_documents(event: Event) -> list[Document]:
     if isinstance(event, ModelFitted):
         return [_line("model", _model_document(event))]
     if isinstance(event, LogsDiagnosed):
-        return [_line("suspects", _suspects_document(event))]
+        document, extended = diagnosis_document(event.diagnosis, event.study), event.diagnosis.extended
+        suspects_document = {
+            "logs": _trial_names(event),
+            **{key: document[key] for key in ("verdict", "findings", "suspects", "next_experiment")},
+            "parameters": {} if extended is None else parameters_with_previous(extended.estimate, None),
+            "until": _criteria(event.criteria),
+        }
+        return [_line("suspects", suspects_document)]
     if isinstance(event, NextRun):
         return [_line("next_run", _next_run_document(event))]
     if isinstance(event, Problem):
@@ -108,16 +115,6 @@ def parameters_with_previous(estimate: Estimate, before: Estimate | None) -> dic
 def _trial_names(event: ModelFitted | LogsDiagnosed) -> list[str]:
     campaign = event.study.campaign
     return [] if campaign is None else [trial.name for trial in campaign.trials]
-
-
-def _suspects_document(event: LogsDiagnosed) -> Document:
-    document, extended = diagnosis_document(event.diagnosis, event.study), event.diagnosis.extended
-    return {
-        "logs": _trial_names(event),
-        **{key: document[key] for key in ("verdict", "findings", "suspects", "next_experiment")},
-        "parameters": {} if extended is None else parameters_with_previous(extended.estimate, None),
-        "until": _criteria(event.criteria),
-    }
 
 
 def _next_run_document(event: NextRun) -> Document:

@@ -172,7 +172,9 @@ def _write(folder: Path, report: PlanarReport, claim: OutputSet, journal: Sequen
 def _drafts(report: PlanarReport) -> Iterator[FigureDraft]:
     before, after = report.before, report.after
     worst = worst_run(before)
-    chosen = _shown(after, worst)
+    # Indices of the runs that are drawn: the worst first, then the others in their order.
+    others = [at for at in range(len(after)) if at != worst]
+    chosen = [worst, *others][: plots.TRACKS_SHOWN]
     two = report.base is not report.full
     models = "dashed: base model; black: with the causes" if two else "black: simulated"
     if not is_yaw_alone(report.study.data):
@@ -208,12 +210,6 @@ def _drafts(report: PlanarReport) -> Iterator[FigureDraft]:
             caption=f"{lost.run}: forces that each model misses along each axis, from the smoothed motion.",
             alt=f"Missing forces of {lost.run} against time.",
         )
-
-
-def _shown(items: Sequence[PlanarTrialSimulation], worst: int) -> list[int]:
-    """Indices of the runs that are drawn: the worst first, then the others in their order."""
-    others = [at for at in range(len(items)) if at != worst]
-    return [worst, *others][: plots.TRACKS_SHOWN]
 
 
 def _error_words(item: PlanarTrialSimulation) -> str:

@@ -21,7 +21,7 @@ from rovid.present.plots.canvas import BLACK, BLUE, GREEN, GREY, ORANGE, panel_g
 from rovid.present.tables.fits import method_interval, method_title
 from rovid.signals.preprocessing import Run
 from rovid.trial.axis import Axis
-from rovid.trial.vehicle import ThrustCurve, Vehicle
+from rovid.trial.vehicle import Vehicle
 
 SINES_PER_SHEET = 6
 # Characters of a name above a panel that takes the whole width.
@@ -48,7 +48,18 @@ def plot_thrust_curves(vehicle: Vehicle, runs: Sequence[Run]) -> Figure | None:
     flat = list(chain(*panels))
     for panel, (k, thruster, curve) in zip(flat, curves, strict=False):
         commands = np.concatenate([np.empty(0), *(run.trial.commands[:, k] for run in runs)])
-        _plot_thrust_curve(panel, curve, commands[np.isfinite(commands)])
+        # A bench curve, thick within the range of the ``used`` commands.
+        used = commands[np.isfinite(commands)]
+        panel.plot(curve.command, curve.thrust, color=BLACK, linewidth=1.0, label="bench curve")
+        if used.size:
+            low, high = float(used.min()), float(used.max())
+            panel.axvspan(low, high, color=ORANGE, alpha=0.13, linewidth=0)
+            inside = curve.command[(curve.command > low) & (curve.command < high)]
+            command = np.concatenate(([low], inside, [high]))
+            (line,) = panel.plot(command, curve(command), color=BLUE, linewidth=3.2, label="commands that the logs use")
+            line.set_solid_capstyle("butt")
+        panel.set(xlabel="command", ylabel="thrust, N")
+        panel.locator_params(nbins=6)
         lever = f"arm {thruster.arm:.3g} m"
         if not vehicle.axis.angular:
             lever = f"{arm_words(vehicle.axis)[0]} {thruster.arm:.3g}"
@@ -58,20 +69,6 @@ def plot_thrust_curves(vehicle: Vehicle, runs: Sequence[Run]) -> Figure | None:
     handles, labels = flat[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="upper left", bbox_to_anchor=(0.09, 1.0), ncols=3)
     return figure
-
-
-def _plot_thrust_curve(panel: Axes, curve: ThrustCurve, used: FloatArray) -> None:
-    """A bench curve, thick within the range of the ``used`` commands."""
-    panel.plot(curve.command, curve.thrust, color=BLACK, linewidth=1.0, label="bench curve")
-    if used.size:
-        low, high = float(used.min()), float(used.max())
-        panel.axvspan(low, high, color=ORANGE, alpha=0.13, linewidth=0)
-        inside = curve.command[(curve.command > low) & (curve.command < high)]
-        command = np.concatenate(([low], inside, [high]))
-        (line,) = panel.plot(command, curve(command), color=BLUE, linewidth=3.2, label="commands that the logs use")
-        line.set_solid_capstyle("butt")
-    panel.set(xlabel="command", ylabel="thrust, N")
-    panel.locator_params(nbins=6)
 
 
 @report_style
@@ -155,24 +152,22 @@ def plot_sine_runs(trials: Sequence[SineTrial], drag: Model | None, axis: Axis) 
         # All peaks are taken on the side of the largest torque.
         side = np.sign(waves[0][np.argmax(np.abs(waves[0]))])
         peaks = [int(np.argmax(side * values)) for values in waves]
-        _plot_period(over_time, trial, waves, peaks, axis)
+        names = (axis.force_name, axis.rate_words, "acceleration")
+        for name, (colour, dash, marker), values, peak in zip(names, _SINE_LOOKS, waves, peaks, strict=True):
+            share = values / np.max(np.abs(values))
+            time = np.arange(len(values) + 1) * trial.period / len(values)
+            over_time.plot(time, np.append(share, share[0]), color=colour, linestyle=dash, label=name)
+            over_time.vlines(time[peak], 0.0, share[peak], color=colour, linewidth=0.8)
+            over_time.plot(time[peak], share[peak], marker, color=colour, markersize=6)
+        over_time.set_title(f"{shorten_name(trial.source, 26)}: mean of {trial.cycles} periods of {trial.period:.3g} s")
+        over_time.set(
+            xlabel="time in the period, s", ylabel="share of its peak", ylim=(-1.15, 1.15), xlim=(0.0, trial.period)
+        )
         _plot_loop(loop, waves, peaks, drag, axis)
     for panel, columns in zip(panels[0], (3, 2), strict=True):
         handles, labels = panel.get_legend_handles_labels()
         panel.legend(handles, labels, loc="lower left", bbox_to_anchor=(-0.02, 1.15), ncols=columns, borderaxespad=0.0)
     return figure
-
-
-def _plot_period(panel: Axes, trial: SineTrial, waves: list[FloatArray], peaks: list[int], axis: Axis) -> None:
-    names = (axis.force_name, axis.rate_words, "acceleration")
-    for name, (colour, dash, marker), values, peak in zip(names, _SINE_LOOKS, waves, peaks, strict=True):
-        share = values / np.max(np.abs(values))
-        time = np.arange(len(values) + 1) * trial.period / len(values)
-        panel.plot(time, np.append(share, share[0]), color=colour, linestyle=dash, label=name)
-        panel.vlines(time[peak], 0.0, share[peak], color=colour, linewidth=0.8)
-        panel.plot(time[peak], share[peak], marker, color=colour, markersize=6)
-    panel.set_title(f"{shorten_name(trial.source, 26)}: mean of {trial.cycles} periods of {trial.period:.3g} s")
-    panel.set(xlabel="time in the period, s", ylabel="share of its peak", ylim=(-1.15, 1.15), xlim=(0.0, trial.period))
 
 
 def _plot_loop(panel: Axes, waves: list[FloatArray], peaks: list[int], drag: Model | None, axis: Axis) -> None:

@@ -276,7 +276,16 @@ def plot_overview(pairs: Sequence[tuple[TrialSimulation, TrialSimulation]]) -> F
     figure, panels = panel_grid([(height, columns)] * rows, left=0.75, top=0.52, bottom=0.5, across=0.5, down=0.5)
     flat = list(chain(*panels))
     for panel, (before, after) in zip(flat, pairs, strict=False):
-        _plot_small(panel, before, after)
+        plot_overlay(panel, after.run.rates.time, after.measured, after.simulated, 500)
+        if before is not after:
+            time, rate = decimate_min_max(after.run.rates.time, before.simulated, 500)
+            panel.plot(time, rate, "--", color=ORANGE, linewidth=1.0, label="simulated by the plain model")
+        panel.set_title(shorten_name(after.run.trial.name, 22), fontsize=9, pad=3)
+        if math.isfinite(after.fit.r2):
+            panel.set_title(f"R² {after.fit.r2:.4f}", fontsize=8, loc="right", pad=3)
+        panel.tick_params(labelsize=8)
+        panel.locator_params(axis="y", nbins=4)
+        panel.locator_params(axis="x", nbins=5)
     for panel in flat[len(pairs) :]:
         panel.set_axis_off()
     figure.supxlabel("time, s", y=0.06 / figure.get_figheight(), fontsize=10, va="bottom")
@@ -285,19 +294,6 @@ def plot_overview(pairs: Sequence[tuple[TrialSimulation, TrialSimulation]]) -> F
     handles, labels = flat[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="upper left", bbox_to_anchor=(0.07, 1.0), ncols=3)
     return figure
-
-
-def _plot_small(panel: Axes, before: TrialSimulation, after: TrialSimulation) -> None:
-    plot_overlay(panel, after.run.rates.time, after.measured, after.simulated, 500)
-    if before is not after:
-        time, rate = decimate_min_max(after.run.rates.time, before.simulated, 500)
-        panel.plot(time, rate, "--", color=ORANGE, linewidth=1.0, label="simulated by the plain model")
-    panel.set_title(shorten_name(after.run.trial.name, 22), fontsize=9, pad=3)
-    if math.isfinite(after.fit.r2):
-        panel.set_title(f"R² {after.fit.r2:.4f}", fontsize=8, loc="right", pad=3)
-    panel.tick_params(labelsize=8)
-    panel.locator_params(axis="y", nbins=4)
-    panel.locator_params(axis="x", nbins=5)
 
 
 @report_style

@@ -102,7 +102,9 @@ def show_diagnosis(console: Console, diagnosis: Diagnosis, vehicle: Vehicle) -> 
         _show_improvement(console, diagnosis, diagnosis.base, diagnosis.extended)
         console.print(estimate_table(diagnosis.extended.estimate))
         share = 100.0 * diagnosis.unexplained_share
-        size = _size_words(diagnosis.unexplained_share)
+        # Whether a share of the variance is small.
+        comparison = "small: below" if diagnosis.unexplained_share < _SMALL_SHARE else "not small: above"
+        size = f"{comparison} {100.0 * _SMALL_SHARE:.0f} %"
         print_text(console, f"left unexplained: {share:.2g} % of the {axis.force_name}'s variance ({size})")
     if diagnosis.verdict == "nothing_found":
         detectable_table(diagnosis, vehicle).print(console, guess)
@@ -121,12 +123,6 @@ def _show_unexplained(console: Console, diagnosis: Diagnosis, axis: Axis) -> Non
         print_text(console, f"Unexplained: {dependence}. This is a dependence, not a cause.")
     if diagnosis.signals or diagnosis.verdict == "unexplained":
         print_text(console, "`rovid discover LOGS` searches for a formula of the unexplained torque.")
-
-
-def _size_words(share: float) -> str:
-    """Whether a share of the variance is small."""
-    comparison = "small: below" if share < _SMALL_SHARE else "not small: above"
-    return f"{comparison} {100.0 * _SMALL_SHARE:.0f} %"
 
 
 def show_finding(console: Console, finding: Finding) -> None:

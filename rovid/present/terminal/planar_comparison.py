@@ -63,7 +63,14 @@ def show_planar_comparison(console: Console, comparison: PlanarComparison, warni
         print_text(console, f"Smallest changes that these data would establish: {', '.join(shares)}.")
     print_text(console, _SCALE)
     console.print()
-    _changes_table(comparison).print(console, guess)
+    columns = map(mixed_number_column, ("A", "B", "unit", "B over A", "confidence of a change"))
+    table = ResultTable("Parameters of both campaigns", text_column("parameter"), *columns)
+    for change in comparison.changes:
+        a, b = (plus_minus(one.value, one.standard_error) for one in (change.a, change.b))
+        ratio = plus_minus(change.ratio, change.standard_error) if math.isfinite(change.ratio) else DASH
+        table.add_row(change.name, a, b, unit_symbol(change.a.unit), ratio, format_number(change.confidence, ".3f"))
+    changes_table = table
+    changes_table.print(console, guess)
     if comparison.predictions:
         _predictions_table(comparison).print(console, guess)
     show_warnings(console, warnings)
@@ -79,16 +86,6 @@ def planar_comparison_sentence(comparison: PlanarComparison) -> str:
     if comparison.verdict == "same":
         return f"Nothing changed from {a} to {b} that these data show."
     return f"These data cannot tell whether the vehicle changed from {a} to {b}."
-
-
-def _changes_table(comparison: PlanarComparison) -> ResultTable:
-    columns = map(mixed_number_column, ("A", "B", "unit", "B over A", "confidence of a change"))
-    table = ResultTable("Parameters of both campaigns", text_column("parameter"), *columns)
-    for change in comparison.changes:
-        a, b = (plus_minus(one.value, one.standard_error) for one in (change.a, change.b))
-        ratio = plus_minus(change.ratio, change.standard_error) if math.isfinite(change.ratio) else DASH
-        table.add_row(change.name, a, b, unit_symbol(change.a.unit), ratio, format_number(change.confidence, ".3f"))
-    return table
 
 
 def _predictions_table(comparison: PlanarComparison) -> ResultTable:

@@ -34,7 +34,6 @@ from rovid.present.number_format import format_number, unit_symbol
 from rovid.present.sentences import fit_verdict
 from rovid.present.tables.fits import directions_table, estimate_table, methods_table, sine_table, steady_table
 from rovid.present.tables.table import ResultTable, mixed_number_column, text_column
-from rovid.signals.preprocessing import PreparedRuns
 from rovid.store.study import Study
 from rovid.trial.axis import YAW
 
@@ -54,21 +53,18 @@ def show_fit(console: Console, fit: _Fit, show: Callable[[Console, _Fit], None],
     if study.runs is not None and isinstance(fit, LikelihoodFit) and fit.estimate.per_inertia:
         _show_decay(console, analyse_free_decay(fit.model, fit.estimate, study.runs.items, study.vehicle))
     if study.runs is not None:
-        _show_filter(console, study.runs)
+        # Print the cut-off frequency and the noise of the filtered signals.
+        runs = study.runs
+        noise, rate, acceleration = runs.noise()
+        name, shown, factor = runs.axis.measured_quantity(integrated=runs.rate_only)
+        unit = runs.axis.rate_unit
+        origin = "chosen from the data" if runs.chosen else "as given"
+        print_text(
+            console,
+            f"low pass {runs.cutoff:.3g} Hz, {origin}; noise: {name} {format_number(noise * factor, 2)} {shown}, "
+            f"rate {format_number(rate, 2)} {unit}, acceleration {format_number(acceleration, 2)} {unit}²",
+        )
     show_warnings(console, [*study.remarks(), *fit.estimate.warnings])
-
-
-def _show_filter(console: Console, runs: PreparedRuns) -> None:
-    """Print the cut-off frequency and the noise of the filtered signals."""
-    noise, rate, acceleration = runs.noise()
-    name, shown, factor = runs.axis.measured_quantity(integrated=runs.rate_only)
-    unit = runs.axis.rate_unit
-    origin = "chosen from the data" if runs.chosen else "as given"
-    print_text(
-        console,
-        f"low pass {runs.cutoff:.3g} Hz, {origin}; noise: {name} {format_number(noise * factor, 2)} {shown}, "
-        f"rate {format_number(rate, 2)} {unit}, acceleration {format_number(acceleration, 2)} {unit}²",
-    )
 
 
 def show_drag(console: Console, fit: DragFit) -> None:

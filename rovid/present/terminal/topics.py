@@ -85,7 +85,11 @@ def topic_text(topic: str) -> str:
     """
     there = topic_names()
     if topic not in there:
-        also = _ALSO | _effect_words()
+        # The catalogue is slow to import, and needed only for a name that was not found.
+        from rovid.effects import SYNONYMS
+
+        effect_words = dict(SYNONYMS)
+        also = _ALSO | effect_words
         raise ConfigError(
             f"there is no page {topic!r}. {suggestion(topic, there, also)}", mend="`rovid help` lists them all."
         )
@@ -95,13 +99,6 @@ def topic_text(topic: str) -> str:
     if "sample_logs/" in page:
         page += "\nThe sample logs come with rovid's sources.\n"
     return page
-
-
-def _effect_words() -> dict[str, str]:
-    # The catalogue is slow to import, and needed only for a name that was not found.
-    from rovid.effects import SYNONYMS
-
-    return dict(SYNONYMS)
 
 
 def _folder() -> Path:

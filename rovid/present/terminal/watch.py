@@ -51,7 +51,12 @@ def show_watch_event(console: Console, event: Event, *, at: datetime | None = No
     elif isinstance(event, LogsDiagnosed):
         _show_diagnosis(console, event)
     elif isinstance(event, NextRun):
-        _show_next_run(console, event)
+        run = event.words
+        if event.plan is not None:
+            run += f", {event.plan.best.run.seconds / 60.0:.1f} min"
+        print_labelled(console, "Next:", f"{run}; {event.reason}.", indent=2)
+        if event.written is not None:
+            print_path(console, f"  written: {event.written}")
     elif isinstance(event, Problem):
         label, style = ("Mended:", "green") if event.resolved else ("Note:", "yellow")
         text = event.text if event.text.startswith(event.where) else f"{event.where}: {event.text}"
@@ -179,15 +184,6 @@ def _estimate_of(event: LogsDiagnosed | SessionEnded) -> Estimate | None:
     if event.fit is None:
         return None
     return event.fit.estimate
-
-
-def _show_next_run(console: Console, event: NextRun) -> None:
-    run = event.words
-    if event.plan is not None:
-        run += f", {event.plan.best.run.seconds / 60.0:.1f} min"
-    print_labelled(console, "Next:", f"{run}; {event.reason}.", indent=2)
-    if event.written is not None:
-        print_path(console, f"  written: {event.written}")
 
 
 def _show_end(console: Console, event: SessionEnded) -> None:
