@@ -11,6 +11,7 @@ import numpy as np
 
 from rovid import __version__
 from rovid.core.array_types import ComplexArray, FloatArray
+from rovid.core.formatting import text_templates
 from rovid.effects import term_effect
 from rovid.effects.base import TERM_STATES, Instant, Term
 from rovid.model.model import Model
@@ -176,97 +177,21 @@ def effect_torque(model: Model) -> TermTorque | None:
 # ---- source code
 
 
-_C = Template("""\
-/* Heading controller, model-aided PD (Ramesh et al. 2013, eq. 12). Written by rovid $version.$stamp
- *
- * Call rovid_control_start once with the heading, then rovid_control_step every $period s with the heading just read.
- * Angles in rad, wrapped or not; torque in N m, positive where it turns the heading up. No memory is allocated.
- */
-#include <math.h>
-
-typedef struct {
-    double heading; /* read last, rad */
-    double rate;    /* low-passed, rad/s */
-    double turned;  /* since the start, rad */
-} rovid_control;
-
-static double rovid_wrapped(double angle)
-{
-    return angle - $whole * floor((angle + $half) / $whole);
-}
-
-void rovid_control_start(rovid_control *state, double heading)
-{
-    state->heading = heading;
-    state->rate = 0.0;
-    state->turned = 0.0;
-}
-
-double rovid_control_step(rovid_control *state, double heading, double wanted, double wanted_rate,
-                          double wanted_acceleration)
-{
-    const double turn = rovid_wrapped(heading - state->heading);
-    const double rate = state->rate + $blend * (turn / $period - state->rate);
-    const double x = state->turned + turn;
-    double torque;
-
-    state->heading = heading;
-    state->rate = rate;
-    state->turned = x;
-    /* What inertia, drag and the torques at rest need, then proportional and derivative action. */
-    torque = $inertia * wanted_acceleration + ($quadratic_drag * fabs(rate) + $linear_drag) * rate
-           + ($hold)
-           + $kp * rovid_wrapped(wanted - heading) + $kd * (wanted_rate - rate);
-$limits    return torque;
-}
-""")
-
-_PYTHON = Template('''\
-"""Heading controller, model-aided PD (Ramesh et al. 2013, eq. 12). Written by rovid $version.$stamp
-
-Make one with the heading, then call ``step`` every $period s with the heading just read. Angles in rad, wrapped or not;
-torque in N m, positive where it turns the heading up.
-"""
-
-from math import cos, floor, sin
-
-
-def _wrapped(angle):
-    return angle - $whole * floor((angle + $half) / $whole)
-
-
-class Controller:
-    """The state: heading read last in rad, low-passed rate in rad/s, angle turned since the start in rad."""
-
-    def __init__(self, heading):
-        self.heading, self.rate, self.turned = heading, 0.0, 0.0
-
-    def step(self, heading, wanted, wanted_rate=0.0, wanted_acceleration=0.0):
-        """Return the torque in N m to hold until the next step."""
-        turn = _wrapped(heading - self.heading)
-        rate = self.rate + $blend * (turn / $period - self.rate)
-        x = self.turned + turn
-        self.heading, self.rate, self.turned = heading, rate, x
-        # What inertia, drag and the torques at rest need, then proportional and derivative action.
-        torque = (
-            $inertia * wanted_acceleration
-            + ($quadratic_drag * abs(rate) + $linear_drag) * rate
-            + ($hold)
-            + $kp * _wrapped(wanted - heading)
-            + $kd * (wanted_rate - rate)
-        )
-$limits        return torque
-''')
+_TEXTS = text_templates(__file__, "control_law")
 
 
 def c_source(law: ControlLaw, guess: Assumptions) -> str:
     """C99 source of ``law`` without memory allocation, with a notice on guessed values."""
-    return _source(_C, law, guess, ("<", ">"), "    if (torque {operator} {value!r}) torque = {value!r};\n")
+    return _source(
+        Template(_TEXTS["c"]), law, guess, ("<", ">"), "    if (torque {operator} {value!r}) torque = {value!r};\n"
+    )
 
 
 def python_source(law: ControlLaw, guess: Assumptions) -> str:
     """Python source of ``law`` with the standard library only, with a notice on guessed values."""
-    return _source(_PYTHON, law, guess, ("max", "min"), "        torque = {operator}(torque, {value!r})\n")
+    return _source(
+        Template(_TEXTS["python"]), law, guess, ("max", "min"), "        torque = {operator}(torque, {value!r})\n"
+    )
 
 
 def _source(template: Template, law: ControlLaw, guess: Assumptions, operators: tuple[str, str], statement: str) -> str:

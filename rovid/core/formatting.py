@@ -4,9 +4,11 @@ import io
 import json
 import math
 import re
+import tomllib
 from collections.abc import Collection, Sequence
 from csv import writer
 from html import escape
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console
@@ -214,3 +216,8 @@ def labelled_text(label: str, text: str = "", style: str = "bold") -> Text:
     return Text.assemble(
         (display_text(label, LINE_LENGTH), style), f" {display_text(text, LINE_LENGTH)}" if text else ""
     )
+
+
+def text_templates(module: str, name: str) -> dict[str, str]:
+    """The texts in ``templates/NAME.toml`` next to the file of a ``module``, by name."""
+    return tomllib.loads((Path(module).parent / "templates" / f"{name}.toml").read_text(encoding="utf-8"))

@@ -14,6 +14,7 @@ from rovid.control.autopilot import AUTOPILOTS, AutopilotLaw, autopilot_loop, au
 from rovid.control.specs import ControllerOptions, loop_conditions
 from rovid.control.tuning import Margins
 from rovid.core.errors import DataError, escape_invisible
+from rovid.core.formatting import text_templates
 from rovid.core.output_files import export_mark
 from rovid.export import python_vehicle_simulator
 from rovid.export.interface import ExportInput, ExportResult
@@ -25,51 +26,7 @@ _GAINS = (
     "gains."
 )
 _LOST = ("quadratic_drag", "linear_drag")
-_SITL = '''
-
-# ---- the JSON interface of ArduPilot's SITL: start sim_vehicle.py with --model JSON:127.0.0.1, and run this file
-
-
-def command_of(index, pulse):
-    """Command of a thruster for the pulse width of servo output index + 1 in us, 1100 to 1900 over its range."""
-    _, neutral, command, _ = VEHICLE.thrusters[index]
-    output = min(max((pulse - 1500.0) / 400.0, -1.0), 1.0)
-    return neutral + output * (command[-1] - neutral if output > 0.0 else neutral - command[0])
-
-
-def advance(state, packet):
-    """The next (time, heading, yaw rate, thrusters), and the answer to a packet of SITL; None if it is not one."""
-    magic, rate, _ = struct.unpack_from("<HHI", packet)
-    if magic not in (18458, 29569) or rate == 0:
-        return state, None
-    pulses = struct.unpack_from("<16H", packet, 8)
-    commands = [command_of(index, pulses[index] or 1500) for index in range(VEHICLE.dimU)]
-    time, heading, turning, acting = state
-    eta, nu = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, heading], [0.0, 0.0, 0.0, 0.0, 0.0, turning]])
-    nu, acting = VEHICLE.dynamics(eta, nu, acting, commands, 1.0 / rate)
-    state = (time + 1.0 / rate, heading + float(nu[5]) / rate, float(nu[5]), acting)
-    motion = {
-        "timestamp": state[0],
-        "imu": {"gyro": [0.0, 0.0, state[2]], "accel_body": [0.0, 0.0, -9.80665]},
-        "position": [0.0, 0.0, 0.0],
-        "attitude": [0.0, 0.0, math.remainder(state[1], 2.0 * math.pi)],
-        "velocity": [0.0, 0.0, 0.0],
-    }
-    return state, ("\\n" + json.dumps(motion) + "\\n").encode()
-
-
-VEHICLE = RovidVehicle()
-
-if __name__ == "__main__":
-    link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    link.bind(("", 9002))
-    state = (0.0, 0.0, 0.0, VEHICLE.u_actual)
-    while True:
-        packet, address = link.recvfrom(256)
-        state, answer = advance(state, packet)
-        if answer is not None:
-            link.sendto(answer, address)
-'''
+_TEXTS = text_templates(__file__, "ardupilot_sitl")
 
 
 def export_ardupilot(subject: ExportInput) -> ExportResult:
@@ -102,7 +59,7 @@ def export_sitl(subject: ExportInput) -> ExportResult:
         "Servo outputs 1 and up are the thrusters in the order of rovid.toml, 1100 to 1900 us over each curve's range.",
         "Yaw alone moves; the vehicle stays level at one place.",
     )
-    return replace(made, content=content + _SITL, notes=notes)
+    return replace(made, content=content + _TEXTS["sitl"], notes=notes)
 
 
 def _head(name: str, subject: ExportInput) -> list[str]:

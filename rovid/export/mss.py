@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from rovid.core.array_types import FloatArray
-from rovid.core.formatting import python_docstring
+from rovid.core.formatting import python_docstring, text_templates
 from rovid.core.output_files import export_mark
 from rovid.export.interface import PERIOD, ExportInput, ExportResult
 from rovid.export.planar_input import PlanarExportResult, PlanarInput
@@ -25,61 +25,7 @@ STEP = 0.05
 _YAW_DAMPING = {"drag_curvature": "{cubic!r}*r*r"}
 _YAW_FACTORS = {"drag_asymmetry": "(1 + ({ratio!r} - 1)*(r < 0))"}
 _YAW_TORQUES = {"bias_torque": "{torque!r}", "tether_torsion": "-{stiffness!r}*psi"}
-_HEAD = """function [xdot, M, C, D] = rovid_vehicle(x, tau)
-% [xdot, M, C, D] = rovid_vehicle(x, tau) returns the time derivative of the
-% state, and the matrices of {axes} of {title}.
-% {mark}.
-%
-% {equation}
-{states}
-% NED: yaw is positive clockwise from above. Integrate with rk4 and a step of
-% {step:g} s or less. Thrust in N over the command of each thruster:
-{thrusters}
-"""
-_YAW = """Iz = {rigid!r};  % kg m^2, rigid body; all of the inertia where the body's is not known
-Nrdot = {added!r};  % kg m^2
-Nr = {linear!r};  % N m s/rad
-Nrr = {quadratic!r};  % N m s^2/rad^2
-r = x(1);
-psi = x(2);
-M = Iz - Nrdot;
-C = 0;
-D = {damping};
-tau_0 = {torque};
-r_dot = (tau(1) + tau_0 - C*r - D*r)/M;
-xdot = [r_dot; r];
-end
-"""
-_PLANAR = """m = {mass!r};  % kg, rigid body
-Iz = {rigid!r};  % kg m^2, rigid body
-{derivatives}V_c = {speed!r};  % m/s, speed of the current
-beta_c = {direction!r};  % rad, towards this direction from north
-psi = x(6);
-u_c = V_c*cos(beta_c - psi);
-v_c = V_c*sin(beta_c - psi);
-u = x(1) - u_c;  % through the water
-v = x(2) - v_c;
-r = x(3);
-nu_r = [u; v; r];
-M = [m - Xudot, 0, 0; 0, m - Yvdot, -Yrdot; 0, -Yrdot, Iz - Nrdot];
-C = [0, 0, -M(2,1)*u - M(2,2)*v - M(2,3)*r; 0, 0, M(1,1)*u; M(2,2)*v + M(2,3)*r, -M(1,1)*u, 0];
-D = [{damping}];
-tau_0 = [{constant}];
-{strips}nu_r_dot = M \\ (tau + tau_0 - C * nu_r - D * nu_r);
-north = x(1)*cos(psi) - x(2)*sin(psi);
-east = x(1)*sin(psi) + x(2)*cos(psi);
-xdot = [nu_r_dot(1) + r*v_c; nu_r_dot(2) - r*u_c; nu_r_dot(3); north; east; r];
-end
-"""
-# Strip integrals of the cross-flow drag, less their values in pure sway and in pure yaw.
-_STRIPS = """xs = {centre!r} + {length!r}*(linspace(0.5, 399.5, 400)/400 - 0.5);
-w = v + xs*r;
-strip = {coefficient!r}*{length!r}/400*abs(w).*w;
-cubes = {coefficient!r}*{length!r}/400*abs(xs).*xs.*xs;
-Yh = sum(strip) - {coefficient!r}*{length!r}*abs(v)*v;
-Nh = sum(xs.*strip) - sum(cubes)*abs(r)*r;
-tau_0 = tau_0 - [0; Yh; Nh];
-"""
+_TEXTS = text_templates(__file__, "mss")
 _LETTERS, _SPEEDS = "XYN", "uvr"
 _NOTES = (
     "Axes are NED and names of SNAME, as in MSS: no sign changes.",
@@ -96,7 +42,7 @@ def _head(title: str, curves: Sequence[ThrusterCurve], levers: Sequence[str], **
     ]
     mark = export_mark("mss")
     title = python_docstring(title)
-    return _HEAD.format(title=title, mark=mark, step=STEP, thrusters="\n".join(lines), **texts)
+    return _TEXTS["head"].format(title=title, mark=mark, step=STEP, thrusters="\n".join(lines), **texts)
 
 
 def export(subject: ExportInput) -> ExportResult:
@@ -110,7 +56,7 @@ def export(subject: ExportInput) -> ExportResult:
         axes="yaw",
         equation="M*r_dot + C*r + D*r = N + tau_0",
         states="%   x   = [r psi]', yaw rate in rad/s and heading in rad\n%   tau = N, moment of the thrusters in N m",
-    ) + _YAW.format(
+    ) + _TEXTS["yaw"].format(
         rigid=subject.rigid_inertia,
         added=-subject.added_inertia,
         linear=-model.linear_drag,
@@ -165,7 +111,7 @@ def export_planar(subject: PlanarInput) -> PlanarExportResult:
         rows.append(", ".join(cells))
     north, east = subject.model.current
     strips = [
-        _STRIPS.format(**({"centre": 0.0} | dict(values)))
+        _TEXTS["strips"].format(**({"centre": 0.0} | dict(values)))
         for key, values in subject.effects.items()
         if key.startswith("cross_flow_drag")
     ]
@@ -179,7 +125,7 @@ def export_planar(subject: PlanarInput) -> PlanarExportResult:
         states="%   x   = [u v r north east psi]', over ground: m/s, m/s, rad/s, m, m, rad\n"
         "%   tau = [X Y N]', forces of the thrusters in N, N and N m\n"
         "% Xuu and the like are derivatives by u*abs(u), Nvu by v*abs(u), Yvuu by v*u*u. Yrdot holds m*xg too.",
-    ) + _PLANAR.format(
+    ) + _TEXTS["planar"].format(
         mass=subject.mass,
         rigid=subject.rigid_inertia,
         derivatives="".join(f"{name} = {value!r};\n" for name, value in numbers.items()),

@@ -3,58 +3,12 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from rovid.core.formatting import text_templates
 from rovid.diagnose.formulas.grammar import STATES, Product
 from rovid.effects import Effect
 from rovid.effects.actuator_inputs import SPEEDS
 
-_FILE = '''"""{title}, found by rovid discover. It predicts these logs; it is no proof of a cause."""
-
-from __future__ import annotations
-
-import math
-
-import numpy as np
-
-from rovid.effects.base import Effect, EffectParameter, Term, compiled
-
-
-@compiled
-def _torque(at, p{states}):
-{body}
-
-{functions}
-EFFECT = Effect(
-    id="{id}",
-    title="{title}",
-    axes=("{axis}",),
-    parameters=(
-{parameters}
-    ),
-    equation="{equation}",
-    fingerprint="residual torque that follows {equation}",
-    experiment="runs in which {signals} changes and everything else is repeated",
-    needs={needs!r},
-    acts=Term(_torque{options}),
-)
-'''
-_SIGNAL = """
-def _signal(inputs, thrust, values):
-    # The logged signal; it takes the place of at.surge.
-    return np.nan_to_num({code})
-
-"""
-_FASTEST = """
-def _fastest(values):
-    return 1.0 / min({constants})
-
-"""
-_COEFFICIENT = """        EffectParameter(
-            name="{name}", unit="{unit}", neutral=0.0, low={low:.4g}, high={high:.4g},
-            initial_values=({first:.4g}, {second:.4g}), scale="torque",
-        ),"""
-_MEMORY = """        EffectParameter(
-            name="{name}", unit="s", neutral={start:.4g}, low={low:.4g}, high={high:.4g}, initial_values=({start:.4g},)
-        ),"""
+_TEXTS = text_templates(__file__, "effect_file")
 # Bounds and initial size of a coefficient, as torque over the RMS torque in use, where the product has its RMS.
 _BOUND, _FIRST = 5.0, 0.03
 # Range of a memory's time constant about its start.
@@ -93,7 +47,7 @@ def effect_source(
             terms.append(f"p[{k}] * {_code(product)}")
     body = f"    torque = {' + '.join(terms)}\n    return {', '.join(['torque', *derivatives])}\n"
     parameters = [
-        _COEFFICIENT.format(
+        _TEXTS["coefficient"].format(
             name=f"c{k + 1}",
             unit=product.unit_of_coefficient(units),
             low=-_BOUND / size,
@@ -105,19 +59,21 @@ def effect_source(
     ]
     for k in slow:
         start = products[k].memory
-        parameters.append(_MEMORY.format(name=f"tau{k + 1}", start=start, low=start / _RANGE, high=start * _RANGE))
+        parameters.append(
+            _TEXTS["memory"].format(name=f"tau{k + 1}", start=start, low=start / _RANGE, high=start * _RANGE)
+        )
     logged = next((product.logged for product in products if product.logged), ())
     signals = tuple(dict.fromkeys(signal for product in products for signal in product.signals))
     functions, options = "", ""
     if slow:
-        functions += _FASTEST.format(constants=", ".join(f'values["tau{k + 1}"]' for k in slow) + ", 1e9")
+        functions += _TEXTS["fastest"].format(constants=", ".join(f'values["tau{k + 1}"]' for k in slow) + ", 1e9")
         options += f", states={len(slow)}, fastest=_fastest"
     if logged:
         code = " * ".join(factor.code(f'inputs.extras["{factor.signal}"]', "np.") for factor in logged)
-        functions += _SIGNAL.format(code=code)
+        functions += _TEXTS["signal"].format(code=code)
         options += ", surge_from_thrust=_signal"
     needed = tuple(s for s in signals if s not in STATES or s in SPEEDS)
-    return _FILE.format(
+    return _TEXTS["file"].format(
         id=name,
         title=f"formula of {' and '.join(signals) or 'a constant'}",
         axis=axis,
