@@ -17,6 +17,7 @@ import numpy as np
 from rovid.core.array_types import FloatArray
 from rovid.core.formatting import plus_minus
 from rovid.faults.base import Detection, FaultKind, RunsData, named
+from rovid.faults.command_roles import Misfit, misassigned
 from rovid.faults.quick_model import LogMoments, QuickModel, fit_quick_model, log_name
 from rovid.signals.preprocessing import Run
 from rovid.trial.fault import Fault
@@ -65,6 +66,11 @@ class _Groups:
 
 
 def _detect(data: RunsData) -> Iterator[Detection[RunsData]]:
+    misfits = list[Misfit]()
+    while misfit := misassigned(data.runs, data.vehicle):
+        misfits.append(misfit)
+        data = without(data, misfit.log)
+    yield from map(_misassigned, misfits)
     model, found = fit_quick_model(data.runs, data.vehicle), list[Detection[RunsData]]()
     # A majority is one of the logs that say something on the model.
     count = 0 if model is None else len(model.logs)
@@ -113,6 +119,16 @@ def _foreign(log: LogMoments, count: int) -> Detection[RunsData]:
         remedy="set_aside",
     )
     return Detection(fault=fault, done="It was set aside.", repair=partial(without, log=log.name))
+
+
+def _misassigned(misfit: Misfit) -> Detection[RunsData]:
+    so = "" if misfit.after is None else f", and {100.0 * misfit.after:.0f} % with that"
+    text = (
+        f"{misfit.log} does not belong to the other logs: {misfit.what}. Their model leaves "
+        f"{100.0 * misfit.before:.0f} % of the variance of its torque unexplained{so}."
+    )
+    fault = Fault(fault="foreign_log", logs=(misfit.log,), at=misfit.at, text=text, remedy="set_aside")
+    return Detection(fault=fault, done="The log was set aside.", repair=partial(without, log=misfit.log))
 
 
 def without(data: RunsData, log: str) -> RunsData:

@@ -16,7 +16,7 @@ import numpy as np
 from rovid.core.array_types import ComplexArray, FloatArray
 from rovid.signals.preprocessing import Run
 from rovid.signals.rates import fast_fft_length
-from rovid.trial.vehicle import Vehicle
+from rovid.trial.vehicle import Thruster, Vehicle
 
 # Valid samples that a log needs.
 _MIN_SAMPLES = 50
@@ -29,7 +29,7 @@ _SIGN_WIDTH = 0.05
 # Bins of the residuals' spectrum (of twice the length) that the fit of a log takes out.
 _FITTED_BINS = 4
 # Standard deviation of the gain of one thruster: a log in which it pushes more or less than usual may deviate by that.
-_GAIN = 0.2
+GAIN = 0.2
 # Squared distance from which a log counts less, and not at all: 99.9 % of a chi-square of two, and far beyond.
 _FAR, _FOREIGN = 13.8, 30.0
 # Scatter of the deviations of one vehicle's logs: least, usual with its weight in logs, and the range, relative.
@@ -71,6 +71,7 @@ class QuickModel:
     values: FloatArray  #: (3,) inertia, quadratic drag, linear drag.
     time_constant: float  #: s
     logs: tuple[LogMoments, ...]
+    regressors: tuple[LogRegressors, ...]
 
     @property
     def inertia(self) -> float:
@@ -78,14 +79,33 @@ class QuickModel:
         return float(self.values[0])
 
 
-class _Log:
+class LogRegressors:
     """Regressors and instruments of a log, which may be in parts, without their means."""
 
     def __init__(self, name: str, runs: Sequence[Run], vehicle: Vehicle, tau: float, scale: float) -> None:
-        self.name, self.start = name, runs[0].trial.campaign_time
+        self.name, self.start, self._runs = name, runs[0].trial.campaign_time, runs
         parts = [_regressors(run, vehicle, tau, scale) for run in runs]
-        #: (n, 3), (n, 3), (n, 3) torques of other shapes, (n,), (n, k) torque of each thruster.
+        #: (n, 3), (n, 3), (n, 3) torques of other shapes, (n,), (n, k) torque of each thruster with its mean.
         self.x, self.z, self.shapes, self.torque, self.single = map(np.concatenate, zip(*parts, strict=True))
+
+    @cached_property
+    def time(self) -> FloatArray:
+        """(n,) s from the beginning of the log's first part."""
+        return np.concatenate([run.rates.time[run.valid] + run.trial.campaign_time - self.start for run in self._runs])
+
+    @property
+    def commands(self) -> FloatArray:
+        """(m, k) commands at the log's own instants."""
+        return np.concatenate([run.trial.commands for run in self._runs])
+
+    def torque_by(self, thruster: Thruster, at: int) -> FloatArray:
+        """(n,) torque of ``thruster`` with the command number ``at``."""
+        return np.concatenate(
+            [
+                run.rates.filter_held(run.trial, thruster.torque(run.trial.commands[:, at]))[run.valid]
+                for run in self._runs
+            ]
+        )
 
     @cached_property
     def waves(self) -> ComplexArray:
@@ -139,11 +159,11 @@ def _fitted(runs: tuple[Run, ...], vehicle: Vehicle) -> QuickModel | None:
     tau, weights, moments = 1.0, base, list[LogMoments]()
     for count in range(_PASSES):
         if count < _SETTLING:
-            logs = [_Log(name, own, vehicle, tau, scale) for name, own in parts.items()]
+            logs = [LogRegressors(name, own, vehicle, tau, scale) for name, own in parts.items()]
         pairs = [(log.z if count else log.x, log) for log in logs]
         slope = sum(weight * z.T @ log.x for weight, (z, log) in zip(weights, pairs, strict=True))
         score = sum(weight * z.T @ log.torque for weight, (z, log) in zip(weights, pairs, strict=True))
-        values = _solved(np.asarray(slope), np.asarray(score))
+        values = solved(np.asarray(slope), np.asarray(score))
         rate = float(np.sqrt(np.mean(np.concatenate([log.x[:, 2] for log in logs]) ** 2)))
         drag = 1.5 * values[1] * rate + values[2]
         if not (values[0] > 0.0 and drag > 0.0):
@@ -162,7 +182,7 @@ def _fitted(runs: tuple[Run, ...], vehicle: Vehicle) -> QuickModel | None:
             weights = base * np.where(far < _FOREIGN, _FAR / far, 0.0)
             if not weights.any():
                 return None
-    return QuickModel(values=values, time_constant=tau, logs=tuple(moments))
+    return QuickModel(values=values, time_constant=tau, logs=tuple(moments), regressors=tuple(logs))
 
 
 def _regressors(run: Run, vehicle: Vehicle, tau: float, scale: float) -> tuple[FloatArray, ...]:
@@ -177,21 +197,20 @@ def _regressors(run: Run, vehicle: Vehicle, tau: float, scale: float) -> tuple[F
     shapes = np.column_stack((np.gradient(torque, rates.kernel.period) * tau, np.abs(torque), sign))[valid]
     pairs = zip(vehicle.thrusters, run.trial.commands.T, strict=True)
     single = np.column_stack([rates.filter_held(run.trial, thruster.torque(command)) for thruster, command in pairs])
-    every = (x, z, shapes, torque[valid], single[valid])
-    return tuple(each - each.mean(axis=0) for each in every)
+    return (*(each - each.mean(axis=0) for each in (x, z, shapes, torque[valid])), single[valid])
 
 
-def _moments(logs: Sequence[_Log], values: FloatArray) -> list[LogMoments]:
+def _moments(logs: Sequence[LogRegressors], values: FloatArray) -> list[LogMoments]:
     total = np.concatenate([log.torque for log in logs])
     shares = total @ np.concatenate([log.single for log in logs]) / (total @ total)
     return [_moments_of(log, values, shares) for log in logs]
 
 
-def _moments_of(log: _Log, values: FloatArray, shares: FloatArray) -> LogMoments:
+def _moments_of(log: LogRegressors, values: FloatArray, shares: FloatArray) -> LogMoments:
     residual = log.torque - log.x @ values
     slope, score = log.z.T @ log.x, log.z.T @ residual
     contrast = log.z.T @ (log.single - log.torque[:, None] * shares)
-    noise = _covariance(log.waves, residual - log.x @ _solved(slope, score)) + _GAIN**2 * contrast @ contrast.T
+    noise = _covariance(log.waves, residual - log.x @ solved(slope, score)) + GAIN**2 * contrast @ contrast.T
     shapes = np.column_stack((slope @ _directions(values), log.z.T @ log.shapes))
     spread = shapes @ shapes.T
     deviations, information = _deviation(slope, score, (noise + _LEAST_SCATTER**2 * spread)[None], values)
@@ -267,7 +286,8 @@ def _directions(values: FloatArray) -> FloatArray:
     return np.array([[values[0], 0.0], [0.0, values[1]], [0.0, values[2]]])
 
 
-def _solved(slope: FloatArray, score: FloatArray) -> FloatArray:
+def solved(slope: FloatArray, score: FloatArray) -> FloatArray:
+    """(p,) least-squares solution of ``slope`` (p, p) times x = ``score`` (p,), with scaled rows and columns."""
     size = np.sqrt(np.abs(np.diag(slope))).clip(1e-300)
     return np.asarray(np.linalg.lstsq(slope / size[:, None] / size, score / size, rcond=1e-9)[0] / size)
 

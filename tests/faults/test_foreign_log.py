@@ -2,19 +2,61 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from rovid.core.array_types import FloatArray
 from rovid.faults.base import RunsData, examine
 from rovid.faults.foreign_log import FAULT, minority_payload
 from rovid.model.model import Model
 from rovid.signals.preprocessing import Run
 from rovid.trial.fault import Fault, FaultOverrides
-from tests.faults.days import VEHICLES, day, scaled
-from tests.synthetic import LOGGED
+from rovid.trial.vehicle import Thruster, Vehicle
+from tests.faults.days import SMALL, VEHICLES, day, scaled
+from tests.synthetic import LOGGED, VOLTS, clock, gauss_markov, run
+
+ARMS = {"a": 0.4, "b": -0.55}  # m
+TWO = Vehicle(name="two", thrusters=tuple(Thruster(name=name, arm=arm, curve=VOLTS) for name, arm in ARMS.items()))
+# Damage of one log: commands as logged, and as they act, from (n, 2) commands as ordered; and the clause that names it.
+DAMAGES: dict[str, tuple[Callable[[FloatArray], FloatArray], Callable[[FloatArray], FloatArray]]] = {
+    "the commands of a and b are exchanged": (lambda u: u[:, ::-1], lambda u: u),
+    "the commands of a have the opposite sign": (lambda u: u * [-1.0, 1.0], lambda u: u),
+    "the command of a is constant, in this log alone": (lambda u: u * [0.0, 1.0], lambda u: u),
+    "the commands of a and b are equal, in this log alone": (lambda u: u[:, [0, 0]], lambda u: u),
+    "a does not push.": (lambda u: u, lambda u: u * [0.0, 1.0]),
+    "a does not push from 4": (
+        lambda u: u,
+        lambda u: np.where((np.arange(len(u)) < len(u) // 2)[:, None], u, u * [0.0, 1.0]),
+    ),
+    "": (lambda u: u, lambda u: u),
+}
+
+
+def two_thrusters(damage: str, seed: int) -> list[Run]:
+    """Six logs of 80 s at 5 Hz with steps of both thrusters; log number 2 is damaged."""
+    rng, time, runs = np.random.default_rng(seed), clock(80.0, 5.0), []
+    for number in range(6):
+        ordered = rng.uniform(-1.0, 1.0, (40, 2))[(time // 4.0).astype(int)]
+        logged, acts = (each(ordered) for each in DAMAGES[damage if number == 2 else ""])
+        torque, pushed = (100.0 * commands @ np.array([*ARMS.values()]) for commands in (logged, acts))
+        disturbance = gauss_markov(len(time), 0.2, 2.0, 4.0, rng)
+        noise = rng.normal(0.0, 1e-3, len(time))
+        one = run(time, pushed, scaled(SMALL, 40.0, 40.0), cutoff=0.7, disturbance=disturbance, noise=noise)
+        trial = replace(one.trial, name=f"run_{number}.csv", commands=logged)
+        runs.append(replace(one, trial=trial, torque=torque, filtered_torque=one.rates.filter_held(trial, torque)))
+    return runs
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_log_with_other_commands_than_its_thrusters_is_named(damage: str) -> None:
+    for seed in range(2):
+        data, faults = examine([FAULT], RunsData(runs=two_thrusters(damage, seed), vehicle=TWO), FaultOverrides())
+        assert [fault.logs for fault in faults] == ([("run_2.csv",)] if damage else [])
+        assert len(data.runs) == 6 - bool(damage)
+        assert all(damage in fault.text for fault in faults)
 
 
 def found(runs: Sequence[Run], *, planar: bool = False) -> tuple[list[str], tuple[Fault, ...]]:
