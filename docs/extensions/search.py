@@ -25,7 +25,8 @@ def entries(doctree: nodes.document, page: str) -> Iterator[Entry]:
     for section in doctree.findall(nodes.section):
         title = section.next_node(nodes.title)
         anchor = section["ids"][0]
-        own = [child for child in section.children if not isinstance(child, nodes.section | nodes.title)]
+        # A comment in Markdown is raw HTML.
+        own = [child for child in section.children if not isinstance(child, nodes.section | nodes.title | nodes.raw)]
         yield page, anchor, "" if title is None else title.astext(), " ".join(map(_text, own))
         for child in own:
             for row in child.findall(nodes.row):

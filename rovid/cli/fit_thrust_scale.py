@@ -82,7 +82,7 @@ def _of_tests(path: Path, reference_error: float) -> tuple[ThrustScale, float]:
 
     from rovid.estimate.thrust_curve import scale_from_lifts, scale_from_pulls
     from rovid.trial.config import find_config, load_config
-    from rovid.trial.tables import read_table
+    from rovid.trial.tables import PULL_COLUMNS, read_table
 
     config, table = load_config(find_config([path])), read_table(path)
     vehicle: Vehicle = config.vehicle
@@ -91,7 +91,7 @@ def _of_tests(path: Path, reference_error: float) -> tuple[ThrustScale, float]:
         for thruster, signal in zip(vehicle.thrusters, config.commands, strict=True)
         if thruster.curve is not None
     }
-    measured = [name for name in ("force_N", "weight_N", "torque_Nm") if name in table.header]
+    measured = [name for name in PULL_COLUMNS if name in table.header]
     if len(measured) != 1 or not any(columns.values()):
         wanted = [signal.sources.get("csv", signal.name) for signal in config.commands]
         text = f"has the columns {', '.join(table.header)}; one of force_N, weight_N and torque_Nm, and commands "

@@ -118,9 +118,10 @@ class Progress:
         self.text = text
 
     def __str__(self) -> str:
-        """The text with the time so far, and the time allowed."""
-        at_most = f" of at most {self.limit:.0f} s" if math.isfinite(self.limit) else " s"
-        return f"{self.text} ({self.clock() - self._began:.0f}{at_most})"
+        """The text with the time so far, and the time allowed as long as it lasts: the step at hand is completed."""
+        used = self.clock() - self._began
+        at_most = f" of at most {self.limit:.0f}" if used <= self.limit < math.inf else ""
+        return f"{self.text} ({used:.0f}{at_most} s)"
 
     def __rich__(self) -> Text:
         """The same for a terminal, which asks anew for each picture."""

@@ -18,6 +18,7 @@ from rovid.diagnose.evidence import CANNOT_TELL, DEFINITIONS
 from rovid.diagnose.result import UNIDENTIFIABLE, Conclusion, Diagnosis, Finding, OtherCause
 from rovid.diagnose.signal_regressors import is_signal
 from rovid.effects import PLANAR_FORMS, Effect, effect_named, every_form
+from rovid.effects.further_terms import trials_in_form
 from rovid.estimate.maximum_likelihood import LikelihoodFit
 from rovid.model.model import Model
 from rovid.model.parameter_names import without_form
@@ -44,7 +45,9 @@ def join_words(texts: Sequence[str], last: str = "and") -> str:
 def effect_title(effect: Effect, axis: Axis = YAW) -> str:
     """An effect's title along ``axis``, with its form or thruster where it has one."""
     title = axis.reword(effect.title)
-    if effect.form:
+    if trials := trials_in_form(effect.form):
+        title += f" ({effect.form.partition(' ')[0]} {', '.join(trials)})"
+    elif effect.form:
         title += f" ({effect.form.replace('_', ' ')})"
     return title
 

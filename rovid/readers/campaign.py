@@ -22,7 +22,7 @@ from rovid.trial.config import Config, find_config, load_config
 from rovid.trial.cutting import split
 from rovid.trial.fault import Fault
 from rovid.trial.log_files import FORMATS
-from rovid.trial.tables import CURVE_COLUMNS, SINE_COLUMNS, STEADY_COLUMNS
+from rovid.trial.tables import CURVE_COLUMNS, PULL_COLUMNS, SINE_COLUMNS, STEADY_COLUMNS, has_time
 from rovid.trial.trial import Campaign, Remark, Trial
 
 # Columns of tables that may lie among logs; a log has a time column, too.
@@ -187,7 +187,7 @@ def _is_table(names: AbstractSet[str] | None, config: Config) -> bool:
     """Whether these columns are those of a table, which has no time."""
     if names is None or config.time.sources.get("csv", "") in names:
         return False
-    return any(columns <= names for columns in _TABLES)
+    return any(columns <= names for columns in _TABLES) or (not names.isdisjoint(PULL_COLUMNS) and not has_time(names))
 
 
 def _unmatched_exclusions(logs: Sequence[_File], config: Config) -> Iterator[Remark]:

@@ -2,7 +2,7 @@
 
 import csv
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
@@ -24,6 +24,8 @@ _MAX_SIZE = 64_000_000
 _SAMPLE_ROWS = 50
 CURVE_COLUMNS = ("command", "thrust_N")
 STEADY_COLUMNS = ("yaw_rate_rad_s", "torque_Nm")
+# Readings of `rovid fit-thrust-scale`, next to the commands: one of them.
+PULL_COLUMNS = ("force_N", "weight_N", "torque_Nm")
 SINE_COLUMNS = ("period_s", "torque_amplitude_Nm", "peak_yaw_rate_rad_s")
 
 
@@ -172,9 +174,13 @@ def find_table(paths: Sequence[Path], columns: Sequence[str]) -> Path | None:
 def _is_known_table(path: Path) -> bool:
     """Whether a CSV has the columns of one of rovid's tables, and no time column, which a log has."""
     names = column_names(path)
-    if any(name.lower().startswith(("time", "t_s", "stamp")) for name in names):
-        return False
-    return any(set(columns) <= set(names) for columns in (CURVE_COLUMNS, STEADY_COLUMNS, SINE_COLUMNS))
+    known = (CURVE_COLUMNS, STEADY_COLUMNS, SINE_COLUMNS)
+    return not has_time(names) and any(set(columns) <= set(names) for columns in known)
+
+
+def has_time(names: Iterable[str]) -> bool:
+    """Whether one of these columns is a time by its name."""
+    return any(name.lower().startswith(("time", "t_s", "stamp")) for name in names)
 
 
 def curve_csv(command: FloatArray, thrust: FloatArray) -> str:

@@ -29,7 +29,7 @@ def test_a_scale_from_a_table_is_carried_into_every_fit(
     day = tmp_path / "day"
     write_short_day(day)
     (day / "tests").mkdir()
-    table = day / "tests" / "pulls.txt"
+    table = day / "tests" / "pulls.csv"  # Among the logs it is a table and no log.
     write_pulls(table, column, factor)
     found = rovid("fit-thrust-scale", table, "--json").document["thrust_scale"]
     assert abs(found["value"] - TRUE) < 3.0 * found["standard_error"]

@@ -22,6 +22,9 @@ def test_the_time_so_far_and_the_time_allowed_are_told() -> None:
     shown.set("Model [bold]x\x1b[0m …")
     screen.print(shown)
     assert isinstance(screen.file, io.StringIO)
+    # The step at hand is completed after the time allowed.
+    clock.now += 60.0
+    assert str(shown).endswith("(72 s)")
     # Text from files is neither markup nor an escape sequence.
     assert screen.file.getvalue().strip() == "Model [bold]x\\x1b[0m … (12 of at most 60 s)"
 

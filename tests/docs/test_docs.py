@@ -400,6 +400,8 @@ def assert_search_answers(site: Path, profile: Path) -> None:
     """The first hit answers each question, with an excerpt, from local files and without a request."""
     from tests.present.chromium import chromium
 
+    # A comment above an example of planar.md.
+    assert "fits of all three axes" not in (site / "_static" / "sections.js").read_text()
     with chromium(profile) as tab:
         for asked, answer in ASKED.items():
             tab.call("Page.navigate", url=f"{(site / 'search.html').as_uri()}?q={quote(asked)}")

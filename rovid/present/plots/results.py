@@ -1,5 +1,6 @@
 """Plots of results: causes, plans, controllers, compared campaigns, faults of logs, and discovered formulas."""
 
+import textwrap
 from collections.abc import Mapping
 from statistics import NormalDist
 from typing import Any
@@ -89,7 +90,9 @@ def draw_alternatives(panel: Axes, finding: Finding) -> None:
             shown = [gains[row] for row in rows]
             bars = panel.barh(rows, shown, height=0.62, color=colour, hatch=hatch, edgecolor="white", label=status)
             panel.bar_label(bars, [f"{gain:.0f}" for gain in shown], padding=3, fontsize=9)
-    panel.set_yticks(range(len(names)), [shorten_name(name, _NAME_LENGTH) for name in names])
+    # Two lines: a cause in some trials lists them.
+    labels = [textwrap.fill(name, _NAME_LENGTH, max_lines=2, placeholder=" …") for name in names]
+    panel.set_yticks(range(len(names)), labels)
     panel.set_ylim(len(names) - 0.5, -0.5)
     panel.axvline(0.0, color=BLACK, linewidth=0.8)
     panel.margins(x=0.08)

@@ -1,7 +1,7 @@
 """Tables of the coupled model: parameters, simulations, and manoeuvres."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from rovid.core.formatting import plus_minus, round_to_error
 from rovid.estimate.estimate import Estimate
@@ -117,12 +117,12 @@ def run_manoeuvre_tables(found: Sequence[RunManoeuvre]) -> list[ResultTable]:
         rows = [one for one in found if one.kind == kind]
         if not rows:
             continue
-        units = _units(side for one in rows for side in (one.measured, one.simulated))
-        table = ResultTable(title, text_column("run"), text_column("track"), *_columns(units))
+        table = ResultTable(title, *map(text_column, ("run", "measure")), *_columns(("measured", "simulated")))
         for one in rows:
-            name = f"{one.run}, from {one.begin:.0f} s"
-            table.add_row(name, "measured", *_cells(one.measured, units), begins_section=True)
-            table.add_row("", "simulated", *_cells(one.simulated, units))
+            sides = (one.measured, one.simulated)
+            for number, words in enumerate(_measure_rows(sides)):
+                name = "" if number else f"{one.run}, from {one.begin:.0f} s"
+                table.add_row(name, *words, begins_section=not number)
         tables.append(table)
     return tables
 
@@ -138,10 +138,9 @@ def model_manoeuvre_tables(measures: Measures) -> list[ResultTable]:
         rows = {name: side for name, side in sides.items() if name.startswith(kind)}
         if not rows:
             continue
-        units = _units(rows.values())
-        table = ResultTable(title, text_column("manoeuvre"), *_columns(units))
-        for name, side in rows.items():
-            table.add_row(_manoeuvre_title(name), *_cells(side, units))
+        table = ResultTable(title, text_column("measure"), *_columns(map(_manoeuvre_title, rows)))
+        for words in _measure_rows(tuple(rows.values())):
+            table.add_row(*words)
         tables.append(table)
     return tables
 
@@ -151,17 +150,16 @@ def _manoeuvre_title(name: str) -> str:
     return f"to {detail}" if kind == "circle" else f"{detail}/{detail} deg"
 
 
-def _units(sides: Iterable[Measures]) -> dict[str, str]:
-    """Each measure with its unit, in their order."""
-    return {name: _unit(one) for side in sides for name, one in side.items()}
+def _columns(titles: Iterable[str]) -> list[Column]:
+    return [mixed_number_column(title) for title in titles]
 
 
-def _columns(units: Mapping[str, str]) -> list[Column]:
-    return [mixed_number_column(name.replace("_", " "), unit) for name, unit in units.items()]
-
-
-def _cells(measures: Measures, names: Iterable[str]) -> list[str]:
-    return [_cell(measures[name]) if name in measures else DASH for name in names]
+def _measure_rows(sides: Sequence[Measures]) -> Iterator[list[str]]:
+    """A row for each measure: its name with its unit, and its value in each of the ``sides``."""
+    units = {name: _unit(one) for side in sides for name, one in side.items()}
+    for name, unit in units.items():
+        title = name.replace("_", " ") + (f", {unit}" if unit not in {"", "1"} else "")
+        yield [title, *(_cell(side[name]) if name in side else DASH for side in sides)]
 
 
 def _cell(one: ManoeuvreMeasure) -> str:

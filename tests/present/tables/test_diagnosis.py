@@ -14,6 +14,7 @@ import pytest
 
 from rovid.diagnose.result import Diagnosis, Finding
 from rovid.effects import effect_named
+from rovid.effects.further_terms import form_name
 from rovid.present.page.figures import ReportFigures, draw_figures
 from rovid.present.page.render import render_page
 from rovid.present.plots import canvas
@@ -114,8 +115,15 @@ def test_the_worst_trial_is_shown_before_and_after(lagged: ReportData) -> None:
 
 def test_rivals_that_are_not_ruled_out_stand_out(lagged: ReportData, finding: Finding) -> None:
     rival = finding.alternatives[0].effect
-    unsure = replace(finding, indistinguishable=(rival,))
+    # The longest name: of a cause that has a size of its own in each of several trials.
+    trials = [f"campaign_of_november_{number}.csv" for number in range(4)]
+    long = replace(finding.alternatives[-1], effect=replace(rival, form=form_name(trials)))
+    unsure = replace(finding, indistinguishable=(rival,), alternatives=(*finding.alternatives[:2], long))
     figure = plot_alternatives(unsure)
+    name = figure.axes[0].get_yticklabels()[-1].get_text()
+    assert name.replace("\n", " ").startswith(f"{rival.title} (trials {trials[0]}, ")
+    assert name.endswith(" …")
+    assert name.count("\n") == 1
     labels = [label.get_text() for label in figure.legends[0].get_texts()]
     assert labels == ["found", "not ruled out", "ruled out"]
     assert figure.axes[0].get_yticklabels()[0].get_text() == "thruster lag"
