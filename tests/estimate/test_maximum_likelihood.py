@@ -182,6 +182,7 @@ def test_a_change_of_thrust_in_one_trial_is_measured_and_named(tmp_path: Path, r
     assert "'multilevel.csv'" in refused.err
 
 
+@pytest.mark.slow
 def test_changes_of_thrust_in_each_trial_are_measured_and_named(tmp_path: Path, rovid: Rovid) -> None:
     write_short_day(tmp_path / "day")
     # Their mean is one, because no log shows a common factor of all thrust.
